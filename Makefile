@@ -1,0 +1,106 @@
+# make demo    environment, install, a UR5 under load and the paper's platform into report/
+# make test    environment with all tools, then every check there is
+# The other targets: lint, docs, benchmark, lock, clean. Needs Python 3.11 or newer, and make.
+
+PYTHON ?= python3
+VENV ?= .venv
+PYTEST_ARGS ?= -n 2
+LOCK_ARGS ?=
+
+PY := $(VENV)/bin/python
+PIP := $(PY) -m pip --disable-pip-version-check -qq install
+RUNTIME := $(VENV)/runtime.stamp
+DEV := $(VENV)/dev.stamp
+
+# What a shell has set up for another Python (ROS, say) must not leak into this environment.
+unexport PYTHONPATH PYTHONHOME PIP_USER PIP_TARGET PIP_PREFIX
+# 6x6 matrices gain nothing from threads, and two test processes share two cores.
+export OMP_NUM_THREADS := 1
+
+# An environment whose Python has gone is made anew.
+$(shell [ -x $(PY) ] || rm -f $(RUNTIME) $(DEV))
+
+.DEFAULT_GOAL := help
+.NOTPARALLEL:
+.DELETE_ON_ERROR:
+.PHONY: help demo test lint format-check types docs pytest benchmark lock clean
+
+help:
+	@sed -n '1,3s/^# //p' Makefile
+
+# -- environment ---------------------------------------------------------------------------
+
+define check_python
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
+	  echo "cartstiff needs Python 3.11 or newer as '$(PYTHON)', found:" \
+	    "$$($(PYTHON) --version 2>&1 | tail -n 1); try: make PYTHON=python3.11" >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
+	  echo "'$(PYTHON)' cannot make virtual environments; on Debian and Ubuntu:" \
+	    "apt install python3-venv" >&2; exit 1; }
+endef
+
+$(RUNTIME): requirements.lock pyproject.toml src/cartstiff/version.py
+	$(check_python)
+	@echo "Installing cartstiff and its locked dependencies into $(VENV)/ (a few minutes at first)"
+	@[ -x $(PY) ] || $(PYTHON) -m venv --clear $(VENV)
+	@$(PIP) -r requirements.lock
+	@$(PIP) --no-deps --no-build-isolation -e .
+	@touch $@
+
+$(DEV): requirements-dev.lock $(RUNTIME)
+	@echo "Installing the development tools into $(VENV)/"
+	@$(PIP) -r requirements-dev.lock
+	@$(PY) -m pip check
+	@touch $@
+
+# -- for users -----------------------------------------------------------------------------
+
+demo: $(RUNTIME)
+	@$(PY) tools/demo_report.py report
+
+# -- for developers ------------------------------------------------------------------------
+
+# All checks run even if one fails; the exit status says whether any did.
+test: $(DEV)
+	@$(MAKE) --no-print-directory --keep-going lint format-check types docs pytest
+
+lint: $(DEV)
+	@echo "== ruff check"
+	@$(PY) -m ruff check .
+
+format-check: $(DEV)
+	@echo "== ruff format --check"
+	@$(PY) -m ruff format --check .
+
+types: $(DEV)
+	@echo "== mypy"
+	@$(PY) -m mypy
+
+docs: $(DEV)
+	@echo "== docs"
+	@if [ -f docs/conf.py ]; then \
+	  $(PY) -m sphinx -W --keep-going -q -b html docs docs/_build/html && \
+	  echo "Wrote docs/_build/html/index.html"; \
+	else echo "none yet"; fi
+
+pytest: $(DEV)
+	@echo "== pytest"
+	@$(PY) -m pytest $(PYTEST_ARGS)
+
+benchmark: $(RUNTIME)
+	@$(PY) benchmarks/posture.py
+
+# Re-resolve after a change of pyproject.toml; LOCK_ARGS=--upgrade takes newer releases.
+lock:
+	$(check_python)
+	@[ -x $(VENV)/lock/bin/python ] || $(PYTHON) -m venv $(VENV)/lock
+	@$(VENV)/lock/bin/python -m pip --disable-pip-version-check -qq install uv
+	@compile="$(VENV)/lock/bin/uv pip compile --quiet --universal --python-version 3.11 \
+	  --no-annotate --extra robots $(LOCK_ARGS) pyproject.toml"; \
+	$$compile --custom-compile-command "make lock" --group build -o requirements.lock && \
+	$$compile --custom-compile-command "make lock" --extra plots --group dev \
+	  -c requirements.lock -o requirements-dev.lock
+	@echo "Wrote requirements.lock and requirements-dev.lock"
+
+clean:
+	rm -rf $(VENV) report build dist docs/_build .mypy_cache .pytest_cache .ruff_cache .hypothesis
