@@ -1,0 +1,147 @@
+"""The error family: every refusal says what, where, what was expected and what was got."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+__all__ = [
+    "CartstiffError",
+    "ConvergenceError",
+    "InputError",
+    "MissingDependencyError",
+    "UndefinedError",
+    "UnknownNameError",
+    "one_line",
+]
+
+_LONGEST_SHOWN = 120
+
+
+def one_line(value: object, longest: int = _LONGEST_SHOWN) -> str:
+    """Show any value on one short line of printable text."""
+    text = value if isinstance(value, str) else repr(value)
+    text = "".join(c if c.isprintable() else " " for c in text)
+    text = " ".join(text.split())
+    return text if len(text) <= longest else text[: longest - 3] + "..."
+
+
+class CartstiffError(Exception):
+    """Base class of every error that cartstiff raises on purpose."""
+
+
+class InputError(CartstiffError, ValueError):
+    """Something given by the user cannot be used.
+
+    Attributes
+    ----------
+    what : str
+        The thing that is wrong, in the user's words ("joint stiffness").
+    where : str or None
+        The place: an option, a file with its line, a key.
+    expected, got : str or None
+        What would have been accepted, and what was found.
+    """
+
+    def __init__(
+        self,
+        what: str,
+        *,
+        where: str | None = None,
+        expected: str | None = None,
+        got: object = None,
+    ) -> None:
+        self.what = what
+        self.where = where
+        self.expected = expected
+        self.got = None if got is None else one_line(got)
+        parts = [f"{where}: " if where else "", what]
+        if expected is not None:
+            parts.append(f"; expected {expected}")
+        if self.got is not None:
+            parts.append(f", got {self.got}")
+        super().__init__(one_line("".join(parts), 600))
+
+    def at(self, where: str) -> InputError:
+        """Return the same error with a place in front of the one it has."""
+        return self.moved_to(f"{where}: {self.where}" if self.where else where)
+
+    def moved_to(self, where: str) -> InputError:
+        """Return the same error, of the same class and with the same numbers, at another place."""
+        moved = type(self).__new__(type(self))
+        moved.__dict__.update(self.__dict__)
+        InputError.__init__(moved, self.what, where=where, expected=self.expected, got=self.got)
+        return moved
+
+
+class UnknownNameError(InputError):
+    """A name that does not exist; carries the valid ones.
+
+    Attributes
+    ----------
+    name : str
+        The name that was asked for.
+    valid : tuple of str
+        The names that exist.
+    """
+
+    def __init__(
+        self, kind: str, name: str, valid: Iterable[str], *, where: str | None = None
+    ) -> None:
+        self.name = name
+        self.valid = tuple(valid)
+        close = get_close_matches(name, self.valid, n=3)
+        shown = ", ".join(close or self.valid[:12])
+        if not self.valid:
+            expected = "none exist here"
+        elif close:
+            expected = f"one of {len(self.valid)} names (closest: {shown})"
+        else:
+            more = ", ..." if len(self.valid) > 12 else ""
+            expected = f"one of {shown}{more}"
+        super().__init__(f"unknown {kind}", where=where, expected=expected, got=repr(name))
+
+
+class UndefinedError(CartstiffError):
+    """A quantity that does not exist in this state (singular, unbalanced, buckled, no chart).
+
+    Attributes
+    ----------
+    code : str
+        The state's short name, the same as in the notes of a result.
+    values : dict
+        The numbers that show it.
+    """
+
+    def __init__(self, message: str, *, code: str, values: dict[str, object] | None = None) -> None:
+        self.code = code
+        self.values = dict(values or {})
+        super().__init__(message)
+
+
+class ConvergenceError(CartstiffError):
+    """An iteration that ended without an answer.
+
+    Attributes
+    ----------
+    iterations : int
+        How many steps were taken.
+    residual : float
+        What was left, in the units named in the message.
+    """
+
+    def __init__(self, message: str, *, iterations: int, residual: float) -> None:
+        self.iterations = iterations
+        self.residual = residual
+        super().__init__(f"{message} ({iterations} iterations, residual {residual:.3g})")
+
+
+class MissingDependencyError(CartstiffError, ImportError):
+    """An optional package is needed and not installed."""
+
+    def __init__(self, package: str, purpose: str, extra: str) -> None:
+        self.package = package
+        super().__init__(
+            f"{purpose} needs the package {package}, which is not installed: "
+            f"pip install 'cartstiff[{extra}]'"
+        )
