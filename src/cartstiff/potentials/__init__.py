@@ -1,0 +1,1 @@
+"""Potential energies of a mechanism: joint springs, line springs, gravity, users' functions."""

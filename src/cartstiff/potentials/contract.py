@@ -1,0 +1,95 @@
+r"""What a potential is, and what it may ask of a posture.
+
+A mechanism's posture offers *maps* of its coordinates (to the end-effector's pose, between any two
+frames, to the closure residual): first derivative as a Jacobian, second derivative contracted with
+a covector. A potential answers with energy, gradient and Hessian in the same coordinates.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+from cartstiff.geometry.se3 import Array
+
+__all__ = ["Evaluation", "Map", "PosePotential", "Posture", "Potential"]
+
+
+@dataclass(frozen=True, slots=True)
+class Map:
+    """A map of the coordinates at a posture, to second order.
+
+    Attributes
+    ----------
+    jacobian : ndarray, shape (m, n)
+        First derivative. For a map to poses: the body Jacobian.
+    curvature : callable
+        ``curvature(w)`` is the (n, n) symmetric matrix sum_k w_k Hess(component k). For a map to
+        poses the components are exponential coordinates at the posture, which gives
+        ``S[a, b] = 1/2 w . [J_a, J_b]`` for joint a before joint b.
+    """
+
+    jacobian: Array
+    curvature: Callable[[Array], Array]
+
+
+class Evaluation(NamedTuple):
+    """Energy, gradient (n,) and Hessian (n, n) in the mechanism's coordinates.
+
+    ``hessian[a, b]`` is the derivative of gradient a along coordinate b. It is unsymmetric where
+    the forces have no potential (wrenches that follow the body); their energy is NaN.
+    """
+
+    energy: float
+    gradient: Array
+    hessian: Array
+
+
+class Posture(Protocol):
+    """What a potential may ask of a mechanism at given coordinates."""
+
+    @property
+    def q(self) -> Array:
+        """Coordinates (n,)."""
+
+    def relative(self, frame_a: str, frame_b: str) -> tuple[Array, Map]:
+        """Pose ``T_a_b`` and its map, twists being those of b against a in components of b."""
+
+    def gravity(self, acceleration: Array) -> Evaluation:
+        """Potential energy of all masses in a uniform field, with derivatives."""
+
+
+class Potential(ABC):
+    """A potential energy of a mechanism."""
+
+    @abstractmethod
+    def evaluate(self, posture: Posture) -> Evaluation:
+        """Energy, gradient and Hessian at a posture."""
+
+
+@dataclass(frozen=True)
+class PosePotential(Potential):
+    """A potential that depends on the pose of one frame relative to another.
+
+    Attributes
+    ----------
+    frame_a, frame_b : str
+        The potential is a function of ``T_a_b``. The names "world" and "body" stand for the
+        inertial frame F and the frame of interest M.
+    """
+
+    frame_a: str = "world"
+    frame_b: str = "body"
+
+    @abstractmethod
+    def on_pose(self, T_a_b: Array) -> tuple[float, Array, Array]:
+        """Energy, wrench W = dPhi (6,) and K^B (6, 6), in components of frame b."""
+
+    def evaluate(self, posture: Posture) -> Evaluation:
+        """Pull back: gradient J^T W, Hessian J^T K^B J + S_W."""
+        T, to_pose = posture.relative(self.frame_a, self.frame_b)
+        energy, wrench, stiffness = self.on_pose(T)
+        J = to_pose.jacobian
+        return Evaluation(energy, J.T @ wrench, J.T @ stiffness @ J + to_pose.curvature(wrench))

@@ -1,0 +1,222 @@
+r"""External loads as terms of the energy: forces fixed in the world, wrenches that follow the body.
+
+A load is the one-form alpha on motions of its frame: alpha = -(wrench on the body), as gradient of
+the total energy. With T[i, j] = L_j alpha(L_i), its derivatives along left-invariant fields, and
+maps of the coordinates whose curvature is S,
+
+    gradient_a = alpha(J_a),   hessian[a, b] = T(J_a, J_b) + S_alpha[a, b] + 1/2 alpha([J_a, J_b])
+
+because d J_a / d q_b is the symmetric curvature plus half a bracket on every map to SE(3). Where
+alpha is exact, T is K^A and the last term makes it K^B: the Hessian is symmetric.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.errors import InputError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.potentials.contract import Evaluation, Posture, Potential
+
+__all__ = ["DeadForce", "DeadWrench", "FollowerWrench", "Load", "Scaled", "payload"]
+
+
+def _numbers(value: ArrayLike, size: int, what: str) -> Array:
+    try:
+        array = np.array(value, float)
+    except (TypeError, ValueError):
+        raise InputError(f"{what} is not numeric", expected=f"{size} numbers", got=value) from None
+    if array.shape != (size,) or not np.isfinite(array).all():
+        raise InputError(f"{what} cannot be used", expected=f"{size} finite numbers", got=value)
+    array.flags.writeable = False
+    return array
+
+
+class Load(Potential):
+    """A load on one frame, given by its one-form and that form's derivatives.
+
+    Attributes
+    ----------
+    frame_b : str
+        The frame that carries the load; "body" is the frame of interest M.
+    """
+
+    frame_b: str
+
+    @abstractmethod
+    def on_pose(self, T_F_b: Array) -> tuple[float, Array, Array]:
+        """Energy (NaN if there is none), alpha (6,) and T (6, 6), in components of frame b."""
+
+    def evaluate(self, posture: Posture) -> Evaluation:
+        """Energy, gradient and (for loads without a potential unsymmetric) derivative."""
+        T_F_b, to_pose = posture.relative("world", self.frame_b)
+        energy, alpha, rate = self.on_pose(T_F_b)
+        J = to_pose.jacobian
+        rate = rate + 0.5 * se3.bracket_form(alpha)
+        return Evaluation(energy, J.T @ alpha, J.T @ rate @ J + to_pose.curvature(alpha))
+
+
+def _dead_force(T_F_b: Array, force: Array, point: Array) -> tuple[float, Array, Array]:
+    """Energy, alpha and K^A of a force constant in the world at a point of frame b."""
+    R = T_F_b[:3, :3]
+    f = -R.T @ force
+    alpha = np.concatenate([se3.skew(point) @ f, f])
+    rate = np.zeros((6, 6))
+    # K[i, j] = f . (w_j x (w_i x c + v_i))
+    rate[:3, :3] = np.outer(f, point) - (f @ point) * np.eye(3)
+    rate[3:, :3] = se3.skew(f)
+    return -float(force @ (R @ point + T_F_b[:3, 3])), alpha, rate
+
+
+@dataclass(frozen=True)
+class DeadForce(Load):
+    """A force constant in the world, at a point of a frame: Phi = -f . p.
+
+    Attributes
+    ----------
+    force : ndarray, shape (3,)
+        Components in F, in units of force; it acts on the body.
+    point : ndarray, shape (3,)
+        Point of application in frame b.
+    frame_b : str
+        Frame that carries the point.
+
+    Raises
+    ------
+    InputError
+        For a wrong count or numbers that are not finite.
+    """
+
+    force: Array
+    point: Array | Sequence[float] = (0.0, 0.0, 0.0)
+    frame_b: str = "body"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "force", _numbers(self.force, 3, "force"))
+        object.__setattr__(self, "point", _numbers(self.point, 3, "point of application"))
+
+    def on_pose(self, T_F_b: Array) -> tuple[float, Array, Array]:
+        """Energy, alpha = -(c x R^T f, R^T f), and its K^A."""
+        return _dead_force(T_F_b, self.force, np.asarray(self.point))
+
+
+@dataclass(frozen=True)
+class DeadWrench(Load):
+    """A moment and a force constant in the world, at the origin of a frame.
+
+    The force has a potential. A moment constant in the world has none (its work depends on the
+    way taken): with it the energy is NaN and the derivative unsymmetric.
+
+    Attributes
+    ----------
+    wrench : ndarray, shape (6,)
+        (moment, force) on the body, components in F, moment about the frame's origin.
+    frame_b : str
+        Frame that carries it.
+
+    Raises
+    ------
+    InputError
+        For a wrong count or numbers that are not finite.
+    """
+
+    wrench: Array
+    frame_b: str = "body"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "wrench", _numbers(self.wrench, 6, "wrench"))
+
+    def on_pose(self, T_F_b: Array) -> tuple[float, Array, Array]:
+        """Energy, alpha = -(R^T m, R^T f), and T."""
+        energy, alpha, rate = _dead_force(T_F_b, self.wrench[3:], np.zeros(3))
+        if self.wrench[:3].any():
+            moment = T_F_b[:3, :3].T @ self.wrench[:3]
+            alpha[:3] -= moment
+            rate[:3, :3] -= se3.skew(moment)
+            energy = np.nan
+        return energy, alpha, rate
+
+
+@dataclass(frozen=True)
+class FollowerWrench(Load):
+    """A wrench constant in the moving frame: pressure, thrust, a tool that turns with the body.
+
+    It has no potential. Its part of K^A vanishes: seen from the body it does not change.
+
+    Attributes
+    ----------
+    wrench : ndarray, shape (6,)
+        (moment, force) on the body, components in the frame that carries it.
+    frame_b : str
+        That frame.
+
+    Raises
+    ------
+    InputError
+        For a wrong count or numbers that are not finite.
+    """
+
+    wrench: Array
+    frame_b: str = "body"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "wrench", _numbers(self.wrench, 6, "wrench"))
+
+    def on_pose(self, T_F_b: Array) -> tuple[float, Array, Array]:  # noqa: ARG002
+        """No energy, alpha = -w, constant: T = 0."""
+        return np.nan, -self.wrench, np.zeros((6, 6))
+
+
+@dataclass(frozen=True)
+class Scaled(Potential):
+    """A multiple of another potential: a load that grows.
+
+    Attributes
+    ----------
+    potential : Potential
+        What is scaled.
+    factor : float
+        By how much.
+    """
+
+    potential: Potential
+    factor: float
+
+    def evaluate(self, posture: Posture) -> Evaluation:
+        """Energy, gradient and derivative, times the factor."""
+        energy, gradient, hessian = self.potential.evaluate(posture)
+        return Evaluation(self.factor * energy, self.factor * gradient, self.factor * hessian)
+
+
+def payload(
+    mass: float,
+    acceleration: ArrayLike,
+    point: ArrayLike = (0.0, 0.0, 0.0),
+    frame_b: str = "body",
+) -> DeadForce:
+    """Weight of a mass at a point of a frame.
+
+    Parameters
+    ----------
+    mass : float
+        Not negative; in the mechanism's unit of force over that of `acceleration` (kg in SI).
+    acceleration : array_like, shape (3,)
+        Of the uniform field, in F.
+    point : array_like, shape (3,)
+        Mass centre in frame b.
+
+    Raises
+    ------
+    InputError
+        For a negative mass, a wrong count or numbers that are not finite.
+    """
+    if not (np.isfinite(mass) and mass >= 0.0):
+        raise InputError("payload mass cannot be used", expected="a number from zero", got=mass)
+    weight = mass * _numbers(acceleration, 3, "acceleration")
+    return DeadForce(weight, np.asarray(point, float), frame_b)

@@ -1,0 +1,328 @@
+r"""Springs in the joints: linear, or with any torque-deflection law.
+
+Energy Phi = sum_j U_j(q_j - r_j) with rest positions r; torque U_j', stiffness U_j''.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from cartstiff.errors import InputError
+from cartstiff.geometry.se3 import Array
+from cartstiff.potentials.contract import Evaluation, Posture, Potential
+
+__all__ = [
+    "CoupledSprings",
+    "JointSprings",
+    "PolynomialLaw",
+    "SpringLaw",
+    "TabulatedLaw",
+    "beam_stiffness",
+]
+
+
+class SpringLaw(ABC):
+    """Torque of a spring as a function of its deflection x."""
+
+    @abstractmethod
+    def at(self, x: float) -> tuple[float, float, float]:
+        """Energy, torque and tangent stiffness at deflection x."""
+
+    @abstractmethod
+    def deflection_for(self, torque: float) -> float:
+        """Deflection that carries a torque.
+
+        Raises
+        ------
+        InputError
+            If the law does not reach that torque.
+        """
+
+
+@dataclass(frozen=True)
+class PolynomialLaw(SpringLaw):
+    """Torque ``c_1 x + c_2 x^2 + ... + c_m x^m``.
+
+    Attributes
+    ----------
+    coefficients : tuple of float
+        c_1, c_2, ...: N m/rad, N m/rad^2, ... (N/m, ... for a prismatic joint).
+    """
+
+    coefficients: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if not self.coefficients or not np.all(np.isfinite(self.coefficients)):
+            raise InputError(
+                "polynomial spring needs finite coefficients", got=list(self.coefficients)
+            )
+
+    def at(self, x: float) -> tuple[float, float, float]:
+        """Energy, torque and tangent stiffness at deflection x."""
+        energy = torque = stiffness = 0.0
+        for power, c in enumerate(self.coefficients, start=1):
+            energy += c * x ** (power + 1) / (power + 1)
+            torque += c * x**power
+            stiffness += power * c * x ** (power - 1)
+        return energy, torque, stiffness
+
+    def deflection_for(self, torque: float) -> float:
+        """Real root of smallest size of ``law(x) = torque``."""
+        roots = np.polynomial.polynomial.Polynomial([-torque, *self.coefficients]).roots()
+        size = 1.0 + float(np.abs(roots).max(initial=0.0))
+        real = roots.real[np.abs(roots.imag) < 1e-9 * size]
+        if real.size == 0:
+            raise InputError("polynomial spring never reaches the torque", got=f"{torque:.6g}")
+        x = float(real[np.argmin(np.abs(real))])
+        for _ in range(3):  # roots of a companion matrix keep about half the digits
+            _, t, k = self.at(x)
+            if k != 0.0:
+                x -= (t - torque) / k
+        return x
+
+
+@dataclass(frozen=True)
+class TabulatedLaw(SpringLaw):
+    """Torque through measured points: a shape-preserving cubic (PCHIP), extended linearly.
+
+    Attributes
+    ----------
+    deflections, torques : tuple of float
+        At least two points; deflections strictly increasing.
+    """
+
+    deflections: tuple[float, ...]
+    torques: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        x, y = np.asarray(self.deflections, float), np.asarray(self.torques, float)
+        if x.size < 2 or x.shape != y.shape or not np.all(np.isfinite(np.append(x, y))):
+            raise InputError("spring table needs two or more finite points", got=f"{x.size} points")
+        if np.any(np.diff(x) <= 0):
+            raise InputError("deflections of a spring table must increase strictly", got=x.tolist())
+
+    @cached_property
+    def _cubic(self) -> tuple[Array, Array, Array, Array]:
+        """Knots, values, slopes of the interpolant, and the energy at each knot from x = 0."""
+        from scipy.interpolate import PchipInterpolator
+
+        x, y = np.asarray(self.deflections, float), np.asarray(self.torques, float)
+        slopes = PchipInterpolator(x, y).derivative()(x)
+        h = np.diff(x)
+        pieces = h * (y[1:] + y[:-1]) / 2 + h * h * (slopes[:-1] - slopes[1:]) / 12
+        return x, y, slopes, np.concatenate([[0.0], np.cumsum(pieces)])
+
+    def at(self, x: float) -> tuple[float, float, float]:
+        """Energy (zero at the first point), torque and tangent stiffness at deflection x."""
+        knots, y, slopes, energies = self._cubic
+        if x <= knots[0] or x >= knots[-1]:
+            end = 0 if x <= knots[0] else -1
+            d = x - knots[end]
+            energy = energies[end] + y[end] * d + slopes[end] * d * d / 2
+            return float(energy), float(y[end] + slopes[end] * d), float(slopes[end])
+        i = int(np.searchsorted(knots, x, side="right")) - 1
+        h = knots[i + 1] - knots[i]
+        t = (x - knots[i]) / h
+        secant = (y[i + 1] - y[i]) / h
+        c2 = 3 * secant - 2 * slopes[i] - slopes[i + 1]
+        c3 = slopes[i] + slopes[i + 1] - 2 * secant
+        d = t * h
+        torque = y[i] + d * (slopes[i] + t * (c2 + t * c3))
+        stiffness = slopes[i] + t * (2 * c2 + 3 * t * c3)
+        energy = energies[i] + d * (y[i] + d * (slopes[i] / 2 + t * (c2 / 3 + t * c3 / 4)))
+        return float(energy), float(torque), float(stiffness)
+
+    def deflection_for(self, torque: float) -> float:
+        """Deflection by bisection on the monotone branch that brackets the torque."""
+        knots, y, slopes, _ = self._cubic
+        for end, outward in ((0, -1.0), (-1, 1.0)):
+            beyond = (torque - y[end]) * outward
+            if slopes[end] != 0 and beyond / slopes[end] > 0 and self._outside(torque, y):
+                return float(knots[end] + (torque - y[end]) / slopes[end])
+        for i in range(len(knots) - 1):
+            low, high = y[i], y[i + 1]
+            if min(low, high) <= torque <= max(low, high):
+                a, b = float(knots[i]), float(knots[i + 1])
+                for _ in range(200):
+                    middle = 0.5 * (a + b)
+                    if (self.at(middle)[1] > torque) == (high > low):
+                        b = middle
+                    else:
+                        a = middle
+                return 0.5 * (a + b)
+        raise InputError("spring table never reaches the torque", got=f"{torque:.6g}")
+
+    @staticmethod
+    def _outside(torque: float, y: Array) -> bool:
+        return bool(torque < y.min() or torque > y.max())
+
+
+@dataclass(frozen=True)
+class JointSprings(Potential):
+    """One spring per coordinate.
+
+    Attributes
+    ----------
+    stiffness : ndarray, shape (n,)
+        N m/rad (N/m for a prismatic joint); 0 for a joint without a spring. Not used where a
+        nonlinear law stands.
+    rest : ndarray, shape (n,)
+        Rest positions; NaN where they are to be chosen so that the springs balance the load at
+        the posture (see `balanced`).
+    laws : mapping of int to SpringLaw
+        Nonlinear springs by coordinate index.
+    """
+
+    stiffness: Array
+    rest: Array
+    laws: Mapping[int, SpringLaw] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        k, r = np.array(self.stiffness, float), np.array(self.rest, float)
+        if k.ndim != 1 or k.shape != r.shape:
+            raise InputError(
+                "joint stiffnesses and rest positions differ in number",
+                expected=f"{k.shape}",
+                got=f"{r.shape}",
+            )
+        if not np.all(np.isfinite(k)) or np.any(k < 0):
+            raise InputError("joint stiffness must be finite and not negative", got=k.tolist())
+        passive = k == 0.0
+        passive[list(self.laws)] = False
+        r[passive & np.isnan(r)] = 0.0  # a joint without a spring is at rest anywhere
+        k.flags.writeable = r.flags.writeable = False
+        object.__setattr__(self, "stiffness", k)
+        object.__setattr__(self, "rest", r)
+
+    @cached_property
+    def _diagonal(self) -> Array:
+        diagonal = np.diag(self.stiffness)
+        diagonal.flags.writeable = False
+        return diagonal
+
+    @cached_property
+    def is_complete(self) -> bool:
+        """Whether every spring has a rest position."""
+        return not np.any(np.isnan(self.rest))
+
+    @cached_property
+    def is_passive(self) -> Array:
+        """Which joints have no spring (n,)."""
+        passive = self.stiffness == 0.0
+        passive[list(self.laws)] = False
+        passive.flags.writeable = False
+        return passive
+
+    def is_open(self, every: bool = False) -> Array:
+        """Which rest positions are to be chosen: those not given, or all of them."""
+        return ~self.is_passive if every else ~self.is_passive & np.isnan(self.rest)
+
+    def torque(self, q: Array) -> Array:
+        """Torques of the springs whose rest position is given; zero for the others."""
+        x = np.where(np.isnan(self.rest), 0.0, q - self.rest)
+        torque = self.stiffness * x
+        for j, law in self.laws.items():
+            torque[j] = 0.0 if np.isnan(self.rest[j]) else law.at(float(x[j]))[1]
+        return torque
+
+    def evaluate(self, posture: Posture) -> Evaluation:
+        """Energy, torques and tangent stiffnesses."""
+        x = posture.q - self.rest
+        torque = self.stiffness * x
+        if not self.laws:
+            return Evaluation(0.5 * float(torque @ x), torque, self._diagonal)
+        energies, diagonal = 0.5 * torque * x, self.stiffness.copy()
+        for j, law in self.laws.items():
+            energies[j], torque[j], diagonal[j] = law.at(float(x[j]))
+        return Evaluation(float(energies.sum()), torque, np.diag(diagonal))
+
+    def replaced(self, stiffness: Array, rest: Array) -> JointSprings:
+        """The same springs with other stiffnesses and rest positions."""
+        return JointSprings(stiffness, rest, self.laws)
+
+    def balanced(self, posture: Posture, gradient: Array, every: bool = False) -> JointSprings:
+        """The same springs with rest positions at which they exert torques at a posture.
+
+        Parameters
+        ----------
+        gradient : ndarray, shape (n,)
+            dPhi/dq wanted at the posture; what joints without a spring would have to carry is left
+            unbalanced.
+        every : bool
+            Choose all rest positions, not just those still open.
+
+        Raises
+        ------
+        InputError
+            If a spring's law never reaches its torque.
+        """
+        chosen = self.is_open(every)
+        if chosen.all() and not self.laws:
+            return self._with_rest(posture.q - gradient / self.stiffness)
+        rest = self.rest.copy()
+        for j, law in self.laws.items():
+            if chosen[j]:
+                rest[j] = posture.q[j] - law.deflection_for(float(gradient[j]))
+                chosen[j] = False
+        rest[chosen] = posture.q[chosen] - gradient[chosen] / self.stiffness[chosen]
+        return self._with_rest(rest)
+
+    def _with_rest(self, rest: Array) -> JointSprings:
+        """The same springs at a fresh array of rest positions, checked by whoever made it.
+
+        This happens once per posture: to validate the stiffnesses anew, and to compute anew what
+        follows from them alone, would cost more than the balance itself.
+        """
+        rest.flags.writeable = False
+        springs = object.__new__(type(self))
+        vars(springs).update(vars(self), rest=rest, _diagonal=self._diagonal)
+        vars(springs).pop("is_complete", None)
+        return springs
+
+
+@dataclass(frozen=True)
+class CoupledSprings(Potential):
+    """A spring over several coordinates, Phi = 1/2 x^T K x, as in a link that gives.
+
+    Attributes
+    ----------
+    indices : ndarray of int, shape (m,)
+        The coordinates x.
+    matrix : ndarray, shape (m, m)
+        Symmetric K.
+    """
+
+    indices: Array
+    matrix: Array
+
+    def evaluate(self, posture: Posture) -> Evaluation:
+        """Energy, gradient and Hessian."""
+        q, at = posture.q, self.indices
+        force = self.matrix @ q[at]
+        gradient, hessian = np.zeros(q.size), np.zeros((q.size, q.size))
+        gradient[at] = force
+        hessian[np.ix_(at, at)] = self.matrix
+        return Evaluation(0.5 * float(force @ q[at]), gradient, hessian)
+
+
+def beam_stiffness(
+    E: float, G: float, length: float, area: float, Iy: float, Iz: float, J: float
+) -> Array:
+    """Stiffness (6, 6), order (angular, linear), at the free end of a clamped straight beam.
+
+    Euler-Bernoulli beam along x: the tip load's compliances are L/EA, L/GJ, and in each bending
+    plane L^3/3EI, L^2/2EI, L/EI [Timoshenko]_.
+    """
+    k = np.zeros((6, 6))
+    k[0, 0] = G * J / length
+    k[3, 3] = E * area / length
+    for bend, across, I, sign in ((2, 4, Iz, -1.0), (1, 5, Iy, 1.0)):  # noqa: E741
+        k[bend, bend] = 4 * E * I / length
+        k[across, across] = 12 * E * I / length**3
+        k[bend, across] = k[across, bend] = sign * 6 * E * I / length**2
+    return k
