@@ -1,0 +1,1 @@
+"""Mechanisms: coordinates to pose, Jacobian and closures; loading them from files."""

@@ -1,0 +1,325 @@
+r"""Mechanisms made of a kinematic tree: serial arms, and closed chains where frames are tied.
+
+A closure ties frame b to frame a: a weld's residual is log(T_a_b), a common point's the position
+of one in the other's directions. At closure its second derivative is the bracket form along the
+path from a to b (up to terms that vanish on the motions that keep the closure).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass
+from functools import cached_property
+from math import sqrt
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.errors import ConvergenceError, InputError, UnknownNameError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
+from cartstiff.mechanisms.tree import WORLD, KinematicTree, Placement, TreeState
+from cartstiff.potentials.contract import Evaluation, Map
+
+__all__ = ["OWN_COORDINATES", "Chain", "ChainPosture", "Closure"]
+
+_ROWS = {"weld": slice(0, 6), "point": slice(3, 6)}
+
+
+@dataclass(frozen=True)
+class Closure:
+    """Frame b tied to frame a: a common point, or the same pose.
+
+    Attributes
+    ----------
+    frame_a, frame_b : str
+        Names of frames of the tree.
+    type : {"point", "weld"}
+        What is tied.
+    """
+
+    frame_a: str
+    frame_b: str
+    type: Literal["point", "weld"]
+
+    @property
+    def rows(self) -> slice:
+        """Rows of the relative twist that vanish."""
+        return _ROWS[self.type]
+
+
+#: The chart of a serial arm with six joints: its own coordinates.
+OWN_COORDINATES = Map(np.eye(6), lambda _: np.zeros((6, 6)))
+
+
+# Axes nearer to a point than this share of the mechanism's size pass through it.
+_APART = 1e-9
+# Closer than this to closure the residual's Jacobian is the relative twist's, to rounding.
+_CLOSED = 1e-14
+
+
+def _residual(closure: Closure, T_a_b: Array) -> Array:
+    """A weld's log(T_a_b); a common point's position in b's directions."""
+    if closure.type == "weld":
+        return se3.log(T_a_b)
+    return T_a_b[:3, 3] @ T_a_b[:3, :3]
+
+
+def _residual_jacobian(closure: Closure, T_a_b: Array, J: Array) -> Array:
+    residual = _residual(closure, T_a_b)
+    if closure.type == "point":
+        return J[3:] + se3.skew(residual) @ J[:3]
+    if np.abs(residual).max() < _CLOSED:
+        return J
+    return se3.right_jacobian_inverse(residual) @ J
+
+
+def _mean_distance(jacobian: Array, reach: float) -> float | None:
+    """Root mean square distance of axes from the origin; None if there are none or all meet it."""
+    turning, moments = (jacobian * jacobian).reshape(2, 3, -1).sum(axis=1)
+    total = float(turning.sum())
+    if total == 0.0:
+        return None
+    length = sqrt(float(moments @ (turning > 0.0)) / total)
+    return length if length > _APART * (reach + length) else None
+
+
+class ChainPosture(MechanismPosture):
+    """A chain at given coordinates."""
+
+    def __init__(self, chain: Chain, q: Array) -> None:
+        self.q = q
+        self._chain = chain
+        self._state: TreeState = chain.tree.at(q)
+        self.pose, self.motion = self._state.relative(chain.world, chain.body)
+
+    @cached_property
+    def length(self) -> float:  # type: ignore[override]
+        """Root mean square distance of the joint axes from the body frame's origin.
+
+        Of the joints on the way to the body; of all joints where those axes meet in its origin
+        (a free-floating base, a wrist seen from its centre); else 1.
+        """
+        # Distances are known to the rounding of positions in F.
+        reach = max(map(abs, self.pose[:3, 3].tolist()))
+        length = _mean_distance(self.motion.jacobian, reach)
+        if length is None:
+            everywhere = se3.adjoint_of_inverse(self.pose) @ self._state._world_jacobian
+            length = _mean_distance(everywhere, reach)
+        return 1.0 if length is None else length
+
+    @cached_property
+    def coordinate_lengths(self) -> Array:  # type: ignore[override]
+        """1 for angles, the characteristic length for distances."""
+        chain = self._chain
+        return np.where(chain.is_length, self.length, 1.0) if chain.has_lengths else chain.angles
+
+    def relative(self, frame_a: str, frame_b: str) -> tuple[Array, Map]:
+        """Pose ``T_a_b`` and its map."""
+        if frame_a == "world" and frame_b == "body":
+            return self.pose, self.motion
+        return self._state.relative(self._chain.placement(frame_a), self._chain.placement(frame_b))
+
+    def gravity(self, acceleration: Array) -> Evaluation:
+        """Potential energy of the masses in a uniform field."""
+        return self._state.gravity(acceleration)
+
+    @cached_property
+    def _closures(self) -> list[tuple[Closure, Array, Map]]:
+        return [(c, *self.relative(c.frame_a, c.frame_b)) for c in self._chain.closures]
+
+    @cached_property
+    def residual(self) -> Array | None:  # type: ignore[override]
+        """Closure residual (m,), lengths and angles mixed; None without closures."""
+        if not self._chain.closures:
+            return None
+        return np.concatenate([_residual(c, T) for c, T, _ in self._closures])
+
+    @cached_property
+    def closure(self) -> Map | None:  # type: ignore[override]
+        """Map to the closure residual."""
+        if not self._chain.closures:
+            return None
+        parts = self._closures
+        jacobian = np.concatenate([_residual_jacobian(c, T, m.jacobian) for c, T, m in parts])
+
+        def curvature(multipliers: Array) -> Array:
+            total = np.zeros((self.q.size, self.q.size))
+            start = 0
+            for c, _, to_pose in parts:
+                w = np.zeros(6)
+                count = c.rows.stop - c.rows.start
+                w[c.rows] = multipliers[start : start + count]
+                total += to_pose.curvature(w)
+                start += count
+            return total
+
+        return Map(jacobian, curvature)
+
+    @property
+    def actuation(self) -> Array | None:  # type: ignore[override]
+        """Rows of the actuated coordinates of a closed chain."""
+        return self._chain.selection
+
+    def chart(self) -> Map | str:
+        """The joint coordinates, or the actuated ones of a closed chain, if they are six."""
+        chain = self._chain
+        actuated = chain.actuated
+        if actuated is None:
+            n = self.q.size
+            if n == 6 and not chain.closures:
+                return OWN_COORDINATES
+            if chain.closures:
+                return "K^F needs six actuated coordinates: the mechanism names none"
+            return f"K^F needs six joint coordinates as a chart of SE(3): this chain has {n}"
+        select = self.actuation
+        if select is None or len(actuated) != 6:
+            return f"K^F needs six actuated coordinates: this mechanism has {len(actuated)}"
+        return Map(select, lambda _: np.zeros((self.q.size, self.q.size)))
+
+
+class Chain(Mechanism):
+    """A kinematic tree with a body frame, and frames tied together or not.
+
+    Parameters
+    ----------
+    tree : KinematicTree
+        The joints.
+    frame : str
+        Name of the frame of interest; `offset` is ``T_frame_M``.
+    closures : sequence of Closure
+        Tied frames; none for a serial arm.
+    actuated : sequence of int, optional
+        Indices of the actuated coordinates of a closed chain.
+    virtual : sequence of int
+        Indices of the virtual joints of links that give.
+    """
+
+    def __init__(
+        self,
+        tree: KinematicTree,
+        frame: str,
+        *,
+        offset: ArrayLike | None = None,
+        closures: Sequence[Closure] = (),
+        actuated: Sequence[int] | None = None,
+        virtual: Sequence[int] = (),
+        kind: str = "serial",
+    ) -> None:
+        self.tree = tree
+        self.frame = frame
+        self.kind = kind
+        self.coordinates = tree.coordinates
+        self.closures = tuple(closures)
+        self.actuated = None if actuated is None else tuple(actuated)
+        self.selection: Array | None = None
+        if actuated is not None:
+            self.selection = np.zeros((len(actuated), tree.n))
+            self.selection[np.arange(len(actuated)), list(actuated)] = 1.0
+        self.held = sorted({*(actuated or ()), *virtual})
+        self.is_length = np.array([c.is_length for c in tree.coordinates], bool)
+        self.has_lengths = bool(self.is_length.any())
+        #: Natural sizes of the coordinates of a chain of angles only.
+        self.angles = se3.read_only(np.ones(tree.n))
+        at = tree.placement(frame)
+        T = np.eye(4) if offset is None else np.asarray(offset, float)
+        if not se3.is_pose(T):
+            raise InputError("frame offset is not a rigid motion", got=T.tolist())
+        self.body = Placement(at.joint, at.T_j_f @ T)
+        self.world = WORLD
+        for closure in self.closures:
+            for name in (closure.frame_a, closure.frame_b):
+                self.placement(name)
+
+    def placement(self, name: str) -> Placement:
+        """Placement of "world", "body" or a named frame of the tree."""
+        if name == "body":
+            return self.body
+        if name == "world":
+            return self.world
+        try:
+            return self.tree.frames[name]
+        except KeyError:
+            raise UnknownNameError("frame", name, ["world", "body", *self.tree.frames]) from None
+
+    def with_placements(self, placements: Mapping[int, Array], T_j_M: ArrayLike) -> Chain:
+        """The same chain with joints, and the body frame on its last joint, placed elsewhere."""
+        other = copy(self)
+        other.tree = self.tree.with_placements(placements)
+        other.body = Placement(self.body.joint, np.array(T_j_M, float))
+        return other
+
+    def at(self, q: ArrayLike) -> ChainPosture:
+        """Posture at coordinates q (n,)."""
+        return ChainPosture(self, self.checked(q))
+
+    def closed(
+        self, q_start: ArrayLike, *, hold: Sequence[int] | None = None, tolerance: float = 1e-12
+    ) -> ChainPosture:
+        """Posture near `q_start` that satisfies the closures.
+
+        Newton's method with steps of least change; each is limited to 0.2 rad (or 0.2
+        characteristic lengths) so that the assembly branch is kept. The held coordinates
+        (default: actuated joints and virtual joints of links) stay where they are if the others
+        can close the chain.
+
+        Parameters
+        ----------
+        hold : sequence of int, optional
+            Coordinates to keep.
+        tolerance : float
+            Largest residual accepted, in rad and characteristic lengths.
+
+        Raises
+        ------
+        ConvergenceError
+            If the closures cannot be met from there.
+        """
+        posture = self.at(q_start)
+        if not self.closures:
+            return posture
+        held = list(self.held if hold is None else hold)
+        movable = np.ones(posture.q.size, bool)
+        if held:
+            movable[held] = False
+            found, _, _ = self._close(posture, movable, tolerance)
+            if found is not None:
+                return found
+        movable[:] = True
+        found, iterations, size = self._close(posture, movable, tolerance)
+        if found is None:
+            raise ConvergenceError(
+                "the closures cannot be assembled from this posture",
+                iterations=iterations,
+                residual=size,
+            )
+        return found
+
+    def _close(
+        self, posture: ChainPosture, movable: Array, tolerance: float
+    ) -> tuple[ChainPosture | None, int, float]:
+        size = np.inf
+        best: tuple[float, ChainPosture] = (np.inf, posture)
+        iteration = 0
+        for iteration in range(1, 101):
+            residual, closure = posture.residual, posture.closure
+            if residual is None or closure is None:
+                return posture, iteration, 0.0
+            before, size = size, float(np.abs(residual).max())
+            if size < best[0]:
+                best = (size, posture)
+            unit = max(1.0, posture.length)
+            # Accepted at rounding level, or within tolerance once steps no longer help.
+            if size <= 1e-15 * unit or (size <= tolerance * unit and size > 0.1 * before):
+                break
+            columns = posture.coordinate_lengths * movable
+            step = np.linalg.lstsq(closure.jacobian * columns, -residual, rcond=1e-9)[0]
+            largest = float(np.abs(step).max())
+            if not largest > 1e-17:
+                break
+            posture = self.at(posture.q + columns * step * min(1.0, 0.2 / largest))
+        size, posture = best
+        return (posture if size <= tolerance * max(1.0, posture.length) else None), iteration, size

@@ -1,0 +1,186 @@
+"""What a mechanism is: named coordinates, and a posture for each value of them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.geometry.se3 import Array
+from cartstiff.potentials.contract import Evaluation, Map
+
+__all__ = ["SI", "Coordinate", "Mechanism", "MechanismPosture", "Units", "named_values"]
+
+
+@dataclass(frozen=True)
+class Units:
+    """The units all numbers of a mechanism are in; angles are radians."""
+
+    length: str = "m"
+    force: str = "N"
+
+    @property
+    def moment(self) -> str:
+        """Unit of moments and energies."""
+        return f"{self.force} {self.length}"
+
+    def as_dict(self) -> dict[str, str]:
+        """For JSON."""
+        return {"length": self.length, "force": self.force, "angle": "rad"}
+
+
+SI = Units()
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """One coordinate of a mechanism: a joint angle or a distance."""
+
+    name: str
+    type: Literal["revolute", "prismatic", "helical"]
+    lower: float = -np.inf
+    upper: float = np.inf
+
+    @property
+    def is_length(self) -> bool:
+        """Whether the coordinate is a distance."""
+        return self.type == "prismatic"
+
+
+class MechanismPosture(ABC):
+    """A mechanism at given coordinates: everything its potentials and the reduction ask for."""
+
+    q: Array
+    #: ``T_F_M`` (4, 4).
+    pose: Array
+    #: Map to the end-effector's pose.
+    motion: Map
+    #: Map to the closure residual, or None for a mechanism without closures.
+    closure: Map | None = None
+    #: Closure residual (m,), or None.
+    residual: Array | None = None
+    #: Characteristic length at this posture.
+    length: float
+    #: 1 for angles, `length` for distances: natural sizes of the coordinates, shape (n,).
+    coordinate_lengths: Array
+
+    #: Jacobian of what the actuators measure (m, n): rows of chosen joints, or of leg lengths;
+    #: None where every coordinate is actuated.
+    actuation: Array | None = None
+    #: Whether the coordinates are the pose itself; its Jacobian is then that of the chart.
+    coordinates_are_pose: bool = False
+
+    @abstractmethod
+    def relative(self, frame_a: str, frame_b: str) -> tuple[Array, Map]:
+        """Pose ``T_a_b`` and its map."""
+
+    @abstractmethod
+    def gravity(self, acceleration: Array) -> Evaluation:
+        """Potential energy of the masses in a uniform field."""
+
+    @abstractmethod
+    def chart(self) -> Map | str:
+        """Map to the six coordinates that make K^F, or the reason why there is no such chart."""
+
+
+class Mechanism(ABC):
+    """Maps coordinates to postures.
+
+    Attributes
+    ----------
+    kind : str
+        As in mechanism files.
+    frame : str
+        Name of the frame of interest M.
+    coordinates : tuple of Coordinate
+        In the order of q.
+    """
+
+    kind: str
+    frame: str
+    coordinates: tuple[Coordinate, ...]
+    units: Units = SI
+
+    @abstractmethod
+    def at(self, q: ArrayLike) -> MechanismPosture:
+        """Posture at coordinates q (n,)."""
+
+    def closed(self, q_start: ArrayLike) -> MechanismPosture:
+        """Posture near `q_start` that satisfies the closures; at it where there are none."""
+        return self.at(q_start)
+
+    def assembled(self, q_start: ArrayLike) -> Array:
+        """Coordinates near `q_start` that satisfy the closures."""
+        return self.closed(q_start).q
+
+    def moved(self, q: Array, step: Array) -> Array:
+        """Coordinates after a small step in the coordinates that derivatives are taken in."""
+        return q + step
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        return tuple(c.name for c in self.coordinates)
+
+    def checked(self, q: ArrayLike, what: str = "q") -> Array:
+        """Coordinates as a finite (n,) array.
+
+        Raises
+        ------
+        InputError
+            For a wrong count, text, NaN or infinity.
+        """
+        return checked_vector(q, len(self.coordinates), what)
+
+
+def checked_vector(values: ArrayLike, n: int, what: str) -> Array:
+    """Return `values` as a finite float array of length n, or refuse in one line."""
+    try:
+        array = np.array(values, float)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{what} is not numeric", expected=f"{n} numbers", got=values) from None
+    if array.shape != (n,):
+        raise InputError(
+            f"{what} has the wrong count",
+            expected=f"{n} numbers",
+            got=f"shape {array.shape}" if array.ndim != 1 else f"{array.size}",
+        )
+    # On a few floats this is several times as fast as NumPy's own test.
+    if not all(map(isfinite, array.tolist())):
+        raise InputError(f"{what} must be finite", got=array.tolist())
+    return array
+
+
+def named_values(
+    given: float | Sequence[float] | Mapping[str, float] | ArrayLike,
+    names: Sequence[str],
+    default: ArrayLike,
+    what: str,
+) -> Array:
+    """Values for named coordinates from one number, a sequence, or a mapping of some of them.
+
+    Raises
+    ------
+    UnknownNameError
+        For a name that is no coordinate.
+    InputError
+        For a wrong count or values that are not finite numbers.
+    """
+    if isinstance(given, Mapping):
+        values = np.array(np.broadcast_to(np.asarray(default, float), (len(names),)))
+        for name, value in given.items():
+            if name not in names:
+                raise UnknownNameError("joint", str(name), names, where=what)
+            values[names.index(name)] = checked_vector([value], 1, f"{what} of {name}")[0]
+        return values
+    if isinstance(given, (int, float, np.number)) or (
+        isinstance(given, np.ndarray) and given.ndim == 0
+    ):
+        return np.full(len(names), checked_vector([float(given)], 1, what)[0])
+    return checked_vector(given, len(names), what)

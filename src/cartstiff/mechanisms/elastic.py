@@ -1,0 +1,238 @@
+"""A mechanism together with what is stored in it: springs, gravity, other potentials."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.errors import InputError
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.contract import Mechanism, MechanismPosture, Units, named_values
+from cartstiff.potentials.contract import Evaluation, Potential
+from cartstiff.potentials.gravity import Gravity
+from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.potentials.springs import JointSprings
+
+__all__ = ["ElasticMechanism", "Note"]
+
+
+@dataclass(frozen=True)
+class Note:
+    """Something worth knowing about a result: a code, words, and the numbers that show it."""
+
+    code: str
+    message: str
+    values: Mapping[str, object] = field(default_factory=dict)
+
+    def as_dict(self) -> dict[str, object]:
+        """For JSON."""
+        return {"code": self.code, "message": self.message, "values": dict(self.values)}
+
+
+@dataclass(frozen=True)
+class ElasticMechanism:
+    """A mechanism and its potential energy, with a default posture.
+
+    Attributes
+    ----------
+    name : str
+        For people.
+    mechanism : Mechanism
+        Coordinates to poses.
+    q : ndarray (n,)
+        Default posture.
+    springs : JointSprings or LineSprings or None
+        Springs in the joints, or in the legs of a platform.
+    potentials : tuple of Potential
+        Everything else that stores energy.
+    gravity : ndarray (3,) or None
+        Acceleration of the uniform field in F.
+    notes : tuple of Note
+        What was assumed in loading.
+    """
+
+    name: str
+    mechanism: Mechanism
+    q: Array
+    springs: JointSprings | LineSprings | None = None
+    potentials: tuple[Potential, ...] = ()
+    gravity: Array | None = None
+    notes: tuple[Note, ...] = ()
+
+    @property
+    def units(self) -> Units:
+        """Units of every number."""
+        return self.mechanism.units
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        return self.mechanism.names
+
+    def with_springs(
+        self,
+        stiffness: float | Mapping[str, float] | ArrayLike | None = None,
+        rest: float | Mapping[str, float] | ArrayLike | None = None,
+    ) -> ElasticMechanism:
+        """The same mechanism with other joint springs.
+
+        Parameters
+        ----------
+        stiffness, rest
+            One number for all joints, one per joint, or a mapping from joint names for some of
+            them; None leaves what is there.
+
+        Raises
+        ------
+        InputError
+            If the mechanism has no joint springs, or for bad values.
+        """
+        if stiffness is None and rest is None:
+            return self
+        if self.springs is None:
+            raise InputError(
+                f"{self.name} has no joint springs", expected="legs or line springs in its file"
+            )
+        names = self.spring_names
+        k = self.springs.stiffness
+        if stiffness is not None:
+            k = named_values(stiffness, names, k, "stiffness")
+            if np.any(k < 0):
+                raise InputError("stiffness must not be negative", got=k.tolist())
+        rests = self.springs.rest
+        if rest is not None:
+            rests = named_values(rest, names, rests, "rest")
+        # A number given for every joint replaces nonlinear laws as well.
+        springs = self.springs
+        if isinstance(springs, JointSprings) and stiffness is not None:
+            given = set(stiffness) if isinstance(stiffness, Mapping) else set(names)
+            laws = {j: law for j, law in springs.laws.items() if names[j] not in given}
+            springs = replace(springs, laws=laws)
+        notes = tuple(n for n in self.notes if stiffness is None or n.code != "stiffness-assumed")
+        return replace(self, springs=springs.replaced(k, rests), notes=notes)
+
+    @property
+    def spring_names(self) -> tuple[str, ...]:
+        """Names of the springs: the coordinates', or leg1, leg2, ... for lines."""
+        if isinstance(self.springs, LineSprings):
+            return tuple(f"leg{i + 1}" for i in range(len(self.springs.stiffness)))
+        return self.names
+
+    def with_potential(self, *potentials: Potential) -> ElasticMechanism:
+        """The same mechanism with more potentials on it."""
+        return replace(self, potentials=(*self.potentials, *potentials))
+
+    def balanced(
+        self, at: ArrayLike | MechanismPosture, wrench: ArrayLike | None = None
+    ) -> ElasticMechanism:
+        """The same mechanism with open rest positions chosen so that a posture is an equilibrium.
+
+        Without `wrench`, springs that have no rest position carry gravity and the other
+        potentials, and the end-effector is unloaded. With it, all rest positions are chosen so
+        that the springs balance it.
+        """
+        if self.springs is None or (self.springs.is_complete and wrench is None):
+            return self
+        posture = at if isinstance(at, MechanismPosture) else self.mechanism.at(at)
+        load = None if wrench is None else np.asarray(wrench, float)
+        springs = self._balanced_springs(posture, load, self._evaluate_others(posture))
+        return self._carrying(springs)
+
+    def _carrying(self, springs: JointSprings | LineSprings | None) -> ElasticMechanism:
+        """The same mechanism with other springs; once per posture, so without `replace`'s work."""
+        elastic = object.__new__(type(self))
+        vars(elastic).update(vars(self), springs=springs)
+        return elastic
+
+    def _balanced_springs(
+        self, posture: MechanismPosture, wrench: Array | None, others: Evaluation | None
+    ) -> JointSprings | LineSprings | None:
+        """Springs that carry the other potentials and, if there is one, a wrench."""
+        springs, every = self.springs, wrench is not None
+        if springs is None or (springs.is_complete and not every):
+            return springs
+        J = posture.motion.jacobian
+        gradient = np.zeros(J.shape[1]) if wrench is None else J.T @ wrench
+        if others is not None:
+            gradient -= others.gradient
+        if isinstance(springs, JointSprings):
+            gradient = self._carried(posture, gradient, every)
+        return springs.balanced(posture, gradient, every=every)
+
+    def _balanced_with_evaluation(
+        self, posture: MechanismPosture, wrench: Array | None
+    ) -> tuple[ElasticMechanism, Evaluation]:
+        """`balanced` and its `evaluate` at a posture; the other potentials are evaluated once."""
+        others = self._evaluate_others(posture)
+        springs = self._balanced_springs(posture, wrench, others)
+        elastic = self if springs is self.springs else self._carrying(springs)
+        return elastic, elastic._with_springs_added(posture, others)
+
+    def _carried(self, posture: MechanismPosture, gradient: Array, every: bool) -> Array:
+        """The gradient that springs must give, less what closure forces can carry.
+
+        Joints whose torque is settled (passive, or with a rest position) leave the rest to the
+        closures; what neither carries is refused where a wrench was asked for, and left unbalanced
+        otherwise.
+        """
+        springs = self.springs
+        if not isinstance(springs, JointSprings):
+            return gradient
+        chosen = springs.is_open(every)
+        if chosen.all():
+            return gradient
+        settled = ~chosen
+        missing = np.where(settled, gradient - springs.torque(posture.q), 0.0)
+        if posture.closure is not None:
+            C = posture.closure.jacobian
+            lam = np.linalg.lstsq(C[:, settled].T, missing[settled], rcond=1e-10)[0]
+            gradient = gradient - C.T @ lam
+            missing = np.where(settled, missing - C.T @ lam, 0.0)
+        largest = int(np.argmax(np.abs(missing)))
+        if every and abs(missing[largest]) > 1e-9 * float(np.abs(gradient).max()) + 1e-12:
+            raise InputError(
+                f"the springs cannot balance this wrench: joint {self.names[largest]!r} has no "
+                "spring and would have to carry a torque",
+                expected="a stiffness above zero there, or a wrench that it does not feel",
+                got=f"torque {missing[largest]:.6g}",
+            )
+        return gradient
+
+    def terms(self, springs: bool = True) -> tuple[Potential, ...]:
+        """All potentials that act."""
+        terms: list[Potential] = list(self.potentials)
+        if springs and self.springs is not None:
+            terms.insert(0, self.springs)
+        if self.gravity is not None:
+            terms.append(Gravity(self.gravity))
+        return tuple(terms)
+
+    def evaluate(self, posture: MechanismPosture) -> Evaluation:
+        """Energy, gradient and Hessian of everything at a posture."""
+        return self._with_springs_added(posture, self._evaluate_others(posture))
+
+    def _evaluate_others(self, posture: MechanismPosture) -> Evaluation | None:
+        """Sum of everything but the springs; None if there is nothing else."""
+        total = None
+        for term in self.terms(springs=False):
+            found = term.evaluate(posture)
+            total = found if total is None else _sum(total, found)
+        return total
+
+    def _with_springs_added(
+        self, posture: MechanismPosture, others: Evaluation | None
+    ) -> Evaluation:
+        if self.springs is not None:
+            own = self.springs.evaluate(posture)
+            return own if others is None else _sum(own, others)
+        if others is not None:
+            return others
+        n = posture.motion.jacobian.shape[1]
+        return Evaluation(0.0, np.zeros(n), np.zeros((n, n)))
+
+
+def _sum(a: Evaluation, b: Evaluation) -> Evaluation:
+    return Evaluation(a.energy + b.energy, a.gradient + b.gradient, a.hessian + b.hessian)

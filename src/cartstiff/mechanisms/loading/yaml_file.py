@@ -1,0 +1,187 @@
+"""Mechanism files: YAML 1.2 read safely into plain data, with the line of every key."""
+
+from __future__ import annotations
+
+import re
+import stat
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from cartstiff.errors import InputError, one_line
+
+__all__ = ["LARGEST_NUMBER", "Lines", "read_bytes", "read_text", "read_yaml"]
+
+#: Line of each value, by its path of keys and indices.
+Lines = dict[tuple[str | int, ...], int]
+
+#: A mechanism file is a page of text; what is larger is not one.
+LARGEST = 1024 * 1024
+_DEEPEST = 30
+#: Numbers beyond this are mistakes, and their products leave the range of double precision.
+LARGEST_NUMBER = 1e30
+# Brackets of which no mechanism file has so many in a row; they cost the parser seconds.
+_BRACKETS = re.compile(r"(?:[\[{]\s*){60}")
+_NULLS = {"", "~", "null", "Null", "NULL"}
+_TRUTHS = {"true": True, "false": False}
+
+
+def read_bytes(path: Path, largest: int = LARGEST) -> bytes:
+    """Contents of a file, or one clear error if it cannot be read or is too large."""
+    where = one_line(str(path))
+    try:
+        status = path.stat()
+        if stat.S_ISDIR(status.st_mode):
+            raise InputError("is a directory", where=where, expected="a file")
+        if not stat.S_ISREG(status.st_mode):  # reading a pipe or a device may never end
+            raise InputError("is not a regular file", where=where, expected="a file")
+        if status.st_size > largest:
+            raise InputError(
+                "file is too large", where=where, expected=f"at most {largest} bytes",
+                got=str(status.st_size),
+            )  # fmt: skip
+        with path.open("rb") as file:
+            data = file.read(largest + 1)
+    except InputError:
+        raise
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
+        problem = getattr(error, "strerror", None) or str(error)
+        raise InputError("file cannot be read", where=where, got=problem) from None
+    if len(data) > largest:  # it grew meanwhile
+        raise InputError("file is too large", where=where, expected=f"at most {largest} bytes")
+    if not data.strip():
+        raise InputError("file is empty", where=where)
+    return data
+
+
+def read_text(path: Path, largest: int = LARGEST) -> str:
+    """Contents of a UTF-8 text file."""
+    try:
+        text = read_bytes(path, largest).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            "file is not UTF-8 text", where=one_line(str(path)), got=f"byte {error.start}"
+        ) from None
+    if "\0" in text:
+        raise InputError("file is not text", where=one_line(str(path)), got="a zero byte")
+    return text
+
+
+def read_yaml(path: Path) -> tuple[dict[str, Any], Lines]:
+    """Mapping in a YAML file, and the line of each of its values.
+
+    Only mappings, sequences and plain scalars are accepted: no tags, no anchors or aliases, no
+    merge keys, no key twice, no second document. Numbers follow YAML 1.2 (``3e5`` is a number,
+    ``1:30`` is text).
+
+    Raises
+    ------
+    InputError
+        With file and line.
+    """
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    where = one_line(str(path))
+    text = read_text(path)
+    _check_directives(text, where)
+    if _BRACKETS.search(text):
+        raise InputError("YAML is nested too deeply", where=where)
+    yaml = YAML(typ="rt", pure=True)
+    lines: Lines = {}
+    try:
+        documents = list(islice(yaml.compose_all(text), 2))
+        if len(documents) != 1 or documents[0] is None:
+            raise InputError(
+                "file must hold one YAML document", where=where,
+                got="several" if len(documents) > 1 else "none",
+            )  # fmt: skip
+        constructor = yaml.constructor
+        data = _plain(documents[0], (), lines, constructor, where)
+    except YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f", line {mark.line + 1}" if mark is not None else ""
+        problem = getattr(error, "problem", None) or str(error)
+        raise InputError("not valid YAML", where=where + line, got=one_line(problem)) from None
+    except RecursionError:
+        raise InputError("YAML is nested too deeply", where=where) from None
+    if not isinstance(data, dict):
+        raise InputError(
+            "file must hold a mapping of keys", where=where, expected="'kind: ...' and so on",
+            got=type(data).__name__,
+        )  # fmt: skip
+    return data, lines
+
+
+def _check_directives(text: str, where: str) -> None:
+    """Refuse all but %YAML 1.2: under 1.1 "yes", "no", "on", 010 and 1:30 mean other things."""
+    for number, line in enumerate(text.splitlines(), start=1):
+        if line.startswith("%"):
+            if not re.fullmatch(r"%YAML\s+1\.2\s*(#.*)?", line):
+                raise InputError(
+                    "YAML directives are not supported", where=f"{where}, line {number}", got=line
+                )
+        elif line.strip() and not line.lstrip().startswith("#"):
+            return
+
+
+def _plain(node: Any, at: tuple[str | int, ...], lines: Lines, constructor: Any, where: str) -> Any:
+    """Plain Python data of a composed node; refuses whatever is not data."""
+    line = node.start_mark.line + 1
+    place = f"{where}, line {line}"
+    if at in lines:
+        raise InputError("aliases are not supported", where=place)
+    lines[at] = line
+    if len(at) > _DEEPEST:
+        raise InputError("YAML is nested too deeply", where=place)
+    if getattr(node, "anchor", None):
+        raise InputError("anchors and aliases are not supported", where=place, got=node.anchor)
+    tag = str(node.tag or "")
+    if node.id == "mapping":
+        if tag != "tag:yaml.org,2002:map":
+            raise InputError("YAML tags are not supported", where=place, got=tag)
+        data: dict[str, Any] = {}
+        for key_node, value_node in node.value:
+            key_place = f"{where}, line {key_node.start_mark.line + 1}"
+            if key_node.id != "scalar" or "merge" in str(key_node.tag):
+                raise InputError("keys must be plain text", where=key_place)
+            if getattr(key_node, "anchor", None):
+                raise InputError(
+                    "anchors and aliases are not supported", where=key_place, got=key_node.anchor
+                )
+            if not str(key_node.tag).startswith("tag:yaml.org,2002:") or "/" in str(key_node.tag):
+                raise InputError("YAML tags are not supported", where=key_place, got=key_node.tag)
+            key = str(key_node.value)
+            if key in data:
+                raise InputError("key stands twice", where=key_place, got=repr(key))
+            data[key] = _plain(value_node, (*at, key), lines, constructor, where)
+            lines[(*at, key)] = key_node.start_mark.line + 1
+        return data
+    if node.id == "sequence":
+        if tag != "tag:yaml.org,2002:seq":
+            raise InputError("YAML tags are not supported", where=place, got=tag)
+        return [_plain(v, (*at, i), lines, constructor, where) for i, v in enumerate(node.value)]
+    return _scalar(node, tag, place)
+
+
+def _scalar(node: Any, tag: str, place: str) -> Any:
+    kind = tag.removeprefix("tag:yaml.org,2002:")
+    text = str(node.value)
+    # A tag written out (!!bool abc) may stand before any text: only what it fits is taken.
+    if kind == "null" and text in _NULLS:
+        return None
+    if kind == "bool" and text.lower() in _TRUTHS:
+        return _TRUTHS[text.lower()]
+    if kind in ("int", "float") and "_" not in text:  # 1_000 is text in YAML 1.2
+        for convert in (lambda: int(text, 0), lambda: float(text)):
+            try:
+                return convert()
+            except ValueError:
+                pass
+        try:
+            return float(re.sub(r"^([-+]?)\.(inf|nan)$", r"\1\2", text.lower()))
+        except ValueError:
+            return text
+    if kind in ("", "str", "timestamp", "value", "null", "bool", "int", "float"):
+        return text
+    raise InputError("YAML tags are not supported", where=place, got=tag)

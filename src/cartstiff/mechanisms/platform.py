@@ -1,0 +1,218 @@
+r"""A rigid body held by lines from the ground: Stewart-Gough platforms, line springs, cable robots.
+
+The coordinates are the body's pose; derivatives are taken in exponential coordinates at the pose,
+so the body Jacobian is the identity and the Hessian of any potential is its K^B.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.errors import ConvergenceError, InputError, UndefinedError, UnknownNameError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.contract import SI, Coordinate, Mechanism, MechanismPosture, Units
+from cartstiff.potentials.contract import Evaluation, Map
+from cartstiff.potentials.line_springs import LineGeometry, line_geometry, second_derivative
+from cartstiff.potentials.loads import payload
+
+__all__ = ["Platform", "PlatformPosture"]
+
+_POSE = ("x", "y", "z", "roll", "pitch", "yaw")
+
+
+def _flat(_: Array) -> Array:
+    return np.zeros((6, 6))
+
+
+_IDENTITY = Map(np.eye(6), _flat)
+
+
+class PlatformPosture(MechanismPosture):
+    """A platform at a pose."""
+
+    motion = _IDENTITY
+    coordinates_are_pose = True
+
+    def __init__(self, platform: Platform, q: Array) -> None:
+        self.q = q
+        self._platform = platform
+        self.pose = platform.pose_of(q)
+        self.length = platform.length
+        self.coordinate_lengths = np.array([1.0] * 3 + [self.length] * 3)
+
+    def relative(self, frame_a: str, frame_b: str) -> tuple[Array, Map]:
+        """Pose ``T_a_b`` of "world" and "body" and its map."""
+        frames = {"world", "body"}
+        for name in (frame_a, frame_b):
+            if name not in frames:
+                raise UnknownNameError("frame", name, sorted(frames))
+        if (frame_a, frame_b) == ("world", "body"):
+            return self.pose, self.motion
+        if frame_a == frame_b:
+            return np.eye(4), Map(np.zeros((6, 6)), _flat)
+        return se3.inverse(self.pose), Map(-se3.adjoint(self.pose), _flat)
+
+    def gravity(self, acceleration: Array) -> Evaluation:
+        """Potential energy of the platform's mass in a uniform field."""
+        platform = self._platform
+        return payload(platform.mass, acceleration, platform.mass_centre).evaluate(self)
+
+    @cached_property
+    def lines(self) -> LineGeometry:
+        """Lengths, directions and line coordinates of the legs, in the body frame."""
+        return line_geometry(self.pose, self._platform.anchors, self._platform.points)
+
+    @property
+    def actuation(self) -> Array:  # type: ignore[override]
+        """Line coordinates of the legs."""
+        return self.lines.lines
+
+    def chart(self) -> Map | str:
+        """The leg lengths, if they are six."""
+        m = len(self._platform.points)
+        if m != 6:
+            return f"K^F needs six leg lengths as a chart of SE(3): there are {m} lines"
+        return Map(
+            self.lines.lines,
+            lambda mu: second_derivative(self.lines, self._platform.points, mu),
+        )
+
+
+class Platform(Mechanism):
+    """A body joined to the ground by lines.
+
+    Parameters
+    ----------
+    base : array_like, shape (m, 3)
+        Anchor points in F.
+    platform : array_like, shape (m, 3)
+        Points of the body in its own frame P.
+    T_P_M : array_like, optional
+        The frame of interest in P; default P itself.
+    limits : sequence of (min, max), optional
+        Leg length limits.
+    """
+
+    def __init__(
+        self,
+        base: ArrayLike,
+        platform: ArrayLike,
+        *,
+        T_P_M: ArrayLike | None = None,
+        units: Units = SI,
+        kind: str = "stewart-gough",
+        limits: Sequence[tuple[float, float]] | None = None,
+        mass: float = 0.0,
+        mass_centre: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> None:
+        self.kind = kind
+        self.frame = "platform"
+        self.units = units
+        self.anchors = np.array(base, float)
+        self.T_P_M = np.eye(4) if T_P_M is None else np.array(T_P_M, float)
+        points_P = np.array(platform, float)
+        if points_P.shape != self.anchors.shape or points_P.ndim != 2 or points_P.shape[1] != 3:
+            raise InputError(
+                "base and platform points differ in number or are not three-dimensional",
+                expected=f"two arrays of shape {self.anchors.shape}",
+                got=f"{points_P.shape}",
+            )
+        T_M_P = se3.inverse(self.T_P_M)
+        self.points_P = points_P
+        self.points = points_P @ T_M_P[:3, :3].T + T_M_P[:3, 3]
+        self.limits = None if limits is None else np.array(limits, float)
+        self.mass = float(mass)
+        centre = np.asarray(mass_centre, float)
+        self.mass_centre = T_M_P[:3, :3] @ centre + T_M_P[:3, 3]
+        self.coordinates = tuple(
+            Coordinate(name, "prismatic" if i < 3 else "revolute") for i, name in enumerate(_POSE)
+        )
+        radius = float(np.sqrt(np.mean(np.sum(self.points**2, axis=1))))
+        spread = float(np.ptp(np.vstack([self.points, self.anchors]), axis=0).max())
+        #: Root mean square distance of the body's points from the frame's origin.
+        self.length = radius or spread or 1.0
+
+    def with_points(self, base: ArrayLike, platform: ArrayLike) -> Platform:
+        """The same body with other anchors in F and other points of its own, in P."""
+        other = copy(self)
+        T_M_P = se3.inverse(self.T_P_M)
+        other.anchors, other.points_P = np.array(base, float), np.array(platform, float)
+        other.points = other.points_P @ T_M_P[:3, :3].T + T_M_P[:3, 3]
+        return other
+
+    def at(self, q: ArrayLike) -> PlatformPosture:
+        """Posture at a pose of P in F: x, y, z, roll, pitch, yaw (fixed axes)."""
+        return PlatformPosture(self, self.checked(q, "pose"))
+
+    def pose_of(self, q: Array) -> Array:
+        """Pose ``T_F_M`` from the pose of P in F."""
+        return se3.from_roll_pitch_yaw(q[:3], q[3:]) @ self.T_P_M
+
+    def coordinates_of(self, T_F_M: ArrayLike) -> Array:
+        """Coordinates x, y, z, roll, pitch, yaw of P from the pose of M."""
+        T_F_P = np.asarray(T_F_M, float) @ se3.inverse(self.T_P_M)
+        return np.concatenate([T_F_P[:3, 3], se3.roll_pitch_yaw(T_F_P)])
+
+    def moved(self, q: Array, step: Array) -> Array:
+        """Coordinates after a small body twist `step`."""
+        return self.coordinates_of(self.pose_of(q) @ se3.exp(step))
+
+    def leg_lengths(self, q: ArrayLike) -> Array:
+        """Lengths of the legs at a pose."""
+        return self.at(q).lines.lengths
+
+    def forward_kinematics(self, lengths: ArrayLike, start: ArrayLike) -> Array:
+        """Pose coordinates at which the six legs have given lengths, near `start`.
+
+        Newton's method on SE(3) with the line coordinates as its matrix, steps bounded to keep
+        the assembly mode.
+
+        Raises
+        ------
+        UndefinedError
+            If the legs' lines become dependent on the way (type-2 singularity).
+        ConvergenceError
+            If 60 steps do not reach the lengths.
+        """
+        wanted = np.asarray(lengths, float)
+        m = len(self.points)
+        if wanted.shape != (m,) or not np.all(np.isfinite(wanted)) or np.any(wanted <= 0):
+            raise InputError("leg lengths must be positive numbers", expected=f"{m}", got=wanted)
+        if m != 6:
+            raise InputError("forward kinematics needs six legs", got=str(m))
+        T = self.at(start).pose
+        scale = np.array([1.0] * 3 + [self.length] * 3)
+        error = np.inf
+        previous = np.inf
+        for _ in range(60):
+            geometry = line_geometry(T, self.anchors, self.points)
+            residual = wanted - geometry.lengths
+            error = float(np.abs(residual).max())
+            # Stop at rounding level: once below 1e-9 the next step no longer helps.
+            if error <= 4e-16 * float(wanted.max()) or (
+                error < 1e-13 * float(wanted.max()) and error >= previous
+            ):
+                return self.coordinates_of(T)
+            previous = error
+            scaled = geometry.lines * scale
+            values = np.linalg.svd(scaled, compute_uv=False)
+            if values[-1] < 1e-10 * values[0]:
+                raise UndefinedError(
+                    "the legs' lines are dependent (type-2 singularity): the pose does not follow "
+                    "from the leg lengths",
+                    code="type-2-singularity",
+                    values={"singular_values": values.tolist()},
+                )
+            step = np.linalg.solve(scaled, residual)
+            T = T @ se3.exp(scale * step * min(1.0, 0.3 / max(float(np.abs(step).max()), 1e-300)))
+        if error < 1e-11 * float(wanted.max()):
+            return self.coordinates_of(T)
+        raise ConvergenceError(
+            "no pose with these leg lengths found from the start", iterations=60, residual=error
+        )

@@ -1,0 +1,237 @@
+r"""Kinematic trees of one-degree-of-freedom joints, computed by Pinocchio.
+
+Every joint has one coordinate and a constant axis (`cartstiff.mechanisms.tree_building` rewrites
+any Pinocchio model so). The second derivative of every pose is then a Lie bracket,
+
+    d J[:, a] / d q_b = [J_a, J_b]   for joint a before joint b on the way to the frame, else 0,
+
+exact, with no tensor; Pinocchio's own second derivatives are not used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from cartstiff.errors import UnknownNameError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import SWAP, Array
+from cartstiff.mechanisms.contract import Coordinate
+from cartstiff.potentials.contract import Evaluation, Map
+
+__all__ = ["WORLD", "KinematicTree", "Path", "Placement", "TreeState"]
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A frame fixed to a joint of the tree: ``T_j_f`` with the joint's index."""
+
+    joint: int
+    T_j_f: Array
+
+
+#: The inertial frame F.
+WORLD = Placement(0, np.eye(4))
+
+
+@dataclass(frozen=True)
+class Path:
+    """Joints met on the way from one frame to another, in order.
+
+    Attributes
+    ----------
+    order : ndarray of int
+        Joints (counted from 0) in the order of the path: from frame a up to the common ancestor,
+        then down to frame b.
+    signs : ndarray
+        For every joint of the tree: -1 on the way up, +1 on the way down, 0 elsewhere.
+    identity : bool
+        Whether the path goes down through all joints of the tree.
+    """
+
+    order: NDArray[np.intp]
+    signs: Array
+    identity: bool
+
+    @cached_property
+    def block(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Index of the path's rows and columns in a matrix over all joints."""
+        return self.order[:, None], self.order[None, :]
+
+
+class KinematicTree:
+    """A plain tree with named frames.
+
+    Attributes
+    ----------
+    model : pinocchio.Model
+        Every joint has one coordinate; never modified after construction.
+    coordinates : tuple of Coordinate
+        One per joint, in Pinocchio's order.
+    frames : dict of str to Placement
+        All named frames.
+    mimic : ndarray (joints, n) or None
+        Where joints follow others: all joint positions are ``mimic @ q + offset``.
+    """
+
+    def __init__(
+        self,
+        model: pin.Model,
+        coordinates: tuple[Coordinate, ...],
+        frames: Mapping[str, Placement],
+        mimic: Array | None = None,
+        offset: Array | None = None,
+    ) -> None:
+        self.model = model
+        self.coordinates = coordinates
+        self.frames = dict(frames)
+        self.mimic = mimic
+        self.offset = 0.0 if offset is None else offset
+        self._parents = [int(p) for p in model.parents]
+        self._paths: dict[tuple[int, int], Path] = {}
+        # Pinocchio's workspaces cost more to make than to use: states hand theirs back.
+        self.workspaces: list[Any] = []
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return len(self.coordinates)
+
+    def placement(self, name: str) -> Placement:
+        """Placement of a named frame.
+
+        Raises
+        ------
+        UnknownNameError
+            With the names that exist.
+        """
+        try:
+            return self.frames[name]
+        except KeyError:
+            raise UnknownNameError("frame", name, self.frames) from None
+
+    def support(self, joint: int) -> list[int]:
+        """Joints from the root to `joint`, in order, without the universe."""
+        chain: list[int] = []
+        while joint > 0:
+            chain.append(joint)
+            joint = self._parents[joint]
+        return chain[::-1]
+
+    def path(self, joint_a: int, joint_b: int) -> Path:
+        """Path between two joints; joint j has coordinate j - 1."""
+        key = (joint_a, joint_b)
+        if key not in self._paths:
+            up, down = self.support(joint_a), self.support(joint_b)
+            shared = 0
+            while shared < min(len(up), len(down)) and up[shared] == down[shared]:
+                shared += 1
+            order = np.array(up[shared:][::-1] + down[shared:], dtype=np.intp) - 1
+            identity = bool(np.array_equal(order, np.arange(self.model.nv)))
+            signs = np.zeros(self.model.nv)
+            signs[np.array(up[shared:], dtype=np.intp) - 1] = -1.0
+            signs[np.array(down[shared:], dtype=np.intp) - 1] = 1.0
+            self._paths[key] = Path(order, signs, identity)
+        return self._paths[key]
+
+    def with_placements(self, placements: Mapping[int, Array]) -> KinematicTree:
+        """The same tree with other poses ``T_parent_joint`` of some joints, by index from 1."""
+        model = self.model.copy()
+        for joint, T in placements.items():
+            model.jointPlacements[joint] = pin.SE3(T)
+        offset = None if self.mimic is None else np.asarray(self.offset, float)
+        return KinematicTree(model, self.coordinates, self.frames, self.mimic, offset)
+
+    def placements(self) -> list[Array]:
+        """Poses ``T_parent_joint`` of all joints, in their order from joint 1."""
+        return [np.array(T.homogeneous) for T in list(self.model.jointPlacements)[1:]]
+
+    def at(self, q: Array) -> TreeState:
+        """Kinematics at coordinates q (n,)."""
+        return TreeState(self, q)
+
+
+class TreeState:
+    """The tree at one posture; frames and Jacobians are computed when asked for."""
+
+    def __init__(self, tree: KinematicTree, q: Array) -> None:
+        self.tree = tree
+        self.q = q if tree.mimic is None else tree.mimic @ q + tree.offset
+        try:
+            self._data = tree.workspaces.pop()
+        except IndexError:
+            self._data = tree.model.createData()
+        pin.computeJointJacobians(tree.model, self._data, self.q)
+
+    def __del__(self) -> None:
+        if hasattr(self, "_data"):
+            self.tree.workspaces.append(self._data)
+
+    def pose(self, frame: Placement) -> Array:
+        """Pose ``T_F_f``."""
+        return np.asarray(self._data.oMi[frame.joint].homogeneous @ frame.T_j_f)
+
+    @cached_property
+    def _world_jacobian(self) -> Array:
+        # eigenpy hands a matrix with one column over as a vector.
+        return np.asarray(self._data.J)[SWAP].reshape(6, -1)
+
+    def relative(self, a: Placement, b: Placement) -> tuple[Array, Map]:
+        """Pose ``T_a_b`` and its map: body twist of b against a, in components of b."""
+        T_F_b = self.pose(b)
+        path = self.tree.path(a.joint, b.joint)
+        to_b = se3.adjoint_of_inverse(T_F_b)
+        T_a_b = T_F_b if _is_world(a) else se3.inverse(self.pose(a)) @ T_F_b
+        world = self._world_jacobian
+        J = to_b @ (world if path.identity else world * path.signs)
+        curvature = _BracketCurvature(J, path, self.tree.mimic)
+        return T_a_b, Map(J if self.tree.mimic is None else J @ self.tree.mimic, curvature)
+
+    def gravity(self, acceleration: Array) -> Evaluation:
+        """Energy of all masses in a uniform field with the given acceleration, with derivatives."""
+        model = self._with_gravity(acceleration)
+        data = model.createData()
+        energy = pin.computePotentialEnergy(model, data, self.q)
+        gradient = np.array(pin.computeGeneralizedGravity(model, data, self.q))
+        hessian = np.array(pin.computeGeneralizedGravityDerivatives(model, data, self.q))
+        hessian = 0.5 * (hessian + hessian.T)
+        if (M := self.tree.mimic) is not None:
+            gradient, hessian = M.T @ gradient, M.T @ hessian @ M
+        return Evaluation(float(energy), gradient, hessian)
+
+    def _with_gravity(self, acceleration: Array) -> Any:
+        model = self.tree.model
+        if not np.array_equal(model.gravity.linear, acceleration):
+            model = model.copy()
+            model.gravity = pin.Motion(np.concatenate([acceleration, np.zeros(3)]))
+        return model
+
+
+class _BracketCurvature:
+    """``S[a, b] = 1/2 w . [J_a, J_b]`` for a before b on the path, symmetric."""
+
+    __slots__ = ("jacobian", "mimic", "path")
+
+    def __init__(self, jacobian: Array, path: Path, mimic: Array | None) -> None:
+        self.jacobian = jacobian
+        self.path = path
+        self.mimic = mimic
+
+    def __call__(self, wrench: Array) -> Array:
+        J = self.jacobian if self.path.identity else self.jacobian[:, self.path.order]
+        S = se3.chain_curvature(J, wrench)
+        if not self.path.identity:
+            full = np.zeros((self.path.signs.size, self.path.signs.size))
+            full[self.path.block] = S
+            S = full
+        return S if self.mimic is None else self.mimic.T @ S @ self.mimic
+
+
+def _is_world(frame: Placement) -> bool:
+    return frame is WORLD or (frame.joint == 0 and np.array_equal(frame.T_j_f, WORLD.T_j_f))

@@ -1,0 +1,310 @@
+"""Rewriting Pinocchio models as plain trees, and joining and extending such trees.
+
+Continuous joints become plain revolutes, spherical, planar and composite joints are expanded,
+locked joints become links, flexible links get six virtual joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.contract import Coordinate
+from cartstiff.mechanisms.tree import WORLD, KinematicTree, Placement
+
+__all__ = ["VIRTUAL", "extended", "merged", "plain_tree"]
+
+# How joints with several coordinates are written as successive one-coordinate joints; the order
+# is that of Pinocchio's own configuration, translations before rotations.
+_EXPANSIONS: dict[str, tuple[tuple[str, str], ...]] = {
+    "JointModelSpherical": (("x", "RX"), ("y", "RY"), ("z", "RZ")),
+    "JointModelSphericalZYX": (("z", "RZ"), ("y", "RY"), ("x", "RX")),
+    "JointModelTranslation": (("x", "PX"), ("y", "PY"), ("z", "PZ")),
+    "JointModelPlanar": (("x", "PX"), ("y", "PY"), ("angle", "RZ")),
+    "JointModelFreeFlyer": (
+        ("x", "PX"), ("y", "PY"), ("z", "PZ"), ("rx", "RX"), ("ry", "RY"), ("rz", "RZ"),
+    ),
+}  # fmt: skip
+_PLAIN = {
+    "JointModelRX": "revolute", "JointModelRY": "revolute", "JointModelRZ": "revolute",
+    "JointModelRevoluteUnaligned": "revolute",
+    "JointModelPX": "prismatic", "JointModelPY": "prismatic", "JointModelPZ": "prismatic",
+    "JointModelPrismaticUnaligned": "prismatic",
+    "JointModelHX": "helical", "JointModelHY": "helical", "JointModelHZ": "helical",
+    "JointModelHelicalUnaligned": "helical",
+}  # fmt: skip
+#: Virtual joints of a flexible link, in order: name suffix and kind.
+VIRTUAL = (("px", "PX"), ("py", "PY"), ("pz", "PZ"), ("rx", "RX"), ("ry", "RY"), ("rz", "RZ"))
+_UNBOUNDED = {"JointModelRUBX": "RX", "JointModelRUBY": "RY", "JointModelRUBZ": "RZ"}
+
+
+def _axis(joint: Any) -> Array:
+    """Axis of an unbounded revolute joint, which has no attribute for it: turn it by 90 deg."""
+    model = pin.Model()
+    model.addJoint(0, joint, pin.SE3.Identity(), "joint")
+    data = model.createData()
+    pin.forwardKinematics(model, data, np.array([0.0, 1.0]))
+    axis: Array = se3.unskew(data.oMi[1].rotation)
+    return axis / np.linalg.norm(axis)
+
+
+def _primitive(kind: str) -> Any:
+    return getattr(pin, f"JointModel{kind}")()
+
+
+def _expand(joint: Any, name: str, names: list[str]) -> list[tuple[str, str, Any, Array]]:
+    """One-coordinate joints (name, type, model, placement) that together make `joint`."""
+    short = joint.shortname()
+    if short in _PLAIN:
+        return [(name, _PLAIN[short], joint, np.eye(4))]
+    if short in _UNBOUNDED:
+        return [(name, "revolute", _primitive(_UNBOUNDED[short]), np.eye(4))]
+    if short == "JointModelRevoluteUnboundedUnaligned":
+        return [(name, "revolute", pin.JointModelRevoluteUnaligned(_axis(joint)), np.eye(4))]
+    if short in _EXPANSIONS:
+        return [
+            (
+                f"{name}.{suffix}",
+                "revolute" if kind.startswith("R") else "prismatic",
+                _primitive(kind),
+                np.eye(4),
+            )
+            for suffix, kind in _EXPANSIONS[short]
+        ]
+    if short == "JointModelUniversal":
+        concrete = joint.extract()
+        return [
+            (f"{name}.{i}", "revolute", pin.JointModelRevoluteUnaligned(np.array(axis)), np.eye(4))
+            for i, axis in enumerate((concrete.axis1, concrete.axis2), start=1)
+        ]
+    if short == "JointModelComposite":
+        concrete = joint.extract()
+        parts: list[tuple[str, str, Any, Array]] = []
+        for i, (part, at) in enumerate(zip(concrete.joints, concrete.jointPlacements, strict=True)):
+            part_name = names[i] if i < len(names) else f"{name}.{i + 1}"
+            for j, (sub_name, kind, sub, T) in enumerate(_expand(part, part_name, [])):
+                parts.append((sub_name, kind, sub, at.homogeneous @ T if j == 0 else T))
+        return parts
+    raise InputError(
+        f"joint {name!r} has a type that cannot be served",
+        expected="revolute, continuous, prismatic, helical, universal, spherical, planar, "
+        "translation, free or a composite of these",
+        got=short,
+    )
+
+
+def plain_tree(
+    model: pin.Model,
+    keep: Collection[int] | None = None,
+    locked: Mapping[int, float] | None = None,
+    composite_names: Mapping[str, list[str]] | None = None,
+    flexible: Mapping[str, Array] | None = None,
+) -> KinematicTree:
+    """Rewrite a Pinocchio model with one-coordinate joints only.
+
+    Parameters
+    ----------
+    model : pinocchio.Model
+        Any model; it is not modified.
+    keep : collection of int, optional
+        Joint indices that stay movable; all others become links at their neutral position.
+        Default: all.
+    locked : mapping of int to float, optional
+        Positions of one-coordinate joints that become links.
+    composite_names : mapping of str to list of str, optional
+        Names of the parts of composite joints, by the composite's name.
+    flexible : mapping of str to ndarray, optional
+        Links that give, by frame name, with the pose of the spring in that frame: six virtual
+        joints are put there (`VIRTUAL`), and everything the link carries hangs on them.
+
+    Raises
+    ------
+    InputError
+        For a joint type that cannot be expanded.
+    """
+    locked = dict(locked or {})
+    kept = set(range(1, model.njoints) if keep is None else keep) - set(locked)
+    fixed_q = pin.neutral(model)
+    for index, value in locked.items():
+        _set_position(model, index, value, fixed_q)
+    data = model.createData()
+    pin.forwardKinematics(model, data, fixed_q)
+
+    plain = pin.Model()
+    plain.name = model.name
+    plain.gravity = model.gravity
+    coordinates: list[Coordinate] = []
+    at: dict[int, tuple[int, Array]] = {0: (0, np.eye(4))}
+    before = dict(at)
+    springs = _springs_by_joint(model, flexible or {})
+
+    def soften(i: int) -> None:
+        before[i] = at[i]
+        if i in springs:
+            name, T_i_s = springs[i]
+            joint, T_j = at[i][0], at[i][1] @ T_i_s
+            for suffix, kind in VIRTUAL:
+                full = f"{name}.{suffix}"
+                joint = plain.addJoint(joint, _primitive(kind), pin.SE3(T_j), full)
+                coordinates.append(
+                    Coordinate(full, "prismatic" if kind.startswith("P") else "revolute")
+                )
+                T_j = np.eye(4)
+            at[i] = (joint, se3.inverse(T_i_s))
+
+    soften(0)
+    for i in range(1, model.njoints):
+        parent, T_p = at[int(model.parents[i])]
+        if i not in kept:
+            at[i] = (parent, T_p @ data.liMi[i].homogeneous)
+        else:
+            T = T_p @ model.jointPlacements[i].homogeneous
+            names = (composite_names or {}).get(model.names[i], [])
+            parts = _expand(model.joints[i], model.names[i], names)
+            for name, kind, joint, T_part in parts:
+                lower, upper = _limits(model, i) if len(parts) == 1 else (-np.inf, np.inf)
+                unique = _unique(name, [c.name for c in coordinates])
+                parent = plain.addJoint(parent, joint, pin.SE3(T @ T_part), unique)
+                coordinates.append(Coordinate(unique, kind, lower, upper))  # type: ignore[arg-type]
+                T = np.eye(4)
+            at[i] = (parent, T)
+        joint, T_j = at[i]
+        if joint > 0 and model.inertias[i].mass > 0:
+            plain.appendBodyToJoint(joint, model.inertias[i], pin.SE3(T_j))
+        soften(i)
+    frames: dict[str, Placement] = {"world": WORLD}
+    # Links first, then sites, then joints: a name met twice means the first of these.
+    for wanted in (pin.FrameType.BODY, pin.FrameType.OP_FRAME, None):
+        for frame in model.frames:
+            if wanted is not None and frame.type != wanted:
+                continue
+            # A flexible link's own frame stays at its near side.
+            sides = before if frame.name in (flexible or {}) else at
+            joint, T_j = sides[int(frame.parentJoint)]
+            frames.setdefault(frame.name, Placement(joint, T_j @ frame.placement.homogeneous))
+    return KinematicTree(plain, tuple(coordinates), frames)
+
+
+def merged(parts: Sequence[tuple[str, KinematicTree, Array]]) -> KinematicTree:
+    """One tree of several, each a triple (prefix of its names, tree, ``T_F_root``)."""
+    model = pin.Model()
+    coordinates: list[Coordinate] = []
+    frames: dict[str, Placement] = {"world": WORLD}
+    blocks: list[tuple[Array, Array]] = []
+    for prefix, tree, T_F_root in parts:
+        at = {0: 0}
+        for j in range(1, tree.model.njoints):
+            parent = int(tree.model.parents[j])
+            placement = tree.model.jointPlacements[j]
+            if parent == 0:
+                placement = pin.SE3(T_F_root) * placement
+            at[j] = model.addJoint(
+                at[parent], tree.model.joints[j], placement, prefix + tree.model.names[j]
+            )
+            if tree.model.inertias[j].mass > 0:
+                model.appendBodyToJoint(at[j], tree.model.inertias[j], pin.SE3.Identity())
+        coordinates += [replace(c, name=prefix + c.name) for c in tree.coordinates]
+        for name, p in tree.frames.items():
+            T = T_F_root @ p.T_j_f if p.joint == 0 else p.T_j_f
+            frames[prefix + name] = Placement(at[p.joint], T)
+        m = tree.model.nv
+        matrix = np.eye(m) if tree.mimic is None else tree.mimic
+        blocks.append((matrix, np.broadcast_to(np.asarray(tree.offset, float), (m,))))
+    if all(tree.mimic is None for _, tree, _ in parts):
+        return KinematicTree(model, tuple(coordinates), frames)
+    mimic = np.zeros((model.nv, len(coordinates)))
+    row = column = 0
+    for matrix, _ in blocks:
+        mimic[row : row + matrix.shape[0], column : column + matrix.shape[1]] = matrix
+        row, column = row + matrix.shape[0], column + matrix.shape[1]
+    offset = np.concatenate([o for _, o in blocks])
+    return KinematicTree(model, tuple(coordinates), frames, mimic, offset)
+
+
+def extended(
+    tree: KinematicTree, frame: str, joints: Sequence[tuple[str, str]], end: str
+) -> KinematicTree:
+    """The tree with more joints at a frame, (name, kind as "RX" or "PZ"), ending in frame `end`."""
+    at = tree.placement(frame)
+    model = tree.model.copy()
+    joint, T = at.joint, at.T_j_f
+    new = []
+    for name, kind in joints:
+        joint = model.addJoint(joint, _primitive(kind), pin.SE3(T), name)
+        new.append(Coordinate(name, "revolute" if kind.startswith("R") else "prismatic"))
+        T = np.eye(4)
+    frames = {**tree.frames, end: Placement(joint, T)}
+    # Pinocchio keeps joints in the order of their addition: the new ones come last.
+    if tree.mimic is None:
+        return KinematicTree(model, (*tree.coordinates, *new), frames)
+    k = len(new)
+    mimic = np.block(
+        [
+            [tree.mimic, np.zeros((tree.mimic.shape[0], k))],
+            [np.zeros((k, tree.mimic.shape[1])), np.eye(k)],
+        ]
+    )
+    offset = np.concatenate([np.asarray(tree.offset, float), np.zeros(k)])
+    return KinematicTree(model, (*tree.coordinates, *new), frames, mimic, offset)
+
+
+def _springs_by_joint(
+    model: pin.Model, flexible: Mapping[str, Array]
+) -> dict[int, tuple[str, Array]]:
+    """Joint index -> (link, pose of its spring in the joint's frame)."""
+    found: dict[int, tuple[str, Array]] = {}
+    bodies = {f.name: f for f in model.frames if f.type == pin.FrameType.BODY}
+    for name, T_f_s in flexible.items():
+        if name not in bodies:
+            raise UnknownNameError("link", name, bodies)
+        joint = int(bodies[name].parentJoint)
+        if joint in found:
+            raise InputError(
+                f"links {found[joint][0]!r} and {name!r} are fixed together: one of them can be "
+                "flexible"
+            )
+        found[joint] = (name, bodies[name].placement.homogeneous @ T_f_s)
+    return found
+
+
+def _set_position(model: pin.Model, index: int, value: float, q: Array) -> None:
+    joint = model.joints[index]
+    if joint.nv != 1:
+        raise InputError(
+            f"joint {model.names[index]!r} cannot be locked at one number",
+            expected="a joint with one coordinate",
+            got=joint.shortname(),
+        )
+    if joint.nq == 2:
+        q[joint.idx_q : joint.idx_q + 2] = np.cos(value), np.sin(value)
+    else:
+        q[joint.idx_q] = value
+
+
+def _limits(model: pin.Model, index: int) -> tuple[float, float]:
+    joint = model.joints[index]
+    if joint.nq != 1:
+        return -np.inf, np.inf
+    lower = float(model.lowerPositionLimit[joint.idx_q])
+    upper = float(model.upperPositionLimit[joint.idx_q])
+    # Pinocchio writes the largest float where there is no limit.
+    return (
+        lower if lower > -1e300 else -np.inf,
+        upper if upper < 1e300 else np.inf,
+    )
+
+
+def _unique(name: str, taken: Collection[str]) -> str:
+    if name not in taken:
+        return name
+    k = 2
+    while f"{name}_{k}" in taken:
+        k += 1
+    return f"{name}_{k}"
