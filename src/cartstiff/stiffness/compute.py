@@ -1,0 +1,462 @@
+r"""From an elastic mechanism at a posture to the stiffness matrices under every connection."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.errors import InputError, UndefinedError
+from cartstiff.geometry import se3
+from cartstiff.geometry.connections import (
+    BI_INVARIANT,
+    CARTAN_MINUS,
+    KINEMATIC,
+    Connection,
+)
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.chain import OWN_COORDINATES
+from cartstiff.mechanisms.contract import MechanismPosture, checked_vector, named_values
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.potentials.contract import Evaluation, Map
+from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.stiffness.reduction import RANK, Reduction, reduce_to
+from cartstiff.stiffness.tensor import StiffnessTensor
+
+__all__ = ["SCHEMA", "PostureStiffness", "analyse"]
+
+SCHEMA = "cartstiff/1"
+
+_EYE = np.eye(6)
+# K^X = K^B - (W @ _FROM_B)[X] for X = A, B, K at once: K^A = K^B - 1/2 M with the M of
+# `se3.bracket_form`, and K^X = K^A less the wrench term of the connection.
+_FROM_B = np.concatenate(
+    [
+        c._symbols_by_wrench + 0.5 * se3.bracket_form(_EYE).reshape(6, 36)
+        for c in (CARTAN_MINUS, BI_INVARIANT, KINEMATIC)
+    ],
+    axis=1,
+)
+
+#: A singularity is called near below this ratio of length-scaled singular values: stiffness, which
+#: goes with the square, then differs by more than 400 between directions.
+NEAR = 0.05
+
+
+def analyse(
+    elastic: ElasticMechanism,
+    q: ArrayLike | Mapping[str, float] | None = None,
+    *,
+    wrench: ArrayLike | None = None,
+    strict: bool = False,
+) -> PostureStiffness:
+    r"""Stiffness of a mechanism at a posture, under every connection.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        Mechanism and potentials, from `cartstiff.load`.
+    q : array_like (n,) or mapping, optional
+        Coordinates in rad and length units, in joint order or by name; default the file's posture.
+        For a platform: x, y, z, roll, pitch, yaw. A closed chain is assembled from there.
+    wrench : array_like (6,), optional
+        W = (moment, force) in the body frame that the environment applies. All rest positions are
+        then chosen so that the springs balance it at q. Without it, springs with a rest position
+        exert what they exert, and those without carry gravity.
+    strict : bool
+        Raise where a stiffness matrix does not exist, instead of returning None with a note.
+
+    Returns
+    -------
+    PostureStiffness
+        Pose, Jacobian, wrench, energy, K^A, K^B, K^K, K^F, compliances, notes.
+
+    Raises
+    ------
+    InputError
+        For a wrong count, an unknown name, or numbers that are not finite.
+    ConvergenceError
+        If a closed chain cannot be assembled near q.
+    UndefinedError
+        With `strict`, for a singular, unbalanced or buckled state.
+    """
+    if q is None:
+        values = elastic.q
+    elif isinstance(q, Mapping):
+        values = named_values(q, elastic.names, elastic.q, "q")
+    else:
+        values = elastic.mechanism.checked(q)
+    notes = list(elastic.notes)
+    given = None
+    if wrench is not None:
+        given = checked_vector(wrench, 6, "wrench")
+        if elastic.springs is None:
+            raise InputError(
+                "the load of this mechanism follows from its potentials and cannot be given",
+                expected="no wrench here",
+            )
+    posture = elastic.mechanism.closed(values)
+    elastic, energy = elastic._balanced_with_evaluation(posture, given)
+    reduction = reduce_to(
+        posture.motion,
+        energy,
+        posture.closure,
+        posture.length,
+        posture.coordinate_lengths,
+        force=given,
+    )
+    notes += [Note(*state) for state in reduction.states]
+    notes += _near_singular(posture, reduction)
+    for term in elastic.terms():
+        if isinstance(term, LineSprings) and (slack := term.slack(posture)):
+            numbers = ", ".join(str(i) for i in slack)
+            notes.append(Note("slack", f"cables {numbers} are slack and carry nothing",
+                              {"slack": slack}))  # fmt: skip
+    result = PostureStiffness(elastic, posture.q, posture, energy, reduction, tuple(notes))
+    if strict and reduction.stiffness is None:
+        state = reduction.states[-1]
+        raise UndefinedError(state.message, code=state.code, values=state.values)
+    return result
+
+
+def _near_singular(posture: MechanismPosture, reduction: Reduction) -> list[Note]:
+    """Warnings where a Jacobian has lost rank or is about to."""
+    notes = []
+    values = reduction.singular_values
+    if reduction.rank == 6 and values[5] < NEAR * values[0]:
+        notes.append(
+            Note(
+                "near-serial-singularity",
+                f"the end-effector hardly moves in one direction: smallest over largest singular "
+                f"value {values[5] / values[0]:.2g}",
+                {"singular_values": values.tolist(), "characteristic_length": posture.length},
+            )
+        )
+    if posture.actuation is not None:
+        rates = posture.actuation * posture.coordinate_lengths
+        if reduction.motions is not None:
+            rates = rates @ reduction.motions
+        values = np.linalg.svd(rates, compute_uv=False)
+        if len(values) == rates.shape[1] and values[-1] < NEAR * values[0]:
+            motions = np.linalg.svd(rates)[2]
+            if reduction.motions is not None:
+                motions = motions @ reduction.motions.T
+            lost = int(np.sum(values <= RANK * values[0]))
+            weak = lost or int(np.sum(values < NEAR * values[0]))
+            notes.append(
+                Note(
+                    "type-2-singularity" if lost else "near-type-2-singularity",
+                    f"the actuators {'do not' if lost else 'hardly'} hold the mechanism in {weak} "
+                    f"direction(s): smallest over largest singular value "
+                    f"{values[-1] / values[0]:.2g}",
+                    {
+                        "singular_values": values.tolist(),
+                        "characteristic_length": posture.length,
+                        "directions": (motions[-weak:] * posture.coordinate_lengths).tolist(),
+                    },
+                )
+            )
+    return notes
+
+
+def _inverses(matrices: list[Array]) -> list[Array | None]:
+    """Inverses of 6x6 matrices, None where fourteen digits are lost.
+
+    The product of Frobenius norms bounds the condition number; it is much cheaper than an SVD.
+    """
+    stack = np.array(matrices)
+    try:
+        inverses = np.linalg.inv(stack)
+    except np.linalg.LinAlgError:
+        return [None] if len(matrices) == 1 else [_inverses([m])[0] for m in matrices]
+    flat, flat_inverses = stack.reshape(-1, 36), inverses.reshape(-1, 36)
+    condition = (flat * flat).sum(axis=1) * (flat_inverses * flat_inverses).sum(axis=1)
+    return [m if c < 1e28 else None for m, c in zip(inverses, condition.tolist(), strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class PostureStiffness:
+    """Everything known about a mechanism's stiffness at one posture.
+
+    Attributes
+    ----------
+    elastic : ElasticMechanism
+        The mechanism with the rest positions that were used.
+    q : ndarray (n,)
+        Coordinates.
+    posture : MechanismPosture
+        Kinematics at q.
+    evaluation : Evaluation
+        Energy, gradient, Hessian in the coordinates.
+    reduction : Reduction
+        The reduction to the end-effector.
+    """
+
+    elastic: ElasticMechanism
+    q: Array
+    posture: MechanismPosture
+    evaluation: Evaluation
+    reduction: Reduction
+    _notes: tuple[Note, ...]
+
+    @property
+    def pose(self) -> Array:
+        """``T_F_M`` (4, 4)."""
+        return self.posture.pose
+
+    @property
+    def wrench(self) -> Array | None:
+        """W = dPhi in the body frame; None in an unbalanced posture."""
+        return self.reduction.force
+
+    @property
+    def energy(self) -> float:
+        """Potential energy."""
+        return self.evaluation.energy
+
+    def motion_under(self, wrench: ArrayLike, change: ArrayLike | None = None) -> Array:
+        """Linear motion of all coordinates (n,) under an added wrench (6,) in the body frame.
+
+        ``dq = N (H_N + J_N^T D J_N)^-1 J_N^T dW`` with D = K^X - K^B for another connection X than
+        B: J dq is then ``(K^X)^-1 dW``.
+
+        Parameters
+        ----------
+        change : array_like, shape (6, 6), optional
+            D; zero by default.
+
+        Raises
+        ------
+        UndefinedError
+            In an unbalanced posture, or where a motion costs nothing.
+        """
+        W, reduction, posture = self.wrench, self.reduction, self.posture
+        if W is None:
+            state = reduction.states[-1]
+            raise UndefinedError(state.message, code=state.code, values=state.values)
+        columns, J = posture.coordinate_lengths, posture.motion.jacobian
+        H = self.evaluation.hessian - posture.motion.curvature(W)
+        if posture.closure is not None:
+            H = H + posture.closure.curvature(reduction.multipliers)
+        if change is not None:
+            H = H + J.T @ np.asarray(change, float) @ J
+        free = np.diag(columns)
+        if reduction.motions is not None:
+            free = columns[:, None] * reduction.motions
+        H_N = free.T @ H @ free
+        if np.linalg.cond(H_N) > 1e14:
+            raise UndefinedError("a motion costs nothing: no linear motion", code="no-shares")
+        motion: Array = free @ np.linalg.solve(H_N, (J @ free).T @ np.asarray(wrench, float))
+        return motion
+
+    @property
+    def closure_forces(self) -> Array:
+        """Forces lam (m,) of the closures on the mechanism, in the order of its residual."""
+        return self.reduction.multipliers
+
+    @cached_property
+    def matrices(self) -> dict[str, Array | None]:
+        """K^A, K^B, K^K, K^F as arrays (6, 6), None where one does not exist."""
+        K, W = self.reduction.stiffness, self.reduction.force
+        if K is None or W is None:
+            return {"A": None, "B": None, "K": None, "F": None}
+        found = K - (W @ _FROM_B).reshape(3, 6, 6)
+        return {"A": found[0], "B": found[1], "K": found[2], "F": self._flat[0]}
+
+    @cached_property
+    def compliances(self) -> dict[str, Array | None]:
+        """Inverses of `matrices`; C^A, C^B and C^K exist at kinematic singularities too.
+
+        There from C^B and the load alone: K^X = K^B + D gives C^X = C^B (I + D C^B)^-1.
+        """
+        W, C = self.wrench, self.reduction.compliance
+        if self.reduction.stiffness is not None:
+            inverses = _inverses([K for K in self.matrices.values() if K is not None])
+            inverses += [None] * (4 - len(inverses))
+            return dict(zip("ABKF", inverses, strict=True))
+        if C is None or W is None:
+            return dict.fromkeys("ABKF")
+        found = []
+        for D in -(W @ _FROM_B).reshape(3, 6, 6):
+            factor = _inverses([_EYE + D @ C])[0]
+            found.append(None if factor is None else C @ factor)
+        return dict(zip("ABKF", [*found, None], strict=True))
+
+    @cached_property
+    def _flat(self) -> tuple[Array | None, Array | None, Note | None]:
+        """K^F, d(chart coordinates)/d(twist), and the reason if there is none."""
+        rates = self.reduction.rates
+        if self.reduction.stiffness is None:
+            return None, None, None  # the reason for the other matrices is this one's too
+        chart = self.posture.chart()
+        if isinstance(chart, str):
+            return None, None, Note("no-chart", chart)
+        if rates is None:
+            message = f"K^F needs six free motions: there are {self.reduction.freedoms}"
+            return None, None, Note("no-chart", message)
+        if chart is OWN_COORDINATES:  # nonsingular, as `rates` exists
+            return rates.T @ self.evaluation.hessian @ rates, rates, None
+        to_chart = chart.jacobian @ rates
+        scaled = to_chart * self._natural
+        values = np.linalg.svd(scaled, compute_uv=False)
+        if not values[-1] > RANK * values[0]:
+            return (
+                None,
+                None,
+                Note(
+                    "type-2-singularity",
+                    "the actuated coordinates do not determine the pose here",
+                    {"singular_values": values.tolist()},
+                ),
+            )
+        return self._in_chart(chart, to_chart, self.evaluation), to_chart, None
+
+    @cached_property
+    def _natural(self) -> Array:
+        """Natural sizes of the six twist components."""
+        length = self.posture.length
+        return np.array([1.0, 1.0, 1.0, length, length, length])
+
+    def _in_chart(self, chart: Map, to_chart: Array, energy: Evaluation) -> Array:
+        """Hessian in the chart's coordinates y, carried to the end-effector.
+
+        The reduction with y as the output, mu its force: K^F = M^T (H + lam c'' - mu y'') M with
+        M the coordinate rates per twist.
+        """
+        rates, closure = self.reduction.rates, self.posture.closure
+        if rates is None:  # `_flat` gave the reason
+            raise UndefinedError("the coordinates are no chart here", code="no-chart")
+        mu = np.linalg.solve(to_chart.T, rates.T @ energy.gradient)
+        H = energy.hessian - chart.curvature(mu)
+        if closure is not None:
+            balance = chart.jacobian.T @ mu - energy.gradient
+            lam = np.linalg.lstsq(closure.jacobian.T, balance, rcond=RANK)[0]
+            H = H + closure.curvature(lam)
+        return rates.T @ H @ rates
+
+    @cached_property
+    def jacobian(self) -> Array | None:
+        """Body Jacobian of the joint coordinates; for a platform d(pose)/d(leg lengths)."""
+        if not self.posture.coordinates_are_pose:
+            return self.posture.motion.jacobian
+        chart = self.posture.chart()
+        if isinstance(chart, str):
+            return None
+        if self._flat[1] is None:  # else it has been seen to be regular
+            values = np.linalg.svd(chart.jacobian * self._natural, compute_uv=False)
+            if not values[-1] > RANK * values[0]:
+                return None
+        return np.linalg.inv(chart.jacobian)
+
+    @cached_property
+    def notes(self) -> tuple[Note, ...]:
+        """What was assumed, and why something does not exist."""
+        reasons = [] if self._flat[2] is None else [self._flat[2]]
+        K = self.reduction.stiffness
+        if K is not None and self.compliances["B"] is None:
+            values = np.linalg.eigvalsh(K * self._natural * self._natural[:, None])
+            reasons.append(
+                Note(
+                    "singular-stiffness",
+                    "the stiffness matrix is singular: a motion costs nothing, and there is no "
+                    "compliance matrix",
+                    {"eigenvalues": values.tolist(), "characteristic_length": self.posture.length},
+                )
+            )
+        return (*self._notes, *reasons)
+
+    def tensor(self, connection: str | Connection = "B") -> StiffnessTensor:
+        """Stiffness tensor under a named connection ("A", "B", "K", "+", "F") or any other.
+
+        Raises
+        ------
+        UndefinedError
+            If it does not exist at this posture, with the state's code and numbers.
+        """
+        K, W = self.reduction.stiffness, self.reduction.force
+        if K is None or W is None:
+            state = self.reduction.states[-1]
+            raise UndefinedError(state.message, code=state.code, values=state.values)
+        frame, units = self.elastic.mechanism.frame, self.elastic.units
+        base = StiffnessTensor(K, BI_INVARIANT, W, self.pose, frame, units)
+        if connection == "B":
+            return base
+        if connection == "F":
+            F, _, note = self._flat
+            if F is None:
+                message = note.message if note else "K^F does not exist here"
+                raise UndefinedError(message, code=note.code if note else "no-chart")
+            return StiffnessTensor(F, self.flat_connection(), W, self.pose, frame, units)
+        return base.to_connection(connection)
+
+    def flat_connection(self) -> Connection:
+        """The flat connection of the chart at this posture, [ZK]_ eq. 47, from six probe wrenches.
+
+        ``Gamma[i, j, k] W_k = K^A - K^F`` is linear in W and holds for any potential: each basis
+        wrench gives one slice.
+        """
+        _, to_chart, note = self._flat
+        chart = self.posture.chart()
+        if to_chart is None or isinstance(chart, str):
+            message = note.message if note else str(chart)
+            raise UndefinedError(message, code=note.code if note else "no-chart")
+        symbols = np.empty((6, 6, 6))
+        motion = self.posture.motion
+        for k, w in enumerate(_EYE):
+            # The linear energy w . log(pose) has gradient J^T w, K^B = 0 and the curvature of J.
+            probe = Evaluation(0.0, motion.jacobian.T @ w, motion.curvature(w))
+            K_F = self._in_chart(chart, to_chart, probe)
+            symbols[:, :, k] = -0.5 * se3.bracket_form(w) - K_F
+        return Connection(
+            "F", symbols, "Hessian in the joint coordinates", left_invariant=False, _flat=True
+        )
+
+    @property
+    def A(self) -> StiffnessTensor:  # noqa: N802
+        """K^A: wrench components in the moving frame (Cartan's minus connection)."""
+        return self.tensor("A")
+
+    @property
+    def B(self) -> StiffnessTensor:  # noqa: N802
+        """K^B: bi-invariant connection; the symmetric part of K^A."""
+        return self.tensor("B")
+
+    @property
+    def K(self) -> StiffnessTensor:  # noqa: N802
+        """K^K: kinematic connection; force components in inertial directions."""
+        return self.tensor("K")
+
+    @property
+    def F(self) -> StiffnessTensor:  # noqa: N802
+        """K^F: flat connection of the joint coordinates, J^-T (Hess Phi) J^-1."""
+        return self.tensor("F")
+
+    def as_dict(self) -> dict[str, Any]:
+        """The object printed by ``cartstiff analyse --json``."""
+
+        def plain(array: Array | None) -> list[Any] | None:
+            return None if array is None else array.tolist()
+
+        return {
+            "schema": SCHEMA,
+            "mechanism": {
+                "name": self.elastic.name,
+                "kind": self.elastic.mechanism.kind,
+                "joints": list(self.elastic.names),
+            },
+            "frame": self.elastic.mechanism.frame,
+            "order": se3.ANGULAR_LINEAR,
+            "units": self.elastic.units.as_dict(),
+            "q": self.q.tolist(),
+            "pose": self.pose.tolist(),
+            "jacobian": plain(self.jacobian),
+            "wrench": plain(self.wrench),
+            "energy": None if np.isnan(self.energy) else self.energy,
+            "stiffness": {name: plain(K) for name, K in self.matrices.items()},
+            "compliance": {name: plain(C) for name, C in self.compliances.items()},
+            "notes": [note.as_dict() for note in self.notes],
+        }

@@ -1,0 +1,69 @@
+"""Results to files, whole or not at all."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cartstiff.errors import InputError, one_line
+from cartstiff.stiffness.compute import PostureStiffness
+
+__all__ = ["write_result", "write_whole"]
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file so that readers see the old one or the new one, never half of it.
+
+    Raises
+    ------
+    InputError
+        If the place cannot be written.
+    """
+    try:
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    except OSError as error:
+        raise InputError(
+            "file cannot be written", where=one_line(str(path)), got=error.strerror
+        ) from None
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+        Path(name).chmod(0o644)
+        Path(name).replace(path)
+    except OSError as error:
+        Path(name).unlink(missing_ok=True)
+        raise InputError(
+            "file cannot be written", where=one_line(str(path)), got=error.strerror
+        ) from None
+
+
+def write_result(
+    result: PostureStiffness, path: Path, data: Mapping[str, Any] | None = None
+) -> None:
+    """Write a result as JSON (.json) or as NumPy arrays (.npz, with the JSON inside).
+
+    `data` is the JSON object, if it holds more than ``result.as_dict()``.
+    """
+    text = json.dumps(result.as_dict() if data is None else data, allow_nan=False, indent=1)
+    if path.suffix == ".json":
+        write_whole(path, text.encode() + b"\n")
+        return
+    if path.suffix != ".npz":
+        raise InputError("unknown file ending", expected=".json or .npz", got=path.name)
+    arrays = {"q": result.q, "pose": result.pose, "description": np.array(text)}
+    arrays |= {f"K_{name}": K for name, K in result.matrices.items() if K is not None}
+    arrays |= {f"C_{name}": C for name, C in result.compliances.items() if C is not None}
+    if result.wrench is not None:
+        arrays["wrench"] = result.wrench
+    if result.jacobian is not None:
+        arrays["jacobian"] = result.jacobian
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)  # type: ignore[arg-type]
+    write_whole(path, buffer.getvalue())

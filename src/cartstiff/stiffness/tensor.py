@@ -1,0 +1,389 @@
+r"""The stiffness tensor at a pose: a matrix that knows its connection, frame, load, units, order.
+
+    K(X, Y) = <nabla_Y dPhi; X> = (Y X - nabla_Y X) Phi,   K[i, j] = K(L_i, L_j)   ([ZK]_ eq. 30-33)
+
+Column j is the direction of motion, row i the component of the wrench.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.errors import InputError, UndefinedError
+from cartstiff.geometry import se3
+from cartstiff.geometry.connections import NAMED, Connection, Field
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.contract import SI, Units
+
+__all__ = ["Compliance", "StiffnessTensor", "convert_length", "format_matrix"]
+
+Order = Literal["angular-linear", "linear-angular"]
+
+_LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
+_FORCES = {"N": 1.0, "kN": 1e3, "mN": 1e-3, "daN": 10.0, "lbf": 4.4482216152605, "kgf": 9.80665}
+
+
+def convert_length(unit_from: Units, unit_to: Units) -> tuple[float, float]:
+    """Factors (length, force) that take numbers in one unit system to another.
+
+    Raises
+    ------
+    InputError
+        For a unit that is not known.
+    """
+    for units in (unit_from, unit_to):
+        if units.length not in _LENGTHS:
+            raise InputError("unknown length unit", expected=", ".join(_LENGTHS), got=units.length)
+        if units.force not in _FORCES:
+            raise InputError("unknown force unit", expected=", ".join(_FORCES), got=units.force)
+    length = _LENGTHS[unit_from.length] / _LENGTHS[unit_to.length]
+    force = _FORCES[unit_from.force] / _FORCES[unit_to.force]
+    return length, force
+
+
+def format_matrix(matrix: Array, row_units: Sequence[str], title: str = "", digits: int = 6) -> str:
+    """Matrix as aligned text, one row a line, each row followed by its unit."""
+    # One format for the whole matrix, so that columns can be compared at a glance.
+    width = digits + 8
+    lines = [title] if title else []
+    size = float(np.abs(matrix).max(initial=0.0))
+    for row, unit in zip(matrix, row_units, strict=True):
+        cells = "".join(f"{0.0 if abs(x) < 1e-14 * size else x:>{width}.{digits}g}" for x in row)
+        lines.append(f"{cells}   {unit}".rstrip())
+    return "\n".join(lines)
+
+
+@dataclass(frozen=True, eq=False)
+class StiffnessTensor:
+    """A Cartesian stiffness matrix with everything that gives it a meaning.
+
+    Attributes
+    ----------
+    matrix : ndarray, shape (6, 6)
+        K in body components of `frame`; read-only.
+    connection : Connection
+        How wrenches at neighbouring poses were compared.
+    wrench : ndarray, shape (6,)
+        W = dPhi: what the environment applies to the body to hold it; same frame, order, units.
+    pose : ndarray, shape (4, 4)
+        ``T_F_M`` of the frame.
+    frame : str
+        Name of the body frame M.
+    units : Units
+        Blocks are [[moment/rad, force], [force/rad, force/length]] in (omega, v) order.
+    order : {"angular-linear", "linear-angular"}
+        Order of twist components.
+    """
+
+    matrix: Array
+    connection: Connection
+    wrench: Array
+    pose: Array = field(default_factory=lambda: np.eye(4))
+    frame: str = "body"
+    units: Units = SI
+    order: Order = "angular-linear"
+
+    def __post_init__(self) -> None:
+        for name, shape in (("matrix", (6, 6)), ("wrench", (6,)), ("pose", (4, 4))):
+            array = np.array(getattr(self, name), float)
+            if array.shape != shape:
+                raise InputError(
+                    f"{name} has the wrong shape", expected=str(shape), got=str(array.shape)
+                )
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+        if self.order not in (se3.ANGULAR_LINEAR, se3.LINEAR_ANGULAR):
+            raise InputError(
+                "unknown order", expected="angular-linear or linear-angular", got=self.order
+            )
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        """NumPy sees the matrix."""
+        return np.array(self.matrix, dtype=dtype)
+
+    def __call__(self, x: Field | ArrayLike, y: Field | ArrayLike) -> float:
+        """K(X, Y): fields are evaluated at the pose, arrays are twists in the tensor's order."""
+        a, b = (v.at(self.pose) if isinstance(v, Field) else np.asarray(v, float) for v in (x, y))
+        if self.order != se3.ANGULAR_LINEAR:
+            a, b = (
+                se3.to_linear_angular(v) if isinstance(f, Field) else v for v, f in ((a, x), (b, y))
+            )
+        return float(a @ self.matrix @ b)
+
+    # -- symmetry ---------------------------------------------------------------------------
+
+    @property
+    def asymmetry(self) -> Array:
+        """K - K^T."""
+        return self.matrix - self.matrix.T
+
+    @property
+    def predicted_asymmetry(self) -> Array:
+        """K - K^T from load and connection alone, [ZK]_ eq. 50.
+
+        K[i, j] - K[j, i] = [L_j, L_i] Phi - (nabla_{L_j} L_i - nabla_{L_i} L_j) Phi: the wrench
+        against the torsion.
+        """
+        here = self.to_order("angular-linear")
+        term = here.connection.wrench_term(here.wrench)
+        predicted = -se3.bracket_form(here.wrench) - (term - term.T)
+        return predicted if self.order == se3.ANGULAR_LINEAR else predicted[se3.SWAP][:, se3.SWAP]
+
+    @property
+    def symmetric_part(self) -> Array:
+        """(K + K^T) / 2."""
+        return 0.5 * (self.matrix + self.matrix.T)
+
+    def split(self) -> tuple[Array, Array, Array]:
+        """The three terms (K_I, K_II, K_III) of [ZK]_ eq. 52 in the paper's chart at this pose.
+
+        K_I is the Hessian in the chart of section 2.4 placed at the pose, K_II its bracket term
+        (W against the upper triangle of the structure constants), K_III = -Gamma W. The printed
+        matrices hold for w = -dPhi; with W = dPhi, as here and as in the paper's tables, K_II and
+        K_III have the opposite sign. The rotation block of the printed K_II (53) is moreover that
+        of a chart with the rotations in the order z, y, x: its entries stand below the diagonal,
+        those of the chart of section 2.4 above it.
+        """
+        here = self.to_order("angular-linear")
+        third = -here.connection.wrench_term(here.wrench)
+        # Coordinates act in the order 1..6, so d gamma_a / d xi_b = [L_a, L_b] for b after a and
+        # K_II[i, j] = -W . [L_i, L_j] for i before j.
+        second = -np.triu(se3.bracket_form(here.wrench), 1)
+        terms = (here.matrix - second - third, second, third)
+        if self.order == se3.ANGULAR_LINEAR:
+            return terms
+        first, second, third = (t[se3.SWAP][:, se3.SWAP] for t in terms)
+        return first, second, third
+
+    # -- changes ----------------------------------------------------------------------------
+
+    def to_connection(self, connection: Connection | str) -> StiffnessTensor:
+        """The same potential under another connection: K' = K + (Gamma - Gamma') W.
+
+        Raises
+        ------
+        InputError
+            For a name that is not one of "A", "B", "K", "+".
+        """
+        if isinstance(connection, str):
+            if connection not in NAMED:
+                raise InputError(
+                    "unknown connection", expected=", ".join(NAMED), got=repr(connection)
+                )
+            connection = NAMED[connection]
+        here = self.to_order("angular-linear")
+        change = here.connection.wrench_term(here.wrench) - connection.wrench_term(here.wrench)
+        moved = replace(here, matrix=here.matrix + change, connection=connection)
+        return moved.to_order(self.order)
+
+    def to_frame(self, T_M_N: ArrayLike, frame: str = "offset frame") -> StiffnessTensor:
+        """The tensor for another frame N fixed to the same body, given ``T_M_N``.
+
+        A tensor changes by Ad: K' = Ad^T K Ad, W' = Ad^T W. The kinematic connection is that of
+        its own origin: under the same name it is another connection for N, and K^K is recomputed
+        from K^A' and W'. A connection known by its symbols is carried along.
+        """
+        T = np.asarray(T_M_N, float)
+        if not se3.is_pose(T):
+            raise InputError("T_M_N is not a rigid motion", got=T.tolist())
+        here = self.to_order("angular-linear")
+        connection = here.connection
+        if connection.tied_to_origin:
+            neutral = here.to_connection("A")
+            return neutral.to_frame(T, frame).to_connection(connection).to_order(self.order)
+        a = se3.adjoint(T)
+        moved = replace(
+            here,
+            matrix=a.T @ here.matrix @ a,
+            wrench=a.T @ here.wrench,
+            pose=here.pose @ T,
+            frame=frame,
+            connection=connection.carried_to(T),
+        )
+        return moved.to_order(self.order)
+
+    def to_order(self, order: Order) -> StiffnessTensor:
+        """Components in order "angular-linear" (ours) or "linear-angular" (Pinocchio's)."""
+        if order not in (se3.ANGULAR_LINEAR, se3.LINEAR_ANGULAR):
+            raise InputError(
+                "unknown order", expected="angular-linear or linear-angular", got=order
+            )
+        if order == self.order:
+            return self
+        return replace(
+            self, matrix=self.matrix[se3.SWAP][:, se3.SWAP], wrench=self.wrench[se3.SWAP],
+            order=order,
+        )  # fmt: skip
+
+    def to_units(self, length: str = "m", force: str = "N") -> StiffnessTensor:
+        """The same in other units of length and force; angles stay radians."""
+        units = Units(length, force)
+        a, f = convert_length(self.units, units)
+        here = self.to_order("angular-linear")
+        by_length = np.array([a, a, a, 1.0, 1.0, 1.0])
+        # Wrench rows scale by (force length, force); twist columns by (1, 1/length).
+        pose = here.pose.copy()
+        pose[:3, 3] *= a
+        connection = replace(here.connection, symbols=_scale_symbols(here.connection.symbols, a))
+        moved = replace(
+            here,
+            matrix=here.matrix * f * np.outer(by_length, np.array([1.0] * 3 + [1 / a] * 3)),
+            wrench=here.wrench * f * by_length,
+            pose=pose,
+            units=units,
+            connection=connection,
+        )
+        return moved.to_order(self.order)
+
+    def compliance(self) -> Compliance:
+        """Inverse matrix: motion (rows) per wrench (columns).
+
+        Raises
+        ------
+        UndefinedError
+            If the matrix is singular, with its length-scaled singular values.
+        """
+        here = self.to_order("angular-linear")
+        diagonal = np.diag(here.matrix)
+        turning, moving = np.abs(diagonal[:3]).sum(), np.abs(diagonal[3:]).sum()
+        length = float(np.sqrt(turning / moving)) if turning > 0 and moving > 0 else 1.0
+        rows = np.array([1.0] * 3 + [length] * 3)
+        scaled = here.matrix * rows * rows[:, None] / length**2
+        values = np.linalg.svd(scaled, compute_uv=False)
+        if not values[-1] > 1e-14 * values[0]:
+            raise UndefinedError(
+                "the stiffness matrix is singular: it has no inverse",
+                code="singular-stiffness",
+                values={"singular_values": values.tolist(), "length": length},
+            )
+        inverse = np.linalg.inv(scaled) * rows * rows[:, None] / length**2
+        tensor = Compliance(
+            inverse, self.connection, here.pose, self.frame, self.units, "angular-linear"
+        )
+        return tensor if self.order == se3.ANGULAR_LINEAR else tensor.to_order(self.order)
+
+    # -- output -----------------------------------------------------------------------------
+
+    @property
+    def block_units(self) -> tuple[tuple[str, str], tuple[str, str]]:
+        """Units of the four 3x3 blocks, in the tensor's order."""
+        f, m, length = self.units.force, self.units.moment, self.units.length
+        if self.order == se3.ANGULAR_LINEAR:
+            return (f"{m}/rad", f), (f"{f}/rad", f"{f}/{length}")
+        return (f"{f}/{length}", f"{f}/rad"), (f, f"{m}/rad")
+
+    def __str__(self) -> str:
+        (a, b), (c, d) = self.block_units
+        title = f"K^{self.connection.name} in {self.frame}, order {self.order}"
+        return format_matrix(self.matrix, [f"[{a} | {b}]"] * 3 + [f"[{c} | {d}]"] * 3, title)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {
+            "matrix": self.matrix.tolist(),
+            "connection": self.connection.as_dict(),
+            "wrench": self.wrench.tolist(),
+            "pose": self.pose.tolist(),
+            "frame": self.frame,
+            "units": self.units.as_dict(),
+            "order": self.order,
+        }
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> StiffnessTensor:
+        """Inverse of `as_dict`."""
+        try:
+            connection = Connection.from_dict(data["connection"])
+            units = Units(data["units"]["length"], data["units"]["force"])
+            convert_length(units, SI)
+            return cls(
+                np.array(data["matrix"]), connection, np.array(data["wrench"]),
+                np.array(data["pose"]), data["frame"], units, data["order"],
+            )  # fmt: skip
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError("not the data of a stiffness tensor", got=str(error)) from None
+
+    def as_json(self) -> str:
+        """JSON text with full double precision."""
+        return json.dumps(self.as_dict())
+
+    def as_csv(self) -> str:
+        """The matrix as CSV at full double precision, with a comment line saying what it is."""
+        buffer = io.StringIO()
+        (a, b), (c, d) = self.block_units
+        header = (
+            f"K^{self.connection.name}, frame {self.frame}, order {self.order}, "
+            f"blocks [[{a}, {b}], [{c}, {d}]]"
+        )
+        np.savetxt(buffer, self.matrix, delimiter=",", fmt="%.17g", header=header)
+        return buffer.getvalue()
+
+    def save(self, path: str | Path) -> None:
+        """Write to .json, .csv or .npz (matrix, wrench, pose), by the file's ending.
+
+        Raises
+        ------
+        InputError
+            For another ending.
+        """
+        path = Path(path)
+        if path.suffix == ".json":
+            path.write_text(self.as_json() + "\n", encoding="utf-8")
+        elif path.suffix == ".csv":
+            path.write_text(self.as_csv(), encoding="utf-8")
+        elif path.suffix == ".npz":
+            np.savez(
+                path, matrix=self.matrix, wrench=self.wrench, pose=self.pose,
+                description=np.array(json.dumps(self.as_dict())),
+            )  # fmt: skip
+        else:
+            raise InputError("unknown file ending", expected=".json, .csv or .npz", got=path.name)
+
+
+def _scale_symbols(symbols: Array, a: float) -> Array:
+    """Christoffel symbols when lengths are multiplied by `a`: each linear component scales."""
+    s = np.array([1.0] * 3 + [a] * 3)
+    return symbols / s[:, None, None] / s[None, :, None] * s[None, None, :]
+
+
+@dataclass(frozen=True, eq=False)
+class Compliance:
+    """A compliance matrix: twist (rows) per wrench (columns); the inverse of a stiffness matrix."""
+
+    matrix: Array
+    connection: Connection
+    pose: Array
+    frame: str
+    units: Units
+    order: Order = "angular-linear"
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        """NumPy sees the matrix."""
+        return np.array(self.matrix, dtype=dtype)
+
+    def to_order(self, order: Order) -> Compliance:
+        """Components in another order."""
+        if order == self.order:
+            return self
+        return replace(self, matrix=self.matrix[se3.SWAP][:, se3.SWAP], order=order)
+
+    @property
+    def block_units(self) -> tuple[tuple[str, str], tuple[str, str]]:
+        """Units of the four 3x3 blocks, in the tensor's order."""
+        f, m, length = self.units.force, self.units.moment, self.units.length
+        if self.order == se3.ANGULAR_LINEAR:
+            return (f"rad/({m})", f"rad/{f}"), (f"{length}/({m})", f"{length}/{f}")
+        return (f"{length}/{f}", f"{length}/({m})"), (f"rad/{f}", f"rad/({m})")
+
+    def __str__(self) -> str:
+        (a, b), (c, d) = self.block_units
+        title = f"C^{self.connection.name} in {self.frame}, order {self.order}"
+        return format_matrix(self.matrix, [f"[{a} | {b}]"] * 3 + [f"[{c} | {d}]"] * 3, title)
