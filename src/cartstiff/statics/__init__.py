@@ -1,0 +1,1 @@
+"""Equilibrium under load, its stability, load-deflection curves, compensation along a path."""

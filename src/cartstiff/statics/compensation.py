@@ -1,0 +1,103 @@
+"""Commands along a path as a value, with the errors before and after compensation."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.statics.held import COMPONENTS
+
+__all__ = ["CompensatedPath"]
+
+
+@dataclass(frozen=True, eq=False)
+class CompensatedPath:
+    """Commands along a path, and the errors without and with them.
+
+    Attributes
+    ----------
+    poses : ndarray (m, 4, 4)
+        ``T_F_M`` wanted.
+    q : ndarray (m, n)
+        Postures that have these poses.
+    commands : ndarray (m, k)
+        Rest positions to command, in spring order (joints; legs of a platform).
+    naive : ndarray (m, k)
+        Rest positions without compensation: those at which the springs carry nothing.
+    before, after : ndarray (m, 6)
+        Error of the loaded end-effector, rotation vector and translation in axes of F, with the
+        naive and with the compensated commands; NaN where no equilibrium was found.
+    stable : tuple of bool or None
+        Whether the compensated equilibrium is stable.
+    notes : tuple of Note
+        Commands beyond limits, points without an equilibrium or with an unstable one.
+    """
+
+    elastic: ElasticMechanism
+    poses: Array
+    q: Array
+    commands: Array
+    naive: Array
+    before: Array
+    after: Array
+    stable: tuple[bool | None, ...]
+    notes: tuple[Note, ...]
+
+    @property
+    def offsets(self) -> Array:
+        """Change of the command by the compensation, (m, k)."""
+        return self.commands - self.naive
+
+    def summary(self) -> dict[str, dict[str, float]]:
+        """Largest and root-mean-square errors, in rad and length units, before and after."""
+        report = {}
+        for name, errors in (("before", self.before), ("after", self.after)):
+            turned = np.linalg.norm(errors[:, :3], axis=1)
+            moved = np.linalg.norm(errors[:, 3:], axis=1)
+            known = ~np.isnan(moved)
+            report[name] = {
+                "points": float(known.sum()),
+                "rotation_max": float(turned[known].max(initial=0.0)),
+                "rotation_rms": float(np.sqrt(np.mean(turned[known] ** 2))) if known.any() else 0.0,
+                "translation_max": float(moved[known].max(initial=0.0)),
+                "translation_rms": float(np.sqrt(np.mean(moved[known] ** 2)))
+                if known.any()
+                else 0.0,
+            }
+        return report
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+
+        def rows(errors: Array) -> list[list[float] | None]:
+            return [None if np.isnan(e).any() else e.tolist() for e in errors]
+
+        return {
+            "units": self.elastic.units.as_dict(),
+            "springs": list(self.elastic.spring_names),
+            "poses": self.poses.tolist(),
+            "q": self.q.tolist(),
+            "commands": self.commands.tolist(),
+            "error_before": rows(self.before),
+            "error_after": rows(self.after),
+            "stable": list(self.stable),
+            "summary": self.summary(),
+            "notes": [note.as_dict() for note in self.notes],
+        }
+
+    def as_csv(self) -> str:
+        """Commands and errors, one line a point."""
+        header = ",".join(
+            [f"command_{name}" for name in self.elastic.spring_names]
+            + [f"before_{c}" for c in COMPONENTS]
+            + [f"after_{c}" for c in COMPONENTS]
+        )
+        table = np.column_stack([self.commands, self.before, self.after])
+        buffer = io.StringIO()
+        np.savetxt(buffer, table, delimiter=",", fmt="%.17g", header=header, comments="")
+        return buffer.getvalue()

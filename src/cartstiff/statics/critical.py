@@ -1,0 +1,125 @@
+r"""Critical loads on a curve of equilibria: where H_N becomes singular, and what that means."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from cartstiff.errors import ConvergenceError
+from cartstiff.geometry.se3 import Array
+from cartstiff.statics.path import LoadPath, State
+
+__all__ = ["CriticalPoint", "crossings"]
+
+# Share of f_N along the mode below which the load does not excite it: then curves cross.
+_UNFELT = 1e-6
+_BISECTIONS = 100
+
+
+@dataclass(frozen=True, eq=False)
+class CriticalPoint:
+    """A point where a motion loses its stiffness.
+
+    Attributes
+    ----------
+    factor : float
+        Load factor.
+    q : ndarray (n,)
+        Coordinates.
+    kind : {"limit", "bifurcation"}
+        "limit": the load is stationary along the curve, the mechanism snaps through.
+        "bifurcation": another curve of equilibria starts here.
+    mode : ndarray (n,)
+        The motion, in natural units, of length 1.
+    eigenvalue : float
+        What is left of the stiffness along it, as a share of the largest one just before.
+    """
+
+    factor: float
+    q: Array
+    kind: Literal["limit", "bifurcation"]
+    mode: Array
+    eigenvalue: float
+    _state: State
+
+
+def _negative(state: State) -> int:
+    """Number of negative eigenvalues; without an energy the parity of the determinant."""
+    if state.is_conservative:
+        return int(np.sum(state.eigenvalues < 0.0))
+    return int(np.linalg.slogdet(state.balance.stiffness)[0] < 0.0)
+
+
+def _measure(index: int) -> Callable[[State], float]:
+    """What changes its sign at the critical point."""
+
+    def value(state: State) -> float:
+        if state.is_conservative:
+            return float(state.eigenvalues[index])
+        size = max(float(np.abs(state.eigenvalues).max(initial=0.0)), 1e-300)
+        return float(np.linalg.det(state.balance.stiffness / size))
+
+    return value
+
+
+def crossings(path: LoadPath, start: State, end: State, size: float) -> list[CriticalPoint]:
+    """Critical points between two neighbours on a curve, `size` apart along its direction."""
+    before, after = _negative(start), _negative(end)
+    found = []
+    for index in range(min(before, after), max(before, after)):
+        state = _located(path, start, end, size, _measure(index))
+        found.append(_named(state, float(np.abs(start.eigenvalues).max())))
+    return sorted(found, key=lambda c: float((c.q - start.point.q) @ (c.q - start.point.q)))
+
+
+def _located(
+    path: LoadPath, start: State, end: State, size: float, measure: Callable[[State], float]
+) -> State:
+    """Root by secants kept in their bracket (every third step halves it)."""
+    a, b = 0.0, size
+    value_a, value_b = measure(start), measure(end)
+    best = start if abs(value_a) < abs(value_b) else end
+    for iteration in range(_BISECTIONS):
+        if b - a <= 1e-15 * size or value_a == value_b:
+            break
+        middle = 0.5 * (a + b)
+        if iteration % 3 != 2:
+            secant = b - value_b * (b - a) / (value_b - value_a)
+            margin = 1e-3 * (b - a) if iteration % 3 == 1 else 0.0
+            middle = min(max(secant, a + margin), b - margin)
+        try:
+            state = path.step(start, middle)
+        except ConvergenceError:
+            break  # at a crossing of curves the way back is ambiguous; `best` is next to it
+        value = measure(state)
+        if abs(value) < abs(measure(best)):
+            best = state
+        largest = float(np.abs(state.eigenvalues).max(initial=0.0))
+        if abs(value) <= 1e-14 * largest or middle in (a, b):
+            break
+        if (value < 0.0) == (value_a < 0.0):
+            a, value_a = middle, value
+        else:
+            b, value_b = middle, value
+    return best
+
+
+def _named(state: State, stiffest: float) -> CriticalPoint:
+    H = state.balance.stiffness
+    U, values, Vt = np.linalg.svd(H)
+    left, mode = U[:, -1], Vt[-1]
+    felt = abs(float(left @ state.push))
+    scale = max(float(np.linalg.norm(state.push)), stiffest, 1e-300)
+    kind: Literal["limit", "bifurcation"] = "limit" if felt > _UNFELT * scale else "bifurcation"
+    motion = state.balance.motion(mode)
+    return CriticalPoint(
+        state.factor,
+        state.point.q,
+        kind,
+        motion,
+        float(values[-1] / max(stiffest, 1e-300)),
+        state,
+    )

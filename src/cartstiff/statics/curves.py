@@ -1,0 +1,121 @@
+"""A load-deflection curve as a value: points, stability, critical loads, linear prediction."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.statics.critical import CriticalPoint
+from cartstiff.statics.held import COMPONENTS
+from cartstiff.statics.limits import Limits
+from cartstiff.statics.path import LoadPath
+
+__all__ = ["LoadCurve", "Reason"]
+
+#: Why a curve ends.
+Reason = Literal["factor-reached", "factor-left", "points-reached", "limit-contact", "lost"]
+
+
+@dataclass(frozen=True, eq=False)
+class LoadCurve:
+    """Equilibria along a growing (and perhaps falling) load.
+
+    Attributes
+    ----------
+    factors : ndarray (m,)
+        Load factors p.
+    q : ndarray (m, n)
+        Coordinates.
+    displacement : ndarray (m, 6)
+        From the unloaded pose: rotation vector and translation, axes of F.
+    linear : ndarray (m, 6)
+        What the compliance at the start predicts; NaN if there is none.
+    eigenvalue : ndarray (m,)
+        Smallest eigenvalue of H_N (real part, without an energy).
+    stable : tuple of bool or None
+        Whether H_N is positive definite; None without an energy or at a zero eigenvalue.
+    critical : tuple of CriticalPoint
+        In the order in which the curve meets them.
+    reason : str
+        "factor-reached"; "factor-left": the load fell below what was asked for; "points-reached";
+        "limit-contact": a joint limit was met; "lost": no next point was found.
+    """
+
+    elastic: ElasticMechanism
+    factors: Array
+    q: Array
+    displacement: Array
+    linear: Array
+    eigenvalue: Array
+    stable: tuple[bool | None, ...]
+    critical: tuple[CriticalPoint, ...]
+    reason: Reason
+    _path: LoadPath
+    _limits: Limits
+    _origin: Array
+    _rate: Array
+    _goal: float
+    _back: float
+    _resolution: float
+
+    @cached_property
+    def deviation(self) -> Array:
+        """Distance of the linear prediction from the curve over the displacement, (m,).
+
+        Rotations count with the characteristic length; 0 where nothing moves.
+        """
+        length = self.elastic.mechanism.at(self.q[0]).length
+        scale = np.array([length] * 3 + [1.0] * 3)
+        off: Array = np.linalg.norm((self.linear - self.displacement) * scale, axis=1)
+        size = np.linalg.norm(self.displacement * scale, axis=1)
+        return np.asarray(np.divide(off, size, out=np.zeros(len(off)), where=size > 1e-12 * length))
+
+    def linear_up_to(self, tolerance: float = 0.05) -> float:
+        """Factor up to which the linear prediction stays within a relative deviation."""
+        off, factors = self.deviation, np.abs(self.factors)
+        bad = np.flatnonzero(~(off <= tolerance))
+        if bad.size == 0:
+            return float(factors.max())
+        i = int(bad[0])
+        if i == 0 or np.isnan(off[i]):
+            return 0.0
+        share = (tolerance - off[i - 1]) / (off[i] - off[i - 1])
+        return float(factors[i - 1] + share * (factors[i] - factors[i - 1]))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {
+            "units": self.elastic.units.as_dict(),
+            "joints": list(self.elastic.names),
+            "factor": self.factors.tolist(),
+            "q": self.q.tolist(),
+            "displacement": self.displacement.tolist(),
+            "linear": [None if np.isnan(row).any() else row.tolist() for row in self.linear],
+            "eigenvalue": self.eigenvalue.tolist(),
+            "stable": list(self.stable),
+            "critical": [
+                {"factor": c.factor, "kind": c.kind, "q": c.q.tolist(), "mode": c.mode.tolist()}
+                for c in self.critical
+            ],
+            "reason": self.reason,
+        }
+
+    def as_csv(self) -> str:
+        """Factor, coordinates, displacement, linear prediction, eigenvalue: one line a point."""
+        header = ",".join(
+            ["factor", *self.elastic.names, *COMPONENTS]
+            + [f"linear_{c}" for c in COMPONENTS]
+            + ["eigenvalue"]
+        )
+        table = np.column_stack(
+            [self.factors, self.q, self.displacement, self.linear, self.eigenvalue]
+        )
+        buffer = io.StringIO()
+        np.savetxt(buffer, table, delimiter=",", fmt="%.17g", header=header, comments="")
+        return buffer.getvalue()

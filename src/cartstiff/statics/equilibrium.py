@@ -1,0 +1,128 @@
+r"""Static equilibrium of any elastic mechanism under load: where it comes to rest, and how firmly.
+
+The energy of springs, gravity and loads is minimised over all coordinates that keep the closures,
+the held components of the end-effector's displacement and the limits; forces that have no energy
+are balanced. See `cartstiff.statics.problem` for the equations, `cartstiff.statics.newton` for
+the method.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from numpy.typing import ArrayLike
+
+from cartstiff.errors import ConvergenceError, InputError
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.contract import named_values
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.potentials.contract import Potential
+from cartstiff.potentials.loads import Scaled
+from cartstiff.statics.held import Held
+from cartstiff.statics.limits import Contact, Limits
+from cartstiff.statics.newton import Solution, solve
+from cartstiff.statics.problem import System
+from cartstiff.statics.rest import Equilibrium, Reactions, state_of_rest
+
+__all__ = ["Equilibrium", "Held", "Reactions", "equilibrium"]
+
+# Steps in which loads and displacements are put on where they cannot be put on at once.
+_STAGES = 8
+
+
+def equilibrium(
+    elastic: ElasticMechanism,
+    *loads: Potential,
+    q0: ArrayLike | Mapping[str, float] | None = None,
+    held: Held | Mapping[str, float] | None = None,
+    limits: bool = True,
+    settle: bool = True,
+    iterations: int = 200,
+) -> Equilibrium:
+    r"""Where a mechanism comes to rest under load.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        Mechanism and potentials, from `cartstiff.load`. Springs without a rest position carry
+        gravity at `q0`, where the mechanism is then at rest without load.
+    *loads : Potential
+        What acts besides: `DeadForce`, `DeadWrench`, `FollowerWrench`, `payload`, or any energy.
+    q0 : array_like (n,) or mapping, optional
+        Start, in rad and length units, in joint order or by name; default the file's posture.
+    held : Held or mapping, optional
+        Displacement of a frame prescribed partly or wholly. A mapping such as ``{"z": -0.005}``
+        counts from the pose at the start, along the body's axes there.
+    limits : bool
+        Keep joint (or leg) limits, as contacts.
+    settle : bool
+        Go on from an unstable equilibrium to a stable one, where the loads have a potential.
+        Without it the equilibrium found first is returned, stable or not.
+    iterations : int
+        Bound on the number of Newton steps, for each stage of loading.
+
+    Returns
+    -------
+    Equilibrium
+        Coordinates, residual, stability, reactions, stiffness.
+
+    Raises
+    ------
+    InputError
+        For a wrong count, an unknown name, numbers that are not finite, or a load that is none.
+    ConvergenceError
+        If no equilibrium is found, neither at once nor with the loads put on in stages.
+    UndefinedError
+        If a force does not exist at the start (a line of zero length).
+
+    Examples
+    --------
+    >>> import cartstiff
+    >>> from cartstiff.potentials.loads import DeadForce
+    >>> state = equilibrium(cartstiff.load("stewart-gough"), DeadForce([0.0, 0.0, -50.0]))
+    >>> state.stable
+    True
+    """
+    if iterations < 1:
+        raise InputError("bound on the steps cannot be used", expected="1 or more", got=iterations)
+    names = elastic.names
+    q = elastic.q if q0 is None else (
+        named_values(q0, names, elastic.q, "q0")
+        if isinstance(q0, Mapping)
+        else elastic.mechanism.checked(q0, "q0")
+    )  # fmt: skip
+    elastic = elastic.balanced(q)
+    start = elastic.mechanism.at(q)
+    if held is not None:
+        held = (held if isinstance(held, Held) else Held(held)).at_start(start)
+    system = System(elastic, loads, held, Limits(elastic.mechanism, ignore=not limits))
+    stages = 1
+    try:
+        solution = solve(system, q, iterations=iterations, settle=settle)
+    except ConvergenceError as error:
+        if not loads and held is None:
+            raise
+        staged = _in_stages(system, q, iterations, settle)
+        if staged is None:
+            raise error from None
+        solution, stages = staged, _STAGES
+    return state_of_rest(system, solution, start, stages)
+
+
+def _in_stages(system: System, q: Array, iterations: int, settle: bool) -> Solution | None:
+    """Loads and held displacements put on step by step; None if that fails too."""
+    solution = None
+    contacts: tuple[Contact, ...] = ()
+    try:
+        for stage in range(1, _STAGES + 1):
+            share = stage / _STAGES
+            loads = system.loads if stage == _STAGES else [Scaled(f, share) for f in system.loads]
+            held = None if system.held is None else system.held.scaled(share)
+            part = System(system.elastic, loads, held, system.limits)
+            solution = solve(
+                part, q, contacts=contacts, iterations=min(iterations, 40), settle=settle
+            )
+            q, contacts = solution.point.q, solution.contacts
+    except ConvergenceError:
+        return None
+    return solution

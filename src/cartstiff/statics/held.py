@@ -1,0 +1,182 @@
+r"""Displacement of a frame prescribed partly or wholly: components held, with their reactions.
+
+From a reference pose (R_0, p_0) the displacement of a frame is the rotation vector log(R_0^T R) and
+the translation p - p_0, both counted along the axes of the reference pose or of the world. Held
+components are constraints d(q) = value; their multipliers are the reactions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import factorial
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.contract import MechanismPosture
+from cartstiff.potentials.contract import Map
+
+__all__ = ["COMPONENTS", "Held", "displacement_between"]
+
+#: Names of the components, rotations first.
+COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
+
+# (1 - (t/2) cot(t/2)) / t^2 = sum_k |B_2k| t^(2k-2) / (2k)!, up to an angle of 1: the first
+# neglected term is then below 1e-16 of the sum.
+_BERNOULLI = (1 / 6, 1 / 30, 1 / 42, 1 / 30, 5 / 66, 691 / 2730, 7 / 6, 3617 / 510, 43867 / 798)
+_SERIES = [b / factorial(2 * k) for k, b in enumerate((*_BERNOULLI, 174611 / 330), start=1)]
+
+
+@dataclass(frozen=True)
+class Held:
+    """Components of a frame's displacement that are held at given values.
+
+    Attributes
+    ----------
+    values : mapping of str to float
+        Held components ("rx", "ry", "rz" in rad; "x", "y", "z" in length units) with the
+        displacement wanted; the others are free.
+    reference : ndarray (4, 4) or None
+        Pose in F the displacement counts from; None: the pose at the start.
+    axes : {"body", "world"}
+        Axes of the components: those of the reference pose, or of F.
+    frame : str
+        The frame held; "body" is the frame of interest M.
+
+    Raises
+    ------
+    UnknownNameError
+        For a component that does not exist.
+    InputError
+        For values that are not finite, rotations of half a turn or more, a reference that is no
+        rigid motion, or unknown axes.
+    """
+
+    values: Mapping[str, float]
+    reference: Array | None = None
+    axes: Literal["body", "world"] = "body"
+    frame: str = "body"
+
+    def __post_init__(self) -> None:
+        for name, value in self.values.items():
+            if name not in COMPONENTS:
+                raise UnknownNameError("displacement component", str(name), COMPONENTS)
+            if not np.isfinite(value):
+                raise InputError(f"held displacement {name} must be finite", got=value)
+        if not self.values:
+            raise InputError("nothing is held", expected="one or more of " + ", ".join(COMPONENTS))
+        turned = float(np.linalg.norm([self.values.get(c, 0.0) for c in COMPONENTS[:3]]))
+        if turned >= 3.1:
+            raise InputError("held rotation is too large", expected="below 3.1 rad", got=turned)
+        if self.axes not in ("body", "world"):
+            raise InputError("unknown axes", expected="body or world", got=self.axes)
+        if self.reference is not None and not se3.is_pose(self.reference):
+            raise InputError("reference pose is not a rigid motion", got=self.reference)
+
+    @classmethod
+    def from_pose(cls, T_F_f: ArrayLike, frame: str = "body") -> Held:
+        """All six components held at a pose."""
+        return cls(dict.fromkeys(COMPONENTS, 0.0), np.asarray(T_F_f, float), frame=frame)
+
+    @property
+    def rows(self) -> list[int]:
+        """Indices of the held components."""
+        return [i for i, name in enumerate(COMPONENTS) if name in self.values]
+
+    @property
+    def names(self) -> list[str]:
+        """Held components in order."""
+        return [COMPONENTS[i] for i in self.rows]
+
+    def at_start(self, posture: MechanismPosture) -> Held:
+        """The same with its reference: the pose at the start where none was given."""
+        if self.reference is not None:
+            return self
+        return replace(self, reference=posture.relative("world", self.frame)[0])
+
+    def scaled(self, factor: float) -> Held:
+        """The same with all displacements multiplied."""
+        return replace(self, values={n: factor * v for n, v in self.values.items()})
+
+    def constraint(self, posture: MechanismPosture) -> tuple[Array, Map, Array]:
+        """Residual (k,), its map of the coordinates, and its Jacobian (k, 6) on body twists."""
+        T, to_pose = posture.relative("world", self.frame)
+        reference = T if self.reference is None else self.reference
+        displacement, D, second = _components(reference, T, self.axes)
+        rows = self.rows
+        wanted = np.array([self.values[name] for name in self.names])
+        J = to_pose.jacobian
+        select = D[rows]
+
+        def curvature(multipliers: Array) -> Array:
+            mu = np.zeros(6)
+            mu[rows] = multipliers
+            return J.T @ second(mu) @ J + to_pose.curvature(D.T @ mu)
+
+        return displacement[rows] - wanted, Map(select @ J, curvature), select
+
+
+def displacement_between(T_F_a: ArrayLike, T_F_b: ArrayLike) -> Array:
+    """Displacement (6,) from pose a to pose b: rotation vector and translation, in axes of F."""
+    return _components(np.asarray(T_F_a, float), np.asarray(T_F_b, float), "world")[0]
+
+
+class _Second:
+    """``second(mu)``: Hessian (6, 6) of ``mu . displacement`` in exponential coordinates."""
+
+    def __init__(self, r: Array, turn: Array, shift: Array) -> None:
+        self.r, self.turn, self.shift = r, turn, shift
+
+    def __call__(self, mu: Array) -> Array:
+        Q = np.zeros((6, 6))
+        # Translation: R (w x v) / 2 along the exponential.
+        f = self.shift.T @ mu[3:]
+        Q[:3, 3:] = -0.5 * se3.skew(f)
+        Q[3:, :3] = Q[:3, 3:].T
+        m = self.turn.T @ mu[:3]
+        if m.any():
+            Q[:3, :3] = _rotation_vector_curvature(self.r, m)
+        return Q
+
+
+def _components(T_0: Array, T: Array, axes: str) -> tuple[Array, Array, _Second]:
+    """Displacement (6,), its Jacobian (6, 6) on body twists, and its second derivative."""
+    R_0, R = T_0[:3, :3], T[:3, :3]
+    r = se3.log(se3.pose(R_0.T @ R))[:3]
+    d, _ = _series(float(r @ r))
+    r_cross = se3.skew(r)
+    inverse_jacobian = np.eye(3) + 0.5 * r_cross + d * (r_cross @ r_cross)
+    turn, shift = (np.eye(3), R_0.T) if axes == "body" else (R_0, np.eye(3))
+    D = np.zeros((6, 6))
+    D[:3, :3] = turn @ inverse_jacobian
+    D[3:, 3:] = shift @ R
+    displacement = np.concatenate([turn @ r, shift @ (T[:3, 3] - T_0[:3, 3])])
+    return displacement, D, _Second(r, turn, shift @ R)
+
+
+def _series(t2: float) -> tuple[float, float]:
+    """``d = (1 - (t/2) cot(t/2)) / t^2`` and ``d' / t`` for t^2 given."""
+    if t2 < 1.0:
+        d = sum(c * t2**k for k, c in enumerate(_SERIES))
+        return d, sum(2 * k * c * t2 ** (k - 1) for k, c in enumerate(_SERIES) if k)
+    h = 0.5 * np.sqrt(t2)
+    cot = h / np.tan(h)
+    return float((1 - cot) / t2), float((cot + (h / np.sin(h)) ** 2 - 2) / (16 * h**4))
+
+
+def _rotation_vector_curvature(r: Array, m: Array) -> Array:
+    """Symmetric (3, 3) second derivative of ``m . log(R exp(w))`` at w = 0, r = log R."""
+    d, slope = _series(float(r @ r))
+    r_cross = se3.skew(r)
+    square = r_cross @ r_cross
+    rate = np.eye(3) + 0.5 * r_cross + d * square  # of r, per w
+    # u^T X w: derivative along u of m . rate w, from a x (b x c) = b (a.c) - c (a.b).
+    mixed = np.outer(m, r) + (m @ r) * np.eye(3) - 2 * np.outer(r, m)
+    X = -0.5 * se3.skew(m) + d * mixed + slope * np.outer(r, square @ m)
+    Q = rate.T @ X
+    return np.asarray(0.5 * (Q + Q.T))

@@ -1,0 +1,288 @@
+r"""Newton's method for equilibria: globalised, on the motions that the constraints leave.
+
+With an energy: step -|H_N|^-1 g_N (eigenvalues by their absolute value, so that every step goes
+down), a cap on its size in natural units, pulled back onto the constraints, accepted when the
+energy falls enough [NocedalWright]_; where rounding hides the energy's fall, when the residual
+falls. Without an energy: step -H_N^-1 g_N on the unsymmetric tangent, accepted when the residual
+falls. Limits touched on the way join the constraints; those that pull are let go. Every loop is
+bounded.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cartstiff.errors import ConvergenceError, UndefinedError
+from cartstiff.geometry.se3 import Array
+from cartstiff.statics.limits import Contact
+from cartstiff.statics.problem import Balance, Point, System
+
+__all__ = ["Solution", "solve"]
+
+#: Residual that ends the iteration at once, and the one that is accepted once it falls no more.
+SHARP, ENOUGH = 1e-13, 1e-9
+_ITERATIONS = 200
+_HALVINGS = 30
+# Steps without the residual being halved after which forces without energy are given up.
+_PATIENCE = 40
+_CAP, _LARGEST_CAP, _LARGEST_TURN = 0.3, 1e18, 1.0
+_SUFFICIENT = 1e-4
+# The energy's fall is trusted down to this share of the energies added up.
+_ROUNDING = 1e-11
+_SOFTEST = 1e-10
+
+
+@dataclass(slots=True, eq=False)
+class Solution:
+    """Where the iteration ended."""
+
+    point: Point
+    balance: Balance
+    contacts: tuple[Contact, ...]
+    iterations: int
+    history: list[float]
+
+
+def solve(
+    system: System,
+    q: Array,
+    *,
+    contacts: tuple[Contact, ...] = (),
+    iterations: int = _ITERATIONS,
+    settle: bool = True,
+) -> Solution:
+    """Equilibrium near q.
+
+    Parameters
+    ----------
+    system : System
+        Forces and constraints.
+    q : ndarray
+        Start; it need not satisfy the constraints.
+    contacts : tuple of Contact
+        Limits touched at the start.
+    iterations : int
+        Bound on the number of steps.
+    settle : bool
+        Go on from a saddle or maximum of the energy to a minimum.
+
+    Raises
+    ------
+    ConvergenceError
+        If the constraints cannot be met, or no equilibrium is reached.
+    """
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        return _Iteration(system, q, contacts).run(iterations, settle)
+
+
+class _Iteration:
+    def __init__(self, system: System, q: Array, contacts: tuple[Contact, ...]) -> None:
+        self.system = system
+        self.contacts = contacts
+        self.cap = _CAP
+        self.history: list[float] = []
+        q = system.retracted(q, contacts)
+        point = system.at(q)
+        for _ in range(len(system.limits)):
+            new = self._violated(point)
+            if not new:
+                break
+            self.contacts = (*self.contacts, *new)
+            point = system.at(system.retracted(point.q, self.contacts))
+        self.point = point
+        self.balance = self._balanced(point)
+
+    def run(self, iterations: int, settle: bool) -> Solution:
+        best, best_at = np.inf, 0
+        kept: tuple[Point, Balance] | None = None
+        face = self.contacts
+        for iteration in range(iterations):
+            residual = self.balance.residual
+            self.history.append(residual)
+            if self.contacts != face:  # residuals on another face do not compare
+                best, kept, face = np.inf, None, self.contacts
+            if residual < 0.5 * best:
+                best_at = iteration
+            if residual < best:
+                best, kept = residual, (self.point, self.balance)
+            stalled = iteration - best_at >= 2
+            if best <= SHARP or (best <= ENOUGH and stalled):
+                if kept is not None:
+                    self.point, self.balance = kept
+                best, kept = np.inf, None
+                if self._let_go() or (settle and self._settle()):
+                    best_at = iteration
+                    continue
+                return Solution(self.point, self.balance, self.contacts, iteration, self.history)
+            lost = np.isnan(self.point.evaluation.energy) and iteration - best_at > _PATIENCE
+            if lost or not self._step():
+                if best <= ENOUGH:
+                    best_at = iteration - 2
+                    continue
+                break
+        raise ConvergenceError(
+            "no equilibrium found: "
+            + ("the load may be beyond what the mechanism carries" if self.system.loads else
+               "the forces do not balance near this posture"),
+            iterations=len(self.history),
+            residual=best if np.isfinite(best) else self.balance.residual,
+        )  # fmt: skip
+
+    # -- steps ------------------------------------------------------------------------------
+
+    def _balanced(self, point: Point) -> Balance:
+        e = point.evaluation
+        if not (np.isfinite(e.gradient).all() and np.isfinite(e.hessian).all()):
+            raise ConvergenceError(
+                "the forces overflow", iterations=len(self.history), residual=np.inf
+            )
+        try:
+            return self.system.balance(point, self.contacts)
+        except np.linalg.LinAlgError:
+            raise ConvergenceError(
+                "the constraint forces overflow", iterations=len(self.history), residual=np.inf
+            ) from None
+
+    def _direction(self) -> tuple[Array, float]:
+        """Step (n,) in natural units, and the energy's slope along it (NaN without energy)."""
+        b = self.balance
+        if np.isnan(self.point.evaluation.energy):
+            y = -np.linalg.lstsq(b.stiffness, b.force, rcond=_SOFTEST)[0]
+            return b.motion(y), np.nan
+        values, modes = np.linalg.eigh(b.stiffness)
+        stiff = np.maximum(np.abs(values), _SOFTEST * np.abs(values).max(initial=1e-300))
+        y = -modes @ ((modes.T @ b.force) / stiff)
+        return b.motion(y), float(b.force @ y)
+
+    def _step(self) -> bool:
+        """Take one step; False if none helps."""
+        try:
+            step, slope = self._direction()
+        except np.linalg.LinAlgError:
+            return False
+        if not np.isfinite(step).all():
+            return False
+        turning = self.system.turning(self.point.posture, step)
+        largest = float(np.abs(step).max(initial=0.0))
+        t = min(
+            1.0,
+            self.cap / max(largest, 1e-300),
+            _LARGEST_TURN / max(turning, 1e-300),
+        )
+        capped = t < 1.0
+        b, energy = self.balance, self.point.evaluation.energy
+        fuzzy = _ROUNDING * self.point.energies
+        before = float(np.linalg.norm(b.force))
+        # At rounding level shorter steps do not help.
+        for halving in range(_HALVINGS if b.residual > ENOUGH else 2):
+            trial = self._trial(t * step)
+            if trial is None:
+                t *= 0.5
+                continue
+            point, contacts, share = trial
+            fall = -_SUFFICIENT * t * share * slope
+            by_energy = energy - point.evaluation.energy >= fall and fall / _SUFFICIENT > fuzzy
+            if by_energy or np.isnan(slope) or fall / _SUFFICIENT <= fuzzy:
+                old = self.contacts
+                self.contacts = contacts
+                balance = self._balanced(point)
+                after = float(np.linalg.norm(balance.force))
+                falls = after <= (1.0 - _SUFFICIENT * t * share) * before
+                if by_energy or falls or contacts != old:
+                    if halving == 0 and capped:
+                        self.cap = min(2.0 * self.cap, _LARGEST_CAP)
+                    elif halving > 0:
+                        self.cap = max(2.0 * t * largest, 1e-6)
+                    self.point, self.balance = point, balance
+                    return True
+                self.contacts = old
+            t *= 0.5
+        return False
+
+    def _trial(self, step: Array) -> tuple[Point, tuple[Contact, ...], float] | None:
+        """Point after a step, cut short where a limit is met; contacts then; share taken."""
+        system, contacts, share = self.system, self.contacts, 1.0
+        try:
+            for _ in range(len(system.limits) + 1):
+                q = system.moved(self.point, share * step)
+                if not np.isfinite(q).all():
+                    return None
+                point = system.at(system.retracted(q, contacts))
+                if not np.isfinite(point.evaluation.gradient).all():
+                    return None
+                new = self._violated(point, contacts)
+                if not new:
+                    return point, contacts, share
+                fractions = [self._fraction(point, c) for c in new]
+                first = int(np.argmin(fractions))
+                share *= fractions[first]
+                contacts = (*contacts, new[first])
+        except (ConvergenceError, UndefinedError, np.linalg.LinAlgError):
+            pass
+        return None
+
+    # -- limits -----------------------------------------------------------------------------
+
+    def _violated(self, point: Point, contacts: tuple[Contact, ...] | None = None) -> list[Contact]:
+        limits = self.system.limits
+        if not len(limits):
+            return []
+        taken = {c.quantity for c in (self.contacts if contacts is None else contacts)}
+        slack = 1e-13 * np.maximum(limits.sizes(point.posture), np.abs(point.limited))
+        below = np.flatnonzero(point.limited < limits.lower - slack)
+        above = np.flatnonzero(point.limited > limits.upper + slack)
+        found = [Contact(int(i), -1) for i in below] + [Contact(int(i), 1) for i in above]
+        return [c for c in found if c.quantity not in taken]
+
+    def _fraction(self, point: Point, contact: Contact) -> float:
+        """Share of the way from the present point at which a limit is met."""
+        start = float(self.point.limited[contact.quantity])
+        end = float(point.limited[contact.quantity])
+        share = (self.system.limits.bound(contact) - start) / (end - start)
+        return float(min(max(share, 0.0), 1.0))
+
+    def reactions(self) -> Array:
+        """Forces of the stops on what they stop, positive towards larger values."""
+        count = len(self.contacts)
+        return -self.balance.multipliers[len(self.balance.multipliers) - count :]
+
+    def _let_go(self) -> bool:
+        """Release the stop that pulls most; False if none does."""
+        if not self.contacts:
+            return False
+        posture = self.point.posture
+        sizes = self.system.limits.sizes(posture)
+        scale = max(self.point.forces, 1e-300)
+        pulls = [
+            float(r * c.side * sizes[c.quantity]) / scale
+            for r, c in zip(self.reactions(), self.contacts, strict=True)
+        ]
+        worst = int(np.argmax(pulls))
+        if pulls[worst] <= 1e-9:
+            return False
+        self.contacts = tuple(c for i, c in enumerate(self.contacts) if i != worst)
+        self.balance = self._balanced(self.point)
+        return True
+
+    def _settle(self) -> bool:
+        """Step down from a saddle along its most negative eigenvalue; False at a minimum."""
+        b = self.balance
+        energy = self.point.evaluation.energy
+        if np.isnan(energy) or b.stiffness.size == 0:
+            return False
+        values, modes = np.linalg.eigh(b.stiffness)
+        if values[0] >= -1e-8 * np.abs(values).max():
+            return False
+        for size in (0.1, 0.03, 0.01, 0.001):
+            for sign in (1.0, -1.0):
+                trial = self._trial(sign * size * b.motion(modes[:, 0]))
+                if trial is None or not trial[2] > 0.0:
+                    continue
+                if trial[0].evaluation.energy < energy - _ROUNDING * self.point.energies:
+                    self.point, self.contacts, _ = trial
+                    self.balance = self._balanced(self.point)
+                    self.cap = _CAP
+                    return True
+        return False

@@ -1,0 +1,180 @@
+r"""One point after another on a curve of equilibria: predictor, corrector, arc length.
+
+The loads have a factor p. With g_N and H_N as in `cartstiff.statics.problem` and f_N = dg_N/dp, a
+point and the direction (t, t_p) of its curve satisfy
+
+    g_N(q, p) = 0,      H_N t + f_N t_p = 0,    |t|^2 + (t_p / range)^2 = 1
+
+A step goes along the direction and comes back at right angles to it [Keller]_, which passes points
+where the load is stationary. Where H_N is singular the curve has a limit point (f_N is not in its
+range) or meets another one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cartstiff.errors import ConvergenceError
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.potentials.contract import Evaluation, Potential
+from cartstiff.statics.held import Held
+from cartstiff.statics.newton import ENOUGH, SHARP
+from cartstiff.statics.problem import Balance, Point, System, spectrum
+
+__all__ = ["LoadPath", "State"]
+
+_CORRECTIONS = 25
+_LARGEST = 0.5
+
+
+@dataclass(slots=True, eq=False)
+class State:
+    """A point of the curve.
+
+    Attributes
+    ----------
+    factor : float
+        p.
+    direction : ndarray (n + 1,)
+        (t, t_p / range), a unit vector, in natural units.
+    eigenvalues : ndarray
+        Of H_N.
+    push : ndarray (f,)
+        f_N times the range.
+    corrections : int
+        Newton steps that led here.
+    """
+
+    point: Point
+    balance: Balance
+    factor: float
+    direction: Array
+    eigenvalues: Array
+    push: Array
+    corrections: int
+
+    @property
+    def is_conservative(self) -> bool:
+        """Whether everything that acts has a potential."""
+        return not np.isnan(self.point.evaluation.energy)
+
+
+class LoadPath:
+    """Equilibria of a mechanism whose loads have a common factor.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        With all rest positions chosen.
+    loads : sequence of Potential
+        What the factor multiplies.
+    fixed : sequence of Potential
+        What acts besides.
+    held : Held, optional
+        Held displacement, with its reference.
+    span : float
+        Size of the factors of interest: the unit that p is measured in along the curve.
+    """
+
+    def __init__(
+        self,
+        elastic: ElasticMechanism,
+        loads: Sequence[Potential],
+        fixed: Sequence[Potential],
+        held: Held | None,
+        span: float,
+    ) -> None:
+        self.loads = System(elastic, loads).loads
+        self.system = System(elastic, fixed, held)
+        self.span = span
+
+    def _at(self, q: Array, factor: float) -> tuple[Point, Array]:
+        """Everything that acts, and the loads' gradient times the range, in natural units."""
+        point = self.system.at(q)
+        columns = point.posture.coordinate_lengths
+        energy, gradient, hessian = point.evaluation
+        pushed = np.zeros(columns.size)
+        for load in self.loads:
+            e, g, h = load.evaluate(point.posture)
+            energy, hessian = energy + factor * e, hessian + factor * h
+            pushed += g
+            point.forces = max(point.forces, abs(factor) * float(np.abs(g * columns).max()))
+        point.evaluation = Evaluation(energy, gradient + factor * pushed, hessian)
+        return point, pushed * columns * self.span
+
+    def state(self, q: Array, factor: float, direction: Array, corrections: int = 0) -> State:
+        """The state at given coordinates, its direction along that of a neighbour."""
+        point, push = self._at(q, factor)
+        balance = self.system.balance(point)
+        if balance.free is not None:
+            push = balance.free.T @ push
+        conservative = not np.isnan(point.evaluation.energy)
+        values = spectrum(balance.stiffness, conservative)
+        bordered = self._bordered(balance, push, direction)
+        right = np.zeros(len(bordered))
+        right[-1] = 1.0
+        solved = np.linalg.lstsq(bordered, right, rcond=1e-14)[0]
+        along = np.append(balance.motion(solved[:-1]), solved[-1])
+        along /= np.linalg.norm(along)
+        return State(point, balance, factor, along, values, push, corrections)
+
+    def _bordered(self, balance: Balance, push: Array, direction: Array) -> Array:
+        N = balance.free
+        t = direction[:-1] if N is None else N.T @ direction[:-1]
+        f = len(t)
+        matrix = np.empty((f + 1, f + 1))
+        matrix[:f, :f] = balance.stiffness
+        matrix[:f, f] = push
+        matrix[f, :f] = t
+        matrix[f, f] = direction[-1]
+        # The border in units of the stiffness, so that rank is judged on one scale.
+        matrix[f] *= float(np.abs(matrix[:f]).max(initial=0.0)) or 1.0
+        return matrix
+
+    def step(self, start: State, size: float, direction: Array | None = None) -> State:
+        """The point at a distance `size` along a direction (default: the curve's own).
+
+        Raises
+        ------
+        ConvergenceError
+            If the way back to the curve is not found.
+        """
+        direction = start.direction if direction is None else direction
+        q = self.system.moved(start.point, size * direction[:-1])
+        factor = start.factor + size * direction[-1] * self.span
+        return self.corrected(q, factor, direction)
+
+    def corrected(self, q: Array, factor: float, direction: Array) -> State:
+        """Newton's method at right angles to a direction; (0, 1) holds the load."""
+        system = self.system
+        q = system.retracted(q)
+        best, kept, stalled = np.inf, (q, factor), 0
+        for iteration in range(_CORRECTIONS):
+            point, push = self._at(q, factor)
+            balance = system.balance(point)
+            if not np.isfinite(balance.residual):
+                break
+            if balance.residual < best:
+                stalled = 0 if balance.residual < 0.5 * best else stalled + 1
+                best, kept = balance.residual, (q, factor)
+            else:
+                stalled += 1
+            if best <= SHARP or (best <= ENOUGH and stalled):
+                return self.state(*kept, direction, iteration)
+            if balance.free is not None:
+                push = balance.free.T @ push
+            right = -np.append(balance.force, 0.0)
+            matrix = self._bordered(balance, push, direction)
+            solved = np.linalg.lstsq(matrix, right, rcond=1e-14)[0]
+            motion = balance.motion(solved[:-1])
+            largest = max(float(np.abs(motion).max(initial=0.0)), abs(float(solved[-1])))
+            share = min(1.0, _LARGEST / max(largest, 1e-300))
+            q = system.retracted(system.moved(point, share * motion))
+            factor = factor + share * float(solved[-1]) * self.span
+        raise ConvergenceError(
+            "the curve of equilibria is lost", iterations=_CORRECTIONS, residual=best
+        )

@@ -1,0 +1,267 @@
+"""The state a mechanism comes to rest in: coordinates, stability, reactions, stiffness."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from cartstiff.geometry.se3 import Array, read_only
+from cartstiff.mechanisms.contract import MechanismPosture
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.potentials.contract import Potential
+from cartstiff.statics.held import displacement_between
+from cartstiff.statics.newton import Solution
+from cartstiff.statics.problem import DEFINITE, System, spectrum
+from cartstiff.stiffness.compute import PostureStiffness
+from cartstiff.stiffness.reduction import reduce_to
+
+__all__ = ["Equilibrium", "Reactions", "state_of_rest"]
+
+
+@dataclass(frozen=True, eq=False)
+class Reactions:
+    """Forces of what holds the mechanism.
+
+    Attributes
+    ----------
+    held : mapping of str to float
+        Force or moment that the environment applies in each held component of the displacement.
+    wrench : ndarray (6,) or None
+        The same as a wrench (moment, force) on the held frame, in its components; None where
+        nothing is held.
+    limits : mapping of str to float
+        Force of each touched stop on its joint or leg: positive at a lower limit, negative at an
+        upper one.
+    closures : ndarray
+        Forces of the closures, frame b on frame a per component of the residual.
+    """
+
+    held: Mapping[str, float]
+    wrench: Array | None
+    limits: Mapping[str, float]
+    closures: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """A state in which all forces balance.
+
+    Attributes
+    ----------
+    elastic : ElasticMechanism
+        The mechanism with the rest positions that were used.
+    loads : tuple of Potential
+        What acted on it.
+    q : ndarray (n,)
+        Coordinates.
+    posture, start : MechanismPosture
+        Kinematics there, and where the search started.
+    energy : float
+        Springs, gravity, and loads; NaN where a load has no potential.
+    residual : float
+        Largest unbalanced generalised force over the largest that any one term exerts (at least
+        what a deflection of 1e-4 in natural units takes).
+    iterations : int
+        Newton steps.
+    history : tuple of float
+        Residual before each of them.
+    stable : bool or None
+        Whether H_N is positive definite. None where that decides nothing: without an energy
+        (``notes`` holds "non-conservative"), or at a zero eigenvalue ("neutral").
+    eigenvalues : ndarray
+        Of H_N in natural units (angles in rad, distances in the characteristic length): energies.
+        Without an energy those of the unsymmetric tangent, which may be complex.
+    reactions : Reactions
+        Of held components, limits, closures.
+    notes : tuple of Note
+        What was found and assumed.
+    """
+
+    elastic: ElasticMechanism
+    loads: tuple[Potential, ...]
+    q: Array
+    posture: MechanismPosture
+    start: MechanismPosture
+    energy: float
+    residual: float
+    iterations: int
+    history: tuple[float, ...]
+    stable: bool | None
+    eigenvalues: Array
+    reactions: Reactions
+    notes: tuple[Note, ...]
+    _system: System
+    _solution: Solution
+
+    @property
+    def pose(self) -> Array:
+        """``T_F_M`` (4, 4)."""
+        return self.posture.pose
+
+    @property
+    def is_conservative(self) -> bool:
+        """Whether everything that acts has a potential."""
+        return not np.isnan(self.energy)
+
+    @cached_property
+    def displacement(self) -> Array:
+        """From the start: rotation vector and translation (6,) of the body frame, axes of F."""
+        return displacement_between(self.start.pose, self.pose)
+
+    @cached_property
+    def stiffness(self) -> PostureStiffness:
+        """Stiffness with the loads' part included: what decides stability.
+
+        Where all loads have a potential and nothing is held, W = 0 and all connections agree.
+        Touched limits are rigid.
+        """
+        return self._stiffness(self.elastic.with_potential(*self.loads))
+
+    @cached_property
+    def elastic_stiffness(self) -> PostureStiffness:
+        """Stiffness of the mechanism without the added loads, which show as its wrench W."""
+        return self._stiffness(self.elastic)
+
+    def _stiffness(self, elastic: ElasticMechanism) -> PostureStiffness:
+        posture = self.posture
+        evaluation = elastic.evaluate(posture)
+        without = System(self.elastic, (), None, self._system.limits)
+        found = without.constraints(posture, self._solution.contacts)
+        reduction = reduce_to(
+            posture.motion,
+            evaluation,
+            None if found is None else found[1],
+            posture.length,
+            posture.coordinate_lengths,
+        )
+        notes = (*self.notes, *(Note(*state) for state in reduction.states))
+        return PostureStiffness(elastic, self.q, posture, evaluation, reduction, notes)
+
+    def as_dict(self) -> dict[str, Any]:
+        """The object printed by ``cartstiff equilibrium --json``: the stiffness's, and more."""
+        values: list[Any] = self.eigenvalues.tolist()
+        if np.iscomplexobj(self.eigenvalues):
+            values = [[float(v.real), float(v.imag)] for v in self.eigenvalues]
+        wrench = self.reactions.wrench
+        return self.stiffness.as_dict() | {
+            "residual": self.residual,
+            "stable": self.stable,
+            "iterations": self.iterations,
+            "history": list(self.history),
+            "eigenvalues": values,
+            "displacement": self.displacement.tolist(),
+            "elastic_wrench": _plain(self.elastic_stiffness.wrench),
+            "reactions": {
+                "held": dict(self.reactions.held),
+                "wrench": _plain(wrench),
+                "limits": dict(self.reactions.limits),
+                "closures": self.reactions.closures.tolist(),
+            },
+        }
+
+
+def _plain(array: Array | None) -> list[float] | None:
+    return None if array is None else array.tolist()
+
+
+def state_of_rest(
+    system: System, solution: Solution, start: MechanismPosture, stages: int
+) -> Equilibrium:
+    """The result of a solution: verdict on its stability, reactions, notes."""
+    point, balance = solution.point, solution.balance
+    conservative = not np.isnan(point.evaluation.energy)
+    H = balance.stiffness
+    values = spectrum(H, conservative)
+    notes = list(system.elastic.notes)
+    stable: bool | None = None
+    if conservative:
+        tiny = DEFINITE * float(np.abs(values).max(initial=0.0))
+        stable = bool(np.all(values > tiny))
+        if not stable and np.all(values >= -tiny):
+            stable = None
+            notes.append(
+                Note(
+                    "neutral",
+                    "a motion costs no energy to second order: definiteness does not decide "
+                    "stability here",
+                    {"eigenvalues": values.tolist()},
+                )
+            )
+        elif not stable:
+            direction = balance.motion(np.linalg.eigh(balance.stiffness)[1][:, 0])
+            notes.append(
+                Note(
+                    "unstable",
+                    "the equilibrium is unstable: the mechanism leaves it by itself",
+                    {"eigenvalues": values.tolist(), "direction": direction.tolist()},
+                )
+            )
+    else:
+        notes.append(
+            Note(
+                "non-conservative",
+                "a load has no potential: the tangent is unsymmetric, and its definiteness proves "
+                "nothing about stability; its eigenvalues are given instead (a real one at zero "
+                "is a buckling load, a complex pair may be flutter, which depends on the masses)",
+                {
+                    "real": values.real.tolist(),
+                    "imaginary": values.imag.tolist(),
+                    "asymmetry": float(np.abs(H - H.T).max(initial=0.0)),
+                },
+            )
+        )
+    if stages > 1:
+        notes.append(
+            Note(
+                "load-stages",
+                f"the load was put on in {stages} stages: at once, no equilibrium was found",
+                {"stages": stages},
+            )
+        )
+    reactions = _reactions(system, solution)
+    for name, force in reactions.limits.items():
+        side = "lower" if force > 0 else "upper"
+        notes.append(Note("limit-contact", f"{name} rests on its {side} limit", {name: force}))
+    return Equilibrium(
+        system.elastic,
+        system.loads,
+        read_only(point.q),
+        point.posture,
+        start,
+        point.evaluation.energy,
+        balance.residual,
+        solution.iterations,
+        tuple(solution.history),
+        stable,
+        values,
+        reactions,
+        tuple(notes),
+        system,
+        solution,
+    )
+
+
+def _reactions(system: System, solution: Solution) -> Reactions:
+    posture, lam = solution.point.posture, solution.balance.multipliers
+    touched = len(solution.contacts)
+    rows = 0 if system.held is None else len(system.held.rows)
+    closures = read_only(lam[: len(lam) - rows - touched])
+    stops = -lam[len(lam) - touched :]
+    limits = {
+        system.limits.names[c.quantity]: float(force)
+        for c, force in zip(solution.contacts, stops, strict=True)
+    }
+    if system.held is None:
+        return Reactions({}, None, limits, closures)
+    forces = -lam[len(closures) : len(closures) + rows]
+    _, _, to_components = system.held.constraint(posture)
+    return Reactions(
+        dict(zip(system.held.names, forces.tolist(), strict=True)),
+        read_only(to_components.T @ forces),
+        limits,
+        closures,
+    )

@@ -1,0 +1,267 @@
+r"""Deflection compensation along a path: what to command to have the loaded tool where it belongs.
+
+At a posture q where the end-effector has the pose wanted, the springs must balance everything else,
+
+    dPhi_springs/dq = - (gravity + other potentials + loads) - C^T lam
+
+and their rest positions, which is what a controller commands, follow from their laws. Without
+compensation the posture itself is commanded, and the end-effector gives way by the error that is
+reported; with it the equilibrium is solved again, as a check.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.errors import CartstiffError, ConvergenceError, InputError, UndefinedError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.potentials.contract import Potential
+from cartstiff.potentials.loads import DeadWrench, FollowerWrench
+from cartstiff.statics.compensation import CompensatedPath
+from cartstiff.statics.equilibrium import Equilibrium, equilibrium
+from cartstiff.statics.held import Held, displacement_between
+from cartstiff.statics.problem import System
+
+__all__ = ["CompensatedPath", "compensate"]
+
+# What springs cannot balance, as a share of what acts, above which a posture is refused.
+_UNBALANCED = 1e-9
+# Where the check of a command starts, as a share of the way that the mechanism gave.
+_ASIDE = 0.1
+
+
+def compensate(
+    elastic: ElasticMechanism,
+    path: ArrayLike,
+    wrenches: ArrayLike | Sequence[Potential | Sequence[Potential]],
+    *,
+    axes: Literal["world", "body"] = "world",
+    q0: ArrayLike | None = None,
+) -> CompensatedPath:
+    """Commands that put the loaded end-effector on a path.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        With springs whose rest positions are commanded; their present ones do not matter.
+    path : array_like, shape (m, n) or (m, 4, 4)
+        Postures, or poses ``T_F_M`` for which postures are found, each near the one before.
+    wrenches : array_like (m, 6) or (6,), or a sequence of potentials
+        (moment, force) of the process on the body at its origin, at each point or the same at all;
+        or what acts at each point as potentials.
+    axes : {"world", "body"}
+        Whether wrenches are given, and stay constant, in axes of F or of the body.
+    q0 : array_like (n,), optional
+        Start of the search for the first pose; default the file's posture.
+
+    Raises
+    ------
+    InputError
+        For wrong shapes, or a mechanism without springs to command.
+    ConvergenceError
+        If a pose cannot be reached.
+    UndefinedError
+        Code ``"not-compensable"`` if no command balances the load at a point: joints without
+        springs would have to.
+    """
+    if elastic.springs is None:
+        raise InputError(f"{elastic.name} has no springs whose rest positions could be commanded")
+    postures = _postures(elastic, path, q0)
+    loads = _loads(wrenches, len(postures), axes)
+    commands, unloaded, before, after = [], [], [], []
+    poses: list[Array] = []
+    stable: list[bool | None] = []
+    notes: list[Note] = []
+    for index, (q, acting) in enumerate(zip(postures, loads, strict=True)):
+        target = elastic.mechanism.at(q).pose
+        rest = _balancing_rest(elastic, q, acting, index)
+        unloaded.append(_naive_rest(elastic, q))
+        naive = _commanded(elastic, unloaded[-1])
+        poses.append(target)
+        commands.append(rest)
+        error, given_way = _error(naive, acting, q, target, "before", index, notes)
+        before.append(error)
+        # The check starts beside the answer, on the side to which the mechanism gave way.
+        start = q if given_way is None else q + _ASIDE * (given_way.q - q)
+        error, _ = _error(_commanded(elastic, rest), acting, start, target, "after", index, notes)
+        after.append(error)
+        stable.append(_verdict(elastic, rest, acting, q, index, notes))
+        _note_limits(elastic, rest, index, notes)
+    return CompensatedPath(
+        elastic, np.array(poses), postures, np.array(commands), np.array(unloaded),
+        np.array(before), np.array(after), tuple(stable), tuple(notes),
+    )  # fmt: skip
+
+
+def _postures(elastic: ElasticMechanism, path: ArrayLike, q0: ArrayLike | None) -> Array:
+    mechanism = elastic.mechanism
+    try:
+        given = np.array(path, float)
+    except (TypeError, ValueError):
+        raise InputError("path is not numeric", expected="postures or poses", got=path) from None
+    n = len(mechanism.coordinates)
+    if given.ndim == 2 and given.shape[1] == n and len(given):
+        return np.array([mechanism.checked(q, "posture on the path") for q in given])
+    if given.ndim != 3 or given.shape[1:] != (4, 4) or not len(given):
+        raise InputError("path has the wrong shape", expected=f"(m, {n}) or (m, 4, 4)",
+                         got=given.shape)  # fmt: skip
+    q = elastic.q if q0 is None else mechanism.checked(q0, "q0")
+    found = []
+    for index, T in enumerate(given):
+        if not se3.is_pose(T):
+            raise InputError(f"pose {index + 1} is not a rigid motion", got=T.tolist())
+        try:
+            q = System(elastic, (), Held.from_pose(T)).retracted(q)
+        except ConvergenceError as error:
+            raise ConvergenceError(
+                f"pose {index + 1} of the path cannot be reached", iterations=error.iterations,
+                residual=error.residual,
+            ) from None  # fmt: skip
+        found.append(q)
+    return np.array(found)
+
+
+def _loads(
+    wrenches: ArrayLike | Sequence[Potential | Sequence[Potential]], m: int, axes: str
+) -> list[tuple[Potential, ...]]:
+    if axes not in ("world", "body"):
+        raise InputError("unknown axes", expected="world or body", got=axes)
+    if isinstance(wrenches, Potential):
+        return [(wrenches,)] * m
+    if isinstance(wrenches, Sequence) and wrenches and not np.isscalar(wrenches[0]):
+        first = wrenches[0]
+        if isinstance(first, Potential) or (
+            isinstance(first, Sequence) and all(isinstance(p, Potential) for p in first)
+        ):
+            if len(wrenches) != m:
+                raise InputError("loads and path differ in number", expected=m, got=len(wrenches))  # type: ignore[arg-type]
+            return [
+                (p,) if isinstance(p, Potential) else tuple(p)  # type: ignore[arg-type]
+                for p in wrenches
+            ]
+    try:
+        given = np.array(wrenches, float)
+    except (TypeError, ValueError):
+        raise InputError("wrenches are not numeric", expected=f"({m}, 6)") from None
+    if given.shape not in ((6,), (m, 6)):
+        raise InputError("wrenches have the wrong shape", expected=f"({m}, 6) or (6,)",
+                         got=given.shape)  # fmt: skip
+    kind = DeadWrench if axes == "world" else FollowerWrench
+    return [(kind(w),) for w in np.broadcast_to(given, (m, 6))]
+
+
+def _naive_rest(elastic: ElasticMechanism, q: Array) -> Array:
+    """Rest positions at which the springs carry nothing at q."""
+    if elastic.springs is None:  # refused at the start
+        raise InputError(f"{elastic.name} has no springs")
+    posture = elastic.mechanism.at(q)
+    n = posture.motion.jacobian.shape[1]
+    return elastic.springs.balanced(posture, np.zeros(n), every=True).rest
+
+
+def _balancing_rest(
+    elastic: ElasticMechanism, q: Array, loads: Sequence[Potential], index: int
+) -> Array:
+    springs = elastic.springs
+    if springs is None:
+        raise InputError(f"{elastic.name} has no springs")
+    posture = elastic.mechanism.at(q)
+    columns = posture.coordinate_lengths
+    torque = np.zeros(columns.size)
+    for term in (*elastic.terms(springs=False), *loads):
+        torque -= term.evaluate(posture).gradient
+    naive = _commanded(elastic, _naive_rest(elastic, q)).springs
+    # Rows that the springs reach: what their stiffness acts on.
+    reach = np.zeros((columns.size, columns.size)) if naive is None else (
+        naive.evaluate(posture).hessian * columns[:, None] * columns
+    )  # fmt: skip
+    U, values, _ = np.linalg.svd(reach)
+    deaf = U[:, values <= 1e-12 * values.max(initial=1e-300)]
+    wanted = torque * columns
+    if posture.closure is not None and deaf.shape[1]:
+        C = posture.closure.jacobian * columns
+        lam = np.linalg.lstsq(deaf.T @ C.T, deaf.T @ wanted, rcond=1e-10)[0]
+        wanted = wanted - C.T @ lam
+    missed = float(np.abs(deaf.T @ wanted).max(initial=0.0))
+    size = float(np.abs(torque * columns).max(initial=0.0))
+    if missed > _UNBALANCED * max(size, float(np.abs(wanted).max(initial=0.0))):
+        raise UndefinedError(
+            f"no command balances the load at point {index + 1}: joints without springs would have "
+            "to carry a part of it",
+            code="not-compensable",
+            values={"point": index + 1, "unbalanced": missed},
+        )
+    return springs.balanced(posture, wanted / columns, every=True).rest
+
+
+def _commanded(elastic: ElasticMechanism, rest: Array) -> ElasticMechanism:
+    springs = elastic.springs
+    if springs is None:
+        raise InputError(f"{elastic.name} has no springs")
+    return replace(elastic, springs=springs.replaced(springs.stiffness, rest))
+
+
+def _error(
+    commanded: ElasticMechanism,
+    loads: Sequence[Potential],
+    q: Array,
+    target: Array,
+    which: str,
+    index: int,
+    notes: list[Note],
+) -> tuple[Array, Equilibrium | None]:
+    try:
+        state = equilibrium(commanded, *loads, q0=q, limits=False)
+    except CartstiffError as error:
+        notes.append(
+            Note(
+                "no-equilibrium",
+                f"point {index + 1}, {which} compensation: {error}",
+                {"point": index + 1},
+            )
+        )
+        return np.full(6, np.nan), None
+    return displacement_between(target, state.pose), state
+
+
+def _verdict(
+    elastic: ElasticMechanism,
+    rest: Array,
+    loads: Sequence[Potential],
+    q: Array,
+    index: int,
+    notes: list[Note],
+) -> bool | None:
+    """Whether the mechanism stays at q under the command."""
+    state = equilibrium(_commanded(elastic, rest), *loads, q0=q, limits=False, settle=False)
+    if state.stable is False:
+        notes.append(
+            Note(
+                "unstable-command",
+                f"point {index + 1}: under the command and the load this posture is unstable, and "
+                "the mechanism settles elsewhere",
+                {"point": index + 1, "eigenvalues": state.eigenvalues.tolist()},
+            )
+        )
+    return state.stable
+
+
+def _note_limits(elastic: ElasticMechanism, rest: Array, index: int, notes: list[Note]) -> None:
+    if elastic.spring_names != elastic.names:
+        return
+    for c, r in zip(elastic.mechanism.coordinates, rest.tolist(), strict=True):
+        if not c.lower <= r <= c.upper:
+            notes.append(
+                Note(
+                    "command-beyond-limit",
+                    f"point {index + 1}: the command of {c.name} is beyond its limit",
+                    {"point": index + 1, "command": r, "lower": c.lower, "upper": c.upper},
+                )
+            )
