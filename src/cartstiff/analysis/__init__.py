@@ -1,0 +1,1 @@
+"""What a stiffness matrix says: ellipsoids, centres, screws, indices, equilibrium."""

@@ -1,0 +1,250 @@
+r"""Asymmetry of K^A, and how much the choice of connection matters at a load.
+
+    K^A - (K^A)^T = [[ [tau]x, [f]x ], [ [f]x, 0 ]]                        ([ZK]_ eq. 50)
+
+is known from the wrench (tau, f) alone, and every difference between two named connections is a
+part of the same matrix: nothing but the load decides whether the choice matters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.analysis.checks import as_length, as_matrix, as_vector, frozen
+from cartstiff.analysis.matrices import (
+    block_scales,
+    definiteness,
+    scale_lengths,
+    symmetric_part,
+)
+from cartstiff.errors import InputError, UndefinedError, UnknownNameError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+
+__all__ = [
+    "THRESHOLD",
+    "Asymmetry",
+    "ConnectionDifference",
+    "ConnectionTable",
+    "asymmetry",
+    "compare_connections",
+]
+
+#: Below this relative change of stiffness the choice of connection is said not to matter.
+THRESHOLD = 0.01
+
+_BLOCKS = (("rr", 0, 0), ("rt", 0, 1), ("tr", 1, 0), ("tt", 1, 1))
+
+
+def _block(matrix: Array, i: int, j: int) -> Array:
+    return matrix[3 * i : 3 * i + 3, 3 * j : 3 * j + 3]
+
+
+@dataclass(frozen=True, eq=False)
+class Asymmetry:
+    """Asymmetry of a stiffness beside its prediction from the wrench.
+
+    Attributes
+    ----------
+    measured, predicted : ndarray, shape (6, 6)
+        K - K^T, and the matrix of the wrench.
+    residual : float
+        Largest difference of entries, each relative to the size of its block of K.
+    size : float
+        Largest entry of `measured`, relative in the same way.
+    agrees : bool
+        Whether the residual is below 1e-8: what is left is rounding.
+    """
+
+    measured: Array
+    predicted: Array
+    residual: float
+    size: float
+    agrees: bool
+
+
+def asymmetry(stiffness: ArrayLike, wrench: ArrayLike) -> Asymmetry:
+    """Compare K^A - (K^A)^T with ``-bracket_form(wrench)``.
+
+    Parameters
+    ----------
+    stiffness : array_like, shape (6, 6)
+        K^A, Cartan's minus connection.
+    wrench : array_like, shape (6,)
+        (moment, force) that the environment applies, in the frame of K.
+    """
+    K = as_matrix(stiffness)
+    measured = K - K.T
+    predicted = -se3.bracket_form(as_vector(wrench, "wrench", 6))
+    scales = np.kron(block_scales(K), np.ones((3, 3)))
+    scales[scales == 0.0] = 1.0
+    residual = float((np.abs(measured - predicted) / scales).max())
+    size = float((np.abs(measured) / scales).max())
+    return Asymmetry(frozen(measured), frozen(predicted), residual, size, residual < 1e-8)
+
+
+@dataclass(frozen=True, eq=False)
+class ConnectionDifference:
+    """How one connection's matrix differs from the reference.
+
+    Attributes
+    ----------
+    name, reference : str
+        The two connections.
+    largest : dict of str to float, or None
+        Largest absolute entry of the difference in each block "rr", "rt", "tr", "tt", in the
+        block's unit. None if the matrix does not exist here.
+    relative : dict of str to float, or None
+        Frobenius norm of the difference over the size of the block in the reference (see
+        `block_scales`): pure numbers that need no length.
+    change : float or None
+        Largest change of the elastic wrench over all directions, relative to the reference;
+        see `ConnectionTable.measure`.
+    matters : bool or None
+        Whether `change` exceeds the threshold.
+    """
+
+    name: str
+    reference: str
+    largest: dict[str, float] | None
+    relative: dict[str, float] | None
+    change: float | None
+    matters: bool | None
+
+
+@dataclass(frozen=True, eq=False)
+class ConnectionTable:
+    """Whether the choice of connection matters for a robot at a load.
+
+    Attributes
+    ----------
+    reference : str
+        Connection that the others are compared with.
+    rows : tuple of ConnectionDifference
+        One for each other connection.
+    threshold : float
+        Relative change above which the choice is said to matter.
+    measure : {"energy", "length"}
+        "energy": the largest singular value of ``L^-1 dK L^-T`` with L L^T the reference, the same
+        for every length and body frame. "length": that of dK_l over that of the reference K_l,
+        used where the reference is not positive definite.
+    length : float
+        Length scale of "length".
+    matters : bool
+        Whether it does for any row.
+    verdict : str
+        The answer in a sentence, with the threshold.
+    """
+
+    reference: str
+    rows: tuple[ConnectionDifference, ...]
+    threshold: float
+    measure: str
+    length: float
+    matters: bool
+    verdict: str
+
+
+def compare_connections(
+    stiffness: Mapping[str, ArrayLike | None],
+    *,
+    reference: str = "B",
+    length: float = 1.0,
+    threshold: float = THRESHOLD,
+) -> ConnectionTable:
+    """Differences between the stiffness matrices of several connections at one posture and load.
+
+    Parameters
+    ----------
+    stiffness : mapping of str to (6, 6) array or None
+        By connection; None where it is undefined.
+    reference : str
+        Name of the matrix that the others are compared with.
+    length : float
+        Used only where the reference is not positive definite.
+    threshold : float
+        Relative change that matters.
+
+    Raises
+    ------
+    UnknownNameError
+        If the reference is not among the names.
+    UndefinedError
+        Code ``"no-reference"`` if the reference matrix does not exist.
+    InputError
+        If the threshold is not positive.
+    """
+    if reference not in stiffness:
+        raise UnknownNameError("connection", reference, stiffness)
+    if not (np.isfinite(threshold) and threshold > 0):
+        raise InputError("threshold cannot be used", expected="a positive number", got=threshold)
+    base = stiffness[reference]
+    if base is None:
+        raise UndefinedError(
+            f"stiffness of connection {reference!r} does not exist here: nothing to compare with",
+            code="no-reference",
+        )
+    K = as_matrix(base, f"stiffness {reference}")
+    scale = as_length(length)
+    scaled = scale_lengths(K, scale)
+    values = np.linalg.eigvalsh(symmetric_part(scaled))
+    positive = definiteness(values) == "positive"
+    root = np.linalg.cholesky(symmetric_part(scaled)) if positive else None
+    rows = []
+    for name, matrix in stiffness.items():
+        if name == reference:
+            continue
+        if matrix is None:
+            rows.append(ConnectionDifference(name, reference, None, None, None, None))
+            continue
+        difference = as_matrix(matrix, f"stiffness {name}") - K
+        d_scaled = scale_lengths(difference, scale)
+        if root is not None:
+            relative = np.linalg.solve(root, np.linalg.solve(root, d_scaled).T)
+            change = float(np.linalg.norm(relative, 2))
+        else:
+            size = float(np.linalg.norm(scaled, 2))
+            change = float(np.linalg.norm(d_scaled, 2)) / size if size > 0 else float("inf")
+        rows.append(
+            ConnectionDifference(
+                name,
+                reference,
+                {b: float(np.abs(_block(difference, i, j)).max()) for b, i, j in _BLOCKS},
+                _relative(difference, K),
+                change,
+                change > threshold,
+            )
+        )
+    return ConnectionTable(
+        reference,
+        tuple(rows),
+        float(threshold),
+        "energy" if positive else "length",
+        scale,
+        any(row.matters for row in rows),
+        _verdict(rows, reference, threshold),
+    )
+
+
+def _relative(difference: Array, K: Array) -> dict[str, float]:
+    scales = block_scales(K)
+    return {
+        b: float(np.linalg.norm(_block(difference, i, j)) / scales[i, j]) if scales[i, j] else 0.0
+        for b, i, j in _BLOCKS
+    }
+
+
+def _verdict(rows: list[ConnectionDifference], reference: str, threshold: float) -> str:
+    known = [(row.change, row.name) for row in rows if row.change is not None]
+    if not known:
+        return "nothing to compare: no other connection has a matrix here"
+    worst, name = max(known)
+    size = 0.0 if worst < 1e-12 else 100.0 * worst  # what is only rounding is 0
+    found = f"the largest relative change is {size:.2g} % (K^{name} against K^{reference})"
+    if worst > threshold:
+        return f"yes, the choice of connection matters: {found}, above {100 * threshold:g} %"
+    return f"no, the choice of connection does not matter: {found}, below {100 * threshold:g} %"

@@ -1,0 +1,201 @@
+r"""Joint stiffness and Cartesian stiffness of a serial chain under load, both ways, [ChenKao]_.
+
+With the body Jacobian J (6, n) and a load W,
+
+    H_W = Kq - S_W,     S_W[a, b] = 1/2 W . [J_a, J_b] for a before b, symmetric
+
+and K^B = J^-T H_W J^-1 for six joints, (J H_W^-1 J^T)^-1 for more: the conservative congruence
+transformation. Its inverse gives the joint stiffness for a desired Cartesian one, for compliance
+control:
+
+    Kq = J^T K^B J + S_W + Z Kz Z^T
+
+with Z a null-space basis of J and Kz the stiffness of the self-motion, free to choose. Kq couples
+the joints in general; whether independent joint springs can do it is a question of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.analysis.checks import as_jacobian, as_matrix, as_vector, frozen
+from cartstiff.analysis.diagonal_fit import DiagonalFit, fit_diagonal
+from cartstiff.analysis.matrices import (
+    Definiteness,
+    as_symmetric,
+    definiteness,
+    reach,
+    require_full_rank,
+    scale_jacobian,
+)
+from cartstiff.errors import InputError, UndefinedError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.potentials.contract import Evaluation, Map
+from cartstiff.stiffness.reduction import reduce_to
+
+__all__ = ["JointStiffness", "cartesian_stiffness", "joint_stiffness"]
+
+
+def cartesian_stiffness(jacobian: ArrayLike, joint_matrix: ArrayLike, wrench: ArrayLike) -> Array:
+    """Stiffness K^B (6, 6) of a serial chain: ``(J (Kq - S_W)^-1 J^T)^-1``.
+
+    Raises
+    ------
+    UndefinedError
+        Code ``"deficient"`` or ``"singular"`` if the Jacobian has not rank six, or if Kq - S_W has
+        no inverse.
+    """
+    J = as_jacobian(jacobian)
+    Kq = _joint_matrix(joint_matrix, J.shape[1])
+    W = as_vector(wrench, "wrench", 6)
+    require_full_rank(J)
+    output = Map(J, lambda w: se3.chain_curvature(J, w))
+    energy = Evaluation(0.0, J.T @ W, Kq)
+    reduction = reduce_to(output, energy, None, reach(J), np.ones(J.shape[1]))
+    K = reduction.stiffness
+    if K is None:
+        state = reduction.states[-1]
+        raise UndefinedError(state.message, code=state.code, values=state.values)
+    return K
+
+
+def _joint_matrix(value: ArrayLike, n: int) -> Array:
+    Kq = np.asarray(value, float)
+    if Kq.shape == (n,):
+        Kq = np.diag(Kq)
+    if Kq.shape != (n, n):
+        raise InputError(
+            "joint stiffness has the wrong shape", expected=f"({n}, {n}) or ({n},)", got=Kq.shape
+        )
+    if not np.all(np.isfinite(Kq)):
+        raise InputError("joint stiffness must hold finite numbers", got="NaN or infinity")
+    return Kq
+
+
+@dataclass(frozen=True, eq=False)
+class JointStiffness:
+    """Joint stiffness matrix for a desired Cartesian stiffness, with its feasibility.
+
+    Attributes
+    ----------
+    matrix : ndarray, shape (n, n)
+        Kq, the Hessian of the joint energy; symmetric.
+    load_term : ndarray, shape (n, n)
+        The part S of it that only answers the load.
+    torque : ndarray, shape (n,)
+        ``J^T W``, the joint torques that the springs must exert at this posture.
+    definiteness : str
+        Of Kq: "positive" can be made of passive springs between joints; anything else needs
+        active control.
+    eigenvalues : ndarray, shape (n,)
+        Of Kq scaled to unit diagonal where that is possible, else of Kq.
+    off_diagonal : float
+        Largest ``|Kq_ab| / sqrt(|Kq_aa Kq_bb|)``; 0 for independent joints.
+    is_diagonal : bool
+        Whether that is below 1e-9.
+    is_feasible : bool or None
+        Whether independent, non-negative joint springs give exactly the desired stiffness. None
+        without a fit.
+    stable : bool
+        Whether Kq - S_W is positive definite: the posture is stable under the load.
+    diagonal_fit : DiagonalFit or None
+        The best that independent springs can do. None for more than six joints if the desired
+        matrix is singular: its compliance cannot be fitted.
+    """
+
+    matrix: Array
+    load_term: Array
+    torque: Array
+    definiteness: Definiteness
+    eigenvalues: Array
+    off_diagonal: float
+    is_diagonal: bool
+    is_feasible: bool | None
+    stable: bool
+    diagonal_fit: DiagonalFit | None
+
+
+def joint_stiffness(
+    desired: ArrayLike,
+    jacobian: ArrayLike,
+    wrench: ArrayLike | None = None,
+    *,
+    load_term: ArrayLike | None = None,
+    null_space_stiffness: ArrayLike | None = None,
+    length: float | None = None,
+) -> JointStiffness:
+    r"""Joint stiffness of a serial arm for a desired K^B at a posture under load.
+
+    Parameters
+    ----------
+    desired : array_like, shape (6, 6)
+        K^B in the body frame, symmetric.
+    jacobian : array_like, shape (6, n)
+        Body Jacobian, columns in chain order; n >= 6 and rank six.
+    wrench : array_like, shape (6,), optional
+        Load (moment, force) that the environment applies; default none.
+    load_term : array_like, shape (n, n), optional
+        S with K^B = J^-T (Kq - S) J^-1; default S_W of a serial chain. It differs where
+        other potentials act (less their Hessian) or the coordinates are those of a platform's legs.
+    null_space_stiffness : float or array_like, shape (n - 6, n - 6), optional
+        Kz on an orthonormal basis of the self-motion; default the mean of the six other
+        eigenvalues of J^T K J. Without any, the self-motion would be free.
+    length : float, optional
+        Length of the fit's residual; default balances the desired matrix.
+
+    Raises
+    ------
+    UndefinedError
+        Code ``"deficient"`` (n < 6) or ``"singular"`` (rank below six).
+    InputError
+        If a shape is wrong or the desired matrix is not symmetric.
+    """
+    K, J = as_symmetric(desired, "desired stiffness"), as_jacobian(jacobian)
+    W = np.zeros(6) if wrench is None else as_vector(wrench, "wrench", 6)
+    require_full_rank(J)
+    n = J.shape[1]
+    core = J.T @ K @ J
+    S = se3.chain_curvature(J, W) if load_term is None else as_matrix(load_term, "load term", n)
+    H = core.copy()
+    if n > 6:
+        Z = np.linalg.svd(scale_jacobian(J, reach(J)))[2][6:].T
+        if null_space_stiffness is None:
+            null_space_stiffness = float(np.trace(core)) / 6.0
+        Kz = np.asarray(null_space_stiffness, float)
+        Kz = Kz * np.eye(n - 6) if Kz.ndim == 0 else Kz
+        if Kz.shape != (n - 6, n - 6) or not np.all(np.isfinite(Kz)):
+            raise InputError(
+                "null-space stiffness has the wrong shape",
+                expected=f"a number or ({n - 6}, {n - 6})",
+                got=Kz.shape,
+            )
+        H = core + Z @ (0.5 * (Kz + Kz.T)) @ Z.T
+    Kq = 0.5 * (H + H.T) + S
+    diagonal = np.diag(Kq)
+    scale = np.sqrt(np.abs(diagonal))
+    unit = Kq / np.outer(scale, scale) if np.all(scale > 0) else Kq
+    values = np.linalg.eigvalsh(unit)
+    off = float(np.abs(unit - np.diag(np.diag(unit))).max())
+    fit: DiagonalFit | None
+    try:
+        fit = fit_diagonal(K, J, load_term=S, length=length)
+    except UndefinedError:
+        fit = None
+    root = np.sqrt(np.abs(np.diag(H)))
+    stable = definiteness(np.linalg.eigvalsh(H / np.outer(root, root))) if root.all() else "zero"
+    return JointStiffness(
+        frozen(Kq),
+        frozen(S),
+        frozen(J.T @ W),
+        definiteness(values),
+        frozen(values),
+        off,
+        off < 1e-9,
+        None if fit is None else fit.residual < 1e-8,
+        stable == "positive",
+        fit,
+    )

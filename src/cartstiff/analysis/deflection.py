@@ -1,0 +1,230 @@
+r"""Linear deflection under an added wrench: of the body, of any of its points, joint by joint.
+
+    dq = H_W^-1 J^T dW,     twist = J dq = C dW,     C = J H_W^-1 J^T
+
+The joints' shares ``J_a dq_a`` add up to the twist exactly. The deflection is that of small loads:
+K, J and H_W are those of the posture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.analysis.checks import as_jacobian, as_matrix, as_vector, frozen
+from cartstiff.analysis.matrices import RANK, invert
+from cartstiff.errors import UndefinedError
+from cartstiff.geometry.se3 import Array
+
+__all__ = [
+    "Deflection",
+    "JointShares",
+    "SpringShares",
+    "body_deflection",
+    "compliance_deflection",
+    "displacement_of_point",
+    "joint_shares",
+    "spring_shares",
+]
+
+
+def displacement_of_point(twist: ArrayLike, point: ArrayLike) -> Array:
+    """Small displacement (3,) of a body point: ``v + omega x p``."""
+    t = as_vector(twist, "twist", 6)
+    moved: Array = t[3:] + np.cross(t[:3], as_vector(point, "point", 3))
+    return moved
+
+
+@dataclass(frozen=True, eq=False)
+class Deflection:
+    """Deflection of a body under an added wrench.
+
+    Attributes
+    ----------
+    wrench : ndarray, shape (6,)
+        The added wrench dW.
+    twist : ndarray, shape (6,)
+        Small motion (rotation, translation) of the body frame, body components.
+    point : ndarray, shape (3,)
+        Body point looked at.
+    displacement : ndarray, shape (3,)
+        Of that point, in the axes of the body frame.
+    energy : float
+        Work of the growing load, ``1/2 dW . twist``.
+    """
+
+    wrench: Array
+    twist: Array
+    point: Array
+    displacement: Array
+    energy: float
+
+
+def compliance_deflection(
+    compliance: ArrayLike, wrench: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0)
+) -> Deflection:
+    """Deflection ``C dW``; exists at singular postures and for fewer than six joints too."""
+    C = as_matrix(compliance, "compliance")
+    W, p = as_vector(wrench, "wrench", 6), as_vector(point, "point", 3)
+    twist = C @ W
+    return Deflection(
+        frozen(W),
+        frozen(twist),
+        frozen(p),
+        frozen(displacement_of_point(twist, p)),
+        0.5 * float(W @ twist),
+    )
+
+
+def body_deflection(
+    stiffness: ArrayLike, wrench: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0)
+) -> Deflection:
+    """Deflection ``K^-1 dW`` from a stiffness (6, 6) of any connection.
+
+    Raises
+    ------
+    UndefinedError
+        Code ``"singular"`` if K has no inverse.
+    """
+    return compliance_deflection(invert(stiffness), wrench, point)
+
+
+@dataclass(frozen=True, eq=False)
+class JointShares:
+    """Each joint's part in a deflection.
+
+    Attributes
+    ----------
+    deflection : Deflection
+        Of the whole.
+    motion : ndarray, shape (n,)
+        Joint deflections dq (radians, or lengths for prismatic joints).
+    twists : ndarray, shape (6, n)
+        Columns J_a dq_a; their sum is the deflection's twist.
+    displacements : ndarray, shape (3, n)
+        Of the point, due to each joint.
+    share : ndarray, shape (n,)
+        Each displacement's component along the total one, over its length; they add up to 1 and
+        may be negative. NaN if the point does not move.
+    energy : ndarray, shape (n,)
+        ``1/2 dq_a (J^T dW)_a``; adds up to the deflection's energy.
+    """
+
+    deflection: Deflection
+    motion: Array
+    twists: Array
+    displacements: Array
+    share: Array
+    energy: Array
+
+
+def joint_shares(
+    jacobian: ArrayLike,
+    hessian: ArrayLike,
+    wrench: ArrayLike,
+    point: ArrayLike = (0.0, 0.0, 0.0),
+) -> JointShares:
+    r"""Deflection joint by joint.
+
+    Parameters
+    ----------
+    jacobian : array_like, shape (6, n)
+        Body Jacobian.
+    hessian : array_like, shape (n, n)
+        H_W: joint stiffness less the load term, see `cartstiff.analysis.congruence`; without a
+        load the joint stiffness itself.
+    wrench : array_like, shape (6,)
+        Added wrench dW, body frame.
+    point : array_like, shape (3,)
+        Body point.
+
+    Raises
+    ------
+    UndefinedError
+        Code ``"singular"`` if H_W has no inverse: a motion of the joints has no stiffness.
+    """
+    J = as_jacobian(jacobian)
+    n = J.shape[1]
+    H = as_matrix(hessian, "joint stiffness less load term", n)
+    W, p = as_vector(wrench, "wrench", 6), as_vector(point, "point", 3)
+    # Joints may mix radians and lengths: rank is judged on a unit diagonal.
+    scale = np.sqrt(np.abs(np.diag(H)))
+    scale[scale == 0.0] = 1.0
+    values = np.linalg.svd(H / np.outer(scale, scale), compute_uv=False)
+    if not values[-1] > RANK * values[0]:
+        raise UndefinedError(
+            "joint stiffness less its load term is singular: a motion of the joints is free",
+            code="singular",
+            values={"singular_values": values.tolist()},
+        )
+    torque = J.T @ W
+    motion = np.linalg.solve(H / np.outer(scale, scale), torque / scale) / scale
+    twists = J * motion
+    twist = twists.sum(axis=1)
+    displacements = twists[3:] + np.cross(twists[:3].T, p).T
+    total = displacements.sum(axis=1)
+    size = float(total @ total)
+    share = total @ displacements / size if size > 0 else np.full(n, np.nan)
+    deflection = Deflection(
+        frozen(W), frozen(twist), frozen(p), frozen(total), 0.5 * float(W @ twist)
+    )
+    return JointShares(
+        deflection,
+        frozen(motion),
+        frozen(twists),
+        frozen(displacements),
+        frozen(share),
+        frozen(0.5 * motion * torque),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class SpringShares:
+    """Each spring's part in the energy of a deflection.
+
+    Attributes
+    ----------
+    elongation : ndarray, shape (m,)
+        Of each spring: length, or angle for a spring in a revolute joint.
+    force : ndarray, shape (m,)
+        Stiffness times elongation: what the deflection adds to the spring's force.
+    energy : ndarray, shape (m,)
+        ``1/2 k e^2``.
+    share : ndarray, shape (m,)
+        Over the energy of the deflection; NaN if that is zero.
+    load_share : float
+        What the turning of the loaded springs' lines, and other potentials, take or give. With
+        it the shares add up to 1; it is zero where nothing is loaded.
+    """
+
+    elongation: Array
+    force: Array
+    energy: Array
+    share: Array
+    load_share: float
+
+
+def spring_shares(
+    elongation: ArrayLike, stiffness: ArrayLike, deflection: Deflection
+) -> SpringShares:
+    """Energies of springs that are not in a row.
+
+    Parameters
+    ----------
+    elongation : array_like, shape (m,)
+        Of each spring under the deflection.
+    stiffness : array_like, shape (m,)
+        Of the springs.
+    deflection : Deflection
+        Of the body.
+    """
+    elongation = np.asarray(elongation, float)
+    force = np.asarray(stiffness, float) * elongation
+    energy = 0.5 * force * elongation
+    whole = deflection.energy
+    share = energy / whole if whole != 0.0 else np.full(len(energy), np.nan)
+    return SpringShares(
+        frozen(elongation), frozen(force), frozen(energy), frozen(share), 1.0 - float(share.sum())
+    )

@@ -1,0 +1,249 @@
+r"""Ellipsoids and directional stiffness: three dimensions of a six-dimensional matrix at a time.
+
+Two different blocks carry the same name in the literature; here the difference has a word:
+
+* *held*: the other freedoms are locked. Translational stiffness K_tt, compliance K_tt^-1.
+* *free*: the other freedoms give way without load. Translational compliance C_tt, stiffness C_tt^-1
+  = K_tt - K_tr K_rr^-1 K_rt.
+
+Free is never stiffer than held when K is positive definite. Held translational and free rotational
+stiffness are the same at every point of the body; the other two depend on the point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.analysis.checks import as_matrix, as_unit, frozen
+from cartstiff.analysis.matrices import (
+    Definiteness,
+    definiteness,
+    eliminate,
+    frame_along,
+    move_compliance,
+    move_stiffness,
+    symmetric_part,
+)
+from cartstiff.errors import UndefinedError, UnknownNameError
+from cartstiff.geometry.se3 import Array
+
+__all__ = [
+    "Ellipsoid",
+    "Freedom",
+    "Others",
+    "compliance_block",
+    "compliance_ellipsoid",
+    "ellipsoid",
+    "stiffness_about",
+    "stiffness_along",
+    "stiffness_block",
+    "stiffness_ellipsoid",
+]
+
+Freedom = Literal["translation", "rotation"]
+Others = Literal["free", "held"]
+
+_INDICES = {"rotation": [0, 1, 2], "translation": [3, 4, 5]}
+
+
+@dataclass(frozen=True, eq=False)
+class Ellipsoid:
+    """Image of the unit sphere under a symmetric 3x3 matrix: {M x : |x| = 1}.
+
+    Attributes
+    ----------
+    axes : ndarray, shape (3, 3)
+        Proper rotation; column i is the i-th principal axis in the frame of the matrix.
+    radii : ndarray, shape (3,)
+        Semi-axes, the absolute values of `eigenvalues`.
+    eigenvalues : ndarray, shape (3,)
+        Principal values with their signs, smallest first.
+    definiteness : str
+        "positive", "positive semidefinite", "indefinite", "negative semidefinite", "negative" or
+        "zero". Only a positive one is the ellipsoid of a stable elasticity.
+    asymmetry : float
+        Largest entry of the antisymmetric part that the ellipsoid cannot show.
+    """
+
+    axes: Array
+    radii: Array
+    eigenvalues: Array
+    definiteness: Definiteness
+    asymmetry: float = 0.0
+
+    @property
+    def matrix(self) -> Array:
+        """The symmetric matrix itself: axes diag(eigenvalues) axes^T."""
+        return (self.axes * self.eigenvalues) @ self.axes.T
+
+
+def ellipsoid(matrix: ArrayLike) -> Ellipsoid:
+    """Ellipsoid of the symmetric part of any 3x3 matrix.
+
+    The largest component of the first two axes is positive; the third completes a right-handed
+    frame. Axes of equal eigenvalues are arbitrary within their plane.
+
+    Raises
+    ------
+    InputError
+        If the matrix is not 3x3 and finite.
+    """
+    m = as_matrix(matrix, "matrix", 3)
+    values, axes = np.linalg.eigh(symmetric_part(m))
+    for i in range(2):
+        if axes[np.argmax(np.abs(axes[:, i])), i] < 0:
+            axes[:, i] *= -1.0
+    axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
+    return Ellipsoid(
+        frozen(axes),
+        frozen(np.abs(values)),
+        frozen(values),
+        definiteness(values),
+        float(np.abs(m - m.T).max()) / 2.0,
+    )
+
+
+def _choice(freedom: str, others: str) -> tuple[list[int], bool]:
+    if freedom not in _INDICES:
+        raise UnknownNameError("freedom", freedom, _INDICES)
+    if others not in ("free", "held"):
+        raise UnknownNameError("condition of the other freedoms", others, ("free", "held"))
+    return _INDICES[freedom], others == "held"
+
+
+def stiffness_block(
+    stiffness: ArrayLike,
+    freedom: Freedom,
+    others: Others,
+    T_m_n: ArrayLike | None = None,
+) -> Array:
+    r"""3x3 stiffness of translation or rotation, the other freedoms held or free.
+
+    held: the block of K. free: ``K_aa - K_ab K_bb^-1 K_ba``, the inverse of the block of K^-1;
+    it needs only K_bb, and exists at postures where K itself is singular.
+
+    Parameters
+    ----------
+    stiffness : array_like, shape (6, 6)
+        K in frame M.
+    freedom : {"translation", "rotation"}
+        Unit of the result: force per length, or moment per angle.
+    others : {"free", "held"}
+        What the other three freedoms do.
+    T_m_n : array_like, shape (4, 4), optional
+        Frame N whose origin and axes are meant; default M.
+
+    Raises
+    ------
+    UndefinedError
+        Code ``"singular"`` if free is asked and the other freedoms have no balance.
+    """
+    keep, held = _choice(freedom, others)
+    K = as_matrix(stiffness) if T_m_n is None else move_stiffness(stiffness, T_m_n)
+    return K[np.ix_(keep, keep)].copy() if held else eliminate(K, keep)
+
+
+def compliance_block(
+    compliance: ArrayLike,
+    freedom: Freedom,
+    others: Others,
+    T_m_n: ArrayLike | None = None,
+) -> Array:
+    r"""3x3 compliance of translation or rotation, the other freedoms held or free.
+
+    free: the block of C (no load on the others). held: ``C_aa - C_ab C_bb^-1 C_ba``, the inverse of
+    the block of K. Arguments as in `stiffness_block`, with C in place of K.
+
+    Raises
+    ------
+    UndefinedError
+        Code ``"singular"`` if held is asked and no reaction can hold the other freedoms.
+    """
+    keep, held = _choice(freedom, others)
+    C = as_matrix(compliance, "compliance") if T_m_n is None else move_compliance(compliance, T_m_n)
+    return eliminate(C, keep) if held else C[np.ix_(keep, keep)].copy()
+
+
+def stiffness_ellipsoid(
+    stiffness: ArrayLike,
+    freedom: Freedom,
+    others: Others,
+    T_m_n: ArrayLike | None = None,
+) -> Ellipsoid:
+    """Ellipsoid of `stiffness_block`; its eigenvalues are the principal stiffnesses."""
+    return ellipsoid(stiffness_block(stiffness, freedom, others, T_m_n))
+
+
+def compliance_ellipsoid(
+    compliance: ArrayLike,
+    freedom: Freedom,
+    others: Others,
+    T_m_n: ArrayLike | None = None,
+) -> Ellipsoid:
+    """Ellipsoid of `compliance_block`; its eigenvalues are the principal compliances."""
+    return ellipsoid(compliance_block(compliance, freedom, others, T_m_n))
+
+
+def _on_axis(
+    K: ArrayLike, direction: ArrayLike, point: ArrayLike, index: int, others: str
+) -> float:
+    _, held = _choice("translation", others)
+    moved = move_stiffness(K, frame_along(as_unit(direction), point))
+    if held:
+        return float(moved[index, index])
+    try:
+        return float(eliminate(moved, [index])[0, 0])
+    except UndefinedError as error:
+        raise UndefinedError(
+            "stiffness with the other freedoms free does not exist here: " + str(error),
+            code=error.code,
+            values=error.values,
+        ) from error
+
+
+def stiffness_along(
+    stiffness: ArrayLike,
+    direction: ArrayLike,
+    point: ArrayLike = (0.0, 0.0, 0.0),
+    others: Others = "free",
+) -> float:
+    r"""Force per displacement of a body point along a direction (force per length).
+
+    free: a force through the point moves it, everything else gives way: ``1 / (w^T C w)`` with
+    w = (p x u, u). held: the body is guided to translate along u only: ``u^T K_tt u``, the same for
+    every point.
+
+    Raises
+    ------
+    InputError
+        If the direction is zero.
+    UndefinedError
+        Code ``"singular"``, see `stiffness_block`.
+    """
+    return _on_axis(stiffness, direction, point, 5, others)
+
+
+def stiffness_about(
+    stiffness: ArrayLike,
+    direction: ArrayLike,
+    point: ArrayLike = (0.0, 0.0, 0.0),
+    others: Others = "held",
+) -> float:
+    r"""Moment per rotation about an axis (moment per angle).
+
+    held: the body is hinged on the axis through the point: ``s^T K s`` with s = (u, p x u).
+    free: a pure moment along u, everything else gives way: ``1 / (u^T C_rr u)``, the same for
+    every parallel axis.
+
+    Raises
+    ------
+    InputError
+        If the direction is zero.
+    UndefinedError
+        Code ``"singular"``, see `stiffness_block`.
+    """
+    return _on_axis(stiffness, direction, point, 2, others)

@@ -1,0 +1,177 @@
+r"""Indices of a stiffness: one number each, with the length scale it depends on.
+
+Angles are multiplied by a length l, so that ``K_l = D K D``, D = diag(1/l, 1/l, 1/l, 1, 1, 1), is
+in force per length throughout. Where an index depends on l, its exponent says how.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.analysis.checks import as_length, frozen
+from cartstiff.analysis.matrices import (
+    RANK,
+    Definiteness,
+    as_symmetric,
+    balancing_length,
+    definiteness,
+    scale_lengths,
+)
+from cartstiff.errors import InputError, UndefinedError
+from cartstiff.geometry.se3 import Array
+
+__all__ = ["Indices", "best_conditioned_length", "condition_numbers", "indices", "isotropy"]
+
+
+@dataclass(frozen=True, eq=False)
+class Indices:
+    """Indices of a symmetric stiffness at one length scale.
+
+    Attributes
+    ----------
+    length : float
+        The length l.
+    eigenvalues : ndarray, shape (6,)
+        Of K_l (force per length), smallest first, with their signs.
+    definiteness : str
+        Of K; does not depend on l.
+    condition_number : float
+        Largest over smallest absolute eigenvalue of K_l; infinite if K is singular.
+    condition_exponent : float
+        d ln(condition number) / d ln(l) at this length: 1 means that a length 1 % longer makes it
+        1 % larger. NaN if K is singular.
+    isotropy : float
+        Geometric over arithmetic mean of the eigenvalues: 1 for a multiple of the identity, 0 if
+        singular, NaN if not positive semidefinite.
+    minimum_stiffness : float
+        Smallest eigenvalue of K_l, negative if there is one (force per length).
+    minimum_twist : ndarray, shape (6,)
+        Its twist (omega, v), of unit size ``sqrt(l^2 |omega|^2 + |v|^2)``.
+    determinant : float
+        det K in the original units, force^6 per angle^3. Depends neither on l nor on the frame.
+    translational_condition, rotational_condition : float
+        Of the two diagonal blocks of K (the other held); depend on no length.
+    """
+
+    length: float
+    eigenvalues: Array
+    definiteness: Definiteness
+    condition_number: float
+    condition_exponent: float
+    isotropy: float
+    minimum_stiffness: float
+    minimum_twist: Array
+    determinant: float
+    translational_condition: float
+    rotational_condition: float
+
+
+def _condition(values: Array) -> float:
+    size = np.abs(values)
+    return float(size.max() / size.min()) if size.min() > RANK * size.max() else float("inf")
+
+
+def isotropy(matrix: ArrayLike) -> float:
+    """Geometric over arithmetic mean of the eigenvalues of a symmetric matrix.
+
+    Between 0 (singular) and 1 (all equal); NaN if an eigenvalue is negative, or all are zero.
+    """
+    values = np.linalg.eigvalsh(np.asarray(matrix, float))
+    kind = definiteness(values)
+    if kind == "positive":
+        return float(np.exp(np.mean(np.log(values))) / np.mean(values))
+    return 0.0 if kind == "positive semidefinite" else float("nan")
+
+
+def indices(stiffness: ArrayLike, length: float) -> Indices:
+    r"""All indices at a length scale.
+
+    The exponent follows from the eigenvectors x of K_l: an eigenvalue changes as
+    ``d ln|lambda| / d ln l = -2 |x_rot|^2 / |x|^2``.
+
+    Parameters
+    ----------
+    stiffness : array_like, shape (6, 6)
+        Symmetric.
+    length : float
+        Positive; see `cartstiff.analysis.metrics`.
+    """
+    K = as_symmetric(stiffness)
+    scaled = scale_lengths(K, as_length(length))
+    values, x = np.linalg.eigh(scaled)
+    low, high = int(np.argmin(np.abs(values))), int(np.argmax(np.abs(values)))
+    condition = _condition(values)
+    shares = np.sum(x[:3] ** 2, axis=0)
+    exponent = 2.0 * float(shares[low] - shares[high]) if np.isfinite(condition) else float("nan")
+    twist = x[:, 0] * np.repeat([1.0 / length, 1.0], 3)
+    twist = twist * np.sign(twist[np.argmax(np.abs(x[:, 0]))])
+    return Indices(
+        float(length),
+        frozen(values),
+        definiteness(np.linalg.eigvalsh(scale_lengths(K, balancing_length(K)))),
+        condition,
+        exponent,
+        isotropy(scaled),
+        float(values[0]),
+        frozen(twist),
+        float(np.linalg.det(K)),
+        _condition(np.linalg.eigvalsh(K[3:, 3:])),
+        _condition(np.linalg.eigvalsh(K[:3, :3])),
+    )
+
+
+def condition_numbers(stiffness: ArrayLike, lengths: ArrayLike) -> Array:
+    """Condition number of K_l at each of several lengths."""
+    K = as_symmetric(stiffness)
+    scales = np.asarray(lengths, float)
+    if scales.ndim != 1:
+        raise InputError("lengths must be a list", expected="shape (m,)", got=scales.shape)
+    return np.array([_condition(np.linalg.eigvalsh(scale_lengths(K, s))) for s in scales])
+
+
+def best_conditioned_length(stiffness: ArrayLike) -> tuple[float, float]:
+    r"""Length at which the condition number is smallest, and that number.
+
+    For positive definite K both ln(largest) and -ln(smallest eigenvalue of K_l) are convex in
+    ln l, so a golden-section search finds the minimum. It depends on the origin of the frame.
+
+    Raises
+    ------
+    UndefinedError
+        Code ``"not-positive"`` if K is not positive definite.
+    """
+    K = as_symmetric(stiffness)
+    start = balancing_length(K)
+    values = np.linalg.eigvalsh(scale_lengths(K, start))
+    if definiteness(values) != "positive":
+        raise UndefinedError(
+            "no best length: the stiffness is not positive definite",
+            code="not-positive",
+            values={"eigenvalues": values.tolist(), "length": start},
+        )
+
+    def cost(t: float) -> float:
+        values = np.linalg.eigvalsh(scale_lengths(K, start * np.exp(t)))
+        return float(values[-1] / max(values[0], 1e-300))
+
+    # At a distance t from the balancing length one block is exp(2|t|) times the other, so that the
+    # condition number is at least exp(2|t|) / sqrt(3): beyond `reach` it exceeds that at t = 0.
+    reach = 0.5 * float(np.log(values[-1] / values[0])) + 1.0
+    low, high = -reach, reach
+    ratio = (np.sqrt(5.0) - 1.0) / 2.0
+    a, b = high - ratio * (high - low), low + ratio * (high - low)
+    cost_a, cost_b = cost(a), cost(b)
+    while high - low > 1e-7:
+        if cost_a <= cost_b:
+            high, b, cost_b = b, a, cost_a
+            a = high - ratio * (high - low)
+            cost_a = cost(a)
+        else:
+            low, a, cost_a = a, b, cost_b
+            b = low + ratio * (high - low)
+            cost_b = cost(b)
+    t = 0.5 * (low + high)
+    return float(start * np.exp(t)), cost(t)

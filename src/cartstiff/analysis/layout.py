@@ -1,0 +1,85 @@
+"""Numbers, units and tables of the text reports."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from cartstiff.errors import InputError
+
+__all__ = ["UnitNames", "number", "numbers", "percent", "row", "share", "table", "vector"]
+
+_SI = {"length": "m", "force": "N", "angle": "rad"}
+
+
+class UnitNames:
+    """Unit strings of every kind of number; InputError if a unit is missing."""
+
+    def __init__(self, units: Mapping[str, str] | None = None) -> None:
+        units = _SI if units is None else units
+        missing = [key for key in _SI if not isinstance(units.get(key), str)]
+        if missing:
+            raise InputError(
+                "units are incomplete",
+                expected="a mapping with length, force and angle",
+                got=dict(units),
+            )
+        self.length, self.force, self.angle = (units[key] for key in _SI)
+        f, m, a = self.force, self.length, self.angle
+        self.moment = f"{f} {m}"
+        self.pitch = f"{m}/{a}"
+        self.screw = f"{f}/{a}"
+        self.determinant = f"{f}^6/{a}^3"
+        self.stiffness = {"translation": f"{f}/{m}", "rotation": f"{f} {m}/{a}"}
+        self.compliance = {"translation": f"{m}/{f}", "rotation": f"{a}/({f} {m})"}
+        self.blocks = {"rr": f"{f} {m}/{a}", "rt": f, "tr": f"{f}/{a}", "tt": f"{f}/{m}"}
+
+
+def number(x: float | None, digits: int = 5, missing: str = "-") -> str:
+    """One number, "-" where it does not exist."""
+    return missing if x is None else f"{0.0 if x == 0 else x:.{digits}g}"
+
+
+def percent(x: float) -> str:
+    """A share in per cent; what is only rounding is 0."""
+    shown = f"{0.0 if abs(x) < 1e-12 else 100.0 * x:.2g}"
+    return f"{float(shown):g} %"
+
+
+def share(x: float) -> str:
+    """A pure number of size one; what is only rounding is 0."""
+    return number(0.0 if abs(x) < 1e-12 else x, 3)
+
+
+def _shown(values: Iterable[float | None], size: float = 0.0) -> list[float | None]:
+    """Numbers with those that are only rounding, of the largest or of a size, set to 0."""
+    found = list(values)
+    largest = max((abs(x) for x in found if x is not None), default=0.0)
+    largest = max(largest, size)
+    return [0.0 if x is not None and abs(x) < 1e-12 * largest else x for x in found]
+
+
+def row(values: Iterable[float | None] | None, digits: int = 5, size: float = 0.0) -> str:
+    """Numbers in columns."""
+    if values is None:
+        return "does not exist"
+    return " ".join(f"{number(x, digits):>11}" for x in _shown(values, size))
+
+
+def numbers(values: Iterable[float | None], digits: int = 5) -> str:
+    """Numbers in a line."""
+    return " ".join(number(x, digits) for x in _shown(values))
+
+
+def vector(values: Iterable[float | None], digits: int = 3) -> str:
+    """A short vector in brackets."""
+    return f"({', '.join(number(x, digits) for x in _shown(values))})"
+
+
+def table(titles: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """Right-aligned cells under their titles."""
+    cells = [titles, *rows]
+    widths = [max(len(r[i]) for r in cells) for i in range(len(titles))]
+    return [
+        ("  " + "  ".join(c.rjust(w) for c, w in zip(r, widths, strict=True))).rstrip()
+        for r in cells
+    ]

@@ -1,0 +1,258 @@
+r"""Six-by-six stiffness and compliance matrices: checks, blocks, change of frame, scaling.
+
+A stiffness K takes a twist (omega, v) to a wrench (moment, force); its 3x3 blocks are
+
+    K = [[ K_rr, K_rt ],        in      [[ N m/rad,  N   ],
+         [ K_tr, K_tt ]]                 [ N/rad,    N/m ]]
+
+and a compliance C takes wrenches to twists, in the same block order.
+"""
+
+from __future__ import annotations
+
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.analysis.checks import as_length, as_matrix, as_unit, as_vector
+from cartstiff.errors import InputError, UndefinedError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+
+__all__ = [
+    "RANK",
+    "ROTATION",
+    "TRANSLATION",
+    "Definiteness",
+    "as_symmetric",
+    "balancing_length",
+    "block_scales",
+    "definiteness",
+    "eliminate",
+    "frame_along",
+    "invert",
+    "move_compliance",
+    "move_stiffness",
+    "reach",
+    "require_full_rank",
+    "scale_jacobian",
+    "scale_lengths",
+    "symmetric_part",
+]
+
+Definiteness = Literal[
+    "positive",
+    "positive semidefinite",
+    "indefinite",
+    "negative semidefinite",
+    "negative",
+    "zero",
+]
+
+ROTATION: Final = slice(0, 3)
+TRANSLATION: Final = slice(3, 6)
+
+#: An eigenvalue below this share of the largest counts as zero: ten of sixteen digits are gone.
+RANK: Final = 1e-10
+# What a subtraction leaves below this share is its rounding.
+_ROUNDING: Final = 1e-13
+# An asymmetry below this share of the block's size is taken for rounding.
+_SYMMETRY: Final = 1e-9
+
+
+def symmetric_part(matrix: ArrayLike) -> Array:
+    """Half the sum of a matrix and its transpose; for K^A of any load this is K^B."""
+    m = np.asarray(matrix, float)
+    half: Array = 0.5 * (m + m.T)
+    return half
+
+
+def block_scales(matrix: ArrayLike) -> Array:
+    """Sizes (2, 2) against which the 3x3 blocks are judged, each in its block's own unit.
+
+    Diagonal: Frobenius norms of the rotation and translation blocks; off the diagonal their
+    geometric mean, which has the unit of the coupling block: no length has to be chosen. For a
+    positive semidefinite matrix the coupling block never exceeds it.
+    """
+    m = np.asarray(matrix, float)
+    rr = float(np.linalg.norm(m[ROTATION, ROTATION]))
+    tt = float(np.linalg.norm(m[TRANSLATION, TRANSLATION]))
+    coupling = float(np.sqrt(rr * tt))
+    if coupling == 0.0:
+        coupling = float(np.linalg.norm(m[ROTATION, TRANSLATION]))
+    return np.array([[rr, coupling], [coupling, tt]])
+
+
+def as_symmetric(value: ArrayLike, what: str = "stiffness") -> Array:
+    """Return the matrix, checked to be 6x6, finite and symmetric up to rounding.
+
+    Raises
+    ------
+    InputError
+        If it is not symmetric: take K^B, or `symmetric_part`.
+    """
+    m = as_matrix(value, what)
+    skew = np.abs(m - m.T)
+    limits = np.kron(block_scales(m), np.ones((3, 3)))
+    if np.any(skew > _SYMMETRY * limits):
+        raise InputError(
+            f"{what} is not symmetric",
+            expected="a symmetric matrix (K^B, or the symmetric part)",
+            got=f"asymmetry {float(skew.max()):.3g}",
+        )
+    return symmetric_part(m)
+
+
+def definiteness(eigenvalues: ArrayLike) -> Definiteness:
+    """Name the signs of eigenvalues; `RANK` times the largest counts as zero."""
+    values = np.asarray(eigenvalues, float)
+    zero = RANK * float(np.abs(values).max(initial=0.0))
+    below, above = bool(np.any(values < -zero)), bool(np.any(values > zero))
+    null = bool(np.any(np.abs(values) <= zero))
+    if below and above:
+        return "indefinite"
+    if above:
+        return "positive semidefinite" if null else "positive"
+    if below:
+        return "negative semidefinite" if null else "negative"
+    return "zero"
+
+
+def move_stiffness(stiffness: ArrayLike, T_m_n: ArrayLike) -> Array:
+    """Stiffness in body frame N: ``Ad^T K Ad`` with Ad = Ad(T_m_n).
+
+    Holds for K^A, K^B and K^+ (tensors); the kinematic connection of another origin is another
+    connection.
+    """
+    K, Ad = as_matrix(stiffness), se3.adjoint(_as_pose(T_m_n))
+    moved: Array = Ad.T @ K @ Ad
+    return moved
+
+
+def move_compliance(compliance: ArrayLike, T_m_n: ArrayLike) -> Array:
+    """Compliance in body frame N: ``Ad^-1 C Ad^-T`` with Ad = Ad(T_m_n)."""
+    C, back = as_matrix(compliance, "compliance"), se3.adjoint(se3.inverse(_as_pose(T_m_n)))
+    return back @ C @ back.T
+
+
+def _as_pose(T: ArrayLike) -> Array:
+    pose = np.asarray(T, float)
+    if not se3.is_pose(pose) or pose.shape != (4, 4):
+        raise InputError(
+            "frame is not a rigid motion",
+            expected="a 4x4 matrix with a proper rotation",
+            got=f"shape {pose.shape}",
+        )
+    return pose
+
+
+def frame_along(direction: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+    """Pose ``T_m_n`` with origin at `point` and z axis along `direction`, both in M."""
+    z = as_unit(direction)
+    x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
+    x /= np.linalg.norm(x)
+    rotation = np.column_stack([x, np.cross(z, x), z])
+    return se3.pose(rotation, as_vector(point, "point", 3))
+
+
+def scale_lengths(stiffness: ArrayLike, length: float) -> Array:
+    """Stiffness on twists (length * omega, v): every entry is a force per length.
+
+    ``D K D`` with D = diag(1/length, 1/length, 1/length, 1, 1, 1).
+    """
+    d = np.repeat([1.0 / as_length(length), 1.0], 3)
+    scaled: Array = as_matrix(stiffness) * d[:, None] * d
+    return scaled
+
+
+def balancing_length(matrix: ArrayLike) -> float:
+    """Length that makes both diagonal blocks equally large; for rounding only, never reported."""
+    m = np.asarray(matrix, float)
+    rr, tt = np.linalg.norm(m[ROTATION, ROTATION]), np.linalg.norm(m[TRANSLATION, TRANSLATION])
+    return float(np.sqrt(rr / tt)) if rr > 0 and tt > 0 else 1.0
+
+
+def invert(matrix: ArrayLike, what: str = "stiffness") -> Array:
+    """Inverse of a stiffness or compliance, rank judged on balanced units.
+
+    Raises
+    ------
+    UndefinedError
+        Code ``"singular"``, with the singular values on balanced units and the length used.
+    """
+    m = as_matrix(matrix, what)
+    length = balancing_length(m)
+    d = np.repeat([1.0 / length, 1.0], 3)
+    scaled = m * d[:, None] * d
+    values = np.linalg.svd(scaled, compute_uv=False)
+    if not values[-1] > RANK * values[0]:
+        raise UndefinedError(
+            f"{what} is singular: it has no inverse",
+            code="singular",
+            values={"singular_values": values.tolist(), "length": length},
+        )
+    inverse: Array = np.linalg.inv(scaled) * d[:, None] * d
+    return inverse
+
+
+def eliminate(matrix: ArrayLike, keep: list[int]) -> Array:
+    """Matrix on the kept directions when the others are free: ``M_kk - M_ko M_oo^-1 M_ok``.
+
+    A singular ``M_oo`` is harmless where the kept directions do not load its null space.
+
+    Raises
+    ------
+    UndefinedError
+        Code ``"singular"`` if they do: the others run away and no answer exists.
+    """
+    m = np.asarray(matrix, float)
+    others = [i for i in range(len(m)) if i not in keep]
+    length = balancing_length(m)
+    d = np.repeat([1.0 / length, 1.0], 3)
+    scaled = m * d[:, None] * d
+    inner, edge = scaled[np.ix_(others, others)], scaled[np.ix_(others, keep)]
+    u, values, vt = np.linalg.svd(inner)
+    rank = int(np.sum(values > RANK * np.abs(scaled).max()))
+    moves = vt[:rank].T @ ((u[:, :rank].T @ edge) / values[:rank, None])
+    left = float(np.abs(inner @ moves - edge).max())
+    # The square root of RANK: an entry that couples to a zero stiffness is itself bounded by the
+    # root of it in a positive semidefinite matrix.
+    if left > np.sqrt(RANK) * np.abs(scaled).max():
+        raise UndefinedError(
+            "the other freedoms are loaded where they have no stiffness: no balance exists",
+            code="singular",
+            values={"singular_values": values.tolist(), "unbalanced": left, "length": length},
+        )
+    block = scaled[np.ix_(keep, keep)]
+    free = block - scaled[np.ix_(keep, others)] @ moves
+    if np.abs(free).max() <= _ROUNDING * np.abs(block).max():
+        free = np.zeros_like(block)  # all of it was taken away
+    result: Array = free / d[keep][:, None] / d[keep]
+    return result
+
+
+def scale_jacobian(J: Array, length: float) -> Array:
+    """Jacobian of the twist (length * omega, v)."""
+    scaled: Array = J * np.repeat([length, 1.0], 3)[:, None]
+    return scaled
+
+
+def reach(J: Array) -> float:
+    """Length that balances the rotation and translation rows of J, for rank decisions."""
+    rotation, translation = np.linalg.norm(J[:3]), np.linalg.norm(J[3:])
+    return float(translation / rotation) if rotation > 0 and translation > 0 else 1.0
+
+
+def require_full_rank(J: Array) -> None:
+    """Raise UndefinedError ("deficient" or "singular") unless J has rank six."""
+    length = reach(J)
+    values = np.linalg.svd(scale_jacobian(J, length), compute_uv=False)
+    if J.shape[1] < 6 or not values[5] > RANK * values[0]:
+        deficient = J.shape[1] < 6
+        raise UndefinedError(
+            "the joints do not move the end-effector in all six directions: no joint stiffness "
+            "gives a Cartesian stiffness here",
+            code="deficient" if deficient else "singular",
+            values={"singular_values": values.tolist(), "length": length, "joints": J.shape[1]},
+        )

@@ -1,0 +1,174 @@
+r"""What an added wrench does to a mechanism at a posture, and joint springs for a wanted stiffness.
+
+Deflection, under any connection X: ``dq = (H_W + J^T D J)^-1 J^T dW`` with D = K^X - K^B gives
+``J dq = (K^X)^-1 dW``. The connection says what the present load does meanwhile: A, it follows the
+body; K, its force keeps its direction; B, half of each. Without load all are one.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.analysis.congruence import joint_stiffness
+from cartstiff.analysis.deflection import (
+    Deflection,
+    compliance_deflection,
+    joint_shares,
+    spring_shares,
+)
+from cartstiff.analysis.matrices import as_symmetric
+from cartstiff.analysis.plain import Notes, plain
+from cartstiff.errors import UndefinedError
+from cartstiff.geometry.connections import NAMED
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.platform import PlatformPosture
+from cartstiff.potentials.line_springs import LineSprings, second_derivative
+from cartstiff.potentials.springs import CoupledSprings, JointSprings
+from cartstiff.stiffness.compute import PostureStiffness
+
+__all__ = ["deflection_section", "target_section"]
+
+# A load below what the springs exert over this turn (rad) is rounding.
+_ROUNDING = 1e-12
+
+
+def _is_loaded(r: PostureStiffness) -> bool:
+    """Whether the load is more than the rounding of the springs' forces."""
+    if r.wrench is None:
+        return False
+    sizes = r.posture.coordinate_lengths
+    torque = (r.posture.motion.jacobian.T @ r.wrench) * sizes
+    stiffest = np.abs(r.evaluation.hessian * np.outer(sizes, sizes)).max(initial=0.0)
+    return bool(np.abs(torque).max(initial=0.0) > _ROUNDING * stiffest)
+
+
+def _difference(r: PostureStiffness, name: str) -> Array:
+    """K^X - K^B: what the connection adds under the load; zero without one."""
+    base, K = r.matrices["B"], r.matrices.get(name)
+    if base is not None and K is not None:
+        return K - base
+    if name not in NAMED or r.wrench is None:
+        return np.zeros((6, 6))
+    return NAMED["B"].wrench_term(r.wrench) - NAMED[name].wrench_term(r.wrench)
+
+
+def deflection_section(
+    r: PostureStiffness, name: str, added: Array | None, point: Array, notes: Notes
+) -> dict[str, Any] | None:
+    """Linear deflection ``(K^X)^-1 dW`` under a wrench in M, at a point of the body."""
+    if added is None:
+        if r.wrench is None or not _is_loaded(r):
+            return None
+        added = r.wrench
+    C = r.compliances["A" if name == "+" else name]
+    if C is None:
+        reason = UndefinedError("no compliance exists here", code="no-compliance")
+        notes.add(reason, "deflection")
+        return None
+    whole = compliance_deflection(C.T if name == "+" else C, added, point)
+    shares = notes.attempt("shares of the deflection", _shares, r, name, whole)
+    return {**plain(whole), "connection": name, **(shares or {"kind": None, "shares": None})}
+
+
+def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]:
+    """Each joint's or leg's part, with its name and unit kind."""
+    springs, posture = r.elastic.springs, r.posture
+    if isinstance(posture, PlatformPosture) and isinstance(springs, LineSprings):
+        k = np.where(springs.is_taut(posture.lines.lengths), springs.stiffness, 0.0)
+        legs = spring_shares(posture.lines.lines @ whole.twist, k, whole)
+        rows = [
+            {"name": leg, "elongation": e, "force": f, "energy": u, "share": s, "is_length": True}
+            for leg, e, f, u, s in zip(
+                r.elastic.spring_names, legs.elongation, legs.force, legs.energy, legs.share,
+                strict=True,
+            )
+        ]  # fmt: skip
+        return {"kind": "springs", "shares": rows, "load_share": legs.load_share}
+    coordinates = r.elastic.mechanism.coordinates
+    if posture.closure is None and not posture.coordinates_are_pose:
+        J = posture.motion.jacobian
+        W = np.zeros(6) if r.wrench is None else r.wrench
+        H = r.evaluation.hessian - posture.motion.curvature(W)
+        # The same change of connection in the joints: J (H_W + J^T D J)^-1 J^T = (K^B + D)^-1.
+        H = H + J.T @ _difference(r, name) @ J
+        found = joint_shares(J, H, whole.wrench, whole.point)
+        rows = [
+            {
+                "name": c.name,
+                "motion": found.motion[i],
+                "is_length": c.is_length,
+                "twist": found.twists[:, i],
+                "displacement": found.displacements[:, i],
+                "energy": found.energy[i],
+                "share": found.share[i],
+            }
+            for i, c in enumerate(coordinates)
+        ]
+        return {"kind": "joints", "shares": rows, "load_share": 0.0}
+    motion = r.motion_under(whole.wrench, _difference(r, name))
+    rows, stiffness, elongations = [], [], []
+    if isinstance(springs, JointSprings):
+        k = np.diag(springs.evaluate(posture).hessian)
+        for j in np.flatnonzero(k):
+            rows.append({"name": coordinates[j].name, "is_length": coordinates[j].is_length})
+            stiffness.append(k[j])
+            elongations.append(motion[j])
+    for link in (term for term in r.elastic.potentials if isinstance(term, CoupledSprings)):
+        # Along its own deflection a link is one spring, of that much turn and displacement.
+        x = motion[link.indices]
+        size = float(np.linalg.norm(x)) or 1.0
+        name_of_link = coordinates[link.indices[0]].name.rsplit(".", 1)[0]
+        rows.append({"name": f"{name_of_link} (link)", "is_length": None})
+        stiffness.append(float(x @ link.matrix @ x) / size**2)
+        elongations.append(size)
+    if not rows:
+        raise UndefinedError("no springs share the deflection", code="no-shares")
+    parts = spring_shares(elongations, stiffness, whole)
+    for i, row in enumerate(rows):
+        row |= {
+            "elongation": parts.elongation[i],
+            "force": parts.force[i],
+            "energy": parts.energy[i],
+            "share": parts.share[i],
+        }
+    return {"kind": "springs", "shares": rows, "load_share": parts.load_share}
+
+
+def target_section(r: PostureStiffness, target: ArrayLike) -> dict[str, Any]:
+    """Joint or leg stiffness that gives a desired K^B in M under the present load."""
+    K, W = as_symmetric(target, "target stiffness"), r.wrench
+    if W is None:
+        raise UndefinedError("no load balances this posture", code="unbalanced")
+    posture, springs = r.posture, r.elastic.springs
+    n = posture.motion.jacobian.shape[1]
+    gradient, hessian = np.zeros(n), np.zeros((n, n))
+    for term in r.elastic.terms(springs=False):
+        _, g, h = term.evaluate(posture)
+        gradient, hessian = gradient + g, hessian + h
+    if isinstance(posture, PlatformPosture) and isinstance(springs, LineSprings):
+        J = r.jacobian
+        if J is None or len(posture.lines.lengths) != 6:
+            raise UndefinedError(
+                "leg stiffnesses follow from a stiffness only for six independent legs",
+                code="no-chart",
+            )
+        tension = np.linalg.solve(posture.lines.lines.T, W - gradient)
+        own = second_derivative(posture.lines, r.elastic.mechanism.points, tension)  # type: ignore[attr-defined]
+        found = joint_stiffness(K, J, W, load_term=-J.T @ (own + hessian) @ J)
+        names, torque, lengths = r.elastic.spring_names, tension, [True] * 6
+    elif posture.closure is None and not posture.coordinates_are_pose:
+        J = posture.motion.jacobian
+        found = joint_stiffness(K, J, W, load_term=posture.motion.curvature(W) - hessian)
+        torque = found.torque - gradient
+        names = r.elastic.names
+        lengths = [c.is_length for c in r.elastic.mechanism.coordinates]
+    else:
+        raise UndefinedError(
+            "joint stiffnesses for a target are found for serial arms and six-legged platforms",
+            code="no-chart",
+        )
+    answer: dict[str, Any] = {"joints": names, "are_lengths": lengths, **plain(found)}
+    return answer | {"desired": K, "torque": torque}

@@ -1,0 +1,223 @@
+r"""What makes radians and metres comparable: characteristic lengths, metrics, and their modes.
+
+A number that mixes rotation and translation (a condition number, an eigenvalue of K) depends on the
+length by which angles are multiplied. It is always one of three, and the result says which:
+given by the user, the natural length of the elasticity, or the radius of gyration of a body.
+
+More generally, with a metric M on twists (6x6, positive definite) ``K v = lambda M v`` is the same
+in every frame, provided the metric moves along.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.analysis.checks import as_length, as_matrix, as_vector, frozen
+from cartstiff.analysis.matrices import (
+    TRANSLATION,
+    Definiteness,
+    as_symmetric,
+    definiteness,
+    eliminate,
+)
+from cartstiff.errors import InputError, UndefinedError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+
+__all__ = [
+    "CharacteristicLength",
+    "MetricModes",
+    "characteristic_length",
+    "inertia_metric",
+    "length_from_inertia",
+    "length_metric",
+    "modes",
+    "natural_length",
+]
+
+
+@dataclass(frozen=True)
+class CharacteristicLength:
+    """A length and its origin.
+
+    Attributes
+    ----------
+    value : float
+        In the units of the matrix.
+    origin : str
+        "given", "natural", "inertia", or "unit": one unit of length, when nothing was given and
+        the elasticity has no natural length.
+    reason : str
+        One line for people.
+    """
+
+    value: float
+    origin: Literal["given", "natural", "inertia", "unit"]
+    reason: str
+
+
+def natural_length(stiffness: ArrayLike) -> float:
+    r"""Length at which rotation and translation are equally stiff, from the stiffness alone.
+
+    ``(det S / det K_tt)^(1/6)`` with ``S = K_rr - K_rt K_tt^-1 K_tr`` the rotational stiffness with
+    free translations. Both determinants are the same at every point and in any axes, so the length
+    does not depend on the frame. It is the ratio of the geometric means of the rotational and
+    translational principal stiffnesses of [PattersonLipkin]_'s decomposition, under a square root.
+
+    Parameters
+    ----------
+    stiffness : array_like, shape (6, 6)
+        Symmetric.
+
+    Raises
+    ------
+    UndefinedError
+        Code ``"no-natural-length"`` unless both blocks are positive definite.
+    """
+    K = as_symmetric(stiffness)
+    translation = np.linalg.eigvalsh(K[TRANSLATION, TRANSLATION])
+    rotation = np.full(3, np.nan)
+    if definiteness(translation) == "positive":
+        rotation = np.linalg.eigvalsh(eliminate(K, [0, 1, 2]))
+    if not (np.all(np.isfinite(rotation)) and definiteness(rotation) == "positive"):
+        raise UndefinedError(
+            "the elasticity has no natural length: its translational and free rotational "
+            "stiffness are not both positive definite",
+            code="no-natural-length",
+            values={
+                "translational": translation.tolist(),
+                "free_rotational": rotation.tolist() if np.all(np.isfinite(rotation)) else None,
+            },
+        )
+    return float(np.exp((np.log(rotation).sum() - np.log(translation).sum()) / 6.0))
+
+
+def _body(mass: float, inertia: ArrayLike) -> tuple[float, Array]:
+    """Mass and inertia about the mass centre; InputError unless both are positive definite."""
+    m = float(mass)
+    if not (np.isfinite(m) and m > 0):
+        raise InputError("mass cannot be used", expected="a positive number", got=m)
+    I_c = as_matrix(inertia, "inertia", 3)
+    if np.abs(I_c - I_c.T).max() > 1e-9 * np.abs(I_c).max():
+        raise InputError("inertia is not symmetric", got=I_c.tolist())
+    if np.linalg.eigvalsh(I_c)[0] <= 0:
+        raise InputError("inertia is not positive definite", got=I_c.tolist())
+    return m, I_c
+
+
+def length_from_inertia(mass: float, inertia: ArrayLike) -> float:
+    r"""Radius of gyration ``sqrt(tr I / (3 m))`` of a body, I about its mass centre.
+
+    Raises
+    ------
+    InputError
+        If the mass is not positive or the inertia is not symmetric positive definite.
+    """
+    m, I_c = _body(mass, inertia)
+    return float(np.sqrt(np.trace(I_c) / (3.0 * m)))
+
+
+def characteristic_length(
+    stiffness: ArrayLike | None = None,
+    *,
+    given: float | None = None,
+    mass: float | None = None,
+    inertia: ArrayLike | None = None,
+) -> CharacteristicLength:
+    """Length to use: the given one, else from the inertia, else natural, else one unit, and why."""
+    if given is not None:
+        return CharacteristicLength(as_length(given), "given", "given by the user")
+    if (mass is None) != (inertia is None):
+        raise InputError("mass and inertia go together", got="only one of them")
+    if mass is not None and inertia is not None:
+        value = length_from_inertia(mass, inertia)
+        return CharacteristicLength(value, "inertia", "radius of gyration of the body")
+    if stiffness is None:
+        return CharacteristicLength(1.0, "unit", "one unit of length: there is no stiffness matrix")
+    try:
+        value = natural_length(stiffness)
+    except UndefinedError:
+        reason = "one unit of length: none is natural, as the stiffness is not positive definite"
+        return CharacteristicLength(1.0, "unit", reason)
+    reason = "natural: there rotation and translation are equally stiff on average"
+    return CharacteristicLength(value, "natural", reason)
+
+
+@dataclass(frozen=True, eq=False)
+class MetricModes:
+    """Solutions of ``K v = lambda M v``.
+
+    Attributes
+    ----------
+    metric : str
+        Name of the metric.
+    values : ndarray, shape (6,)
+        Eigenvalues, smallest first: force per length for `length_metric`, squared angular
+        frequencies for `inertia_metric`.
+    twists : ndarray, shape (6, 6)
+        Columns v with ``v_i^T M v_j = 1`` if i = j and 0 otherwise; largest component positive.
+    definiteness : str
+        Of K; the same for every metric.
+    """
+
+    metric: str
+    values: Array
+    twists: Array
+    definiteness: Definiteness
+
+
+def length_metric(length: float) -> Array:
+    """Metric ``length^2 |omega|^2 + |v|^2`` at the frame's origin, (6, 6)."""
+    return np.diag(np.repeat([as_length(length) ** 2, 1.0], 3))
+
+
+def inertia_metric(mass: float, inertia: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+    r"""Kinetic-energy metric of a rigid body, (6, 6).
+
+    ``[[ I_c - m [c]x^2, m [c]x ], [ -m [c]x, m 1 ]]``, c the mass centre and I_c the inertia about
+    it, both in the frame of the stiffness.
+
+    Raises
+    ------
+    InputError
+        If the mass is not positive or the inertia not symmetric positive definite.
+    """
+    m, I_c = _body(mass, inertia)
+    c = se3.skew(as_vector(centre, "mass centre", 3))
+    return np.block([[I_c - m * c @ c, m * c], [-m * c, m * np.eye(3)]])
+
+
+def modes(stiffness: ArrayLike, metric: ArrayLike, name: str = "user") -> MetricModes:
+    r"""Eigenvalues and twists of K with respect to a metric, by Cholesky reduction.
+
+    Parameters
+    ----------
+    stiffness, metric : array_like, shape (6, 6)
+        Symmetric, in the same frame; the metric positive definite.
+    name : str
+        Carried in the result.
+
+    Raises
+    ------
+    InputError
+        If the metric is not positive definite.
+    """
+    K, M = as_symmetric(stiffness), as_symmetric(metric, "metric")
+    try:
+        L = np.linalg.cholesky(M)
+    except np.linalg.LinAlgError:
+        raise InputError(
+            "metric is not positive definite",
+            got=f"smallest eigenvalue {np.linalg.eigvalsh(M)[0]:.3g}",
+        ) from None
+    half = np.linalg.solve(L, K)
+    reduced = np.linalg.solve(L, half.T)
+    values, y = np.linalg.eigh(0.5 * (reduced + reduced.T))
+    twists = np.linalg.solve(L.T, y)
+    largest = np.argmax(np.abs(twists), axis=0)
+    twists *= np.sign(twists[largest, np.arange(6)])
+    return MetricModes(name, frozen(values), frozen(twists), definiteness(values))

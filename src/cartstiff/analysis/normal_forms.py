@@ -1,0 +1,159 @@
+r"""Frames in which a stiffness matrix is simplest: Loncaric's normal forms, least coupling.
+
+A symmetric stiffness has 21 numbers, and a frame has six: fifteen are left. At the centre of
+stiffness, in the right axes, the coupling block is diagonal: 6 + 6 + 3 numbers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.analysis.centres import (
+    centre_of_compliance,
+    centre_of_stiffness,
+    point_of_least_coupling,
+)
+from cartstiff.analysis.checks import frozen
+from cartstiff.analysis.matrices import (
+    ROTATION,
+    TRANSLATION,
+    as_symmetric,
+    move_compliance,
+    move_stiffness,
+    symmetric_part,
+)
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+
+__all__ = [
+    "DecouplingFrame",
+    "NormalForm",
+    "decoupling_frame",
+    "normal_form",
+    "normal_form_of_compliance",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class NormalForm:
+    """A matrix in its normal frame N.
+
+    Attributes
+    ----------
+    T_m_n : ndarray, shape (4, 4)
+        Frame N in the frame M of the original matrix.
+    matrix : ndarray, shape (6, 6)
+        Stiffness or compliance in N; its coupling blocks are diagonal.
+    coupling : ndarray, shape (3,)
+        Diagonal of the coupling block, smallest first; its sum does not depend on the frame.
+    """
+
+    T_m_n: Array
+    matrix: Array
+    coupling: Array
+
+
+def _axes(coupling: Array, diagonal: Array) -> Array:
+    """Proper rotation to eigenvectors of `coupling`; among equal ones, to those of `diagonal`."""
+    values, axes = np.linalg.eigh(symmetric_part(coupling))
+    # Rounding of the coupling block is measured on the matrix it was shifted by, too.
+    size = max(float(np.abs(values).max()), 1e-300)
+    start = 0
+    for end in range(1, 4):
+        if end == 3 or values[end] - values[end - 1] > 1e-9 * size:
+            group = axes[:, start:end]
+            axes[:, start:end] = group @ np.linalg.eigh(group.T @ diagonal @ group)[1]
+            start = end
+    if np.linalg.det(axes) < 0:
+        axes[:, 2] *= -1.0
+    return axes
+
+
+def _clean_coupling(coupling: Array, before: Array, lever: Array) -> Array:
+    """Coupling block with what is only the rounding of its subtraction set to zero."""
+    rounding = 1e-13 * max(float(np.abs(before).max()), float(np.abs(lever).max()))
+    return np.zeros((3, 3)) if np.abs(coupling).max() <= rounding else coupling
+
+
+def normal_form(stiffness: ArrayLike) -> NormalForm:
+    """Frame at the centre of stiffness with K_rt diagonal, and K there, [Loncaric]_.
+
+    Raises
+    ------
+    UndefinedError
+        Code ``"no-centre-of-stiffness"``.
+    """
+    K = as_symmetric(stiffness)
+    p = centre_of_stiffness(K)
+    D = K[TRANSLATION, TRANSLATION]
+    lever = se3.skew(p) @ D
+    B = _clean_coupling(K[ROTATION, TRANSLATION] - lever, K[ROTATION, TRANSLATION], lever)
+    T = se3.pose(_axes(B, D), p)
+    moved = symmetric_part(move_stiffness(K, T))
+    return NormalForm(frozen(T), frozen(moved), frozen(np.diag(moved[ROTATION, TRANSLATION])))
+
+
+def normal_form_of_compliance(compliance: ArrayLike) -> NormalForm:
+    """Frame at the centre of compliance with C_tr diagonal, and C there, [Loncaric]_.
+
+    Raises
+    ------
+    UndefinedError
+        Code ``"no-centre-of-compliance"``.
+    """
+    C = as_symmetric(compliance, "compliance")
+    p = centre_of_compliance(C)
+    D = C[ROTATION, ROTATION]
+    lever = se3.skew(p) @ D
+    B = _clean_coupling(C[TRANSLATION, ROTATION] - lever, C[TRANSLATION, ROTATION], lever)
+    T = se3.pose(_axes(B, D), p)
+    moved = symmetric_part(move_compliance(C, T))
+    return NormalForm(frozen(T), frozen(moved), frozen(np.diag(moved[TRANSLATION, ROTATION])))
+
+
+@dataclass(frozen=True, eq=False)
+class DecouplingFrame:
+    """The frame in which rotation and translation are coupled least.
+
+    Attributes
+    ----------
+    T_m_n : ndarray, shape (4, 4)
+        Origin at the point of least coupling, axes along the principal axes of K_tt.
+    matrix : ndarray, shape (6, 6)
+        The stiffness in that frame.
+    coupling, coupling_before : float
+        ``|K_rt| / sqrt(|K_rr| |K_tt|)`` (Frobenius norms, a pure number between 0 and 1 for a
+        positive definite matrix) in the new frame and in the old one.
+    """
+
+    T_m_n: Array
+    matrix: Array
+    coupling: float
+    coupling_before: float
+
+
+def _coupling_index(K: Array) -> float:
+    rr, tt = np.linalg.norm(K[ROTATION, ROTATION]), np.linalg.norm(K[TRANSLATION, TRANSLATION])
+    size = float(np.sqrt(rr * tt))
+    return float(np.linalg.norm(K[ROTATION, TRANSLATION])) / size if size > 0 else float("nan")
+
+
+def decoupling_frame(stiffness: ArrayLike) -> DecouplingFrame:
+    """Frame with the smallest coupling block in which K_tt is diagonal.
+
+    Raises
+    ------
+    UndefinedError
+        Code ``"no-point-of-least-coupling"``.
+    """
+    K = as_symmetric(stiffness)
+    p = point_of_least_coupling(K)
+    axes = np.linalg.eigh(K[TRANSLATION, TRANSLATION])[1]
+    if np.linalg.det(axes) < 0:
+        axes[:, 2] *= -1.0
+    T = se3.pose(axes, p)
+    moved = symmetric_part(move_stiffness(K, T))
+    return DecouplingFrame(frozen(T), frozen(moved), _coupling_index(moved), _coupling_index(K))

@@ -1,0 +1,229 @@
+r"""Everything that can be read from the stiffness at one posture, as one dict of plain values.
+
+To the sections of `cartstiff.analysis.summary`, which need only matrices, come those that need the
+mechanism: deflection, joint stiffness for a target, uncertainty.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.analysis import asymmetry as asymmetries
+from cartstiff.analysis.checks import as_vector
+from cartstiff.analysis.mechanism_sections import deflection_section, target_section
+from cartstiff.analysis.plain import Notes, numbers, plain
+from cartstiff.analysis.summary import summarise
+from cartstiff.analysis.tolerances import Parameters, Tolerances
+from cartstiff.analysis.uncertainty import (
+    Propagation,
+    propagate_first_order,
+    propagate_monte_carlo,
+)
+from cartstiff.errors import CartstiffError, InputError, UndefinedError, UnknownNameError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.stiffness.compute import PostureStiffness
+
+__all__ = ["CONNECTIONS", "analyse_posture"]
+
+#: Connections that can be analysed.
+CONNECTIONS = ("A", "B", "K", "F", "+")
+
+
+def analyse_posture(
+    result: PostureStiffness,
+    *,
+    connection: str | None = None,
+    length: float | None = None,
+    mass: float | None = None,
+    inertia: ArrayLike | None = None,
+    mass_centre: ArrayLike = (0.0, 0.0, 0.0),
+    at: ArrayLike | None = None,
+    direction: ArrayLike | None = None,
+    wrench: ArrayLike | None = None,
+    target: ArrayLike | None = None,
+    tolerances: Tolerances | None = None,
+    samples: int = 0,
+    threshold: float = asymmetries.THRESHOLD,
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, Any]:
+    r"""Analyse a mechanism at a posture, in any state.
+
+    Parameters
+    ----------
+    result : PostureStiffness
+        From `cartstiff.analyse`.
+    connection : str, optional
+        One of `CONNECTIONS`: the matrix that is analysed. Default the first that exists of B, K, F.
+    length : float, optional
+        Characteristic length in the mechanism's unit; see `summarise`.
+    mass, inertia, mass_centre : float, array_like (3, 3), array_like (3,), optional
+        A rigid body as the metric of "modes"; in the frame of the analysis, mass in
+        force time^2 per length.
+    at : array_like, shape (4, 4), optional
+        ``T_M_N``: the frame N fixed to the body in which everything but "deflection" is given;
+        the point of "deflection" is its origin. Under the kinematic connection the matrix is that
+        of N's own origin.
+    direction : array_like, shape (3,), optional
+        Direction in N along and about which the stiffness is given, besides x, y, z.
+    wrench : array_like, shape (6,), optional
+        Wrench (moment, force) in M added to the load, whose linear deflection is given; default
+        the load itself, if there is one.
+    target : array_like, shape (6, 6), optional
+        Desired K^B in M, for which joint (or leg) stiffnesses are given.
+    tolerances : Tolerances, optional
+        Standard deviations of the parameters.
+    samples : int
+        Draws for a Monte Carlo propagation of the tolerances; 0 propagates to first order.
+    threshold : float
+        Relative change above which the choice of connection matters.
+    progress : callable, optional
+        Called with (done, total) while tolerances are propagated.
+
+    Returns
+    -------
+    dict
+        The keys of `summarise`, and "deflection", "uncertainty"; "synthesis" has "target". What
+        was not asked for is None; what does not exist is None with a reason in "notes".
+
+    Raises
+    ------
+    UnknownNameError
+        For an unknown connection.
+    InputError
+        For a wrong shape or numbers that are not finite.
+    """
+    if connection is not None and connection not in CONNECTIONS:
+        raise UnknownNameError("connection", connection, CONNECTIONS)
+    if samples < 0 or samples == 1:
+        raise InputError("samples cannot be used", expected="0, or 2 and more", got=samples)
+    T = np.eye(4) if at is None else np.asarray(at, float)
+    if not se3.is_pose(T) or T.shape != (4, 4):
+        raise InputError("frame of the analysis is not a rigid motion", expected="a 4x4 pose")
+    added = None if wrench is None else as_vector(wrench, "wrench", 6)
+
+    def sections(r: PostureStiffness, springs: bool) -> tuple[dict[str, Any], Notes]:
+        stiffness, compliance, W = _in_frame(r, T, connection)
+        answer = summarise(
+            stiffness, W, length, connection=connection, compliance=compliance, mass=mass,
+            inertia=inertia, mass_centre=mass_centre, direction=direction, threshold=threshold,
+            springs=springs,
+        )  # fmt: skip
+        notes = Notes()
+        notes.entries = answer.pop("notes")
+        answer["frame"] = T.tolist()
+        answer["deflection"] = plain(
+            deflection_section(r, answer["connection"] or connection or "B", added, T[:3, 3], notes)
+        )
+        return answer, notes
+
+    answer, notes = sections(result, springs=True)
+    if answer["synthesis"] is not None or target is not None:
+        found = None
+        if target is not None:
+            found = notes.attempt("joint stiffness for the target", target_section, result, target)
+        answer["synthesis"] = {**(answer["synthesis"] or {}), "target": plain(found)}
+    answer["uncertainty"] = None
+    if tolerances is not None:
+        parameters = Parameters(result, tolerances)
+        answer["uncertainty"] = plain(
+            notes.attempt(
+                "uncertainty",
+                _uncertainty,
+                parameters,
+                numbers(answer),
+                lambda r: numbers(sections(r, springs=False)[0], answer),
+                samples,
+                progress,
+            )
+        )
+    answer["notes"] = notes.entries
+    return answer
+
+
+def _in_frame(
+    r: PostureStiffness, T: Array, connection: str | None
+) -> tuple[dict[str, Array | None], Array | None, Array]:
+    """Matrices by connection, compliance where no matrix exists, and load, in frame N."""
+    W = np.zeros(6) if r.wrench is None else r.wrench
+    matrices = dict(r.matrices)
+    names = [*matrices] if connection != "+" else [*matrices, "+"]
+    if all(K is None for K in matrices.values()):
+        C = r.compliances["K" if connection == "K" else "B"]
+        if connection == "F" or C is None:
+            return dict.fromkeys(names), None, W
+        back = se3.adjoint(se3.inverse(T))
+        return dict.fromkeys(names), back @ C @ back.T, se3.adjoint(T).T @ W
+    if not np.array_equal(T, np.eye(4)):
+        for name, K in matrices.items():
+            if K is not None:
+                matrices[name] = r.tensor(name).to_frame(T).matrix
+        W = se3.adjoint(T).T @ W
+    if connection == "+" and (K_A := matrices["A"]) is not None:
+        matrices["+"] = K_A.T
+    return matrices, None, W
+
+
+def _uncertainty(
+    parameters: Parameters,
+    nominal: Mapping[str, Array],
+    evaluate: Callable[[PostureStiffness], dict[str, Array]],
+    samples: int,
+    progress: Callable[[int, int], None] | None,
+) -> dict[str, Any]:
+    """Standard deviation and interval of every number of the analysis."""
+    named = parameters.named
+    total = samples or 1 + 4 * len(named)
+    done = 0
+
+    def function(values: dict[str, float]) -> dict[str, Array]:
+        nonlocal done
+        done += 1
+        if progress is not None:
+            progress(done, total)
+        found = evaluate(parameters.at(values))
+        missing = {name: np.full(x.shape, np.nan) for name, x in nominal.items()}
+        return {
+            name: found[name] if name in found and found[name].shape == x.shape else missing[name]
+            for name, x in nominal.items()
+        }
+
+    try:
+        p: Propagation = (
+            propagate_monte_carlo(function, named, samples=samples)
+            if samples
+            else propagate_first_order(function, named)
+        )
+    except InputError as error:
+        raise UndefinedError(f"within the tolerances {error}", code="no-samples") from None
+    except UndefinedError:
+        raise
+    except CartstiffError as error:
+        raise UndefinedError(f"within the tolerances {error}", code="no-samples") from None
+    entries: dict[str, Any] = {}
+    shares = None if p.contributions is None else np.array(list(p.contributions.values()))
+    for i, name in enumerate(p.names):
+        if not np.isfinite(p.mean[i]):
+            continue
+        entry = {
+            "mean": p.mean[i], "deviation": p.deviation[i],
+            "lower": p.lower[i], "upper": p.upper[i],
+        }  # fmt: skip
+        if shares is not None and p.deviation[i] > 0:
+            worst = int(np.argmax(shares[:, i]))
+            entry |= {"main_parameter": list(named)[worst], "main_share": shares[worst, i]}
+        entries[name] = entry
+    return {
+        "method": p.method,
+        "level": p.level,
+        "samples": p.samples,
+        "failures": p.failures,
+        "tolerances": parameters.tolerances,
+        "left_out": parameters.left_out,
+        "parameters": named,
+        "numbers": entries,
+    }

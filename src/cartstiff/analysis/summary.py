@@ -1,0 +1,303 @@
+r"""Everything that a stiffness matrix says, as one dict of plain values.
+
+Arrays become nested lists; numbers that are infinite or do not exist become None, and `notes` says
+why. `cartstiff.analysis.report` prints the same dict.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.analysis import asymmetry as asymmetries
+from cartstiff.analysis.centres import centres
+from cartstiff.analysis.checks import as_unit, as_vector
+from cartstiff.analysis.compliant_axes import (
+    CompliantAxis,
+    twist_compliant_axes,
+    wrench_compliant_axes,
+)
+from cartstiff.analysis.ellipsoids import (
+    compliance_ellipsoid,
+    stiffness_about,
+    stiffness_along,
+    stiffness_ellipsoid,
+)
+from cartstiff.analysis.indices import best_conditioned_length, indices
+from cartstiff.analysis.matrices import (
+    as_symmetric,
+    invert,
+    move_compliance,
+    move_stiffness,
+    symmetric_part,
+)
+from cartstiff.analysis.metrics import characteristic_length, inertia_metric, length_metric, modes
+from cartstiff.analysis.normal_forms import decoupling_frame, normal_form
+from cartstiff.analysis.plain import Notes, plain
+from cartstiff.analysis.screws import Screw, eigenscrews
+from cartstiff.analysis.synthesis import realisability, realise
+from cartstiff.errors import UndefinedError, UnknownNameError
+from cartstiff.geometry.se3 import Array
+
+__all__ = ["summarise"]
+
+_PREFERRED = ("B", "K", "F", "A", "+")
+_FREEDOMS = ("translation", "rotation")
+_OTHERS = ("held", "free")
+_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+
+
+def summarise(
+    stiffness: Mapping[str, ArrayLike | None],
+    wrench: ArrayLike,
+    length: float | None = None,
+    *,
+    connection: str | None = None,
+    compliance: ArrayLike | None = None,
+    mass: float | None = None,
+    inertia: ArrayLike | None = None,
+    mass_centre: ArrayLike = (0.0, 0.0, 0.0),
+    direction: ArrayLike | None = None,
+    T_m_n: ArrayLike | None = None,
+    threshold: float = asymmetries.THRESHOLD,
+    springs: bool = True,
+) -> dict[str, Any]:
+    r"""Analyse one posture: ellipsoids, centres, screws, indices, and what the connection changes.
+
+    Parameters
+    ----------
+    stiffness : mapping of str to (6, 6) array or None
+        By connection name, in body frame M; None where undefined.
+    wrench : array_like, shape (6,)
+        Load (moment, force) in frame M.
+    length : float, optional
+        Characteristic length; else from `mass` and `inertia`, else natural, else one unit.
+        The result says which.
+    connection : str, optional
+        The matrix that is analysed; default the first that exists of B, K, F, A, +. An asymmetric
+        one is analysed by its symmetric part, and the result says so.
+    compliance : array_like, shape (6, 6), optional
+        In frame M. Default the inverse of the analysed matrix; needed where no stiffness exists.
+    mass, inertia, mass_centre : float, array_like (3, 3), array_like (3,), optional
+        Rigid body whose kinetic energy is the metric of "modes"; inertia about the mass centre, in
+        the frame of the analysis. Default the metric of the characteristic length.
+    direction : array_like, shape (3,), optional
+        A direction, besides x, y and z, along and about which the stiffness is given.
+    T_m_n : array_like, shape (4, 4), optional
+        Frame in which the analysis is given. The table of connections stays in M, since the
+        kinematic connection does not move as a tensor.
+    threshold : float
+        Relative change above which the choice of connection matters.
+    springs : bool
+        Whether to construct the springs that realise the matrix.
+
+    Returns
+    -------
+    dict
+        Keys "connection", "symmetrised", "definiteness", "frame", "length", "stiffness",
+        "compliance", "ellipsoids", "directions", "centres", "normal_form", "decoupling_frame",
+        "eigenscrews", "wrench_compliant_axes", "twist_compliant_axes", "indices", "modes",
+        "synthesis", "asymmetry", "connections", "notes".
+
+    Raises
+    ------
+    UnknownNameError
+        If `connection` is not among the names.
+    InputError
+        If a shape is wrong or a number is not finite.
+    """
+    notes = Notes()
+    W = as_vector(wrench, "wrench", 6)
+    name = _chosen(stiffness, connection)
+    base = None if name is None else stiffness[name]
+    K = None if base is None else symmetric_part(base)
+    skewness = 0.0 if base is None else asymmetries.asymmetry(base, W).size
+    C = None if compliance is None else symmetric_part(compliance)
+    if T_m_n is not None:
+        K = None if K is None else symmetric_part(move_stiffness(K, T_m_n))
+        C = None if C is None else symmetric_part(move_compliance(C, T_m_n))
+    scale = characteristic_length(K, given=length, mass=mass, inertia=inertia)
+    if C is None and K is not None:
+        inverse = notes.attempt("compliance", invert, K)
+        C = None if inverse is None else symmetric_part(inverse)
+    elif K is None:
+        reason = (
+            "no stiffness matrix exists here; what follows comes from the compliance alone"
+            if C is not None
+            else "neither stiffness nor compliance exists here"
+        )
+        notes.add(UndefinedError(reason, code="no-stiffness"), "stiffness")
+    metric = ("length", length_metric(scale.value))
+    if mass is not None and inertia is not None:
+        metric = ("inertia", inertia_metric(mass, inertia, mass_centre))
+    axes = {name: np.array(axis) for name, axis in _AXES.items()}
+    if direction is not None:
+        axes["given"] = as_unit(direction)
+    result: dict[str, Any] = {
+        "connection": name,
+        "symmetrised": skewness > 1e-9,
+        "definiteness": None,
+        "frame": np.eye(4) if T_m_n is None else np.asarray(T_m_n, float),
+        "length": scale,
+        "stiffness": K,
+        "compliance": C,
+        "ellipsoids": _ellipsoids(K, C, notes),
+        "directions": _directions(K, C, axes),
+    }
+    result |= _of_stiffness(K, C, scale.value, metric, springs, notes)
+    minus = stiffness.get("A")
+    result["asymmetry"] = None if minus is None else _asymmetry(minus, W)
+    result["connections"] = None
+    if name is not None:
+        result["connections"] = asymmetries.compare_connections(
+            stiffness, reference=name, length=scale.value, threshold=threshold
+        )
+    result["notes"] = notes.entries
+    answer: dict[str, Any] = plain(result)
+    return answer
+
+
+def _chosen(stiffness: Mapping[str, ArrayLike | None], connection: str | None) -> str | None:
+    if connection is not None:
+        if connection not in stiffness:
+            raise UnknownNameError("connection", connection, stiffness)
+        return connection if stiffness[connection] is not None else None
+    names = [n for n in (*_PREFERRED, *stiffness) if stiffness.get(n) is not None]
+    return names[0] if names else None
+
+
+def _ellipsoids(K: Array | None, C: Array | None, notes: Notes) -> dict[str, Any]:
+    """Nested by quantity, freedom and condition of the other freedoms."""
+    tables: dict[str, Any] = {}
+    for quantity, matrix, function in (
+        ("stiffness", K, stiffness_ellipsoid),
+        ("compliance", C, compliance_ellipsoid),
+    ):
+        tables[quantity] = {
+            freedom: {
+                others: None
+                if matrix is None
+                else notes.attempt(
+                    f"{quantity} of {freedom}, others {others}", function, matrix, freedom, others
+                )
+                for others in _OTHERS
+            }
+            for freedom in _FREEDOMS
+        }
+    return tables
+
+
+def _directions(
+    K: Array | None, C: Array | None, axes: Mapping[str, Array]
+) -> list[dict[str, Any]]:
+    """Stiffness along and about lines through the origin, the other freedoms held and free.
+
+    Held: the diagonal of K; free: the inverse of the diagonal of C (see `stiffness_along`,
+    `stiffness_about`), or by elimination where C does not exist.
+    """
+    table = []
+    for name, axis in axes.items():
+        row: dict[str, Any] = {"name": name, "direction": axis}
+        for kind, twist, function in (
+            ("along", np.concatenate([np.zeros(3), axis]), stiffness_along),
+            ("about", np.concatenate([axis, np.zeros(3)]), stiffness_about),
+        ):
+            free: float | None = None
+            if C is not None:
+                with np.errstate(divide="ignore"):
+                    free = 1.0 / (twist @ C @ twist)
+            elif K is not None:
+                free = Notes().attempt(kind, function, K, axis, np.zeros(3), "free")
+            row[kind] = {"held": None if K is None else twist @ K @ twist, "free": free}
+        table.append(row)
+    return table
+
+
+def _axis(axis: CompliantAxis) -> dict[str, Any]:
+    return {"stiffness": axis.stiffness, **_screw(axis.screw)}
+
+
+def _screw(screw: Screw) -> dict[str, Any]:
+    return {"direction": screw.direction, "point": screw.point, "pitch": screw.pitch}
+
+
+_OF_STIFFNESS = (
+    "definiteness",
+    "centres",
+    "normal_form",
+    "decoupling_frame",
+    "eigenscrews",
+    "wrench_compliant_axes",
+    "twist_compliant_axes",
+    "indices",
+    "modes",
+    "synthesis",
+)
+
+
+def _of_stiffness(
+    K: Array | None,
+    C: Array | None,
+    length: float,
+    metric: tuple[str, Array],
+    springs: bool,
+    notes: Notes,
+) -> dict[str, Any]:
+    """Sections that need the stiffness matrix."""
+    if K is None:
+        return dict.fromkeys(_OF_STIFFNESS)
+    K = as_symmetric(K)
+    points = centres(K, C)
+    for what, reason in points.reasons.items():
+        notes.add(reason, f"centre ({what.replace('_', ' ')})")
+    screws = eigenscrews(K)
+    twists = notes.attempt("twist-compliant axes", twist_compliant_axes, K)
+    numbers = indices(K, length)
+    best = notes.attempt("indices", best_conditioned_length, K)
+    judgement = realisability(K)
+    found = realise(K, length) if springs and judgement.passive else None
+    return {
+        "definiteness": numbers.definiteness,
+        "centres": {
+            "stiffness": points.stiffness,
+            "compliance": points.compliance,
+            "elasticity": points.elasticity,
+            "least_coupling": points.least_coupling,
+        },
+        "normal_form": notes.attempt("normal form", normal_form, K),
+        "decoupling_frame": notes.attempt("decoupling frame", decoupling_frame, K),
+        "eigenscrews": {
+            "screws": [
+                {
+                    "eigenvalue": e.eigenvalue,
+                    **_screw(e.screw),
+                    "rotational_stiffness": e.rotational_stiffness,
+                    "translational_stiffness": e.translational_stiffness,
+                }
+                for e in screws.screws
+            ],
+            "complete": screws.complete,
+            "complex_eigenvalues": [[z.real, z.imag] for z in screws.complex_eigenvalues],
+        },
+        "wrench_compliant_axes": [_axis(a) for a in wrench_compliant_axes(K)],
+        "twist_compliant_axes": None if twists is None else [_axis(a) for a in twists],
+        "indices": {
+            **plain(numbers),
+            "best_length": None if best is None else best[0],
+            "condition_at_best_length": None if best is None else best[1],
+        },
+        "modes": modes(K, metric[1], metric[0]),
+        "synthesis": {
+            **plain(judgement),
+            "springs": None if found is None else found.springs,
+            "residual": None if found is None else found.residual,
+        },
+    }
+
+
+def _asymmetry(matrix: ArrayLike, wrench: Array) -> dict[str, Any]:
+    a = asymmetries.asymmetry(matrix, wrench)
+    return {"size": a.size, "residual": a.residual, "agrees": a.agrees, "predicted": a.predicted}

@@ -1,0 +1,295 @@
+r"""Springs that realise a given symmetric stiffness.
+
+In ``K = sum k w w^T`` the trace of the coupling block, ``tr K_rt = sum k h`` over springs of pitch
+h, is the same in every frame, and line and torsional springs have none. Hence
+
+    K = sum of line and torsional springs   <=>   K >= 0 and tr K_rt = 0
+
+([Loncaric]_, [HuangSchimmels]_, [Roberts]_), with as many springs as the rank of K. Other
+positive semidefinite matrices need screw springs too.
+
+The construction here: any factor K = F F^T may be turned, F Q with Q orthogonal. The columns' own
+f . m are half the diagonal of Q^T N Q, N = F^T Delta F, whose sum is 2 tr K_rt. By the theorem of
+Schur and Horn the diagonal can be chosen freely as long as the eigenvalues of N majorise it: zeros
+if the trace is zero; else zeros but for s equal entries, s the smallest number whose largest
+eigenvalues add up to the trace. Fewer than s screw springs cannot do, whatever the number of line
+springs: s of them, with sum k w w^T <= K, carry at most the s largest eigenvalues of N.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.analysis.checks import frozen
+from cartstiff.analysis.matrices import (
+    RANK,
+    ROTATION,
+    TRANSLATION,
+    as_symmetric,
+    balancing_length,
+    block_scales,
+    scale_lengths,
+)
+from cartstiff.analysis.screws import SWAP_FORM, eigenscrews, screw_of_wrench
+from cartstiff.analysis.springs import Spring, parallel_stiffness
+from cartstiff.errors import UndefinedError
+from cartstiff.geometry.se3 import Array
+
+__all__ = ["Realisability", "Realisation", "eigenscrew_springs", "realisability", "realise"]
+
+# A column counts as torsional when its force is below this share of its length-scaled moment.
+_TORSIONAL = 1e-9
+# Eigenvalues dropped from the factor: far below what `RANK` calls zero, so that the springs
+# reproduce the matrix better than the rank is judged.
+_DROPPED = 1e-13
+_ATTEMPTS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Realisability:
+    """Whether springs can realise a stiffness, and which.
+
+    Attributes
+    ----------
+    passive : bool
+        Whether K is positive semidefinite: unloaded springs give nothing else.
+    by_line_springs : bool
+        Whether line (and torsional) springs suffice.
+    trace : float
+        tr K_rt (force per angle).
+    relative_trace : float
+        Its size beside ``sqrt(|K_rr| |K_tt|)``; below 1e-10 it counts as zero.
+    rank : int
+        Number of springs needed.
+    screw_springs : int
+        How many of them must be screw springs; 0 if line springs suffice or K is not passive.
+    eigenvalues : ndarray, shape (6,)
+        Of K on balanced units, relative to the largest; they show what `passive` and `rank` say.
+    """
+
+    passive: bool
+    by_line_springs: bool
+    trace: float
+    relative_trace: float
+    rank: int
+    screw_springs: int
+    eigenvalues: Array
+
+
+def realisability(stiffness: ArrayLike) -> Realisability:
+    """Judge a symmetric stiffness, without constructing anything."""
+    K = as_symmetric(stiffness)
+    values, vectors = np.linalg.eigh(scale_lengths(K, balancing_length(K)))
+    largest = float(np.abs(values).max())
+    relative = values / largest if largest > 0 else values
+    trace = float(np.trace(K[ROTATION, TRANSLATION]))
+    size = float(block_scales(K)[0, 1])
+    share = abs(trace) / size if size > 0 else 0.0
+    passive = bool(np.all(relative >= -RANK))
+    screws = 0
+    if passive and share > RANK:
+        F = vectors * np.sqrt(np.maximum(relative, 0.0))
+        mu = np.linalg.eigvalsh(F.T @ SWAP_FORM @ F)
+        screws = _screw_count(mu, float(mu.sum()))
+    return Realisability(
+        passive,
+        passive and screws == 0,
+        trace,
+        share,
+        int(np.sum(np.abs(relative) > RANK)),
+        screws,
+        frozen(relative),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Realisation:
+    """Springs and how well they reproduce the matrix.
+
+    Attributes
+    ----------
+    springs : tuple of Spring
+        As many as the rank of K.
+    residual : float
+        Largest entry of the difference, relative to the size of its block.
+    judgement : Realisability
+        Why these kinds of spring.
+    """
+
+    springs: tuple[Spring, ...]
+    residual: float
+    judgement: Realisability
+
+    @property
+    def stiffness(self) -> Array:
+        """The matrix (6, 6) that the springs give."""
+        return parallel_stiffness(self.springs)
+
+
+def _require_passive(K: Array) -> Realisability:
+    judgement = realisability(K)
+    if not judgement.passive:
+        raise UndefinedError(
+            "no unloaded springs give this stiffness: it has a negative eigenvalue",
+            code="not-passive",
+            values={"relative_eigenvalues": judgement.eigenvalues.tolist()},
+        )
+    return judgement
+
+
+def _screw_count(mu: Array, trace: float) -> int:
+    """Fewest screw springs: how many of the largest eigenvalues (of the trace's sign) reach it."""
+    signed = np.sort(mu * np.sign(trace))[::-1]
+    reached = np.cumsum(signed) >= abs(trace) * (1.0 - 1e-12)
+    return int(np.argmax(reached)) + 1
+
+
+def _split(F: Array, straight: bool) -> tuple[Array, Array]:
+    """Columns that carry the trace in equal shares, and the others, whose traces add to zero."""
+    mu, Y = np.linalg.eigh(F.T @ SWAP_FORM @ F)
+    F = F @ Y
+    trace = float(mu.sum())
+    if straight or not len(mu):
+        return F[:, :0], F
+    count = _screw_count(mu, trace)
+    share = trace / count
+    screws = []
+    for _ in range(count):
+        order = np.argsort(mu)
+        F, mu = F[:, order], mu[order]
+        # A pair of neighbours around the share: turning it keeps the rest majorised.
+        j = int(np.clip(np.searchsorted(mu, share), 1, max(len(mu) - 1, 1)))
+        if len(mu) == 1:
+            screws.append(F[:, 0])
+            F, mu = F[:, :0], mu[:0]
+            break
+        gap = mu[j] - mu[j - 1]
+        part = float(np.clip((share - mu[j - 1]) / gap, 0.0, 1.0)) if gap > 0 else 1.0
+        c, s = np.sqrt(part), np.sqrt(1.0 - part)
+        high, low = F[:, j].copy(), F[:, j - 1].copy()
+        screws.append(c * high + s * low)
+        F[:, j - 1], mu[j - 1] = c * low - s * high, mu[j] + mu[j - 1] - share
+        F, mu = np.delete(F, j, axis=1), np.delete(mu, j)
+    return np.column_stack(screws), F
+
+
+def _straighten(F: Array) -> Array:
+    """Turn the columns of F, whose w^T Delta w add to zero, until every one is zero."""
+    F = F.copy()
+    todo = list(range(F.shape[1]))
+    while len(todo) > 1:
+        N = F.T @ SWAP_FORM @ F
+        d = np.diag(N)
+        i = min(todo, key=lambda c: abs(float(d[c])))
+        todo.remove(i)
+        j = max(todo, key=lambda c: -float(d[c] * d[i]))
+        if d[i] * d[j] >= 0.0:
+            continue  # both are zero up to rounding
+        # tan of the angle from the root of d_i + 2 n_ij t + d_j t^2 = 0 without cancellation.
+        s = N[i, j] + np.copysign(np.sqrt(N[i, j] ** 2 - d[i] * d[j]), N[i, j])
+        t = -d[i] / s
+        c = 1.0 / np.sqrt(1.0 + t * t)
+        F[:, [i, j]] = F[:, [i, j]] @ np.array([[c, -t * c], [t * c, c]])
+    return F
+
+
+def realise(stiffness: ArrayLike, length: float | None = None) -> Realisation:
+    r"""Springs in parallel that realise a symmetric positive semidefinite stiffness.
+
+    Line springs where the trace condition holds (with torsional ones only where K forces them),
+    otherwise line springs and the fewest screw springs. Among a few turned factors the one whose
+    lines pass nearest to the origin is kept; the same matrix always gives the same springs.
+
+    Parameters
+    ----------
+    stiffness : array_like, shape (6, 6)
+        Symmetric, positive semidefinite.
+    length : float, optional
+        Size by which moments are compared with forces; default balances the blocks of K.
+
+    Raises
+    ------
+    UndefinedError
+        Code ``"not-passive"`` if K has a negative eigenvalue.
+    """
+    K = as_symmetric(stiffness)
+    judgement = _require_passive(K)
+    scale = balancing_length(K) if length is None else length
+    values, vectors = np.linalg.eigh(scale_lengths(K, scale))
+    kept = values > _DROPPED * max(float(values[-1]), 1e-300)
+    screws, rest = _split(vectors[:, kept] * np.sqrt(values[kept]), judgement.by_line_springs)
+    rng = np.random.default_rng(0)
+    lines, best = rest, -1.0
+    for attempt in range(_ATTEMPTS if rest.shape[1] else 0):
+        turned = rest
+        if attempt:
+            turned = rest @ np.linalg.qr(rng.standard_normal((rest.shape[1], rest.shape[1])))[0]
+        columns = _straighten(turned)
+        sizes = np.linalg.norm(columns, axis=0)
+        quality = float((np.linalg.norm(columns[3:], axis=0) / sizes).min())
+        if quality > best:
+            lines, best = columns, quality
+    unscale = np.repeat([scale, 1.0], 3)
+    springs = tuple(_spring(w * unscale, scale, True) for w in lines.T)
+    springs += tuple(_spring(w * unscale, scale, False) for w in screws.T)
+    return Realisation(springs, _residual(springs, K), judgement)
+
+
+def _spring(w: Array, length: float, straight: bool) -> Spring:
+    moment, force = w[:3], w[3:]
+    size = float(np.linalg.norm(force))
+    if size * length <= _TORSIONAL * float(np.linalg.norm(moment)):
+        k = float(moment @ moment)
+        return Spring(
+            "torsional", k, frozen(moment / np.sqrt(k)), frozen(np.zeros(3)), float("inf")
+        )
+    screw = screw_of_wrench(w, length)
+    return Spring(
+        "line" if straight else "screw",
+        size**2,
+        screw.direction,
+        screw.point,
+        0.0 if straight else screw.pitch,
+    )
+
+
+def _residual(springs: tuple[Spring, ...], K: Array) -> float:
+    scales = np.kron(block_scales(K), np.ones((3, 3)))
+    scales[scales == 0.0] = 1.0
+    return float((np.abs(parallel_stiffness(springs) - K) / scales).max())
+
+
+def eigenscrew_springs(stiffness: ArrayLike) -> Realisation:
+    r"""Six screw springs along the eigenscrews of a positive definite stiffness.
+
+    ``K = sum k_i w_i w_i^T``, w_i the unit wrench on the eigenscrew of pitch h_i and eigenvalue
+    lambda_i, ``k_i = lambda_i / (2 h_i)``. Geometric: the springs move with the body, but
+    all have a pitch.
+
+    Raises
+    ------
+    UndefinedError
+        Code ``"not-positive"`` if K is not positive definite.
+    """
+    K = as_symmetric(stiffness)
+    found = eigenscrews(K)
+    if found.definiteness != "positive":
+        raise UndefinedError(
+            "the eigenscrews carry springs only where the stiffness is positive definite",
+            code="not-positive",
+            values={"definiteness": found.definiteness, "eigenscrews": len(found.screws)},
+        )
+    springs = tuple(
+        Spring(
+            "screw",
+            e.eigenvalue / (2.0 * e.screw.pitch),
+            e.screw.direction,
+            e.screw.point,
+            e.screw.pitch,
+        )
+        for e in found.screws
+    )
+    return Realisation(springs, _residual(springs, K), realisability(K))

@@ -1,0 +1,284 @@
+r"""Uncertainty of results from tolerances of their parameters.
+
+Two independent ways, to be compared: *first order*, with variances ``sum_p (df/dp sigma_p)^2``
+[GUM]_, and *Monte Carlo*, which draws the parameters and looks at what comes out [GUM1]_. They
+differ where the function bends within the tolerances; then Monte Carlo is the one to trust.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.analysis.checks import frozen
+from cartstiff.errors import CartstiffError, InputError, UndefinedError, UnknownNameError
+from cartstiff.geometry.se3 import Array
+
+__all__ = [
+    "Propagation",
+    "Results",
+    "Tolerance",
+    "propagate_first_order",
+    "propagate_monte_carlo",
+]
+
+Results = Mapping[str, ArrayLike] | ArrayLike
+
+# Step of the differences, in standard deviations: far enough for rounding not to matter.
+_STEP = 0.2
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """A parameter known up to a standard deviation.
+
+    Attributes
+    ----------
+    nominal : float
+        Expected value.
+    deviation : float
+        Standard deviation, not negative, in the parameter's unit.
+    distribution : {"normal", "uniform"}
+        Used by Monte Carlo.
+    """
+
+    nominal: float
+    deviation: float
+    distribution: Literal["normal", "uniform"] = "normal"
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        if not np.isfinite(self.nominal):
+            raise InputError("nominal value must be finite", got=self.nominal)
+        if not (np.isfinite(self.deviation) and self.deviation >= 0):
+            raise InputError(
+                "standard deviation cannot be used", expected="zero or more", got=self.deviation
+            )
+        if self.distribution not in ("normal", "uniform"):
+            raise UnknownNameError("distribution", self.distribution, ("normal", "uniform"))
+
+    @classmethod
+    def from_limits(cls, lower: float, upper: float) -> Tolerance:
+        """Uniform between two limits: deviation (upper - lower) / sqrt(12)."""
+        if not lower <= upper:
+            raise InputError(
+                "limits are out of order", expected="lower <= upper", got=(lower, upper)
+            )
+        return cls(0.5 * (lower + upper), (upper - lower) / float(np.sqrt(12.0)), "uniform")
+
+    def draw(self, rng: np.random.Generator, count: int) -> Array:
+        """Independent values, shape (count,)."""
+        if self.distribution == "uniform":
+            half = np.sqrt(3.0) * self.deviation
+            return rng.uniform(self.nominal - half, self.nominal + half, count)
+        return rng.normal(self.nominal, self.deviation, count)
+
+
+@dataclass(frozen=True, eq=False)
+class Propagation:
+    """Uncertainty of every number that a function returns.
+
+    Attributes
+    ----------
+    method : {"first order", "Monte Carlo"}
+        How it was found.
+    names : tuple of str
+        One per number: "key", or "key[i, j]" for entries of arrays.
+    mean, deviation : ndarray, shape (m,)
+        Expected value (first order: value at the nominal parameters) and standard deviation.
+    lower, upper : ndarray, shape (m,)
+        Interval of the given level: mean -+ z deviation, or quantiles of the draws.
+    level : float
+        Probability of the interval.
+    contributions : dict of str to ndarray (m,), or None
+        First order only: each parameter's share of the variance; NaN where that is zero.
+    samples : int
+        Draws that gave numbers; 0 for first order.
+    failures : dict of str to int
+        Draws for which the function refused, by code or error name: they are not in the mean, and
+        many of them mean that the tolerance reaches a singularity.
+    """
+
+    method: Literal["first order", "Monte Carlo"]
+    names: tuple[str, ...]
+    mean: Array
+    deviation: Array
+    lower: Array
+    upper: Array
+    level: float
+    contributions: dict[str, Array] | None
+    samples: int
+    failures: dict[str, int]
+
+    def of(self, name: str) -> tuple[float, float, float, float]:
+        """Mean, standard deviation, lower and upper end of one number; UnknownNameError."""
+        if name not in self.names:
+            raise UnknownNameError("result", name, self.names)
+        i = self.names.index(name)
+        columns = (self.mean, self.deviation, self.lower, self.upper)
+        mean, deviation, lower, upper = (float(c[i]) for c in columns)
+        return mean, deviation, lower, upper
+
+
+def _flatten(results: Results) -> tuple[tuple[str, ...], Array]:
+    """Names and values of all numbers, in the order of the mapping."""
+    items = results.items() if isinstance(results, Mapping) else [("result", results)]
+    names: list[str] = []
+    values: list[float] = []
+    for key, value in items:
+        array = np.asarray(value, float)
+        for index in np.ndindex(array.shape):
+            names.append(f"{key}[{', '.join(map(str, index))}]" if index else str(key))
+            values.append(float(array[index]))
+    return tuple(names), np.array(values)
+
+
+def _check(tolerances: Mapping[str, Tolerance], level: float) -> None:
+    if not tolerances:
+        raise InputError("no tolerances given", expected="at least one parameter")
+    if not 0.0 < level < 1.0:
+        raise InputError("level cannot be used", expected="between 0 and 1", got=level)
+
+
+def propagate_first_order(
+    function: Callable[[dict[str, float]], Results],
+    tolerances: Mapping[str, Tolerance],
+    *,
+    level: float = 0.95,
+) -> Propagation:
+    r"""Propagate standard deviations through the function's derivatives.
+
+    Derivatives are fourth-order differences: the function is evaluated four times per parameter,
+    within 0.4 standard deviations of the nominal values, and must be smooth there. Sorted
+    eigenvalues are not where two of them meet (symmetric mechanisms): prefer Monte Carlo there.
+
+    Parameters
+    ----------
+    function : callable
+        From a dict of parameter values to a dict of numbers or arrays, or to one array; NaN entries
+        stay NaN.
+    tolerances : mapping of str to Tolerance
+        Independent parameters.
+    level : float
+        Probability of the interval, normal distribution assumed.
+
+    Raises
+    ------
+    InputError
+        If there are no tolerances or the level is not between 0 and 1.
+    """
+    _check(tolerances, level)
+    nominal = {name: float(t.nominal) for name, t in tolerances.items()}
+    names, mean = _flatten(function(dict(nominal)))
+    moving = [name for name, t in tolerances.items() if t.deviation > 0]
+    sigma = np.array([tolerances[name].deviation for name in moving])
+
+    def at(offsets: Array) -> Array:
+        shifted = dict(nominal)
+        for name, offset in zip(moving, offsets, strict=True):
+            shifted[name] += float(offset)
+        found, values = _flatten(function(shifted))
+        if found != names:
+            raise InputError("the function returns other numbers from one call to the next")
+        return values
+
+    effects = np.zeros((len(mean), len(moving)))
+    for i, deviation in enumerate(sigma):
+        step = np.zeros(len(moving))
+        step[i] = _STEP * deviation
+        near, far = at(step) - at(-step), at(2.0 * step) - at(-2.0 * step)
+        effects[:, i] = (8.0 * near - far) / (12.0 * _STEP)
+    variance = np.sum(effects**2, axis=1)
+    total = np.sqrt(variance)
+    z = NormalDist().inv_cdf(0.5 + 0.5 * level)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        shares = effects.T**2 / variance
+    contributions = {name: frozen(np.where(variance > 0, 0.0, np.nan)) for name in tolerances}
+    contributions |= {name: frozen(s) for name, s in zip(moving, shares, strict=True)}
+    return Propagation(
+        "first order",
+        names,
+        frozen(mean),
+        frozen(total),
+        frozen(mean - z * total),
+        frozen(mean + z * total),
+        level,
+        contributions,
+        0,
+        {},
+    )
+
+
+def propagate_monte_carlo(
+    function: Callable[[dict[str, float]], Results],
+    tolerances: Mapping[str, Tolerance],
+    *,
+    samples: int = 1000,
+    seed: int = 0,
+    level: float = 0.95,
+) -> Propagation:
+    r"""Mean, standard deviation and quantiles over independent draws of the parameters.
+
+    Nothing is clipped: a draw for which the function raises a `CartstiffError` is counted under
+    `failures` and left out.
+
+    Parameters
+    ----------
+    function, tolerances, level
+        As in `propagate_first_order`.
+    samples : int
+        Number of draws, at least 2. Quantiles at 95 % need some hundred.
+    seed : int
+        Of the generator that belongs to this call.
+
+    Raises
+    ------
+    InputError
+        If there are no tolerances, too few samples, or the level is not between 0 and 1.
+    UndefinedError
+        Code ``"no-samples"`` if fewer than two draws gave numbers.
+    """
+    _check(tolerances, level)
+    if samples < 2:
+        raise InputError("too few samples", expected="at least 2", got=samples)
+    rng = np.random.default_rng(seed)
+    draws = {name: t.draw(rng, samples) for name, t in tolerances.items()}
+    names: tuple[str, ...] | None = None
+    rows: list[Array] = []
+    failures: dict[str, int] = {}
+    for s in range(samples):
+        try:
+            found, values = _flatten(function({name: float(d[s]) for name, d in draws.items()}))
+        except CartstiffError as error:
+            code = error.code if isinstance(error, UndefinedError) else type(error).__name__
+            failures[code] = failures.get(code, 0) + 1
+            continue
+        if names is not None and found != names:
+            raise InputError("the function returns other numbers from one call to the next")
+        names = found
+        rows.append(values)
+    if names is None or len(rows) < 2:
+        raise UndefinedError(
+            f"only {len(rows)} of {samples} draws gave numbers",
+            code="no-samples",
+            values={"failures": dict(failures)},
+        )
+    table = np.array(rows)
+    tail = 0.5 * (1.0 - level)
+    return Propagation(
+        "Monte Carlo",
+        names,
+        frozen(table.mean(axis=0)),
+        frozen(table.std(axis=0, ddof=1)),
+        frozen(np.quantile(table, tail, axis=0)),
+        frozen(np.quantile(table, 1.0 - tail, axis=0)),
+        level,
+        None,
+        len(rows),
+        failures,
+    )
