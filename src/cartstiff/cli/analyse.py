@@ -1,0 +1,131 @@
+"""``cartstiff analyse``."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from cartstiff.cli.analysis_options import AnalysisRequest, analysis_options
+from cartstiff.cli.options import load_with_options, mechanism_options, once, parse_numbers
+from cartstiff.errors import InputError, one_line
+
+__all__ = ["command"]
+
+_EPILOG = """\b
+Examples:
+  cartstiff analyse stewart-gough --json
+  cartstiff analyse ur5 --load 0,0,0,0,0,-100
+  cartstiff analyse panda --q 0,-0.8,0,-2.4,0,1.6,0.8 --frame panda_hand
+  cartstiff analyse my_arm.urdf --stiffness 20000 --frame tool
+  cartstiff analyse panda --rest 0,-0.8,0.1,-2.3,0,1.6,0.8 --relax
+
+  cartstiff analyse ur5 --analysis full --at 0,0,0.1 --length 0.2
+  cartstiff analyse ur5 --load 0,0,0,0,0,-100 --connection K --deflect 0,0,0,10,0,0
+  cartstiff analyse cubic --tolerance 0.05,0.0001 --samples 500
+  cartstiff analyse ur5 --target wanted.csv --inertia 2,0.01,0.01,0.005
+"""
+
+
+@click.command(name="analyse", epilog=_EPILOG)
+@mechanism_options
+@click.option(
+    "--load",
+    "load_text",
+    multiple=True,
+    callback=once,
+    metavar="MX,MY,MZ,FX,FY,FZ",
+    help="Wrench on the body in its own frame; rest positions are chosen so that the springs "
+    "balance it.",
+)
+@analysis_options
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Also write the result to a .json or .npz file.",
+)
+@click.option(
+    "--relax",
+    is_flag=True,
+    help="Where no wrench balances the posture: let the self-motion settle, the body held.",
+)
+@click.option("--strict", is_flag=True, help="Exit with code 3 if a quantity does not exist.")
+def command(
+    mechanism: str,
+    q_text: str | None,
+    pose_text: str | None,
+    lengths_text: str | None,
+    frame: str | None,
+    stiffness_text: str | None,
+    rest_text: str | None,
+    load_text: str | None,
+    as_json: bool,
+    output: Path | None,
+    relax: bool,
+    strict: bool,
+    **analysis_texts: Any,
+) -> None:
+    """Stiffness matrices of MECHANISM at a posture, under every connection.
+
+    MECHANISM is a bundled name (see `cartstiff models`), a mechanism file (.yaml), a URDF or MJCF
+    file, or an example robot's name.
+    """
+    if load_text is not None and rest_text is not None:
+        raise InputError("give --load or --rest, not both: one follows from the other")
+    if output is not None and output.suffix not in (".json", ".npz"):
+        raise InputError("unknown file ending", where="--output", expected=".json or .npz",
+                         got=output.name)  # fmt: skip
+    request = AnalysisRequest.parse(**analysis_texts)
+    wrench = None if load_text is None else parse_numbers(load_text, "--load", 6)
+    elastic, q = load_with_options(
+        mechanism, frame, q_text, pose_text, stiffness_text, rest_text, lengths_text
+    )
+
+    import numpy as np
+
+    from cartstiff.stiffness.compute import analyse
+
+    with np.errstate(all="ignore"):  # what is not finite is refused as a whole
+        result = analyse(elastic, q, wrench=wrench)
+        if relax and any(note.code == "unbalanced" for note in result.notes):
+            from cartstiff.statics.relax import relaxed
+
+            result = analyse(elastic, relaxed(elastic, result.q), wrench=wrench)
+        data = result.as_dict()
+    try:
+        text = json.dumps(data, allow_nan=False)
+    except ValueError:
+        raise InputError(
+            "the result leaves the range of double precision", where=one_line(mechanism),
+            expected="numbers of moderate size",
+        ) from None  # fmt: skip
+    if request.level != "none":
+        data["analysis"] = request.run(result)
+        text = json.dumps(data, allow_nan=False)
+    if output is not None:
+        from cartstiff.stiffness.output import write_result
+
+        write_result(result, output, data)
+    if as_json:
+        click.echo(text)
+    else:
+        from cartstiff.cli.text import describe
+
+        analysis = ""
+        if request.level != "none":
+            from cartstiff.analysis.report import summary_text
+
+            analysis = summary_text(data["analysis"], elastic.units.as_dict(), request.level)
+        click.echo(describe(result, analysis))
+    missing = [name for name, K in data["stiffness"].items() if K is None]
+    if strict and missing:
+        reasons = ", ".join(note.code for note in result.notes) or "undefined"
+        names = ", ".join(f"K^{name}" for name in missing)
+        click.echo(f"cartstiff: {names} does not exist here ({reasons})", err=True)
+        sys.stdout.flush()
+        raise click.exceptions.Exit(3)

@@ -1,0 +1,227 @@
+"""Options of ``cartstiff analyse`` that say what is read from the stiffness matrix."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from cartstiff.cli.options import once, parse_numbers
+from cartstiff.errors import InputError, one_line
+
+if TYPE_CHECKING:
+    from cartstiff.stiffness.compute import PostureStiffness
+
+__all__ = ["AnalysisRequest", "analysis_options"]
+
+LEVELS = ("full", "short", "none")
+CONNECTIONS = ("A", "B", "K", "F", "+")
+_Command = TypeVar("_Command", bound=Callable[..., Any])
+
+
+def analysis_options(command: _Command) -> _Command:
+    """Add the options; the command takes them as keywords for `AnalysisRequest.parse`."""
+    options = [
+        click.option(
+            "--analysis", type=click.Choice(LEVELS), default="short", show_default=True,
+            help="How much of the analysis to print; with --json: none leaves it out.",
+        ),
+        click.option(
+            "--connection", type=click.Choice(CONNECTIONS),
+            help="The matrix that is analysed; default the first that exists of B, K, F.",
+        ),
+        click.option(
+            "--at", metavar="X,Y,Z", multiple=True, callback=once,
+            help="Point of the body, in its frame, for which the analysis is given.",
+        ),
+        click.option(
+            "--direction", metavar="X,Y,Z", multiple=True, callback=once,
+            help="Also the stiffness along and about this direction of the body frame.",
+        ),
+        click.option(
+            "--deflect", metavar="MX,MY,MZ,FX,FY,FZ", multiple=True, callback=once,
+            help="Linear deflection under this wrench, in the body frame, added to the load; "
+            "default the load itself.",
+        ),
+        click.option(
+            "--length", metavar="L", multiple=True, callback=once,
+            help="Characteristic length that makes angles comparable with lengths.",
+        ),
+        click.option(
+            "--inertia", metavar="MASS,IXX,IYY,IZZ", multiple=True, callback=once,
+            help="Rigid body with its mass centre at the point, in kg and kg m^2: natural "
+            "frequencies, and its radius of gyration as the length.",
+        ),
+        click.option(
+            "--tolerance", metavar="REL[,LENGTH[,ANGLE]]", multiple=True, callback=once,
+            help="Standard deviations: relative of every spring stiffness, absolute of every "
+            "length (and rotation, rad) of the geometry.",
+        ),
+        click.option(
+            "--samples", type=click.IntRange(min=0), metavar="N",
+            help="Propagate the tolerances by N random draws; 0, the default: to first order.",
+        ),
+        click.option(
+            "--target", type=click.Path(path_type=Path), metavar="FILE",
+            help="Desired stiffness (6x6, symmetric, body frame; .json, .csv or .npy): the joint "
+            "stiffness that gives it under the load.",
+        ),
+    ]  # fmt: skip
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+@dataclass(frozen=True)
+class AnalysisRequest:
+    """What the options asked for, checked."""
+
+    level: str
+    keywords: dict[str, Any]
+    inertia: list[float] | None
+
+    @classmethod
+    def parse(
+        cls,
+        analysis: str,
+        connection: str | None,
+        at: str | None,
+        direction: str | None,
+        deflect: str | None,
+        length: str | None,
+        inertia: str | None,
+        tolerance: str | None,
+        samples: int | None,
+        target: Path | None,
+    ) -> AnalysisRequest:
+        """Numbers from the options' text; InputError naming the option."""
+        keywords: dict[str, Any] = {"connection": connection, "samples": samples or 0}
+        if at is not None:
+            keywords["at"] = parse_numbers(at, "--at", 3)
+        if direction is not None:
+            keywords["direction"] = parse_numbers(direction, "--direction", 3)
+            if not any(keywords["direction"]):
+                raise InputError("must not be zero", where="--direction", got=direction)
+        if deflect is not None:
+            keywords["wrench"] = parse_numbers(deflect, "--deflect", 6)
+        if length is not None:
+            keywords["length"] = parse_numbers(length, "--length", 1)[0]
+            _positive([keywords["length"]], "--length")
+        body = None
+        if inertia is not None:
+            body = parse_numbers(inertia, "--inertia", 4)
+            _positive(body, "--inertia")
+        if tolerance is not None:
+            numbers = parse_numbers(tolerance, "--tolerance")
+            if len(numbers) > 3:
+                raise InputError(
+                    "wrong count", where="--tolerance", expected="one to three numbers",
+                    got=str(len(numbers)),
+                )  # fmt: skip
+            if min(numbers) < 0 or not any(numbers):
+                raise InputError("cannot be used", where="--tolerance",
+                                 expected="zero or more, not all zero", got=tolerance)  # fmt: skip
+            keywords["tolerances"] = numbers
+        elif samples is not None:
+            raise InputError("is for --tolerance", where="--samples")
+        if samples == 1:
+            raise InputError("cannot be used", where="--samples", expected="0, or 2 and more",
+                             got="1")  # fmt: skip
+        if target is not None:
+            keywords["target"] = _matrix(target)
+        return cls(analysis, keywords, body)
+
+    def run(self, result: PostureStiffness) -> dict[str, Any]:
+        """The analysis; with a progress bar on a terminal while tolerances are propagated."""
+        import numpy as np
+
+        from cartstiff.analysis.posture import analyse_posture
+        from cartstiff.analysis.tolerances import Tolerances
+        from cartstiff.geometry.se3 import pose
+        from cartstiff.mechanisms.contract import SI
+        from cartstiff.stiffness.tensor import convert_length
+
+        keywords = dict(self.keywords)
+        if "at" in keywords:
+            keywords["at"] = pose(translation=keywords["at"])
+        if "tolerances" in keywords:
+            keywords["tolerances"] = Tolerances(*keywords["tolerances"])
+        if self.inertia is not None:
+            a, f = convert_length(SI, result.elastic.units)
+            keywords["mass"] = self.inertia[0] * f / a
+            keywords["inertia"] = np.diag(self.inertia[1:]) * f * a
+        with np.errstate(all="ignore"), _Progress() as progress:
+            try:
+                answer = analyse_posture(result, **keywords, progress=progress)
+                json.dumps(answer, allow_nan=False)
+            except (np.linalg.LinAlgError, FloatingPointError, ValueError) as error:
+                if isinstance(error, InputError):
+                    raise
+                raise InputError(
+                    "the analysis leaves the range of double precision",
+                    expected="numbers of moderate size, or --analysis none",
+                ) from None
+        return answer
+
+
+class _Progress:
+    """A progress bar on standard error, if that is a terminal."""
+
+    def __init__(self) -> None:
+        self._bar: Any = None
+
+    def __enter__(self) -> _Progress:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.render_finish()
+
+    def __call__(self, done: int, total: int) -> None:  # noqa: ARG002
+        if not sys.stderr.isatty():
+            return
+        if self._bar is None:
+            self._bar = click.progressbar(length=total, label="tolerances", file=sys.stderr)
+        self._bar.update(1)
+
+
+def _positive(numbers: list[float], option: str) -> None:
+    if min(numbers) <= 0:
+        raise InputError("cannot be used", where=option, expected="above zero", got=min(numbers))
+
+
+def _matrix(path: Path) -> Any:
+    """A 6x6 matrix from a file: .json (rows, or an object with "matrix"), .csv or .npy."""
+    import numpy as np
+
+    where = f"--target {one_line(str(path))}"
+    expected = "a 6x6 matrix of numbers"
+    if path.suffix not in (".json", ".csv", ".npy"):
+        raise InputError("unknown file ending", where=where, expected=".json, .csv or .npy")
+    try:
+        if path.suffix == ".npy":
+            found = np.load(path, allow_pickle=False)
+        elif path.suffix == ".csv":
+            found = np.loadtxt(path, delimiter=",", ndmin=2)
+        else:
+            found = json.loads(path.read_text(encoding="utf-8"))
+            found = found.get("matrix") if isinstance(found, dict) else found
+        matrix = np.array(found, float)
+    except OSError as error:
+        raise InputError("file cannot be read", where=where, got=error.strerror) from None
+    except (ValueError, TypeError, EOFError, RecursionError) as error:
+        raise InputError(
+            "does not hold a matrix", where=where, expected=expected, got=str(error)
+        ) from None
+    if matrix.shape != (6, 6) or not np.isfinite(matrix).all():
+        raise InputError("does not hold a matrix", where=where, expected=expected,
+                         got=f"shape {matrix.shape}")  # fmt: skip
+    if np.abs(matrix - matrix.T).max() > 1e-6 * np.abs(matrix).max():
+        raise InputError("matrix is not symmetric", where=where,
+                         expected="a symmetric stiffness (K^B)")  # fmt: skip
+    return 0.5 * (matrix + matrix.T)

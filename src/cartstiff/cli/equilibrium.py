@@ -1,0 +1,311 @@
+"""``cartstiff equilibrium``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from cartstiff.cli.options import load_with_options, mechanism_options, once, parse_numbers
+from cartstiff.errors import InputError, one_line
+
+__all__ = ["command"]
+
+_COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
+
+_EPILOG = """\b
+Examples:
+  cartstiff equilibrium ur5 --load 0,0,0,0,0,-100
+  cartstiff equilibrium stewart-gough --load 0,0,0,0,0,-50 --world --json
+  cartstiff equilibrium panda --payload 3,0,0,0.1
+  cartstiff equilibrium ur5 --hold z=-0.002
+  cartstiff equilibrium five-bar --load 0,0,0,0,-2000,0 --curve 3 --plot curve.png
+  cartstiff equilibrium ur5 --load 0,0,0,0,0,-80 --path postures.csv --csv commands.csv
+"""
+
+
+def _file(text: str, endings: tuple[str, ...], option: str) -> Path:
+    path = Path(text)
+    if path.suffix not in endings:
+        raise InputError("unknown file ending", where=option, expected=" or ".join(endings),
+                         got=path.name)  # fmt: skip
+    return path
+
+
+@click.command(name="equilibrium", epilog=_EPILOG)
+@mechanism_options
+@click.option(
+    "--load",
+    "load_text",
+    multiple=True,
+    callback=once,
+    metavar="MX,MY,MZ,FX,FY,FZ",
+    help="Wrench on the body at its origin, in the axes of the unloaded body frame; it keeps its "
+    "direction in the world.",
+)
+@click.option("--world", is_flag=True, help="The load's components are in the inertial axes.")
+@click.option("--follower", is_flag=True, help="The load turns with the body.")
+@click.option(
+    "--payload",
+    "payload_text",
+    multiple=True,
+    callback=once,
+    metavar="MASS[,X,Y,Z]",
+    help="Weight of a mass at a point of the body frame, under the file's gravity or 9.81 m/s^2.",
+)
+@click.option(
+    "--hold",
+    "hold_text",
+    multiple=True,
+    callback=once,
+    metavar="NAME=VALUE,...",
+    help="Displacement of the body prescribed in rx, ry, rz, x, y, z (rad, length).",
+)
+@click.option("--no-limits", is_flag=True, help="Ignore joint and leg limits.")
+@click.option(
+    "--curve",
+    "curve_text",
+    metavar="FACTOR",
+    multiple=True,
+    callback=once,
+    help="Load-deflection curve up to this multiple of the load, with critical loads.",
+)
+@click.option(
+    "--path",
+    "path_text",
+    metavar="FILE.csv",
+    multiple=True,
+    callback=once,
+    help="Compensate along a path: one posture a line, or posture and wrench (as for --load, in "
+    "the axes of the body at that posture); gives the commands that put the loaded body there.",
+)
+@click.option(
+    "--csv",
+    "csv_text",
+    metavar="FILE.csv",
+    multiple=True,
+    callback=once,
+    help="Write the curve or path.",
+)
+@click.option(
+    "--plot",
+    "plot_text",
+    metavar="FILE.png",
+    multiple=True,
+    callback=once,
+    help="Draw the curve or path.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def command(
+    mechanism: str,
+    q_text: str | None,
+    pose_text: str | None,
+    lengths_text: str | None,
+    frame: str | None,
+    stiffness_text: str | None,
+    rest_text: str | None,
+    load_text: str | None,
+    world: bool,
+    follower: bool,
+    payload_text: str | None,
+    hold_text: str | None,
+    no_limits: bool,
+    curve_text: str | None,
+    path_text: str | None,
+    csv_text: str | None,
+    plot_text: str | None,
+    as_json: bool,
+) -> None:
+    """Where MECHANISM comes to rest under load, how stable it is, and how stiff there.
+
+    Springs without a rest position carry gravity at the posture, where the mechanism is at rest
+    without the load. Loads of constant direction and moments that do not turn with the body are
+    dead loads; a moment has no potential.
+    """
+    if world and follower:
+        raise InputError("give --world or --follower, not both")
+    if curve_text is not None and path_text is not None:
+        raise InputError("give --curve or --path, not both")
+    several = curve_text is not None or path_text is not None
+    if (csv_text is not None or plot_text is not None) and not several:
+        raise InputError("--csv and --plot go with --curve or --path")
+    if no_limits and several:
+        raise InputError("--no-limits does not go with --curve or --path")
+    if path_text is not None:
+        for option, text in (("--hold", hold_text), ("--q", q_text), ("--pose", pose_text)):
+            if text is not None:
+                raise InputError(f"give {option} or --path, not both")
+    csv = None if csv_text is None else _file(csv_text, (".csv",), "--csv")
+    plot = None if plot_text is None else _file(plot_text, (".png", ".svg", ".pdf"), "--plot")
+    held = None if hold_text is None else _held(hold_text)
+    wrench = None if load_text is None else parse_numbers(load_text, "--load", 6)
+    curve_to = None if curve_text is None else parse_numbers(curve_text, "--curve", 1)[0]
+    if curve_to == 0.0:
+        raise InputError("not a usable factor", where="--curve", expected="a number not 0",
+                         got=curve_text)  # fmt: skip
+    elastic, q = load_with_options(
+        mechanism, frame, q_text, pose_text, stiffness_text, rest_text, lengths_text
+    )
+
+    from cartstiff.mechanisms.contract import named_values
+
+    if isinstance(q, dict):
+        q = named_values(q, elastic.names, elastic.q, "--q")
+    q = elastic.mechanism.assembled(elastic.q if q is None else q)
+    weight = _payload(elastic, payload_text)
+
+    def loads_at(q: Any, wrench: Any) -> tuple[Any, ...]:
+        return (*_wrench(elastic, q, wrench, world, follower), *weight)
+
+    loads = loads_at(q, wrench)
+    if path_text is not None:
+        _compensate(elastic, Path(path_text), wrench, loads_at, csv, plot, as_json)
+    elif curve_to is not None:
+        if not loads:
+            raise InputError("a curve needs a load", expected="--load or --payload")
+        _curve(elastic, loads, curve_to, q, held, csv, plot, as_json)
+    else:
+        _rest(elastic, loads, q, held, not no_limits, as_json)
+
+
+def _held(text: str) -> dict[str, float]:
+    values: dict[str, float] = {}
+    for part in text.split(","):
+        name, equals, number = part.partition("=")
+        if not equals or name.strip() not in _COMPONENTS or name.strip() in values:
+            raise InputError(
+                "cannot be used", where="--hold", got=repr(part),
+                expected=f"NAME=VALUE pairs of {', '.join(_COMPONENTS)}, each once",
+            )  # fmt: skip
+        values[name.strip()] = parse_numbers(number, "--hold", 1)[0]
+    return values
+
+
+def _wrench(elastic: Any, q: Any, wrench: Any, world: bool, follower: bool) -> tuple[Any, ...]:
+    """The load of --load, or of a line of the path file, for a body that is to be at q."""
+    import numpy as np
+
+    from cartstiff.potentials.loads import DeadWrench, FollowerWrench
+
+    if wrench is None:
+        return ()
+    if follower:
+        return (FollowerWrench(np.array(wrench)),)
+    R = np.eye(3) if world else elastic.mechanism.at(q).pose[:3, :3]
+    return (DeadWrench(np.concatenate([R @ wrench[:3], R @ wrench[3:]])),)
+
+
+def _payload(elastic: Any, text: str | None) -> tuple[Any, ...]:
+    from cartstiff.potentials.loads import payload
+
+    if text is None:
+        return ()
+    numbers = parse_numbers(text, "--payload")
+    if len(numbers) not in (1, 4):
+        raise InputError("wrong count", where="--payload", expected="MASS or MASS,X,Y,Z",
+                         got=str(len(numbers)))  # fmt: skip
+    gravity = (0.0, 0.0, -9.81) if elastic.gravity is None else elastic.gravity
+    return (payload(numbers[0], gravity, numbers[1:] or (0.0, 0.0, 0.0)),)
+
+
+def _print(data: dict[str, Any], mechanism: str) -> None:
+    try:
+        click.echo(json.dumps(data, allow_nan=False))
+    except ValueError:
+        raise InputError(
+            "the result leaves the range of double precision", where=one_line(mechanism),
+            expected="numbers of moderate size",
+        ) from None  # fmt: skip
+
+
+def _rest(
+    elastic: Any, loads: tuple[Any, ...], q: Any, held: Any, limits: bool, as_json: bool
+) -> None:
+    from cartstiff.cli.text_statics import describe_equilibrium
+    from cartstiff.statics.equilibrium import equilibrium
+
+    state = equilibrium(elastic, *loads, q0=q, held=held, limits=limits)
+    if as_json:
+        _print(state.as_dict(), elastic.name)
+    else:
+        click.echo(describe_equilibrium(state))
+
+
+def _save(result: Any, csv: Path | None, plot: Path | None, draw: Any) -> None:
+    from cartstiff.statics.figures import picture
+    from cartstiff.stiffness.output import write_whole
+
+    # Everything is made before anything is written.
+    files = []
+    if csv is not None:
+        files.append((csv, result.as_csv().encode()))
+    if plot is not None:
+        files.append((plot, picture(draw(result), plot.suffix)))
+    for path, _ in files:
+        if not path.parent.is_dir():
+            raise InputError("file cannot be written", where=one_line(str(path)),
+                             got="no such folder")  # fmt: skip
+    for path, data in files:
+        write_whole(path, data)
+
+
+def _curve(
+    elastic: Any, loads: tuple[Any, ...], to: float, q: Any, held: Any, csv: Path | None,
+    plot: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    from cartstiff.cli.text_statics import describe_curve
+    from cartstiff.statics.continuation import load_curve
+    from cartstiff.statics.figures import draw_load_curve
+
+    curve = load_curve(elastic, *loads, to=to, q0=q, held=held)
+    _save(curve, csv, plot, draw_load_curve)
+    if as_json:
+        _print(curve.as_dict(), elastic.name)
+    else:
+        click.echo(describe_curve(curve))
+
+
+def _compensate(
+    elastic: Any, path: Path, wrench: list[float] | None,
+    loads_at: Callable[[Any, Any], tuple[Any, ...]], csv: Path | None, plot: Path | None,
+    as_json: bool,
+) -> None:  # fmt: skip
+    import numpy as np
+
+    from cartstiff.cli.text_statics import describe_path
+    from cartstiff.mechanisms.loading.yaml_file import read_text
+    from cartstiff.statics.figures import draw_error_along_path
+    from cartstiff.statics.toolpath import compensate
+
+    where, n = one_line(str(path)), len(elastic.names)
+    rows: list[list[float]] = []
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
+        if line.strip() and not line.lstrip().startswith("#"):
+            row = parse_numbers(line, f"{where}, line {number}")
+            if len(row) != (len(rows[0]) if rows else n) and (rows or len(row) != n + 6):
+                raise InputError(
+                    "wrong count", where=f"{where}, line {number}", got=str(len(row)),
+                    expected=f"{n} coordinates" + (" or these and a wrench" if not rows else ""),
+                )  # fmt: skip
+            rows.append(row)
+    if not rows:
+        raise InputError("no postures", where=where, expected="one a line, comma-separated")
+    table = np.array(rows)
+    postures, wrenches = table[:, :n], [wrench] * len(table)
+    if table.shape[1] > n:
+        if wrench is not None:
+            raise InputError("give wrenches by --load or in the path file, not both")
+        wrenches = list(table[:, n:])
+    loads = [list(loads_at(q, w)) for q, w in zip(postures, wrenches, strict=True)]
+    if not loads[0]:
+        raise InputError("a path needs a load", where="--path",
+                         expected="--load, --payload, or six more columns in the file")  # fmt: skip
+    result = compensate(elastic, postures, loads)
+    _save(result, csv, plot, draw_error_along_path)
+    if as_json:
+        _print(result.as_dict(), elastic.name)
+    else:
+        click.echo(describe_path(result))

@@ -1,0 +1,131 @@
+"""The command ``cartstiff``: its subcommands are imported when they are called."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from importlib import import_module
+
+import click
+
+from cartstiff.errors import CartstiffError, UndefinedError, one_line
+from cartstiff.version import __version__
+
+__all__ = ["command", "main"]
+
+EXIT_INPUT = 2
+EXIT_UNDEFINED = 3
+EXIT_INTERNAL = 70
+
+# Name: (module, one line of help). The modules import numpy and Pinocchio; --help does not.
+_COMMANDS = {
+    "analyse": ("cartstiff.cli.analyse", "Stiffness matrices of a mechanism at a posture."),
+    "equilibrium": (
+        "cartstiff.cli.equilibrium",
+        "Where a mechanism comes to rest under load, and how stiff it is there.",
+    ),
+    "models": ("cartstiff.cli.models", "What can be named as MECHANISM."),
+}
+
+
+class _LazyGroup(click.Group):
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
+        return list(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:  # noqa: ARG002
+        if name not in _COMMANDS:
+            return None
+        command = import_module(_COMMANDS[name][0]).command
+        if not isinstance(command, click.Command):
+            raise TypeError(f"{_COMMANDS[name][0]}.command is not a command")
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, text) for name, (_, text) in _COMMANDS.items()])
+
+
+_HELP = """How stiff a robot's end-effector really is: the Cartesian stiffness matrix under every
+affine connection on SE(3).
+
+\b
+Examples:
+  cartstiff analyse stewart-gough
+  cartstiff analyse ur5 --load 0,0,0,0,0,-100
+  cartstiff models
+"""
+
+
+@click.group(
+    name="cartstiff",
+    cls=_LazyGroup,
+    help=_HELP,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+@click.version_option(__version__, prog_name="cartstiff")
+def command() -> None:
+    """Group of all commands."""
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line; every refusal is one line on standard error.
+
+    Exit codes: 0 done, 2 input that cannot be used, 3 with ``--strict`` something that does not
+    exist, 70 a fault of cartstiff itself.
+    """
+    for stream in (sys.stdout, sys.stderr):  # names of files may hold what is no text
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    try:
+        code = command.main(arguments, prog_name="cartstiff", standalone_mode=False)
+        sys.stdout.flush()
+    except click.exceptions.Exit as error:
+        code = error.exit_code
+    except click.Abort:
+        _say("interrupted")
+        code = 130
+    except click.exceptions.NoArgsIsHelpError:
+        _say("no command was given (see 'cartstiff --help')")
+        code = EXIT_INPUT
+    except click.UsageError as error:
+        hint = f" (see '{error.ctx.command_path} --help')" if error.ctx else ""
+        _say(one_line(error.format_message(), 600) + hint)
+        code = EXIT_INPUT
+    except click.ClickException as error:
+        _say(one_line(error.format_message(), 600))
+        code = EXIT_INPUT
+    except UndefinedError as error:
+        _say(one_line(f"{error.code}: {error}", 600))
+        code = EXIT_UNDEFINED
+    except CartstiffError as error:
+        _say(one_line(str(error), 600))
+        code = EXIT_INPUT
+    except SystemExit:  # click's answer to a reader that has gone
+        code = 0
+    except BrokenPipeError:
+        # The reader has gone (head, less): nobody is left to tell, and Python must not either.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = 0
+    except OSError as error:  # a full disk, a path that is too long
+        place = f"{one_line(error.filename, 200)}: " if error.filename else ""
+        _say(f"{place}{one_line(error.strerror or str(error), 300)}")
+        code = EXIT_INPUT
+    except Exception as error:
+        if os.environ.get("CARTSTIFF_TRACEBACK"):
+            raise
+        kind = type(error).__name__
+        _say(
+            f"internal error, please report it: {kind}: {one_line(str(error), 300)} "
+            "(CARTSTIFF_TRACEBACK=1 shows where)"
+        )
+        code = EXIT_INTERNAL
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _say(message: str) -> None:
+    click.echo(f"cartstiff: {message}", err=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,42 @@
+"""``cartstiff models``."""
+
+from __future__ import annotations
+
+import json
+
+import click
+
+__all__ = ["command"]
+
+
+@click.command(name="models", epilog="\b\nExample:\n  cartstiff models\n  cartstiff models --json")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def command(as_json: bool) -> None:
+    """List what can be named as MECHANISM: bundled files and example robots."""
+    from cartstiff.mechanisms.loading.catalogue import bundled_files, example_robots
+    from cartstiff.mechanisms.loading.yaml_file import read_yaml
+
+    bundled = {name: read_yaml(path)[0] for name, path in bundled_files().items()}
+    robots = example_robots()
+    if as_json:
+        data = {
+            "bundled": {
+                name: {"kind": file.get("kind"), "description": file.get("description")}
+                for name, file in bundled.items()
+            },
+            "example_robots": [n for n, r in robots.items() if r.path is not None],
+        }
+        click.echo(json.dumps(data))
+        return
+    click.echo("Bundled mechanisms:")
+    for name, file in bundled.items():
+        click.echo(f"  {name:<16} {file.get('kind', ''):<14} {file.get('description', '')}")
+    click.echo("")
+    if robots:
+        names = [n for n, r in robots.items() if r.path is not None]
+        click.echo("Robots of example-robot-data:")
+        click.echo(click.wrap_text(", ".join(names), 98, "  ", "  ", preserve_paragraphs=False))
+    else:
+        click.echo("Robots of example-robot-data: none; pip install 'cartstiff[robots]' adds them.")
+    click.echo("")
+    click.echo("Or a path: a mechanism file (.yaml), a URDF (.urdf), an MJCF file (.xml).")

@@ -1,0 +1,99 @@
+"""A result as text for people."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cartstiff.geometry import se3
+from cartstiff.stiffness.compute import PostureStiffness
+from cartstiff.stiffness.tensor import format_matrix
+
+__all__ = ["describe"]
+
+_MEANINGS = {
+    "A": "wrench components in the moving body frame (Cartan minus; asymmetric under load)",
+    "B": "symmetric part of K^A, independent of both frames (bi-invariant)",
+    "K": "force components in inertial directions (kinematic; depends on the frame's origin)",
+    "F": "Hessian in the joint coordinates, carried to the body (flat)",
+}
+
+
+def describe(result: PostureStiffness, analysis: str = "") -> str:
+    """Everything about a result, for reading; the text of its analysis stands before the notes."""
+    elastic = result.elastic
+    mechanism, units = elastic.mechanism, elastic.units
+    lines = [
+        f"{elastic.name}: {mechanism.kind}, body frame {mechanism.frame!r}, "
+        f"lengths in {units.length}, forces in {units.force}",
+        "",
+        "Posture",
+    ]
+    for coordinate, value in zip(mechanism.coordinates, result.q, strict=True):
+        if coordinate.is_length:
+            lines.append(f"  {coordinate.name:<28} {value:>12.6g} {units.length}")
+        else:
+            lines.append(
+                f"  {coordinate.name:<28} {value:>12.6g} rad {np.degrees(value):>10.4g} deg"
+            )
+    position, angles = result.pose[:3, 3], se3.roll_pitch_yaw(result.pose)
+    lines += [
+        "",
+        "Pose of the body frame",
+        f"  position          {_row(position)} {units.length}",
+        f"  roll, pitch, yaw  {_row(np.degrees(angles))} deg",
+        "",
+    ]
+    if result.wrench is not None:
+        lines += [
+            "Load: the wrench that holds the body here, in its own frame",
+            f"  moment  {_row(result.wrench[:3])} {units.moment}",
+            f"  force   {_row(result.wrench[3:])} {units.force}",
+        ]
+    if np.isfinite(result.energy):
+        lines.append(f"  stored energy {result.energy:.6g} {units.moment}")
+    lines.append("")
+    if any(K is not None for K in result.matrices.values()):
+        lines += [
+            "Stiffness: rows wrench (moment, force), columns motion (rotation, translation)",
+            f"  units [[{units.moment}/rad, {units.force}], "
+            f"[{units.force}/rad, {units.force}/{units.length}]]",
+            "",
+        ]
+    for name, K in result.matrices.items():
+        if K is None:
+            continue
+        asymmetry = float(np.abs(K - K.T).max())
+        size = float(np.abs(K).max())
+        verdict = (
+            "symmetric"
+            if asymmetry <= 1e-9 * size
+            else f"asymmetric, |K - K^T| up to {asymmetry:.4g}"
+        )
+        lines += [
+            f"K^{name}  {_MEANINGS[name]}; {verdict}",
+            format_matrix(K, [""] * 6),
+            "",
+        ]
+    if result.reduction.stiffness is None and result.reduction.reachable is not None:
+        lines += _reachable(result)
+    if analysis:
+        lines += [analysis]
+    if result.notes:
+        lines.append("Notes")
+        lines += [f"  [{note.code}] {note.message}" for note in result.notes]
+    return "\n".join(lines).rstrip()
+
+
+def _reachable(result: PostureStiffness) -> list[str]:
+    """The stiffness on the motions that exist, where the 6x6 matrix does not."""
+    motions, K = result.reduction.reachable, result.reduction.reachable_stiffness
+    if motions is None or K is None:
+        return []
+    rank = motions.shape[1]
+    lines = [f"Stiffness on the {rank} motion(s) that exist, as twists (rotation, translation)"]
+    lines += [f"  {i + 1}: {_row(twist)}" for i, twist in enumerate(motions.T)]
+    return [*lines, format_matrix(K, [""] * rank), ""]
+
+
+def _row(values: np.ndarray) -> str:
+    return " ".join(f"{0.0 if abs(v) < 1e-12 else v:>12.6g}" for v in values)
