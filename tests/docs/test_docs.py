@@ -1,0 +1,214 @@
+"""The documentation is true: its code runs, its links lead somewhere, its lists are complete."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+import pytest
+from tests.docs.blocks import ROOT, agree, blocks_of, pages, run_page
+
+import cartstiff
+from cartstiff.mechanisms.loading.catalogue import example_robots
+
+DOCS, SOURCES = ROOT / "docs", ROOT / "src" / "cartstiff"
+_LARGEST_GALLERY = 1_500_000
+_ROBOTS = re.compile(r'load\("(ur5|ur10|panda|xarm7)"|examples / "(paper_tables)')
+
+
+def _module(path: Path):
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[path.stem] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def _with_code() -> list[Path]:
+    languages = {"python", "console"}
+    return [p for p in pages() if languages & {b.language for b in blocks_of(p.read_text("utf-8"))}]
+
+
+# -- code blocks --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("page", _with_code(), ids=lambda p: str(p.relative_to(ROOT)))
+def test_page_prints_what_it_says(page, tmp_path, monkeypatch):
+    text = page.read_text(encoding="utf-8")
+    names = {m[1] for m in _ROBOTS.finditer(text) if m[1]}
+    if names and not example_robots():
+        pytest.skip("the page uses example robots, which are not installed")
+    monkeypatch.chdir(tmp_path)
+    results = run_page(page)
+    assert results, "a page with code shows no output"
+    for block, printed in results:
+        assert agree(block.text, printed), (
+            f"{page.name}, line {block.line}: the page says\n{block.text}\nand the code\n{printed}"
+        )
+
+
+@pytest.mark.parametrize(
+    ("expected", "got", "same"),
+    [
+        ("K = 1.23457 N", "K =  1.234570001 N", True),
+        ("K = 1.23457 N", "K = 1.23557 N", False),
+        ("1e-12", "3e-13", True),
+        ("a\n...\nd 4", "a\nb\nc\nd 4", True),
+        ("a\n...", "b\nc", False),
+        ("x ...", "x anything", True),
+        ("K^A 2", "K^B 2", False),
+        ("a", "a\nb", False),
+    ],
+)
+def test_comparison_tells_same_from_different(expected, got, same):
+    assert agree(expected, got) is same
+
+
+# -- lists that must be complete ----------------------------------------------------------------
+
+
+def test_every_bibliography_key_resolves():
+    known = set(
+        re.findall(r"^\.\. \[(\w+)\]", (DOCS / "bibliography.rst").read_text("utf-8"), re.M)
+    )
+    used = {}
+    for path in SOURCES.rglob("*.py"):
+        for key in re.findall(r"\[([A-Za-z]\w*)\]_", path.read_text(encoding="utf-8")):
+            used.setdefault(key, path.name)
+    for path in pages():
+        for key in re.findall(r"\{key\}`(\w+)`", path.read_text(encoding="utf-8")):
+            used.setdefault(key, path.name)
+    assert used
+    missing = {key: place for key, place in used.items() if key not in known}
+    assert not missing, f"keys without an entry in docs/bibliography.rst: {missing}"
+
+
+def test_every_code_is_explained():
+    codes = _module(DOCS / "_ext" / "codes.py").codes
+    listed = set(
+        re.findall(r"^\| `([a-z0-9-]+)` \|", (DOCS / "reference/notes.md").read_text("utf-8"), re.M)
+    )
+    produced = {c.code: c.module for c in codes() if not c.module.startswith("analysis.")}
+    missing = {code: module for code, module in produced.items() if code not in listed}
+    assert not missing, f"codes without a line in docs/reference/notes.md: {missing}"
+    assert not listed - set(produced), "docs/reference/notes.md lists codes that nothing produces"
+
+
+def test_json_page_lists_the_keys():
+    text = (DOCS / "reference/json.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\| `(\w+)` \|", text, re.M)
+    assert listed == list(cartstiff.analyse(cartstiff.load("cubic")).as_dict())
+
+
+def test_imports_point_one_way():
+    drawing = _module(DOCS / "draw_architecture.py")
+    found = drawing.imports()
+    assert drawing.upward(found) == []
+    picture = drawing.svg(found)
+    assert all(f">{name}<" in picture for name in found)
+
+
+def test_gallery_has_a_small_picture_of_every_example():
+    pictures = {path.stem: path.stat().st_size for path in (DOCS / "images").glob("*.png")}
+    examples = {p.stem for p in (ROOT / "examples").glob("*.py")} - {"make_gallery"}
+    assert examples <= set(pictures), "python examples/make_gallery.py makes the missing pictures"
+    assert sum(pictures.values()) < _LARGEST_GALLERY
+
+
+@pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md"])
+def test_links_of_plain_pages_exist(name):
+    text = re.sub(r"```.*?```", "", (ROOT / name).read_text(encoding="utf-8"), flags=re.S)
+    links = [target for target in re.findall(r"\]\(([^)\s]+)\)", text) if "://" not in target]
+    paths = re.findall(r"`((?:docs|examples|robots|tests)/[\w./-]+\.\w+)`", text)
+    for target in [*links, *paths]:
+        assert (ROOT / target).exists(), f"{name} names {target}, which does not exist"
+
+
+# -- the built pages ----------------------------------------------------------------------------
+
+
+class _Page(HTMLParser):
+    """Anchors, links and resources of a page."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.anchors: set[str] = set()
+        self.links: list[str] = []
+        self.resources: list[str] = []
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def has(self, fragment: str) -> bool:
+        return unquote(fragment) in self.anchors
+
+    def handle_starttag(self, tag, attrs):
+        values = dict(attrs)
+        self.anchors |= {values[k] for k in ("id", "name") if values.get(k)}
+        if tag == "a" and values.get("href"):
+            self.links.append(values["href"])
+        if tag in ("script", "img", "iframe", "source") and values.get("src"):
+            self.resources.append(values["src"])
+        if tag == "link" and values.get("rel") in ("stylesheet", "icon", "preload", "preconnect"):
+            self.resources.append(values["href"])
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    for package in ("sphinx", "myst_parser", "furo", "latex2mathml"):
+        pytest.importorskip(package, reason="the documentation tools are not installed")
+    target = tmp_path_factory.mktemp("docs") / "html"
+    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html"]
+    done = subprocess.run(
+        [*command, "-d", str(target.parent / "doctrees"), str(DOCS), str(target)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return {path: _Page(path) for path in target.rglob("*.html")}
+
+
+def test_internal_links_resolve(built):
+    broken = []
+    for path, page in built.items():
+        for link in page.links:
+            parts = urlsplit(link)
+            if parts.scheme or parts.netloc:
+                continue
+            target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
+            if not target.exists():
+                broken.append(f"{path.name}: {link}")
+            elif parts.fragment and target in built and not built[target].has(parts.fragment):
+                broken.append(f"{path.name}: {link} (no such anchor)")
+    assert not broken, broken
+
+
+def test_pages_load_nothing_from_outside(built):
+    for path, page in built.items():
+        outside = [r for r in page.resources if urlsplit(r).scheme or r.startswith("//")]
+        assert not [r for r in outside if not r.startswith("data:")], f"{path.name} loads {outside}"
+
+
+def test_every_module_is_in_the_reference(built):
+    text = "\n".join(p.read_text(encoding="utf-8") for p in built if p.parent.name == "api")
+    for path in SOURCES.rglob("*.py"):
+        if path.stem.startswith("_") or path.stem == "version":
+            continue
+        name = ".".join(("cartstiff", *path.relative_to(SOURCES).with_suffix("").parts))
+        assert f"module-{name}" in text, f"{name} is missing from the API reference"
+
+
+def test_schema_page_has_every_key(built):
+    from cartstiff.mechanisms.loading.schema import json_schema
+
+    page = next(p for p in built if p.name == "mechanism-file.html")
+    text = re.sub(r"<[^>]+>", "", page.read_text(encoding="utf-8"))
+    for model in json_schema()["$defs"].values():
+        for key in model.get("properties", {}):
+            assert key in text
+    assert json.dumps(json_schema())

@@ -1,0 +1,91 @@
+"""The command line in this process: what it refuses in one line, and what it accepts."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cartstiff.cli.main import main
+
+KEYS = {
+    "schema",
+    "mechanism",
+    "frame",
+    "order",
+    "units",
+    "q",
+    "pose",
+    "jacobian",
+    "wrench",
+    "energy",
+    "stiffness",
+    "compliance",
+    "notes",
+    "analysis",
+}
+
+
+@pytest.fixture(autouse=True)
+def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An empty working folder, and another for temporary files that must be empty again after."""
+    scratch, place = tmp_path / "scratch", tmp_path / "place"
+    scratch.mkdir()
+    place.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(scratch))
+    monkeypatch.delenv("CARTSTIFF_TRACEBACK", raising=False)
+    monkeypatch.chdir(place)
+    yield place
+    assert not list(scratch.iterdir())
+
+
+@pytest.fixture
+def refused(capfd: pytest.CaptureFixture[str], workplace: Path) -> Callable[..., str]:
+    """Run the command line, check that it refuses as promised; returns the line."""
+
+    def check(*arguments: str, words: tuple[str, ...] = ()) -> str:
+        before = sorted(workplace.rglob("*"))
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as exit_:
+            main([str(a) for a in arguments])
+        out, line = capfd.readouterr()
+        assert exit_.value.code == 2, line
+        assert out == ""
+        assert line.startswith("cartstiff: ")
+        assert line.count("\n") == 1
+        assert line.endswith("\n")
+        assert "Traceback" not in line
+        assert "internal error" not in line
+        assert len(line) < 800
+        for word in words:
+            assert word in line
+        assert sorted(workplace.rglob("*")) == before
+        return line
+
+    return check
+
+
+@pytest.fixture
+def accepted(capfd: pytest.CaptureFixture[str]) -> Callable[..., dict[str, Any]]:
+    """Run `analyse --json`, check the object's keys; returns it."""
+
+    def check(*arguments: str) -> dict[str, Any]:
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as exit_:
+            main(["analyse", *(str(a) for a in arguments), "--json"])
+        out, line = capfd.readouterr()
+        assert exit_.value.code == 0, line
+        assert line == ""
+        data = json.loads(out, parse_constant=_no_constant)
+        assert set(data) == KEYS
+        return data
+
+    return check
+
+
+def _no_constant(name: str) -> None:
+    raise AssertionError(f"{name} in JSON")

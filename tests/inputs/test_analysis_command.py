@@ -1,0 +1,223 @@
+"""``cartstiff analyse`` with the options of the analysis."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cartstiff
+from cartstiff.analysis.plain import plain
+from cartstiff.analysis.posture import analyse_posture
+from cartstiff.analysis.tolerances import Tolerances
+from cartstiff.cli.analysis_options import CONNECTIONS as OFFERED
+from cartstiff.cli.analysis_options import LEVELS as OFFERED_LEVELS
+from cartstiff.cli.main import main
+from cartstiff.geometry import se3
+
+LOAD = "10,-20,5,30,-40,50"
+
+
+@pytest.fixture
+def run(capfd: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """Standard output of a command that works."""
+
+    def check(*arguments: str) -> str:
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as exit_:
+            main(["analyse", *map(str, arguments)])
+        out, error = capfd.readouterr()
+        assert exit_.value.code == 0, error
+        assert error == ""
+        return out
+
+    return check
+
+
+@pytest.fixture
+def analysis(run: Callable[..., str]) -> Callable[..., dict[str, Any]]:
+    def check(*arguments: str) -> dict[str, Any]:
+        return json.loads(run(*arguments, "--json"))["analysis"]
+
+    return check
+
+
+def test_choices_are_those_of_the_library() -> None:
+    from cartstiff.analysis.posture import CONNECTIONS
+    from cartstiff.analysis.report import LEVELS
+
+    assert OFFERED == CONNECTIONS
+    assert OFFERED_LEVELS == LEVELS
+
+
+def test_levels(run: Callable[..., str]) -> None:
+    none, short, full = (run("cubic", "--analysis", level) for level in ("none", "short", "full"))
+    assert run("cubic") == short
+    assert short.startswith(none.rstrip("\n"))
+    assert "centre" not in none
+    assert len(short[len(none) :].splitlines()) <= 30
+    for words in (
+        "translation, rotation held [N/m]", "translation, rotation free [N/m]",
+        "rotation, translation held [N m/rad]", "softest: a force along", "Centres [m]",
+        "condition number 4", "Does the choice of connection matter here?", "Synthesis",
+    ):  # fmt: skip
+        assert words in short
+        assert words in full
+    for words in (
+        "Eigenscrews", "Wrench-compliant axes", "Twist-compliant axes", "normal form",
+        "decoupling frame", "Modes with respect to", "isotropy", "determinant", "N^6/rad^3",
+        "asymmetry of K^A", "point [m]", "pitch [m/rad]", "Principal compliance",
+        "Stiffness along and about lines",
+    ):  # fmt: skip
+        assert words in full
+        assert words not in short
+
+
+def test_json_without_analysis(run: Callable[..., str]) -> None:
+    assert "analysis" not in json.loads(run("cubic", "--json", "--analysis", "none"))
+
+
+@pytest.mark.parametrize("level", ["full", "short"])
+def test_json_does_not_depend_on_the_level(
+    run: Callable[..., str], analysis: Callable[..., dict[str, Any]], level: str
+) -> None:
+    found = analysis("stewart-gough", "--analysis", level)
+    expected = analyse_posture(cartstiff.analyse(cartstiff.load("stewart-gough")))
+    assert found == json.loads(json.dumps(expected))
+
+
+def test_the_cubic_platform_has_its_closed_forms(
+    analysis: Callable[..., dict[str, Any]],
+) -> None:
+    k, H = 1e6, 0.5 / np.sqrt(3.0)
+    found = analysis("cubic")
+    stiff = found["ellipsoids"]["stiffness"]
+    assert stiff["translation"]["held"]["eigenvalues"] == pytest.approx([2 * k] * 3, rel=1e-12)
+    turning = [1.5 * k * H**2, 1.5 * k * H**2, 6 * k * H**2]
+    assert stiff["rotation"]["held"]["eigenvalues"] == pytest.approx(turning, rel=1e-12)
+    assert found["synthesis"]["by_line_springs"]
+    d = 0.1
+    off = analysis("cubic", "--at", f"0,0,{-d}")
+    assert off["centres"]["elasticity"] == pytest.approx([0, 0, d], abs=1e-12)
+    K = np.array(off["stiffness"])
+    tilt = 1.5 * k * H**2 + 2 * k * d**2
+    assert np.diag(K) == pytest.approx([tilt, tilt, 6 * k * H**2, 2 * k, 2 * k, 2 * k])
+    assert abs(K[0, 4]) == pytest.approx(2 * k * d)
+
+
+def test_options_are_those_of_the_function(analysis: Callable[..., dict[str, Any]]) -> None:
+    found = analysis(
+        "stewart-gough", "--load", LOAD, "--connection", "K", "--at", "1,2,3",
+        "--direction", "1,1,0", "--deflect", "0,0,0,1,2,3", "--length", "5",
+    )  # fmt: skip
+    wrench = [float(x) for x in LOAD.split(",")]
+    result = cartstiff.analyse(cartstiff.load("stewart-gough"), wrench=wrench)
+    expected = analyse_posture(
+        result, connection="K", at=se3.pose(translation=[1.0, 2.0, 3.0]), direction=[1, 1, 0],
+        wrench=[0, 0, 0, 1, 2, 3], length=5.0,
+    )  # fmt: skip
+    assert found == json.loads(json.dumps(expected))
+    assert found["length"]["origin"] == "given"
+    assert found["directions"][3]["name"] == "given"
+
+
+def test_inertia_is_in_si_whatever_the_units(analysis: Callable[..., dict[str, Any]]) -> None:
+    found = analysis("stewart-gough", "--inertia", "2,0.01,0.02,0.015")
+    result = cartstiff.analyse(cartstiff.load("stewart-gough"))
+    K_si = result.B.to_units("m", "N").matrix
+    M = np.diag([0.01, 0.02, 0.015, 2.0, 2.0, 2.0])
+    expected = np.sort(np.linalg.eigvals(np.linalg.solve(M, K_si)).real)
+    assert found["modes"]["values"] == pytest.approx(expected, rel=1e-9)
+    assert found["length"]["value"] == pytest.approx(100 * np.sqrt(0.045 / 6.0))
+
+
+def test_tolerances(run: Callable[..., str], analysis: Callable[..., dict[str, Any]]) -> None:
+    found = analysis("cubic", "--tolerance", "0.05,0.0001")["uncertainty"]
+    result = cartstiff.analyse(cartstiff.load("cubic"))
+    expected = analyse_posture(result, tolerances=Tolerances(0.05, 1e-4))["uncertainty"]
+    assert found == plain(expected)
+    drawn = analysis("cubic", "--tolerance", "0.05", "--samples", "20")["uncertainty"]
+    assert (drawn["method"], drawn["samples"]) == ("Monte Carlo", 20)
+    text = run("cubic", "--tolerance", "0.05", "--samples", "20")
+    assert "Uncertainty from stiffness 5 % (20 samples; standard deviations)" in text
+
+
+@pytest.mark.parametrize("suffix", [".json", ".csv", ".npy"])
+def test_target_files(
+    analysis: Callable[..., dict[str, Any]], run: Callable[..., str], tmp_path: Path, suffix: str
+) -> None:
+    path = tmp_path / f"wanted{suffix}"
+    result = cartstiff.analyse(cartstiff.load("stewart-gough"))
+    if suffix == ".npy":
+        np.save(path, result.B.matrix)
+    else:
+        result.B.save(path)
+    found = analysis("stewart-gough", "--target", str(path))["synthesis"]["target"]
+    assert found["diagonal_fit"]["stiffness"] == pytest.approx([10, 20, 30, 40, 50, 60])
+    text = run("stewart-gough", "--target", str(path))
+    assert "independent springs give it exactly" in text
+    assert "N/cm" in text
+
+
+def test_a_posture_without_stiffness(run: Callable[..., str]) -> None:
+    out = run("five-bar", "--deflect", "0,0,0,1,0,0")
+    for words in ("Analysis of the compliance", "[m/N]", "Linear deflection", "does not exist"):
+        assert words in out
+
+
+def test_output_file_holds_the_analysis(run: Callable[..., str], workplace: Path) -> None:
+    out = run("cubic", "--json", "-o", "result.json")
+    assert json.loads((workplace / "result.json").read_text()) == json.loads(out)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--analysis", "long"), ("--analysis", "long")),
+        (("--connection", "Z"), ("--connection", "Z")),
+        (("--at", "1,2"), ("--at", "3 numbers")),
+        (("--at", "1,2,nan"), ("--at", "not a finite number")),
+        (("--direction", "0,0,0"), ("--direction", "zero")),
+        (("--deflect", "1,2,3"), ("--deflect", "6 numbers")),
+        (("--length", "0"), ("--length", "above zero")),
+        (("--length", "1", "--length", "2"), ("--length", "more than once")),
+        (("--inertia", "1,1,1"), ("--inertia", "4 numbers")),
+        (("--inertia", "1,1,1,-1"), ("--inertia", "above zero")),
+        (("--tolerance", "-0.1"), ("--tolerance", "zero or more")),
+        (("--tolerance", "0"), ("--tolerance", "not all zero")),
+        (("--tolerance", "1,1,1,1"), ("--tolerance", "one to three numbers")),
+        (("--samples", "10"), ("--samples", "--tolerance")),
+        (("--tolerance", "0.1", "--samples", "1"), ("--samples", "2 and more")),
+        (("--tolerance", "0.1", "--samples", "-1"), ("--samples",)),
+        (("--target", "missing.csv"), ("--target missing.csv", "cannot be read")),
+        (("--target", "matrix.txt"), ("--target", "unknown file ending")),
+    ],
+)
+def test_refusals(
+    refused: Callable[..., str], arguments: tuple[str, ...], words: tuple[str, ...]
+) -> None:
+    refused("analyse", "cubic", *arguments, words=words)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("a.csv", "1,2\n3,4\n", "does not hold a matrix"),
+        ("a.csv", "one,two\n", "does not hold a matrix"),
+        ("a.json", "{", "does not hold a matrix"),
+        ("a.json", '{"rows": 3}', "does not hold a matrix"),
+        ("a.json", "[[1, 2], [3]]", "does not hold a matrix"),
+        ("a.npy", "text", "does not hold a matrix"),
+        ("a.csv", "\n".join(["1,2,3,4,5,6"] * 6), "matrix is not symmetric"),
+        ("a.csv", "\n".join(["inf,2,3,4,5,6"] * 6), "does not hold a matrix"),
+    ],
+)
+def test_refused_targets(
+    refused: Callable[..., str], workplace: Path, name: str, text: str, words: str
+) -> None:
+    (workplace / name).write_text(text)
+    refused("analyse", "cubic", "--target", name, words=("--target", words))

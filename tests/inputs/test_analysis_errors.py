@@ -1,0 +1,229 @@
+"""Every refusal of the analysis: what it says, and the numbers it carries."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from cartstiff.analysis import (
+    asymmetry,
+    centres,
+    checks,
+    compliant_axes,
+    congruence,
+    deflection,
+    ellipsoids,
+    indices,
+    matrices,
+    metrics,
+    normal_forms,
+    report,
+    springs,
+    summary,
+    synthesis,
+    uncertainty,
+)
+from cartstiff.errors import InputError, UndefinedError, UnknownNameError
+
+K = np.diag([1.0, 2.0, 3.0, 10.0, 20.0, 30.0])
+J = np.eye(6)
+LINE = np.diag([0.0, 0.0, 0.0, 0.0, 0.0, 5.0])  # one spring: K_tt has rank one
+SKEW = K.copy()
+SKEW[0, 1] = 0.5
+NAN = np.full((6, 6), np.nan)
+TOLERANCES = {"x": uncertainty.Tolerance(1.0, 0.1)}
+
+Call = Callable[[], object]
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: checks.as_matrix(np.eye(5)), r"stiffness has the wrong shape; expected \(6, 6\)"),
+        (lambda: checks.as_matrix(NAN), "stiffness must hold finite numbers"),
+        (lambda: checks.as_vector([1.0], "wrench", 6), r"wrench has the wrong shape"),
+        (lambda: checks.as_vector([np.inf] * 3, "point", 3), "point must hold finite numbers"),
+        (lambda: checks.as_unit([0, 0, 0]), "direction must not be zero"),
+        (lambda: checks.as_length(0.0), "length cannot be used; expected a positive length"),
+        (lambda: checks.as_length(float("nan")), "length cannot be used"),
+        (lambda: matrices.as_symmetric(SKEW), r"not symmetric; expected .*K\^B.*asymmetry 0.5"),
+        (lambda: matrices.move_stiffness(K, np.eye(3)), "frame is not a rigid motion"),
+        (lambda: matrices.move_compliance(K, 2 * np.eye(4)), "frame is not a rigid motion"),
+        (lambda: ellipsoids.ellipsoid(np.eye(2)), r"expected \(3, 3\)"),
+        (lambda: ellipsoids.stiffness_along(K, [0, 0, 0]), "direction must not be zero"),
+        (lambda: metrics.length_from_inertia(0.0, np.eye(3)), "mass cannot be used"),
+        (lambda: metrics.length_from_inertia(1.0, -np.eye(3)), "inertia is not positive definite"),
+        (
+            lambda: metrics.length_from_inertia(1.0, np.eye(3) + np.eye(3, k=1)),
+            "inertia is not symmetric",
+        ),
+        (lambda: metrics.characteristic_length(K, mass=1.0), "mass and inertia go together"),
+        (lambda: metrics.inertia_metric(-1.0, np.eye(3)), "mass cannot be used"),
+        (lambda: metrics.inertia_metric(1.0, -np.eye(3)), "inertia is not positive definite"),
+        (lambda: metrics.modes(K, -np.eye(6)), "metric is not positive definite"),
+        (lambda: indices.condition_numbers(K, 1.0), "lengths must be a list"),
+        (lambda: asymmetry.compare_connections({"B": K}, threshold=0), "threshold cannot be used"),
+        (lambda: springs.line_spring(-1.0, [0, 0, 0], [1, 0, 0]), "spring stiffness cannot be"),
+        (lambda: checks.as_jacobian(np.eye(3)), r"Jacobian has the wrong shape"),
+        (lambda: checks.as_jacobian(NAN), "Jacobian must hold finite numbers"),
+        (lambda: congruence.cartesian_stiffness(J, [1, 2], np.zeros(6)), "joint stiffness has the"),
+        (lambda: congruence.cartesian_stiffness(J, NAN, np.zeros(6)), "joint stiffness must hold"),
+        (
+            lambda: congruence.cartesian_stiffness(J, np.ones(6), [np.nan] * 6),
+            "wrench must hold finite numbers",
+        ),
+        (
+            lambda: congruence.joint_stiffness(K, np.eye(6, 7), null_space_stiffness=np.eye(2)),
+            "null-space stiffness has the wrong shape",
+        ),
+        (lambda: uncertainty.Tolerance(np.nan, 1.0), "nominal value must be finite"),
+        (lambda: uncertainty.Tolerance(1.0, -1.0), "standard deviation cannot be used"),
+        (lambda: uncertainty.Tolerance.from_limits(2.0, 1.0), "limits are out of order"),
+        (lambda: uncertainty.propagate_first_order(dict, {}), "no tolerances given"),
+        (
+            lambda: uncertainty.propagate_first_order(dict, TOLERANCES, level=1.0),
+            "level cannot be used",
+        ),
+        (
+            lambda: uncertainty.propagate_monte_carlo(dict, TOLERANCES, samples=1),
+            "too few samples",
+        ),
+        (
+            lambda: uncertainty.propagate_first_order(
+                lambda p: np.zeros(1 + (p["x"] > 1.0)), TOLERANCES
+            ),
+            "other numbers from one call to the next",
+        ),
+        (
+            lambda: uncertainty.propagate_monte_carlo(
+                lambda p: np.zeros(1 + (p["x"] > 1.0)), TOLERANCES
+            ),
+            "other numbers from one call to the next",
+        ),
+        (lambda: report.summary_text({}, {"length": "m"}), "units are incomplete"),
+        (lambda: summary.summarise({"B": K}, np.zeros(5)), "wrench has the wrong shape"),
+        (lambda: summary.summarise({"B": NAN}, np.zeros(6)), "must hold finite numbers"),
+        (lambda: summary.summarise({"B": K}, np.zeros(6), compliance=NAN), "compliance must hold"),
+        (lambda: summary.summarise({"B": K}, np.zeros(6), length=-1.0), "a positive length"),
+    ],
+)
+def test_input_errors(call: Call, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        call()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: ellipsoids.stiffness_block(K, "turning", "free"), "unknown freedom"),  # type: ignore[arg-type]
+        (lambda: ellipsoids.stiffness_block(K, "rotation", "loose"), "unknown condition"),  # type: ignore[arg-type]
+        (lambda: asymmetry.compare_connections({"A": K}), "unknown connection.*'B'"),
+        (lambda: uncertainty.Tolerance(1.0, 1.0, "cauchy"), "unknown distribution"),  # type: ignore[arg-type]
+        (
+            lambda: uncertainty.propagate_first_order(lambda p: p, TOLERANCES).of("y"),
+            "unknown result",
+        ),
+        (lambda: report.summary_text({}, level="long"), "unknown level"),
+        (lambda: summary.summarise({"B": K}, np.zeros(6), connection="Z"), "unknown connection"),
+    ],
+)
+def test_unknown_names(call: Call, message: str) -> None:
+    with pytest.raises(UnknownNameError, match=message):
+        call()
+
+
+LOADED_WHERE_SOFT = np.diag([1.0, 2.0, 3.0, 0.0, 20.0, 30.0])
+LOADED_WHERE_SOFT[0, 3] = LOADED_WHERE_SOFT[3, 0] = 1.0
+
+
+def always_fails(p: dict[str, float]) -> dict[str, float]:
+    raise UndefinedError("never", code="never")
+
+
+@pytest.mark.parametrize(
+    ("call", "code", "message"),
+    [
+        (lambda: matrices.invert(LINE), "singular", "stiffness is singular"),
+        (
+            lambda: ellipsoids.stiffness_block(LOADED_WHERE_SOFT, "rotation", "free"),
+            "singular",
+            "no balance exists",
+        ),
+        (
+            lambda: ellipsoids.stiffness_about(LOADED_WHERE_SOFT, [1, 0, 0], others="free"),
+            "singular",
+            "other freedoms free does not exist",
+        ),
+        (lambda: metrics.natural_length(LINE), "no-natural-length", "no natural length"),
+        (lambda: metrics.natural_length(-K), "no-natural-length", "no natural length"),
+        (lambda: centres.centre_of_stiffness(LINE), "no-centre-of-stiffness", "not a single"),
+        (lambda: centres.centre_of_compliance(LINE), "no-centre-of-compliance", "not a single"),
+        (lambda: centres.centre_of_elasticity(LINE), "no-centre-of-elasticity", "not a single"),
+        (
+            lambda: centres.point_of_least_coupling(LINE),
+            "no-point-of-least-coupling",
+            "not a single",
+        ),
+        (lambda: normal_forms.normal_form(LINE), "no-centre-of-stiffness", "not a single"),
+        (lambda: normal_forms.decoupling_frame(LINE), "no-point-of-least-coupling", "not a"),
+        (lambda: compliant_axes.twist_compliant_axes(LINE), "singular", "do not exist"),
+        (lambda: indices.best_conditioned_length(LINE), "not-positive", "no best length"),
+        (
+            lambda: asymmetry.compare_connections({"B": None, "A": K}),
+            "no-reference",
+            "nothing to compare with",
+        ),
+        (lambda: synthesis.realise(-K), "not-passive", "negative eigenvalue"),
+        (lambda: synthesis.eigenscrew_springs(LINE), "not-positive", "positive definite"),
+        (
+            lambda: congruence.cartesian_stiffness(np.eye(6, 5), np.ones(5), np.zeros(6)),
+            "deficient",
+            "all six directions",
+        ),
+        (lambda: congruence.joint_stiffness(K, LINE), "singular", "all six directions"),
+        (
+            lambda: congruence.cartesian_stiffness(
+                np.eye(6, 7), [1, 1, 1, 1, 1, 1, -1], np.zeros(6)
+            ),
+            "buckled",
+            "self-motion is unstable",
+        ),
+        (lambda: deflection.body_deflection(LINE, np.ones(6)), "singular", "no inverse"),
+        (
+            lambda: deflection.joint_shares(J, np.zeros((6, 6)), np.ones(6)),
+            "singular",
+            "a motion of the joints is free",
+        ),
+        (
+            lambda: uncertainty.propagate_monte_carlo(always_fails, TOLERANCES, samples=3),
+            "no-samples",
+            "0 of 3 draws",
+        ),
+    ],
+)
+def test_states_in_which_nothing_exists(call: Call, code: str, message: str) -> None:
+    with pytest.raises(UndefinedError, match=message) as caught:
+        call()
+    assert caught.value.code == code
+
+
+def test_undefined_errors_carry_their_numbers() -> None:
+    with pytest.raises(UndefinedError, match="singular") as caught:
+        matrices.invert(LINE)
+    shown = caught.value.values["singular_values"]
+    assert isinstance(shown, list)
+    assert len(shown) == 6
+    with pytest.raises(UndefinedError, match="natural") as caught:
+        metrics.natural_length(LINE)
+    assert caught.value.values["translational"] == [0.0, 0.0, 5.0]
+    assert caught.value.values["free_rotational"] is None
+
+
+def test_results_cannot_be_changed() -> None:
+    found = ellipsoids.stiffness_ellipsoid(K, "translation", "held")
+    with pytest.raises(ValueError, match="read-only"):
+        found.axes[0, 0] = 2.0
+    with pytest.raises(AttributeError, match="cannot assign"):
+        found.radii = found.axes  # type: ignore[misc]

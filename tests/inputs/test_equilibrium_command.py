@@ -1,0 +1,366 @@
+"""``cartstiff equilibrium``: what it accepts, what it writes, what it refuses in one line."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cartstiff
+from cartstiff.cli.main import main
+from cartstiff.mechanisms.loading.catalogue import example_robots
+from cartstiff.potentials.loads import DeadForce
+from cartstiff.statics.equilibrium import equilibrium
+
+Refused = Callable[..., str]
+Run = Callable[..., str]
+
+ROBOTS = {"ur5", "panda"}
+MORE = {
+    "residual", "stable", "iterations", "history", "eigenvalues", "displacement",
+    "elastic_wrench", "reactions",
+}  # fmt: skip
+# A posture near the middle of each file, and loads within the elastic range.
+LOADS = {
+    "ur5": "0,0,0,0,0,-100",
+    "panda": "0,0,0,5,-10,20",
+    "hexapod": "0,0,0,500,0,-2000",
+    "stewart-gough": "0,0,0,0,0,-5",
+    "five-bar": "0,0,0,20,-50,0",
+    "3-rrr": "0,0,0,50,0,-20",
+    "delta": "0,0,0,3,0,-10",
+}
+needs_plots = pytest.mark.skipif(
+    importlib.util.find_spec("matplotlib") is None, reason="matplotlib is not installed"
+)
+
+
+def _needs(mechanism: str) -> None:
+    if mechanism in ROBOTS and not example_robots():
+        pytest.skip("example-robot-data is not installed")
+
+
+@pytest.fixture
+def run(capfd: pytest.CaptureFixture[str]) -> Run:
+    """Standard output of a command that works."""
+
+    def check(*arguments: str) -> str:
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as exit_:
+            main(["equilibrium", *map(str, arguments)])
+        out, error = capfd.readouterr()
+        assert exit_.value.code == 0, error
+        assert error == ""
+        return out
+
+    return check
+
+
+@pytest.fixture
+def answer(run: Run) -> Callable[..., dict[str, Any]]:
+    def check(*arguments: str) -> dict[str, Any]:
+        return json.loads(run(*arguments, "--json"))
+
+    return check
+
+
+def _codes(data: dict[str, Any]) -> list[str]:
+    return [note["code"] for note in data["notes"]]
+
+
+# -- one equilibrium ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mechanism", LOADS)
+def test_a_loaded_mechanism(mechanism: str, answer: Any) -> None:
+    _needs(mechanism)
+    data = answer(mechanism, "--load", LOADS[mechanism], "--world")
+    assert set(data) == set(cartstiff.analyse(cartstiff.load("cubic")).as_dict()) | MORE
+    assert data["stable"] is True
+    assert data["residual"] < 1e-9
+    assert min(data["eigenvalues"]) > 0
+    assert "unstable" not in _codes(data)
+    assert len(data["history"]) == data["iterations"] + 1
+    elastic = cartstiff.load(mechanism)
+    force = [float(x) for x in LOADS[mechanism].split(",")][3:]
+    state = equilibrium(elastic, DeadForce(force))
+    assert data["displacement"] == state.displacement.tolist()
+    assert data["q"] == state.q.tolist()
+    moved = np.array(data["displacement"][3:])
+    if mechanism != "stewart-gough":  # the paper's platform stands under a load of its own
+        assert moved @ force > 0
+
+
+@pytest.mark.parametrize("mechanism", ["hexapod", "stewart-gough", "five-bar"])
+def test_text_has_units(mechanism: str, run: Run) -> None:
+    text = run(mechanism, "--load", LOADS[mechanism])
+    length = "cm" if mechanism == "stewart-gough" else "m"
+    lines = text.splitlines()
+    assert lines[0].startswith("Equilibrium: stable, residual ")
+    assert lines[1].endswith(f" N {length}")
+    rows = {line.split()[0]: line for line in lines if line.startswith("  ")}
+    assert "Displacement of the body frame, inertial axes" in text
+    assert f" {length}\n" in text[text.index("  translation") :]
+    assert " deg\n" in text[text.index("  rotation") :]
+    if "Wrench that the springs balance" in text:
+        assert rows["force"].endswith(" N")
+    assert "Stiffness there, loads included" in text
+
+
+def test_load_in_body_or_inertial_axes(answer: Any) -> None:
+    pose = "0.01,0.02,0.76,0.3,0.2,0.5"
+    R = np.array(answer("hexapod", "--pose", pose)["pose"])[:3, :3]
+    force = np.array([100.0, -200.0, 300.0])
+    body = answer("hexapod", "--pose", pose, "--load", "0,0,0," + ",".join(map(str, R.T @ force)))
+    world = answer("hexapod", "--pose", pose, "--load", "0,0,0,100,-200,300", "--world")
+    np.testing.assert_allclose(body["pose"], world["pose"], rtol=0, atol=1e-14)
+    other = answer("hexapod", "--pose", pose, "--load", "0,0,0,100,-200,300")
+    assert not np.allclose(body["displacement"], other["displacement"], rtol=1e-3, atol=0)
+
+
+def test_a_follower_load_is_not_decided(answer: Any, run: Run) -> None:
+    data = answer("hexapod", "--load", "0,0,0,100,0,-200", "--follower")
+    assert data["stable"] is None
+    assert data["energy"] is None
+    assert "non-conservative" in _codes(data)
+    note = next(n for n in data["notes"] if n["code"] == "non-conservative")
+    assert "no potential" in note["message"]
+    assert data["residual"] < 1e-9
+    np.testing.assert_allclose(data["elastic_wrench"], [0, 0, 0, 100, 0, -200], atol=1e-6)
+    text = run("hexapod", "--load", "0,0,0,100,0,-200", "--follower")
+    assert "not decided by definiteness" in text
+    assert "energy's Hessian" not in text
+
+
+def test_a_moment_is_not_decided(answer: Any) -> None:
+    data = answer("hexapod", "--load", "5,0,0,0,0,0", "--world")
+    assert data["stable"] is None
+    assert "non-conservative" in _codes(data)
+
+
+def test_a_payload_weighs(answer: Any) -> None:
+    heavy = answer("hexapod", "--payload", "50,0.1,0,0.2")
+    W = np.array(heavy["elastic_wrench"])
+    np.testing.assert_allclose(np.linalg.norm(W[3:]), 50 * 9.81, rtol=1e-9)
+    assert heavy["displacement"][5] < 0
+    assert heavy["stable"] is True
+    centred = answer("hexapod", "--payload", "50")
+    np.testing.assert_allclose(centred["elastic_wrench"][:3], 0, atol=1e-9)
+    both = answer("hexapod", "--payload", "50", "--load", "0,0,0,0,0,490.5", "--world")
+    np.testing.assert_allclose(both["displacement"], 0, atol=1e-12)
+
+
+def test_a_held_displacement_has_a_reaction(answer: Any, run: Run) -> None:
+    data = answer("hexapod", "--hold", "z=-0.001,rx=0.002")
+    held = data["reactions"]["held"]
+    assert set(held) == {"z", "rx"}
+    # The hexapod's home pose has the axes of F.
+    np.testing.assert_allclose(data["displacement"][5], -0.001, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(data["displacement"][0], 0.002, rtol=0, atol=1e-14)
+    K = cartstiff.analyse(cartstiff.load("hexapod")).B.matrix
+    linear = np.linalg.inv(np.linalg.inv(K)[np.ix_([0, 5], [0, 5])]) @ [0.002, -0.001]
+    np.testing.assert_allclose([held["rx"], held["z"]], linear, rtol=0.02)
+    text = run("hexapod", "--hold", "z=-0.001,rx=0.002")
+    assert "held z: reaction" in text
+    assert any(x.startswith("  held z") and x.endswith(" N") for x in text.splitlines())
+    assert any(x.startswith("  held rx") and x.endswith(" N m") for x in text.splitlines())
+
+
+def test_limits_stop_unless_they_are_left_out(answer: Any) -> None:
+    push = ["hexapod", "--load", "0,0,0,0,0,-9e6", "--world"]
+    data = answer(*push)
+    assert "limit-contact" in _codes(data)
+    assert data["reactions"]["limits"]
+    assert set(data["reactions"]["limits"]) <= {f"leg{i}" for i in range(1, 7)}
+    free = answer(*push, "--no-limits")
+    assert free["reactions"]["limits"] == {}
+    assert "limit-contact" not in _codes(free)
+
+
+# -- curves and paths -----------------------------------------------------------------------------
+
+
+def _table(path: str) -> tuple[list[str], np.ndarray]:
+    header, *rows = list(csv.reader(Path(path).read_text(encoding="utf-8").splitlines()))
+    return header, np.array(rows, float)
+
+
+@needs_plots
+def test_a_curve_with_its_files(run: Run, answer: Any, workplace: Path) -> None:
+    push = ["five-bar", "--load", "0,0,0,0,-1000,0", "--world", "--curve", "1"]
+    text = run(*push, "--csv", "curve.csv", "--plot", "curve.png")
+    assert "x m" in text
+    assert "Critical load: limit at factor 0.4521544917" in text
+    data = answer(*push)
+    header, table = _table("curve.csv")
+    assert header[0] == "factor"
+    assert header[1:5] == list(cartstiff.load("five-bar").names)
+    assert header[-1] == "eigenvalue"
+    np.testing.assert_array_equal(table[:, 0], data["factor"])
+    np.testing.assert_array_equal(table[:, 5:11], data["displacement"])
+    assert data["factor"][0] == 0.0
+    assert data["factor"][-1] == pytest.approx(1.0, abs=1e-12)
+    assert data["reason"] == "factor-reached"
+    assert data["critical"][0]["kind"] == "limit"
+    picture = Path("curve.png").read_bytes()
+    assert picture.startswith(b"\x89PNG")
+    assert b"IEND" in picture[-12:]
+    assert sorted(p.name for p in workplace.iterdir()) == ["curve.csv", "curve.png"]
+
+
+@needs_plots
+@pytest.mark.parametrize(("ending", "start"), [("svg", b"<?xml"), ("pdf", b"%PDF")])
+def test_other_pictures(ending: str, start: bytes, run: Run) -> None:
+    run("five-bar", "--load", "0,0,0,0,-10,0", "--curve", "1", "--plot", f"a.{ending}")
+    assert Path(f"a.{ending}").read_bytes().startswith(start)
+
+
+def test_a_curve_keeps_what_is_held(answer: Any) -> None:
+    push = ["five-bar", "--load", "0,0,0,0,-100,0", "--world", "--curve", "1"]
+    free, held = answer(*push), answer(*push, "--hold", "x=0")
+    R = cartstiff.analyse(cartstiff.load("five-bar")).pose[:3, :3]
+    along = np.array(held["displacement"])[:, 3:] @ R[:, 0]
+    np.testing.assert_allclose(along, 0, atol=1e-12)
+    assert np.abs(np.array(free["displacement"])[:, 3:] @ R[:, 0]).max() > 1e-4
+
+
+POSES = [[0.0, 0.0, 0.75, 0.0, 0.0, 0.0], [0.02, 0.01, 0.76, 0.05, 0.1, 0.1]]
+WRENCHES = [[0, 0, 0, 10, 0, -300.0], [0, 0, 0, 200, 100, -300.0]]
+
+
+def _write(name: str, rows: Any, head: str = "") -> None:
+    lines = [",".join(map(str, row)) for row in rows]
+    Path(name).write_text(head + "\n".join(lines) + "\n", encoding="utf-8")
+
+
+def test_a_path_of_postures(run: Run, answer: Any) -> None:
+    _write("path.csv", POSES, "# a comment, and an empty line\n\n")
+    push = ["hexapod", "--load", "0,0,0,10,0,-300", "--path", "path.csv"]
+    text = run(*push, "--csv", "commands.csv")
+    assert "along 2 postures" in text
+    legs = [line for line in text.splitlines() if line.startswith("  leg")]
+    assert len(legs) == 6
+    assert all(line.endswith(" m") for line in legs)
+    data = answer(*push)
+    assert data["springs"] == [f"leg{i}" for i in range(1, 7)]
+    header, table = _table("commands.csv")
+    assert header[:2] == ["command_leg1", "command_leg2"]
+    np.testing.assert_array_equal(table[:, :6], data["commands"])
+    assert data["stable"] == [True, True]
+    assert data["summary"]["before"]["translation_max"] > 1e-5
+    assert data["summary"]["after"]["translation_max"] < 1e-12
+    assert data["summary"]["after"]["rotation_max"] < 1e-12
+    # Commands, given as rest lengths, put the loaded platform where it should be.
+    elastic = cartstiff.load("hexapod").with_springs(rest=data["commands"][0])
+    state = equilibrium(elastic, DeadForce([10.0, 0.0, -300.0]))
+    np.testing.assert_allclose(state.pose, data["poses"][0], rtol=0, atol=1e-12)
+
+
+@needs_plots
+def test_a_path_with_wrenches(answer: Any) -> None:
+    rows = [pose + wrench for pose, wrench in zip(POSES, WRENCHES, strict=True)]
+    _write("path.csv", rows)
+    data = answer("hexapod", "--path", "path.csv", "--world", "--plot", "error.png")
+    assert Path("error.png").read_bytes().startswith(b"\x89PNG")
+    for pose, wrench, before in zip(POSES, WRENCHES, data["error_before"], strict=True):
+        _write("one.csv", [pose])
+        load = ",".join(map(str, wrench))
+        one = answer("hexapod", "--path", "one.csv", "--load", load, "--world")
+        np.testing.assert_allclose(one["error_before"][0], before, rtol=1e-9, atol=1e-15)
+    body = answer("hexapod", "--path", "path.csv")
+    np.testing.assert_allclose(body["commands"][0], data["commands"][0], rtol=1e-12)
+    assert not np.allclose(body["commands"][1], data["commands"][1], rtol=1e-6)
+    turning = answer("hexapod", "--path", "path.csv", "--follower")
+    np.testing.assert_allclose(turning["commands"], body["commands"], rtol=1e-12)
+    assert turning["stable"] == [None, None]
+
+
+def test_a_payload_adds_to_the_wrenches_of_a_path(answer: Any) -> None:
+    _write("path.csv", [pose + wrench for pose, wrench in zip(POSES, WRENCHES, strict=True)])
+    more = [[*w[:5], w[5] - 98.1] for w in WRENCHES]
+    _write("more.csv", [pose + wrench for pose, wrench in zip(POSES, more, strict=True)])
+    heavy = answer("hexapod", "--path", "path.csv", "--world", "--payload", "10")
+    same = answer("hexapod", "--path", "more.csv", "--world")
+    np.testing.assert_allclose(heavy["commands"], same["commands"], rtol=1e-12)
+
+
+# -- refusals -------------------------------------------------------------------------------------
+
+LOAD = ["--load", "0,0,0,0,0,-10"]
+CURVE = [*LOAD, "--curve", "1"]
+PATH = [*LOAD, "--path", "path.csv"]
+BAD: dict[str, tuple[list[str], tuple[str, ...]]] = {
+    "world and follower": ([*LOAD, "--world", "--follower"], ("--world or --follower",)),
+    "curve and path": ([*CURVE, "--path", "path.csv"], ("--curve or --path",)),
+    "csv without curve": ([*LOAD, "--csv", "a.csv"], ("--csv", "--curve or --path")),
+    "plot without curve": ([*LOAD, "--plot", "a.png"], ("--plot", "--curve or --path")),
+    "empty csv": ([*LOAD, "--csv", ""], ("--csv", "--curve or --path")),
+    "csv ending": ([*CURVE, "--csv", "a.txt"], ("--csv", ".csv", "a.txt")),
+    "plot ending": ([*CURVE, "--plot", "a.gif"], ("--plot", ".png or .svg or .pdf", "a.gif")),
+    "csv in no folder": ([*CURVE, "--csv", "no/a.csv"], ("no/a.csv", "cannot be written")),
+    "plot in no folder": (
+        [*CURVE, "--csv", "a.csv", "--plot", "no/a.png"],
+        ("no/a.png", "cannot be written"),
+    ),
+    "csv twice": ([*CURVE, "--csv", "a.csv", "--csv", "b.csv"], ("--csv", "more than once")),
+    "load of five": (["--load", "0,0,0,0,1"], ("--load", "6 numbers", "got 5")),
+    "load of text": (["--load", "0,0,0,0,0,x"], ("--load", "'x'")),
+    "load too large": (["--load", "0,0,0,0,0,1e300"], ("--load", "too large")),
+    "load twice": ([*LOAD, *LOAD], ("--load", "more than once")),
+    "payload of two": (["--payload", "1,2"], ("--payload", "MASS or MASS,X,Y,Z", "got 2")),
+    "payload negative": (["--payload", "-1"], ("payload mass", "-1")),
+    "payload NaN": (["--payload", "nan"], ("--payload", "finite")),
+    "hold of no name": (["--hold", "0.1"], ("--hold", "NAME=VALUE", "'0.1'")),
+    "hold of an unknown name": (["--hold", "w=1"], ("--hold", "rx, ry, rz, x, y, z", "'w=1'")),
+    "hold twice": (["--hold", "z=1,z=2"], ("--hold", "each once", "'z=2'")),
+    "hold without value": (["--hold", "z="], ("--hold", "a number", "''")),
+    "hold infinite": (["--hold", "z=inf"], ("--hold", "finite")),
+    "hold turned too far": (["--hold", "rx=4"], ("held rotation", "3.1 rad")),
+    "hold empty": (["--hold", ""], ("--hold", "NAME=VALUE")),
+    "hold out of reach": (["--hold", "z=50"], ("held displacement", "cannot be met")),
+    "curve of zero": ([*LOAD, "--curve", "0"], ("--curve", "not 0")),
+    "curve of NaN": ([*LOAD, "--curve", "nan"], ("--curve", "'nan'")),
+    "curve of text": ([*LOAD, "--curve", "up"], ("--curve", "'up'")),
+    "curve without load": (["--curve", "1"], ("a curve needs a load", "--payload")),
+    "curve twice": ([*CURVE, "--curve", "2"], ("--curve", "more than once")),
+    "curve without limits": ([*CURVE, "--no-limits"], ("--no-limits",)),
+    "path without load": (["--path", "path.csv"], ("a path needs a load", "--payload")),
+    "path and posture": ([*PATH, "--q", "0,0,0.75,0,0,0"], ("--q or --path",)),
+    "path and pose": ([*PATH, "--pose", "0,0,0.75,0,0,0"], ("--pose or --path",)),
+    "path and hold": ([*PATH, "--hold", "z=0"], ("--hold or --path",)),
+    "missing path": ([*LOAD, "--path", "none.csv"], ("none.csv",)),
+    "path is a folder": ([*LOAD, "--path", "."], (".",)),
+    "empty path": ([*LOAD, "--path", "empty.csv"], ("empty.csv", "no postures")),
+    "short path": ([*LOAD, "--path", "short.csv"], ("short.csv, line 1", "6 coordinates", "got 3")),
+    "ragged path": ([*LOAD, "--path", "ragged.csv"], ("ragged.csv, line 2", "got 7")),
+    "path of text": ([*LOAD, "--path", "text.csv"], ("text.csv, line 1", "'x'")),
+    "wrenches twice": ([*LOAD, "--path", "wrenches.csv"], ("--load or in the path file",)),
+}
+
+
+@pytest.fixture
+def files() -> None:
+    _write("path.csv", POSES)
+    Path("empty.csv").write_text("# nothing\n\n", encoding="utf-8")
+    Path("short.csv").write_text("0,0,1\n", encoding="utf-8")
+    _write("ragged.csv", [POSES[0], [*POSES[1], 1.0]])
+    Path("text.csv").write_text("x,y,z,r,p,y\n", encoding="utf-8")
+    _write("wrenches.csv", [POSES[0] + WRENCHES[0]])
+
+
+@pytest.mark.usefixtures("files")
+@pytest.mark.parametrize("name", BAD)
+def test_bad_options(name: str, refused: Refused) -> None:
+    arguments, words = BAD[name]
+    refused("equilibrium", "hexapod", *arguments, words=words)
+
+
+def test_bad_mechanism(refused: Refused) -> None:
+    refused("equilibrium", "hexapot", *LOAD, words=("unknown mechanism",))
+    refused("equilibrium", words=("MECHANISM",))

@@ -1,0 +1,509 @@
+"""Mechanism files: what is refused in one line with its place, and what must not be."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PLATFORM = (ROOT / "robots" / "stewart-gough.yaml").read_text(encoding="utf-8")
+LEGS = "legs:\n"
+URDF = """<robot name="two">
+  <link name="a"/><link name="b"/><link name="c"/>
+  <joint name="j1" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
+    <origin xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
+  <joint name="j2" type="revolute"><parent link="b"/><child link="c"/><axis xyz="0 1 0"/>
+    <origin xyz="1 0 0"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
+</robot>
+"""
+ARM = "kind: serial\nmodel: two.urdf\nframe: c\n"
+Refused = Callable[..., str]
+Accepted = Callable[..., dict[str, Any]]
+
+
+def changed(old: str, new: str) -> str:
+    assert PLATFORM.count(old) >= 1
+    return PLATFORM.replace(old, new, 1)
+
+
+def place(text: str | bytes, name: str = "file.yaml") -> str:
+    Path("two.urdf").write_text(URDF, encoding="utf-8")
+    Path(name).write_bytes(text if isinstance(text, bytes) else text.encode())
+    return name
+
+
+# -- one number ----------------------------------------------------------------------------------
+
+NUMBERS = {
+    ".nan": "finite number, got nan",
+    ".NaN": "finite number, got nan",
+    ".inf": "finite number, got inf",
+    "-.INF": "finite number, got -inf",
+    "1e400": "finite number",
+    "1e200": "at most 1e+30, got 1e+200",
+    "-1e31": "at least -1e+30",
+    "nan": "a number, got 'nan'",
+    "abc": "a number, got 'abc'",
+    "true": "a number, got True",
+    "null": "a number, got nothing",
+    "~": "a number, got nothing",
+    "1:30": "a number, got '1:30'",
+    "0:0:1": "a number",
+    "1_000": "a number, got '1_000'",
+    "1,5": "wrong count",
+    '"1"': "a number, got '1'",
+    "[1]": "a number, got [1]",
+    "{a: 1}": "a number",
+    "yes": "a number, got 'yes'",
+    "on": "a number, got 'on'",
+    "2001-01-01": "a number",
+    "!!int abc": "a number, got 'abc'",
+    "!!bool abc": "a number",
+    "1" + "0" * 400: "a number",
+    "1" + "0" * 5000: "finite number",
+}
+
+
+@pytest.mark.parametrize("text", NUMBERS, ids=lambda t: t[:12])
+def test_bad_number_is_refused_with_line_and_key(text: str, refused: Refused) -> None:
+    file = place(changed("[0, 0, 0]", f"[{text}, 0, 0]"))
+    key = "key base.1: " if text == "1,5" else "key base.1.1: "
+    refused("analyse", file, words=("file.yaml, line 10, ", key, NUMBERS[text]))
+
+
+# -- one change to a good platform ----------------------------------------------------------------
+
+PLATFORMS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "no kind": (changed("kind: stewart-gough\n", ""), ("key kind", "unknown kind", "no key")),
+    "unknown kind": (changed("kind: stewart-gough", "kind: hexapod"), ("line 4", "'hexapod'")),
+    "kind is a list": (changed("kind: stewart-gough", "kind: [serial]"), ("unknown kind",)),
+    "kind is a number": (changed("kind: stewart-gough", "kind: 3"), ("unknown kind", "got 3")),
+    "five base points": (changed("  - [0, 0, 0]\n", ""), ("key base: wrong count", "got 5")),
+    "seven base points": (changed("  - [0, 0, 0]\n", "  - [0, 0, 0]\n" * 2), ("got 7",)),
+    "two coordinates": (changed("[0, 0, 0]", "[0, 0]"), ("line 10, key base.1", "3, got 2")),
+    "four coordinates": (changed("[0, 0, 0]", "[0, 0, 0, 0]"), ("line 10", "3, got 4")),
+    "a point is a number": (changed("[0, 0, 0]", "0"), ("key base.1", "a list, got 0")),
+    "base is text": (changed("base:\n", "base: here\nmore:\n"), ("line 10", "unknown key", "more")),
+    "two stiffnesses": (
+        changed("[10, 20, 30, 40, 50, 60]", "[10, 20]"),
+        ("line 24, key legs.stiffness: wrong count", "6, one per leg, got 2"),
+    ),
+    "stiffness zero": (
+        changed("[10, 20, 30, 40, 50, 60]", "0"),
+        ("line 24", "above zero", "got 0"),
+    ),
+    "one stiffness zero": (changed("ss: [10, ", "ss: [0, "), ("legs.stiffness.1", "above zero")),
+    "stiffness negative": (changed("ss: [10, ", "ss: [-10, "), ("legs.stiffness.1", "got -10")),
+    "stiffness too small": (changed("ss: [10, ", "ss: [1e-300, "), ("legs.stiffness.1", "1e-30")),
+    "stiffness too large": (changed("ss: [10, ", "ss: [1e300, "), ("legs.stiffness.1", "1e+30")),
+    "stiffness text": (changed("ss: [10, ", "ss: [stiff, "), ("legs.stiffness.1", "'stiff'")),
+    "stiffness nested": (changed("ss: [10, ", "ss: [[10], "), ("legs.stiffness.1", "a number")),
+    "stiffness empty": (changed("[10, 20, 30, 40, 50, 60]", "[]"), ("legs.stiffness", "got []")),
+    "stiffness mapping": (changed("[10, 20, 30, 40, 50, 60]", "{leg1: 10}"), ("legs.stiffness",)),
+    "stiffness missing": (
+        changed("  stiffness: [10, 20, 30, 40, 50, 60]\n", ""),
+        ("line 23, key legs.stiffness", "'stiffness' is missing"),
+    ),
+    "legs missing": (PLATFORM.partition(LEGS)[0], ("key legs", "'legs' is missing")),
+    "legs is a list": (
+        PLATFORM.partition(LEGS)[0] + "legs: [1, 2, 3, 4, 5, 6]\n",
+        ("line 23, key legs", "a mapping of keys"),
+    ),
+    "rest length negative": (changed("[11, ", "[-11, "), ("legs.rest_length.1", "zero or more")),
+    "rest length and preload": (
+        changed("  rest_length", "  preload: 1\n  rest_length"),
+        ("line 23, key legs", "rest_length or preload, not both"),
+    ),
+    "five preloads": (
+        changed("  rest_length: [11, 12, 13, 14, 15, 16]", "  preload: [1, 1, 1, 1, 1]"),
+        ("line 25, key legs.preload: wrong count", "got 5"),
+    ),
+    "one limit": (
+        changed("  rest_length", "  limits: [[1, 2]]\n  rest_length"),
+        ("line 25, key legs.limits: wrong count", "got 1"),
+    ),
+    "limits reversed": (
+        changed("  rest_length", f"  limits: [{'[1, 2], ' * 5}[2, 1]]\n  rest_length"),
+        ("line 25, key legs.limits.6", "wrong way round", "got [2.0, 1.0]"),
+    ),
+    "limits negative": (
+        changed("  rest_length", f"  limits: [{'[-1, 2], ' * 6}]\n  rest_length"),
+        ("line 25, key legs.limits.1.1", "above zero"),
+    ),
+    "limit of one number": (
+        changed("  rest_length", f"  limits: [{'[1], ' * 6}]\n  rest_length"),
+        ("legs.limits.1: wrong count",),
+    ),
+    "leg of zero length": (
+        changed("[14.041, 8.041, 16.041]", "[0, 0, 0]"),
+        ("file.yaml", "leg 1 has zero length"),
+    ),
+    "unknown key": (changed(LEGS, "lges: 1\n" + LEGS), ("line 23, key lges: unknown key", "legs")),
+    "key of another kind": (changed(LEGS, "springs: {}\n" + LEGS), ("line 23", "unknown key")),
+    "key named as a kind": (
+        changed(LEGS, "stewart-gough: 1\n" + LEGS),
+        ("line 23, key stewart-gough: unknown key",),
+    ),
+    "unknown key in legs": (
+        changed("  rest_length", "  restlength: 1\n  rest_length"),
+        ("line 25, key legs.restlength: unknown key", "closest: rest_length"),
+    ),
+    "unknown key like a type": (
+        changed("  rest_length", "  list[x]: 1\n  rest_length"),
+        ("line 25, key legs.list[x]: unknown key",),
+    ),
+    "unknown key in units": (changed("force: N", "force: N, mass: kg"), ("line 7", "units.mass")),
+    "unknown unit": (
+        changed("length: cm", "length: furlong"),
+        ("line 7", "units.length", "'furlong'"),
+    ),
+    "units are text": (changed("{length: cm, force: N}", "cm"), ("line 7, key units", "'cm'")),
+    "pose of two numbers": (PLATFORM + "pose: {xyz: [0, 0]}\n", ("line 26, key pose.xyz", "got 2")),
+    "pose is a list": (PLATFORM + "pose: [0, 0, 0, 0, 0, 0]\n", ("line 26, key pose",)),
+    "frame is text": (PLATFORM + "frame: tool\n", ("line 26, key frame", "'tool'")),
+    "gravity is a number": (PLATFORM + "gravity: -9.81\n", ("line 26, key gravity", "a list")),
+    "gravity of two numbers": (PLATFORM + "gravity: [0, -9.81]\n", ("key gravity: wrong count",)),
+    "payload negative": (PLATFORM + "payload: {mass: -1}\n", ("payload.mass", "zero or more")),
+    "payload without mass": (
+        PLATFORM + "payload: {com: [0, 0, 0]}\n",
+        ("line 26, key payload.mass", "'mass' is missing"),
+    ),
+    "name is a number": (PLATFORM + "name: 7\n", ("line 26, key name", "text, got 7")),
+    "name is empty": (PLATFORM + 'name: ""\n', ("line 26, key name", "text, got nothing")),
+    "name is endless": (PLATFORM + f"name: {'x' * 5000}\n", ("at most 4000 characters",)),
+    "key twice": (changed(LEGS, "kind: springs\n" + LEGS), ("line 23: key stands twice", "'kind'")),
+    "nested key twice": (changed("force: N", "force: N, length: m"), ("line 7", "twice")),
+    "anchor and alias": (
+        changed("[7, 0, 0]\n  - [7, 0, 0]", "&p [7, 0, 0]\n  - *p"),
+        ("line 11", "anchors and aliases"),
+    ),
+    "alias without anchor": (changed("[0, 0, 0]", "*p"), ("line 10", "undefined alias")),
+    "anchor on a key": (changed(LEGS, "&k name: x\n" + LEGS), ("line 23", "anchors")),
+    "merge key": (changed(LEGS, "<<: {name: x}\n" + LEGS), ("line 23", "keys must be plain text")),
+    "key is a list": (changed(LEGS, "? [a, b]\n: 1\n" + LEGS), ("line 23", "keys must be plain")),
+    "key is a mapping": (
+        changed(LEGS, "? {a: b}\n: 1\n" + LEGS),
+        ("line 23", "keys must be plain"),
+    ),
+    "key is a number": (changed(LEGS, "1: 2\n" + LEGS), ("line 23, key 1: unknown key",)),
+    "key is nothing": (changed(LEGS, "~: 2\n" + LEGS), ("line 23", "unknown key")),
+    "object tag": (
+        changed("[0, 0, 0]", "[!!python/object/apply:os.system [id], 0, 0]"),
+        ("line 10", "YAML tags", "os.system"),
+    ),
+    "object tag on a key": (
+        changed(LEGS, "!!python/name:os.system name: x\n" + LEGS),
+        ("line 23", "YAML tags"),
+    ),
+    "own tag": (changed("length: cm", "length: !cm cm"), ("line 7", "YAML tags", "!cm")),
+    "omap": (changed(LEGS, "payload: !!omap [mass: 1]\n" + LEGS), ("line 23", "YAML tags")),
+    "tab": (changed("  stiffness", "\tstiffness"), ("line 24", "not valid YAML", r"'\t'")),
+    "two documents": (PLATFORM + "---\n" + PLATFORM, ("one YAML document", "several")),
+    "YAML 1.1": ("%YAML 1.1\n---\n" + PLATFORM, ("line 1", "directives", "%YAML 1.1")),
+    "tag directive": ("# c\n%TAG ! tag:x,2000:\n---\n" + PLATFORM, ("line 2", "directives")),
+    "bracket left open": (changed("[0, 0, 0]", "[0, 0, 0"), ("not valid YAML", "line")),
+    "quote left open": (changed("cm, ", '"cm, '), ("not valid YAML",)),
+    "reserved character": (changed("[0, 0, 0]", "@"), ("line 10", "not valid YAML", "'@'")),
+    "yes for true": (
+        changed("stewart-gough", "springs\nunilateral: yes"),
+        ("line 5, key unilateral", "true or false, got 'yes'"),
+    ),
+    "tag makes no truth": (
+        changed("stewart-gough", "springs\nunilateral: !!bool abc"),
+        ("line 5, key unilateral", "'abc'"),
+    ),
+    "one for true": (changed("stewart-gough", "springs\nunilateral: 1"), ("unilateral", "got 1")),
+    "fewer platform points": (
+        changed("stewart-gough", "springs").replace("  - [10, 4, 12]\n", "", 1),
+        ("line 16, key platform: wrong count", "6, one per leg, got 5"),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", PLATFORMS)
+def test_bad_platform_is_refused_with_line_and_key(case: str, refused: Refused) -> None:
+    text, words = PLATFORMS[case]
+    refused("analyse", place(text), words=words)
+
+
+# -- one change to a good arm ---------------------------------------------------------------------
+
+SPRINGS = "springs: {j1: {stiffness: 10}, j2: {stiffness: 10}}\n"
+ARMS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "model missing": ("kind: serial\nframe: c\n", ("line 1, key model", "'model' is missing")),
+    "model empty": ('kind: serial\nmodel: ""\n', ("line 2, key model", "nothing")),
+    "model a number": ("kind: serial\nmodel: 3\n", ("line 2, key model", "text, got 3")),
+    "model a list": ("kind: serial\nmodel: [a]\n", ("line 2, key model", "text")),
+    "model not there": ("kind: serial\nmodel: three.urdf\n", ("three.urdf", "No such file")),
+    "model unknown name": ("kind: serial\nmodel: nosuchrobot\n", ("nosuchrobot",)),
+    "model a folder": ("kind: serial\nmodel: .\n", ("model", "'.'")),
+    "model with a zero byte": ('kind: serial\nmodel: "a\\0b.urdf"\n', ("null byte",)),
+    "model of half a character": ('kind: serial\nmodel: "\\ud800.urdf"\n', ("cannot be read",)),
+    "model far too long": (f"kind: serial\nmodel: {'x' * 3000}.urdf\n", ("File name too long",)),
+    "model at no home": ("kind: serial\nmodel: ~nosuchuser/x.urdf\n", ("line 2", "home directory")),
+    "model is no XML": ("kind: serial\nmodel: file.yaml\n", ("file.yaml", "not valid XML")),
+    "frame unknown": ("kind: serial\nmodel: two.urdf\nframe: d\n", ("unknown frame", "'d'")),
+    "frame a number": ("kind: serial\nmodel: two.urdf\nframe: 3\n", ("line 3, key frame",)),
+    "frame a list": ("kind: serial\nmodel: two.urdf\nframe: [c]\n", ("line 3, key frame",)),
+    "frame at the base": ("kind: serial\nmodel: two.urdf\nframe: a\n", ("no joint moves", "'a'")),
+    "springs for unknown joint": (ARM + "springs: {j3: {stiffness: 1}}\n", ("key springs", "'j3'")),
+    "springs for one joint": (ARM + "springs: {j1: {stiffness: 1}}\n", ("'j2' has no spring",)),
+    "springs a list": (ARM + "springs: [1, 2]\n", ("line 4, key springs", "a mapping")),
+    "spring a number": (ARM + "springs: {j1: 1, j2: 1}\n", ("line 4, key springs.j1", "got 1")),
+    "spring empty": (ARM + "springs: {j1: {}, j2: {}}\n", ("key springs.j1", "exactly one of")),
+    "spring negative": (ARM + SPRINGS.replace("10", "-10"), ("springs.j1.stiffness", "got -10")),
+    "spring NaN": (ARM + SPRINGS.replace("10", ".nan"), ("springs.j1.stiffness", "finite")),
+    "spring rest text": (
+        ARM + SPRINGS.replace("10}", "10, rest: low}"),
+        ("springs.j1.rest", "'low'"),
+    ),
+    "spring unknown key": (
+        ARM + SPRINGS.replace("10}", "10, damping: 1}"),
+        ("springs.j1.damping",),
+    ),
+    "spring two laws": (ARM + SPRINGS.replace("10}", "10, polynomial: [1]}"), ("exactly one of",)),
+    "polynomial empty": (ARM + SPRINGS.replace("stiffness: 10", "polynomial: []"), ("polynomial",)),
+    "table of one point": (ARM + SPRINGS.replace("stiffness: 10", "table: [[0, 0]]"), ("got 1",)),
+    "table falls back": (
+        ARM + SPRINGS.replace("stiffness: 10", "table: [[1, 0], [0, 1]]"),
+        ("increase",),
+    ),
+    "table of triples": (
+        ARM + SPRINGS.replace("stiffness: 10", "table: [[0, 0, 0], [1, 1, 1]]"),
+        ("springs.j1.table.1", "got 3"),
+    ),
+    "passive unknown": (ARM + "passive: [j3]\n", ("key passive", "'j3'")),
+    "passive is text": (ARM + "passive: j1\n", ("line 4, key passive", "a list")),
+    "passive with spring": (ARM + SPRINGS + "passive: [j1]\n", ("passive and has a spring",)),
+    "locked unknown": (ARM + "locked: {j3: 0}\n", ("key locked", "'j3'")),
+    "locked NaN": (ARM + "locked: {j1: .nan}\n", ("line 4, key locked.j1", "finite")),
+    "locked a list": (ARM + "locked: [j1]\n", ("line 4, key locked", "a mapping")),
+    "all locked": (ARM + "locked: {j1: 0, j2: 0}\n", ("no joint moves",)),
+    "q unknown": (ARM + "q: {j3: 0}\n", ("key q", "'j3'")),
+    "q of a locked joint": (ARM + "locked: {j1: 0}\nq: {j1: 0}\n", ("key q", "'j1'")),
+    "q a list": (ARM + "q: [0, 0]\n", ("line 4, key q", "a mapping")),
+    "q text": (ARM + "q: {j1: up}\n", ("line 4, key q.j1", "'up'")),
+    "q true": (ARM + "q: {j1: true}\n", ("line 4, key q.j1", "True")),
+    "offset a list": (ARM + "offset: [0, 0, 1]\n", ("line 4, key offset", "a mapping")),
+    "offset unknown key": (
+        ARM + "offset: {xyz: [0, 0, 1], quat: [1, 0, 0, 0]}\n",
+        ("line 4, key offset.quat: unknown key",),
+    ),
+    "offset infinite": (ARM + "offset: {xyz: [0, 0, .inf]}\n", ("line 4, key offset.xyz.3",)),
+    "units of an arm": (ARM + "units: {length: mm}\n", ("line 4, key units: unknown key",)),
+    "legs of an arm": (ARM + LEGS + "  stiffness: 1\n", ("line 4, key legs: unknown key",)),
+    "flexible and stiff": (ARM + "flexible: {b: {}}\n", ("line 4, key flexible.b", "exactly one")),
+    "beam without length": (
+        ARM + "flexible: {b: {beam: {E: 1, G: 1}}}\n",
+        ("line 4, key flexible.b.beam", "missing"),
+    ),
+    "line of one frame": (
+        ARM + "lines: [{frames: [c], points: [[0, 0, 0], [0, 0, 1]], stiffness: 1}]\n",
+        ("line 4, key lines.1.frames", "got 1"),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", ARMS)
+def test_bad_arm_is_refused(case: str, refused: Refused) -> None:
+    text, words = ARMS[case]
+    refused("analyse", place(text), words=words)
+
+
+# -- files that are no mechanism files ------------------------------------------------------------
+
+CONTENTS: dict[str, tuple[bytes, str]] = {
+    "empty": (b"", "file is empty"),
+    "white space": (b" \n\t\r\n ", "file is empty"),
+    "byte order mark": (b"\xef\xbb\xbf", "one YAML document"),
+    "comments": (b"# nothing\n# here\n", "one YAML document"),
+    "no document": (b"---\n...\n", "mapping of keys"),
+    "text": (b"stewart-gough\n", "mapping of keys"),
+    "number": (b"3\n", "mapping of keys"),
+    "list": (b"- kind: serial\n", "mapping of keys"),
+    "empty mapping": (b"{}\n", "unknown kind"),
+    "null": (b"null\n", "mapping of keys"),
+    "binary": (bytes(range(256)) * 10, "not UTF-8 text"),
+    "zero bytes": (bytes(4096), "zero byte"),
+    "one zero byte": (PLATFORM.encode() + b"\0", "zero byte"),
+    "picture": (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", "not UTF-8 text"),
+    "Latin-1": ("name: Stäubli\n".encode("latin-1"), "not UTF-8 text"),
+    "UTF-16": (PLATFORM.encode("utf-16"), "not UTF-8 text"),
+    "half a character": ("name: ä".encode()[:-1], "not UTF-8 text"),
+    "control character": (b"kind: \x01\n", "not valid YAML"),
+    "JSON with a list": (b'[{"kind": "serial"}]', "mapping of keys"),
+    "XML": (b"<robot/>\n", "mapping of keys"),
+    "Python": (b"import os\nos.system('id')\n", "mapping of keys"),
+    "deep brackets": (b"[" * 100_000, "nested too deeply"),
+    "deep braces": (b"{a: " * 20_000, "nested too deeply"),
+    "deep lists": (b"- " * 100_000 + b"1", "nested too deeply"),
+    "deep keys": (b"".join(b" " * i + b"a:\n" for i in range(600)), "nested too deeply"),
+    "moderately deep": (b"a: " + b"[" * 40 + b"]" * 40, "nested too deeply"),
+    "thousand documents": (b"--- 1\n" * 20_000, "one YAML document"),
+    "billion laughs": (
+        b"a: &a [lol, lol]\n"
+        + b"".join(
+            b"%c: &%c [*%c, *%c, *%c, *%c, *%c, *%c, *%c, *%c]\n" % (i + 1, i + 1, *[i] * 8)
+            for i in range(97, 120)
+        ),
+        "anchors and aliases",
+    ),
+    "an alias of itself": (b"a: &a [*a]\n", "anchors and aliases"),
+}
+
+
+@pytest.mark.parametrize("case", CONTENTS)
+def test_what_is_no_mechanism_file_is_refused(case: str, refused: Refused) -> None:
+    content, words = CONTENTS[case]
+    refused("analyse", place(content), words=("file.yaml", words))
+
+
+@pytest.mark.parametrize("ending", [".yaml", ".yml", ".urdf", ".xml", ".mjcf", ".YAML", ".URDF"])
+class TestPathsThatAreNoFiles:
+    def test_missing(self, ending: str, refused: Refused) -> None:
+        refused("analyse", f"none{ending}", words=(f"none{ending}", "No such file"))
+
+    def test_below_a_file(self, ending: str, refused: Refused) -> None:
+        place("x", "here")
+        refused("analyse", f"here/none{ending}", words=("Not a directory",))
+
+    def test_directory(self, ending: str, refused: Refused) -> None:
+        Path(f"folder{ending}").mkdir()
+        refused("analyse", f"folder{ending}", words=(f"folder{ending}", "is a directory"))
+
+    def test_dangling_link(self, ending: str, refused: Refused) -> None:
+        Path(f"link{ending}").symlink_to("nowhere")
+        refused("analyse", f"link{ending}", words=(f"link{ending}", "No such file"))
+
+    def test_link_to_itself(self, ending: str, refused: Refused) -> None:
+        Path(f"loop{ending}").symlink_to(f"loop{ending}")
+        refused("analyse", f"loop{ending}", words=(f"loop{ending}", "symbolic links"))
+
+    def test_pipe(self, ending: str, refused: Refused) -> None:
+        os.mkfifo(f"pipe{ending}")
+        refused("analyse", f"pipe{ending}", words=(f"pipe{ending}", "not a regular file"))
+
+    @pytest.mark.parametrize("device", ["/dev/zero", "/dev/null"])
+    def test_device(self, ending: str, device: str, refused: Refused) -> None:
+        Path(f"device{ending}").symlink_to(device)
+        refused("analyse", f"device{ending}", words=(f"device{ending}", "not a regular file"))
+
+    def test_huge(self, ending: str, refused: Refused) -> None:
+        with Path(f"huge{ending}").open("wb") as file:
+            file.truncate(1 << 40)
+        refused("analyse", f"huge{ending}", words=(f"huge{ending}", "too large", str(1 << 40)))
+
+    @pytest.mark.skipif(os.geteuid() == 0, reason="root reads everything")
+    def test_unreadable(self, ending: str, refused: Refused) -> None:
+        place("kind: serial\n", f"closed{ending}")
+        Path(f"closed{ending}").chmod(0)
+        refused("analyse", f"closed{ending}", words=(f"closed{ending}", "Permission denied"))
+
+    def test_name_too_long(self, ending: str, refused: Refused) -> None:
+        refused("analyse", "x" * 5000 + ending, words=("File name too long",))
+
+
+def test_other_ending_is_refused(refused: Refused) -> None:
+    refused("analyse", place(PLATFORM, "file.txt"), words=("file.txt", ".yaml"))
+
+
+# -- what must not be refused ---------------------------------------------------------------------
+
+SAME: dict[str, str | bytes] = {
+    "comments": "# before\n" + PLATFORM.replace("\nlegs:", "\n# between\nlegs: # behind"),
+    "byte order mark": b"\xef\xbb\xbf" + PLATFORM.encode(),
+    "carriage returns": PLATFORM.replace("\n", "\r\n").encode(),
+    "no last newline": PLATFORM.rstrip("\n"),
+    "document marks": "---\n" + PLATFORM + "...\n",
+    "YAML 1.2": "%YAML 1.2\n---\n" + PLATFORM,
+    "exponent": PLATFORM.replace("[10, 20,", "[1e1, 2.0E+1,"),
+    "decimal point": PLATFORM.replace("[10, 20,", "[10., +20.0,"),
+    "decimal zeros": PLATFORM.replace("[10, 20,", "[010, 0x14,"),
+    "one point a line": PLATFORM.replace("- [7, 0, 0]", "-\n    - 7\n    - 0\n    - 0"),
+    "quoted text": PLATFORM.replace("length: cm", 'length: "cm"').replace("force: N", "'force': N"),
+    "null for absent": PLATFORM + "gravity:\nname: ~\npayload: null\n",
+    "identity written out": PLATFORM + "pose: {xyz: [0, 0, 0], rpy: [0, 0, 0]}\nframe: {}\n",
+    "unicode name": PLATFORM + "name: Gough-Plattform für 六足 🦾\n",
+}
+
+
+@pytest.mark.parametrize("case", SAME)
+def test_the_same_platform_in_other_words(case: str, accepted: Accepted) -> None:
+    got, expected = accepted(place(SAME[case])), accepted("stewart-gough")
+    assert got["stiffness"] == expected["stiffness"]
+    assert got["wrench"] == expected["wrench"]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "a b.yaml",
+        "платформа.yaml",
+        "file.YAML",
+        "file.yml",
+        "-x.yaml",
+        "100%.yaml",
+        "new\nline.yaml",
+        b"\xff.yaml",
+    ],
+)
+def test_names_of_files(name: str | bytes, accepted: Accepted) -> None:
+    name = os.fsdecode(name)
+    place(PLATFORM, name)
+    assert accepted(f"./{name}")["mechanism"]["name"] == Path(name).stem
+
+
+def test_name_of_a_file_that_is_no_text_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
+    from cartstiff.cli.main import main
+
+    name = os.fsdecode(b"\xff.yaml")
+    with pytest.raises(SystemExit) as exit_:
+        main(["analyse", place(PLATFORM, name)])
+    assert exit_.value.code == 0
+    assert "udcff" in capfd.readouterr().out
+
+
+@pytest.mark.parametrize("number", ["300000", "3e5", "3.0e5", "3.0E+5", "300000.0", "0x493E0"])
+def test_ways_to_write_a_number(number: str, accepted: Accepted) -> None:
+    springs = f"springs: {{j1: {{stiffness: {number}}}, j2: {{stiffness: 3e5}}}}\n"
+    got = accepted(place(ARM + springs))
+    even = accepted(place(ARM), "--stiffness", "300000")
+    assert got["compliance"] == even["compliance"]
+
+
+@pytest.mark.parametrize("model", ["two.urdf", "./two.urdf", "../folder/two.urdf", "A b/ü.URDF"])
+def test_model_paths_are_relative_to_the_file(model: str, accepted: Accepted) -> None:
+    folder = Path("folder")
+    (folder / model).resolve().parent.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(exist_ok=True)
+    (folder / model).resolve().write_text(URDF, encoding="utf-8")
+    (folder / "arm.yaml").write_text(f"kind: serial\nmodel: {model}\n", encoding="utf-8")
+    data = accepted("folder/arm.yaml")
+    assert data["mechanism"]["joints"] == ["j1", "j2"]
+    assert data["frame"] == "c"
+
+
+def test_absolute_and_linked_paths(accepted: Accepted, tmp_path: Path) -> None:
+    place(f"kind: serial\nmodel: {Path('two.urdf').resolve()}\n")
+    (tmp_path / "link.yaml").symlink_to(Path("file.yaml").resolve())
+    data = accepted(str(tmp_path / "link.yaml"))
+    assert np.allclose(np.array(data["pose"])[:3, 3], [1, 0, 1], atol=1e-15)
+
+
+@pytest.mark.parametrize("position", [0.0, 0.7, -2.0])
+def test_locked_joint_is_a_fixed_joint(position: float, accepted: Accepted) -> None:
+    got = accepted(place(ARM + f"locked: {{j1: {position}}}\n"), "--q", "0.4")
+    fixed = URDF.replace('name="j1" type="revolute"', 'name="j1" type="fixed"').replace(
+        '<origin xyz="0 0 1"/>', f'<origin xyz="0 0 1" rpy="0 0 {position}"/>'
+    )
+    Path("fixed.urdf").write_text(fixed, encoding="utf-8")
+    expected = accepted("fixed.urdf", "--q", "0.4", "--frame", "c")
+    assert got["mechanism"]["joints"] == ["j2"]
+    for key in ("pose", "jacobian"):
+        assert np.allclose(got[key], expected[key], atol=1e-14)
+    assert np.allclose(got["compliance"]["B"], expected["compliance"]["B"], atol=1e-16)

@@ -1,0 +1,405 @@
+"""URDF files: what is refused, what must not be, and every robot of example-robot-data."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cartstiff.errors import InputError
+from cartstiff.mechanisms.loading.catalogue import bundled_files, example_robots
+
+Refused = Callable[..., str]
+Accepted = Callable[..., dict[str, Any]]
+
+
+def joint(name: str, parent: str, child: str, axis: str = "0 0 1", kind: str = "revolute") -> str:
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="0.1 0.2 0.3" rpy="0.3 0.1 -0.2"/><axis xyz="{axis}"/>'
+        '<limit lower="-2" upper="2" effort="1" velocity="1"/></joint>\n'
+    )
+
+
+INERTIAL = (
+    '<inertial><origin xyz="0 0 0.1"/><mass value="2"/>'
+    '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+)
+J1, J2, J3 = joint("j1", "a", "b"), joint("j2", "b", "c", "0 1 0"), joint("j3", "c", "d", "1 0 0")
+ARM = (
+    f'<robot name="arm">\n<link name="a"/>\n<link name="b">{INERTIAL}</link>\n'
+    f'<link name="c"/>\n<link name="d"/>\n{J1}{J2}{J3}</robot>\n'
+)
+
+
+def changed(old: str, new: str, count: int = 1, text: str = ARM) -> str:
+    assert old in text
+    return text.replace(old, new, count)
+
+
+def mimic(joint: str, inside: str) -> str:
+    return changed(
+        f'<joint name="{joint}" type="revolute">', f'<joint name="{joint}" type="revolute">{inside}'
+    )
+
+
+def chain(n: int, kind: str = "revolute") -> str:
+    links = "".join(f'<link name="l{i}"/>' for i in range(n + 1))
+    return (
+        f'<robot name="r">{links}'
+        + "".join(joint(f"j{i}", f"l{i}", f"l{i + 1}", kind=kind) for i in range(n))
+        + "</robot>"
+    )
+
+
+def place(text: str | bytes, name: str = "arm.urdf") -> str:
+    Path(name).write_bytes(text if isinstance(text, bytes) else text.encode())
+    return name
+
+
+ORIGIN, AXIS = 'xyz="0.1 0.2 0.3"', '<axis xyz="0 0 1"/>'
+LIMIT = '<limit lower="-2" upper="2" effort="1" velocity="1"/>'
+BAD: dict[str, tuple[str | bytes, tuple[str, ...]]] = {
+    "empty": ("", ("file is empty",)),
+    "white space": (" \n\t ", ("file is empty",)),
+    "binary": (bytes(range(256)), ("not UTF-8",)),
+    "zero bytes": (bytes(1000), ("zero byte",)),
+    "Latin-1": (ARM.replace("arm", "Stäubli").encode("latin-1"), ("not UTF-8",)),
+    "UTF-16": (ARM.encode("utf-16"), ("not UTF-8",)),
+    "text": ("kind: serial", ("not valid XML",)),
+    "cut off": (ARM[:300], ("not valid XML", "line")),
+    "two roots of XML": (ARM + "<robot/>", ("not valid XML", "junk after document")),
+    "tag not closed": (changed('<link name="a"/>', '<link name="a">'), ("not valid XML",)),
+    "undefined entity": (changed('"arm"', '"&arm;"'), ("not valid XML", "entity")),
+    "DOCTYPE": ("<!DOCTYPE robot>" + ARM, ("document types",)),
+    "entity of a file": (
+        '<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/passwd">]><robot name="&x;"/>',
+        ("document types and entities",),
+    ),
+    "billion laughs": (
+        '<?xml version="1.0"?><!DOCTYPE l [<!ENTITY a "lol">'
+        + "".join(
+            f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in zip("abcdefgh", "bcdefghi", strict=True)
+        )
+        + ']><robot name="&i;"/>',
+        ("document types and entities",),
+    ),
+    "SDF": ('<sdf version="1.6"><model name="x"/></sdf>', ("SDF", "got <sdf>")),
+    "HTML": ("<html><body/></html>", ("not a robot description", "got <html>")),
+    "another namespace": (changed("<robot ", '<robot xmlns="http://x" '), ("not a robot",)),
+    "xacro": (
+        changed(
+            '<robot name="arm">',
+            '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+            '<xacro:property name="x" value="1"/>',
+        ),
+        ("xacro",),
+    ),
+    "xacro expression": (changed(ORIGIN, 'xyz="${x} 0 0"'), ("'j1'", "origin xyz", "${x}")),
+    "robot without name": (changed(' name="arm"', ""), ("robot has no name",)),
+    "no links": ('<robot name="r"/>', ("no links",)),
+    "no joints": ('<robot name="r"><link name="a"/></robot>', ("no movable joints",)),
+    "only fixed joints": (changed("revolute", "fixed", 3), ("no movable joints",)),
+    "link without name": (changed('<link name="a"/>', "<link/>"), ("a link has no name",)),
+    "link with empty name": (changed('<link name="a"/>', '<link name=""/>'), ("link has no name",)),
+    "two links of a name": (changed('<link name="c"/>', '<link name="b"/>'), ("two links", "'b'")),
+    "joint without name": (changed('name="j2" ', ""), ("a joint has no name",)),
+    "two joints of a name": (changed('"j2"', '"j1"'), ("two joints", "'j1'")),
+    "no type": (changed(' type="revolute"', ""), ("'j1'", "unknown type", "got none")),
+    "unknown type": (changed("revolute", "hinge"), ("'j1'", "unknown type", "prismatic", "hinge")),
+    "type of SDF": (changed("revolute", "ball"), ("'j1'", "unknown type", "got ball")),
+    "no parent": (changed('<parent link="a"/>', ""), ("'j1'", "no parent link")),
+    "parent without link": (changed('<parent link="a"/>', "<parent/>"), ("'j1'", "no parent")),
+    "no child": (changed('<child link="b"/>', ""), ("'j1'", "no child link")),
+    "unknown parent": (
+        changed('<parent link="a"/>', '<parent link="x"/>'),
+        ("'j1'", "parent", "'x'"),
+    ),
+    "unknown child": (changed('<child link="b"/>', '<child link="x"/>'), ("'j1'", "child", "'x'")),
+    "two parents in a joint": (changed(AXIS, AXIS + '<parent link="c"/>'), ("several <parent>",)),
+    "to itself": (changed('<child link="b"/>', '<child link="a"/>'), ("'j1'", "'a' to itself")),
+    "cycle of all": (changed("<link", joint("j0", "d", "a") + "<link"), ("cycle",)),
+    "cycle beside a tree": (
+        changed(
+            "</robot>",
+            '<link name="x"/><link name="y"/>'
+            + joint("j8", "x", "y")
+            + joint("j9", "y", "x")
+            + "</robot>",
+        ),
+        ("cycle", "x", "y"),
+    ),
+    "two parent joints": (
+        changed("</robot>", '<link name="x"/>' + joint("j4", "x", "c") + "</robot>"),
+        ("link 'c' has two parent joints",),
+    ),
+    "two roots": (changed("</robot>", '<link name="x"/></robot>'), ("one root link", "a, x")),
+    "zero axis": (changed(AXIS, '<axis xyz="0 0 0"/>'), ("'j1'", "zero axis")),
+    "tiny axis": (changed(AXIS, '<axis xyz="0 0 1e-12"/>'), ("'j1'", "zero axis")),
+    "axis of two": (changed(AXIS, '<axis xyz="0 1"/>'), ("axis xyz is not 3", "'0 1'")),
+    "axis NaN": (changed(AXIS, '<axis xyz="0 0 nan"/>'), ("axis xyz", "'0 0 nan'")),
+    "axis with commas": (changed(AXIS, '<axis xyz="0,0,1"/>'), ("axis xyz", "'0,0,1'")),
+    "two axes": (changed(AXIS, AXIS + AXIS), ("'j1' has several <axis>",)),
+    "origin infinite": (changed(ORIGIN, 'xyz="0 0 inf"'), ("origin xyz", "'0 0 inf'")),
+    "origin beyond numbers": (changed(ORIGIN, 'xyz="0 0 1e999"'), ("origin xyz",)),
+    "origin too large": (changed(ORIGIN, 'xyz="0 0 1e200"'), ("origin xyz is too large", "1e+30")),
+    "origin of two": (changed(ORIGIN, 'xyz="0 0"'), ("origin xyz", "'0 0'")),
+    "origin text": (changed(ORIGIN, 'xyz="a b c"'), ("origin xyz", "'a b c'")),
+    "origin empty": (changed(ORIGIN, 'xyz=""'), ("origin xyz",)),
+    "origin underscores": (changed(ORIGIN, 'xyz="0 0 1_0"'), ("origin xyz", "1_0")),
+    "rpy NaN": (changed('rpy="0.3', 'rpy="nan'), ("origin rpy", "nan")),
+    "limit NaN": (changed('lower="-2"', 'lower="nan"'), ("limit lower", "nan")),
+    "limit infinite": (changed('upper="2"', 'upper="inf"'), ("limit upper", "inf")),
+    "limit text": (changed('effort="1"', 'effort="strong"'), ("limit effort", "strong")),
+    "limits reversed": (changed('lower="-2"', 'lower="3"'), ("'j1'", "wrong way round", "3, 2")),
+    "mass negative": (changed('<mass value="2"/>', '<mass value="-2"/>'), ("'b'", "mass", "-2")),
+    "mass NaN": (changed('<mass value="2"/>', '<mass value="nan"/>'), ("'b'", "mass", "nan")),
+    "mass infinite": (changed('<mass value="2"/>', '<mass value="inf"/>'), ("'b'", "mass", "inf")),
+    "mass text": (changed('<mass value="2"/>', '<mass value="heavy"/>'), ("mass", "heavy")),
+    "mass missing": (changed('<mass value="2"/>', ""), ("'b'", "no mass")),
+    "mass empty": (changed('<mass value="2"/>', "<mass/>"), ("'b'", "no mass")),
+    "mass centre of two": (changed('xyz="0 0 0.1"', 'xyz="0 0"'), ("'b'", "origin xyz")),
+    "two inertials": (changed(INERTIAL, INERTIAL * 2), ("several <inertial>",)),
+    "mimics itself": (mimic("j1", '<mimic joint="j1"/>'), ("follow each other", "j1 -> j1")),
+    "mimics in a ring": (
+        mimic("j1", '<mimic joint="j2"/>').replace(
+            '"j2" type="revolute">', '"j2" type="revolute"><mimic joint="j1"/>'
+        ),
+        ("follow each other", "j1 -> j2 -> j1"),
+    ),
+    "mimics nobody": (mimic("j1", "<mimic/>"), ("'j1'", "mimic names no joint")),
+    "mimic factor NaN": (mimic("j1", '<mimic joint="j2" multiplier="nan"/>'), ("multiplier",)),
+    "mimic offset text": (mimic("j1", '<mimic joint="j2" offset="x"/>'), ("mimic offset", "'x'")),
+    "mimics a plane": (
+        mimic("j1", '<mimic joint="j2"/>').replace('"j2" type="revolute"', '"j2" type="planar"'),
+        ("'j1' cannot mimic", "planar"),
+    ),
+    "a floating joint mimics": (
+        mimic("j1", '<mimic joint="j2"/>').replace('"j1" type="revolute"', '"j1" type="floating"'),
+        ("'j1' cannot mimic", "floating"),
+    ),
+    "5000 joints": (chain(5000), ("too many joints", "5000")),
+    "400 moving joints": (chain(400), ("too many moving joints", "400")),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_urdf_is_refused(case: str, refused: Refused) -> None:
+    text, words = BAD[case]
+    refused("analyse", place(text), words=words)
+
+
+# -- what must not be refused ---------------------------------------------------------------------
+
+SAME: dict[str, str | bytes] = {
+    "byte order mark": b"\xef\xbb\xbf" + ARM.encode(),
+    "declaration": '<?xml version="1.0" encoding="utf-8"?>\n<!-- arm -->\n' + ARM,
+    "carriage returns": ARM.replace("\n", "\r\n").encode(),
+    "name of the robot empty": changed('"arm"', '""'),
+    "no limits": changed(LIMIT, "", 3),
+    "limits in part": changed(LIMIT, '<limit effort="1"/>', 3),
+    "no inertias": changed(INERTIAL, ""),
+    "inertia of nonsense": changed('ixx="1"', 'ixx="none"'),
+    "mass of the root": changed('<link name="a"/>', f'<link name="a">{INERTIAL}</link>'),
+    "axis not of unit length": changed('xyz="0 1 0"', 'xyz="0 25 0"'),
+    "meshes that are not there": changed(
+        '<link name="a"/>',
+        '<link name="a"><visual><geometry><mesh filename="package://x/y.dae"/>'
+        '</geometry></visual><collision><geometry><mesh filename="z.stl"/></geometry></collision>'
+        "</link>",
+    ),
+    "shapes that are nothing": changed('<link name="a"/>', '<link name="a"><visual/></link>'),
+    "damping": changed(AXIS, AXIS + '<dynamics damping="x"/><safety_controller/><calibration/>'),
+    "materials": changed("</robot>", '<material name="m"/><material name="m"/></robot>'),
+    "transmission and gazebo": changed(
+        "</robot>", '<transmission name="t"><joint name="j1"/></transmission><gazebo/></robot>'
+    ),
+    "xacro named only": changed("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" '),
+    "version": changed("<robot ", '<robot version="1.0" '),
+    "deep and strange": changed(
+        '<link name="a"/>', f'<link name="a">{"<x>" * 5000}{"</x>" * 5000}</link>'
+    ),
+    "mixed order": ARM.replace(J1, "").replace("</robot>", J1 + "</robot>"),
+    "white space in numbers": changed(ORIGIN, 'xyz="  1e-1\n+0.20   .3 "'),
+    "mimic of a side joint": changed(
+        "</robot>",
+        '<link name="x"/><link name="y"/>'
+        + joint("s1", "a", "x")
+        + joint("s2", "x", "y").replace("<axis", '<mimic joint="s1"/><axis')
+        + "</robot>",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", SAME)
+def test_the_same_arm_in_other_words(case: str, accepted: Accepted) -> None:
+    place(ARM, "plain.urdf")
+    options = ("--q", "0.3,-0.2,0.5", "--frame", "d", "--stiffness", "100")
+    got, expected = accepted(place(SAME[case]), *options), accepted("plain.urdf", *options)
+    for key in ("pose", "jacobian"):
+        assert np.allclose(got[key], expected[key], atol=1e-15)
+    assert np.allclose(got["compliance"]["B"], expected["compliance"]["B"], atol=1e-15)
+
+
+@pytest.mark.parametrize("name", ["a b.urdf", "робот.urdf", "ARM.URDF", "arm.xml", b"\xff.urdf"])
+def test_names_of_files(name: str | bytes, accepted: Accepted) -> None:
+    assert accepted(place(ARM, os.fsdecode(name)))["mechanism"]["joints"] == ["j1", "j2", "j3"]
+
+
+def test_names_of_links_and_joints(accepted: Accepted) -> None:
+    text = ARM.replace('"d"', '"Greifer für 六足 &amp; &lt;x&gt;"').replace('"j3"', '"j 3"')
+    data = accepted(place(text), "--q", "j 3=0.5")
+    assert data["frame"] == "Greifer für 六足 & <x>"
+    assert data["q"] == [0, 0, 0.5]
+
+
+@pytest.mark.parametrize("name", ["universe", "world", "root_joint", "c"])
+def test_names_that_pinocchio_uses_too(name: str, accepted: Accepted) -> None:
+    expected = accepted(place(ARM), "--frame", "d")["pose"]
+    assert np.allclose(
+        accepted(place(ARM.replace('"j2"', f'"{name}"')), "--frame", "d")["pose"], expected
+    )
+
+
+def test_continuous_joint_is_a_revolute_without_limits(accepted: Accepted) -> None:
+    at = ("--q", "0.3,2.9,0.5", "--frame", "d")
+    expected = accepted(place(ARM), *at)
+    got = accepted(place(ARM.replace("revolute", "continuous")), *at)
+    assert got["q"] == expected["q"]
+    for key in ("pose", "jacobian"):
+        assert np.allclose(got[key], expected[key], atol=1e-14)
+
+
+def test_prismatic_joint_slides(accepted: Accepted) -> None:
+    text = changed('name="j1" type="revolute"', 'name="j1" type="prismatic"')
+    zero, one = (
+        np.array(accepted(place(text), "--q", f"{x},0,0", "--frame", "d")["pose"]) for x in (0, 1)
+    )
+    assert np.allclose((one - zero)[:3, :3], 0)
+    # Along the joint's axis z, which the origin's angles turn in the base.
+    c = np.cos([0.3, 0.1, -0.2]), np.sin([0.3, 0.1, -0.2])
+    (cr, cp, cy), (sr, sp, sy) = c
+    z = [cy * sp * cr + sy * sr, sy * sp * cr - cy * sr, cp * cr]
+    assert np.allclose((one - zero)[:3, 3], z, atol=1e-15)
+
+
+@pytest.mark.parametrize(("factor", "offset"), [(1.0, 0.0), (-2.0, 0.3), (0.5, -0.1), (0.0, 0.2)])
+def test_mimic_joint_moves_as_the_same_arm_without_mimic(
+    factor: float, offset: float, accepted: Accepted
+) -> None:
+    tag = f'<mimic joint="j1" multiplier="{factor}" offset="{offset}"/>'
+    q1, q2 = 0.4, -0.7
+    got = accepted(place(mimic("j3", tag)), "--q", f"{q1},{q2}", "--frame", "d")
+    plain = accepted(place(ARM), "--q", f"{q1},{q2},{factor * q1 + offset}", "--frame", "d")
+    assert got["mechanism"]["joints"] == ["j1", "j2"]
+    assert np.allclose(got["pose"], plain["pose"], atol=1e-14)
+    J = np.array(plain["jacobian"])
+    expected = np.stack([J[:, 0] + factor * J[:, 2], J[:, 1]], axis=1)
+    assert np.allclose(got["jacobian"], expected, atol=1e-14)
+
+
+def test_mimic_of_a_mimic(accepted: Accepted) -> None:
+    text = mimic("j3", '<mimic joint="j2" multiplier="2" offset="0.1"/>').replace(
+        '"j2" type="revolute">',
+        '"j2" type="revolute"><mimic joint="j1" multiplier="-1" offset="0.2"/>',
+    )
+    got = accepted(place(text), "--q", "0.5", "--frame", "d")
+    plain = accepted(place(ARM), "--q", "0.5,-0.3,-0.5", "--frame", "d")
+    assert np.allclose(got["pose"], plain["pose"], atol=1e-14)
+
+
+def test_mimic_of_a_joint_that_is_not_there_is_free_and_said(accepted: Accepted) -> None:
+    got = accepted(place(mimic("j3", '<mimic joint="nobody"/>')), "--frame", "d")
+    assert got["mechanism"]["joints"] == ["j1", "j2", "j3"]
+    assert "mimic-ignored" in [note["code"] for note in got["notes"]]
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+def test_mimic_of_a_fixed_joint_stands_at_its_offset(kind: str, accepted: Accepted) -> None:
+    free = changed('name="j3" type="revolute"', f'name="j3" type="{kind}"')
+    tied = free.replace('name="j2" type="revolute"', 'name="j2" type="fixed"').replace(
+        f'"j3" type="{kind}">',
+        f'"j3" type="{kind}"><mimic joint="j2" multiplier="3" offset="0.4"/>',
+    )
+    got = accepted(place(tied), "--q", "0.6", "--frame", "d")
+    plain = accepted(place(free), "--q", "0.6,0,0.4", "--frame", "d")
+    assert got["mechanism"]["joints"] == ["j1"]
+    assert np.allclose(got["pose"], plain["pose"], atol=1e-14)
+
+
+def test_long_chain_of_fixed_joints(accepted: Accepted) -> None:
+    text = chain(1000, "fixed").replace('type="fixed"', 'type="revolute"', 1)
+    assert accepted(place(text))["mechanism"]["joints"] == ["j0"]
+
+
+def test_hundred_moving_joints(accepted: Accepted) -> None:
+    data = accepted(place(chain(100)))
+    assert np.isfinite(data["compliance"]["B"]).all()
+
+
+# -- everything that comes with the library -------------------------------------------------------
+
+MOVES = re.compile(r"type=.(revolute|continuous|prismatic|floating|planar)\b")
+ROBOTS = [name for name, robot in example_robots().items() if robot.path is not None]
+
+
+def check_finite(data: dict[str, Any]) -> None:
+    assert np.isfinite(data["pose"]).all()
+    for group in ("stiffness", "compliance"):
+        assert set(data[group]) == {"A", "B", "K", "F"}
+        for matrix in data[group].values():
+            assert matrix is None or (np.shape(matrix) == (6, 6) and np.isfinite(matrix).all())
+    if data["stiffness"]["B"] is None:
+        assert data["notes"]
+    for note in data["notes"]:
+        assert set(note) == {"code", "message", "values"}
+
+
+@pytest.mark.parametrize("name", bundled_files())
+def test_bundled_mechanism(name: str, accepted: Accepted) -> None:
+    data = accepted(name)
+    check_finite(data)
+    rng = np.random.default_rng(7)
+    if data["mechanism"]["kind"] in ("serial", "stewart-gough", "springs"):
+        q = np.array(data["q"]) + rng.uniform(-0.1, 0.1, len(data["q"]))
+        check_finite(accepted(name, "--q", ",".join(map(repr, q.tolist()))))
+
+
+@pytest.mark.skipif(not ROBOTS, reason="example-robot-data is not installed")
+@pytest.mark.parametrize("name", ROBOTS)
+def test_example_robot_at_a_random_posture(name: str, accepted: Accepted, refused: Refused) -> None:
+    path = example_robots()[name].path
+    if path is None or not path.is_file():
+        refused("analyse", name, words=(name,))
+        return
+    if not MOVES.search(path.read_text(encoding="utf-8")):
+        refused("analyse", name, words=("no movable joints",))
+        return
+    n = len(accepted(name)["q"])
+    q = np.random.default_rng(sum(name.encode())).uniform(-1, 1, n)
+    data = accepted(name, "--q", ",".join(map(repr, q.tolist())))
+    assert data["q"] == q.tolist()
+    assert np.shape(data["jacobian"]) == (6, n)
+    check_finite(data)
+
+
+def test_unknown_example_robot(refused: Refused) -> None:
+    refused("analyse", "ur55", words=("unknown mechanism", "ur5", "'ur55'"))
+
+
+def test_robot_without_description(refused: Refused) -> None:
+    without = [name for name, robot in example_robots().items() if robot.path is None]
+    for name in without:
+        refused("analyse", name, words=(name,))
+
+
+def test_reading_is_an_input_error_in_python_too() -> None:
+    from cartstiff import load
+
+    with pytest.raises(InputError, match="zero axis"):
+        load(place(changed(AXIS, '<axis xyz="0 0 0"/>')))

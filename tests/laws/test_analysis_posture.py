@@ -1,0 +1,339 @@
+"""What holds for the analysis of any mechanism at any posture."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from tests.support import body_jacobian, frame_pose, loaded_arm
+
+import cartstiff
+from cartstiff.analysis.deflection import joint_shares
+from cartstiff.analysis.plain import numbers
+from cartstiff.analysis.posture import CONNECTIONS, analyse_posture
+from cartstiff.analysis.report import LEVELS, summary_text
+from cartstiff.analysis.springs import Spring, parallel_stiffness
+from cartstiff.analysis.tolerances import Parameters, Tolerances
+from cartstiff.errors import InputError, UndefinedError, UnknownNameError
+from cartstiff.geometry import se3
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.potentials.contract import Evaluation, Posture, Potential
+from cartstiff.potentials.springs import JointSprings
+from cartstiff.stiffness.compute import PostureStiffness
+
+LOAD = np.array([3.0, -2.0, 1.0, 20.0, -30.0, 40.0])
+KEYS = {
+    "connection", "symmetrised", "definiteness", "frame", "length", "stiffness", "compliance",
+    "ellipsoids", "directions", "centres", "normal_form", "decoupling_frame", "eigenscrews",
+    "wrench_compliant_axes", "twist_compliant_axes", "indices", "modes", "synthesis",
+    "asymmetry", "connections", "deflection", "uncertainty", "notes",
+}  # fmt: skip
+#: Bundled mechanisms that need nothing but the package, with every kind of state.
+BUNDLED = ("stewart-gough", "cubic", "cable-robot", "five-bar", "grasp", "6-ups", "3-rrr", "delta")
+
+
+def resting_arm(n: int, seed: int = 3) -> ElasticMechanism:
+    """An arm of stiff springs without rest positions."""
+    elastic = loaded_arm(("RRPRRRRPR" if n > 2 else "RR")[:n], seed).elastic
+    springs = JointSprings(100.0 * elastic.springs.stiffness, np.full(n, np.nan))
+    return replace(elastic, springs=springs)
+
+
+def arm(n: int, wrench: np.ndarray | None = LOAD) -> PostureStiffness:
+    return cartstiff.analyse(resting_arm(n), wrench=wrench)
+
+
+def checked(result: PostureStiffness, **options: Any) -> dict[str, Any]:
+    found = analyse_posture(result, **options)
+    assert set(found) == KEYS
+    assert json.loads(json.dumps(found, allow_nan=False)) == found
+    for level in LEVELS:
+        text = summary_text(found, result.elastic.units.as_dict(), level)
+        assert "nan" not in text.replace("determinant", "")
+        assert "None" not in text
+    return found
+
+
+@pytest.mark.parametrize("name", BUNDLED)
+@pytest.mark.parametrize("connection", [None, *CONNECTIONS])
+def test_every_state_has_an_answer(name: str, connection: str | None) -> None:
+    result = cartstiff.analyse(cartstiff.load(name))
+    found = checked(result, connection=connection, wrench=[0, 0, 0, 1, 2, 3])
+    if found["stiffness"] is None:
+        assert found["notes"]
+
+
+@pytest.mark.parametrize("n", [1, 3, 5, 6, 7, 9])
+def test_arms_with_any_number_of_joints(n: int) -> None:
+    result = arm(n, wrench=None)
+    found = checked(result, wrench=LOAD)
+    assert sum(s["share"] for s in found["deflection"]["shares"]) == pytest.approx(1.0)
+    assert (found["stiffness"] is None) == (n < 6)
+
+
+def test_an_unbalanced_arm_has_reasons_only() -> None:
+    elastic = resting_arm(7)
+    result = cartstiff.analyse(elastic.with_springs(rest=0.1))
+    assert result.wrench is None
+    found = checked(result, wrench=LOAD, tolerances=Tolerances(0.1))
+    assert found["stiffness"] is found["compliance"] is found["deflection"] is None
+    assert {n["code"] for n in found["notes"]} >= {"no-stiffness", "no-compliance"}
+    target = checked(result, target=np.eye(6))["synthesis"]["target"]
+    assert target is None
+
+
+def test_without_a_load_no_force_is_invented() -> None:
+    assert analyse_posture(cartstiff.analyse(cartstiff.load("cubic")))["deflection"] is None
+    gravity = replace(resting_arm(6), gravity=np.array([0, 0, -9.81]))
+    assert analyse_posture(cartstiff.analyse(gravity))["deflection"] is None
+    assert analyse_posture(arm(6))["deflection"]["wrench"] == pytest.approx(LOAD)
+
+
+@pytest.mark.parametrize("n", [6, 7])
+@pytest.mark.parametrize("connection", ["A", "B", "K", "+"])
+def test_joint_shares_add_up_under_every_connection(n: int, connection: str) -> None:
+    result = arm(n)
+    added, p = LOAD[::-1].copy(), np.array([0.1, -0.2, 0.3])
+    d = analyse_posture(result, connection=connection, wrench=added, at=se3.pose(translation=p))[
+        "deflection"
+    ]
+    expected = np.linalg.solve(result.tensor(connection).matrix, added)
+    assert np.allclose(d["twist"], expected, rtol=1e-9)
+    assert np.allclose(sum(np.array(s["twist"]) for s in d["shares"]), expected, rtol=1e-9)
+    moved = expected[3:] + np.cross(expected[:3], p)
+    assert np.allclose(d["displacement"], moved, rtol=1e-9)
+    assert np.allclose(sum(np.array(s["displacement"]) for s in d["shares"]), moved, rtol=1e-9)
+    assert sum(s["energy"] for s in d["shares"]) == pytest.approx(d["energy"])
+    assert sum(s["share"] for s in d["shares"]) == pytest.approx(1.0)
+
+
+def test_shares_under_the_flat_connection_are_those_of_the_springs() -> None:
+    result = arm(6)
+    d = analyse_posture(result, connection="F", wrench=LOAD)["deflection"]
+    plain = joint_shares(result.jacobian, result.evaluation.hessian, LOAD)
+    assert np.allclose([s["motion"] for s in d["shares"]], plain.motion)
+
+
+@pytest.mark.parametrize("name", ["stewart-gough", "cubic", "6-ups"])
+def test_shares_of_springs_and_load_add_up(name: str) -> None:
+    d = analyse_posture(cartstiff.analyse(cartstiff.load(name)), wrench=LOAD)["deflection"]
+    assert d["kind"] == "springs"
+    assert sum(s["share"] for s in d["shares"]) + d["load_share"] == pytest.approx(1.0)
+    if name == "cubic":
+        assert d["load_share"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_deflection_is_the_linear_limit_of_the_equilibrium() -> None:
+    """Of a dead force on an unloaded arm, whose joint angles are found by repeated statics."""
+    built = loaded_arm("RRPRRR", 8)
+    k = 1e3 * np.arange(1.0, 7.0)
+    result = cartstiff.analyse(replace(built.elastic, springs=JointSprings(k, built.q)))
+    force = np.array([3.0, -2.0, 5.0])  # in the world
+    f_body = result.pose[:3, :3].T @ force
+    d = analyse_posture(result, wrench=np.concatenate([np.zeros(3), f_body]))["deflection"]
+
+    def rest_under(scale: float) -> np.ndarray:
+        q = built.q
+        for _ in range(30):
+            R = frame_pose(built.model, q, "tip")[:3, :3]
+            torque = body_jacobian(built.model, q, "tip")[3:].T @ (R.T @ force)
+            q = built.q + scale * torque / k
+        return q
+
+    motion = (rest_under(1e-3) - rest_under(-1e-3)) / 2e-3
+    assert np.allclose([s["motion"] for s in d["shares"]], motion, rtol=1e-6)
+    ends = [frame_pose(built.model, rest_under(s), "tip")[:3, 3] for s in (1e-3, -1e-3)]
+    moved = result.pose[:3, :3].T @ (ends[0] - ends[1]) / 2e-3
+    assert np.allclose(d["displacement"], moved, rtol=1e-6, atol=1e-6 * np.abs(moved).max())
+
+
+@pytest.mark.parametrize("connection", ["A", "B", "K"])
+def test_at_moves_the_analysis(connection: str) -> None:
+    result = arm(6)
+    T = se3.pose(Rotation.from_euler("xyz", [0.3, -0.2, 0.9]).as_matrix(), [0.1, 0.2, -0.3])
+    there = analyse_posture(result, connection=connection, at=T)
+    tensor = result.tensor(connection).to_frame(T)
+    assert np.allclose(there["stiffness"], 0.5 * (tensor.matrix + tensor.matrix.T), rtol=1e-12)
+    assert there["frame"] == T.tolist()
+    if connection != "K":  # the kinematic connection of another origin is another one
+        here = analyse_posture(result, connection=connection)
+        p = np.append(there["centres"]["stiffness"], 1.0)
+        assert np.allclose((T @ p)[:3], here["centres"]["stiffness"], rtol=1e-8)
+
+
+@pytest.mark.parametrize("n", [6, 7])
+def test_realised_springs_reproduce_the_analysed_matrix(n: int) -> None:
+    found = analyse_posture(arm(n, wrench=None))
+    springs = [
+        Spring(
+            s["kind"], s["stiffness"], np.array(s["direction"]), np.array(s["point"]),
+            np.inf if s["pitch"] is None else s["pitch"],
+        )
+        for s in found["synthesis"]["springs"]
+    ]  # fmt: skip
+    K = np.array(found["stiffness"])
+    assert found["synthesis"]["residual"] < 1e-10
+    assert np.allclose(parallel_stiffness(springs), K, rtol=0, atol=1e-10 * np.abs(K).max())
+
+
+class Tangent(Potential):
+    """A potential with given torque and stiffness at one posture."""
+
+    def __init__(self, q: np.ndarray, torque: np.ndarray, matrix: np.ndarray) -> None:
+        self.q, self.torque, self.matrix = q, torque, matrix
+
+    def evaluate(self, posture: Posture) -> Evaluation:
+        x = posture.q - self.q
+        energy = float(self.torque @ x + 0.5 * x @ self.matrix @ x)
+        return Evaluation(energy, self.torque + self.matrix @ x, self.matrix)
+
+
+@pytest.mark.parametrize("n", [6, 8])
+@pytest.mark.parametrize("heavy", [False, True])
+def test_coupled_joint_springs_give_the_target(n: int, heavy: bool) -> None:
+    elastic = resting_arm(n)
+    if heavy:
+        elastic = replace(elastic, gravity=np.array([0.0, 1.0, -9.81]))
+    result = cartstiff.analyse(elastic, wrench=LOAD)
+    F = np.random.default_rng(9).standard_normal((6, 9))
+    target = 1e3 * F @ F.T
+    found = analyse_posture(result, target=target)["synthesis"]["target"]
+    made = Tangent(result.q, np.array(found["torque"]), np.array(found["matrix"]))
+    bare: ElasticMechanism = replace(result.elastic, springs=None).with_potential(made)
+    back = cartstiff.analyse(bare, result.q)
+    assert np.allclose(back.wrench, LOAD, rtol=1e-7, atol=1e-7)
+    assert np.allclose(back.B.matrix, target, rtol=0, atol=1e-9 * np.abs(target).max())
+
+
+def test_independent_springs_are_found_again() -> None:
+    result = arm(6)
+    found = analyse_posture(result, target=result.B.matrix)["synthesis"]["target"]
+    assert found["is_feasible"]
+    again = result.elastic.with_springs(found["diagonal_fit"]["stiffness"])
+    back = cartstiff.analyse(again, result.q, wrench=LOAD)
+    assert np.allclose(back.B.matrix, result.B.matrix, rtol=1e-8)
+
+
+def test_leg_stiffnesses_are_found_again() -> None:
+    result = cartstiff.analyse(cartstiff.load("stewart-gough"))
+    found = analyse_posture(result, target=result.B.matrix)["synthesis"]["target"]
+    assert found["is_feasible"]
+    assert found["diagonal_fit"]["stiffness"] == pytest.approx([10, 20, 30, 40, 50, 60])
+    tension = result.elastic.springs.tensions(result.posture.lines.lengths)
+    assert found["torque"] == pytest.approx(tension)
+
+
+def test_a_closed_chain_has_no_target() -> None:
+    found = analyse_posture(cartstiff.analyse(cartstiff.load("6-ups")), target=np.eye(6))
+    assert found["synthesis"]["target"] is None
+    assert "no-chart" in {n["code"] for n in found["notes"]}
+
+
+def test_inertia_gives_frequencies() -> None:
+    result = cartstiff.analyse(cartstiff.load("cubic"))
+    found = analyse_posture(result, mass=10.0, inertia=np.diag([0.5, 0.5, 2.0]))
+    k, H = 1e6, 0.5 / np.sqrt(3.0)
+    expected = [2 * k / 10] * 3 + [1.5 * k * H**2 / 0.5] * 2 + [6 * k * H**2 / 2.0]
+    assert found["modes"]["metric"] == "inertia"
+    assert found["modes"]["values"] == pytest.approx(sorted(expected))
+    assert found["length"]["origin"] == "inertia"
+    assert "[Hz]" in summary_text(found)
+
+
+# -- parameters ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["stewart-gough", "cubic", "cable-robot", "6-ups", "arm"])
+def test_nominal_parameters_give_the_nominal_mechanism(name: str) -> None:
+    result = arm(7) if name == "arm" else cartstiff.analyse(cartstiff.load(name))
+    before = result.elastic.springs.stiffness.copy()
+    parameters = Parameters(result, Tolerances(0.1, 1e-3, 1e-3))
+    nominal = {name: t.nominal for name, t in parameters.named.items()}
+    again = parameters.at(nominal)
+    assert np.allclose(again.B.matrix, result.B.matrix, rtol=1e-9)
+    for name, t in parameters.named.items():
+        parameters.at({name: t.nominal + t.deviation})
+    assert np.array_equal(result.elastic.springs.stiffness, before)
+    assert np.allclose(cartstiff.analyse(result.elastic, result.q).B.matrix, result.B.matrix)
+
+
+@pytest.mark.parametrize("name", ["stewart-gough", "cable-robot"])
+def test_a_moved_platform_carries_the_same_load(name: str) -> None:
+    result = cartstiff.analyse(cartstiff.load(name))
+    parameters = Parameters(result, Tolerances(0.1, 1e-3))
+    moved = {name: t.nominal + t.deviation for name, t in parameters.named.items()}
+    again = parameters.at(moved)
+    assert np.allclose(again.wrench, result.wrench, rtol=1e-8, atol=1e-8)
+    assert not np.allclose(again.B.matrix, result.B.matrix, rtol=1e-3)
+
+
+def test_a_joint_placement_is_where_the_joint_stands() -> None:
+    """Moving the frame on the last joint is a change of body frame."""
+    result = arm(6, wrench=None)
+    parameters = Parameters(result, Tolerances(length=1e-3, angle=1e-3))
+    named = parameters.named
+    shift = {f"frame.{a}": named[f"frame.{a}"].nominal + 0.1 * i for i, a in enumerate("xyz")}
+    again = parameters.at(shift)
+    R = result.elastic.mechanism.body.T_j_f[:3, :3]
+    expected = result.B.to_frame(se3.pose(translation=R.T @ [0.0, 0.1, 0.2]))
+    assert np.allclose(again.B.matrix, expected.matrix, rtol=1e-9)
+    turned = parameters.at({"frame.rz": 0.3})
+    turn = se3.pose(Rotation.from_euler("z", 0.3).as_matrix())
+    assert np.allclose(turned.B.matrix, result.B.to_frame(turn).matrix, rtol=1e-9)
+
+
+def test_numbers_are_finite_floats_with_stable_names() -> None:
+    found = numbers(analyse_posture(arm(6)))
+    assert found["stiffness"].shape == (6, 6)
+    assert found["ellipsoids.stiffness.translation.free.eigenvalues"].shape == (3,)
+    assert found["eigenscrews.screws.pitch"].shape == (6,)
+    assert found["eigenscrews.screws.direction"].shape == (6, 3)
+    assert found["wrench_compliant_axes.point"].shape == (3, 3)
+
+
+def test_axes_keep_their_sides() -> None:
+    """An axis and its opposite are one: numbers follow the sides of the analysis given."""
+    analysis = analyse_posture(arm(6))
+    flipped = json.loads(json.dumps(analysis))
+    for screw in flipped["eigenscrews"]["screws"]:
+        screw["direction"] = [-x for x in screw["direction"]]
+    axes = flipped["ellipsoids"]["stiffness"]["translation"]["held"]["axes"]
+    flipped["ellipsoids"]["stiffness"]["translation"]["held"]["axes"] = [
+        [-x for x in row] for row in axes
+    ]
+    plain_numbers, turned_back = numbers(analysis), numbers(flipped, analysis)
+    for name in ("eigenscrews.screws.direction", "ellipsoids.stiffness.translation.held.axes"):
+        assert np.array_equal(numbers(flipped)[name], -plain_numbers[name])
+        assert np.array_equal(turned_back[name], plain_numbers[name])
+
+
+def test_overconstrained_closures_keep_their_geometry() -> None:
+    result = cartstiff.analyse(cartstiff.load("five-bar"))
+    parameters = Parameters(result, Tolerances(0.1, 1e-3))
+    assert all(name.startswith("stiffness.") for name in parameters.named)
+    assert "geometry is not varied" in parameters.left_out
+
+
+# -- refusals --------------------------------------------------------------------------------------
+
+
+def test_refusals() -> None:
+    result = cartstiff.analyse(cartstiff.load("cubic"))
+    with pytest.raises(UnknownNameError, match="unknown connection"):
+        analyse_posture(result, connection="Z")
+    with pytest.raises(InputError, match="not a rigid motion"):
+        analyse_posture(result, at=2.0 * np.eye(4))
+    with pytest.raises(InputError, match="samples cannot be used"):
+        analyse_posture(result, samples=1)
+    with pytest.raises(InputError, match="wrench has the wrong shape"):
+        analyse_posture(result, wrench=[1.0, 2.0])
+    with pytest.raises(InputError, match="target stiffness is not symmetric"):
+        analyse_posture(result, target=np.triu(np.ones((6, 6))))
+    with pytest.raises(InputError, match="tolerance of the length cannot be used"):
+        Tolerances(length=-1.0)
+    with pytest.raises(UndefinedError, match="no parameter"):
+        _ = Parameters(result, Tolerances()).named

@@ -1,0 +1,229 @@
+"""Charts: the paper's, exponential coordinates, a user's; what does not depend on them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from tests.support import (
+    exp_reference,
+    general_legs,
+    gradient_of,
+    hessian_of,
+    legs_as_platform,
+    log_reference,
+    relative_error,
+    rotation,
+    seeds,
+    twist_of,
+)
+
+from cartstiff.errors import ConvergenceError, UndefinedError
+from cartstiff.geometry.charts import (
+    Chart,
+    exponential,
+    from_pose_function,
+    paper,
+    product_of_exponentials,
+)
+
+ROUNDING = 1e-12
+# Eighth-order differences at step 0.01 of poses of unit size.
+DIFFERENCES = 1e-10
+# Charts whose second derivatives are themselves differences.
+NUMERICAL = 1e-7
+
+
+def _axis(i: int, value: float) -> np.ndarray:
+    return exp_reference(value * np.eye(6)[i])
+
+
+def _user() -> Chart:
+    """Rodrigues-like coordinates: position first, then a turn about a scaled axis."""
+
+    def pose(xi):
+        T = np.eye(4)
+        T[:3, 3] = xi[3:] + 0.1 * xi[:3] ** 2
+        w = xi[:3]
+        S = np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
+        T[:3, :3] = np.linalg.solve(np.eye(3) - S, np.eye(3) + S)  # Cayley's map
+        return T
+
+    return from_pose_function(pose, "Cayley")
+
+
+def _screws() -> Chart:
+    rng = np.random.default_rng(3)
+    return product_of_exponentials(np.eye(6) + 0.2 * rng.normal(size=(6, 6)), "screws")
+
+
+CHARTS = {"paper": paper, "exponential": exponential, "Cayley": _user(), "screws": _screws()}
+EVERY = pytest.mark.parametrize("chart", CHARTS.values(), ids=CHARTS.keys())
+
+
+@given(seeds)
+def test_paper_pose(seed):
+    """Section 2.4: Rot(x) Rot(y) Rot(z) Trans(x) Trans(y) Trans(z)."""
+    xi = np.random.default_rng(seed).uniform(-3, 3, 6)
+    expected = np.eye(4)
+    for i in range(6):
+        expected = expected @ _axis(i, xi[i])
+    assert np.abs(paper.pose(xi) - expected).max() <= ROUNDING
+
+
+@given(seeds)
+def test_paper_coordinate_fields(seed):
+    """Eq. 19, with the L_4 coefficient of E_1 as it should read, -(xi_5 S_2 + xi_6 C_2 S_3)."""
+    xi = np.random.default_rng(seed).uniform(-3, 3, 6)
+    _, x2, x3, x4, x5, x6 = xi
+    S2, C2, S3, C3 = np.sin(x2), np.cos(x2), np.sin(x3), np.cos(x3)
+    expected = np.eye(6)
+    expected[:, 0] = [
+        C2 * C3, -C2 * S3, S2,
+        -(x5 * S2 + x6 * C2 * S3), x4 * S2 - x6 * C2 * C3, x5 * C2 * C3 + x4 * C2 * S3,
+    ]  # fmt: skip
+    expected[:, 1] = [S3, C3, 0, x6 * C3, -x6 * S3, x5 * S3 - x4 * C3]
+    expected[:, 2] = [0, 0, 1, -x5, x4, 0]
+    assert np.abs(paper.basis(xi) - expected).max() <= ROUNDING
+    # Eq. 20 with its errata: wrench components of a form are the dual relation.
+    F = np.random.default_rng(seed + 1).normal(size=6)
+    assert np.abs(paper.to_form(xi, F) - expected.T @ F).max() <= ROUNDING * 10
+
+
+def test_paper_chart_at_the_identity():
+    """Eq. 51: coordinate fields and left-invariant fields coincide there."""
+    assert np.array_equal(paper.pose(np.zeros(6)), np.eye(4))
+    assert np.array_equal(paper.basis(np.zeros(6)), np.eye(6))
+
+
+@EVERY
+def test_basis_against_differences(chart):
+    xi = np.random.default_rng(1).uniform(-0.8, 0.8, 6)
+    inverse = np.linalg.inv(chart.pose(xi))
+    dT = gradient_of(lambda d: chart.pose(xi + d), np.ones(6))
+    expected = np.stack([twist_of(inverse @ dT[..., i]) for i in range(6)], axis=1)
+    assert np.abs(chart.basis(xi) - expected).max() <= DIFFERENCES
+    second = gradient_of(lambda d: chart.basis(xi + d), np.ones(6))
+    assert np.abs(chart.basis_derivative(xi) - second).max() <= NUMERICAL
+
+
+@EVERY
+def test_changes_of_basis(chart):
+    rng = np.random.default_rng(2)
+    xi = rng.uniform(-0.8, 0.8, 6)
+    rates, force = rng.normal(size=(2, 6))
+    twist, wrench = chart.to_twist(xi, rates), chart.to_wrench(xi, force)
+    assert abs(wrench @ twist - force @ rates) <= ROUNDING * 100  # power
+    assert np.abs(chart.to_form(xi, wrench) - force).max() <= ROUNDING * 100
+    assert np.abs(chart.inverse_basis(xi) @ chart.basis(xi) - np.eye(6)).max() <= ROUNDING * 10
+
+
+@EVERY
+def test_coordinates_of_a_pose(chart):
+    rng = np.random.default_rng(4)
+    for _ in range(3):
+        xi = rng.uniform(-0.8, 0.8, 6)
+        T = chart.pose(xi)
+        found = chart.coordinates(T, xi + rng.uniform(-0.1, 0.1, 6))
+        assert np.abs(found - xi).max() <= 1e-9
+        assert np.abs(chart.pose(chart.coordinates(T)) - T).max() <= ROUNDING * 10
+
+
+@pytest.mark.parametrize("second", [np.pi / 2, -np.pi / 2, 3 * np.pi / 2])
+def test_paper_singularity_is_named(second):
+    xi = np.array([0.3, second, -0.2, 0.1, 0.2, 0.3])
+    with pytest.raises(
+        UndefinedError, match=r"singular at these coordinates \(cos\(xi_2\) = 0\)"
+    ) as e:
+        paper.inverse_basis(xi)
+    assert e.value.code == "singular-chart"
+    assert e.value.values["coordinates"] == xi.tolist()
+    values = e.value.values["singular_values"]
+    assert values[-1] <= 1e-15 * values[0] * 10
+    for use in (paper.connection, lambda x: paper.to_wrench(x, np.ones(6))):
+        with pytest.raises(UndefinedError, match="singular"):
+            use(xi)
+
+
+def test_next_to_the_singularity_the_chart_works():
+    xi = np.array([0.3, np.pi / 2 - 1e-4, -0.2, 0.1, 0.2, 0.3])
+    assert np.isfinite(paper.inverse_basis(xi)).all()
+
+
+def test_exponential_singularity_is_named():
+    xi = np.array([2 * np.pi, 0, 0, 0.1, 0.2, 0.3])
+    with pytest.raises(UndefinedError, match="rotation angle 2 pi"):
+        exponential.inverse_basis(xi)
+
+
+def test_user_chart_without_words_for_its_singularity():
+    flat_screws = np.eye(6)
+    flat_screws[:, 0] = flat_screws[:, 2]
+    chart = product_of_exponentials(flat_screws, "bad")
+    with pytest.raises(UndefinedError, match="its basis matrix loses rank"):
+        chart.inverse_basis(np.zeros(6))
+
+
+def test_no_convergence_is_told():
+    """A map that does not move however its coordinates change."""
+    still = Chart("still", lambda xi: np.eye(4), lambda xi: np.eye(6), paper.basis_derivative)
+    with pytest.raises(ConvergenceError, match="no coordinates found in chart 'still'") as caught:
+        still.coordinates(exp_reference([0.1, 0.2, 0.3, 0.4, 0.5, 0.6]))
+    assert caught.value.iterations == 50
+    assert caught.value.residual > 0
+
+
+@pytest.fixture(scope="module")
+def loaded():
+    legs = general_legs()
+
+    def energy(T):
+        along = legs.platform @ T[:3, :3].T + T[:3, 3] - legs.base
+        return 0.5 * float(legs.stiffness @ (np.linalg.norm(along, axis=1) - legs.rest) ** 2)
+
+    elastic = legs_as_platform(legs)
+    T = elastic.mechanism.pose_of(legs.q)
+    _, W, K_B = elastic.springs.on_pose(T)
+    return T, energy, W, K_B
+
+
+@EVERY
+def test_stiffness_does_not_depend_on_the_chart(loaded, chart):
+    """Proposition 3.2: K_I and K_II differ from chart to chart, their sum does not."""
+    T, energy, W, K_B = loaded
+    xi = chart.coordinates(T)
+    sizes = np.full(6, 0.5)
+    gradient = gradient_of(lambda d: energy(chart.pose(xi + d)), sizes)
+    hessian = hessian_of(lambda d: energy(chart.pose(xi + d)), sizes)
+    wrench, first, second = chart.stiffness_terms(xi, gradient, hessian)
+    K_A = first + second
+    assert relative_error(wrench, W) <= 1e-9
+    assert relative_error(0.5 * (K_A + K_A.T), K_B) <= 1e-7
+    assert np.abs(first - first.T).max() <= 1e-9 * np.abs(first).max()
+    # K^A has the asymmetry that the load dictates, whatever the chart.
+    t, f = W[:3], W[3:]
+    S = [np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]]) for a in (t, f)]
+    asymmetry = np.block([[S[0], S[1]], [S[1], np.zeros((3, 3))]])
+    assert np.abs(K_A - K_A.T - asymmetry).max() <= 1e-7 * np.abs(K_A).max()
+
+
+def test_terms_do_differ_from_chart_to_chart(loaded):
+    T, energy, _, _ = loaded
+    firsts = []
+    for chart in (paper, exponential):
+        xi = chart.coordinates(T)
+        sizes = np.full(6, 0.5)
+        gradient = gradient_of(lambda d, c=chart, x=xi: energy(c.pose(x + d)), sizes)
+        hessian = hessian_of(lambda d, c=chart, x=xi: energy(c.pose(x + d)), sizes)
+        firsts.append(chart.stiffness_terms(xi, gradient, hessian)[1])
+    assert relative_error(firsts[0], firsts[1]) > 1e-3
+
+
+def test_exponential_chart_is_the_logarithm():
+    rng = np.random.default_rng(5)
+    for _ in range(3):
+        T = np.eye(4)
+        T[:3, :3] = rotation(rng)
+        T[:3, 3] = rng.normal(size=3)
+        if np.linalg.norm(log_reference(T)[:3]) < 2.5:
+            assert np.abs(exponential.coordinates(T) - log_reference(T)).max() <= 1e-10

@@ -1,0 +1,348 @@
+"""Load-deflection curves, limit points, branches; compensation along a path; figures."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from tests.support import robot_file
+
+import cartstiff
+from cartstiff.errors import (
+    CartstiffError,
+    ConvergenceError,
+    InputError,
+    MissingDependencyError,
+    UndefinedError,
+)
+from cartstiff.geometry import se3
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.tree_building import plain_tree
+from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.potentials.loads import DeadForce, FollowerWrench
+from cartstiff.potentials.springs import JointSprings
+from cartstiff.statics.continuation import branch, load_curve
+from cartstiff.statics.equilibrium import equilibrium
+from cartstiff.statics.figures import draw_error_along_path, draw_load_curve, save_figure
+from cartstiff.statics.toolpath import compensate
+
+HALF, HEIGHT, STIFFNESS = 1.0, 0.3, 50.0
+REST = float(np.hypot(HALF, HEIGHT))
+
+
+def truss() -> ElasticMechanism:
+    """Two springs from the ground to a slider between them: snaps through under its load."""
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelPZ(), pin.SE3.Identity(), "slider")
+    model.addFrame(pin.Frame("top", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    lines = LineSprings(
+        anchors=np.array([[-HALF, 0.0, 0.0], [HALF, 0.0, 0.0]]),
+        points=np.zeros((2, 3)),
+        stiffness=np.full(2, STIFFNESS),
+        rest_length=np.full(2, REST),
+    )
+    return ElasticMechanism(
+        "truss", Chain(plain_tree(model), "top"), np.array([HEIGHT]), potentials=(lines,)
+    )
+
+
+def column(n: int, imperfection: float = 0.0) -> ElasticMechanism:
+    model = pin.Model()
+    joint = 0
+    for i in range(n):
+        at = pin.SE3(np.eye(3), np.array([1.0 if i else 0.0, 0.0, 0.0]))
+        joint = model.addJoint(joint, pin.JointModelRZ(), at, f"joint{i + 1}")
+    tip = pin.SE3(np.eye(3), np.array([1.0, 0.0, 0.0]))
+    model.addFrame(pin.Frame("tip", joint, 0, tip, pin.FrameType.OP_FRAME))
+    springs = JointSprings(np.ones(n), np.full(n, imperfection))
+    return ElasticMechanism("column", Chain(plain_tree(model), "tip"), np.zeros(n), springs)
+
+
+def truss_load(z):
+    length = np.hypot(HALF, z)
+    return -2 * STIFFNESS * (length - REST) * z / length
+
+
+def test_the_curve_passes_the_limit_points_of_a_truss():
+    curve = load_curve(truss(), DeadForce([0.0, 0.0, -1.0]), to=2.0)
+    assert curve.reason == "factor-reached"
+    z = curve.q[:, 0]
+    assert z.min() < -HEIGHT
+    assert np.allclose(curve.factors, truss_load(z), rtol=0, atol=1e-9)
+    at_limit = np.sqrt((REST * HALF**2) ** (2 / 3) - HALF**2)
+    assert [c.kind for c in curve.critical] == ["limit", "limit"]
+    assert np.allclose([c.q[0] for c in curve.critical], [at_limit, -at_limit], atol=1e-8)
+    expected = truss_load(at_limit)
+    assert np.allclose([c.factor for c in curve.critical], [expected, -expected], atol=1e-10)
+    unstable = np.abs(z) < at_limit
+    assert [s is False for s in curve.stable] == unstable.tolist()
+    assert curve.factors[-1] == pytest.approx(2.0, abs=1e-13)
+
+
+def test_snapping_through_under_more_than_the_limit_load():
+    state = equilibrium(truss(), DeadForce([0.0, 0.0, -1.2 * 2.0]))
+    assert state.stable
+    assert state.q[0] < -HEIGHT
+    assert truss_load(state.q[0]) == pytest.approx(2.4, rel=1e-10)
+
+
+def test_the_branch_of_one_link_is_the_exact_one():
+    curve = load_curve(column(1), DeadForce([-1.0, 0.0, 0.0]), to=2.0)
+    assert [c.factor for c in curve.critical] == pytest.approx([1.0], abs=1e-8)
+    for direction in (1, -1):
+        bent = branch(curve, 0, direction)
+        angle = bent.q[1:, 0]
+        assert np.allclose(bent.factors[1:], angle / np.sin(angle), rtol=1e-9)
+        assert all(bent.stable[1:])
+        assert bent.reason == "factor-reached"
+    assert branch(curve, 0, 1).q[-1, 0] == pytest.approx(-branch(curve, 0, -1).q[-1, 0])
+
+
+@pytest.mark.parametrize("n", [2, 3])
+def test_branches_hold_balanced_states(n):
+    elastic = column(n)
+    curve = load_curve(elastic, DeadForce([-1.0, 0.0, 0.0]), to=1.5)
+    bent = branch(curve)
+    for factor, q in zip(bent.factors, bent.q, strict=True):
+        forces = elastic.with_potential(DeadForce([-factor, 0.0, 0.0]))
+        assert np.abs(forces.evaluate(elastic.mechanism.at(q)).gradient).max() < 1e-9
+
+
+def test_an_imperfect_column_bends_without_a_critical_load():
+    curve = load_curve(column(2, 0.01), DeadForce([-1.0, 0.0, 0.0]), to=0.6, resolution=0.02)
+    assert curve.critical == ()
+    assert all(curve.stable)
+    # The tip's deflection is magnified by about 1 / (1 - p / p_critical).
+    assert curve.linear_up_to(0.05) == pytest.approx(0.05 * 0.382, rel=0.1)
+
+
+def test_the_linear_prediction_is_tangent_to_the_curve():
+    robot_file("ur_description/urdf/ur5_robot.urdf")
+    load = DeadForce([100.0, 50.0, -200.0])
+    curve = load_curve(cartstiff.load("ur5"), load, resolution=0.1)
+    assert curve.deviation[0] == 0.0
+    ratio = curve.deviation[1:] / curve.factors[1:]
+    assert np.ptp(ratio) < 0.1 * ratio.mean()  # it goes as the load
+    end = equilibrium(cartstiff.load("ur5"), load)
+    assert np.abs(curve.q[-1] - end.q).max() < 1e-11
+
+
+@pytest.mark.parametrize("name", ["stewart-gough", "five-bar"])
+def test_curves_end_where_the_equilibrium_is(name):
+    elastic = cartstiff.load(name)
+    elastic = elastic.balanced(elastic.q, np.zeros(6))
+    load = DeadForce([1.0, -2.0, 0.0 if name == "five-bar" else 3.0])
+    curve = load_curve(elastic, load, resolution=0.2)
+    state = equilibrium(elastic, load)
+    assert curve.reason == "factor-reached"
+    assert np.abs(curve.q[-1] - state.q).max() < 1e-9
+
+
+def test_a_follower_force_never_buckles_a_column_statically():
+    push = FollowerWrench([0.0, 0.0, 0.0, -1.0, 0.0, 0.0])
+    curve = load_curve(column(2), push, to=6.0)
+    assert curve.critical == ()
+    assert curve.stable == (None,) * len(curve.factors)
+    # H_N keeps the determinant of the springs.
+    state = equilibrium(column(2), push)
+    assert np.prod(state.eigenvalues).real == pytest.approx(1.0, rel=1e-12)
+
+
+def test_a_curve_ends_at_a_joint_limit():
+    elastic = column(1, 0.01)
+    coordinates = elastic.mechanism.coordinates
+    elastic.mechanism.coordinates = (replace(coordinates[0], upper=0.5),)
+    curve = load_curve(elastic, DeadForce([-1.0, 0.0, 0.0]), to=2.0)
+    assert curve.reason == "limit-contact"
+    assert 0.4 < curve.q.max() <= 0.5
+
+
+def test_a_load_that_falls_too_far_ends_the_curve():
+    elastic = cartstiff.load("stewart-gough")
+    curve = load_curve(elastic, DeadForce([1.0, -2.0, 3.0]), resolution=0.2)
+    assert curve.critical[0].kind == "limit"
+    assert curve.reason == "factor-left"
+    assert curve.factors[-1] < -1.0
+
+
+def test_curves_as_text():
+    curve = load_curve(column(2), DeadForce([-1.0, 0.0, 0.0]), to=0.5)
+    data = json.loads(json.dumps(curve.as_dict(), allow_nan=False))
+    assert len(data["factor"]) == len(data["displacement"]) == len(curve.factors)
+    assert data["critical"][0]["kind"] == "bifurcation"
+    lines = curve.as_csv().splitlines()
+    assert lines[0].startswith("factor,joint1,joint2,rx")
+    assert np.allclose(np.loadtxt(lines[1:], delimiter=",")[:, 0], curve.factors, rtol=0, atol=0)
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "match"),
+    [
+        (lambda: load_curve(column(1)), InputError, "needs a load"),
+        (lambda: load_curve(column(1), [1, 0, 0]), InputError, "a load is no potential"),
+        (lambda: load_curve(column(1), DeadForce([1, 0, 0]), to=0.0), InputError, "load factor"),
+        (
+            lambda: load_curve(column(1), DeadForce([1, 0, 0]), resolution=-1.0),
+            InputError,
+            "resolution cannot be used",
+        ),
+        (
+            lambda: branch(load_curve(column(1), DeadForce([1.0, 0, 0])), 0),
+            InputError,
+            "no such critical point",
+        ),
+        (
+            lambda: branch(load_curve(truss(), DeadForce([0, 0, -1.0]), to=2.0), 0),
+            UndefinedError,
+            "no branch starts at a limit point",
+        ),
+    ],
+)
+def test_bad_curves_are_refused(call, error, match):
+    with pytest.raises(error, match=match):
+        call()
+
+
+# -- compensation --------------------------------------------------------------------------------
+
+
+def paths():
+    q = np.array([0.3, -1.1, 1.4, -0.7, 0.9, 0.2])
+    return q + 0.1 * np.linspace(0.0, 1.0, 6)[:, None] * np.array([1, -1, 0.5, 2, 1, -1])
+
+
+def wrenches(m):
+    t = np.linspace(0.0, 3.0, m)[:, None]
+    return np.concatenate([5 * np.sin(t), 0 * t, t, 80 * np.cos(t), 60 * np.sin(t), -90 + 0 * t], 1)
+
+
+@pytest.mark.parametrize("axes", ["world", "body"])
+@pytest.mark.parametrize("gravity", [None, np.array([0.0, 0.0, -9.81])])
+def test_compensation_puts_the_loaded_tool_on_the_path(axes, gravity):
+    robot_file("ur_description/urdf/ur5_robot.urdf")
+    elastic = replace(cartstiff.load("ur5"), gravity=gravity)
+    path = compensate(elastic, paths(), wrenches(6), axes=axes)
+    assert np.abs(path.after).max() < 1e-11
+    assert np.linalg.norm(path.before[:, 3:], axis=1).min() > 1e-4
+    report = path.summary()
+    assert report["before"]["translation_max"] > 1e6 * report["after"]["translation_max"]
+    assert np.abs(path.offsets).max() < 0.1
+    # The poses alone give the same commands.
+    by_pose = compensate(elastic, path.poses, wrenches(6), axes=axes, q0=paths()[0])
+    assert np.abs(by_pose.commands - path.commands).max() < 1e-10
+
+
+@pytest.mark.parametrize("name", ["stewart-gough", "five-bar"])
+def test_compensation_of_parallel_mechanisms(name):
+    elastic = cartstiff.load(name)
+    load = np.array([0.0, 0.0, 0.0, 0.1, -0.2, 0.0])
+    path = compensate(elastic, elastic.q[None], load)
+    length = elastic.mechanism.at(elastic.q).length
+    assert path.stable == (True,)
+    assert np.abs(path.after[:, 3:]).max() < 1e-10 * length
+    assert np.abs(path.before[:, 3:]).max() > 1e-5 * length
+
+
+def test_a_command_under_which_the_posture_is_unstable_is_named():
+    elastic = cartstiff.load("stewart-gough")
+    path = compensate(elastic, elastic.q[None], [0.0, 0.0, 0.0, 1.0, -2.0, 0.0])
+    assert path.stable == (False,)
+    assert "unstable-command" in [n.code for n in path.notes]
+    assert np.abs(path.after).max() > 1.0
+
+
+def test_compensated_paths_as_text():
+    robot_file("ur_description/urdf/ur5_robot.urdf")
+    path = compensate(cartstiff.load("ur5"), paths(), [DeadForce([50.0, 0, 0])] * 6)
+    data = json.loads(json.dumps(path.as_dict(), allow_nan=False))
+    assert len(data["commands"]) == 6
+    assert data["summary"]["after"]["points"] == 6
+    assert path.as_csv().splitlines()[0].startswith("command_shoulder_pan_joint")
+    assert len(path.as_csv().splitlines()) == 7
+
+
+def unsprung():
+    elastic = column(2)
+    return ElasticMechanism(
+        "loose", elastic.mechanism, np.array([0.3, 0.4]), JointSprings([1.0, 0.0], [0.0, 0.0])
+    )
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "match"),
+    [
+        (
+            lambda: compensate(truss(), [[0.2]], np.zeros(6)),
+            InputError,
+            "no springs whose rest positions",
+        ),
+        (
+            lambda: compensate(unsprung(), [[0.3, 0.4]], [0, 0, 0, 1.0, 1.0, 0]),
+            UndefinedError,
+            "no command balances the load at point 1",
+        ),
+        (
+            lambda: compensate(column(2), [[0.3, 0.4, 0.5]], np.zeros(6)),
+            InputError,
+            "path has the wrong shape",
+        ),
+        (
+            lambda: compensate(column(2), np.ones((1, 4, 4)), np.zeros(6)),
+            InputError,
+            "pose 1 is not a rigid motion",
+        ),
+        (
+            lambda: compensate(column(2), se3.pose(None, [9.0, 0, 0])[None], np.zeros(6)),
+            ConvergenceError,
+            "pose 1 of the path cannot be reached",
+        ),
+        (
+            lambda: compensate(column(2), [[0.3, 0.4]], np.zeros(5)),
+            InputError,
+            "wrenches have the wrong shape",
+        ),
+        (
+            lambda: compensate(column(2), [[0.3, 0.4]], [DeadForce([1, 0, 0])] * 2),
+            InputError,
+            "loads and path differ in number",
+        ),
+        (
+            lambda: compensate(column(2), [[0.3, 0.4]], np.zeros(6), axes="tool"),
+            InputError,
+            "unknown axes",
+        ),
+    ],
+)
+def test_bad_paths_are_refused(call, error, match):
+    with pytest.raises(error, match=match):
+        call()
+
+
+# -- figures -------------------------------------------------------------------------------------
+
+
+def test_figures(tmp_path):
+    pytest.importorskip("matplotlib")
+    curve = load_curve(truss(), DeadForce([0.0, 0.0, -1.0]), to=2.0)
+    file = tmp_path / "curve.png"
+    save_figure(draw_load_curve(curve), file)
+    assert file.stat().st_size > 1000
+    path = compensate(column(2), [[0.3, 0.4], [0.2, 0.5]], [0, 0, 0, 0.1, 0.2, 0])
+    save_figure(draw_error_along_path(path), tmp_path / "path.svg")
+    with pytest.raises(InputError, match="unknown file ending"):
+        save_figure(draw_load_curve(curve), tmp_path / "curve.txt")
+    with pytest.raises(InputError, match="file cannot be written"):
+        save_figure(draw_load_curve(curve), tmp_path / "nowhere" / "curve.png")
+
+
+def test_figures_without_matplotlib(monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    curve = load_curve(column(1), DeadForce([-1.0, 0.0, 0.0]), to=0.5)
+    with pytest.raises(MissingDependencyError, match=r"cartstiff\[plots\]") as caught:
+        draw_load_curve(curve)
+    assert isinstance(caught.value, CartstiffError)

@@ -1,0 +1,260 @@
+"""Laws of equilibria: convergence, loads of every kind, verdicts, agreement of connections."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.support import relative_error, robot_file
+
+import cartstiff
+from cartstiff.errors import ConvergenceError, InputError, UndefinedError
+from cartstiff.geometry.differences import jacobian
+from cartstiff.geometry.se3 import right_jacobian
+from cartstiff.potentials.loads import DeadForce, DeadWrench, FollowerWrench, Scaled, payload
+from cartstiff.statics.equilibrium import equilibrium
+
+ROBOTS = ("ur5", "panda")
+
+
+def mechanism(name: str):
+    if name in ROBOTS:
+        robot_file("ur_description/urdf/ur5_robot.urdf")
+    elastic = cartstiff.load(name)
+    return elastic.balanced(elastic.q)
+
+
+def unloaded_platform():
+    """The paper's platform with legs that carry nothing at its pose."""
+    elastic = cartstiff.load("stewart-gough")
+    return elastic.balanced(elastic.q, np.zeros(6))
+
+
+def unbalanced(elastic, loads, q) -> float:
+    """Largest generalised force left, over the largest of any one term, closures projected out."""
+    posture = elastic.mechanism.at(q)
+    columns = posture.coordinate_lengths
+    gradients = [t.evaluate(posture).gradient * columns for t in (*elastic.terms(), *loads)]
+    total = sum(gradients)
+    if posture.closure is not None:
+        C = posture.closure.jacobian * columns
+        total = total + C.T @ np.linalg.lstsq(C.T, -total, rcond=1e-10)[0]
+    return float(np.abs(total).max() / max(np.abs(g).max() for g in gradients))
+
+
+@pytest.mark.parametrize(("name", "size"), [("ur5", 300.0), ("panda", 60.0), ("platform", 0.3)])
+def test_a_thousand_loads_within_the_elastic_range(name, size):
+    elastic = unloaded_platform() if name == "platform" else mechanism(name)
+    rng = np.random.default_rng(7)
+    length = elastic.mechanism.at(elastic.q).length
+    for _ in range(1000):
+        load = DeadForce(size * rng.normal(size=3), 0.2 * length * rng.normal(size=3))
+        state = equilibrium(elastic, load)
+        assert state.residual < 1e-9
+        assert state.stable is True
+        assert unbalanced(elastic, [load], state.q) < 1e-9
+
+
+def test_loads_under_which_the_preloaded_platform_snaps():
+    elastic = mechanism("stewart-gough")
+    rng = np.random.default_rng(7)
+    for _ in range(100):
+        load = DeadForce(30 * rng.normal(size=3), 4 * rng.normal(size=3))
+        state = equilibrium(elastic, load)
+        assert state.stable is True
+        assert unbalanced(elastic, [load], state.q) < 1e-9
+
+
+def test_follower_loads_within_the_elastic_range():
+    elastic = mechanism("ur5")
+    rng = np.random.default_rng(8)
+    for _ in range(100):
+        wrench = np.concatenate([10 * rng.normal(size=3), 100 * rng.normal(size=3)])
+        state = equilibrium(elastic, FollowerWrench(wrench))
+        assert state.residual < 1e-9
+        assert state.stable is None
+        assert "non-conservative" in [n.code for n in state.notes]
+        assert relative_error(state.elastic_stiffness.wrench, wrench) < 1e-9
+
+
+def test_loads_that_must_be_put_on_in_stages():
+    elastic = mechanism("panda")
+    rng = np.random.default_rng(5)
+    staged = 0
+    for _ in range(12):
+        wrench = 8000.0 * rng.normal(size=6) * [0.1, 0.1, 0.1, 1.0, 1.0, 1.0]
+        try:
+            state = equilibrium(elastic, DeadWrench(wrench))
+        except ConvergenceError:
+            continue
+        assert unbalanced(elastic, [DeadWrench(wrench)], state.q) < 1e-9 or state.reactions.limits
+        staged += "load-stages" in [n.code for n in state.notes]
+    assert staged > 0
+
+
+@pytest.mark.parametrize(
+    ("name", "count"), [("ur5", 60), ("panda", 40), ("stewart-gough", 60), ("five-bar", 40)]
+)
+def test_absurd_loads_end_in_an_answer_or_a_refusal(name, count):
+    elastic = mechanism(name)
+    rng = np.random.default_rng(9)
+    answers = 0
+    for i in range(count):
+        f = 10.0 ** rng.uniform(3, 15) * rng.normal(size=6)
+        load = (DeadForce(f[3:]), FollowerWrench(f), DeadWrench(f))[i % 3]
+        try:
+            state = equilibrium(elastic, load)
+        except (ConvergenceError, UndefinedError):
+            continue
+        answers += 1
+        assert state.residual < 1e-9
+        assert state.iterations <= 200
+    assert answers > 0
+
+
+@pytest.mark.parametrize("scale", [1e120, 1e305])
+def test_loads_that_overflow_are_refused(scale):
+    with pytest.raises(ConvergenceError, match=r"overflow|no equilibrium"):
+        equilibrium(mechanism("stewart-gough"), DeadForce(scale * np.ones(3)))
+
+
+KINDS = (
+    "force", "wrench", "moment", "follower", "payload", "scaled", "elbow", "elbow-follower",
+)  # fmt: skip
+
+
+def elbow(name: str) -> str:
+    """A frame on the way to the body, where the mechanism has one."""
+    return "forearm_link" if name == "ur5" else "body"
+
+
+@pytest.mark.parametrize("name", ["ur5", "stewart-gough", "five-bar"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_derivatives_of_loads(name, kind):
+    elastic = mechanism(name)
+    rng = np.random.default_rng(3)
+    load = {
+        "force": DeadForce(rng.normal(size=3), rng.normal(size=3)),
+        "wrench": DeadWrench(rng.normal(size=6)),
+        "moment": DeadWrench([*rng.normal(size=3), 0.0, 0.0, 0.0]),
+        "follower": FollowerWrench(rng.normal(size=6)),
+        "payload": payload(2.0, [0.0, 0.0, -9.81], [0.1, 0.2, 0.3]),
+        "scaled": Scaled(DeadForce(rng.normal(size=3)), -2.5),
+        "elbow": DeadForce(rng.normal(size=3), rng.normal(size=3), elbow(name)),
+        "elbow-follower": FollowerWrench(rng.normal(size=6), elbow(name)),
+    }[kind]
+    at = elastic.mechanism.at(elastic.q)
+    here = load.evaluate(at)
+    free = at.coordinates_are_pose
+
+    def gradient(step):
+        g = load.evaluate(elastic.mechanism.at(elastic.mechanism.moved(elastic.q, step))).gradient
+        return right_jacobian(step).T @ g if free else g
+
+    def energy(step):
+        return load.evaluate(elastic.mechanism.at(elastic.mechanism.moved(elastic.q, step))).energy
+
+    sizes = 0.1 * at.coordinate_lengths
+    assert relative_error(here.hessian, jacobian(gradient, sizes)) < 1e-10
+    if kind in ("wrench", "moment", "follower", "elbow-follower"):
+        assert np.isnan(here.energy)
+        assert np.abs(here.hessian - here.hessian.T).max() > 1e-3 or name == "five-bar"
+    else:
+        assert relative_error(here.gradient, jacobian(energy, sizes)) < 1e-10
+        assert np.abs(here.hessian - here.hessian.T).max() <= 1e-12 * np.abs(here.hessian).max()
+
+
+def test_a_dead_wrench_without_moment_is_a_dead_force():
+    elastic = mechanism("ur5")
+    force = np.array([40.0, -30.0, 20.0])
+    one = equilibrium(elastic, DeadForce(force))
+    two = equilibrium(elastic, DeadWrench([0.0, 0.0, 0.0, *force]))
+    assert np.array_equal(one.q, two.q)
+    assert two.is_conservative
+
+
+@pytest.mark.parametrize("name", ["ur5", "stewart-gough"])
+def test_under_dead_loads_no_wrench_is_left_and_connections_agree(name):
+    elastic = mechanism(name)
+    state = equilibrium(elastic, DeadForce([5.0, -7.0, 9.0], [0.0, 0.1, 0.05]))
+    matrices = state.stiffness.matrices
+    size = np.abs(state.elastic_stiffness.wrench).max()
+    assert np.abs(state.stiffness.wrench).max() < 1e-9 * size
+    for connection in "AKF":
+        assert relative_error(matrices[connection], matrices["B"]) < 1e-10
+    # The springs alone carry the load, and there connections differ.
+    own = state.elastic_stiffness
+    assert relative_error(own.matrices["A"], matrices["B"]) > 1e-7
+    R = state.pose[:3, :3]
+    assert np.allclose(R @ own.wrench[3:], [5.0, -7.0, 9.0], rtol=1e-9)
+
+
+def test_under_a_follower_wrench_the_tangent_is_that_of_the_moving_frame():
+    elastic = mechanism("ur5")
+    wrench = np.array([3.0, -5.0, 2.0, 60.0, -30.0, 45.0])
+    state = equilibrium(elastic, FollowerWrench(wrench))
+    J = state.posture.motion.jacobian
+    tangent = elastic.with_potential(FollowerWrench(wrench)).evaluate(state.posture).hessian
+    A = np.linalg.inv(J)
+    K_A = state.elastic_stiffness.matrices["A"]
+    assert relative_error(A.T @ tangent @ A, K_A) < 1e-11
+    # A load constant in the body adds nothing to K^A.
+    assert relative_error(state.stiffness.matrices["A"], K_A) < 1e-11
+    assert np.iscomplexobj(state.eigenvalues) or np.isrealobj(state.eigenvalues)
+
+
+@pytest.mark.parametrize("name", ["five-bar", "delta"])
+def test_closures_are_kept(name):
+    elastic = mechanism(name)
+    rng = np.random.default_rng(4)
+    for _ in range(4):
+        load = DeadForce(rng.normal(size=3) * [1.0, 1.0, 1.0])
+        state = equilibrium(elastic, load)
+        assert np.abs(state.posture.residual).max() < 1e-12
+        assert unbalanced(elastic, [load], state.q) < 1e-9
+        assert state.reactions.closures.size == state.posture.residual.size
+
+
+def test_springs_without_rest_position_carry_gravity_first():
+    robot_file("ur_description/urdf/ur5_robot.urdf")
+    elastic = replace(cartstiff.load("ur5"), gravity=np.array([0.0, 0.0, -9.81]))
+    state = equilibrium(elastic)
+    assert np.abs(state.q - elastic.q).max() < 1e-12
+    heavy = equilibrium(elastic, payload(5.0, elastic.gravity, [0.0, 0.0, 0.1]))
+    assert heavy.displacement[5] < -1e-4
+    assert heavy.stable
+
+
+def test_result_is_plain_data():
+    state = equilibrium(mechanism("ur5"), FollowerWrench([0.0, 0.0, 2.0, 10.0, 0.0, 0.0]))
+    data = json.loads(json.dumps(state.as_dict(), allow_nan=False))
+    assert data["stable"] is None
+    assert data["energy"] is None
+    assert data["iterations"] == state.iterations
+    assert len(data["history"]) == state.iterations + 1
+    assert data["residual"] < 1e-9
+    with pytest.raises(ValueError, match="read-only"):
+        state.q[0] = 0.0
+
+
+@pytest.mark.parametrize(
+    ("call", "match"),
+    [
+        (lambda: DeadForce([1.0, 2.0]), "force cannot be used; expected 3 finite numbers"),
+        (lambda: DeadForce([1.0, 2.0, np.nan]), "force cannot be used"),
+        (lambda: DeadForce("down"), "force is not numeric"),
+        (lambda: DeadForce([1, 2, 3], [0.0]), "point of application"),
+        (lambda: DeadWrench(np.ones(3)), "wrench cannot be used; expected 6"),
+        (lambda: FollowerWrench([np.inf] * 6), "wrench cannot be used"),
+        (lambda: payload(-1.0, [0, 0, -9.81]), "payload mass"),
+        (lambda: payload(1.0, [0, -9.81]), "acceleration cannot be used"),
+        (lambda: equilibrium(mechanism("ur5"), q0=[0.0]), "q0 has the wrong count"),
+        (lambda: equilibrium(mechanism("ur5"), np.ones(6)), "a load is no potential"),
+        (lambda: equilibrium(mechanism("ur5"), iterations=0), "bound on the steps"),
+    ],
+)
+def test_bad_input_is_refused(call, match):
+    with pytest.raises(InputError, match=match):
+        call()

@@ -1,0 +1,278 @@
+"""Spring laws, users' functions, the Taylor check."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.support import bend, hessian_of, seeds, slope
+
+from cartstiff.errors import InputError
+from cartstiff.potentials.functions import JointFunction, PoseFunction, TaylorCheck, taylor_check
+from cartstiff.potentials.springs import JointSprings, PolynomialLaw, TabulatedLaw
+
+ROUNDING = 1e-12
+# Eighth-order differences at step 0.01 of a polynomial of low degree.
+DIFFERENCES = 1e-9
+# A slope fitted to a handful of points on a log-log plot.
+SLOPE = 0.2
+
+LAWS = {
+    "linear": PolynomialLaw((7.0,)),
+    "hardening": PolynomialLaw((7.0, 0.0, 2.0)),
+    "lopsided": PolynomialLaw((7.0, 1.5, 2.0)),
+    "fifth order": PolynomialLaw((3.0, -0.2, 0.5, 0.1, 0.3)),
+    "table": TabulatedLaw((-2.0, -0.5, 0.0, 0.7, 2.5), (-30.0, -4.0, 0.0, 9.0, 60.0)),
+    "two points": TabulatedLaw((-1.0, 1.0), (-5.0, 5.0)),
+    "falling table": TabulatedLaw((-1.0, 0.0, 2.0), (8.0, 1.0, -9.0)),
+}
+EVERY = pytest.mark.parametrize("law", LAWS.values(), ids=LAWS.keys())
+
+
+class _At:
+    """A posture that knows its coordinates only."""
+
+    def __init__(self, q):
+        self.q = np.asarray(q, float)
+
+
+@EVERY
+@pytest.mark.parametrize("x", [-2.9, -1.3, -0.25, 0.3, 1.2, 3.1])
+def test_torque_and_stiffness_are_derivatives(law, x):
+    energy, torque, stiffness = law.at(x)
+    assert torque == pytest.approx(slope(lambda t: law.at(x + t)[0], 0.005), rel=DIFFERENCES)
+    assert stiffness == pytest.approx(slope(lambda t: law.at(x + t)[1], 0.005), rel=DIFFERENCES)
+    assert stiffness == pytest.approx(bend(lambda t: law.at(x + t)[0], 0.01), rel=1e-8)
+    assert np.isfinite(energy)
+
+
+@pytest.mark.parametrize("name", ["table", "two points", "falling table"])
+def test_tables_pass_through_their_points(name):
+    law = LAWS[name]
+    for x, y in zip(law.deflections, law.torques, strict=True):
+        assert law.at(x)[1] == pytest.approx(y, abs=ROUNDING)
+        # Energy, torque and stiffness are continuous there.
+        left, right = law.at(x - 1e-9), law.at(x + 1e-9)
+        for a, b in zip(left, right, strict=True):
+            assert a == pytest.approx(b, abs=1e-6)
+    assert law.at(law.deflections[0])[0] == 0.0
+
+
+def test_table_does_not_overshoot():
+    """Shape-preserving: monotone points give a monotone torque."""
+    law = TabulatedLaw((0.0, 1.0, 1.1, 2.0), (0.0, 0.1, 5.0, 5.1))
+    torques = [law.at(x)[1] for x in np.linspace(0, 2, 401)]
+    assert np.all(np.diff(torques) >= -ROUNDING)
+    assert min(torques) >= -ROUNDING
+    assert max(torques) <= 5.1 + ROUNDING
+
+
+def test_table_goes_on_in_a_straight_line():
+    law = LAWS["table"]
+    for x, outward in ((2.5, 1.0), (-2.0, -1.0)):
+        near, far = law.at(x + 0.5 * outward), law.at(x + 1.5 * outward)
+        assert near[2] == far[2]
+        assert (far[1] - near[1]) * outward == pytest.approx(near[2], rel=ROUNDING)
+
+
+@EVERY
+@given(x=st.floats(-3, 3))
+def test_deflection_for_inverts(law, x):
+    """Every law here is monotone: its deflection comes back."""
+    torque = law.at(x)[1]
+    found = law.deflection_for(torque)
+    assert law.at(found)[1] == pytest.approx(torque, abs=1e-9)
+    assert found == pytest.approx(x, abs=1e-7)
+
+
+def test_smallest_deflection_is_chosen():
+    """A softening spring reaches the torque twice: the nearer deflection counts."""
+    law = PolynomialLaw((10.0, 0.0, -1.0))
+    x = law.deflection_for(9.0)
+    assert x == pytest.approx(1.0, abs=ROUNDING)
+    assert law.at(x)[2] > 0
+
+
+@given(seeds)
+def test_joint_springs(seed):
+    rng = np.random.default_rng(seed)
+    k, r, q = rng.uniform(0, 9, 4), rng.normal(size=4), rng.normal(size=4)
+    got = JointSprings(k, r).evaluate(_At(q))
+    assert got.energy == pytest.approx(0.5 * k @ (q - r) ** 2, rel=ROUNDING)
+    assert np.abs(got.gradient - k * (q - r)).max() <= ROUNDING * 10
+    assert np.array_equal(got.hessian, np.diag(k))
+
+
+@given(seeds)
+def test_linear_laws_equal_plain_springs(seed):
+    rng = np.random.default_rng(seed)
+    k, r, q = rng.uniform(1, 9, 3), rng.normal(size=3), rng.normal(size=3)
+    plain = JointSprings(k, r).evaluate(_At(q))
+    laws = {j: PolynomialLaw((float(k[j]),)) for j in range(3)}
+    # The stiffness of a joint with a law is not used.
+    got = JointSprings(np.full(3, 1e6), r, laws).evaluate(_At(q))
+    for a, b in zip(got, plain, strict=True):
+        assert np.abs(np.asarray(a) - b).max() <= ROUNDING * 10
+
+
+def test_balanced_rest_positions():
+    """Open rest positions carry the torque; with `every`, all do."""
+    q, torque = np.array([0.3, -0.2, 0.5, 0.1]), np.array([2.0, -3.0, 1.0, 0.0])
+    laws = {1: LAWS["table"], 2: LAWS["lopsided"]}
+    springs = JointSprings([4.0, 0.0, 0.0, 0.0], [np.nan, np.nan, 0.7, np.nan], laws)
+    assert not springs.is_complete
+    assert springs.is_passive.tolist() == [False, False, False, True]
+    assert springs.is_open().tolist() == [True, True, False, False]
+    assert springs.is_open(every=True).tolist() == [True, True, True, False]
+    some = springs.balanced(_At(q), torque)
+    assert some.is_complete
+    assert some.rest[2] == 0.7
+    exerted = some.evaluate(_At(q)).gradient
+    assert np.abs(exerted - torque)[[0, 1, 3]].max() <= 1e-9
+    assert abs(exerted[2] - torque[2]) > 0.1
+    every = springs.balanced(_At(q), torque, every=True)
+    assert np.abs(every.evaluate(_At(q)).gradient - torque).max() <= 1e-9
+    assert np.isnan(springs.rest[0])  # the springs themselves are as they were
+
+
+def test_joint_springs_are_read_only():
+    springs = JointSprings([1.0, 2.0], [0.0, 0.0])
+    for array in (springs.stiffness, springs.rest, springs.evaluate(_At([1.0, 1.0])).hessian):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 3.0
+
+
+# -- users' functions ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "energy",
+    [
+        lambda q: float(np.abs(q[0])),
+        lambda q: float(np.abs(q[0] - 0.01) * 5 + q @ q),
+        lambda q: float(np.sign(q[0])),
+        lambda q: float(np.floor(30 * q[0] + 0.5)),
+        lambda q: float(np.abs(q[0]) ** 1.5),
+        lambda q: float(np.nan),
+        lambda q: float(np.sin(500 * q[0])),  # smooth, on another scale than told
+    ],
+    ids=["kink", "kink aside", "step", "stairs", "half power", "nan", "too fast"],
+)
+def test_energy_that_is_not_smooth_is_refused(energy):
+    with pytest.raises(InputError, match="cannot be differentiated numerically") as caught:
+        JointFunction(energy).evaluate(_At([0.0, 0.0]))
+    assert "two step sizes" in str(caught.value)
+    with pytest.raises(InputError, match="cannot be differentiated numerically"):
+        PoseFunction(energy=lambda T: energy(T[:2, 3])).on_pose(np.eye(4))
+
+
+def test_the_right_scale_helps():
+    fast = JointFunction(lambda q: float(np.sin(500 * q[0])), scale=1e-3)
+    got = fast.evaluate(_At([1e-3]))
+    assert got.gradient[0] == pytest.approx(500 * np.cos(0.5), rel=1e-9)
+    assert got.hessian[0, 0] == pytest.approx(-(500**2) * np.sin(0.5), rel=1e-8)
+
+
+@pytest.mark.parametrize("offset", [0.0, 1.0, 100.0])
+@pytest.mark.parametrize(
+    ("energy", "curvature"),
+    [(lambda q: 0.0, 0.0), (lambda q: 3 * q[0], 0.0), (lambda q: q[0] * q[1], 1.0)],
+    ids=["constant", "plane", "saddle"],
+)
+def test_smooth_energies_are_served(energy, curvature, offset):
+    """A constant is as smooth as energies come, wherever its zero is."""
+    got = JointFunction(lambda q: offset + energy(q)).evaluate(_At([0.4, 0.7]))
+    assert got.hessian[0, 1] == pytest.approx(curvature, abs=1e-8)
+    assert abs(got.hessian[0, 0]) <= 1e-8
+
+
+@given(seeds)
+def test_numerical_derivatives(seed):
+    rng = np.random.default_rng(seed)
+    a, q = rng.uniform(-1, 1, (3, 3)), rng.uniform(-1, 1, 3)
+
+    def energy(x):
+        return float(np.exp(a[0] @ x) + np.sin(a[1] @ x) * (a[2] @ x))
+
+    got = JointFunction(energy).evaluate(_At(q))
+    s, c, z = np.sin(a[1] @ q), np.cos(a[1] @ q), a[2] @ q
+    gradient = np.exp(a[0] @ q) * a[0] + c * z * a[1] + s * a[2]
+    cross = np.outer(a[1], a[2])
+    hessian = (
+        np.exp(a[0] @ q) * np.outer(a[0], a[0])
+        - s * z * np.outer(a[1], a[1])
+        + c * (cross + cross.T)
+    )
+    assert np.abs(got.gradient - gradient).max() <= 1e-11
+    assert np.abs(got.hessian - hessian).max() <= 1e-9
+
+
+# -- the Taylor check ---------------------------------------------------------------------------
+
+
+def _smooth(seed):
+    """Energy with a clear third derivative, its derivatives at 0, a direction."""
+    rng = np.random.default_rng(seed)
+    a, d = rng.uniform(0.5, 1.0, (2, 4)), rng.uniform(0.5, 1.0, 4)
+    d = d / np.linalg.norm(d)
+
+    def energy(x):
+        return float(np.exp(a[0] @ x) + 0.5 * np.sin(a[1] @ x))
+
+    gradient = a[0] + 0.5 * a[1]
+    hessian = np.outer(a[0], a[0])
+    return energy, gradient, hessian, d
+
+
+@given(seeds)
+def test_taylor_slopes(seed):
+    energy, gradient, hessian, d = _smooth(seed)
+    right = taylor_check(energy, gradient, hessian, d)
+    assert right.ok
+    assert right.slope == pytest.approx(3, abs=SLOPE)
+    assert 0 < right.window[0] < right.window[1] <= 1
+    wrong_hessian = taylor_check(energy, gradient, hessian + 0.1 * np.eye(4), d)
+    assert not wrong_hessian.ok
+    assert wrong_hessian.slope == pytest.approx(2, abs=SLOPE)
+    wrong_gradient = taylor_check(energy, gradient * 1.1, hessian, d)
+    assert not wrong_gradient.ok
+    assert wrong_gradient.slope == pytest.approx(1, abs=SLOPE)
+
+
+@pytest.mark.parametrize("error", [1e-1, 1e-3, 1e-5])
+def test_taylor_check_sees_small_errors(error):
+    energy, gradient, hessian, d = _smooth(1)
+    assert not taylor_check(energy, gradient + error, hessian, d).ok
+    if error >= 1e-3:
+        assert not taylor_check(energy, gradient, hessian * (1 + error), d).ok
+
+
+def test_taylor_check_of_a_quadratic_energy():
+    """Nothing is left to fit: that is right, too, and a wrong one is still found."""
+    H = np.array([[2.0, 0.5], [0.5, 1.0]])
+    g, d = np.array([0.3, -0.2]), np.array([0.6, 0.8])
+
+    def energy(x):
+        return float(g @ x + 0.5 * x @ H @ x)
+
+    right = taylor_check(energy, g, H, d)
+    assert isinstance(right, TaylorCheck)
+    assert right.ok
+    assert right.slope > 2.7
+    assert not taylor_check(energy, g, 1.01 * H, d).ok
+    assert not taylor_check(energy, 1.01 * g, H, d).ok
+
+
+def test_taylor_check_with_a_large_constant():
+    """A constant of a million leaves ten digits for everything else."""
+    energy, gradient, hessian, d = _smooth(2)
+    right = taylor_check(lambda x: 1e6 + energy(x), gradient, hessian, d)
+    assert right.ok
+    wrong = taylor_check(lambda x: 1e6 + energy(x), gradient, 2 * hessian, d)
+    assert not wrong.ok
+
+
+def test_taylor_check_agrees_with_numerical_derivatives():
+    energy, gradient, _, d = _smooth(3)
+    assert taylor_check(energy, gradient, hessian_of(energy, np.ones(4)), d).ok

@@ -1,0 +1,567 @@
+"""What cannot be used is refused in one line that says what, where, expected and got."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from tests.support import (
+    add_frame,
+    general_legs,
+    legs_as_platform,
+    loaded_arm,
+    paper_platform,
+    platform_mechanism,
+    translation,
+)
+
+from cartstiff.errors import (
+    CartstiffError,
+    ConvergenceError,
+    InputError,
+    MissingDependencyError,
+    UndefinedError,
+    UnknownNameError,
+    one_line,
+)
+from cartstiff.geometry.charts import from_pose_function, paper, product_of_exponentials
+from cartstiff.geometry.connections import flat, from_symbols, levi_civita
+from cartstiff.mechanisms.chain import OWN_COORDINATES, Chain, Closure
+from cartstiff.mechanisms.contract import Units, checked_vector, named_values
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.platform import Platform
+from cartstiff.mechanisms.tree_building import plain_tree
+from cartstiff.potentials.functions import JointFunction, PoseFunction
+from cartstiff.potentials.line_springs import LineSprings, line_geometry
+from cartstiff.potentials.loads import DeadForce, DeadWrench, FollowerWrench, payload
+from cartstiff.potentials.springs import JointSprings, PolynomialLaw, TabulatedLaw
+from cartstiff.stiffness.compute import analyse
+from cartstiff.stiffness.output import write_result, write_whole
+from cartstiff.stiffness.tensor import StiffnessTensor, convert_length
+
+NAN = float("nan")
+
+
+# -- the family ---------------------------------------------------------------------------------
+
+
+def test_family():
+    for error in (InputError, UndefinedError, ConvergenceError, MissingDependencyError):
+        assert issubclass(error, CartstiffError)
+    assert issubclass(InputError, ValueError)
+    assert issubclass(UnknownNameError, InputError)
+    assert issubclass(MissingDependencyError, ImportError)
+
+
+def test_input_error():
+    error = InputError(
+        "stiffness is negative", where="file.yaml:3", expected="zero or more", got=-2
+    )
+    assert str(error) == "file.yaml:3: stiffness is negative; expected zero or more, got -2"
+    parts = (error.what, error.where, error.expected, error.got)
+    assert parts == ("stiffness is negative", "file.yaml:3", "zero or more", "-2")
+    moved = error.at("--file")
+    assert moved.where == "--file: file.yaml:3"
+    assert str(moved).startswith("--file: file.yaml:3: stiffness")
+    assert str(InputError("wrong").at("here")) == "here: wrong"
+    assert InputError("wrong").got is None
+
+
+def test_messages_stay_on_one_line():
+    error = InputError("bad\nthing", got="a\tb\x00\x1b[31m" + "x" * 1000)
+    assert "\n" not in str(error)
+    assert str(error).isprintable()
+    assert len(str(error)) <= 600
+    assert one_line("a  b\n c") == "a b c"
+    assert one_line("x" * 500).endswith("...")
+    assert len(one_line("x" * 500)) == 120
+    assert one_line([1, 2]) == "[1, 2]"
+
+
+def test_unknown_names():
+    error = UnknownNameError("joint", "elbo", ["elbow", "wrist"], where="--q")
+    assert str(error) == (
+        "--q: unknown joint; expected one of 2 names (closest: elbow), got 'elbo'"
+    )
+    assert error.valid == ("elbow", "wrist")
+    assert error.name == "elbo"
+    assert "one of elbow, wrist" in str(UnknownNameError("joint", "zzz", ["elbow", "wrist"]))
+    assert "none exist here" in str(UnknownNameError("joint", "a", []))
+    many = UnknownNameError("joint", "zzz", [f"name{i}" for i in range(40)])
+    assert "name11, ..." in str(many)
+    assert "name12" not in str(many)
+
+
+def test_other_members():
+    error = UndefinedError("gone", code="singular", values={"rank": 5})
+    assert (error.code, error.values) == ("singular", {"rank": 5})
+    assert UndefinedError("gone", code="x").values == {}
+    error = ConvergenceError("lost", iterations=7, residual=1.25e-3)
+    assert str(error) == "lost (7 iterations, residual 0.00125)"
+    assert (error.iterations, error.residual) == (7, 1.25e-3)
+    error = MissingDependencyError("meshcat", "the viewer", "view")
+    assert str(error).endswith("pip install 'cartstiff[view]'")
+    assert error.package == "meshcat"
+
+
+# -- geometry -----------------------------------------------------------------------------------
+
+
+def test_connections():
+    with pytest.raises(
+        InputError, match=r"symbols have the wrong shape.*\(6, 6, 6\), got \(6, 6\)"
+    ):
+        from_symbols(np.zeros((6, 6)))
+    with pytest.raises(InputError, match="symbols must be finite"):
+        from_symbols(np.full((6, 6, 6), np.inf))
+    for bad in (np.eye(5), np.full((6, 6), NAN)):
+        with pytest.raises(InputError, match="metric has the wrong shape"):
+            levi_civita(bad)
+    lopsided = np.eye(6)
+    lopsided[0, 1] = 0.1
+    with pytest.raises(InputError, match=r"metric is not symmetric, got asymmetry 0.1"):
+        levi_civita(lopsided)
+    for bad in (np.diag([1, 1, 1, 1, 1, 0.0]), -np.eye(6)):
+        with pytest.raises(InputError, match="metric is not positive definite"):
+            levi_civita(bad)
+    singular = np.diag([1.0, 1, 1, 1, 1, 0])
+    with pytest.raises(UndefinedError, match="no chart of SE") as caught:
+        flat(singular, np.zeros((6, 6, 6)))
+    assert caught.value.code == "singular"
+    assert caught.value.values["singular_values"][-1] == 0
+
+
+def test_charts():
+    with pytest.raises(InputError, match=r"screws have the wrong shape; expected \(6, 6\)"):
+        product_of_exponentials(np.eye(5), "five")
+    with pytest.raises(InputError, match="chart 'user' does not return a rigid motion"):
+        from_pose_function(lambda xi: 2 * np.eye(4)).basis(np.zeros(6))
+    with pytest.raises(UndefinedError, match="singular at these coordinates"):
+        paper.to_wrench([0, np.pi / 2, 0, 0, 0, 0], np.ones(6))
+
+
+# -- potentials ---------------------------------------------------------------------------------
+
+
+class _At:
+    def __init__(self, q):
+        self.q = np.asarray(q, float)
+
+
+def test_functions():
+    two = _At([0.1, 0.2])
+    ok = {
+        "energy": lambda q: 0.0,
+        "gradient": lambda q: np.zeros(2),
+        "hessian": lambda q: np.eye(2),
+    }
+    with pytest.raises(
+        InputError, match=r"gradient has the wrong shape; expected \(2,\), got \(3,\)"
+    ):
+        JointFunction(**{**ok, "gradient": lambda q: np.zeros(3)}).evaluate(two)
+    with pytest.raises(InputError, match=r"Hessian has the wrong shape; expected \(2, 2\)"):
+        JointFunction(**{**ok, "hessian": lambda q: np.eye(3)}).evaluate(two)
+    with pytest.raises(InputError, match=r"stiffness has the wrong shape; expected \(6, 6\)"):
+        PoseFunction(
+            energy=lambda T: 0.0, wrench=lambda T: np.zeros(6), stiffness=lambda T: np.eye(3)
+        ).on_pose(np.eye(4))
+    with pytest.raises(InputError, match="wrench has the wrong shape"):
+        PoseFunction(
+            energy=lambda T: 0.0, wrench=lambda T: np.zeros(5), stiffness=lambda T: np.eye(6)
+        ).on_pose(np.eye(4))
+
+
+@pytest.mark.parametrize("coefficients", [(), (1.0, NAN), (np.inf,)])
+def test_polynomial_law(coefficients):
+    with pytest.raises(InputError, match="polynomial spring needs finite coefficients"):
+        PolynomialLaw(coefficients)
+
+
+def test_torques_out_of_reach():
+    with pytest.raises(InputError, match="polynomial spring never reaches the torque, got -1"):
+        PolynomialLaw((0.0, 1.0)).deflection_for(-1.0)
+    saturated = TabulatedLaw((-1.0, 0.0, 1.0, 2.0, 3.0), (-5.0, 0.0, 5.0, 5.0, 5.0))
+    with pytest.raises(InputError, match="spring table never reaches the torque, got 6"):
+        saturated.deflection_for(6.0)
+    springs = JointSprings([0.0], [NAN], {0: saturated})
+    with pytest.raises(InputError, match="never reaches the torque"):
+        springs.balanced(_At([0.0]), np.array([6.0]))
+
+
+@pytest.mark.parametrize(
+    ("x", "y"), [((0.0,), (0.0,)), ((), ()), ((0.0, 1.0), (0.0,)), ((0.0, 1.0), (0.0, NAN))]
+)
+def test_tables(x, y):
+    with pytest.raises(InputError, match="spring table needs two or more finite points"):
+        TabulatedLaw(x, y)
+
+
+@pytest.mark.parametrize("x", [(0.0, 0.0), (1.0, 0.0), (0.0, 2.0, 1.0)])
+def test_tables_out_of_order(x):
+    with pytest.raises(InputError, match="must increase strictly"):
+        TabulatedLaw(x, tuple(range(len(x))))
+
+
+def test_joint_springs():
+    with pytest.raises(InputError, match="joint stiffnesses and rest positions differ in number"):
+        JointSprings([1.0, 2.0], [0.0])
+    for bad in ([-1.0], [NAN], [np.inf]):
+        with pytest.raises(InputError, match="joint stiffness must be finite and not negative"):
+            JointSprings(bad, [0.0])
+
+
+def _lines(**changes):
+    good = {
+        "anchors": np.zeros((2, 3)),
+        "points": np.ones((2, 3)),
+        "stiffness": np.ones(2),
+        "rest_length": np.ones(2),
+    }
+    return LineSprings(**{**good, **changes})
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("anchors", np.full((2, 3), NAN)),
+        ("anchors", np.zeros((2, 2))),
+        ("points", np.zeros((3, 3))),
+        ("points", np.full((2, 3), np.inf)),
+        ("stiffness", np.ones(3)),
+        ("stiffness", np.array([1.0, NAN])),
+        ("rest_length", np.ones(1)),
+        ("rest_length", np.array([1.0, np.inf])),
+    ],
+)
+def test_line_springs(name, value):
+    with pytest.raises(InputError, match=f"line springs: {name} must be finite numbers"):
+        _lines(**{name: value})
+
+
+def test_line_springs_that_cannot_be():
+    with pytest.raises(InputError, match="line spring stiffness must be above zero"):
+        _lines(stiffness=np.array([1.0, -1.0]))
+    for gap in (0.0, 1e-16):
+        with pytest.raises(UndefinedError, match="line 2 has zero length") as caught:
+            line_geometry(np.eye(4), np.ones((2, 3)), np.array([[0, 0, 1], [1, 1, 1 + gap]]))
+        assert caught.value.code == "zero-length-line"
+        assert caught.value.values["line"] == 2
+
+
+def test_loads_that_lines_cannot_balance():
+    angles = np.deg2rad(np.arange(6) * 60.0)
+    ring = np.stack([np.cos(angles), np.sin(angles), 0 * angles], 1)
+    dependent = platform_mechanism(
+        ring, 0.5 * ring, np.full(6, 100.0), np.full(6, 0.8), q=[0, 0, 1.0, 0, 0, 0]
+    )
+    with pytest.raises(InputError, match="no tensions of the lines balance this load"):
+        analyse(dependent, wrench=[0, 0, 1, 0, 0, 0])
+    legs = general_legs()
+    cables = legs_as_platform(legs)
+    cables = replace(cables, springs=replace(cables.springs, unilateral=True))
+    with pytest.raises(InputError, match="the cables cannot balance this load"):
+        analyse(cables, wrench=[0, 0, 0, 0, 0, -100.0])
+
+
+@pytest.mark.parametrize("load", [DeadWrench, FollowerWrench])
+def test_wrenches(load):
+    for bad in (np.zeros(5), np.zeros((2, 3)), [0, 0, 0, 0, 0, NAN]):
+        with pytest.raises(InputError, match="wrench cannot be used; expected 6 finite numbers"):
+            load(bad)
+    with pytest.raises(InputError, match="wrench is not numeric; expected 6 numbers"):
+        load(["a"] * 6)
+
+
+def test_forces():
+    with pytest.raises(InputError, match="force cannot be used; expected 3 finite numbers"):
+        DeadForce([1.0, 2.0])
+    with pytest.raises(InputError, match="point of application cannot be used"):
+        DeadForce([1.0, 2.0, 3.0], point=[0.0, 0.0, np.inf])
+    for mass in (-1.0, NAN, np.inf):
+        with pytest.raises(InputError, match="payload mass cannot be used"):
+            payload(mass, [0, 0, -9.81])
+    with pytest.raises(InputError, match="acceleration cannot be used"):
+        payload(1.0, [0, 0])
+
+
+# -- mechanisms ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("values", "match"),
+    [
+        ("text", "q is not numeric; expected 3 numbers, got text"),
+        ([1, "a", 2], "q is not numeric"),
+        ([[1, 2], [3]], "q is not numeric"),
+        ([1j, 0, 0], "q is not numeric"),
+        ([1, 2], "q has the wrong count; expected 3 numbers, got 2"),
+        ([], "wrong count"),
+        (1.0, "wrong count"),
+        (np.zeros((3, 1)), r"wrong count; expected 3 numbers, got shape \(3, 1\)"),
+        ([1, NAN, 2], "q must be finite"),
+        ([1, np.inf, 2], "q must be finite"),
+        ([None, 1, 2], "q must be finite|not numeric"),
+        ([10**400, 1, 2], "q must be finite|not numeric"),
+    ],
+)
+def test_vectors(values, match):
+    with pytest.raises(InputError, match=match):
+        checked_vector(values, 3, "q")
+
+
+def test_vectors_for_mechanisms():
+    arm = loaded_arm("RRR", 1).elastic
+    with pytest.raises(InputError, match="q has the wrong count; expected 3 numbers, got 2"):
+        analyse(arm, [0.0, 0.0])
+    with pytest.raises(InputError, match="wrench has the wrong count; expected 6 numbers, got 3"):
+        analyse(arm, wrench=[0.0, 0.0, 0.0])
+    with pytest.raises(InputError, match="wrench must be finite"):
+        analyse(arm, wrench=[NAN] * 6)
+    with pytest.raises(InputError, match="has the wrong count; expected 6 numbers, got 1"):
+        analyse(paper_platform(), [0.0])
+    with pytest.raises(UnknownNameError, match=r"q: unknown joint.*'j9'"):
+        analyse(arm, {"j9": 0.0})
+
+
+def test_named_values():
+    names = ("a", "b")
+    with pytest.raises(UnknownNameError, match="stiffness: unknown joint; expected one of a, b"):
+        named_values({"zzz": 1.0}, names, 0.0, "stiffness")
+    with pytest.raises(InputError, match="stiffness of b must be finite"):
+        named_values({"b": NAN}, names, 0.0, "stiffness")
+    with pytest.raises(InputError, match="stiffness of a is not numeric"):
+        named_values({"a": "soft"}, names, 0.0, "stiffness")
+    with pytest.raises(InputError, match="rest must be finite"):
+        named_values(NAN, names, 0.0, "rest")
+    with pytest.raises(InputError, match="rest has the wrong count"):
+        named_values([1.0, 2.0, 3.0], names, 0.0, "rest")
+
+
+@pytest.mark.parametrize(
+    "number", [3, 3.0, np.float64(3), np.float32(3), np.int64(3), np.array(3.0)], ids=repr
+)
+def test_one_number_in_any_clothes(number):
+    """A number is a number, whichever library it comes from."""
+    assert named_values(number, ("a", "b"), 0.0, "stiffness").tolist() == [3.0, 3.0]
+    assert named_values({"b": number}, ("a", "b"), 1.0, "stiffness").tolist() == [1.0, 3.0]
+
+
+def test_springs_of_a_mechanism():
+    arm = loaded_arm("RRR", 1).elastic
+    with pytest.raises(InputError, match="stiffness must not be negative"):
+        arm.with_springs(-1.0)
+    with pytest.raises(UnknownNameError, match="rest: unknown joint"):
+        arm.with_springs(rest={"zzz": 0.0})
+    with pytest.raises(InputError, match="RRR has no joint springs"):
+        replace(arm, springs=None).with_springs(1.0)
+    loose = replace(arm, springs=None, potentials=(JointFunction(lambda q: float(q @ q)),))
+    with pytest.raises(InputError, match="the load of this mechanism follows from its potentials"):
+        analyse(loose, wrench=np.zeros(6))
+
+
+def test_frames():
+    arm = loaded_arm("RRR", 1).elastic
+    chain = arm.mechanism
+    with pytest.raises(UnknownNameError, match=r"unknown frame.*closest: tip") as caught:
+        Chain(chain.tree, "tipp")
+    assert "tip" in caught.value.valid
+    with pytest.raises(UnknownNameError, match="unknown frame"):
+        chain.at(arm.q).relative("world", "nowhere")
+    with pytest.raises(UnknownNameError, match="unknown frame"):
+        Chain(chain.tree, "tip", closures=[Closure("tip", "nowhere", "point")])
+    with pytest.raises(InputError, match="frame offset is not a rigid motion"):
+        Chain(chain.tree, "tip", offset=2 * np.eye(4))
+    platform = paper_platform()
+    with pytest.raises(UnknownNameError, match="unknown frame; expected one of body, world"):
+        platform.mechanism.at(platform.q).relative("world", "tool")
+
+
+def test_joints_that_cannot_be_served():
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelEllipsoid(0.1, 0.2, 0.3), pin.SE3.Identity(), "egg")
+    with pytest.raises(
+        InputError, match=r"joint 'egg' has a type that cannot be served.*Ellipsoid"
+    ):
+        plain_tree(model)
+    assert plain_tree(model, keep=[]).n == 0
+    ball = pin.Model()
+    ball.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "ball")
+    with pytest.raises(InputError, match="joint 'ball' cannot be locked at one number"):
+        plain_tree(ball, locked={1: 0.3})
+
+
+def test_flexible_links():
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "hinge")
+    for name in ("link", "cover"):
+        model.addBodyFrame(name, joint, pin.SE3.Identity(), 0)
+    with pytest.raises(UnknownNameError, match=r"unknown link.*'lnk'"):
+        plain_tree(model, flexible={"lnk": np.eye(4)})
+    with pytest.raises(InputError, match="'link' and 'cover' are fixed together"):
+        plain_tree(model, flexible={"link": np.eye(4), "cover": np.eye(4)})
+
+
+def test_closures_that_cannot_be_met():
+    """Two short links whose bases stand too far apart."""
+    model = pin.Model()
+    for name, x in (("left", 0.0), ("right", 5.0)):
+        joint = model.addJoint(0, pin.JointModelRZ(), pin.SE3(translation(x, 0, 0)), name)
+        add_frame(model, f"{name}_end", joint, translation(0.3, 0, 0))
+    closure = Closure("left_end", "right_end", "point")
+    chain = Chain(plain_tree(model), "left_end", closures=[closure], actuated=[0])
+    for start in ([0.5, 2.5], [0.0, np.pi]):
+        with pytest.raises(ConvergenceError, match="closures cannot be assembled") as caught:
+            chain.closed(start)
+        assert caught.value.residual > 1.0
+        assert caught.value.iterations >= 1
+    elastic = ElasticMechanism("far", chain, np.zeros(2), JointSprings([1.0, 1.0], [0.0, 0.0]))
+    with pytest.raises(ConvergenceError, match="closures cannot be assembled"):
+        analyse(elastic)
+
+
+def test_platforms():
+    for base, points in (
+        (np.zeros((6, 3)), np.zeros((5, 3))),
+        (np.zeros((6, 2)), np.zeros((6, 2))),
+        (np.zeros(3), np.zeros(3)),
+    ):
+        with pytest.raises(InputError, match="base and platform points differ in number"):
+            Platform(base, points)
+
+
+def test_forward_kinematics():
+    legs = general_legs()
+    platform = legs_as_platform(legs).mechanism
+    for bad in (np.ones(5), np.full(6, NAN), np.full(6, -1.0), np.zeros(6)):
+        with pytest.raises(InputError, match="leg lengths must be positive numbers; expected 6"):
+            platform.forward_kinematics(bad, legs.q)
+    five = Platform(legs.base[:5], legs.platform[:5])
+    with pytest.raises(InputError, match="forward kinematics needs six legs, got 5"):
+        five.forward_kinematics(np.ones(5), legs.q)
+    with pytest.raises(
+        (ConvergenceError, UndefinedError), match=r"no pose with these leg lengths|type-2"
+    ):
+        platform.forward_kinematics(np.array([0.01, 9, 0.01, 9, 0.01, 9]), legs.q)
+
+
+def test_forward_kinematics_gives_up():
+    """Lengths no platform can have at once, away from any singularity."""
+    legs = general_legs()
+    platform = legs_as_platform(legs).mechanism
+    failed = []
+    for seed in range(12):
+        lengths = np.random.default_rng(seed).uniform(0.3, 3.0, 6)
+        try:
+            platform.forward_kinematics(lengths, legs.q)
+        except ConvergenceError as error:
+            failed.append(error)
+        except UndefinedError:
+            pass
+    assert failed
+    for error in failed:
+        assert str(error).startswith("no pose with these leg lengths found from the start (60")
+        assert error.residual > 1e-6
+
+
+# -- stiffness ----------------------------------------------------------------------------------
+
+
+def _tensor(**changes):
+    connection = from_symbols(np.zeros((6, 6, 6)), "mine")
+    good = {"matrix": np.eye(6), "connection": connection, "wrench": np.zeros(6)}
+    return StiffnessTensor(**{**good, **changes})
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("matrix", np.eye(5)), ("wrench", np.zeros(5)), ("pose", np.eye(3))]
+)
+def test_tensor_shapes(name, value):
+    with pytest.raises(InputError, match=f"{name} has the wrong shape; expected"):
+        _tensor(**{name: value})
+
+
+def test_tensor_changes():
+    tensor = _tensor()
+    with pytest.raises(InputError, match=r"unknown connection; expected A, B, K, .*got 'Z'"):
+        tensor.to_connection("Z")
+    with pytest.raises(InputError, match="T_M_N is not a rigid motion"):
+        tensor.to_frame(2 * np.eye(4))
+    with pytest.raises(InputError, match="unknown order; expected angular-linear"):
+        tensor.to_order("linear")
+    with pytest.raises(InputError, match=r"unknown length unit.*got parsec"):
+        tensor.to_units("parsec")
+    with pytest.raises(InputError, match=r"unknown force unit.*got dyn"):
+        tensor.to_units("m", "dyn")
+    with pytest.raises(InputError, match="unknown length unit"):
+        convert_length(Units("cubit"), Units())
+
+
+@pytest.mark.parametrize(
+    "matrix", [np.diag([1, 1, 1, 1, 1, 0.0]), np.zeros((6, 6)), np.diag([0, 0, 0, 1, 1, 1.0])]
+)
+def test_compliance_of_a_singular_matrix(matrix):
+    with pytest.raises(UndefinedError, match="it has no inverse") as caught:
+        _tensor(matrix=matrix).compliance()
+    assert caught.value.code == "singular-stiffness"
+    assert len(caught.value.values["singular_values"]) == 6
+
+
+def test_rates_that_do_not_exist():
+    """A redundant arm has no coordinate rates per twist to carry a Hessian with."""
+    result = analyse(loaded_arm("RRRRRRR", 1).elastic)
+    with pytest.raises(UndefinedError, match="the coordinates are no chart here") as caught:
+        result._in_chart(OWN_COORDINATES, np.eye(6), result.evaluation)
+    assert caught.value.code == "no-chart"
+
+
+def test_tensor_data():
+    good = json.loads(_tensor().as_json())
+    for broken in (
+        {},
+        {k: v for k, v in good.items() if k != "matrix"},
+        {**good, "units": None},
+        {**good, "connection": {"name": "unheard of", "symbols": None}},
+        {**good, "matrix": [[1, 2], [3]]},
+        {**good, "matrix": "text"},
+        {**good, "order": "sideways"},
+        {**good, "units": {"length": "parsec", "force": "N"}},
+    ):
+        with pytest.raises(InputError, match=r"not the data of a stiffness tensor|unknown"):
+            StiffnessTensor.from_dict(broken)
+
+
+def test_files(tmp_path):
+    with pytest.raises(InputError, match=r"unknown file ending; expected \.json, \.csv or \.npz"):
+        _tensor().save(tmp_path / "K.txt")
+    result = analyse(paper_platform())
+    with pytest.raises(InputError, match=r"unknown file ending; expected \.json or \.npz"):
+        write_result(result, tmp_path / "K.csv")
+    with pytest.raises(InputError, match=r"file cannot be written.*No such file"):
+        write_result(result, tmp_path / "nowhere" / "K.json")
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "taken" / "full").touch()
+    with pytest.raises(InputError, match="file cannot be written"):
+        write_whole(tmp_path / "taken", b"x")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["taken"]  # nothing half-written
+
+
+def test_results_in_files(tmp_path):
+    result = analyse(paper_platform())
+    write_result(result, tmp_path / "K.json")
+    write_result(result, tmp_path / "K.npz")
+    data = json.loads((tmp_path / "K.json").read_text(encoding="utf-8"))
+    assert np.array_equal(data["stiffness"]["K"], result.matrices["K"])
+    with np.load(tmp_path / "K.npz") as archive:
+        for name in "ABKF":
+            assert np.array_equal(archive[f"K_{name}"], result.matrices[name])
+            assert np.array_equal(archive[f"C_{name}"], result.compliances[name])
+        for name in ("wrench", "pose", "jacobian", "q"):
+            assert np.array_equal(archive[name], getattr(result, name))
+        assert json.loads(str(archive["description"])) == result.as_dict()
+    panda = analyse(loaded_arm("RRRRRRR", 1).elastic)
+    write_result(panda, tmp_path / "P.npz")
+    with np.load(tmp_path / "P.npz") as archive:
+        assert "K_F" not in archive

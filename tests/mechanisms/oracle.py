@@ -1,0 +1,289 @@
+"""What the tests of mechanisms with loops compare with: reduced energies found by minimisation.
+
+The energy of a pose is the least energy among all coordinates that reach it and keep the closures.
+It is found here by Newton steps on the conditions of stationarity; only its values and its forces
+at displaced poses are used, so nothing depends on how second derivatives are formed elsewhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from ruamel.yaml import YAML
+from scipy.spatial.transform import Rotation
+from tests.support import (
+    adjoint_reference,
+    bend,
+    slope,
+    twist_matrix,
+)
+
+ROBOTS = Path(__file__).resolve().parents[2] / "robots"
+GRAVITY = np.array([0.9, -1.4, -9.7])
+# A pose away from the file's, rad and m, in which a body is held.
+DISPLACED = np.array([0.02, -0.03, 0.025, 0.004, -0.003, 0.005])
+_VIRTUAL = {"px", "py", "pz", "rx", "ry", "rz"}
+
+
+def _small_twist(T: np.ndarray) -> np.ndarray:
+    """Zero, with unit derivative, at the identity: a twist to first order elsewhere."""
+    skew = 0.5 * (T[:3, :3] - T[:3, :3].T)
+    return np.array([skew[2, 1], skew[0, 2], skew[1, 0], *T[:3, 3]])
+
+
+def small_motion(x: Any) -> np.ndarray:
+    """Exponential of a twist of at most unit size, by its series."""
+    X = twist_matrix(x)
+    total = term = np.eye(4)
+    for k in range(1, 19):
+        term = term @ X / k
+        total = total + term
+    return total
+
+
+class Held:
+    """A mechanism whose body is held at a pose, or left free, all the rest relaxed."""
+
+    def __init__(self, elastic: Any, q: Any = None) -> None:
+        self.elastic = elastic
+        self.mechanism = elastic.mechanism
+        self.q0 = np.array(elastic.q if q is None else q, float)
+        self.n = self.q0.size
+        self.pose0 = self.mechanism.at(self.q0).pose.copy()
+        self.frozen: dict[bool, np.ndarray] = {}
+
+    def _parts(self, q: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray, Any]:
+        """Energy, gradient, closure residual and Jacobian, and the posture."""
+        posture = self.mechanism.at(q)
+        parts = [term.evaluate(posture) for term in self.elastic.terms()]
+        energy = sum(p.energy for p in parts)
+        gradient = sum((p.gradient for p in parts), np.zeros(self.n))
+        if posture.closure is None:
+            return energy, gradient, np.zeros(0), np.zeros((0, self.n)), posture
+        return energy, gradient, posture.residual, posture.closure.jacobian, posture
+
+    def _conditions(self, q: np.ndarray, target: np.ndarray | None) -> tuple[Any, ...]:
+        energy, g, c, D, posture = self._parts(q)
+        if target is not None:
+            away = _small_twist(np.linalg.inv(target) @ posture.pose)
+            c = np.concatenate([c, -away])
+            D = np.concatenate([D, -posture.motion.jacobian])
+        return energy, g, c, D
+
+    def _curvature(self, with_pose: bool) -> np.ndarray:
+        """Hessian of the Lagrangian at the start, by differences: only steers the iteration."""
+        if with_pose not in self.frozen:
+            target = self.pose0 if with_pose else None
+            _, g, _, D = self._conditions(self.q0, target)
+            mu = np.linalg.lstsq(D.T, -g, rcond=1e-10)[0] if len(D) else np.zeros(0)
+
+            def forces(d: np.ndarray) -> np.ndarray:
+                _, g, _, D = self._conditions(self.q0 + d, target)
+                return g + D.T @ mu
+
+            h = 1e-5
+            steps = [(forces(h * e) - forces(-h * e)) / (2 * h) for e in np.eye(self.n)]
+            H = np.stack(steps, axis=1)
+            self.frozen[with_pose] = 0.5 * (H + H.T)
+        return self.frozen[with_pose]
+
+    def solve(self, target: np.ndarray | None, q: Any = None) -> tuple[np.ndarray, float]:
+        """Coordinates of least energy and that energy; with the body at `target`, if given."""
+        q = self.q0.copy() if q is None else np.array(q, float)
+        H = self._curvature(target is not None)
+        size = max(float(np.abs(H).max()), 1e-300)
+        before = np.inf
+        for _ in range(150):
+            _, g, c, D = self._conditions(q, target)
+            m = len(c)
+            matrix = np.block([[H / size, D.T], [D, np.zeros((m, m))]])
+            right = -np.concatenate([g / size, c])
+            step = _solved(matrix, right)[: self.n]
+            largest = float(np.abs(step).max())
+            q = q + step * min(1.0, 0.2 / max(largest, 1e-300))
+            # The steps shrink by a constant factor: what is left is this times the factor.
+            left = largest * min(1.0, largest / before) if before < np.inf else np.inf
+            if left < 1e-15 or (largest < 1e-12 and largest >= 0.5 * before):
+                return q, self._conditions(q, target)[0]
+            before = largest
+        raise AssertionError(f"no minimum found: last step {largest:.2g}")
+
+    def at(self, x: np.ndarray) -> float:
+        """Energy with the body displaced along a screw motion."""
+        return self.solve(self.pose0 @ small_motion(x))[1]
+
+    @property
+    def forces(self) -> np.ndarray:
+        """Size of the forces that meet in the body at the start, before they cancel."""
+        _, g, _, D = self._conditions(self.q0, self.pose0)
+        mu = np.linalg.lstsq(D.T, -g, rcond=1e-10)[0]
+        inside = np.abs(self.mechanism.at(self.q0).motion.jacobian) @ np.abs(g)
+        return np.abs(mu[-6:]) + inside
+
+    def wrench(self, target: np.ndarray) -> np.ndarray:
+        """Wrench that holds the body at a pose, in its own components."""
+        q, _ = self.solve(target)
+        _, g, c, D = self._conditions(q, target)
+        return np.linalg.lstsq(D.T, -g, rcond=1e-10)[0][len(c) - 6 :]
+
+
+def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    try:
+        x = np.linalg.solve(matrix, right)
+        size = np.abs(right).max()
+        met = np.abs(matrix @ x - right).max() <= 1e-9 * size
+        if met and np.abs(x).max() < 1e8 * size:
+            return x
+    except np.linalg.LinAlgError:
+        pass
+    return np.linalg.lstsq(matrix, right, rcond=1e-12)[0]
+
+
+def displaced(
+    elastic: Any, by: Any, spread: float, springs: float | None = None, *, seed: int
+) -> tuple[Any, np.ndarray]:
+    """A mechanism under gravity with rest positions off by `spread`, and where it comes to rest.
+
+    `by` displaces the pose in which the body is held; None lets it go. `springs` gives joints that
+    have none a spring each, so that the closures carry forces that nothing outside balances.
+    """
+    rng = np.random.default_rng(seed)
+    k = elastic.springs.stiffness.copy()
+    virtual = np.array([name.rsplit(".", 1)[-1] in _VIRTUAL for name in elastic.names])
+    if springs is not None:
+        k[(k == 0) & ~virtual] = springs
+    rest = elastic.q - spread * rng.uniform(-1, 1, k.size) * (k > 0)
+    elastic = replace(elastic.with_springs(k, rest), gravity=GRAVITY)
+    held = Held(elastic)
+    target = None if by is None else held.pose0 @ small_motion(by)
+    return elastic, held.solve(target)[0]
+
+
+class Lines:
+    """Line springs from the ground to a body, written out by hand: lengths, energies, wrench."""
+
+    def __init__(self, pose0: Any, base: Any, points: Any, k: Any, rest: Any, pull: bool) -> None:
+        self.pose0 = np.array(pose0, float)
+        self.base, self.points = np.array(base, float), np.array(points, float)
+        self.k, self.rest, self.pull = np.array(k, float), np.array(rest, float), pull
+
+    def _geometry(self, T: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        ends = self.points @ T[:3, :3].T + T[:3, 3]
+        along = ends - self.base
+        lengths = np.linalg.norm(along, axis=1)
+        tension = self.k * (lengths - self.rest)
+        return ends, along / lengths[:, None], np.maximum(tension, 0) if self.pull else tension
+
+    @property
+    def forces(self) -> np.ndarray:
+        """Size of the forces that meet in the body, before they cancel."""
+        ends, _, tension = self._geometry(self.pose0)
+        arms = np.linalg.norm(ends - self.pose0[:3, 3], axis=1)
+        force = np.abs(tension).sum()
+        return np.array([np.abs(tension) @ arms] * 3 + [force] * 3)
+
+    def energy(self, T: np.ndarray) -> float:
+        tension = self._geometry(T)[2]
+        return 0.5 * float(np.sum(tension**2 / self.k))
+
+    def at(self, x: np.ndarray) -> float:
+        return self.energy(self.pose0 @ small_motion(x))
+
+    def wrench(self, T: np.ndarray) -> np.ndarray:
+        ends, u, t = self._geometry(T)
+        force = t[:, None] * u
+        moment = np.cross(ends - T[:3, 3], force).sum(axis=0)
+        return np.concatenate([T[:3, :3].T @ moment, T[:3, :3].T @ force.sum(axis=0)])
+
+
+def bundled_lines(name: str, rest: Any) -> Lines:
+    """The lines of a bundled platform, from its file alone (its frames coincide at the pose)."""
+    data = YAML(typ="safe").load((ROBOTS / f"{name}.yaml").read_text(encoding="utf-8"))
+    pose = np.eye(4)
+    at = data.get("pose", {})
+    pose[:3, 3] = at.get("xyz", [0, 0, 0])
+    pose[:3, :3] = Rotation.from_euler("xyz", at.get("rpy", [0, 0, 0])).as_matrix()
+    k = np.broadcast_to(np.array(data["legs"]["stiffness"], float), (len(data["base"]),))
+    return Lines(pose, data["base"], data["platform"], k, rest, bool(data.get("unilateral", False)))
+
+
+# -- stiffness from its definitions ----------------------------------------------------------------
+
+
+def transports(y: np.ndarray, t: float) -> dict[str, np.ndarray]:
+    """Matrices that carry a twist in parallel along the geodesic of y for a time t, by connection.
+
+    A: components in the body frame are kept. B: half the screw motion, seen from the body. K: half
+    the rotation for angular components, linear components keep their directions in space.
+    """
+    w = y[:3] * t
+    half, whole = (Rotation.from_rotvec(-f * w).as_matrix() for f in (0.5, 1.0))
+    kinematic = np.block([[half, np.zeros((3, 3))], [np.zeros((3, 3)), whole]])
+    return {
+        "A": np.eye(6),
+        "B": adjoint_reference(small_motion(-0.5 * t * y)),
+        "K": kinematic,
+    }
+
+
+def geodesics(pose: np.ndarray, y: np.ndarray, t: float) -> dict[str, np.ndarray]:
+    """Poses reached along y: on screw motions (A, B), or turning about the moved origin (K)."""
+    apart = pose.copy()
+    apart[:3, :3] = pose[:3, :3] @ Rotation.from_rotvec(t * y[:3]).as_matrix()
+    apart[:3, 3] += t * pose[:3, :3] @ y[3:]
+    screw = pose @ small_motion(t * y)
+    return {"A": screw, "B": screw, "K": apart}
+
+
+def stiffness_by_definition(
+    wrench: Callable[[np.ndarray], np.ndarray], pose: np.ndarray, sizes: np.ndarray, h: float
+) -> dict[str, np.ndarray]:
+    """K^A, K^B, K^K: rate of the load against fields carried in parallel, column by column."""
+    found = {name: np.empty((6, 6)) for name in "ABK"}
+    for j, y in enumerate(np.eye(6)):
+        # Along a basis direction the screw motion and the other geodesic are the same curve.
+        curve: dict[float, np.ndarray] = {}
+
+        def load(t: float, y: np.ndarray = y, curve: dict = curve) -> np.ndarray:
+            if t not in curve:
+                curve[t] = wrench(geodesics(pose, y, t)["A"])
+            return curve[t]
+
+        for name, K in found.items():
+
+            def along(t: float, y: np.ndarray = y, name: str = name) -> np.ndarray:
+                return transports(y, t)[name].T @ load(t)
+
+            K[:, j] = slope(along, h * sizes[j])
+    return found
+
+
+def by_energy(
+    held: Any, sizes: np.ndarray, h: float, rng: np.random.Generator, count: int = 10
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Directions, and first and second differences of the energy along their screw motions."""
+    directions = np.concatenate([np.eye(6), rng.normal(size=(count - 6, 6))])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = directions * sizes
+    slopes, bends = [], []
+    for x in directions:
+        values: dict[float, float] = {}
+
+        def energy(t: float, x: np.ndarray = x, values: dict = values) -> float:
+            return values.setdefault(t, held.at(t * x)) if t not in values else values[t]
+
+        slopes.append(slope(energy, h))
+        bends.append(bend(energy, h))
+    return directions, np.array(slopes), np.array(bends)
+
+
+def natural_error(got: Any, expected: Any, length: float) -> float:
+    """Largest difference of two 6x6 matrices in rad and `length`, over the largest entry."""
+    s = np.array([1.0] * 3 + [length] * 3)
+    s = np.outer(s, s) / s.mean() ** 2
+    got, expected = np.asarray(got, float) * s, np.asarray(expected, float) * s
+    return float(np.abs(got - expected).max() / np.abs(expected).max())

@@ -1,0 +1,133 @@
+"""Fingers that squeeze: internal forces change the stiffness and leave no load behind."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from ruamel.yaml import YAML
+from tests.mechanisms.machines import write_file
+from tests.mechanisms.oracle import ROBOTS, Held, by_energy, natural_error, stiffness_by_definition
+from tests.support import relative_error
+
+from cartstiff import analyse, load
+
+# Differences of the reduced energy and of the load, step 0.005.
+DIFFERENCES = 1e-9
+# What is left of the load when contact forces cancel.
+CANCELLED = 1e-9
+# Rounded numbers of the file (twelve digits) in rest positions.
+FILE = 1e-8
+
+
+def _grasp(folder, squeeze, contact="point"):
+    """The bundled grasp, its rest positions moved in proportion to `squeeze`."""
+    data = YAML(typ="safe").load((ROBOTS / "grasp.yaml").read_text(encoding="utf-8"))
+    for leg in data["legs"]:
+        leg["model"] = str(ROBOTS / leg["model"])
+        leg["contact"] = contact
+        for name, spring in leg["springs"].items():
+            if "rest" in spring:
+                q = leg["q"][name]
+                spring["rest"] = q + squeeze * (spring["rest"] - q)
+    return load(write_file(folder, f"grasp-{squeeze}-{contact}", **data))
+
+
+def _contact_force(result):
+    """Force between the second finger and the object, along the line of contacts."""
+    points = []
+    for leg in (1, 2):
+        T, _ = result.posture.relative("world", f"leg{leg}/contact")
+        points.append(T[:3, 3])
+    # The second contact force by statics of its own finger: torques at its three joints.
+    _, to_tip = result.posture.relative("world", "leg2/contact")
+    names = result.elastic.names
+    mine = [i for i, n in enumerate(names) if n.startswith("leg2/") and "contact" not in n]
+    torque = result.elastic.springs.torque(result.q)[mine]
+    T, _ = result.posture.relative("world", "leg2/contact")
+    J = T[:3, :3] @ to_tip.jacobian[3:][:, mine]
+    force = np.linalg.solve(J.T, torque)
+    u = (points[0] - points[1]) / np.linalg.norm(points[0] - points[1])
+    return force, u, float(np.linalg.norm(points[0] - points[1]))
+
+
+def test_fingers_push_towards_each_other():
+    result = analyse(load("grasp"))
+    force, u, apart = _contact_force(result)
+    assert apart == pytest.approx(0.04, rel=FILE)
+    # The finger's springs push along the line, towards the other finger.
+    along = -force @ u
+    assert along > 1.0
+    assert np.abs(force + along * u).max() <= FILE * along
+    assert np.abs(result.wrench).max() <= CANCELLED * along
+
+
+@pytest.mark.parametrize("squeeze", [0.0, 1.0, -3.0, 4.0])
+def test_squeeze_against_energy_differences(tmp_path, squeeze):
+    """Pressed or pulled: K^A, K^B and K^K follow the reduced energy."""
+    result = analyse(_grasp(tmp_path, squeeze))
+    size = np.abs(result.closure_forces).max()
+    # Twelve digits of the file: 1e-12 of the stiffness is there without any squeeze.
+    assert np.abs(result.wrench).max() <= CANCELLED * max(size, 1.0)
+    held = Held(result.elastic, result.q)
+    length = result.posture.length
+    sizes = np.array([1.0] * 3 + [length] * 3)
+    for name, K in stiffness_by_definition(held.wrench, held.pose0, sizes, 0.005).items():
+        assert natural_error(result.matrices[name], K, length) <= DIFFERENCES
+    x, _, bends = by_energy(held, sizes, 0.005, np.random.default_rng(2))
+    quadratic = np.einsum("ki,ij,kj->k", x, result.matrices["B"], x)
+    assert relative_error(bends, quadratic) <= DIFFERENCES
+
+
+def test_what_the_squeeze_does(tmp_path):
+    """Stiffness is linear in the squeeze: it turns with contact forces, which are.
+
+    Between point contacts a distance d apart pressed by f the object rolls away: for fingers that
+    only translate at their tips, -f d enters the rotations across the line.
+    """
+    results = {s: analyse(_grasp(tmp_path, s)) for s in (0.0, 1.0, 2.0)}
+    K = {s: r.matrices["B"] for s, r in results.items()}
+    change = K[1.0] - K[0.0]
+    assert np.abs(change[:3, :3]).max() > 0.01 * np.abs(K[0.0][:3, :3]).max()
+    # The passive balls and springs stay as they are; only forces double.
+    first = np.abs(K[2.0] - K[0.0] - 2 * change).max()
+    assert first <= 0.05 * np.abs(change).max() * 3
+    rotation = {s: np.linalg.eigvalsh(k[:3, :3]) for s, k in K.items()}
+    assert rotation[2.0][1] < rotation[1.0][1] < rotation[0.0][1]
+
+
+def test_spin_about_the_contacts_costs_nothing(tmp_path):
+    for squeeze in (0.0, 1.0, 4.0):
+        result = analyse(_grasp(tmp_path, squeeze))
+        _, u, _ = _contact_force(result)
+        axis = result.pose[:3, :3].T @ u
+        spin = np.concatenate([axis, np.zeros(3)])
+        K = result.matrices["B"]
+        assert np.abs(K @ spin).max() <= FILE * np.abs(K).max()
+        assert result.compliances["B"] is None
+
+
+def test_contacts_that_hold_more_are_stiffer(tmp_path):
+    """Point, soft-finger and rigid contacts, on the motions that the stiffer one still allows."""
+    results = {c: analyse(_grasp(tmp_path, 0.0, c)) for c in ("point", "soft-finger", "rigid")}
+    ranks = [r.reduction.rank for r in results.values()]
+    assert ranks == sorted(ranks, reverse=True)
+    assert ranks[0] == 6 > ranks[-1]
+    spin = np.zeros(6)
+    for softer, stiffer in (("point", "soft-finger"), ("soft-finger", "rigid")):
+        K_s = _on_all(results[softer])
+        U, K = (
+            results[stiffer].reduction.reachable,
+            results[stiffer].reduction.reachable_stiffness,
+        )
+        more = np.linalg.eigvalsh(K - U.T @ K_s @ U)
+        assert more.min() >= -1e-9 * np.abs(K).max()
+    _, u, _ = _contact_force(analyse(_grasp(tmp_path, 1.0)))
+    spin[:3] = results["point"].pose[:3, :3].T @ u
+    assert spin @ _on_all(results["soft-finger"]) @ spin > 1e-3
+
+
+def _on_all(result):
+    """Stiffness as a form on all twists, zero on those that the contacts do not allow."""
+    U, K = result.reduction.reachable, result.reduction.reachable_stiffness
+    back = np.linalg.pinv(U)
+    return back.T @ K @ back

@@ -1,0 +1,248 @@
+"""Loops written in MJCF: what its parser drops must be there all the same."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from tests.mechanisms.machines import joint, masses, write_file, write_urdf
+from tests.mechanisms.oracle import GRAVITY
+from tests.support import relative_error
+
+from cartstiff import analyse, load
+
+# The same numbers through two formats.
+SAME = 1e-10
+ASSEMBLED = 1e-12
+
+XML = """
+<mujoco>
+  <compiler angle="{angle}" autolimits="true"/>
+  <default>
+    <joint type="hinge" axis="0 0 1"/>
+    <default class="held"><joint stiffness="35" springref="{held}"/></default>
+  </default>
+  <worldbody>
+    <body name="left_crank" pos="-0.15 0 0">
+      <inertial pos="0.1 0.02 0" mass="0.4" diaginertia="1e-3 1e-3 1e-3"/>
+      <joint name="left_motor" class="held"/>
+      <body name="left_coupler" pos="0.25 0 0">
+        <inertial pos="0.15 0 0.01" mass="0.3" diaginertia="1e-3 1e-3 1e-3"/>
+        <joint name="left_elbow" stiffness="4" springref="{elbow}"/>
+      </body>
+    </body>
+    <body name="right_crank" pos="0.15 0 0">
+      <inertial pos="0.1 0 0" mass="0.4" diaginertia="1e-3 1e-3 1e-3"/>
+      <joint name="right_motor" stiffness="50" springref="{right}"/>
+      <body name="right_coupler" pos="0.25 0 0" quat="1 0 0 0">
+        <inertial pos="0.15 0 0" mass="0.3" diaginertia="1e-3 1e-3 1e-3"/>
+        <joint name="right_elbow"/>
+      </body>
+    </body>
+    <body name="aside" pos="3 0 0">
+      <inertial pos="0 0 0" mass="1" diaginertia="1e-3 1e-3 1e-3"/>
+      <joint name="aside" stiffness="{aside}"/>
+    </body>
+  </worldbody>
+  <equality>
+    {equality}
+  </equality>
+</mujoco>
+"""
+# The right coupler in the left: 0.55 m ahead, 0.2 m aside, turned by 1.9 rad.
+WELD = (
+    '<weld body1="left_coupler" body2="right_coupler" '
+    f'relpose="0.55 0.2 0 {math.cos(0.95)} 0 0 {math.sin(0.95)}"/>'
+)
+REST = {"held": 2.0, "elbow": -1.1, "right": 1.2}
+Q = {"left_motor": 2.2, "left_elbow": -1.35, "right_motor": 0.95, "right_elbow": 1.35}
+# The point shared at q = 0 is where MuJoCo puts it on both bodies: at (x, 0, 0) of the world.
+CONNECT = '<connect body1="left_coupler" body2="right_coupler" anchor="0.5 0 0"/>'
+OTHER = '<connect active="false" body1="left_crank" body2="right_coupler" anchor="0.1 0.2 0"/>'
+
+
+def _xml(folder, equality, angle="radian", name="loop", aside=1.0):
+    rest = {k: np.rad2deg(v) if angle == "degree" else v for k, v in REST.items()}
+    path = folder / f"{name}.xml"
+    path.write_text(XML.format(equality=equality, angle=angle, aside=aside, **rest))
+    return path
+
+
+def _urdf(folder, *more):
+    text = write_urdf(
+        folder,
+        joint("left_motor", "base", "left_crank", at=(-0.15, 0, 0)),
+        joint("left_elbow", "left_crank", "left_coupler", at=(0.25, 0, 0)),
+        joint("right_motor", "base", "right_crank", at=(0.15, 0, 0)),
+        joint("right_elbow", "right_crank", "right_coupler", at=(0.25, 0, 0)),
+        joint("aside_joint", "base", "aside", at=(3, 0, 0)),
+        *more,
+        name="twin",
+    )
+    bodies = {
+        "left_crank": (0.4, "0.1 0.02 0"), "left_coupler": (0.3, "0.15 0 0.01"),
+        "right_crank": (0.4, "0.1 0 0"), "right_coupler": (0.3, "0.15 0 0"),
+    }  # fmt: skip
+    urdf = text.read_text()
+    for link, (mass, at) in bodies.items():
+        urdf = masses(urdf, **{link: mass}).replace(
+            f'<link name="{link}"><inertial><origin xyz="0.05 0.02 0.01"/>',
+            f'<link name="{link}"><inertial><origin xyz="{at}"/>',
+        )
+    text.write_text(urdf)
+    return text
+
+
+SPRINGS = {
+    "left_motor": {"stiffness": 35.0, "rest": REST["held"]},
+    "left_elbow": {"stiffness": 4.0, "rest": REST["elbow"]},
+    "right_motor": {"stiffness": 50.0, "rest": REST["right"]},
+    "aside_joint": {"stiffness": 1.0, "rest": 0.0},
+}
+
+
+def _compare(a, b):
+    """Two results of one mechanism with its joints in whatever order."""
+    names_a = [n.removesuffix("_joint") for n in a.elastic.names]
+    names_b = [n.removesuffix("_joint") for n in b.elastic.names]
+    assert sorted(names_a) == sorted(names_b)
+    order = [names_b.index(n) for n in names_a]
+    assert np.abs(a.q - b.q[order]).max() <= SAME
+    assert relative_error(a.pose, b.pose) <= SAME
+    assert relative_error(a.energy, b.energy) <= SAME
+    assert relative_error(a.evaluation.gradient, b.evaluation.gradient[order]) <= SAME
+    assert relative_error(a.wrench, b.wrench) <= SAME
+    assert (
+        relative_error(
+            a.reduction.reachable @ a.reduction.reachable_stiffness @ a.reduction.reachable.T,
+            b.reduction.reachable @ b.reduction.reachable_stiffness @ b.reduction.reachable.T,
+        )
+        <= SAME
+    )
+
+
+def _files(tmp_path, xml, closures, gravity=None, **more):
+    extra = {} if gravity is None else {"gravity": gravity}
+    # The bystander has its own spring, so its place is balanced on its own.
+    mjcf = write_file(
+        tmp_path, "from-mjcf", kind="closed-chain", model=xml.name, frame="left_coupler", q=Q,
+        locked={"aside": 0.0}, **extra,
+    )  # fmt: skip
+    springs = {k: v for k, v in SPRINGS.items() if k != "aside_joint"}
+    urdf = write_file(
+        tmp_path, "from-urdf", kind="closed-chain", model=_urdf(tmp_path, **more).name,
+        frame="left_coupler", q=Q, locked={"aside_joint": 0.0}, springs=springs,
+        passive=["right_elbow"], closures=closures, **extra,
+    )  # fmt: skip
+    return load(mjcf), load(urdf)
+
+
+TIP = {"frames": ["left_coupler", "right_coupler"], "type": "point"}
+
+
+@pytest.mark.parametrize("angle", ["radian", "degree"])
+@pytest.mark.parametrize("gravity", [None, GRAVITY])
+def test_connect(tmp_path, angle, gravity):
+    """connect with joint springs, defaults, springref, an inactive equality, several bodies."""
+    xml = _xml(tmp_path, OTHER + CONNECT, angle)
+    # MuJoCo takes the anchor on body 1; at q = 0 that is (0.6, 0, 0), 0.2 from the right coupler.
+    closures = [{**TIP, "points": [[0.5, 0, 0], [0.2, 0, 0]]}]
+    mjcf, urdf = _files(tmp_path, xml, closures, gravity)
+    assert len(mjcf.mechanism.closures) == 1
+    a, b = analyse(mjcf), analyse(urdf)
+    assert np.abs(a.posture.residual).max() <= ASSEMBLED
+    assert np.abs(a.wrench).max() > 1.0
+    _compare(a, b)
+
+
+def test_weld(tmp_path):
+    """weld with a relative pose: one freedom is left of the two."""
+    xml = _xml(tmp_path, WELD)
+    mount = joint("mount", "left_coupler", "pad", at=(0.55, 0.2, 0), rpy=(0, 0, 1.9), kind="fixed")
+    mjcf = write_file(
+        tmp_path, "from-mjcf", kind="closed-chain", model=xml.name, frame="left_coupler", q=Q,
+        locked={"aside": 0.0},
+    )  # fmt: skip
+    springs = {k: v for k, v in SPRINGS.items() if k != "aside_joint"}
+    urdf = write_file(
+        tmp_path, "from-urdf", kind="closed-chain", model=_urdf(tmp_path, mount).name,
+        frame="left_coupler", q=Q, locked={"aside_joint": 0.0}, springs=springs,
+        passive=["right_elbow"], closures=[{"frames": ["pad", "right_coupler"], "type": "weld"}],
+    )  # fmt: skip
+    a, b = analyse(load(mjcf)), analyse(load(urdf))
+    assert a.reduction.freedoms == 1
+    _compare(a, b)
+
+
+def test_without_springs_named_the_bystander_is_a_joint(tmp_path):
+    """Every child of the worldbody is read: five joints, each spring where it was written."""
+    elastic = load(_xml(tmp_path, CONNECT), frame="left_coupler")
+    assert set(elastic.names) == {*Q, "aside"}
+    k = dict(zip(elastic.names, elastic.springs.stiffness, strict=True))
+    rest = dict(zip(elastic.names, elastic.springs.rest, strict=True))
+    assert k == {"left_motor": 35, "left_elbow": 4, "right_motor": 50, "right_elbow": 0, "aside": 1}
+    assert rest["left_motor"] == pytest.approx(2.0, abs=1e-15)
+    assert rest["left_elbow"] == pytest.approx(-1.1, abs=1e-15)
+
+
+@pytest.mark.parametrize("angle", ["radian", "degree"])
+def test_kinematics_and_springs_against_mujoco(tmp_path, angle):
+    """Body poses and joint spring forces by MuJoCo itself, at random positions."""
+    mujoco = pytest.importorskip("mujoco")
+    path = _xml(tmp_path, OTHER + CONNECT, angle)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    elastic = load(path, frame="right_coupler")
+    chain = elastic.mechanism
+    order = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, n) for n in elastic.names]
+    rng = np.random.default_rng(13)
+    for _ in range(5):
+        q = rng.uniform(-2, 2, len(order))
+        data.qpos[order] = q
+        mujoco.mj_forward(model, data)
+        for body in ("left_crank", "left_coupler", "right_crank", "right_coupler", "aside"):
+            T, _ = chain.at(q).relative("world", body)
+            assert np.abs(T[:3, 3] - data.body(body).xpos).max() <= SAME
+            assert np.abs(T[:3, :3] - data.body(body).xmat.reshape(3, 3)).max() <= SAME
+        torque = elastic.springs.evaluate(chain.at(q)).gradient
+        assert np.abs(torque + data.qfrc_spring[order]).max() <= SAME * 100
+        # The loop's gap, as MuJoCo measures it: both anchors in the world.
+        rows = data.efc_pos[:3]
+        gap = chain.at(q).residual
+        assert np.linalg.norm(rows) == pytest.approx(np.linalg.norm(gap), rel=1e-9)
+
+
+def test_closed_frames_against_pinocchio(tmp_path):
+    """After assembly the anchors coincide, by Pinocchio's kinematics of the tree."""
+    elastic = load(_xml(tmp_path, CONNECT), frame="left_coupler")
+    chain = elastic.mechanism
+    q = chain.assembled([Q.get(n, 0.0) for n in elastic.names])
+    ends = []
+    for body, x in (("left_coupler", 0.5), ("right_coupler", 0.2)):
+        at = chain.tree.frames[body]
+        data = chain.tree.model.createData()
+        pin.forwardKinematics(chain.tree.model, data, q)
+        T = data.oMi[at.joint].homogeneous @ at.T_j_f
+        ends.append(T @ [x, 0, 0, 1])
+    assert np.abs(ends[0] - ends[1]).max() <= ASSEMBLED
+
+
+@pytest.mark.parametrize("equality", [CONNECT, WELD])
+def test_assembled_loops_are_closed_for_mujoco(tmp_path, equality):
+    """The posture found here, given to MuJoCo: its own measure of the violation is zero."""
+    mujoco = pytest.importorskip("mujoco")
+    path = _xml(tmp_path, equality)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    elastic = load(path, frame="left_coupler")
+    q = elastic.mechanism.assembled([Q.get(n, 0.0) for n in elastic.names])
+    order = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, n) for n in elastic.names]
+    data.qpos[order] = q
+    mujoco.mj_forward(model, data)
+    rows = 3 if equality == CONNECT else 6
+    assert np.abs(data.efc_pos[:rows]).max() <= SAME
+    data.qpos[order] = q + 0.01
+    mujoco.mj_forward(model, data)
+    assert np.abs(data.efc_pos[:rows]).max() > 1e-4

@@ -1,0 +1,182 @@
+"""Motions that leave the end-effector where it is: idle, unstable, or pushed by the springs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import null_space
+from scipy.spatial.transform import Rotation
+from tests.mechanisms.machines import codes, joint, note, write_file, write_urdf
+from tests.mechanisms.oracle import natural_error
+from tests.support import body_jacobian, frame_pose, loaded_arm, relative_error, slope
+
+from cartstiff import analyse, load
+
+SAME = 1e-9
+ROUNDING = 1e-10
+# Difference of a Jacobian along the self-motion, step 0.01.
+DIFFERENCES = 1e-8
+
+
+def _sps(folder, spin=None):
+    """Six legs with balls at both ends: each may turn about its own line."""
+    platform = load("hexapod").mechanism
+    leg = write_urdf(
+        folder,
+        joint("u1", "base", "x", axis=(1, 0, 0)),
+        joint("u2", "x", "y", axis=(0, 1, 0)),
+        joint("spin", "y", "cylinder", axis=(0, 0, 1)),
+        joint("slide", "cylinder", "rod", axis=(0, 0, 1), kind="prismatic"),
+        name="sps",
+    )
+    pose = analyse(load("hexapod")).pose
+    legs = []
+    for a, b in zip(platform.anchors, platform.points, strict=True):
+        x, y, z = pose[:3, :3] @ b + pose[:3, 3] - a
+        length = float(np.sqrt(x * x + y * y + z * z))
+        u1, u2 = np.arctan2(-y, z), np.arcsin(x / length)
+        # The ball starts at zero: the contact frame stands as the leg does.
+        grip = pose[:3, :3].T @ Rotation.from_euler("XY", [u1, u2]).as_matrix()
+        springs = {"slide": {"stiffness": 2.0e6}}
+        if spin is not None:
+            springs["spin"] = spin
+        legs.append(
+            {
+                "model": leg.name, "frame": "rod", "contact": "point",
+                "base": {"xyz": a},
+                "grip": {"xyz": b, "rpy": Rotation.from_matrix(grip).as_euler("xyz")},
+                "q": {"u1": u1, "u2": u2, "slide": length},
+                "springs": springs,
+                "passive": ["u1", "u2"] + (["spin"] if spin is None else []),
+            }
+        )  # fmt: skip
+    return load(write_file(folder, kind="parallel", legs=legs))
+
+
+def test_legs_that_spin(tmp_path):
+    """Six spins cost nothing and move nothing; the platform is the one of line springs."""
+    wrench = np.array([300.0, -250.0, 180.0, 2000.0, -3000.0, -5000.0])
+    result = analyse(_sps(tmp_path), wrench=wrench)
+    found = note(result, "idle-self-motion")
+    directions = np.array(found.values["directions"])
+    assert directions.shape == (6, result.q.size)
+    # The load of the slides is what a spin could feel at most; it does not.
+    assert found.values["coupling"] <= 1e-7 * np.abs(result.evaluation.hessian).max()
+    assert np.abs(result.posture.motion.jacobian @ directions.T).max() <= ROUNDING
+    assert np.abs(result.posture.closure.jacobian @ directions.T).max() <= ROUNDING
+    names = result.elastic.names
+    spins = directions[:, [i for i, n in enumerate(names) if n.endswith("spin")]]
+    assert np.linalg.matrix_rank(spins, tol=1e-6) == 6
+    lines = analyse(load("hexapod"), wrench=wrench)
+    for name in "ABK":
+        error = natural_error(result.matrices[name], lines.matrices[name], lines.posture.length)
+        assert error <= SAME
+
+
+def test_springs_against_the_spin(tmp_path):
+    """Springs at rest hold the spins: nothing idle is left, the platform does not feel them."""
+    result = analyse(_sps(tmp_path, {"stiffness": 3.0}))
+    assert codes(result) == []
+    lines = analyse(load("hexapod"))
+    K = result.matrices["B"]
+    assert relative_error(K, lines.matrices["B"]) <= 1e-4
+    # A ball of three revolutes is not free of moments: springs of 3 N m/rad can add that much.
+    added = np.linalg.eigvalsh(K - lines.matrices["B"])
+    assert added.min() >= -1e-6
+
+
+def test_unbalanced_spin(tmp_path):
+    """A spin wound up by 0.2 rad is not in balance: its torque is reported and nothing else."""
+    result = analyse(_sps(tmp_path, {"stiffness": 3.0, "rest": -0.2}))
+    found = note(result, "unbalanced")
+    assert result.wrench is None
+    assert all(K is None for K in result.matrices.values())
+    assert found.values["largest"] > 0.01
+    torque = np.array(found.values["unbalanced_torque"])
+    # What is reported is the springs' torque along the self-motion, joint by joint.
+    tied = np.concatenate([result.posture.motion.jacobian, result.posture.closure.jacobian])
+    scaled = tied * result.posture.coordinate_lengths
+    Z = null_space(scaled, rcond=1e-10)
+    g = result.evaluation.gradient * result.posture.coordinate_lengths
+    expected = (Z @ (Z.T @ g)) / result.posture.coordinate_lengths
+    assert relative_error(torque, expected) <= SAME
+
+
+def test_unbalanced_arm():
+    """A redundant arm whose springs push along the self-motion."""
+    arm = loaded_arm("RRRRRRR", 12)
+    z = np.linalg.svd(body_jacobian(arm.model, arm.q, "tip"))[2][-1]
+    k = arm.elastic.springs.stiffness
+    rest = arm.elastic.springs.rest - 0.75 * z / k
+    result = analyse(arm.elastic.with_springs(rest=rest))
+    found = note(result, "unbalanced")
+    assert result.wrench is None
+    assert relative_error(found.values["unbalanced_torque"], 0.75 * z) <= ROUNDING
+    assert found.values["largest"] == pytest.approx(0.75 * np.abs(z).max(), rel=ROUNDING)
+
+
+def _buckling(seed):
+    """An arm, a load per unit, and the factor at which its self-motion stops being stable."""
+    arm = loaded_arm("RRRRRRR", seed)
+    z = np.linalg.svd(body_jacobian(arm.model, arm.q, "tip"))[2][-1]
+    W = np.random.default_rng(seed).normal(size=6)
+    # z . d(J^T W)/dz: what the load takes off the springs' z . k z.
+    bend = z @ slope(lambda t: body_jacobian(arm.model, arm.q + t * z, "tip").T @ W, 0.01)
+    W = W * np.sign(bend)
+    critical = (z @ (arm.elastic.springs.stiffness * z)) / abs(bend)
+    return arm, z, W, critical
+
+
+@pytest.mark.parametrize("seed", [21, 22])
+def test_buckled_arm(seed):
+    """Under enough load the springs hold the end-effector but not the elbow."""
+    arm, z, W, critical = _buckling(seed)
+    stable = z @ (arm.elastic.springs.stiffness * z)
+    for factor in (0.5, 0.99, 1.01, 2.0):
+        result = analyse(arm.elastic, wrench=factor * critical * W)
+        if factor < 1:
+            assert "buckled" not in codes(result)
+            assert result.matrices["B"] is not None
+            continue
+        found = note(result, "buckled")
+        assert result.matrices["B"] is None
+        (eigenvalue,) = found.values["self_motion_stiffness"]
+        assert eigenvalue == pytest.approx(stable * (1 - factor), rel=DIFFERENCES)
+        direction = np.array(found.values["direction"])
+        assert abs(direction @ z) == pytest.approx(1.0, abs=ROUNDING)
+
+
+def test_at_the_point_of_buckling():
+    """Exactly there the self-motion costs nothing, yet the body's motions feel it: no minimum."""
+    arm, z, W, critical = _buckling(21)
+    # The factor is known to the accuracy of differences: look on both sides of it.
+    below = analyse(arm.elastic, wrench=(1 - 1e-6) * critical * W)
+    K = np.abs(below.matrices["B"]).max()
+    unloaded = np.abs(analyse(arm.elastic, wrench=0.5 * critical * W).matrices["B"]).max()
+    assert 100 * unloaded < K
+    above = analyse(arm.elastic, wrench=(1 + 1e-6) * critical * W)
+    assert "buckled" in codes(above)
+    assert frame_pose(arm.model, arm.q, "tip") == pytest.approx(below.pose)
+    assert z.size == 7
+
+
+def test_axes_that_meet_in_the_body(tmp_path):
+    """A wrist seen from its centre: forces along what it cannot do stay zero, not rounding's."""
+    wrist = write_urdf(
+        tmp_path,
+        joint("a", "base", "one", at=(0.3, 0.1, 0.7)),
+        joint("b", "one", "two", axis=(0, 1, 0)),
+        joint("c", "two", "tip"),
+    )
+    path = write_file(
+        tmp_path, kind="serial", model=wrist.name, frame="tip",
+        springs={n: {"stiffness": 2.0, "rest": 0.0} for n in "abc"},
+    )  # fmt: skip
+    for q in ([0.3, 0.4, 0.5], [0.1, 1.0, -0.7], [1.0, -0.5, 0.3]):
+        result = analyse(load(path), q)
+        assert result.posture.length == 1.0
+        assert np.abs(result.wrench[3:]).max() <= ROUNDING
+        assert result.reduction.rank == 3
+        assert np.abs(
+            result.posture.motion.jacobian.T @ result.wrench - 2.0 * np.array(q)
+        ).max() <= (ROUNDING)

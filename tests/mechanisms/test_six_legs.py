@@ -1,0 +1,172 @@
+"""One platform on six legs, four ways: line springs, a tree with closures, six chains, by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from tests.mechanisms.machines import joint, write_file, write_urdf
+from tests.mechanisms.oracle import Held, by_energy, natural_error, stiffness_by_definition
+from tests.support import relative_error
+
+from cartstiff import analyse, load
+
+# Two exact routes through different coordinates; condition numbers of 1e3 stand between.
+SAME = 1e-9
+# Differences of the reduced energy and of the load, step 0.005.
+DIFFERENCES = 1e-9
+# Springs in the joints change the matrices by more than this share.
+VISIBLE = 1e-5
+WRENCH = np.array([300.0, -250.0, 180.0, 2000.0, -3000.0, -5000.0])
+
+
+def _same(a, b):
+    assert relative_error(a.pose, b.pose) <= SAME
+    size = max(np.abs(b.wrench).max(), 1e-6 * np.abs(b.matrices["B"]).max())
+    assert np.abs(a.wrench - b.wrench).max() <= SAME * size
+    for name in "ABKF":
+        if a.matrices[name] is None or b.matrices[name] is None:
+            assert name == "F"
+            continue
+        assert natural_error(a.matrices[name], b.matrices[name], b.posture.length) <= SAME, name
+
+
+@pytest.mark.parametrize("wrench", [None, WRENCH, -20 * WRENCH])
+def test_tree_equals_lines(wrench):
+    tree, lines = (analyse(load(n), wrench=wrench) for n in ("6-ups", "hexapod"))
+    _same(tree, lines)
+    assert tree.matrices["F"] is not None
+    # The tree's URDF has fifteen digits: the poses meet to that.
+    assert relative_error(tree.compliances["F"], lines.compliances["F"]) <= SAME
+
+
+def test_tree_equals_lines_away_from_home():
+    """Fixed rest lengths, and slides displaced: the tree is assembled, the platform follows."""
+    home = analyse(load("6-ups"), wrench=WRENCH)
+    q = dict(zip(home.elastic.names, home.q, strict=True))
+    for i, d in enumerate([0.02, -0.01, 0.03, 0.015, -0.02, 0.01]):
+        q[f"leg{i + 1}_slide"] += d
+    tree = analyse(home.elastic, q)
+    lines = analyse(load("hexapod"), wrench=WRENCH).elastic
+    moved = analyse(lines, lines.mechanism.coordinates_of(tree.pose))
+    assert relative_error(tree.pose, home.pose) > VISIBLE
+    _same(tree, moved)
+
+
+def _legs(folder, passive=None, tilt=0.2):
+    """Six UPS legs as chains: two revolutes, a slide, a ball at the platform."""
+    platform = load("hexapod").mechanism
+    leg = write_urdf(
+        folder,
+        joint("u1", "base", "cross", axis=(1, 0, 0)),
+        joint("u2", "cross", "cylinder", axis=(0, 1, 0)),
+        joint("slide", "cylinder", "rod", axis=(0, 0, 1), kind="prismatic"),
+        name="ups",
+    )
+    pose = analyse(load("hexapod")).pose
+    legs = []
+    rng = np.random.default_rng(6)
+    for a, b in zip(platform.anchors, platform.points, strict=True):
+        rpy = tilt * rng.uniform(-1, 1, 3)
+        base = Rotation.from_euler("xyz", rpy).as_matrix()
+        x, y, z = base.T @ (pose[:3, :3] @ b + pose[:3, 3] - a)
+        length = float(np.sqrt(x * x + y * y + z * z))
+        u1, u2 = np.arctan2(-y, z), np.arcsin(x / length)
+        # The ball starts at zero where the contact frame stands as the leg does.
+        end = base @ Rotation.from_euler("XY", [u1, u2]).as_matrix()
+        grip = pose[:3, :3].T @ end
+        springs = {"slide": {"stiffness": 2.0e6}}
+        for k, (name, q) in enumerate((("u1", u1), ("u2", u2))):
+            if passive:
+                springs[name] = {"stiffness": passive * (k + 1), "rest": q - 0.1 * (k + 1)}
+        legs.append(
+            {
+                "model": leg.name,
+                "frame": "rod",
+                "contact": "point",
+                "base": {"xyz": a, "rpy": rpy},
+                "grip": {"xyz": b, "rpy": Rotation.from_matrix(grip).as_euler("xyz")},
+                "q": {"u1": u1, "u2": u2, "slide": length},
+                "springs": springs,
+                "passive": [] if passive else ["u1", "u2"],
+            }
+        )
+    return load(
+        write_file(
+            folder,
+            kind="parallel",
+            legs=legs,
+            actuated=[f"leg{i + 1}/slide" for i in range(6)],
+        )
+    )
+
+
+@pytest.mark.parametrize("wrench", [None, WRENCH])
+def test_chains_equal_lines(tmp_path, wrench):
+    chains = analyse(_legs(tmp_path), wrench=wrench)
+    lines = analyse(load("hexapod"), wrench=wrench)
+    assert chains.matrices["F"] is not None
+    _same(chains, lines)
+
+
+def test_springs_in_the_joints(tmp_path):
+    """Springs in the universal joints: stiffer, and by what the reduced energy says."""
+    elastic = analyse(_legs(tmp_path), wrench=WRENCH).elastic
+    plain = analyse(elastic)
+    hinges = {f"leg{i + 1}/{n}": 800.0 for i in range(6) for n in ("u1", "u2")}
+    rest = {n: elastic.q[elastic.names.index(n)] - 0.05 * (-1) ** i for i, n in enumerate(hinges)}
+    sprung = analyse(elastic.with_springs(hinges, rest))
+    change = np.abs(sprung.matrices["B"] - plain.matrices["B"]).max()
+    assert change > VISIBLE * np.abs(plain.matrices["B"]).max()
+    held = Held(sprung.elastic, sprung.q)
+    length = sprung.posture.length
+    sizes = np.array([1.0] * 3 + [length] * 3)
+    by_definition = stiffness_by_definition(held.wrench, held.pose0, sizes, 0.005)
+    for name, K in by_definition.items():
+        assert natural_error(sprung.matrices[name], K, length) <= DIFFERENCES
+    x, _, bends = by_energy(held, sizes, 0.005, np.random.default_rng(2))
+    assert (
+        relative_error(bends, np.einsum("ki,ij,kj->k", x, sprung.matrices["B"], x)) <= DIFFERENCES
+    )
+    # The load is what the legs exert and what the hinges add to it.
+    assert np.abs(sprung.wrench - plain.wrench).max() > 1.0
+
+
+def test_springs_given_in_the_file(tmp_path):
+    """Rest positions in a file and rest positions given later are the same springs."""
+    in_file = analyse(_legs(tmp_path, passive=400.0))
+    elastic = _legs(tmp_path)
+    k = {f"leg{i + 1}/{n}": 400.0 * (j + 1) for i in range(6) for j, n in enumerate(("u1", "u2"))}
+    rest = {
+        f"leg{i + 1}/{n}": elastic.q[elastic.names.index(f"leg{i + 1}/{n}")] - 0.1 * (j + 1)
+        for i in range(6)
+        for j, n in enumerate(("u1", "u2"))
+    }
+    later = analyse(elastic.with_springs(k, rest))
+    assert np.abs(in_file.wrench).max() < SAME * np.abs(in_file.closure_forces).max()
+    assert np.abs(later.wrench).max() < SAME * np.abs(later.closure_forces).max()
+    for name in "ABKF":
+        assert relative_error(in_file.matrices[name], later.matrices[name]) <= SAME
+
+
+def test_legs_written_with_other_bases(tmp_path):
+    """How a leg's base is turned is a choice of coordinates."""
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    first = analyse(_legs(tmp_path / "a", tilt=0.0), wrench=WRENCH)
+    second = analyse(_legs(tmp_path / "b", tilt=0.5), wrench=WRENCH)
+    _same(first, second)
+
+
+def test_gravity_on_the_tree():
+    """Weights of legs and platform: carried by the slides, and W = 0 makes all matrices one."""
+    elastic = replace(load("6-ups"), gravity=np.array([0.0, 0.0, -9.81]))
+    result = analyse(elastic)
+    size = np.abs(result.evaluation.gradient).max() + np.abs(result.closure_forces).max()
+    assert np.abs(result.wrench).max() <= SAME * size
+    for name in "AK":
+        assert relative_error(result.matrices[name], result.matrices["B"]) <= SAME
+    light = analyse(load("6-ups"))
+    assert relative_error(result.matrices["B"], light.matrices["B"]) > 1e-7

@@ -1,0 +1,146 @@
+"""Tolerances carried through a mechanism, against closed forms and random draws."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.support import loaded_arm
+
+import cartstiff
+from cartstiff.analysis.posture import analyse_posture
+from cartstiff.analysis.report import summary_text
+from cartstiff.analysis.tolerances import Parameters, Tolerances
+from cartstiff.analysis.uncertainty import Tolerance, propagate_first_order
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.potentials.springs import JointSprings
+from cartstiff.stiffness.compute import PostureStiffness
+
+HELD = "ellipsoids.stiffness.translation.held.eigenvalues"
+
+
+def uncertain(result: PostureStiffness, tolerances: Tolerances, samples: int = 0) -> dict:
+    return analyse_posture(result, tolerances=tolerances, samples=samples)["uncertainty"]
+
+
+def test_entries_of_the_matrix_follow_each_spring() -> None:
+    """K = sum k_i g_i g_i^T: the variance of an entry is the sum of (sigma_i g g^T)^2."""
+    result = cartstiff.analyse(cartstiff.load("cubic"))
+    found = uncertain(result, Tolerances(0.05))
+    lines = result.posture.lines.lines
+    parts = np.array([np.outer(g, g) for g in lines]) * 1e6
+    expected = 0.05 * np.sqrt((parts**2).sum(axis=0))
+    for i in range(6):
+        for j in range(6):
+            entry = found["numbers"][f"stiffness[{i}, {j}]"]
+            assert entry["deviation"] == pytest.approx(expected[i, j], rel=1e-9, abs=1e-4)
+    assert found["method"] == "first order"
+    assert list(found["parameters"]) == [f"stiffness.leg{i}" for i in range(1, 7)]
+
+
+def test_first_order_agrees_with_two_thousand_draws_on_the_cubic_platform() -> None:
+    """On a posture without symmetry; principal values that meet have no derivative."""
+    result = cartstiff.analyse(cartstiff.load("cubic"), [0.05, 0.03, -0.04, 0.2, -0.1, 0.3])
+    tolerances = Tolerances(0.02, 2e-4)
+    first, drawn = uncertain(result, tolerances), uncertain(result, tolerances, 2000)
+    assert drawn["samples"] == 2000
+    assert drawn["failures"] == {}
+    for name in (
+        "stiffness[0, 0]", "stiffness[3, 3]", "stiffness[0, 4]", "centres.stiffness[0]",
+        "centres.compliance[2]", "indices.determinant", f"{HELD}[0]", f"{HELD}[2]",
+    ):  # fmt: skip
+        a, b = first["numbers"][name], drawn["numbers"][name]
+        assert b["deviation"] == pytest.approx(a["deviation"], rel=0.12), name
+        assert abs(b["mean"] - a["mean"]) < 0.2 * a["deviation"], name
+
+
+def test_one_common_factor_scales_everything() -> None:
+    """K is proportional to k when all springs change together: the same relative deviation."""
+    result = cartstiff.analyse(cartstiff.load("cubic"))
+
+    def function(p: dict[str, float]) -> dict[str, np.ndarray]:
+        parameters = Parameters(result, Tolerances(0.1))
+        values = {name: t.nominal * p["factor"] for name, t in parameters.named.items()}
+        return {"K": parameters.at(values).B.matrix}
+
+    found = propagate_first_order(function, {"factor": Tolerance(1.0, 0.03)})
+    # Entries that are zero by symmetry keep the rounding of the others.
+    assert np.allclose(found.deviation, 0.03 * np.abs(found.mean), rtol=1e-9, atol=1e-6)
+
+
+def planar(lengths: tuple[float, float]) -> ElasticMechanism:
+    """A 2R arm in the xy plane."""
+    import pinocchio as pin
+    from tests.support import add_frame, translation
+
+    from cartstiff.mechanisms.chain import Chain
+    from cartstiff.mechanisms.tree_building import plain_tree
+
+    model = pin.Model()
+    first = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "shoulder")
+    second = model.addJoint(
+        first, pin.JointModelRZ(), pin.SE3(translation(lengths[0], 0, 0)), "elbow"
+    )
+    add_frame(model, "tip", second, translation(lengths[1], 0, 0))
+    springs = JointSprings(np.array([100.0, 80.0]), np.full(2, np.nan))
+    chain = Chain(plain_tree(model), "tip")
+    return ElasticMechanism("2R", chain, np.array([0.5, 1.0]), springs)
+
+
+def test_link_lengths_of_a_planar_arm() -> None:
+    """Stretched sideways: C_yy = (l1 + l2)^2 / k1 + l2^2 / k2 at q = 0."""
+    elastic = replace(planar((0.5, 0.4)), q=np.zeros(2))
+    result = cartstiff.analyse(elastic)
+    sigma = 1e-3
+    entry = uncertain(result, Tolerances(length=sigma))["numbers"]["compliance[4, 4]"]
+    assert entry["mean"] == pytest.approx(0.9**2 / 100 + 0.4**2 / 80)
+    by_l1, by_l2 = 2 * 0.9 / 100, 2 * 0.9 / 100 + 2 * 0.4 / 80
+    assert entry["deviation"] == pytest.approx(sigma * np.hypot(by_l1, by_l2), rel=1e-8)
+    assert entry["main_parameter"] == "frame.x"
+
+
+def test_stiffness_of_an_arm_under_load() -> None:
+    """The load is kept: K^B = J^-T (k - S_W) J^-1 is linear in the springs with S_W fixed."""
+    built = loaded_arm("RRRRRR", 5)
+    result = cartstiff.analyse(built.elastic)
+    J_inverse = np.linalg.inv(result.jacobian)
+    k = result.elastic.springs.stiffness
+    parts = np.array([ki * np.outer(row, row) for ki, row in zip(k, J_inverse, strict=True)])
+    expected = 0.04 * np.sqrt((parts**2).sum(axis=0))
+    numbers = uncertain(result, Tolerances(0.04))["numbers"]
+    got = [[numbers[f"stiffness[{i}, {j}]"]["deviation"] for j in range(6)] for i in range(6)]
+    assert np.allclose(got, expected, rtol=1e-7)
+
+
+def test_draws_that_fail_are_counted() -> None:
+    """A draw with a negative spring is refused."""
+    result = cartstiff.analyse(cartstiff.load("cubic"))
+    found = uncertain(result, Tolerances(1.0), 40)
+    assert 0 < found["samples"] < 40
+    assert sum(found["failures"].values()) == 40 - found["samples"]
+
+
+def test_progress_is_told() -> None:
+    seen: list[tuple[int, int]] = []
+    result = cartstiff.analyse(cartstiff.load("cubic"))
+    for samples in (0, 7):
+        seen.clear()
+        analyse_posture(
+            result,
+            tolerances=Tolerances(0.01),
+            samples=samples,
+            progress=lambda done, total: seen.append((done, total)),
+        )
+        assert [done for done, _ in seen] == list(range(1, len(seen) + 1))
+        assert seen[-1][0] == seen[-1][1] == (samples or 25)
+
+
+def test_text_of_the_uncertainty() -> None:
+    result = cartstiff.analyse(cartstiff.load("cubic"))
+    found = analyse_posture(result, tolerances=Tolerances(0.05, 1e-3))
+    short, full = summary_text(found, level="short"), summary_text(found, level="full")
+    assert "Uncertainty from stiffness 5 %, lengths 0.001 m" in short
+    assert "principal values meet here" in short
+    assert "modes.values[0]" in full
+    assert "modes.values[0]" not in short

@@ -1,0 +1,85 @@
+"""Buckling of rigid links on springs, and the loaded planar arm with two joints."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.tree_building import plain_tree
+from cartstiff.potentials.loads import DeadForce
+from cartstiff.potentials.springs import JointSprings
+from cartstiff.statics.continuation import load_curve
+from cartstiff.statics.equilibrium import equilibrium
+
+LENGTH, STIFFNESS = 0.7, 3.0
+# Smallest P l / k of n equal links, each joint with a spring, the base one included.
+SMALLEST = {2: 0.3819660112501051, 3: 0.19806226419516165}
+
+
+def links(lengths, stiffness, q=None) -> ElasticMechanism:
+    model = pin.Model()
+    joint, reach = 0, 0.0
+    for i, length in enumerate(lengths):
+        at = pin.SE3(np.eye(3), np.array([reach, 0.0, 0.0]))
+        joint = model.addJoint(joint, pin.JointModelRZ(), at, f"joint{i + 1}")
+        reach = length
+    tip = pin.SE3(np.eye(3), np.array([reach, 0.0, 0.0]))
+    model.addFrame(pin.Frame("tip", joint, 0, tip, pin.FrameType.OP_FRAME))
+    n = len(lengths)
+    q = np.zeros(n) if q is None else np.asarray(q, float)
+    springs = JointSprings(np.asarray(stiffness, float), q)
+    return ElasticMechanism("links", Chain(plain_tree(model), "tip"), q, springs)
+
+
+def column(n: int) -> ElasticMechanism:
+    return links([LENGTH] * n, [STIFFNESS] * n)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4])
+def test_all_buckling_loads_of_a_column(n):
+    curve = load_curve(column(n), DeadForce([-1.0, 0.0, 0.0]), to=4.2 * STIFFNESS / LENGTH)
+    found = np.array([c.factor for c in curve.critical]) * LENGTH / STIFFNESS
+    k = np.arange(1, n + 1)
+    expected = 2 - 2 * np.cos((2 * k - 1) * np.pi / (2 * n + 1))
+    assert np.allclose(found, expected, rtol=1e-8, atol=0)
+    assert {c.kind for c in curve.critical} == {"bifurcation"}
+    if n in SMALLEST:
+        assert abs(found[0] - SMALLEST[n]) < 1e-8
+
+
+@pytest.mark.parametrize("n", [2, 3])
+def test_the_verdict_flips_at_the_buckling_load(n):
+    critical = SMALLEST[n] * STIFFNESS / LENGTH
+    below = equilibrium(column(n), DeadForce([-critical * (1 - 1e-6), 0.0, 0.0]), settle=False)
+    above = equilibrium(column(n), DeadForce([-critical * (1 + 1e-6), 0.0, 0.0]), settle=False)
+    assert below.stable is True
+    assert above.stable is False
+    assert [note.code for note in above.notes] == ["unstable"]
+    exact = equilibrium(column(n), DeadForce([-critical, 0.0, 0.0]), settle=False)
+    assert abs(exact.eigenvalues[0]) < 1e-12 * exact.eigenvalues[-1]
+
+
+def test_a_loaded_planar_arm():
+    q = np.deg2rad([30.0, 60.0])
+    arm = links([0.5, 0.4], [100.0, 80.0], q)
+    force = np.array([5.0, -8.0, 0.0])
+
+    def stiffness_in_base_axes(state):
+        C = state.stiffness.compliances["B"]
+        R = state.pose[:3, :3]
+        return np.linalg.inv((R @ C[3:, 3:] @ R.T)[:2, :2])
+
+    free = equilibrium(arm)
+    expected = np.array([[500.0, 750.555349946514], [750.555349946514, 1660.0]])
+    assert np.allclose(free.q, q, rtol=0, atol=1e-14)
+    assert np.allclose(stiffness_in_base_axes(free), expected, rtol=1e-12)
+    # Rest positions at which the arm is in balance at q under the force.
+    J = arm.mechanism.at(q)
+    torque = J.motion.jacobian.T @ np.concatenate([np.zeros(3), J.pose[:3, :3].T @ force])
+    loaded = equilibrium(arm.with_springs(rest=q - torque / [100.0, 80.0]), DeadForce(force))
+    expected = np.array([[480.0, 739.008344562721], [739.008344562721, 1654.21367205046]])
+    assert np.allclose(loaded.q, q, rtol=0, atol=1e-13)
+    assert np.allclose(stiffness_in_base_axes(loaded), expected, rtol=1e-11)

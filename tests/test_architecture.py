@@ -1,0 +1,127 @@
+"""Imports point one way, heavy packages stay where they belong, importing costs nothing."""
+
+from __future__ import annotations
+
+import ast
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import cartstiff
+
+PACKAGE = Path(cartstiff.__file__).parent
+
+#: From the bottom up; a part may import itself and what stands below it.
+LAYERS = [
+    {"errors", "version"},
+    {"geometry"},
+    {"potentials"},
+    {"mechanisms"},
+    {"stiffness"},
+    {"analysis", "statics", "batch"},
+    {"view"},
+    {"cli"},
+]
+LEVEL = {part: level for level, parts in enumerate(LAYERS) for part in parts}
+#: Modules at the top of the package that only hand over to others.
+DOORS = {"__init__", "__main__"}
+
+#: Who alone may import what.
+OWNERS = {"pinocchio": {"mechanisms"}, "meshcat": {"view"}}
+#: Packages that `import cartstiff` must not load.
+HEAVY = ("numpy", "pinocchio", "scipy", "matplotlib", "tornado", "meshcat")
+
+
+def _modules() -> Iterator[tuple[str, Path]]:
+    """Part of the package and file, for each module."""
+    for path in sorted(PACKAGE.rglob("*.py")):
+        first = path.relative_to(PACKAGE).parts[0]
+        yield first.removesuffix(".py"), path
+
+
+def _imports(path: Path) -> Iterator[tuple[int, str]]:
+    """Every imported module with its line, wherever in the file it stands."""
+    inside = ["cartstiff", *path.relative_to(PACKAGE).with_suffix("").parts]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield node.lineno, alias.name
+        elif isinstance(node, ast.ImportFrom):
+            base = inside[: len(inside) - node.level] if node.level else []
+            module = ".".join([*base, *([node.module] if node.module else [])])
+            yield node.lineno, module
+            for alias in node.names:
+                yield node.lineno, f"{module}.{alias.name}"
+
+
+MODULES = list(_modules())
+FILES = pytest.mark.parametrize(
+    ("part", "path"), MODULES, ids=[str(p.relative_to(PACKAGE)) for _, p in MODULES]
+)
+
+
+def test_every_part_has_its_place():
+    parts = {part for part, _ in MODULES} - DOORS
+    assert parts <= set(LEVEL), f"no layer for {sorted(parts - set(LEVEL))}"
+    assert {"errors", "geometry", "potentials", "mechanisms", "stiffness"} <= parts
+
+
+@FILES
+def test_imports_point_one_way(part, path):
+    if part in DOORS:
+        return
+    for line, module in _imports(path):
+        names = module.split(".")
+        if names[0] != "cartstiff" or len(names) < 2 or names[1] == part:
+            continue
+        other = names[1]
+        if other.startswith("__") or other not in LEVEL:
+            continue
+        allowed = LEVEL[other] < LEVEL[part]
+        assert allowed, f"{path.name}:{line}: {part} must not import {other}"
+
+
+@FILES
+def test_heavy_packages_have_owners(part, path):
+    for line, module in _imports(path):
+        owners = OWNERS.get(module.split(".")[0])
+        assert owners is None or part in owners, f"{path.name}:{line}: {part} imports {module}"
+
+
+def test_the_reader_of_imports_sees_them():
+    """The walker finds imports inside functions and relative ones."""
+    found = {m for _, m in _imports(PACKAGE / "potentials" / "springs.py")}
+    assert "cartstiff.errors" in found
+    assert "scipy.interpolate" in found  # imported inside a function
+    names = {m for p, f in MODULES if p == "mechanisms" for _, m in _imports(f)}
+    assert "pinocchio" in names
+
+
+def test_import_is_light():
+    """In a fresh interpreter: nothing heavy comes along with the package."""
+    code = (
+        "import sys, json; before = set(sys.modules); import cartstiff; "
+        "print(json.dumps(sorted(set(sys.modules) - before)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={"PYTHONPATH": str(PACKAGE.parent)},
+    )
+    loaded = {name.split(".")[0] for name in json.loads(done.stdout)}
+    assert "cartstiff" in loaded
+    assert loaded.isdisjoint(HEAVY), sorted(loaded & set(HEAVY))
+
+
+def test_names_of_the_package_load_when_used():
+    for name in cartstiff.__all__:
+        assert getattr(cartstiff, name) is not None
+    assert set(cartstiff.__all__) <= set(dir(cartstiff))
+    with pytest.raises(AttributeError, match="has no attribute 'nonsense'"):
+        _ = cartstiff.nonsense
