@@ -1,0 +1,56 @@
+"""Make docstrings written for the terminal safe to read as reStructuredText.
+
+Formulas stand there as indented blocks, and bars mean absolute values. An indented block of the
+introductory text becomes a literal block, and bars outside literals are escaped.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from sphinx.application import Sphinx
+
+_UNDERLINE = re.compile(r"^\s*-{3,}\s*$")
+# Several names with one description: each gets a line of its own.
+_SEVERAL = re.compile(r"^(\s*)(\w+(?:, \w+)+) : (.*)$")
+_LITERAL = re.compile(r"(``.*?``|`[^`]*`_?)")
+
+
+def _escaped(line: str) -> str:
+    parts = _LITERAL.split(line)
+    return "".join(p if i % 2 else re.sub(r"(?<!\\)\|", r"\\|", p) for i, p in enumerate(parts))
+
+
+def clean(*arguments: Any) -> None:
+    """Rewrite the lines, the last argument, in place; runs before napoleon reads the sections."""
+    lines: list[str] = arguments[-1]
+    found: list[str] = []
+    sections = False
+    literal = False
+    for i, line in enumerate(lines):
+        following = lines[i + 1] if i + 1 < len(lines) else ""
+        sections = sections or bool(line.strip() and _UNDERLINE.match(following))
+        if sections:
+            if several := _SEVERAL.match(line):
+                names, rest = several[2].split(", "), several[3]
+                found += [f"{several[1]}{name} : {rest}" for name in names]
+            else:
+                found.append(line if _UNDERLINE.match(line) else _escaped(line))
+            continue
+        indented = line.startswith("  ")
+        if literal and line.strip() and not indented:
+            literal = False
+        if indented and not literal and (not found or not found[-1].strip()):
+            before = next((x for x in reversed(found) if x.strip()), "")
+            if not before.endswith("::") and not re.match(r"\s*([-*]|\d+\.) ", before):
+                found += ["::", ""]
+            literal = True
+        found.append(line if literal else _escaped(line))
+    lines[:] = found
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Run before napoleon, whose priority is the default 500."""
+    app.connect("autodoc-process-docstring", clean, priority=100)
+    return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}

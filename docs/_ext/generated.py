@@ -1,0 +1,308 @@
+"""Pages made from the code: file format, command help, module lists, gallery; and a role for keys.
+
+Directives, for pages in reStructuredText (``command-help`` for MyST pages as well):
+
+- ``mechanism-file``: the keys of every kind of mechanism file, from the JSON schema;
+- ``command-help``: what ``--help`` prints for every command;
+- ``package-modules NAME ...``: API documentation of all modules of packages;
+- ``other-modules NAME ...``: the same for all packages that are not named;
+- ``state-codes PACKAGE``: the codes of notes and states of a package, with their messages;
+- ``import-picture``: the packages and their imports, as SVG;
+- ``gallery``: one picture and one paragraph for every example.
+
+Role ``key``: a bibliography key, resolved on the page of references.
+"""
+
+from __future__ import annotations
+
+import ast
+import pkgutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+import draw_architecture
+from codes import codes
+from docutils import nodes
+from docutils.parsers.rst import directives
+from docutils.statemachine import StringList
+from sphinx import addnodes
+from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective, SphinxRole
+
+import cartstiff
+from cartstiff.cli import main as cli
+from cartstiff.mechanisms.loading.schema import json_schema
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLES = ROOT / "examples"
+
+
+class _Text(SphinxDirective):
+    """A directive that writes reStructuredText and has it parsed."""
+
+    has_content = False
+    optional_arguments = 100
+
+    def text(self) -> Iterator[str]:
+        """The lines, in reStructuredText."""
+        raise NotImplementedError
+
+    def run(self) -> list[nodes.Node]:
+        """The nodes."""
+        container = nodes.Element()
+        lines = StringList(list(self.text()), source=f"<{self.name}>")
+        self.state.nested_parse(lines, 0, container, match_titles=True)
+        return container.children
+
+
+# -- the mechanism file -----------------------------------------------------------------------
+
+
+def _name(reference: str) -> str:
+    return reference.rsplit("/", 1)[-1]
+
+
+def _type(schema: dict[str, Any]) -> str:
+    """A JSON schema's type in words."""
+    if "$ref" in schema:
+        name = _name(schema["$ref"])
+        return f":ref:`{name} <{_label(name)}>`"
+    if "allOf" in schema:
+        return _type(schema["allOf"][0])
+    if "anyOf" in schema:
+        kinds = [_type(s) for s in schema["anyOf"] if s.get("type") != "null"]
+        return " or ".join(dict.fromkeys(kinds))
+    if "enum" in schema:
+        return ", ".join(f"``{value}``" for value in schema["enum"])
+    if "const" in schema:
+        return f"``{schema['const']}``"
+    kind = schema.get("type")
+    if kind == "array":
+        least, most = schema.get("minItems"), schema.get("maxItems")
+        inner = _type(schema.get("items", {}))
+        inner = f"({inner})" if inner.startswith(("list", "2", "3", "6")) else f"{inner}"
+        inner = inner.replace("number", "numbers", 1) if inner.startswith("number") else inner
+        return f"{least} {inner}" if least and least == most else f"list of {inner}"
+    if kind == "object":
+        inner = schema.get("additionalProperties")
+        return f"mapping of name to {_type(inner)}" if isinstance(inner, dict) else "mapping"
+    if kind == "number":
+        if "exclusiveMinimum" in schema:
+            return "number above 0"
+        return "number, 0 or more" if schema.get("minimum") == 0 else "number"
+    return {"string": "text", "boolean": "true or false"}.get(str(kind), str(kind))
+
+
+def _label(name: str) -> str:
+    return f"mechanism-file-{name.lower()}"
+
+
+def _default(schema: dict[str, Any], required: bool) -> str:
+    if required:
+        return "required"
+    value = schema.get("default")
+    if value in (None, {}, []) or isinstance(value, dict):
+        return ""
+    if isinstance(value, bool):
+        return f"``{str(value).lower()}``"
+    return f"``{value}``"
+
+
+class MechanismFile(_Text):
+    """Tables of the mechanism file's keys."""
+
+    def text(self) -> Iterator[str]:
+        """The lines, in reStructuredText."""
+        schema = json_schema()
+        definitions = schema["$defs"]
+        kinds = {kind: _name(ref) for kind, ref in schema["discriminator"]["mapping"].items()}
+        order = [_name(entry["$ref"]) for entry in schema["oneOf"]]
+        order += [n for n in definitions if n not in order]
+        titles = {name: f"kind: {kind}" for kind, name in kinds.items()}
+        for name in order:
+            model = definitions[name]
+            title = titles.get(name, name)
+            yield from ["", f".. _{_label(name)}:", "", title, "-" * len(title), ""]
+            if model.get("description"):
+                yield from [model["description"].strip(), ""]
+            yield from [".. list-table::", "   :header-rows: 1", "   :widths: 18 34 14 34", ""]
+            yield from ["   * - key", "     - value", "     - default", "     - meaning"]
+            for key, value in model.get("properties", {}).items():
+                cells = [
+                    f"``{key}``",
+                    _type(value),
+                    _default(value, key in model.get("required", [])),
+                    value.get("description", ""),
+                ]
+                yield f"   * - {cells[0]}"
+                yield from (f"     - {cell}" for cell in cells[1:])
+            yield ""
+
+
+# -- the command line -------------------------------------------------------------------------
+
+
+class CommandHelp(SphinxDirective):
+    """What --help prints, for the group and for each command."""
+
+    def run(self) -> list[nodes.Node]:
+        """The nodes."""
+        group = cli.command
+        settings = {"terminal_width": 96, "max_content_width": 96} | {
+            "help_option_names": group.context_settings.get("help_option_names", ["--help"])
+        }
+        with click.Context(group, info_name="cartstiff", **settings) as context:
+            helps = {"cartstiff": group.get_help(context)}
+            for name in group.list_commands(context):
+                command = group.get_command(context, name)
+                with click.Context(command, info_name=name, parent=context, **settings) as inner:
+                    helps[f"cartstiff {name}"] = command.get_help(inner)
+        found: list[nodes.Node] = []
+        for title, text in helps.items():
+            section = nodes.section(ids=[nodes.make_id(title)])
+            section += nodes.title(title, title)
+            section += nodes.literal_block(text, text, language="text")
+            found.append(section)
+        return found
+
+
+# -- the API ----------------------------------------------------------------------------------
+
+
+def modules_of(name: str) -> Iterator[str]:
+    """Public modules of a package (or the module itself), in alphabetical order."""
+    base = Path(cartstiff.__file__).parent.joinpath(*name.split(".")[1:])
+    if not base.is_dir():
+        yield name
+        return
+    if ast.get_docstring(ast.parse((base / "__init__.py").read_text(encoding="utf-8"))):
+        yield name
+    for info in sorted(pkgutil.iter_modules([str(base)]), key=lambda i: i.name):
+        if not info.name.startswith("_"):
+            yield from modules_of(f"{name}.{info.name}")
+
+
+def _has_members(name: str) -> bool:
+    base = Path(cartstiff.__file__).parent.joinpath(*name.split(".")[1:])
+    path = base / "__init__.py" if base.is_dir() else base.with_suffix(".py")
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    kinds = (ast.FunctionDef, ast.ClassDef)
+    return any(isinstance(n, kinds) and not n.name.startswith("_") for n in tree.body)
+
+
+class PackageModules(_Text):
+    """Automatic documentation of every module of some packages."""
+
+    def packages(self) -> list[str]:
+        """Names of the packages."""
+        return list(self.arguments)
+
+    def text(self) -> Iterator[str]:
+        """The lines, in reStructuredText."""
+        for package in self.packages():
+            for name in modules_of(package):
+                if name == package and not _has_members(name):
+                    continue
+                yield from ["", name, "-" * len(name), "", f".. automodule:: {name}"]
+                yield from ["   :members:", "   :show-inheritance:", ""]
+
+
+class OtherModules(PackageModules):
+    """The packages and modules of cartstiff that no other page names."""
+
+    def packages(self) -> list[str]:
+        """Names of the packages."""
+        base = Path(cartstiff.__file__).parent
+        names = sorted(f"cartstiff.{i.name}" for i in pkgutil.iter_modules([str(base)]))
+        return [n for n in names if n not in self.arguments and not n.endswith("__main__")]
+
+
+# -- codes of notes and states ----------------------------------------------------------------
+
+
+class StateCodes(_Text):
+    """A table of codes and messages."""
+
+    def text(self) -> Iterator[str]:
+        """The lines, in reStructuredText."""
+        found: dict[str, dict[str, str]] = {}
+        for package in self.arguments:
+            for entry in codes(package):
+                found.setdefault(entry.code, {}).setdefault(entry.message, entry.module)
+        if not found:
+            return
+        yield from [".. list-table::", "   :header-rows: 1", "   :widths: 25 50 25", ""]
+        yield from ["   * - code", "     - message", "     - module"]
+        for code, messages in sorted(found.items()):
+            yield f"   * - ``{code}``"
+            texts = [m.replace("\\", "\\\\").replace("|", "\\|") for m in messages]
+            yield "     - " + "; ".join(t.replace("*", "\\*").replace("`", "'") for t in texts)
+            yield "     - " + ", ".join(f"``{m}``" for m in sorted(set(messages.values())))
+        yield ""
+
+
+# -- the gallery ------------------------------------------------------------------------------
+
+
+class Gallery(_Text):
+    """A picture, a paragraph and the command for every example."""
+
+    option_spec = {"width": directives.unchanged}  # noqa: RUF012
+
+    def text(self) -> Iterator[str]:
+        """The lines, in reStructuredText."""
+        for path in sorted(EXAMPLES.glob("*.py")):
+            if path.stem == "make_gallery":
+                continue
+            self.env.note_dependency(str(path))
+            doc = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+            title, _, rest = doc.partition("\n")
+            title = title.rstrip(".")
+            yield from ["", f".. _example-{path.stem}:", "", title, "-" * len(title), ""]
+            yield from rest.strip().splitlines()
+            yield from ["", f".. image:: images/{path.stem}.png", f"   :alt: {title}", ""]
+            yield from ["::", "", f"    python examples/{path.name} picture.png", ""]
+
+
+# -- the picture of imports -------------------------------------------------------------------
+
+
+class ImportPicture(SphinxDirective):
+    """The SVG of docs/draw_architecture.py, inside the page."""
+
+    def run(self) -> list[nodes.Node]:
+        """The nodes."""
+        picture = draw_architecture.svg(draw_architecture.imports())
+        return [nodes.raw("", f'<div class="picture">{picture}</div>', format="html")]
+
+
+# -- bibliography keys ------------------------------------------------------------------------
+
+
+class Key(SphinxRole):
+    """A citation such as [ZK], in any page."""
+
+    def run(self) -> tuple[list[nodes.Node], list[nodes.system_message]]:
+        """The nodes."""
+        label = nodes.inline(self.text, f"[{self.text}]")
+        reference = addnodes.pending_xref(
+            self.rawtext, label, refdomain="citation", reftype="ref", reftarget=self.text,
+            refwarn=True, support_smartquotes=False, classes=["citation"],
+        )  # fmt: skip
+        reference["refdoc"] = self.env.docname
+        return [reference], []
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Register directives and the role."""
+    app.add_directive("mechanism-file", MechanismFile)
+    app.add_directive("command-help", CommandHelp)
+    app.add_directive("package-modules", PackageModules)
+    app.add_directive("other-modules", OtherModules)
+    app.add_directive("state-codes", StateCodes)
+    app.add_directive("gallery", Gallery)
+    app.add_directive("import-picture", ImportPicture)
+    app.add_role("key", Key())
+    return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}

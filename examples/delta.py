@@ -1,0 +1,64 @@
+"""A Delta robot with forearms that give: what the motors alone would promise, and what is left.
+
+With rigid forearms the platform can only translate, and the motors' stiffness is all there is. The
+bundled file has forearms of thin carbon tube; here they are made stiffer and stiffer.
+"""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+import cartstiff
+from cartstiff.potentials.springs import CoupledSprings
+
+FACTORS = np.array([0.5, 1, 2, 5, 10, 30, 100, 1000])
+
+
+def main(picture: Path | None = None) -> dict[str, float]:
+    """Stiffness of the platform against the forearms' stiffness."""
+    delta = cartstiff.load("delta")
+    rows = []
+    for factor in FACTORS:
+        stiffer = replace(
+            delta,
+            potentials=tuple(
+                replace(p, matrix=factor * p.matrix) if isinstance(p, CoupledSprings) else p
+                for p in delta.potentials
+            ),
+        )
+        rows.append(np.diag(cartstiff.analyse(stiffer).B.matrix))
+    values = np.array(rows)
+    if picture is not None:
+        draw(values, picture)
+    return {
+        "vertical, forearms as in the file, N/m": float(values[1, 5]),
+        "vertical, forearms 1000 times stiffer, N/m": float(values[-1, 5]),
+        "horizontal, forearms as in the file, N/m": float(values[1, 3]),
+        "horizontal, forearms 1000 times stiffer, N/m": float(values[-1, 3]),
+        "twist, forearms as in the file, N m/rad": float(values[1, 2]),
+        "twist, forearms 1000 times stiffer, N m/rad": float(values[-1, 2]),
+    }
+
+
+def draw(values: np.ndarray, picture: Path) -> None:
+    """Diagonal entries against the forearms' stiffness."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, axis = plt.subplots(figsize=(6, 3.4), layout="constrained")
+    axis.loglog(FACTORS, values[:, 5] / 1e3, "o-", label="vertical [N/mm]")
+    axis.loglog(FACTORS, values[:, 3] / 1e3, "s-", label="horizontal [N/mm]")
+    axis.loglog(FACTORS, values[:, 2], "^-", label="twist about the axis [N m/rad]")
+    axis.set(xlabel="stiffness of the forearms against the file's", ylabel="stiffness")
+    axis.legend()
+    figure.savefig(picture, dpi=80)
+    plt.close(figure)
+
+
+if __name__ == "__main__":
+    for key, value in main(Path(sys.argv[1]) if sys.argv[1:] else None).items():
+        print(f"{key:<46} {value:10.1f}")
