@@ -22,7 +22,8 @@ LAYERS = [
     {"potentials"},
     {"mechanisms"},
     {"stiffness"},
-    {"analysis", "statics", "batch"},
+    {"analysis", "statics"},
+    {"batch"},
     {"view"},
     {"cli"},
 ]

@@ -15,6 +15,8 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 RELATIVE = 1e-4
 # Numbers that vanish but for rounding are held below this, in the example's own units.
 NOISE = 1e-6
+# A slope fitted on a log-log plot between rounding and curvature differs between processors.
+SLOPE = 0.02
 
 ROBOTS = {
     "deflection_compensation", "deflection_ellipsoids", "four_connections", "load_and_asymmetry",
@@ -114,8 +116,8 @@ NUMBERS: dict[str, dict[str, object]] = {
         "asymmetry at share 1/2": 0.0,
     },
     "own_potential": {
-        "slope, right derivatives": 3.00008,
-        "slope, Hessian left out": 2.00039,
+        "slope, right derivatives": pytest.approx(3, abs=SLOPE),
+        "slope, Hessian left out": pytest.approx(2, abs=SLOPE),
         "numerical against by hand": 0.0,
         "largest change of K^B": 4048.05,
         "unbalanced wrench": 0.0,
