@@ -65,7 +65,9 @@ def run(capfd: pytest.CaptureFixture[str]) -> Run:
 @pytest.fixture
 def answer(run: Run) -> Callable[..., dict[str, Any]]:
     def check(*arguments: str) -> dict[str, Any]:
-        return json.loads(run(*arguments, "--json"))
+        data = json.loads(run(*arguments, "--json"))
+        assert data["schema"] == "cartstiff/1"
+        return data
 
     return check
 

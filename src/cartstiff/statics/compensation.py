@@ -11,6 +11,7 @@ import numpy as np
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.statics.held import COMPONENTS
+from cartstiff.stiffness.compute import SCHEMA
 
 __all__ = ["CompensatedPath"]
 
@@ -78,6 +79,7 @@ class CompensatedPath:
             return [None if np.isnan(e).any() else e.tolist() for e in errors]
 
         return {
+            "schema": SCHEMA,
             "units": self.elastic.units.as_dict(),
             "springs": list(self.elastic.spring_names),
             "poses": self.poses.tolist(),

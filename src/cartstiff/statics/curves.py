@@ -15,6 +15,7 @@ from cartstiff.statics.critical import CriticalPoint
 from cartstiff.statics.held import COMPONENTS
 from cartstiff.statics.limits import Limits
 from cartstiff.statics.path import LoadPath
+from cartstiff.stiffness.compute import SCHEMA
 
 __all__ = ["LoadCurve", "Reason"]
 
@@ -91,6 +92,7 @@ class LoadCurve:
     def as_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         return {
+            "schema": SCHEMA,
             "units": self.elastic.units.as_dict(),
             "joints": list(self.elastic.names),
             "factor": self.factors.tolist(),
