@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 from cartstiff.version import __version__
 
 if TYPE_CHECKING:
+    from cartstiff.batch.postures import Postures as Postures
+    from cartstiff.batch.postures import analyse_many as analyse_many
     from cartstiff.mechanisms.elastic import ElasticMechanism as ElasticMechanism
     from cartstiff.mechanisms.loading import load as load
     from cartstiff.statics.continuation import load_curve as load_curve
@@ -19,28 +21,35 @@ if TYPE_CHECKING:
     from cartstiff.stiffness.compute import PostureStiffness as PostureStiffness
     from cartstiff.stiffness.compute import analyse as analyse
     from cartstiff.stiffness.tensor import StiffnessTensor as StiffnessTensor
+    from cartstiff.view.api import show as show
 
 _HOMES = {
     "ElasticMechanism": "cartstiff.mechanisms.elastic",
     "PostureStiffness": "cartstiff.stiffness.compute",
+    "Postures": "cartstiff.batch.postures",
     "StiffnessTensor": "cartstiff.stiffness.tensor",
     "analyse": "cartstiff.stiffness.compute",
+    "analyse_many": "cartstiff.batch.postures",
     "compensate": "cartstiff.statics.toolpath",
     "equilibrium": "cartstiff.statics.equilibrium",
     "load": "cartstiff.mechanisms.loading",
     "load_curve": "cartstiff.statics.continuation",
+    "show": "cartstiff.view.api",
 }
 
 __all__ = [
     "ElasticMechanism",
     "PostureStiffness",
+    "Postures",
     "StiffnessTensor",
     "__version__",
     "analyse",
+    "analyse_many",
     "compensate",
     "equilibrium",
     "load",
     "load_curve",
+    "show",
 ]
 
 

@@ -242,7 +242,7 @@ ARMS: dict[str, tuple[str, tuple[str, ...]]] = {
     "model not there": ("kind: serial\nmodel: three.urdf\n", ("three.urdf", "No such file")),
     "model unknown name": ("kind: serial\nmodel: nosuchrobot\n", ("nosuchrobot",)),
     "model a folder": ("kind: serial\nmodel: .\n", ("model", "'.'")),
-    "model with a zero byte": ('kind: serial\nmodel: "a\\0b.urdf"\n', ("null byte",)),
+    "model with a zero byte": ('kind: serial\nmodel: "a\\0b.urdf"\n', ("null",)),
     "model of half a character": ('kind: serial\nmodel: "\\ud800.urdf"\n', ("cannot be read",)),
     "model far too long": (f"kind: serial\nmodel: {'x' * 3000}.urdf\n", ("File name too long",)),
     "model at no home": ("kind: serial\nmodel: ~nosuchuser/x.urdf\n", ("line 2", "home directory")),

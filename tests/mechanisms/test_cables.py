@@ -10,6 +10,8 @@ from tests.support import relative_error
 
 from cartstiff import analyse, load
 from cartstiff.errors import InputError
+from cartstiff.potentials.loads import DeadForce
+from cartstiff.statics.equilibrium import equilibrium
 
 # A closed form against a sum over four cables.
 CLOSED_FORM = 1e-13
@@ -111,3 +113,16 @@ def test_a_load_no_line_feels_is_refused(tmp_path):
     """Four cables through a point feel no moment."""
     with pytest.raises(InputError, match="no tensions"):
         analyse(_cross(tmp_path), wrench=[0, 0, 5.0, 0, 0, 0])
+
+
+def test_an_equilibrium_names_its_slack_cables(tmp_path):
+    """Pushed along a diagonal by more than the preload, the cable on that side hangs loose."""
+    k, t, length = 7000.0, 150.0, 0.8
+    state = equilibrium(_cross(tmp_path, k, t, length), DeadForce(400.0 * CORNERS[0]))
+    assert [n.values["slack"] for n in state.notes if n.code == "slack"] == [[1]]
+    moved = state.displacement[3:] @ CORNERS[0]
+    assert moved > t / k
+    # Cable 3 alone pulls back along the diagonal; the two across it help by their tension.
+    across = np.hypot(length, moved)
+    sideways = 2 * (k * (across - length) + t) * moved / across
+    assert np.isclose(t + k * moved + sideways, 400.0, rtol=TENSIONS)

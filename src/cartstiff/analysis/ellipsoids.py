@@ -97,7 +97,9 @@ def ellipsoid(matrix: ArrayLike) -> Ellipsoid:
     for i in range(2):
         if axes[np.argmax(np.abs(axes[:, i])), i] < 0:
             axes[:, i] *= -1.0
-    axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
+    # In plain numbers, as this is asked for at every step of a slider.
+    (a, b, c), (d, e, f) = axes[:, :2].T.tolist()
+    axes[:, 2] = b * f - c * e, c * d - a * f, a * e - b * d
     return Ellipsoid(
         frozen(axes),
         frozen(np.abs(values)),

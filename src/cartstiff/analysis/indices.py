@@ -23,7 +23,14 @@ from cartstiff.analysis.matrices import (
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["Indices", "best_conditioned_length", "condition_numbers", "indices", "isotropy"]
+__all__ = [
+    "Indices",
+    "best_conditioned_length",
+    "condition",
+    "condition_numbers",
+    "indices",
+    "isotropy",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +76,8 @@ class Indices:
     rotational_condition: float
 
 
-def _condition(values: Array) -> float:
+def condition(values: Array) -> float:
+    """Largest over smallest absolute eigenvalue; infinite if one vanishes."""
     size = np.abs(values)
     return float(size.max() / size.min()) if size.min() > RANK * size.max() else float("inf")
 
@@ -103,23 +111,23 @@ def indices(stiffness: ArrayLike, length: float) -> Indices:
     scaled = scale_lengths(K, as_length(length))
     values, x = np.linalg.eigh(scaled)
     low, high = int(np.argmin(np.abs(values))), int(np.argmax(np.abs(values)))
-    condition = _condition(values)
+    ratio = condition(values)
     shares = np.sum(x[:3] ** 2, axis=0)
-    exponent = 2.0 * float(shares[low] - shares[high]) if np.isfinite(condition) else float("nan")
+    exponent = 2.0 * float(shares[low] - shares[high]) if np.isfinite(ratio) else float("nan")
     twist = x[:, 0] * np.repeat([1.0 / length, 1.0], 3)
     twist = twist * np.sign(twist[np.argmax(np.abs(x[:, 0]))])
     return Indices(
         float(length),
         frozen(values),
         definiteness(np.linalg.eigvalsh(scale_lengths(K, balancing_length(K)))),
-        condition,
+        ratio,
         exponent,
         isotropy(scaled),
         float(values[0]),
         frozen(twist),
         float(np.linalg.det(K)),
-        _condition(np.linalg.eigvalsh(K[3:, 3:])),
-        _condition(np.linalg.eigvalsh(K[:3, :3])),
+        condition(np.linalg.eigvalsh(K[3:, 3:])),
+        condition(np.linalg.eigvalsh(K[:3, :3])),
     )
 
 
@@ -129,7 +137,7 @@ def condition_numbers(stiffness: ArrayLike, lengths: ArrayLike) -> Array:
     scales = np.asarray(lengths, float)
     if scales.ndim != 1:
         raise InputError("lengths must be a list", expected="shape (m,)", got=scales.shape)
-    return np.array([_condition(np.linalg.eigvalsh(scale_lengths(K, s))) for s in scales])
+    return np.array([condition(np.linalg.eigvalsh(scale_lengths(K, s))) for s in scales])
 
 
 def best_conditioned_length(stiffness: ArrayLike) -> tuple[float, float]:

@@ -227,6 +227,8 @@ def levi_civita(metric: ArrayLike, name: str = "Levi-Civita") -> Connection:
     ----------
     metric : array_like, shape (6, 6)
         Symmetric positive definite matrix on twists (omega, v).
+    name : str
+        For people.
 
     Raises
     ------
@@ -261,6 +263,8 @@ def flat(jacobian: ArrayLike, jacobian_derivative: ArrayLike, name: str = "F") -
         Body Jacobian ``J[k, m]``: twist = J @ xi_dot.
     jacobian_derivative : array_like, shape (6, 6, 6)
         ``dJ[k, m, l]`` = d J[k, m] / d xi_l.
+    name : str
+        For people.
 
     Raises
     ------

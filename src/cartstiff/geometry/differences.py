@@ -32,6 +32,8 @@ def jacobian(f: Callable[[Array], ArrayLike], scale: ArrayLike) -> Array:
 
     Parameters
     ----------
+    f : callable
+        Function of an array (n,).
     scale : array_like, shape (n,)
         Natural size of each argument; steps are `STEP` times it.
     """

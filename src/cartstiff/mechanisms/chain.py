@@ -12,6 +12,7 @@ from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from math import sqrt
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -24,7 +25,7 @@ from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.mechanisms.tree import WORLD, KinematicTree, Placement, TreeState
 from cartstiff.potentials.contract import Evaluation, Map
 
-__all__ = ["OWN_COORDINATES", "Chain", "ChainPosture", "Closure"]
+__all__ = ["OWN_COORDINATES", "Chain", "ChainPosture", "Closure", "Description"]
 
 _ROWS = {"weld": slice(0, 6), "point": slice(3, 6)}
 
@@ -49,6 +50,22 @@ class Closure:
     def rows(self) -> slice:
         """Rows of the relative twist that vanish."""
         return _ROWS[self.type]
+
+
+@dataclass(frozen=True)
+class Description:
+    """Where part of a chain comes from: a robot description file, for pictures of its links.
+
+    Attributes
+    ----------
+    path : Path
+        URDF or MJCF file.
+    prefix : str
+        What stands before the file's frame names in the tree.
+    """
+
+    path: Path
+    prefix: str = ""
 
 
 #: The chart of a serial arm with six joints: its own coordinates.
@@ -116,6 +133,10 @@ class ChainPosture(MechanismPosture):
         """1 for angles, the characteristic length for distances."""
         chain = self._chain
         return np.where(chain.is_length, self.length, 1.0) if chain.has_lengths else chain.angles
+
+    def pose_at(self, placement: Placement) -> Array:
+        """Pose ``T_F_f`` of a frame fixed to a joint, without its map."""
+        return self._state.pose(placement)
 
     def relative(self, frame_a: str, frame_b: str) -> tuple[Array, Map]:
         """Pose ``T_a_b`` and its map."""
@@ -189,13 +210,19 @@ class Chain(Mechanism):
     tree : KinematicTree
         The joints.
     frame : str
-        Name of the frame of interest; `offset` is ``T_frame_M``.
+        Name of the frame that the frame of interest is fixed to.
+    offset : array_like, shape (4, 4), optional
+        ``T_frame_M``; default the identity.
     closures : sequence of Closure
         Tied frames; none for a serial arm.
     actuated : sequence of int, optional
         Indices of the actuated coordinates of a closed chain.
     virtual : sequence of int
         Indices of the virtual joints of links that give.
+    kind : str
+        As in mechanism files.
+    descriptions : sequence of Description
+        Files that say what the links look like.
     """
 
     def __init__(
@@ -208,8 +235,10 @@ class Chain(Mechanism):
         actuated: Sequence[int] | None = None,
         virtual: Sequence[int] = (),
         kind: str = "serial",
+        descriptions: Sequence[Description] = (),
     ) -> None:
         self.tree = tree
+        self.descriptions = tuple(descriptions)
         self.frame = frame
         self.kind = kind
         self.coordinates = tree.coordinates
@@ -219,6 +248,7 @@ class Chain(Mechanism):
         if actuated is not None:
             self.selection = np.zeros((len(actuated), tree.n))
             self.selection[np.arange(len(actuated)), list(actuated)] = 1.0
+        self.virtual = frozenset(virtual)
         self.held = sorted({*(actuated or ()), *virtual})
         self.is_length = np.array([c.is_length for c in tree.coordinates], bool)
         self.has_lengths = bool(self.is_length.any())
@@ -268,6 +298,8 @@ class Chain(Mechanism):
 
         Parameters
         ----------
+        q_start : array_like, shape (n,)
+            Coordinates to start from.
         hold : sequence of int, optional
             Coordinates to keep.
         tolerance : float

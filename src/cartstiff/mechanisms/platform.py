@@ -95,8 +95,16 @@ class Platform(Mechanism):
         Points of the body in its own frame P.
     T_P_M : array_like, optional
         The frame of interest in P; default P itself.
+    units : Units
+        Of all lengths and forces.
+    kind : str
+        As in mechanism files.
     limits : sequence of (min, max), optional
         Leg length limits.
+    mass : float
+        Of the body, for gravity.
+    mass_centre : array_like, shape (3,)
+        Its mass centre in P.
     """
 
     def __init__(

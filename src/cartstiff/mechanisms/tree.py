@@ -98,6 +98,10 @@ class KinematicTree:
         # Pinocchio's workspaces cost more to make than to use: states hand theirs back.
         self.workspaces: list[Any] = []
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything but the workspaces, which are large and made anew."""
+        return {**vars(self), "workspaces": []}
+
     @property
     def n(self) -> int:
         """Number of coordinates."""
@@ -151,6 +155,24 @@ class KinematicTree:
     def placements(self) -> list[Array]:
         """Poses ``T_parent_joint`` of all joints, in their order from joint 1."""
         return [np.array(T.homogeneous) for T in list(self.model.jointPlacements)[1:]]
+
+    def screws(self) -> Array:
+        """Constant twists (joints, 6) of the joints per coordinate, each in its own frame."""
+        model = self.model
+        data = model.createData()
+        zero = np.zeros(model.nq)
+        pin.computeJointJacobians(model, data, zero)
+        screws = np.empty((model.nv, 6))
+        for joint in range(1, model.njoints):
+            local = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)
+            screws[joint - 1] = np.asarray(local).reshape(6, -1)[SWAP, joint - 1]
+        return screws
+
+    def masses(self) -> tuple[Array, Array]:
+        """Masses (joints,) that the joints carry, and their centres (joints, 3) in their frames."""
+        inertias = list(self.model.inertias)[1:]
+        centres = np.array([np.array(body.lever) for body in inertias]).reshape(-1, 3)
+        return np.array([body.mass for body in inertias]), centres
 
     def at(self, q: Array) -> TreeState:
         """Kinematics at coordinates q (n,)."""

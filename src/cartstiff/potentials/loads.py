@@ -210,6 +210,8 @@ def payload(
         Of the uniform field, in F.
     point : array_like, shape (3,)
         Mass centre in frame b.
+    frame_b : str
+        Name of a frame of the mechanism, or "body".
 
     Raises
     ------

@@ -250,6 +250,8 @@ class JointSprings(Potential):
 
         Parameters
         ----------
+        posture : Posture
+            Where the torques are exerted.
         gradient : ndarray, shape (n,)
             dPhi/dq wanted at the posture; what joints without a spring would have to carry is left
             unbalanced.

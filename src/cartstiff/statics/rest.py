@@ -16,7 +16,7 @@ from cartstiff.potentials.contract import Potential
 from cartstiff.statics.held import displacement_between
 from cartstiff.statics.newton import Solution
 from cartstiff.statics.problem import DEFINITE, System, spectrum
-from cartstiff.stiffness.compute import PostureStiffness
+from cartstiff.stiffness.compute import PostureStiffness, slack_notes
 from cartstiff.stiffness.reduction import reduce_to
 
 __all__ = ["Equilibrium", "Reactions", "state_of_rest"]
@@ -222,6 +222,7 @@ def state_of_rest(
                 {"stages": stages},
             )
         )
+    notes += slack_notes(system.elastic, point.posture)
     reactions = _reactions(system, solution)
     for name, force in reactions.limits.items():
         side = "lower" if force > 0 else "upper"

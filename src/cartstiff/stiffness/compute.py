@@ -27,7 +27,7 @@ from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.stiffness.reduction import RANK, Reduction, reduce_to
 from cartstiff.stiffness.tensor import StiffnessTensor
 
-__all__ = ["SCHEMA", "PostureStiffness", "analyse"]
+__all__ = ["SCHEMA", "PostureStiffness", "analyse", "slack_notes"]
 
 SCHEMA = "cartstiff/1"
 
@@ -111,16 +111,23 @@ def analyse(
     )
     notes += [Note(*state) for state in reduction.states]
     notes += _near_singular(posture, reduction)
-    for term in elastic.terms():
-        if isinstance(term, LineSprings) and (slack := term.slack(posture)):
-            numbers = ", ".join(str(i) for i in slack)
-            notes.append(Note("slack", f"cables {numbers} are slack and carry nothing",
-                              {"slack": slack}))  # fmt: skip
+    notes += slack_notes(elastic, posture)
     result = PostureStiffness(elastic, posture.q, posture, energy, reduction, tuple(notes))
     if strict and reduction.stiffness is None:
         state = reduction.states[-1]
         raise UndefinedError(state.message, code=state.code, values=state.values)
     return result
+
+
+def slack_notes(elastic: ElasticMechanism, posture: MechanismPosture) -> list[Note]:
+    """A note with the numbers (from 1) of the cables that carry nothing, if there are any."""
+    notes = []
+    for term in elastic.terms():
+        if isinstance(term, LineSprings) and (slack := term.slack(posture)):
+            numbers = ", ".join(str(i) for i in slack)
+            notes.append(Note("slack", f"cables {numbers} are slack and carry nothing",
+                              {"slack": slack}))  # fmt: skip
+    return notes
 
 
 def _near_singular(posture: MechanismPosture, reduction: Reduction) -> list[Note]:
@@ -226,6 +233,8 @@ class PostureStiffness:
 
         Parameters
         ----------
+        wrench : array_like, shape (6,)
+            dW, body frame.
         change : array_like, shape (6, 6), optional
             D; zero by default.
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.chain import Chain, Description
 from cartstiff.mechanisms.contract import Units
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.loading.parts import (
@@ -59,7 +59,9 @@ def build_serial(file: SerialFile, beside: Path | None, where: str, name: str) -
         raise InputError(
             f"no joint moves frame {frame!r}", where=where, expected="a frame on a moving link"
         )
-    chain = Chain(tree, frame, offset=pose_of(file.offset))
+    chain = Chain(
+        tree, frame, offset=pose_of(file.offset), descriptions=[Description(description.path)]
+    )
     add_payload(tree, chain, file.payload)
     soft = link_springs(file.flexible, tree, where)
     virtual = [f"{link}.{suffix}" for link in file.flexible for suffix, _ in VIRTUAL]

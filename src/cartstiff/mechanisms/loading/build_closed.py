@@ -10,7 +10,7 @@ import numpy as np
 from cartstiff.errors import ConvergenceError, InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.chain import Chain, Closure
+from cartstiff.mechanisms.chain import Chain, Closure, Description
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.loading.mjcf import MjcfClosure
 from cartstiff.mechanisms.loading.parts import (
@@ -90,6 +90,7 @@ def build_parallel(
     virtual: list[str] = []
     posture: dict[str, float] = {}
     soft: list[tuple[int, LegModel]] = []
+    descriptions: list[Description] = []
     for i, leg in enumerate(file.legs):
         prefix, place = f"leg{i + 1}/", f"{where}, leg {i + 1}"
         description = read_robot_description(model_path(leg.model, beside))
@@ -116,6 +117,7 @@ def build_parallel(
         virtual += [f"{prefix}{link}.{suffix}" for link in leg.flexible for suffix, _ in VIRTUAL]
         soft.append((i, leg))
         parts.append((prefix, tree, pose_of(leg.base)))
+        descriptions.append(Description(description.path, prefix))
         ends.append(prefix + end)
     tree = merged(parts)
     body = [f"body of leg {i + 1}" for i in range(len(ends))]
@@ -128,6 +130,7 @@ def build_parallel(
         actuated=_actuated(file.actuated, tree, where),
         virtual=_indices(virtual, tree),
         kind="parallel",
+        descriptions=descriptions,
     )
     chain.frame = "body"
     add_payload(tree, chain, file.payload)
@@ -176,6 +179,7 @@ def build_closed_chain(
         actuated=_actuated(file.actuated, tree, where),
         virtual=_indices(virtual, tree),
         kind="closed-chain",
+        descriptions=[Description(path)],
     )
     add_payload(tree, chain, file.payload)
     q = _assembled(chain, q, where)

@@ -19,7 +19,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.loading.yaml_file import LARGEST_NUMBER
 
-__all__ = ["MjcfClosure", "MjcfFacts", "MjcfJoint", "prepare_mjcf"]
+__all__ = ["MjcfClosure", "MjcfFacts", "MjcfJoint", "merged_worldbody", "prepare_mjcf"]
 
 #: Name of the fixed body put around the worldbody's children.
 ROOT = "cartstiff_root"
@@ -91,7 +91,7 @@ def prepare_mjcf(root: ET.Element, where: str) -> MjcfFacts:
     """
     if next(root.iter("include"), None) is not None:
         raise InputError("MJCF includes are not supported", where=where, expected="one whole file")
-    worldbody = _merged_worldbody(root)
+    worldbody = merged_worldbody(root)
     if worldbody is None or worldbody.find("body") is None:
         raise InputError("MJCF has no bodies", where=where, expected="<worldbody> with <body>")
     degrees, sequence = True, "xyz"
@@ -140,7 +140,7 @@ _MASSIVE = ("sphere", "capsule", "ellipsoid", "cylinder", "box")
 _BODIES_ELSEWHERE = ("frame", "replicate", "attach", "composite", "flexcomp")
 
 
-def _merged_worldbody(root: ET.Element) -> ET.Element | None:
+def merged_worldbody(root: ET.Element) -> ET.Element | None:
     """The worldbody; MuJoCo joins several into one."""
     found = root.findall("worldbody")
     for further in found[1:]:

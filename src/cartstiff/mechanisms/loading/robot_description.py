@@ -25,7 +25,7 @@ from cartstiff.geometry import se3
 from cartstiff.mechanisms.loading.mjcf import MjcfFacts, prepare_mjcf
 from cartstiff.mechanisms.loading.yaml_file import LARGEST_NUMBER, read_text
 
-__all__ = ["Mimic", "RobotDescription", "read_robot_description"]
+__all__ = ["Mimic", "RobotDescription", "parse_xml", "quiet", "read_robot_description"]
 
 _LARGEST = 64 * 1024 * 1024
 _MOST_JOINTS = 2000
@@ -86,7 +86,7 @@ def read_robot_description(path: Path, floating: bool = False) -> RobotDescripti
     if root.tag == "robot":
         mimics = _check_urdf(root, where)
         text = ET.tostring(root, encoding="unicode")
-        with _quiet():
+        with quiet():
             try:
                 root_joint = (pin.JointModelFreeFlyer(), "root") if floating else ()
                 model = pin.buildModelFromXML(text, *root_joint)
@@ -110,7 +110,7 @@ def read_robot_description(path: Path, floating: bool = False) -> RobotDescripti
         try:
             with os.fdopen(handle, "wb") as file:
                 ET.ElementTree(root).write(file)
-            with _quiet():
+            with quiet():
                 try:
                     model = pin.buildModelFromMJCF(name)
                 except Exception as error:
@@ -362,7 +362,7 @@ def _check_inertial(link: ET.Element, what: str, refuse: Any) -> None:
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def quiet() -> Iterator[None]:
     """Keep the C++ parsers' own messages off the terminal; errors come as exceptions."""
     saved: list[tuple[int, int]] = []
     for target in (1, 2):

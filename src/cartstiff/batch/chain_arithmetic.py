@@ -1,0 +1,473 @@
+r"""The arithmetic of a serial chain, any number of joints, on recording numbers.
+
+The recursion runs from the body frame M to the base, so that every axis is found in M and the body
+Jacobian needs no pose. With J^T = Q R (Householder), in coordinates of one kind, and
+H_L = H - S_W, S_W[a, b] = 1/2 W . [J_a, J_b] for a before b:
+
+    n = 6:  A = J^-1 = Q R^-T,  W = A^T g,  K^B = A^T H_L A,  K^F = A^T H A
+    n > 6:  Q^T H_L Q = [[a, b], [b^T, c]],  K^B = R^-1 (a - b c^-1 b^T) R^-T,  W = R^-1 (Q^T g)_6
+    n < 6:  J = Q R with lengths scaled,  W = Q R^-T g,  C^B = J H_L^-1 J^T
+
+which is the reduction of `cartstiff.stiffness.reduction` without its singular value decomposition.
+Gravity and dead forces enter through the bodies beyond each joint: with m, m c their mass and first
+moment and S_b = omega_b x m c + m v_b,
+
+    dPhi/dq_b = -g . S_b,     d2Phi/dq_a dq_b = -(g x omega_a) . S_b    for a not after b.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cartstiff.batch.algebra import (
+    congruence,
+    cross,
+    inverse,
+    largest,
+    norm_squared,
+    positive_factor,
+    reflections,
+    upper_inverse,
+    zeros,
+)
+from cartstiff.batch.arithmetic import (
+    ENGINE,
+    JACOBIAN_CONDITION,
+    LARGEST_ANGLE,
+    PLAIN,
+    UNBALANCED,
+    add_compliances,
+    connections,
+    limited,
+)
+from cartstiff.batch.tape import Program, Scalar, Tape, cosine, larger, pick, sine, square_root
+from cartstiff.geometry.se3 import Array
+from cartstiff.stiffness.reduction import BALANCE, ROUNDING
+
+__all__ = ["ChainCase", "ChainConstants", "Field", "chain_program"]
+
+#: Entries of a rotation this near to 0 or 1 are that: they are known to rounding only.
+_ROUNDED = 4e-16
+#: Where all axes meet within this share of the chain's size the engine chooses the length.
+_MEETING = 1e-6
+#: Least pivot of the self-motion's stiffness, as a share of the largest entry, that is trusted.
+_PIVOT = 1e-7
+
+
+@dataclass(frozen=True)
+class Field:
+    """Where a constant vector in F acts: gravity on masses, or a dead force on a point.
+
+    Attributes
+    ----------
+    weights : factor of the vector for each joint's body; a mass, or 1.
+    points : where it acts, in the joints' frames (joints, 3).
+    """
+
+    weights: tuple[float, ...]
+    points: tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True)
+class ChainConstants:
+    """Geometry of a chain as plain numbers; tuples, so that it can be a key.
+
+    Attributes
+    ----------
+    placements : ``T_parent_joint`` (joints, 4, 4), flat.
+    screws : twists of the joints in their own frames (joints, 6), flat.
+    body : ``T_last_M`` (4, 4), flat.
+    mimic, offset : joint positions are ``mimic q + offset``; None where they are q.
+    is_length : which coordinates are distances.
+    """
+
+    placements: tuple[float, ...]
+    screws: tuple[float, ...]
+    body: tuple[float, ...]
+    mimic: tuple[float, ...] | None
+    offset: tuple[float, ...] | None
+    is_length: tuple[bool, ...]
+
+
+@dataclass(frozen=True)
+class ChainCase:
+    """What acts on a chain.
+
+    Attributes
+    ----------
+    constants : ChainConstants
+    open : tuple of bool or None
+        Coordinates whose rest position is chosen posture by posture; None without springs.
+    wrench : {"none", "shared", "each"}
+        Whether a wrench is given: one for all postures, or one for each.
+    fields : tuple of Field
+    coupled : tuple of (indices, flat matrix)
+        Springs over several coordinates.
+    derivatives : bool
+        Whether energy, gradient and Hessian of further potentials are given as arrays.
+    """
+
+    constants: ChainConstants
+    open: tuple[bool, ...] | None
+    wrench: str = "none"
+    fields: tuple[Field, ...] = ()
+    coupled: tuple[tuple[tuple[int, ...], tuple[float, ...]], ...] = ()
+    derivatives: bool = False
+
+
+@dataclass
+class _Kinematics:
+    """Axes in M, ``T_M_F``, and the bodies beyond each joint."""
+
+    J: Array  # (6, joints)
+    R_M_F: Array
+    p_M_F: Array
+    size: float
+
+
+def _aligned(constants: ChainConstants) -> tuple[list[Array], list[str], list[float], list[Array]]:
+    """Placements, kinds, pitches with frames turned so that every axis is z; and the turns."""
+    placements = np.reshape(constants.placements, (-1, 4, 4))
+    screws = np.reshape(constants.screws, (-1, 6))
+    turns, kinds, pitches = [], [], []
+    for screw in screws:
+        turning = bool(np.any(screw[:3]))
+        axis = screw[:3] if turning else screw[3:]
+        kinds.append("revolute" if turning else "prismatic")
+        pitches.append(float(axis @ screw[3:]) if turning else 0.0)
+        turns.append(_turn(axis))
+    found, before = [], np.eye(3)
+    for T, turn in zip(placements, turns, strict=True):
+        other = np.eye(4)
+        other[:3, :3] = _snapped(before.T @ T[:3, :3] @ turn)
+        other[:3, 3] = before.T @ T[:3, 3]
+        found.append(other)
+        before = turn
+    return found, kinds, pitches, turns
+
+
+def _turn(axis: Array) -> Array:
+    """Rotation that takes z to `axis`; a permutation where that is possible."""
+    for shift, unit in enumerate(np.eye(3)):
+        if np.array_equal(axis, unit):
+            return np.roll(np.eye(3), shift + 1, axis=0)
+    u, _, vt = np.linalg.svd(axis[:, None])
+    turn = np.column_stack([u[:, 1], u[:, 2], u[:, 0] * vt[0, 0]])
+    if np.linalg.det(turn) < 0:
+        turn[:, 0] *= -1
+    return turn
+
+
+def _snapped(rotation: Array) -> Array:
+    for value in (-1.0, 0.0, 1.0):
+        rotation = np.where(np.abs(rotation - value) <= _ROUNDED, value, rotation)
+    return rotation
+
+
+def _kinematics(
+    constants: ChainConstants, position: Array, fields: tuple[Field, ...]
+) -> tuple[_Kinematics, list[tuple[Array, Array]]]:
+    """Axes in M from the body frame to the base; mass and first moment beyond each joint."""
+    placements, kinds, pitches, turns = _aligned(constants)
+    joints = len(kinds)
+    T = np.reshape(constants.body, (4, 4))
+    R = _snapped(turns[-1].T @ T[:3, :3]).T.astype(object)
+    p = (-(R @ (turns[-1].T @ T[:3, 3]))).astype(object)
+    J = zeros(6, joints)
+    beyond = [(zeros(joints), zeros(joints, 3)) for _ in fields]
+    sums = [(0.0, zeros(3)) for _ in fields]
+    for j in range(joints - 1, -1, -1):
+        for i, field in enumerate(fields):
+            mass, first = sums[i]
+            if field.weights[j]:
+                c = R @ (turns[j].T @ np.array(field.points[j])) + p
+                mass, first = mass + field.weights[j], first + c * field.weights[j]
+                sums[i] = (mass, first)
+            beyond[i][0][j], beyond[i][1][j] = mass, first
+        axis, x = R[:, 2], position[j]
+        if kinds[j] == "revolute":
+            J[:3, j], J[3:, j] = axis, cross(p, axis) + axis * pitches[j]
+            s, c = sine(x), cosine(x)
+            p = p - axis * (x * pitches[j])
+            R = np.column_stack([R[:, 0] * c - R[:, 1] * s, R[:, 0] * s + R[:, 1] * c, axis])
+        else:
+            J[3:, j] = axis
+            p = p - axis * x
+        R = R @ placements[j][:3, :3].T
+        p = p - R @ placements[j][:3, 3]
+    size = sum(float(np.linalg.norm(T[:3, 3])) for T in [*placements, T])
+    return _Kinematics(J, R, p, size), beyond
+
+
+def _field_terms(
+    force: Array, kinematics: _Kinematics, beyond: tuple[Array, Array]
+) -> tuple[Scalar, Array, Array]:
+    """Energy, gradient and Hessian in the joint positions."""
+    mass, first = beyond
+    J, joints = kinematics.J, kinematics.J.shape[1]
+    g = kinematics.R_M_F @ force
+    energy = -(g @ (first[0] - kinematics.p_M_F * mass[0]))
+    gradient, hessian = zeros(joints), zeros(joints, joints)
+    S = [cross(J[:3, b], first[b]) + J[3:, b] * mass[b] for b in range(joints)]
+    for a in range(joints):
+        gradient[a] = -(g @ S[a])
+        across = cross(g, J[:3, a])
+        for b in range(a, joints):
+            hessian[a, b] = hessian[b, a] = -(across @ S[b])
+    return energy, gradient, hessian
+
+
+def _curvature(J: Array, W: Array) -> Array:
+    """``S[a, b] = 1/2 W . [J_a, J_b]`` for a before b, symmetric."""
+    joints = J.shape[1]
+    S = zeros(joints, joints)
+    half = W * 0.5
+    for b in range(1, joints):
+        turn, shift = J[:3, b], J[3:, b]
+        column = np.concatenate([cross(turn, half[:3]) + cross(shift, half[3:]),
+                                 cross(turn, half[3:])])  # fmt: skip
+        for a in range(b):
+            S[a, b] = S[b, a] = J[:, a] @ column
+    return S
+
+
+class _Chain:
+    """One chain under one case, as numbers on a tape."""
+
+    def __init__(self, tape: Tape, case: ChainCase) -> None:
+        constants = case.constants
+        self.n = n = len(constants.is_length)
+        self.case = case
+        self.q = tape.vector("q", n)
+        self.position, self.mimic = self.q, None
+        if constants.mimic is not None:
+            self.mimic = np.reshape(constants.mimic, (-1, n))
+            offset = np.zeros(len(self.mimic)) if constants.offset is None else constants.offset
+            self.position = self.mimic @ self.q + np.asarray(offset, object)
+        self.kinematics, self.beyond = _kinematics(constants, self.position, case.fields)
+        self.J = self.kinematics.J if self.mimic is None else self.kinematics.J @ self.mimic
+        self.W: Array | None = None
+        if case.wrench != "none":
+            self.W = tape.vector("wrench", 6)
+        self._evaluate(tape)
+        self._measure()
+
+    def _evaluate(self, tape: Tape) -> None:
+        """Energy, gradient, Hessian of everything, springs balanced as the engine does."""
+        case, n = self.case, self.n
+        energy: Any = 0.0
+        gradient, hessian = zeros(n), zeros(n, n)
+        if case.derivatives:
+            energy = tape.input("energies", 0)
+            gradient = tape.vector("gradients", n)
+            hessian = tape.vector("hessians", n * n).reshape(n, n)
+            hessian = np.where(np.tri(n, dtype=bool), hessian, hessian.T)
+        forces = tape.vector("forces", 3 * len(case.fields)).reshape(-1, 3)
+        for force, beyond in zip(forces, self.beyond, strict=True):
+            E, g, H = _field_terms(force, self.kinematics, beyond)
+            if (M := self.mimic) is not None:
+                g, H = M.T @ g, congruence(M, H)
+            energy, gradient, hessian = energy + E, gradient + g, hessian + H
+        for indices, flat in case.coupled:
+            matrix = np.reshape(flat, (len(indices), -1))
+            force = matrix @ self.q[list(indices)]
+            energy = energy + (force @ self.q[list(indices)]) * 0.5
+            gradient[list(indices)] = gradient[list(indices)] + force
+            hessian[np.ix_(indices, indices)] = hessian[np.ix_(indices, indices)] + matrix
+        if case.open is not None:
+            stiffness = tape.vector("stiffness", n)
+            rest = tape.vector("rest", n)
+            wanted = zeros(n) if self.W is None else self.J.T @ self.W
+            for a in range(n):
+                hessian[a, a] = hessian[a, a] + stiffness[a]
+                if self.W is not None or case.open[a]:
+                    torque = wanted[a] - gradient[a]
+                    energy = energy + torque * torque / stiffness[a] * 0.5
+                    gradient[a] = wanted[a]
+                else:
+                    stretch = self.q[a] - rest[a]
+                    energy = energy + stiffness[a] * stretch * stretch * 0.5
+                    gradient[a] = gradient[a] + stiffness[a] * stretch
+        self.energy, self.gradient, self.hessian = energy, gradient, hessian
+
+    def _measure(self) -> None:
+        """Characteristic length, natural sizes of the coordinates, and the first verdict."""
+        self.verdict: Scalar = PLAIN
+        if self.mimic is None:  # axes are unit vectors
+            kinds = np.reshape(self.case.constants.screws, (-1, 6))
+            turning: list[Scalar] = [1.0 if np.any(k[:3]) else 0.0 for k in kinds]
+        else:
+            turning = [norm_squared(self.J[:3, a]) for a in range(self.n)]
+        total = sum(turning[1:], turning[0])
+        self.length: Scalar = 1.0
+        if not (isinstance(total, float) and total == 0.0):
+            moments = [
+                norm_squared(self.J[3:, a])
+                for a in range(self.n)
+                if not (isinstance(turning[a], float) and turning[a] == 0.0)
+            ]
+            self.length = square_root(sum(moments[1:], moments[0]) / total)
+            least = _MEETING * self.kinematics.size
+            self.verdict = pick(least, self.length, PLAIN, ENGINE)
+            far = limited(largest(self.position), LARGEST_ANGLE)
+            self.verdict = larger(self.verdict, far)
+        self.columns = zeros(self.n)
+        for a, is_length in enumerate(self.case.constants.is_length):
+            self.columns[a] = self.length if is_length else 1.0
+
+    def load(self) -> Array | None:
+        """The wrench where it is known beforehand."""
+        if self.W is None and self.case.open is not None and all(self.case.open):
+            return zeros(6)
+        return self.W
+
+    def lagrangian(self, W: Array) -> Array:
+        """H_L in the coordinates."""
+        return self.hessian - self.curvature(W)
+
+    def curvature(self, W: Array) -> Array:
+        """S_W in the coordinates."""
+        S = _curvature(self.kinematics.J, W)
+        return S if self.mimic is None else congruence(self.mimic, S)
+
+    def condition(self, R: Array, R_inverse: Array) -> Scalar:
+        """Bound on the squared condition number of the scaled Jacobian, R^T up to a rotation."""
+        area = self.length * self.length
+        if self.mimic is None and not any(self.case.constants.is_length):
+            forward: Scalar = 2.0 * self.n  # by the choice of the length
+        else:
+            forward = norm_squared(R[:, :3]) + norm_squared(R[:, 3:]) / area
+        backward = norm_squared(R_inverse[:3]) + norm_squared(R_inverse[3:]) * area
+        return forward * backward
+
+    def pose(self) -> Array:
+        """``T_F_M``."""
+        T = zeros(4, 4)
+        T[:3, :3] = self.kinematics.R_M_F.T
+        T[:3, 3] = -(self.kinematics.R_M_F.T @ self.kinematics.p_M_F)
+        T[3, 3] = 1.0
+        return T
+
+
+def _six(chain: _Chain, wanted: Collection[str]) -> tuple[Array, Array, Array]:
+    """W, K^B and K^F of six joints."""
+    Q = reflections((chain.J * chain.columns).T)
+    inverse_R = upper_inverse(Q.R)
+    A = Q.apply(inverse_R.T)
+    verdict = limited(chain.condition(Q.R, inverse_R), JACOBIAN_CONDITION**2)
+    chain.verdict = larger(chain.verdict, verdict)
+    A = chain.columns[:, None] * A
+    W = chain.load()
+    if W is None:
+        W = A.T @ chain.gradient
+    if not {"stiffness_F", "compliance_F"} & set(wanted):
+        return W, congruence(A, chain.lagrangian(W)), zeros(6, 6)
+    # A^T S A as the symmetric part of a triangular form: half the products.
+    K_F = congruence(A, chain.hessian)
+    upper = chain.curvature(W) * (np.triu(np.ones((6, 6)), 1) + 0.5 * np.eye(6))
+    half = A.T @ (upper @ A)
+    K_B = K_F.copy()
+    for i in range(6):
+        for j in range(i, 6):
+            K_B[i, j] = K_B[j, i] = K_F[i, j] - (half[i, j] + half[j, i])
+    return W, K_B, K_F
+
+
+def _redundant(chain: _Chain) -> tuple[Array, Array]:
+    """W and K^B of more than six joints, the energy least over the self-motion."""
+    n, columns = chain.n, chain.columns
+    Q = reflections((chain.J * columns).T)
+    inverse_R = upper_inverse(Q.R)
+    regular = limited(chain.condition(Q.R, inverse_R), JACOBIAN_CONDITION**2)
+    W = chain.load()
+    balanced: Scalar = PLAIN
+    if W is None:
+        gradient = chain.gradient * columns
+        turned = Q.apply_transposed(gradient)
+        W = inverse_R @ turned[:6]
+        noise = largest(chain.hessian * columns * columns[:, None]) * ROUNDING
+        limit = largest(gradient) * BALANCE + noise
+        felt = square_root(norm_squared(turned[6:]))
+        # The engine's basis of the self-motion is another: its largest entry is only bounded.
+        balanced = pick(felt, limit * 0.5, PLAIN,
+                        pick(limit * (2.0 * n), felt, UNBALANCED, ENGINE))  # fmt: skip
+    H = chain.lagrangian(W) * columns * columns[:, None]
+    turned_H = Q.conjugate(H)
+    L, inverses, least = positive_factor(turned_H[6:, 6:])
+    reached = turned_H[6:, :6].astype(object)
+    for i in range(1, n - 6):
+        reached[i] = reached[i] - L[i, :i] @ reached[:i]
+    S = turned_H[:6, :6] - congruence(reached, np.diag(inverses))
+    stable = pick(largest(H) * _PIVOT, least, PLAIN, ENGINE)
+    # An unbalanced posture has no H_L; whatever else is doubtful goes to the engine.
+    verdict = pick(balanced, 0.5, larger(balanced, stable), balanced)
+    verdict = pick(regular, 0.5, verdict, ENGINE)
+    chain.verdict = pick(chain.verdict, 0.5, verdict, ENGINE)
+    return W, congruence(inverse_R.T, S)
+
+
+def _deficient(chain: _Chain, found: dict[str, Array], wanted: Collection[str]) -> Array:
+    """W of least norm, and the compliances, of fewer than six joints."""
+    columns, length = chain.columns, chain.length
+    scaled = chain.J * columns
+    scaled[3:] = scaled[3:] / length
+    Q = reflections(scaled)
+    inverse_R = upper_inverse(Q.R)
+    condition = norm_squared(Q.R) * norm_squared(inverse_R)
+    verdict = limited(condition, JACOBIAN_CONDITION**2)
+    W = chain.load()
+    if W is None:
+        w = zeros(6)
+        w[: chain.n] = inverse_R.T @ (chain.gradient * columns)
+        W = Q.apply(w)
+        W[3:] = W[3:] / length
+    if any(f"compliance_{name}" in wanted for name in "ABK"):
+        H = chain.lagrangian(W) * columns * columns[:, None]
+        inverse_H = inverse(H)
+        condition = norm_squared(H) * norm_squared(inverse_H)
+        verdict = larger(verdict, limited(condition, 1e24))
+        C = congruence((chain.J * columns).T, inverse_H)
+        changes = connections(zeros(6, 6), W)
+        for name, D in changes.items():
+            if f"compliance_{name}" in wanted:
+                factor = D @ C
+                factor[range(6), range(6)] = factor.diagonal() + 1.0
+                turned = inverse(factor)
+                condition = norm_squared(factor) * norm_squared(turned)
+                verdict = larger(verdict, limited(condition, 1e24))
+                found[f"compliance_{name}"] = C if name == "B" else C @ turned
+    chain.verdict = larger(chain.verdict, verdict)
+    return W
+
+
+def chain_program(case: ChainCase, wanted: Collection[str]) -> Program:
+    """Tape of the outputs that are wanted and exist, and of the verdict on the posture."""
+    tape = Tape()
+    chain = _Chain(tape, case)
+    found: dict[str, Array] = {
+        "pose": chain.pose(),
+        "jacobian": chain.J,
+        "energy": np.array([chain.energy], object),
+    }
+    stiffness: dict[str, Array] = {}
+    if chain.n < 6:
+        W = _deficient(chain, found, wanted)
+    elif chain.n == 6:
+        W, K_B, K_F = _six(chain, wanted)
+        stiffness = {**connections(K_B, W), "F": K_F}
+    else:
+        W, K_B = _redundant(chain)
+        stiffness = connections(K_B, W)
+    found["wrench"] = W
+    found.update({f"stiffness_{name}": K for name, K in stiffness.items()})
+    verdict = add_compliances(found, stiffness, wanted, chain.length)
+    # What does not balance stays so, whatever its stiffness would be.
+    both = larger(chain.verdict, verdict)
+    found["verdict"] = np.array([pick(chain.verdict, 1.5, both, chain.verdict)], object)
+    outputs = {name: found[name] for name in (*wanted, "verdict") if name in found}
+    shared = ["stiffness", "rest", "forces"] + (["wrench"] if case.wrench == "shared" else [])
+    return tape.program(outputs, shared)

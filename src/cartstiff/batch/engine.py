@@ -1,0 +1,64 @@
+"""One posture after the other by the engine: for every mechanism, and for doubtful postures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from cartstiff.errors import ConvergenceError, InputError, UndefinedError
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.stiffness.compute import PostureStiffness, analyse
+
+__all__ = ["NOT_ASSEMBLED", "REGULAR", "fill", "state_of"]
+
+REGULAR, NOT_ASSEMBLED = "regular", "not-assembled"
+
+
+def state_of(found: PostureStiffness, with_compliance: bool) -> str:
+    """The code that stands for a posture's state.
+
+    The last state of the reduction, as in `analyse` with ``strict``; else a type-2 singularity;
+    else, if compliances are asked for, a stiffness matrix that has no inverse.
+    """
+    if found.reduction.states:
+        return found.reduction.states[-1].code
+    codes = {note.code for note in found.notes} if with_compliance else set()
+    codes |= {note.code for note in found._notes}
+    for code in ("type-2-singularity", "singular-stiffness"):
+        if code in codes:
+            return code
+    return REGULAR
+
+
+def fill(
+    elastic: ElasticMechanism, q: Array, wrench: Array | None, rows: Mapping[str, Array]
+) -> tuple[str, Array]:
+    """Write one posture's arrays into `rows`; its state, and its assembled coordinates."""
+    for row in rows.values():
+        row[...] = np.nan
+    try:
+        found = analyse(elastic, q, wrench=wrench)
+    except ConvergenceError:
+        return NOT_ASSEMBLED, q
+    except UndefinedError as error:
+        return error.code, q
+    except InputError:
+        # Everything given has been checked: the springs cannot carry this load here.
+        return "unbalanced", q
+    for name, row in rows.items():
+        value = _output(found, name)
+        if value is not None:
+            row[...] = value
+    return state_of(found, any(name.startswith("compliance") for name in rows)), found.q
+
+
+def _output(found: PostureStiffness, name: str) -> Array | float | None:
+    kind, _, connection = name.partition("_")
+    if kind == "stiffness":
+        return found.matrices[connection]
+    if kind == "compliance":
+        return found.compliances[connection]
+    value: Array | float | None = getattr(found, name)
+    return value

@@ -1,0 +1,137 @@
+"""What `analyse_many` is given: checks, and the arrays that are filled."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.elastic import ElasticMechanism
+
+__all__ = ["OUTPUTS", "aligned_empty", "arrays_for", "checked_count", "checked_names", "checked_q",
+           "checked_wrench"]  # fmt: skip
+
+_CONNECTIONS = "ABKF"
+#: What can be asked for.
+OUTPUTS = (
+    "pose", "jacobian", "wrench", "energy",
+    *(f"stiffness_{c}" for c in _CONNECTIONS), *(f"compliance_{c}" for c in _CONNECTIONS),
+)  # fmt: skip
+
+
+def _checked_rows(values: ArrayLike, what: str, expected: str) -> Array:
+    try:
+        array = np.asarray(values, float)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{what} is not numeric", expected=expected, got=values) from None
+    return array
+
+
+def _all_finite(array: Array) -> bool:
+    # In pieces: the mask of everything at once would be an eighth of the array.
+    return all(bool(np.isfinite(array[i : i + 65536]).all()) for i in range(0, len(array), 65536))
+
+
+def checked_q(elastic: ElasticMechanism, q: ArrayLike) -> Array:
+    """Coordinates as a finite (N, n) array of doubles."""
+    n = len(elastic.mechanism.coordinates)
+    expected = f"shape (N, {n}), one posture a row"
+    array = _checked_rows(q, "q", expected)
+    if array.ndim != 2 or array.shape[1] != n:
+        raise InputError("q has the wrong shape", expected=expected, got=f"shape {array.shape}")
+    if not _all_finite(array):
+        row = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
+        raise InputError("q must be finite", where=f"posture {row}", got=array[row].tolist())
+    return array
+
+
+def checked_wrench(elastic: ElasticMechanism, wrench: ArrayLike | None, count: int) -> Array | None:
+    """One wrench (6,), or one for each posture (N, 6)."""
+    if wrench is None:
+        return None
+    expected = f"shape (6,) or ({count}, 6)"
+    array = _checked_rows(wrench, "wrench", expected)
+    if array.shape not in ((6,), (count, 6)):
+        raise InputError(
+            "wrench has the wrong shape", expected=expected, got=f"shape {array.shape}"
+        )
+    if not np.isfinite(array).all():
+        raise InputError("wrench must be finite")
+    if elastic.springs is None:
+        raise InputError(
+            "the load of this mechanism follows from its potentials and cannot be given",
+            expected="no wrench here",
+        )
+    return array
+
+
+def checked_names(outputs: Sequence[str]) -> tuple[str, ...]:
+    """Names of outputs, each once."""
+    if isinstance(outputs, str):
+        raise InputError("outputs is one word", expected="a sequence of names", got=outputs)
+    names = tuple(dict.fromkeys(outputs))
+    for name in names:
+        if name not in OUTPUTS:
+            raise UnknownNameError("output", str(name), OUTPUTS)
+    return names
+
+
+def checked_count(what: str, value: object) -> int | None:
+    """A whole number from one, or None."""
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
+        raise InputError(f"{what} cannot be used", expected="a whole number from 1", got=value)
+    return int(value)
+
+
+def _shape(name: str, count: int, n: int) -> tuple[int, ...]:
+    sizes: dict[str, tuple[int, ...]] = {
+        "pose": (4, 4), "jacobian": (6, n), "wrench": (6,), "energy": (),
+    }  # fmt: skip
+    return (count, *sizes.get(name, (6, 6)))
+
+
+def arrays_for(
+    names: tuple[str, ...], out: Mapping[str, Array] | None, shape: tuple[int, ...]
+) -> dict[str, Array]:
+    """The arrays to fill: those given in `out`, and new ones."""
+    given = dict(out or {})
+    for name in given:
+        if name not in names:
+            raise UnknownNameError("output", str(name), names, where="out")
+    found = {}
+    for name in names:
+        expected = _shape(name, *shape)
+        array = given.get(name)
+        if array is None:
+            array = aligned_empty(*expected)
+        elif (
+            not isinstance(array, np.ndarray)
+            or array.shape != expected
+            or array.dtype != np.float64
+            or not array.flags.writeable
+        ):
+            got = (
+                f"shape {array.shape}, {array.dtype}"
+                + ("" if array.flags.writeable else ", read-only")
+                if isinstance(array, np.ndarray)
+                else type(array).__name__
+            )
+            raise InputError(
+                "array to write into cannot be used", where=f"out, {name}",
+                expected=f"a writeable array of doubles of shape {expected}", got=got,
+            )  # fmt: skip
+        found[name] = array
+    return found
+
+
+def aligned_empty(*shape: int) -> Array:
+    """Uninitialised doubles from an address divisible by 64, as whole cache lines are written."""
+    size = int(np.prod(shape, dtype=np.int64))
+    raw = np.empty(size + 8)
+    start = -(raw.ctypes.data // 8) % 8
+    return raw[start : start + size].reshape(shape)

@@ -1,0 +1,197 @@
+"""What a map says: its range, its best and worst postures, slices. Large maps are read in parts."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator, Mapping
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.geometry.se3 import Array
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["best", "best_branch", "blocks", "slice_map", "state_names", "summary", "worst"]
+
+
+def state_names(dataset: xarray.Dataset) -> dict[int, str]:
+    """Names of the numbers in ``state``."""
+    attributes = dataset["state"].attrs
+    names = attributes["flag_meanings"].split()
+    return dict(zip((int(v) for v in attributes["flag_values"]), names, strict=True))
+
+
+def blocks(array: xarray.DataArray) -> Iterator[dict[str, slice]]:
+    """Parts of an array as its file is cut, one after the other; all of it where it is not."""
+    sizes = array.chunks or tuple((n,) for n in array.shape)
+    cuts = []
+    for lengths in sizes:
+        ends = np.cumsum(lengths).tolist()
+        cuts.append([slice(e - n, e) for e, n in zip(ends, lengths, strict=True)])
+    for part in product(*cuts):
+        yield dict(zip((str(d) for d in array.dims), part, strict=True))
+
+
+def quantity_of(dataset: xarray.Dataset, name: str) -> xarray.DataArray:
+    """A quantity of a map.
+
+    Raises
+    ------
+    UnknownNameError
+        If the map has no such quantity.
+    """
+    known = [str(v) for v in dataset.data_vars if v not in ("state", "position", "q", "branches")]
+    if name not in known:
+        raise UnknownNameError("quantity of the map", name, known)
+    return dataset[name]
+
+
+def summary(dataset: xarray.Dataset) -> dict[str, Any]:
+    """Number of postures in each state, and the range of every quantity.
+
+    Returns
+    -------
+    dict
+        "states": counts by name; "quantities": by name, "unit", "smallest", "mean", "largest" over
+        the finite values (None if there are none), and "undefined", the number of the others.
+    """
+    names = state_names(dataset)
+    counts: dict[str, int] = {}
+    for part in blocks(dataset["state"]):
+        found, numbers = np.unique(dataset["state"].isel(part).values, return_counts=True)
+        for code, number in zip(found.tolist(), numbers.tolist(), strict=True):
+            name = names.get(code, str(code))
+            counts[name] = counts.get(name, 0) + number
+    ranges = {}
+    for name in map(str, dataset.data_vars):
+        if name in ("state", "position", "q", "branches"):
+            continue
+        array = dataset[name]
+        low, high, total, number = np.inf, -np.inf, 0.0, 0
+        for part in blocks(array):
+            values = array.isel(part).values
+            values = values[np.isfinite(values)].astype(float)
+            if values.size:
+                low, high = min(low, float(values.min())), max(high, float(values.max()))
+                total, number = total + float(values.sum()), number + values.size
+        ranges[name] = {
+            "unit": array.attrs.get("units", ""),
+            "smallest": low if number else None,
+            "mean": total / number if number else None,
+            "largest": high if number else None,
+            "undefined": int(array.size) - number,
+        }
+    return {"states": counts, "quantities": ranges}
+
+
+def best(dataset: xarray.Dataset, quantity: str, count: int = 1) -> xarray.Dataset:
+    """The postures at which a quantity is best, along a new dimension ``rank``.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        From `open_map`, or a slice of it.
+    quantity : str
+        A stiffness is best where it is largest, a deflection where it is smallest: the attribute
+        ``better`` says which.
+    count : int
+        How many; fewer come back where fewer exist.
+
+    Raises
+    ------
+    InputError
+        If neither end of the quantity is better.
+    """
+    return _ranked(dataset, quantity, count, best_first=True)
+
+
+def worst(dataset: xarray.Dataset, quantity: str, count: int = 1) -> xarray.Dataset:
+    """The postures at which a quantity is worst; as `best`."""
+    return _ranked(dataset, quantity, count, best_first=False)
+
+
+def _ranked(
+    dataset: xarray.Dataset, quantity: str, count: int, *, best_first: bool
+) -> xarray.Dataset:
+    array = quantity_of(dataset, quantity)
+    if count < 1:
+        raise InputError("number of postures cannot be used", expected="1 or more", got=count)
+    better = array.attrs.get("better")
+    if better is None:
+        raise InputError(f"neither end of {quantity} is better", expected="another quantity")
+    sign = 1.0 if (better == "smaller") == best_first else -1.0
+    found: list[tuple[float, tuple[int, ...]]] = []
+    for part in blocks(array):
+        values = sign * np.asarray(array.isel(part).values, float)
+        flat = values.ravel()
+        valid = np.flatnonzero(~np.isnan(flat))
+        if valid.size > count:
+            valid = valid[np.argpartition(flat[valid], count - 1)[:count]]
+        starts = [s.start for s in part.values()]
+        for i in valid.tolist():
+            place = np.unravel_index(i, values.shape)
+            cell = tuple(int(k) + s for k, s in zip(place, starts, strict=True))
+            found.append((float(flat[i]), cell))
+        found = heapq.nsmallest(count, found)
+    import xarray
+
+    picks = {
+        str(dim): xarray.DataArray([cell[i] for _, cell in found], dims="rank")
+        for i, dim in enumerate(array.dims)
+    }
+    return dataset.isel(picks).compute()
+
+
+def slice_map(dataset: xarray.Dataset, **at: float) -> xarray.Dataset:
+    """The part of a map at fixed values of some of its axes: the nearest that it has.
+
+    Raises
+    ------
+    UnknownNameError
+        For a name that is no axis.
+    InputError
+        For a value outside the axis.
+    """
+    axes = [str(d) for d in dataset.dims if d in dataset.coords and d not in ("joint", "xyz")]
+    for name, value in at.items():
+        if name not in axes:
+            raise UnknownNameError("axis of the map", name, axes)
+        values = np.asarray(dataset[name].values, float)
+        step = values[1] - values[0] if len(values) > 1 else abs(values[0]) or 1.0
+        if not values[0] - step / 2 <= value <= values[-1] + step / 2:
+            raise InputError(
+                f"value of {name} is outside the map",
+                expected=f"{values[0]:g} to {values[-1]:g}",
+                got=f"{value:g}",
+            )
+    return dataset.isel({n: int(np.abs(dataset[n].values - v).argmin()) for n, v in at.items()})
+
+
+def best_branch(dataset: xarray.Dataset, quantity: str) -> xarray.Dataset:
+    """The map with one branch at every place: the one at which the quantity is best.
+
+    Where no branch has a value, the first one stands, with its state.
+    """
+    array = quantity_of(dataset, quantity)
+    if "branch" not in array.dims:
+        return dataset
+    sign = 1.0 if array.attrs.get("better") == "smaller" else -1.0
+    values: Array = sign * np.asarray(array.values, float)
+    axis = array.dims.index("branch")
+    pick = np.where(np.isnan(values), np.inf, values).argmin(axis=axis)
+    import xarray
+
+    dims = [d for d in array.dims if d != "branch"]
+    return dataset.isel(branch=xarray.DataArray(pick, dims=dims))
+
+
+def unit_label(array: xarray.DataArray) -> str:
+    """Words and unit of a quantity, for an axis."""
+    attributes: Mapping[str, Any] = array.attrs
+    unit = attributes.get("units", "1")
+    words = str(attributes.get("long_name", array.name))
+    return words if unit == "1" else f"{words} [{unit}]"

@@ -1,0 +1,353 @@
+"""Where a map looks: grids of coordinates, random postures, Cartesian grids, trajectories.
+
+A sampling has dimensions with a shape, and gives the postures of any box of it. The same numbers
+come out whatever the boxes are, so that a map can be split, interrupted and gone on with.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.contract import named_values
+from cartstiff.mechanisms.elastic import ElasticMechanism
+
+__all__ = ["Axis", "Grid", "RandomPostures", "Sampling", "Trajectory", "from_dict"]
+
+# Random postures are drawn in blocks of this size, each from its own seed.
+_BLOCK = 1024
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Equally spaced values."""
+
+    low: float
+    high: float
+    count: int
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.low) and np.isfinite(self.high)):
+            raise InputError("ends of an axis must be finite", got=(self.low, self.high))
+        if self.count < 1:
+            raise InputError("an axis needs values", expected="1 or more", got=self.count)
+        if self.count > 1 and not self.high > self.low:
+            raise InputError("an axis must rise", expected="low < high", got=(self.low, self.high))
+
+    @property
+    def values(self) -> Array:
+        """The values (count,)."""
+        return np.linspace(self.low, self.high, self.count)
+
+    def as_list(self) -> list[float]:
+        """For JSON."""
+        return [float(self.low), float(self.high), int(self.count)]
+
+
+class Sampling(ABC):
+    """Postures in an array of one or more dimensions.
+
+    Attributes
+    ----------
+    dims : tuple of str
+        Names of the dimensions.
+    shape : tuple of int
+        Their lengths.
+    whole : tuple of str
+        Dimensions that are never split.
+    stores_q : bool
+        Whether the coordinates of the postures must be kept in the file, because they cannot be
+        had again without work.
+    """
+
+    dims: tuple[str, ...]
+    shape: tuple[int, ...]
+    whole: tuple[str, ...] = ()
+    stores_q: bool = False
+
+    @property
+    def size(self) -> int:
+        """Number of postures."""
+        return int(np.prod([int(n) for n in self.shape], dtype=object))
+
+    @property
+    def axes(self) -> Mapping[str, Axis]:
+        """Values along the dimensions that have some."""
+        return {}
+
+    @abstractmethod
+    def postures(self, box: tuple[slice, ...], elastic: ElasticMechanism | None = None) -> Array:
+        """Coordinates (m, n) of the postures of a box in C order; NaN rows where there is none.
+
+        Only a Cartesian grid needs the mechanism for it.
+        """
+
+    @abstractmethod
+    def as_dict(self) -> dict[str, Any]:
+        """Everything that determines the postures, for JSON."""
+
+    def part(self, box: tuple[slice, ...]) -> tuple[Sampling, tuple[slice, ...]]:
+        """A sampling that holds no more than the box needs, and the box in it."""
+        return self, box
+
+
+def dimension_name(coordinate: str) -> str:
+    """Name of the dimension of a coordinate: in a file a slash would start a folder."""
+    return coordinate.replace("/", ".")
+
+
+def grid_indices(box: tuple[slice, ...]) -> tuple[Array, ...]:
+    """Index of every cell of a box along each dimension, in C order."""
+    ranges = np.meshgrid(*(np.arange(s.start, s.stop) for s in box), indexing="ij")
+    return tuple(r.ravel() for r in ranges)
+
+
+class Grid(Sampling):
+    """All combinations of values of some coordinates; the others keep theirs.
+
+    Parameters
+    ----------
+    axes : mapping of str to Axis
+        By coordinate name; the first varies slowest.
+    names : sequence of str
+        Names of all coordinates.
+    base : array_like (n,)
+        Values of the others.
+    """
+
+    def __init__(self, axes: Mapping[str, Axis], names: Sequence[str], base: ArrayLike) -> None:
+        if not axes:
+            raise InputError("a grid needs an axis")
+        for name in axes:
+            if name not in names:
+                raise UnknownNameError("coordinate", name, names)
+        self.names = tuple(names)
+        self._columns = [self.names.index(name) for name in axes]
+        self._axes = {dimension_name(name): axis for name, axis in axes.items()}
+        self.base = np.array(base, float)
+        self.dims = tuple(self._axes)
+        self.shape = tuple(axis.count for axis in axes.values())
+
+    @property
+    def axes(self) -> Mapping[str, Axis]:
+        """Values by dimension."""
+        return self._axes
+
+    @property
+    def columns(self) -> list[int]:
+        """Positions of the grid's coordinates in q."""
+        return self._columns
+
+    @cached_property
+    def _values(self) -> list[Array]:
+        return [axis.values for axis in self._axes.values()]
+
+    def postures(
+        self,
+        box: tuple[slice, ...],
+        elastic: ElasticMechanism | None = None,  # noqa: ARG002
+    ) -> Array:
+        """Coordinates (m, n) of the cells of a box."""
+        parts = [v[s] for v, s in zip(self._values, box, strict=True)]
+        shape = tuple(len(p) for p in parts)
+        q = np.empty((*shape, len(self.base)))
+        q[...] = self.base
+        for i, (column, part) in enumerate(zip(self._columns, parts, strict=True)):
+            q[..., column] = part.reshape(-1, *[1] * (len(shape) - i - 1))
+        return q.reshape(-1, len(self.base))
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "kind": "grid",
+            "axes": {
+                self.names[i]: axis.as_list()
+                for i, axis in zip(self._columns, self._axes.values(), strict=True)
+            },
+            "names": list(self.names),
+            "base": self.base.tolist(),
+        }
+
+
+class RandomPostures(Sampling):
+    """Independent postures, uniform between the limits of each coordinate.
+
+    Posture i depends on the seed and on i alone.
+
+    Parameters
+    ----------
+    count, seed : int
+        How many, and which.
+    lower, upper : array_like (n,)
+        Limits; where they are equal the coordinate is fixed.
+    """
+
+    def __init__(self, count: int, seed: int, lower: ArrayLike, upper: ArrayLike) -> None:
+        if count < 1:
+            raise InputError("no postures were asked for", expected="1 or more", got=count)
+        if seed < 0:
+            raise InputError("seed cannot be used", expected="0 or more", got=seed)
+        self.lower, self.upper = np.array(lower, float), np.array(upper, float)
+        if not np.all(np.isfinite(self.lower) & np.isfinite(self.upper)):
+            raise InputError("limits of random postures must be finite")
+        if np.any(self.upper < self.lower):
+            raise InputError("limits of random postures must rise")
+        self.count, self.seed = int(count), int(seed)
+        self.dims, self.shape = ("posture",), (self.count,)
+
+    @classmethod
+    def within_limits(
+        cls,
+        elastic: ElasticMechanism,
+        count: int,
+        seed: int = 0,
+        ranges: Mapping[str, tuple[float, float]] | None = None,
+    ) -> RandomPostures:
+        """Between the mechanism's limits, or within a turn where an angle has none.
+
+        Parameters
+        ----------
+        elastic : ElasticMechanism
+            Gives names and limits.
+        count, seed : int
+            As above.
+        ranges : mapping of str to (low, high), optional
+            Other limits by coordinate name.
+
+        Raises
+        ------
+        InputError
+            If a distance has no limits and no range is given for it.
+        """
+        lower, upper = [], []
+        for name in ranges or {}:
+            if name not in elastic.names:
+                raise UnknownNameError("coordinate", name, elastic.names)
+        for c in elastic.mechanism.coordinates:
+            low, high = (ranges or {}).get(c.name, (c.lower, c.upper))
+            if not c.is_length:
+                low, high = max(low, -np.pi) if np.isinf(low) else low, high
+                high = min(high, np.pi) if np.isinf(high) else high
+            if not (np.isfinite(low) and np.isfinite(high)):
+                raise InputError(
+                    f"coordinate {c.name!r} has no limits", expected="a range for it"
+                )  # fmt: skip
+            lower.append(low)
+            upper.append(high)
+        return cls(count, seed, lower, upper)
+
+    def postures(
+        self,
+        box: tuple[slice, ...],
+        elastic: ElasticMechanism | None = None,  # noqa: ARG002
+    ) -> Array:
+        """Coordinates (m, n) of a range of postures."""
+        start, stop = box[0].start, box[0].stop
+        first, last = start // _BLOCK, -(-stop // _BLOCK)
+        n = len(self.lower)
+        drawn = np.empty(((last - first) * _BLOCK, n))
+        for i in range(first, last):
+            rng = np.random.default_rng([self.seed, i])
+            rng.random(out=drawn[(i - first) * _BLOCK : (i - first + 1) * _BLOCK])
+        q: Array = drawn[start - first * _BLOCK : stop - first * _BLOCK]
+        q *= self.upper - self.lower
+        q += self.lower
+        return q
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "kind": "random",
+            "count": self.count,
+            "seed": self.seed,
+            "lower": self.lower.tolist(),
+            "upper": self.upper.tolist(),
+        }
+
+
+class Trajectory(Sampling):
+    """Given postures in a row.
+
+    Parameters
+    ----------
+    q : array_like (N, n)
+        Coordinates.
+    time : array_like (N,), optional
+        When; kept as a coordinate of the map.
+    """
+
+    stores_q = True
+
+    def __init__(self, q: ArrayLike, time: ArrayLike | None = None) -> None:
+        self.q = np.array(q, float)
+        if self.q.ndim != 2 or len(self.q) == 0:
+            raise InputError("a trajectory has no postures", expected="(N, n)", got=self.q.shape)
+        if not np.isfinite(self.q).all():
+            raise InputError("a trajectory must hold finite numbers")
+        self.time = None if time is None else np.array(time, float)
+        self.dims, self.shape = ("posture",), (len(self.q),)
+
+    @classmethod
+    def from_table(
+        cls, columns: Mapping[str, ArrayLike], elastic: ElasticMechanism, base: ArrayLike
+    ) -> Trajectory:
+        """From columns by coordinate name; ``time`` may be one more; the rest keeps `base`.
+
+        Raises
+        ------
+        UnknownNameError
+            For a column that is no coordinate.
+        InputError
+            If no column is one.
+        """
+        base = named_values(np.asarray(base, float), elastic.names, elastic.q, "base")
+        found = [name for name in columns if name != "time" or "time" in elastic.names]
+        for name in found:
+            if name not in elastic.names:
+                raise UnknownNameError("column", name, (*elastic.names, "time"))
+        if not found:
+            raise InputError("a trajectory has no column of a coordinate")
+        length = len(np.atleast_1d(np.asarray(columns[found[0]])))
+        q = np.tile(base, (length, 1))
+        for name in found:
+            q[:, elastic.names.index(name)] = columns[name]
+        time = columns.get("time") if "time" not in found else None
+        return cls(q, time)
+
+    def postures(
+        self,
+        box: tuple[slice, ...],
+        elastic: ElasticMechanism | None = None,  # noqa: ARG002
+    ) -> Array:
+        """Coordinates (m, n) of a range of postures."""
+        return self.q[box[0]].copy()
+
+    def part(self, box: tuple[slice, ...]) -> tuple[Sampling, tuple[slice, ...]]:
+        """Only the postures of the box."""
+        q = self.q[box[0]]
+        return Trajectory(q), (slice(0, len(q)),)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON: a digest stands for the postures, which are in the file."""
+        from hashlib import sha256
+
+        digest = sha256(np.ascontiguousarray(self.q).tobytes()).hexdigest()
+        return {"kind": "trajectory", "count": len(self.q), "sha256": digest}
+
+
+def from_dict(data: Mapping[str, Any]) -> Sampling | None:
+    """The sampling that `as_dict` described; None where the file holds its postures."""
+    if data["kind"] == "grid":
+        axes = {name: Axis(low, high, int(n)) for name, (low, high, n) in data["axes"].items()}
+        return Grid(axes, data["names"], data["base"])
+    if data["kind"] == "random":
+        return RandomPostures(data["count"], data["seed"], data["lower"], data["upper"])
+    return None

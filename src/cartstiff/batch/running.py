@@ -1,0 +1,172 @@
+"""Which kernel computes a stack of postures, and its way through the chunks."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
+from importlib.util import find_spec
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cartstiff.batch import portable
+from cartstiff.batch.arithmetic import ENGINE
+from cartstiff.batch.given import OUTPUTS
+from cartstiff.batch.plans import Case, Plan, plan, program_for
+from cartstiff.errors import InputError, MissingDependencyError
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.elastic import ElasticMechanism
+
+__all__ = ["PATHS", "Path", "chosen", "run"]
+
+Path = Literal["auto", "compiled", "portable", "engine"]
+PATHS = ("auto", "compiled", "portable", "engine")
+
+#: Postures from which on it pays to compile a mechanism that has not been compiled yet.
+WORTH_COMPILING = 5000
+#: Operations beyond which compiling takes more than a few seconds.
+LARGEST_PROGRAM = 60_000
+#: Postures that a thread takes at a time in compiled code.
+COMPILED_CHUNK = 4096
+#: The same where some potentials are evaluated posture by posture: n^2 numbers each are held.
+EVALUATED_CHUNK = 1024
+
+
+@lru_cache(maxsize=32)
+def _portable_kernel(case: Case, names: tuple[str, ...]) -> portable.PortableKernel:
+    return portable.PortableKernel(program_for(case, names))
+
+
+_compiled: dict[tuple[Case, tuple[str, ...]], Any] = {}
+
+
+def _compiled_kernel(case: Case, names: tuple[str, ...]) -> Any:
+    """Machine code for a case; the last 64 are kept."""
+    from cartstiff.batch.compiled import CompiledKernel
+
+    key = (case, names)
+    kernel = _compiled.pop(key, None) or CompiledKernel(program_for(case, names))
+    _compiled[key] = kernel
+    while len(_compiled) > 64:
+        del _compiled[next(iter(_compiled))]
+    return kernel
+
+
+def _has(package: str) -> bool:
+    return find_spec(package) is not None
+
+
+def chosen(
+    elastic: ElasticMechanism, loads: Array | None, names: tuple[str, ...], path: Path, count: int
+) -> tuple[Plan | None, Any, str]:
+    """Plan and kernel, or None for the engine; and why not a faster one."""
+    if path == "engine":
+        return None, None, "asked for"
+    kind = "none" if loads is None else "shared" if loads.ndim == 1 else "each"
+    found = plan(elastic, kind)
+    if isinstance(found, str):
+        if path != "auto":
+            raise InputError(
+                f"path {path!r} does not serve this mechanism: {found}", expected="path 'engine'"
+            )
+        return None, None, found
+    # In the order of `OUTPUTS`, so that the same set finds the same kernel.
+    ordered = tuple(name for name in OUTPUTS if name in names)
+    if path == "portable":
+        return found, _portable_kernel(found.case, ordered), "asked for"
+    if not _has("llvmlite"):
+        error = MissingDependencyError("llvmlite", "the compiled path", "maps")
+        if path == "compiled":
+            raise error
+        return found, _portable_kernel(found.case, ordered), str(error)
+    reason = ""
+    if path == "auto" and (found.case, ordered) not in _compiled:
+        size = program_for(found.case, ordered).size
+        if count < WORTH_COMPILING:
+            reason = f"compiling pays from {WORTH_COMPILING} postures on"
+        elif size > LARGEST_PROGRAM:
+            reason = f"{size} operations would take too long to compile"
+    if reason:
+        return found, _portable_kernel(found.case, ordered), reason
+    return found, _compiled_kernel(found.case, ordered), ""
+
+
+@lru_cache(maxsize=4)
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, thread_name_prefix="cartstiff-batch")
+
+
+if hasattr(os, "register_at_fork"):
+    # A forked process has none of its parent's threads.
+    os.register_at_fork(after_in_child=_pool.cache_clear)
+
+
+def run(
+    taken: Plan, kernel: Any, q: Array, loads: Array | None, arrays: Mapping[str, Array],
+    verdicts: NDArray[np.uint8], threads: int, size: int | None,
+) -> None:  # fmt: skip
+    """Fill the arrays by a kernel, chunk by chunk; what does not exist becomes NaN."""
+    count = len(q)
+    if not count:
+        return
+    exists = {n: len(s) for n, s in kernel.program.outputs.items() if n != "verdict"}
+    for name, array in arrays.items():
+        if name not in exists:
+            array[...] = np.nan
+    options = {}
+    if isinstance(kernel, portable.PortableKernel):
+        length = size or portable.CHUNK
+    else:
+        from cartstiff.batch.compiled import STREAMED
+
+        length = size or COMPILED_CHUNK
+        options = {"stream": sum(arrays[name].nbytes for name in exists) > STREAMED}
+    if taken.has_derivatives:
+        length = min(length, EVALUATED_CHUNK)
+    # Chunks of one length, a multiple of the kernel's block: each starts on a whole cache line.
+    pieces = -(-count // length)
+    blocks = -(-count // (pieces * kernel.block))
+    length = blocks * kernel.block
+    starts = iter(range(0, count, length))
+    shared = {name: np.ascontiguousarray(array) for name, array in taken.shared.items()}
+    if loads is not None and loads.ndim == 1:
+        shared["wrench"] = np.ascontiguousarray(loads)[None]
+
+    def work() -> None:
+        workspace = kernel.workspace(length)
+        verdict = np.empty((length, 1))
+        for start in starts:  # every thread takes its next chunk from here
+            stop = min(start + length, count)
+            rows = stop - start
+            inputs = {**shared, "q": np.ascontiguousarray(q[start:stop])}
+            if loads is not None and loads.ndim == 2:
+                inputs["wrench"] = np.ascontiguousarray(loads[start:stop])
+            doubts = None
+            if taken.has_derivatives:
+                more, doubts = taken.derivatives(inputs["q"])
+                inputs.update(more)
+            found, copies = {"verdict": verdict}, []
+            for name, width in exists.items():
+                part = arrays[name][start:stop]
+                if part.flags.c_contiguous:
+                    found[name] = part.reshape(rows, width)
+                else:
+                    found[name] = np.empty((rows, width))
+                    copies.append((part, found[name]))
+            workspace.run(inputs, found, rows, **options)
+            for part, values in copies:
+                part[...] = values.reshape(part.shape)
+            verdicts[start:stop] = verdict[:rows, 0]
+            if doubts is not None:
+                verdicts[start:stop][doubts == ENGINE] = ENGINE
+
+    workers = min(threads, pieces)
+    if workers == 1:
+        work()
+        return
+    pool = _pool(threads)
+    for future in [pool.submit(work) for _ in range(workers)]:
+        future.result()

@@ -1,0 +1,284 @@
+r"""Arithmetic that writes itself down: recording numbers, and the straight-line tape they leave.
+
+A formula evaluated on `Number` instead of floats leaves a list of operations on scalars. Constants
+are folded, what is computed twice is shared, and `Tape.program` keeps what the outputs need. One
+tape serves every way to run it: over NumPy arrays (`portable`) or as vector code (`compiled`).
+
+Folding assumes finite numbers: 0 x is 0. Where x is not finite the verdict on the posture, which
+is computed from the same numbers, says so.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from cartstiff.geometry.se3 import Array
+
+__all__ = ["Input", "Number", "Operation", "Program", "Tape", "absolute", "copysign", "cosine",
+           "larger", "pick", "sine", "square_root"]  # fmt: skip
+
+
+class Operation(NamedTuple):
+    """One step: its name and the steps it reads; "constant" and "input" have their own data."""
+
+    name: str
+    arguments: tuple[int, ...]
+    value: float = 0.0
+
+
+class Input(NamedTuple):
+    """A scalar that the tape reads: a component of a named array.
+
+    A *shared* array has one row for all postures, any other one row per posture.
+    """
+
+    array: str
+    component: int
+
+
+_FOLDED: dict[str, Callable[..., float]] = {
+    "sqrt": math.sqrt,
+    "abs": abs,
+    "copysign": math.copysign,
+    "max": max,
+    "sin": math.sin,
+    "cos": math.cos,
+    "pick": lambda x, y, a, b: a if x < y else b,
+}
+
+
+class Tape:
+    """Operations in the order in which they were recorded."""
+
+    def __init__(self) -> None:
+        self.operations: list[Operation] = []
+        self.inputs: list[Input] = []
+        self._known: dict[Operation | Input, Number] = {}
+
+    def input(self, array: str, index: int) -> Number:
+        """Component `index` of an array given at run time."""
+        key = Input(array, index)
+        if key not in self._known:
+            self.inputs.append(key)
+            self.operations.append(Operation("input", (len(self.inputs) - 1,)))
+            self._known[key] = Number(self, len(self.operations) - 1)
+        return self._known[key]
+
+    def vector(self, array: str, size: int) -> Array:
+        """All `size` components of an array, as an array of numbers."""
+        found = np.empty(size, object)
+        found[:] = [self.input(array, i) for i in range(size)]
+        return found
+
+    def record(self, name: str, *arguments: Number | float) -> Number | float:
+        """Result of an operation: computed at once for constants, else the step that does it."""
+        if not any(isinstance(a, Number) for a in arguments) and name in _FOLDED:
+            return _FOLDED[name](*arguments)
+        steps = tuple(a.step if isinstance(a, Number) else self._constant(a) for a in arguments)
+        if name in ("add", "mul", "max") and steps[0] > steps[1]:
+            steps = steps[::-1]
+        return self._step(Operation(name, steps))
+
+    def _constant(self, value: float) -> int:
+        return self._step(Operation("constant", (), float(value))).step
+
+    def _step(self, operation: Operation) -> Number:
+        if operation not in self._known:
+            self.operations.append(operation)
+            self._known[operation] = Number(self, len(self.operations) - 1)
+        return self._known[operation]
+
+    def program(self, outputs: Mapping[str, Array], shared: Sequence[str]) -> Program:
+        """What the outputs need, renumbered; `shared` inputs have one row for all postures."""
+        wanted = {
+            name: [x.step if isinstance(x, Number) else self._constant(x) for x in np.ravel(values)]
+            for name, values in outputs.items()
+        }
+        place: dict[int, int] = {}
+        kept: list[Operation] = []
+        # Depth first: what is computed is used soon, and few values wait at a time.
+        for step in _in_turn(wanted):
+            waiting = [step]
+            while waiting:
+                top = waiting[-1]
+                operation = self.operations[top]
+                inner = () if operation.name == "input" else operation.arguments
+                missing = [a for a in inner if a not in place]
+                if top in place or missing:
+                    if top in place:
+                        waiting.pop()
+                    else:
+                        waiting += missing[::-1]
+                    continue
+                place[top] = len(kept)
+                kept.append(operation._replace(arguments=tuple(place[a] for a in inner) if inner
+                                               else operation.arguments))  # fmt: skip
+                waiting.pop()
+        return Program(
+            tuple(kept),
+            tuple(self.inputs),
+            {name: tuple(place[s] for s in steps) for name, steps in wanted.items()},
+            frozenset(shared),
+        )
+
+
+def _in_turn(wanted: Mapping[str, Sequence[int]]) -> Iterator[int]:
+    """All output steps: small outputs first, then matrices side by side, last rows first.
+
+    Stiffness matrices differ by a few terms, and a symmetric matrix is made by columns of which the
+    last are the longest: what is shared is then still at hand.
+    """
+    matrices = [steps for name, steps in wanted.items() if name.startswith(("stiff", "compl"))]
+    for steps in sorted(wanted.values(), key=len):
+        if steps not in matrices:
+            yield from steps
+    for start in range(30, -1, -6):
+        for steps in matrices:
+            yield from steps[start : start + 6]
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """A straight line of operations with named outputs.
+
+    Attributes
+    ----------
+    operations : tuple of Operation
+        In an order in which each reads only earlier ones.
+    inputs : tuple of Input
+        What "input" operations read.
+    outputs : dict of str to tuple of int
+        Steps that make up each output, in C order of its array.
+    shared : frozenset of str
+        Input arrays with one row for all postures.
+    """
+
+    operations: tuple[Operation, ...]
+    inputs: tuple[Input, ...]
+    outputs: dict[str, tuple[int, ...]]
+    shared: frozenset[str]
+
+    @property
+    def size(self) -> int:
+        """Number of arithmetic operations."""
+        return sum(o.name not in ("input", "constant") for o in self.operations)
+
+
+class Number:
+    """A scalar on a tape; acts like a float under + - * / and the functions of this module."""
+
+    __slots__ = ("step", "tape")
+
+    def __init__(self, tape: Tape, step: int) -> None:
+        self.tape = tape
+        self.step = step
+
+    def _is(self, name: str) -> bool:
+        return self.tape.operations[self.step].name == name
+
+    def _argument(self) -> Number:
+        return Number(self.tape, self.tape.operations[self.step].arguments[0])
+
+    def __neg__(self) -> Number | float:
+        return self._argument() if self._is("neg") else self.tape.record("neg", self)
+
+    def __add__(self, other: Number | float) -> Number | float:
+        if isinstance(other, Number):
+            if other._is("neg"):
+                return self - other._argument()
+            if self._is("neg"):
+                return other - self._argument()
+        elif other == 0:
+            return self
+        return self.tape.record("add", self, other)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Number | float) -> Number | float:
+        if isinstance(other, Number):
+            if other.step == self.step:
+                return 0.0
+            if other._is("neg"):
+                return self + other._argument()
+        elif other == 0:
+            return self
+        return self.tape.record("sub", self, other)
+
+    def __rsub__(self, other: float) -> Number | float:
+        return -self if other == 0 else self.tape.record("sub", other, self)
+
+    def __mul__(self, other: Number | float) -> Number | float:
+        if isinstance(other, Number):
+            if self._is("neg"):
+                return -(self._argument() * other)
+            if other._is("neg"):
+                return -(self * other._argument())
+        elif other == 0:
+            return 0.0
+        elif other == 1:
+            return self
+        elif other == -1:
+            return -self
+        elif other < 0:
+            return -(self * -other)
+        return self.tape.record("mul", self, other)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Number | float) -> Number | float:
+        if not isinstance(other, Number):
+            return self * (1.0 / other)
+        return self.tape.record("div", self, other)
+
+    def __rtruediv__(self, other: float) -> Number | float:
+        return 0.0 if other == 0 else self.tape.record("div", other, self)
+
+
+Scalar = Number | float
+
+
+def _record(name: str, *arguments: Scalar) -> Scalar:
+    for argument in arguments:
+        if isinstance(argument, Number):
+            return argument.tape.record(name, *arguments)
+    return _FOLDED[name](*arguments)
+
+
+def square_root(x: Scalar) -> Scalar:
+    """Square root."""
+    return _record("sqrt", x)
+
+
+def absolute(x: Scalar) -> Scalar:
+    """Absolute value."""
+    return _record("abs", x)
+
+
+def copysign(x: Scalar, sign: Scalar) -> Scalar:
+    """``|x|`` with the sign of the second."""
+    return _record("copysign", x, sign)
+
+
+def larger(x: Scalar, y: Scalar) -> Scalar:
+    """The larger of two."""
+    return _record("max", x, y)
+
+
+def sine(x: Scalar) -> Scalar:
+    """Sine."""
+    return _record("sin", x)
+
+
+def cosine(x: Scalar) -> Scalar:
+    """Cosine."""
+    return _record("cos", x)
+
+
+def pick(x: Scalar, y: Scalar, yes: Scalar, no: Scalar) -> Scalar:
+    """`yes` where x < y, else `no`; `no` where either is not a number."""
+    return _record("pick", x, y, yes, no)

@@ -1,0 +1,155 @@
+"""A path of the tool: poses, and the load or direction that counts at each of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+
+__all__ = ["Axes", "ToolPath"]
+
+#: Axes in which wrenches and directions are given: those of the path's own poses, of F, or of the
+#: body, which also turns by whatever rotation is left free.
+Axes = Literal["path", "world", "body"]
+
+
+@dataclass(frozen=True, eq=False)
+class ToolPath:
+    """A sequence of poses of the body frame M, with what acts on the tool.
+
+    Attributes
+    ----------
+    poses : ndarray, shape (m, 4, 4)
+        ``T_F_M`` of each point, or ``T_P_M`` in a workpiece frame P (see `moved`).
+    wrenches : ndarray, shape (m, 6), or None
+        (moment, force) that the process exerts on the body, about the origin of M.
+    directions : ndarray, shape (m, 3), or None
+        Directions along which stiffness counts; any length but zero.
+    axes : {"path", "world", "body"}
+        Axes of both.
+
+    Raises
+    ------
+    InputError
+        For wrong shapes, numbers that are not finite, or poses that are no rigid motions.
+    """
+
+    poses: Array
+    wrenches: Array | None = None
+    directions: Array | None = None
+    axes: Axes = "path"
+
+    def __post_init__(self) -> None:
+        if self.axes not in get_args(Axes):
+            raise UnknownNameError("axes", str(self.axes), get_args(Axes))
+        try:
+            poses = np.array(self.poses, float)
+        except (TypeError, ValueError):
+            raise InputError("path is not numeric", expected="poses (m, 4, 4)") from None
+        if poses.ndim != 3 or poses.shape[1:] != (4, 4) or not len(poses):
+            raise InputError("path has the wrong shape", expected="(m, 4, 4), m at least 1",
+                             got=np.shape(self.poses))  # fmt: skip
+        for index, T in enumerate(poses):
+            if not se3.is_pose(T):
+                raise InputError(f"pose {index + 1} of the path is not a rigid motion",
+                                 got=T.tolist())  # fmt: skip
+        object.__setattr__(self, "poses", se3.read_only(poses))
+        for name, width in (("wrenches", 6), ("directions", 3)):
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, _rows(value, len(poses), width, name))
+        if self.directions is not None and not self.directions.any(axis=1).all():
+            raise InputError("a direction of the path is zero")
+
+    @classmethod
+    def from_axes(
+        cls,
+        positions: ArrayLike,
+        tool_axes: ArrayLike,
+        axis: Literal["x", "y", "z"] = "z",
+        *,
+        wrenches: ArrayLike | None = None,
+        directions: ArrayLike | None = None,
+        axes: Axes = "world",
+    ) -> ToolPath:
+        """Path from positions (m, 3) and directions of the tool's axis (m, 3) or (3,), both in F.
+
+        The rotation about that axis is chosen so that it follows the path without turning; it
+        does not matter where it is left free.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes or a direction that is zero.
+        """
+        if axis not in ("x", "y", "z"):
+            raise UnknownNameError("axis", str(axis), ("x", "y", "z"))
+        p = np.array(positions, float)
+        if p.ndim != 2 or p.shape[1] != 3:
+            raise InputError("positions have the wrong shape", expected="(m, 3)", got=p.shape)
+        u = _rows(tool_axes, len(p), 3, "tool axes")
+        size = np.linalg.norm(u, axis=1)
+        if not np.all(size > 0):
+            raise InputError("a tool axis is zero", got=u[np.argmin(size)].tolist())
+        u = u / size[:, None]
+        own = np.eye(3)["xyz".index(axis)]
+        rotations, R = [], np.eye(3)
+        for direction in u:
+            R = _least_turn(R @ own, direction) @ R
+            rotations.append(R)
+        poses = se3.pose(np.array(rotations), p)
+        return cls(poses, wrenches, directions, axes)  # type: ignore[arg-type]
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    def moved(self, T_F_P: ArrayLike) -> ToolPath:
+        """The path of a workpiece that is put down at ``T_F_P``; what has world axes keeps them."""
+        return replace(self, poses=np.asarray(T_F_P, float) @ self.poses)
+
+    @property
+    def turns_with_body(self) -> bool:
+        """Whether loads and directions are given in the axes of the body."""
+        return self.axes == "body"
+
+    def wrench(self, point: int) -> Array | None:
+        """Wrench at a point, components in F, or in M where it turns with the body."""
+        return self._at(self.wrenches, point)
+
+    def direction(self, point: int) -> Array | None:
+        """Direction at a point, components in F, or in M where it turns with the body."""
+        return self._at(self.directions, point)
+
+    def _at(self, rows: Array | None, point: int) -> Array | None:
+        if rows is None or self.axes != "path":
+            return None if rows is None else rows[point]
+        turned: Array = rows[point].reshape(-1, 3) @ self.poses[point, :3, :3].T
+        return turned.ravel()
+
+
+def _rows(value: ArrayLike, m: int, width: int, what: str) -> Array:
+    try:
+        rows = np.array(value, float)
+    except (TypeError, ValueError):
+        raise InputError(f"{what} are not numeric", expected=f"({m}, {width})") from None
+    if rows.shape not in ((width,), (m, width)) or not np.isfinite(rows).all():
+        raise InputError(f"{what} cannot be used", expected=f"finite ({width},) or ({m}, {width})",
+                         got=rows.shape)  # fmt: skip
+    return se3.read_only(np.broadcast_to(rows, (m, width)))
+
+
+def _least_turn(a: Array, b: Array) -> Array:
+    """Rotation that takes one unit vector to another by the smallest angle."""
+    axis = np.cross(a, b)
+    sine, cosine = float(np.linalg.norm(axis)), float(a @ b)
+    angle = np.arctan2(sine, cosine)
+    if sine < 1e-12:  # the same or opposite: half a turn about any axis across
+        axis = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
+        sine = float(np.linalg.norm(axis))
+    turn: Array = se3.exp(np.concatenate([axis / sine * angle, np.zeros(3)]))[:3, :3]
+    return turn

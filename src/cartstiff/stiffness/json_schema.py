@@ -1,0 +1,160 @@
+"""The form of the JSON output, as a JSON Schema: the reference page is made from it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cartstiff.stiffness.compute import SCHEMA
+
+__all__ = ["json_schema"]
+
+_NUMBERS: dict[str, Any] = {"type": "array", "items": {"type": "number"}}
+_WRENCH: dict[str, Any] = {
+    "type": ["array", "null"], "items": {"type": "number"}, "minItems": 6, "maxItems": 6
+}  # fmt: skip
+
+
+def _matrix(rows: int, columns: int | None, description: str, nothing: str = "") -> dict[str, Any]:
+    """Schema of a list of rows; null where it may not exist."""
+    row = _NUMBERS | ({} if columns is None else {"minItems": columns, "maxItems": columns})
+    found: dict[str, Any] = {"type": "array", "items": row, "minItems": rows, "maxItems": rows}
+    if nothing:
+        found["type"] = ["array", "null"]
+    return found | {"description": f"{description}; null {nothing}" if nothing else description}
+
+
+def _object(properties: dict[str, Any], description: str = "") -> dict[str, Any]:
+    """Schema of an object with exactly these keys."""
+    return {
+        "type": "object",
+        "description": description,
+        "properties": properties,
+        "required": list(properties),
+        "additionalProperties": False,
+    }
+
+
+def _text(description: str) -> dict[str, Any]:
+    return {"type": "string", "description": description}
+
+
+def _matrices(what: str) -> dict[str, Any]:
+    names = {
+        "A": "Cartan's minus connection",
+        "B": "bi-invariant connection",
+        "K": "kinematic connection",
+        "F": "flat connection of the joint coordinates",
+    }
+    return _object(
+        {n: _matrix(6, 6, f"6x6, {word}", "where it does not exist") for n, word in names.items()},
+        what,
+    )
+
+
+_ANALYSIS: dict[str, Any] = {
+    "schema": {"const": SCHEMA, "description": "name and version of this form"},
+    "mechanism": _object(
+        {
+            "name": _text("for people"),
+            "kind": _text("as in mechanism files"),
+            "joints": {
+                "type": "array", "items": {"type": "string"},
+                "description": "names of the coordinates, in their order",
+            },
+        },
+        "what was analysed",
+    ),
+    "frame": _text("name of the body frame M"),
+    "order": {"const": "angular-linear", "description": "rotation before translation"},
+    "units": _object(
+        {
+            "length": _text("unit of lengths"),
+            "force": _text("unit of forces"),
+            "angle": {"const": "rad", "description": "unit of angles"},
+        },
+        "units of every number",
+    ),
+    "q": _NUMBERS
+    | {
+        "description": "coordinates; for a platform x, y, z, roll, pitch, yaw. Those of a closed "
+        "chain are after assembly"
+    },
+    "pose": _matrix(4, 4, "4x4, M in F"),
+    "jacobian": _matrix(
+        6, None,
+        "6xn body Jacobian of the coordinates; for a platform 6x6, pose by leg lengths",
+        "if there is none",
+    ),
+    "wrench": _WRENCH
+    | {"description": "W: moment, force on the body, in M; null in an unbalanced posture"},
+    "energy": {
+        "type": ["number", "null"],
+        "description": "stored energy; null if a load has no potential",
+    },
+    "stiffness": _matrices("stiffness matrices"),
+    "compliance": _matrices("their inverses"),
+    "notes": {
+        "type": "array",
+        "description": "what was assumed, and why something does not exist",
+        "items": _object(
+            {
+                "code": _text("for programs"),
+                "message": _text("for people"),
+                "values": {"type": "object", "description": "the numbers that show it"},
+            }
+        ),
+    },
+}  # fmt: skip
+
+_EQUILIBRIUM: dict[str, Any] = {
+    "residual": {"type": "number", "description": "largest unbalanced force, relative"},
+    "stable": {
+        "type": ["boolean", "null"],
+        "description": "verdict on the equilibrium; null where definiteness decides nothing",
+    },
+    "iterations": {"type": "integer", "description": "steps taken"},
+    "history": _NUMBERS | {"description": "the residual before each step"},
+    "eigenvalues": {
+        "type": "array",
+        "items": {
+            "anyOf": [{"type": "number"}, _NUMBERS | {"minItems": 2, "maxItems": 2}],
+        },
+        "description": "what the verdict rests on; pairs of real and imaginary part where complex",
+    },
+    "displacement": _NUMBERS
+    | {
+        "minItems": 6, "maxItems": 6,
+        "description": "rotation vector and translation of the body frame, axes of F",
+    },
+    "elastic_wrench": _WRENCH | {"description": "the wrench that the springs balance, in M"},
+    "reactions": _object(
+        {
+            "held": {"type": "object", "description": "by held component"},
+            "wrench": _WRENCH | {"description": "the same as a wrench; null if nothing is held"},
+            "limits": {"type": "object", "description": "by joint or leg on a limit"},
+            "closures": _NUMBERS | {"description": "forces of the closures"},
+        },
+        "what holds the mechanism",
+    ),
+}  # fmt: skip
+
+
+def json_schema(command: str = "analyse") -> dict[str, Any]:
+    """JSON Schema of what a command prints with ``--json``.
+
+    Parameters
+    ----------
+    command : {"analyse", "equilibrium"}
+        The command; both may add the key ``analysis``, whose content is not described here.
+
+    Returns
+    -------
+    dict
+        Draft 2020-12.
+    """
+    properties = dict(_ANALYSIS)
+    if command == "equilibrium":
+        properties |= _EQUILIBRIUM
+    schema = _object(properties, f"Output of cartstiff {command} --json")
+    schema["properties"] = properties | {"analysis": {"description": "unless --analysis none"}}
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

@@ -1,0 +1,287 @@
+"""Many postures at once are the postures one by one: every way to compute them, every mechanism."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.support import add_frame, random_pose, serial_model
+
+import cartstiff
+from cartstiff.batch.postures import OUTPUTS, analyse_many
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.contract import Coordinate
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.tree import KinematicTree
+from cartstiff.mechanisms.tree_building import plain_tree
+from cartstiff.potentials.functions import JointFunction
+from cartstiff.potentials.loads import DeadForce, FollowerWrench, payload
+from cartstiff.potentials.springs import CoupledSprings, JointSprings, PolynomialLaw, TabulatedLaw
+
+#: Two computations in double precision: relative to the largest entry,
+AGREEMENT = 1e-12
+#: or where a matrix is inverted, some rounding errors times its condition number.
+PER_CONDITION = 3e-15
+
+PATHS = ("portable", "compiled")
+COUNT = 13  # not a multiple of any vector's length
+
+
+def _condition(matrices: Array) -> Array:
+    """Condition number of each of a stack; 1 where a matrix does not exist."""
+    exists = np.isfinite(matrices).all(axis=(1, 2))
+    found = np.ones(len(matrices))
+    found[exists] = np.linalg.cond(matrices[exists])
+    return found
+
+
+def _noise(elastic: ElasticMechanism, q: Array) -> float:
+    """Force that the springs exert over a rounding error of their deflection."""
+    if elastic.springs is None:
+        return 0.0
+    reach = 1.0 + np.abs(q).max() if isinstance(elastic.springs, JointSprings) else 50.0
+    return 1e-15 * float(elastic.springs.stiffness.max()) * reach
+
+
+def assert_same(elastic: ElasticMechanism, q: Array, path: str, **options) -> None:
+    outputs = options.pop("outputs", OUTPUTS)
+    reference = analyse_many(elastic, q, outputs=OUTPUTS, path="engine", **options)
+    found = analyse_many(elastic, q, outputs=outputs, path=path, **options)
+    assert found.path == path
+    states = [reference.codes[i] for i in reference.state]
+    assert [found.codes[i] for i in found.state] == states
+    jacobian = _condition(reference["jacobian"])
+    noise = _noise(elastic, q) * np.maximum(1.0, jacobian)
+    for name in outputs:
+        expected, got = reference[name], found[name]
+        np.testing.assert_array_equal(np.isnan(got), np.isnan(expected), err_msg=name)
+        condition = jacobian
+        if name.startswith("compliance"):
+            condition = _condition(reference[name]) * jacobian
+        difference = np.abs(got - expected).reshape(len(q), -1)
+        size = np.abs(expected).reshape(len(q), -1).max(axis=1, initial=0.0)
+        allowed = size * np.maximum(AGREEMENT, PER_CONDITION * condition)
+        if name in ("wrench", "energy"):
+            allowed = allowed + noise
+        worst = np.nanmax(difference, axis=1, initial=0.0)
+        bad = ~(worst <= allowed) & ~np.isnan(size)
+        assert not bad.any(), (name, worst[bad], allowed[bad], condition[bad])
+
+
+def arm(kinds: str, seed: int = 0, rest: bool = False, gravity: bool = False) -> ElasticMechanism:
+    rng = np.random.default_rng(seed)
+    n = len(kinds)
+    model = serial_model(kinds, rng)
+    add_frame(model, "middle", min(n, 3), random_pose(rng, 0.2))
+    chain = Chain(plain_tree(model), "tip")
+    springs = JointSprings(
+        rng.uniform(400.0, 1200.0, n), rng.uniform(-0.5, 0.5, n) if rest else np.full(n, np.nan)
+    )
+    field = np.array([0.3, -1.0, -9.81]) if gravity else None
+    return ElasticMechanism(kinds, chain, np.zeros(n), springs, gravity=field)
+
+
+def postures(elastic: ElasticMechanism, seed: int = 1, count: int = COUNT) -> Array:
+    rng = np.random.default_rng(seed)
+    if elastic.mechanism.kind in ("stewart-gough", "springs"):
+        platform = elastic.mechanism
+        size = np.array([0.1 * platform.length] * 3 + [0.15] * 3)
+        return elastic.q + size * rng.uniform(-1, 1, (count, 6))
+    return rng.uniform(-1.6, 1.6, (count, len(elastic.q)))
+
+
+ARMS = ["RRR", "PR", "RRPR", "RRRRRR", "RPRRRR", "RRPRRH", "HRRRRRP", "RRRRPRRRRRRR"]
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("kinds", ARMS)
+class TestArms:
+    def test_unloaded(self, kinds, path):
+        elastic = arm(kinds)
+        assert_same(elastic, postures(elastic), path)
+
+    def test_rest_positions_and_gravity(self, kinds, path):
+        elastic = arm(kinds, rest=True, gravity=True)
+        assert_same(elastic, postures(elastic), path)
+
+    def test_a_wrench_for_each_and_gravity(self, kinds, path):
+        elastic = arm(kinds, gravity=True)
+        wrench = np.random.default_rng(3).normal(size=(COUNT, 6)) * 4
+        assert_same(elastic, postures(elastic), path, wrench=wrench)
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+def test_robots(name, path):
+    elastic = cartstiff.load(name)
+    q = postures(elastic)
+    q[3] = 0.0  # the UR5 is singular there
+    assert_same(elastic, q, path)
+    assert_same(elastic, q, path, wrench=[3.0, -2.0, 1.0, 40.0, -25.0, 60.0])
+
+
+PLATFORMS = ["stewart-gough", "cubic", "hexapod", "cable-robot"]
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("name", PLATFORMS)
+def test_platforms(name, path):
+    elastic = cartstiff.load(name)
+    q = postures(elastic)
+    assert_same(elastic, q, path)
+    load = 0.5 * np.arange(1.0, 7.0)
+    assert_same(elastic, q, path, wrench=load, outputs=("wrench", "energy", "stiffness_F"))
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_platform_with_a_weight(path):
+    """K^F is then not the sum over the legs alone; rest lengths given, and found."""
+    given = cartstiff.load("stewart-gough").with_potential(
+        payload(3.0, (0.2, 0.0, -9.81), (0.5, 1.0, 2.0))
+    )
+    found = cartstiff.load("hexapod").with_potential(payload(20.0, (0.0, 0.0, -9.81), (0, 0, 0.1)))
+    for elastic in (given, found):
+        assert_same(elastic, postures(elastic), path)
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_slack_cables(path):
+    """Far from the middle some cables are slack."""
+    elastic = cartstiff.load("cable-robot")
+    q = elastic.q + 0.3 * np.random.default_rng(5).uniform(-1, 1, (COUNT, 6))
+    notes = [note.code for x in q for note in cartstiff.analyse(elastic, x).notes]
+    assert "slack" in notes
+    assert_same(elastic, q, path)
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_other_potentials(path):
+    """In the arithmetic (dead forces, coupled springs), and evaluated posture by posture."""
+    elastic = arm("RRRRRR", rest=True)
+    K = np.array([[30.0, 7.0], [7.0, 20.0]])
+    more = elastic.with_potential(
+        DeadForce([3.0, -2.0, 5.0], [0.1, 0.2, -0.1]),
+        DeadForce([1.0, 2.0, 0.0], [0.0, 0.2, 0.3], "middle"),
+        CoupledSprings(np.array([1, 4]), K),
+    )
+    assert_same(more, postures(more), path)
+    evaluated = elastic.with_potential(JointFunction(lambda q: float(np.sin(q).sum() ** 2)))
+    assert_same(evaluated, postures(evaluated), path, outputs=("energy", "wrench", "stiffness_B"))
+    laws = {1: PolynomialLaw((300.0, 10.0, 40.0)), 4: TabulatedLaw((-1, 0, 2), (-90, 0, 260))}
+    curved = replace(elastic, springs=replace(elastic.springs, laws=laws))
+    assert_same(curved, postures(curved), path, outputs=("energy", "wrench", "stiffness_F"))
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_forces_without_a_potential_go_to_the_engine(path):
+    elastic = arm("RRRRRR", rest=True).with_potential(FollowerWrench([1.0, 2, 3, 4, 5, 6]))
+    assert_same(elastic, postures(elastic, count=4), path)
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_joints_that_follow_others(path):
+    """Seven joints, six coordinates: the last two move together."""
+    elastic = arm("RRRRRPR", gravity=True)
+    tree = elastic.mechanism.tree
+    mimic = np.eye(7, 6)
+    mimic[6, 5] = -0.7
+    coordinates = (*tree.coordinates[:5], Coordinate("both", "prismatic"))
+    offset = np.array([0, 0, 0, 0, 0, 0, 0.2])
+    other = KinematicTree(tree.model, coordinates, tree.frames, mimic, offset)
+    k = elastic.springs.stiffness[:6]
+    for rest in (np.full(6, np.nan), np.linspace(-0.2, 0.3, 6)):
+        followed = replace(
+            elastic, mechanism=Chain(other, "tip"), q=np.zeros(6), springs=JointSprings(k, rest)
+        )
+        assert_same(followed, postures(followed), path)
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_prestressed_self_motions_buckle(path):
+    """Enough load, and the self-motion of a redundant arm is unstable."""
+    elastic = arm("RRRRRRR")
+    wrench = np.outer(np.linspace(0, 40000, COUNT), [0, 0, 0, 0, 0, -1.0])
+    q = postures(elastic)
+    assert_same(elastic, q, path, wrench=wrench, outputs=("stiffness_B", "stiffness_A"))
+    codes = analyse_many(elastic, q, wrench=wrench, path=path).counts()
+    assert "buckled" in codes
+    assert "regular" in codes
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_balanced_by_chance(path):
+    """A redundant arm with rest positions is at rest only where it stands at them."""
+    elastic = arm("RRRRRRR", rest=True)
+    q = postures(elastic)
+    q[4] = elastic.springs.rest
+    assert_same(elastic, q, path)
+    found = analyse_many(elastic, q, path=path)
+    assert found.counts() == {"regular": 1, "unbalanced": COUNT - 1}
+    assert np.isfinite(found["stiffness_B"][4]).all()
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_singular_postures_do_not_touch_their_neighbours(path):
+    elastic = cartstiff.load("ur5")
+    q = postures(elastic)
+    alone = analyse_many(elastic, q, outputs=("stiffness_K", "compliance_B"), path=path)
+    q[[0, 7]] = 0.0
+    among = analyse_many(elastic, q, outputs=("stiffness_K", "compliance_B"), path=path)
+    assert among.codes[among.state[7]] == "serial-singularity"
+    assert np.isnan(among["stiffness_K"][[0, 7]]).all()
+    assert np.isfinite(among["compliance_B"][7]).all()  # it exists where K does not
+    others = np.setdiff1d(np.arange(COUNT), [0, 7])
+    np.testing.assert_array_equal(among["stiffness_K"][others], alone["stiffness_K"][others])
+    assert among.is_regular[others].all()
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_dependent_legs_are_named(path):
+    """The classical singularity of an octahedral platform: turned by a quarter about its axis."""
+    elastic = cartstiff.load("cubic")
+    q = postures(elastic)
+    q[2] = [0, 0, 0, 0, 0, np.pi / 2]
+    assert_same(elastic, q, path)
+    found = analyse_many(elastic, q, path=path)
+    assert found.codes[found.state[2]] == "type-2-singularity"
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_angles_of_any_size(path):
+    """Turns beyond what the vector code reduces exactly are left to the engine."""
+    elastic = cartstiff.load("ur5")
+    q = postures(elastic)
+    q[1, 2] += 2 * np.pi * 1e5
+    q[2, 4] = 12345678.9
+    q[3, 1] = np.pi / 2 + 6e-17
+    assert_same(elastic, q, path, outputs=("pose", "jacobian", "stiffness_A"))
+
+
+def test_closed_chains_are_assembled_one_by_one():
+    elastic = cartstiff.load("five-bar")
+    q = np.array([elastic.q, elastic.q])
+    q[1] += 0.01
+    found = analyse_many(elastic, q, outputs=("stiffness_B", "pose"))
+    assert found.path == "engine"
+    assert "assembled" in found.reason
+    for i in range(2):
+        one = cartstiff.analyse(elastic, q[i])
+        np.testing.assert_array_equal(found["pose"][i], one.pose)
+        np.testing.assert_array_equal(found.q[i], one.q)
+    np.testing.assert_array_equal(q[0], elastic.q)  # what was given is not written to
+
+
+def test_closures_that_cannot_be_met_are_named(monkeypatch):
+    from cartstiff.errors import ConvergenceError
+
+    elastic = cartstiff.load("five-bar")
+
+    def refuse(*_, **__):
+        raise ConvergenceError("no", iterations=1, residual=1.0)
+
+    monkeypatch.setattr(Chain, "closed", refuse)
+    found = analyse_many(elastic, elastic.q[None], outputs=("energy",))
+    assert found.counts() == {"not-assembled": 1}
+    assert np.isnan(found["energy"]).all()

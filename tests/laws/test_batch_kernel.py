@@ -1,0 +1,192 @@
+"""The arithmetic written once: folding, sharing, and every way to run it gives the same numbers."""
+
+from __future__ import annotations
+
+import mpmath
+import numpy as np
+import pytest
+
+import cartstiff
+from cartstiff.batch import running
+from cartstiff.batch.algebra import congruence, inverse, positive_factor, reflections
+from cartstiff.batch.compiled import CompiledKernel
+from cartstiff.batch.given import aligned_empty
+from cartstiff.batch.plans import plan, program_for
+from cartstiff.batch.portable import PortableKernel
+from cartstiff.batch.postures import analyse_many
+from cartstiff.batch.tape import Number, Tape, cosine, sine
+
+OUTPUTS = ("jacobian", "wrench", "energy", "stiffness_A", "stiffness_F")
+#: The same operations, fused or not: rounding errors times the condition of ordinary postures.
+FUSED = 1e-11
+
+
+def run(kernel, inputs, count, **options):
+    outputs = {name: aligned_empty(count, len(s)) for name, s in kernel.program.outputs.items()}
+    kernel.workspace(count).run(inputs, outputs, count, **options)
+    return outputs
+
+
+def ur5(count: int = 37):
+    elastic = cartstiff.load("ur5").with_springs(rest=[0.1, -0.4, 0.3, 0.2, 0.5, -0.6])
+    q = np.random.default_rng(2).uniform(-1.5, 1.5, (count, 6))
+    taken = plan(elastic, "none")
+    return elastic, q, program_for(taken.case, OUTPUTS), {**taken.shared, "q": q}
+
+
+class TestTape:
+    def test_constants_are_folded_and_repetitions_shared(self):
+        tape = Tape()
+        x, y = tape.input("a", 0), tape.input("a", 1)
+        assert x * 0 == 0.0
+        assert x - x == 0.0
+        assert (x * 1).step == (x + 0).step == (x.__neg__().__neg__()).step == x.step
+        assert (x * y + 2).step == (y * x + 2).step
+        assert (x - (-y)).step == (y + x).step
+        program = tape.program({"out": np.array([x * y, 3.0, x * y], object)}, [])
+        assert program.size == 1
+
+    def test_what_no_output_needs_is_left_out(self):
+        _, _, everything, _ = ur5()
+        taken = plan(cartstiff.load("ur5").with_springs(rest=[0.1] * 6), "none")
+        sizes = [program_for(taken.case, o).size for o in ((), ("wrench",), ("stiffness_B",))]
+        assert sizes == sorted(sizes)
+        assert sizes[-1] < everything.size
+
+    def test_a_float_may_stand_for_a_number(self):
+        assert sine(0.5) == np.sin(0.5)
+        assert isinstance(cosine(Tape().input("a", 0)), Number)
+
+
+class TestAlgebra:
+    """On plain floats; the numbers of a tape go the same way."""
+
+    def test_inverse(self):
+        rng = np.random.default_rng(0)
+        for n in (1, 2, 5, 6):
+            M = rng.normal(size=(n, n)) * 10.0 ** rng.integers(-3, 4, n)
+            product = M @ inverse(M.astype(object)).astype(float)
+            np.testing.assert_allclose(product, np.eye(n), atol=1e-11)
+
+    def test_inverse_needs_no_pivots(self):
+        exchange = np.eye(6)[[5, 0, 3, 1, 4, 2]]
+        np.testing.assert_allclose(inverse(exchange.astype(object)).astype(float), exchange.T)
+
+    def test_reflections(self):
+        rng = np.random.default_rng(1)
+        M, H = rng.normal(size=(8, 6)), rng.normal(size=(8, 8))
+        H = H + H.T
+        found = reflections(M.astype(object))
+        Q = found.apply(np.eye(8).astype(object)).astype(float)
+        np.testing.assert_allclose(Q.T @ Q, np.eye(8), atol=1e-14)
+        np.testing.assert_allclose(Q[:, :6] @ found.R.astype(float), M, atol=1e-14)
+        np.testing.assert_allclose(found.conjugate(H).astype(float), Q.T @ H @ Q, atol=1e-13)
+        np.testing.assert_allclose(congruence(Q, H).astype(float), Q.T @ H @ Q, atol=1e-13)
+
+    def test_positive_factor(self):
+        rng = np.random.default_rng(2)
+        M = rng.normal(size=(5, 5))
+        M = M @ M.T
+        L, inverses, least = positive_factor(M.astype(object))
+        L = L.astype(float)
+        np.testing.assert_allclose(L / inverses.astype(float) @ L.T, M, atol=1e-13)
+        assert least == min(1 / inverses)
+
+
+def test_sine_and_cosine_to_the_last_digit():
+    """Against 40 digits, small and large angles, multiples of a quarter turn and their nearness."""
+    tape = Tape()
+    x = tape.input("q", 0)
+    program = tape.program({"both": np.array([sine(x), cosine(x)], object)}, [])
+    rng = np.random.default_rng(4)
+    quarters = np.pi / 2 * np.arange(-40, 41)
+    angles = np.concatenate(
+        [rng.uniform(-7, 7, 400), rng.uniform(-1e6, 1e6, 400), 10.0 ** rng.uniform(-300, 0, 50),
+         quarters, np.nextafter(quarters, 9e9), np.pi / 2 * rng.integers(0, 600000, 100), [0.0]]
+    )  # fmt: skip
+    found = run(CompiledKernel(program), {"q": angles[:, None]}, len(angles))["both"]
+    with mpmath.workdps(40):
+        exact = [[mpmath.sin(mpmath.mpf(a)), mpmath.cos(mpmath.mpf(a))] for a in angles.tolist()]
+        units = [
+            [
+                abs((mpmath.mpf(f) - e) / np.spacing(abs(float(e))))
+                for f, e in zip(*row, strict=True)
+            ]
+            for row in zip(found.tolist(), exact, strict=True)
+        ]
+    assert max(max(row) for row in units) < 2.0
+
+
+class TestWaysToRun:
+    @pytest.mark.parametrize("width", [2, 4, 8])
+    @pytest.mark.parametrize("stream", [False, True])
+    def test_vectors_of_any_length(self, width, stream):
+        """Also longer than this processor's, and past the cache."""
+        _, q, program, inputs = ur5()
+        expected = run(PortableKernel(program), inputs, len(q))
+        found = run(CompiledKernel(program, width), inputs, len(q), stream=stream)
+        for name, array in expected.items():
+            size = np.abs(array).max(axis=1, keepdims=True)
+            assert (np.abs(found[name] - array) <= FUSED * size).all(), name
+
+    def test_a_long_program_in_pieces(self):
+        """Cut into functions, it does the same operations."""
+        _, q, program, inputs = ur5()
+        expected = run(CompiledKernel(program), inputs, len(q))
+        found = run(CompiledKernel(program, longest=300), inputs, len(q), stream=True)
+        for name, array in expected.items():
+            size = np.abs(array).max(axis=1, keepdims=True)
+            assert (np.abs(found[name] - array) <= FUSED * size).all(), name
+
+    @pytest.mark.parametrize("path", ["portable", "compiled"])
+    def test_threads_and_chunks_change_nothing(self, path):
+        elastic, _, _, _ = ur5()
+        q = np.random.default_rng(8).uniform(-2, 2, (1501, 6))
+        one = analyse_many(elastic, q, outputs=OUTPUTS, path=path, threads=1)
+        for options in ({"threads": 2, "chunk": 100}, {"threads": 3, "chunk": 7}, {"chunk": 5000}):
+            if path == "portable" and options["chunk"] == 7:
+                options = {"threads": 3, "chunk": 64}
+            other = analyse_many(elastic, q, outputs=OUTPUTS, path=path, **options)
+            for name in OUTPUTS:
+                np.testing.assert_array_equal(other[name], one[name])
+            np.testing.assert_array_equal(other.state, one.state)
+
+    def test_other_springs_need_no_other_code(self):
+        elastic, q, _, _ = ur5()
+        analyse_many(elastic, q, path="compiled")
+        before = dict(running._compiled)
+        softer = elastic.with_springs(stiffness=10.0, rest=[0.5] * 6)
+        found = analyse_many(softer, q, path="compiled")
+        assert list(running._compiled.values()) == list(before.values())
+        K = cartstiff.analyse(softer, q[0]).matrices["B"]
+        np.testing.assert_allclose(found["stiffness_B"][0], K, rtol=1e-10, atol=1e-9)
+
+    def test_few_postures_are_not_worth_compiling(self):
+        elastic = cartstiff.load("ur10")
+        q = np.random.default_rng(0).uniform(-1, 1, (20, 6))
+        found = analyse_many(elastic, q, outputs=("jacobian", "compliance_K"))
+        assert found.path == "portable"
+        assert "compiling pays" in found.reason
+        compiled = analyse_many(elastic, q, outputs=("compliance_K", "jacobian"), path="compiled")
+        assert (compiled.path, compiled.reason) == ("compiled", "")
+        # Once it is there it is used, for any number and whatever the order of names.
+        assert analyse_many(elastic, q, outputs=("jacobian", "compliance_K")).path == "compiled"
+
+    def test_programs_too_long_to_compile(self, monkeypatch):
+        monkeypatch.setattr(running, "LARGEST_PROGRAM", 100)
+        monkeypatch.setattr(running, "WORTH_COMPILING", 1)
+        elastic = cartstiff.load("hexapod")
+        found = analyse_many(elastic, elastic.q[None], outputs=("energy", "stiffness_K"))
+        assert found.path == "portable"
+        assert "too long to compile" in found.reason
+
+    def test_without_llvmlite(self, monkeypatch):
+        from cartstiff.errors import MissingDependencyError
+
+        monkeypatch.setattr(running, "_has", lambda _: False)
+        elastic, q, _, _ = ur5()
+        found = analyse_many(elastic, q)
+        assert found.path == "portable"
+        assert "pip install 'cartstiff[maps]'" in found.reason
+        with pytest.raises(MissingDependencyError, match="the compiled path needs"):
+            analyse_many(elastic, q, path="compiled")
