@@ -1,0 +1,391 @@
+"""``cartstiff map``."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+
+from cartstiff.cli.map_options import sampling_from_options, sampling_options
+from cartstiff.cli.options import load_with_options, mechanism_options, once, parse_numbers
+from cartstiff.errors import InputError, one_line
+
+__all__ = ["command"]
+
+_EPILOG = """\b
+Examples:
+  cartstiff map ur5 --grid shoulder_lift_joint=-2:0:41 --grid elbow_joint=-2.5:2.5:41 \\
+      --quantity translation_free_min -o ur5.zarr --picture ur5.png --worst 3
+  cartstiff map ur5 --random 1000000 --quantity condition -o random.zarr --picture hist.svg
+  cartstiff map ur5 --cartesian x=0.2:0.8:13,y=-0.4:0.4:17 --quantity along_free \\
+      --direction 0,0,1 --world -o plane.zarr --picture plane.png
+  cartstiff map panda --trajectory path.csv --quantity deflection \\
+      --deflect 0,0,0,0,0,-50 --world -o path.zarr --json
+
+Interrupted or killed, the same command goes on where it was.
+"""
+
+
+def _list_quantities(context: click.Context, _: click.Parameter, asked: bool) -> None:
+    if not asked or context.resilient_parsing:
+        return
+    from cartstiff.batch.quantities import QUANTITIES
+    from cartstiff.mechanisms.contract import SI
+
+    width = max(map(len, QUANTITIES))
+    units = {name: q.unit_in(SI) for name, q in QUANTITIES.items()}
+    for name, quantity in QUANTITIES.items():
+        needs = {"direction": "; --direction", "deflect": "; --deflect or --load",
+                 "length": "; --length"}.get(quantity.asks or "", "")  # fmt: skip
+        click.echo(f"{name:<{width}}  {units[name]:<12} {quantity.description}{needs}")
+    click.echo("\nAny other number of the analysis by its path, such as indices.best_length.")
+    context.exit()
+
+
+@click.command(name="map", epilog=_EPILOG)
+@mechanism_options
+@sampling_options
+@click.option(
+    "--quantity",
+    "quantities",
+    metavar="NAME",
+    multiple=True,
+    help="What is kept of the stiffness; repeat it for several.",
+)
+@click.option(
+    "--list-quantities",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_list_quantities,
+    help="Print the names and end.",
+)
+@click.option(
+    "--load",
+    "load_text",
+    multiple=True,
+    callback=once,
+    metavar="MX,MY,MZ,FX,FY,FZ",
+    help="Wrench on the body in its own frame at every posture; rest positions are chosen so that "
+    "the springs balance it.",
+)
+@click.option(
+    "--connection",
+    type=click.Choice(["A", "B", "K", "F"]),
+    default="B",
+    show_default=True,
+    help="The matrix that is read.",
+)
+@click.option(
+    "--direction",
+    "direction_text",
+    metavar="X,Y,Z",
+    multiple=True,
+    callback=once,
+    help="For stiffness along and about a direction of the body frame.",
+)
+@click.option(
+    "--deflect",
+    "deflect_text",
+    metavar="MX,MY,MZ,FX,FY,FZ",
+    multiple=True,
+    callback=once,
+    help="Wrench added to the load whose deflection is asked for; default the load.",
+)
+@click.option("--world", is_flag=True, help="--direction and --deflect are in the axes of F.")
+@click.option(
+    "--length",
+    "length_text",
+    metavar="L",
+    multiple=True,
+    callback=once,
+    help="Characteristic length at all postures; default the natural length at the default one.",
+)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    required=True,
+    metavar="MAP.zarr",
+    help="The map; where it exists, what is missing in it is computed.",
+)
+@click.option("--single", is_flag=True, help="Keep numbers in single precision.")
+@click.option(
+    "--chunk", type=click.IntRange(min=1), metavar="N", help="Most postures in one of its parts."
+)
+@click.option(
+    "--picture",
+    "picture_text",
+    metavar="FILE.png",
+    multiple=True,
+    callback=once,
+    help="Draw the first quantity to a .png, .svg or .pdf file.",
+)
+@click.option(
+    "--kind",
+    type=click.Choice(["auto", "heat", "slices", "line", "histogram", "violin", "points"]),
+    default="auto",
+    show_default=True,
+    help="Of picture.",
+)
+@click.option(
+    "--by",
+    metavar="NAME",
+    help="Regions of a violin (x, y, z, radius, or a coordinate), or the axis that slices cut.",
+)
+@click.option(
+    "--slice",
+    "slice_texts",
+    metavar="NAME=VALUE",
+    multiple=True,
+    help="Draw and list only the part of the map at this value of an axis.",
+)
+@click.option("--best", type=click.IntRange(1, 1000), metavar="N", help="List the N best postures.")
+@click.option(
+    "--worst", type=click.IntRange(1, 1000), metavar="N", help="List the N worst postures."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.option(
+    "--progress/--no-progress", default=None, help="Bar on standard error; default on a terminal."
+)
+@click.option(
+    "--threads", type=click.IntRange(1, 1024), metavar="N", help="In this process; default all."
+)
+@click.option(
+    "--workers",
+    type=click.IntRange(1, 1024),
+    metavar="N",
+    help="Use N processes of this machine, for mechanisms without a compiled path.",
+)
+@click.option("--scheduler", metavar="ADDRESS", help="Use the workers of a running Dask scheduler.")
+@click.pass_context
+def command(
+    context: click.Context,
+    /,
+    mechanism: str,
+    q_text: str | None,
+    pose_text: str | None,
+    lengths_text: str | None,
+    frame: str | None,
+    stiffness_text: str | None,
+    rest_text: str | None,
+    quantities: tuple[str, ...],
+    load_text: str | None,
+    connection: str,
+    direction_text: str | None,
+    deflect_text: str | None,
+    world: bool,
+    length_text: str | None,
+    output: Path,
+    single: bool,
+    chunk: int | None,
+    picture_text: str | None,
+    kind: str,
+    by: str | None,
+    slice_texts: tuple[str, ...],
+    best: int | None,
+    worst: int | None,
+    as_json: bool,
+    progress: bool | None,
+    threads: int | None,
+    workers: int | None,
+    scheduler: str | None,
+    **where: Any,
+) -> None:
+    """Quantities of the stiffness of MECHANISM at many postures, in a file and in pictures.
+
+    The file is a Zarr folder of labelled arrays that says what it holds; xarray opens it.
+    """
+    if load_text is not None and rest_text is not None:
+        raise InputError("give --load or --rest, not both: one follows from the other")
+    if workers is not None and scheduler is not None:
+        raise InputError("give --workers or --scheduler, not both")
+    if not quantities:
+        raise InputError("no --quantity was given", expected="a name of --list-quantities")
+    picture = None if picture_text is None else Path(picture_text)
+    if picture is not None and picture.suffix not in (".png", ".svg", ".pdf"):
+        raise InputError("unknown file ending", where="--picture",
+                         expected=".png, .svg or .pdf", got=picture.name)  # fmt: skip
+    cuts = _cuts(slice_texts)
+    given: dict[str, Any] = {
+        "wrench": None if load_text is None else parse_numbers(load_text, "--load", 6),
+        "direction": None if direction_text is None
+        else parse_numbers(direction_text, "--direction", 3),
+        "deflect": None if deflect_text is None else parse_numbers(deflect_text, "--deflect", 6),
+        "length": None if length_text is None else parse_numbers(length_text, "--length", 1)[0],
+    }  # fmt: skip
+    elastic, q = load_with_options(
+        mechanism, frame, q_text, pose_text, stiffness_text, rest_text, lengths_text
+    )
+    sampling = sampling_from_options(elastic, q, **where)
+    _check_cuts(cuts, sampling)
+    if picture is not None:
+        _check_picture(kind, by, sampling, cuts, elastic)
+    if best is not None or worst is not None:
+        _check_ranked(quantities)
+
+    from cartstiff.batch.maps.prepare import prepare_map
+    from cartstiff.batch.maps.reading import slice_map
+    from cartstiff.batch.maps.run import run_map
+    from cartstiff.batch.store import open_map
+
+    job, file = prepare_map(
+        elastic, sampling, quantities, output, connection=connection, world=world, single=single,
+        chunk=chunk, command=_as_typed(context), **given,
+    )  # fmt: skip
+    start = time.perf_counter()
+    try:
+        computed = run_map(
+            job, file, threads=threads, workers=workers or 0, scheduler=scheduler,
+            progress=progress,
+        )  # fmt: skip
+    except KeyboardInterrupt:
+        click.echo(
+            f"cartstiff: interrupted: {len(file.done())} of {len(file.boxes)} parts are in "
+            f"{one_line(str(output))}; the same command goes on from there",
+            err=True,
+        )
+        raise click.exceptions.Exit(130) from None
+    seconds = time.perf_counter() - start
+    dataset = slice_map(open_map(output), **cuts) if cuts else open_map(output)
+    answer = _answer(dataset, file, output, computed, seconds)
+    lists = {"best": best, "worst": worst}
+    answer |= {
+        which: {name: _ranked(dataset, name, which, count) for name in quantities}
+        for which, count in lists.items()
+        if count is not None
+    }
+    if picture is not None:
+        from cartstiff.batch.maps.pictures import draw_map
+        from cartstiff.statics.figures import save_figure
+
+        save_figure(draw_map(dataset, quantities[0], kind, by=by), picture)
+    if as_json:
+        click.echo(json.dumps(answer, allow_nan=False))
+    else:
+        from cartstiff.cli.text_map import describe_map
+
+        click.echo(describe_map(answer))
+
+
+def _as_typed(context: click.Context) -> str:
+    """The command with the options that were given."""
+    words = ["cartstiff", "map"]
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        if context.get_parameter_source(name) is not click.core.ParameterSource.COMMANDLINE:
+            continue
+        value = context.params[name]
+        values = value if isinstance(value, tuple) else (value,)
+        for one in values:
+            if isinstance(parameter, click.Option):
+                flag = parameter.opts[-1] if one is not False else parameter.secondary_opts[-1]
+                words.append(flag)
+            if not isinstance(one, bool):
+                words.append(str(one))
+    return shlex.join(words)
+
+
+def _cuts(texts: tuple[str, ...]) -> dict[str, float]:
+    found: dict[str, float] = {}
+    for item in (part for text in texts for part in text.split(",")):
+        name, equals, number = item.partition("=")
+        if not equals or name.strip() in found:
+            raise InputError("cannot be used", where="--slice", expected="NAME=VALUE, each once",
+                             got=repr(item))  # fmt: skip
+        value = parse_numbers(number, f"--slice {name.strip()}", 1)[0]
+        # Dimensions have dots where names of coordinates have slashes.
+        found[name.strip().replace("/", ".")] = value
+    return found
+
+
+def _check_cuts(cuts: dict[str, float], sampling: Any) -> None:
+    """Refuse a slice before the map is computed."""
+    from cartstiff.errors import UnknownNameError
+
+    for name, value in cuts.items():
+        if name not in sampling.axes:
+            raise UnknownNameError("axis of the map", name, sampling.axes, where="--slice")
+        axis = sampling.axes[name]
+        if not axis.low <= value <= axis.high:
+            raise InputError(
+                "outside the map", where=f"--slice {name}",
+                expected=f"{axis.low:g} to {axis.high:g}", got=f"{value:g}",
+            )  # fmt: skip
+
+
+def _check_picture(
+    kind: str, by: str | None, sampling: Any, cuts: dict[str, float], elastic: Any
+) -> None:
+    """Refuse a picture that does not fit before the map is computed."""
+    from cartstiff.errors import UnknownNameError
+
+    lengths = dict(zip(sampling.dims, sampling.shape, strict=True))
+    wide = [n for n, count in lengths.items() if count > 1 and n not in cuts and n != "branch"]
+    shown = {"line": 1, "heat": 2, "slices": 3}.get(kind)
+    if shown is not None and len(wide) != shown:
+        raise InputError(
+            f"shows {shown} dimension(s)", where=f"--kind {kind}",
+            expected="--slice or another kind", got=", ".join(wide) or "none",
+        )  # fmt: skip
+    regions = wide if kind == "slices" else ["x", "y", "z", "radius", *elastic.names]
+    if by is not None and by not in regions:
+        raise UnknownNameError("region", by, regions, where="--by")
+
+
+def _check_ranked(quantities: tuple[str, ...]) -> None:
+    """Refuse a list of the best of what has no better end before the map is computed."""
+    from cartstiff.batch.quantities import QUANTITIES
+
+    for name in quantities:
+        if "." in name or (name in QUANTITIES and QUANTITIES[name].better is None):
+            raise InputError(f"neither end of {name} is better", where="--best or --worst",
+                             expected="other quantities")  # fmt: skip
+
+
+def _answer(dataset: Any, file: Any, output: Path, computed: int, seconds: float) -> dict[str, Any]:
+    from cartstiff.batch.maps.reading import summary
+
+    total = 1
+    for n in file.shape:
+        total *= n
+    return {
+        "schema": dataset.attrs["schema"],
+        "file": str(output),
+        "mechanism": dataset.attrs["mechanism"],
+        "frame": dataset.attrs["frame"],
+        "connection": dataset.attrs["connection"],
+        "characteristic_length": dataset.attrs["characteristic_length"],
+        "units": {k: dataset.attrs[f"{k}_unit"] for k in ("length", "force", "angle")},
+        "postures": total,
+        "parts": {
+            "total": len(file.boxes),
+            "computed": computed,
+            "found": len(file.boxes) - computed,
+        },
+        "seconds": round(seconds, 3),
+        **summary(dataset),
+    }
+
+
+def _ranked(dataset: Any, name: str, which: str, count: int) -> list[dict[str, Any]]:
+    """Rows of a table of postures, for JSON."""
+    from cartstiff.analysis.plain import plain
+    from cartstiff.batch.maps.reading import best, state_names, worst
+
+    found = (best if which == "best" else worst)(dataset, name, count)
+    names = state_names(dataset)
+    joints = [str(j) for j in dataset["joint"].values]
+    return [
+        {
+            "value": plain(found[name].values[i]),
+            "q": dict(zip(joints, plain(found["q"].values[i]), strict=True)),
+            "position": plain(found["position"].values[i]),
+            "state": names[int(found["state"].values[i])],
+        }
+        for i in range(found.sizes["rank"])
+    ]

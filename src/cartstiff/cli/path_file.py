@@ -1,0 +1,130 @@
+"""Path files: comma-separated poses, with what acts at each of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cartstiff.cli.options import parse_numbers
+from cartstiff.errors import InputError, UnknownNameError, one_line
+
+if TYPE_CHECKING:
+    from cartstiff.batch.tool_path import ToolPath
+
+__all__ = ["read_path_file"]
+
+_POSITION = ("x", "y", "z")
+_ANGLES = ("roll", "pitch", "yaw")
+_AXIS = ("ax", "ay", "az")
+_WRENCH = ("mx", "my", "mz", "fx", "fy", "fz")
+_DIRECTION = ("dx", "dy", "dz")
+_GROUPS = (_POSITION, _ANGLES, _AXIS, _WRENCH, _DIRECTION)
+
+
+def read_path_file(
+    file: Path,
+    *,
+    free: str = "none",
+    wrench: list[float] | None = None,
+    direction: list[float] | None = None,
+    axes: str | None = None,
+) -> ToolPath:
+    """A path from a file.
+
+    The first line may name the columns: x, y, z with roll, pitch, yaw (about fixed axes) or with
+    ax, ay, az (the tool's axis), and mx, my, mz, fx, fy, fz (wrench), dx, dy, dz (direction) if
+    wanted. Without names: x, y, z, roll, pitch, yaw, and a wrench if there are twelve columns.
+    Lines that start with # are left out.
+
+    Parameters
+    ----------
+    file : Path
+        UTF-8 text.
+    free : str
+        Axis of the body that ax, ay, az are the direction of.
+    wrench, direction : list of float, optional
+        The same at all points, instead of columns.
+    axes : {"path", "world", "body"}, optional
+        Axes of wrenches and directions; default those of the file's poses, of F where the file
+        gives the tool's axis alone.
+
+    Raises
+    ------
+    InputError
+        With the line, for anything that cannot be used.
+    """
+    import numpy as np
+
+    from cartstiff.batch.tool_path import ToolPath
+    from cartstiff.geometry import se3
+    from cartstiff.mechanisms.loading.yaml_file import read_text
+
+    where = one_line(str(file))
+    lines = [
+        (number, line)
+        for number, line in enumerate(read_text(file).splitlines(), start=1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    names: tuple[str, ...] | None = None
+    if any(c.isalpha() and c not in "eEnaif" for c in lines[0][1]) if lines else False:
+        names = _header(lines[0][1], f"{where}, line {lines[0][0]}")
+        lines = lines[1:]
+    rows: list[list[float]] = []
+    for number, line in lines:
+        place = f"{where}, line {number}"
+        row = parse_numbers(line, place)
+        if names is None:
+            names = (*_POSITION, *_ANGLES, *(_WRENCH if len(row) == 12 else ()))
+        if len(row) != len(names):
+            raise InputError("wrong count", where=place, got=str(len(row)),
+                             expected=f"{len(names)} numbers ({', '.join(names)})")  # fmt: skip
+        rows.append(row)
+    if not rows or names is None:
+        raise InputError("no points", where=where, expected="one a line, comma-separated")
+    table = {name: np.array(rows)[:, i] for i, name in enumerate(names)}
+
+    def columns(group: tuple[str, ...]) -> Any:
+        return np.column_stack([table[n] for n in group]) if group[0] in table else None
+
+    wrenches, directions = columns(_WRENCH), columns(_DIRECTION)
+    for option, given, found in (
+        ("--load", wrench, wrenches), ("--direction", direction, directions),
+    ):  # fmt: skip
+        if given is not None and found is not None:
+            raise InputError(f"give {option} or columns of {where}, not both")
+    wrenches = wrench if wrenches is None else wrenches
+    directions = direction if directions is None else directions
+    tool_axes = columns(_AXIS)
+    try:
+        if tool_axes is None:
+            poses = se3.from_roll_pitch_yaw(columns(_POSITION), columns(_ANGLES))
+            return ToolPath(poses, wrenches, directions, axes or "path")  # type: ignore[arg-type]
+        if free not in ("x", "y", "z"):
+            raise InputError(
+                "the tool's axis alone gives no pose", expected="--free-axis x, y or z"
+            )
+        if axes == "path":
+            raise InputError("the tool's axis alone gives no axes", expected="--axes world or body")
+        return ToolPath.from_axes(
+            columns(_POSITION), tool_axes, free,  # type: ignore[arg-type]
+            wrenches=wrenches, directions=directions, axes=axes or "world",  # type: ignore[arg-type]
+        )  # fmt: skip
+    except InputError as error:
+        raise error.at(where) from None
+
+
+def _header(line: str, where: str) -> tuple[str, ...]:
+    names = tuple(part.strip().strip('"').lower() for part in line.split(","))
+    known = [name for group in _GROUPS for name in group]
+    for name in names:
+        if name not in known:
+            raise UnknownNameError("column", name, known, where=where)
+        if names.count(name) > 1:
+            raise InputError("column named twice", where=where, got=repr(name))
+    for group in _GROUPS:
+        if 0 < len(set(group) & set(names)) < len(group):
+            raise InputError("columns are missing", where=where, expected=", ".join(group))
+    if "x" not in names or ("roll" in names) == ("ax" in names):
+        raise InputError("columns give no pose", where=where,
+                         expected="x, y, z and either roll, pitch, yaw or ax, ay, az")  # fmt: skip
+    return names

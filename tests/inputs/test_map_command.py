@@ -1,0 +1,208 @@
+"""``cartstiff map``: what it computes and prints, and what it refuses in one line."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cartstiff
+from cartstiff.cli.main import main
+
+for _package in ("dask", "matplotlib", "tqdm", "xarray", "zarr"):
+    if importlib.util.find_spec(_package) is None:
+        pytest.skip(f"{_package} is not installed", allow_module_level=True)
+
+Refused = Callable[..., str]
+Run = Callable[..., str]
+CUBIC = ("map", "cubic", "--quantity", "translation_held_min")
+GRID = ("--grid", "x=-0.02:0.02:3", "--grid", "yaw=0:0.2:4")
+
+
+@pytest.fixture
+def run(capfd: pytest.CaptureFixture[str]) -> Run:
+    """Standard output of a command that works."""
+
+    def check(*arguments: str) -> str:
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as exit_:
+            main([str(a) for a in arguments])
+        out, error = capfd.readouterr()
+        assert exit_.value.code == 0, error
+        assert error == ""
+        return out
+
+    return check
+
+
+def _answer(text: str) -> dict[str, Any]:
+    return json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} in JSON"))
+
+
+def test_grid_to_file_table_and_picture(run: Run) -> None:
+    out = run(*CUBIC, *GRID, "-o", "m.zarr", "--picture", "m.png", "--worst", "2")
+    assert "12 postures" in out
+    assert "translation_held_min   N/m" in out
+    assert "Worst of translation_held_min [N/m]" in out
+    assert Path("m.png").read_bytes()[:4] == b"\x89PNG"
+
+    answer = _answer(run(*CUBIC, *GRID, "-o", "m.zarr", "--worst", "2", "--json"))
+    assert answer["schema"] == "cartstiff-map/1"
+    assert answer["postures"] == 12
+    assert answer["parts"] == {"total": 1, "computed": 0, "found": 1}
+    assert answer["states"] == {"regular": 12}
+    worst = answer["worst"]["translation_held_min"]
+    assert len(worst) == 2
+    assert worst[0]["value"] == answer["quantities"]["translation_held_min"]["smallest"]
+    assert worst[0]["value"] <= worst[1]["value"]
+    K = cartstiff.analyse(cartstiff.load("cubic"), worst[0]["q"]).matrices["B"]
+    assert K is not None
+    assert worst[0]["value"] == pytest.approx(np.linalg.eigvalsh(K[3:, 3:])[0], rel=1e-9)
+
+
+def test_the_command_is_in_the_file(run: Run) -> None:
+    from cartstiff.batch.maps import open_map
+
+    run(*CUBIC, *GRID, "-o", "m.zarr", "--world", "--load", "0,0,0,1,0,0", "--no-progress")
+    command = open_map("m.zarr").attrs["command"]
+    assert command.startswith("cartstiff map cubic --grid x=-0.02:0.02:3 --grid yaw=0:0.2:4 ")
+    for words in ("--world", "--load 0,0,0,1,0,0", "--no-progress", "-o m.zarr|--output m.zarr"):
+        assert any(word in command for word in words.split("|"))
+    # As it stands there it is the same map.
+    answer = _answer(run(*command.split()[1:], "--json"))
+    assert answer["parts"]["computed"] == 0
+
+
+def test_slices_cut_what_is_listed(run: Run) -> None:
+    whole = _answer(run(*CUBIC, *GRID, "-o", "m.zarr", "--json"))
+    cut = ("--slice", "yaw=0.2", "--best", "9", "--json")
+    part = _answer(run(*CUBIC, *GRID, "-o", "m.zarr", *cut))
+    assert sum(whole["states"].values()) == 12
+    assert sum(part["states"].values()) == 3
+    rows = part["best"]["translation_held_min"]
+    assert len(rows) == 3
+    assert {row["q"]["yaw"] for row in rows} == {0.2}
+
+
+def test_random_postures(run: Run) -> None:
+    ranges = [f"--range={n}=-0.01:0.01" for n in ("x", "y", "z")]
+    ranges += [f"--range={n}=-0.1:0.1" for n in ("roll", "pitch", "yaw")]
+    first = _answer(run(*CUBIC, "--random", "50", *ranges, "-o", "a.zarr", "--json"))
+    again = _answer(run(*CUBIC, "--random", "50", *ranges, "-o", "b.zarr", "--json"))
+    other = _answer(run(*CUBIC, "--random", "50", "--seed", "1", *ranges, "-o", "c.zarr", "--json"))
+    assert first["quantities"] == again["quantities"]
+    assert first["quantities"] != other["quantities"]
+
+
+def test_trajectory_from_csv(run: Run) -> None:
+    Path("p.csv").write_text("# a path\ntime, x, yaw\n0, 0.0, 0.0\n0.5, 0.01, 0.1\n")
+    answer = _answer(run(*CUBIC, "--trajectory", "p.csv", "-o", "t.zarr", "--json", "--best", "5",
+                         "--picture", "p.svg"))  # fmt: skip
+    assert answer["postures"] == 2
+    yaws = sorted(row["q"]["yaw"] for row in answer["best"]["translation_held_min"])
+    assert yaws == [0.0, 0.1]
+    assert Path("p.svg").read_text().startswith("<?xml")
+
+
+def test_cartesian_grid_in_one_option(run: Run) -> None:
+    answer = _answer(
+        run("map", "five-bar", "--cartesian", "x=0.1:0.2:2 y=0.3:0.35:2", "--free", "rotation",
+            "--starts", "4", "--branches", "2", "--quantity", "compliance_translation_free_max",
+            "-o", "c.zarr", "--json")
+    )  # fmt: skip
+    assert answer["postures"] == 8
+    assert set(answer["states"]) <= {"deficient", "unreachable", "not-assembled"}
+
+
+def test_quantities_are_listed(run: Run) -> None:
+    from cartstiff.batch.quantities import QUANTITIES
+
+    out = run("map", "--list-quantities")
+    for name in QUANTITIES:
+        assert f"\n{name} " in f"\n{out}"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((*CUBIC, "-o", "m.zarr"), ("where the map looks", "--grid")),
+        ((*CUBIC, *GRID, "--random", "5", "-o", "m.zarr"), ("where the map looks",)),
+        ((*CUBIC, *GRID), ("--output",)),
+        (("map", "cubic", *GRID, "-o", "m.zarr"), ("--quantity", "--list-quantities")),
+        ((*CUBIC, *GRID, "-o", "m.nc"), ("m.nc", ".zarr")),
+        ((*CUBIC, *GRID, "-o", "none/m.zarr"), ("no such folder",)),
+        ((*CUBIC, *GRID, "-o", "m.zarr", "--picture", "m.bmp"), ("--picture", ".png")),
+        ((*CUBIC, "--grid", "x=0:1", "-o", "m.zarr"), ("--grid", "NAME=LOW:HIGH:COUNT")),
+        ((*CUBIC, "--grid", "x=0:1:2.5", "-o", "m.zarr"), ("--grid x", "whole number", "2.5")),
+        ((*CUBIC, "--grid", "x=0:1:0", "-o", "m.zarr"), ("--grid x", "1 or more")),
+        ((*CUBIC, "--grid", "x=1:0:3", "-o", "m.zarr"), ("--grid x", "low < high")),
+        ((*CUBIC, "--grid", "x=0:nan:3", "-o", "m.zarr"), ("--grid x", "not a finite number")),
+        ((*CUBIC, "--grid", "elbow=0:1:3", "-o", "m.zarr"), ("unknown coordinate", "elbow")),
+        ((*CUBIC, "--grid", "x=0:1:2,x=0:1:2", "-o", "m.zarr"), ("--grid", "given twice")),
+        ((*CUBIC, "--cartesian", "w=0:1:2", "-o", "m.zarr"), ("unknown axis", "'w'")),
+        ((*CUBIC, "--cartesian", "x=0:1:2", "--orientation", "1,2", "-o", "m.zarr"),
+         ("--orientation", "3 numbers")),
+        ((*CUBIC, "--random", "5", "-o", "m.zarr"), ("--range", "no limits")),
+        ((*CUBIC, *GRID, "--range", "x=0:1", "-o", "m.zarr"), ("--range goes with --random",)),
+        ((*CUBIC, "--trajectory", "none.csv", "-o", "m.zarr"), ("none.csv",)),
+        (("map", "cubic", "--quantity", "softness", *GRID, "-o", "m.zarr"),
+         ("unknown quantity", "softness")),
+        (("map", "cubic", "--quantity", "along_free", *GRID, "-o", "m.zarr"), ("direction",)),
+        (("map", "cubic", "--quantity", "deflection", *GRID, "-o", "m.zarr"), ("wrench",)),
+        (("map", "cubic", "--quantity", "along_free", "--direction", "0,0,0", *GRID,
+          "-o", "m.zarr"), ("direction", "zero")),
+        ((*CUBIC, *GRID, "--length", "-1", "-o", "m.zarr"), ("positive length",)),
+        ((*CUBIC, *GRID, "--load", "1,2", "-o", "m.zarr"), ("--load", "6 numbers")),
+        ((*CUBIC, *GRID, "--slice", "z=0", "-o", "m.zarr"), ("--slice", "unknown axis")),
+        ((*CUBIC, *GRID, "--slice", "x=9", "-o", "m.zarr"), ("--slice x", "outside the map")),
+        ((*CUBIC, *GRID, "--workers", "1", "--scheduler", "tcp://x", "-o", "m.zarr"),
+         ("--workers or --scheduler",)),
+        (("map", "five-bar", "--quantity", "manipulability", "--grid", "left_motor=2:2.2:2",
+          "-o", "m.zarr"), ("closures",)),
+        ((*CUBIC, "--grid", "x=0:0.1:2", "-o", "m.zarr", "--picture", "m.png", "--kind", "heat"),
+         ("--kind heat", "2 dimension", "x")),
+        ((*CUBIC, *GRID, "-o", "m.zarr", "--picture", "m.png", "--kind", "violin", "--by", "w"),
+         ("--by", "unknown region")),
+        (("map", "cubic", "--quantity", "force", *GRID, "-o", "m.zarr", "--best", "1"),
+         ("neither end of force",)),
+        (("map", "cubic", "--quantity", "force", "--cartesian", "x=0:0.1:2", "--redundancy",
+          "best", "-o", "m.zarr"), ("neither end of force",)),
+        (("map", "grasp", *GRID, "--quantity", "condition", "-o", "m.zarr"), ("coordinate", "'x'")),
+    ],
+)  # fmt: skip
+def test_refused_in_one_line(
+    refused: Refused, arguments: tuple[str, ...], words: tuple[str, ...]
+) -> None:
+    refused(*arguments, words=words)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "file is empty"),
+        ("x,yaw\n", "no postures"),
+        ("x,x\n0,0\n", "must differ"),
+        ("x,elbow\n0,0\n", "unknown column"),
+        ("x,yaw\n0\n", "line 2"),
+        ("x,yaw\n0,zero\n", "line 2"),
+        ("time\n0\n", "no column of a coordinate"),
+    ],
+)
+def test_bad_trajectories(refused: Refused, text: str, words: str) -> None:
+    Path("p.csv").write_text(text)
+    refused(*CUBIC, "--trajectory", "p.csv", "-o", "m.zarr", words=(words,))
+
+
+def test_another_map_s_file_is_left_alone(run: Run, refused: Refused) -> None:
+    run(*CUBIC, *GRID, "-o", "m.zarr")
+    line = refused("map", "cubic", "--quantity", "condition", *GRID, "-o", "m.zarr",
+                   words=("m.zarr", "another map", "quantities differs"))  # fmt: skip
+    assert "translation_held_min" in line
+    refused(*CUBIC, "--grid", "x=-0.02:0.02:4", "--grid", "yaw=0:0.2:4", "-o", "m.zarr",
+            words=("x differs",))  # fmt: skip
+    refused(*CUBIC, *GRID, "--stiffness", "5", "-o", "m.zarr", words=("another mechanism",))

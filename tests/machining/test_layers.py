@@ -1,0 +1,63 @@
+"""Dynamic programming against trying every way."""
+
+from __future__ import annotations
+
+from itertools import pairwise, product
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.support import seeds
+
+from cartstiff.batch.layers import Steps, best_way
+from cartstiff.errors import UnknownNameError
+
+
+@given(seeds, st.sampled_from(["worst", "mean"]), st.booleans())
+def test_no_way_is_better(seed, objective, sided):
+    rng = np.random.default_rng(seed)
+    sizes = rng.integers(1, 5, size=rng.integers(1, 5))
+    q = [rng.uniform(-3, 3, (n, 2)) for n in sizes]
+    costs = [np.where(rng.random(n) < 0.15, np.inf, rng.uniform(0.1, 2, n)) for n in sizes]
+    sides = [rng.choice([-1.0, 1.0], n) for n in sizes] if sided else None
+    bounds, price, periodic = np.array([2.0, 2.5]), 0.3, np.array([True, False])
+    way, reached = best_way(costs, Steps(q, periodic, bounds, price, sides), objective)
+
+    def judged(choice):
+        total = [costs[i][k] for i, k in enumerate(choice)]
+        extra = 0.0
+        for i, (a, b) in enumerate(pairwise(choice)):
+            step = q[i + 1][b] - q[i][a]
+            step[0] = (step[0] + np.pi) % (2 * np.pi) - np.pi
+            if np.any(np.abs(step) > bounds) or (sided and sides[i][a] != sides[i + 1][b]):
+                return np.inf, np.inf
+            extra += price * np.mean((step / bounds) ** 2)
+        return max(total), sum(total) + extra
+
+    every = {choice: judged(choice) for choice in product(*map(range, sizes))}
+    if way is None:
+        assert all(np.isinf(total) for _, total in every.values())
+        assert len(reached) <= len(sizes)
+        return
+    worst, total = every[tuple(way)]
+    possible = {c: v for c, v in every.items() if np.isfinite(v[1])}
+    if objective == "worst":
+        least = min(v[0] for v in possible.values())
+        assert worst == pytest.approx(least, rel=1e-9)
+        possible = {c: v for c, v in possible.items() if v[0] <= least * (1 + 1e-9)}
+    assert total == pytest.approx(min(v[1] for v in possible.values()), rel=1e-9)
+
+
+def test_where_it_breaks():
+    q = [np.zeros((1, 1)), np.array([[0.5], [9.0]]), np.array([[9.5]])]
+    costs = [np.ones(1), np.ones(2), np.ones(1)]
+    steps = Steps(q, np.array([False]), np.array([1.0]))
+    way, reached = best_way(costs, steps)
+    assert way is None
+    assert [r.tolist() for r in reached] == [[0], [0], []]
+
+
+def test_unknown_objective():
+    with pytest.raises(UnknownNameError, match="unknown objective"):
+        best_way([np.ones(1)], Steps([np.zeros((1, 1))], np.zeros(1, bool), np.ones(1)), "best")

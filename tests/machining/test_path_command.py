@@ -1,0 +1,204 @@
+"""``cartstiff path``: what it accepts, what it writes, what it refuses in one line."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import json
+
+import numpy as np
+import pytest
+
+import cartstiff
+from cartstiff.cli.main import main
+
+needs_plots = pytest.mark.skipif(
+    importlib.util.find_spec("matplotlib") is None, reason="matplotlib is not installed"
+)
+LOAD = ("--load", "0,0,0,50,0,-50")
+QUICK = ("--samples", "12")
+
+
+@pytest.fixture
+def run(capfd):
+    """Standard output of a command, and its exit code."""
+
+    def check(*arguments, code=0):
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as exit_:
+            main(["path", *map(str, arguments)])
+        out, error = capfd.readouterr()
+        assert exit_.value.code == code, error
+        if code:
+            assert out == ""
+            assert error.count("\n") == 1
+            assert "Traceback" not in error
+            return error
+        assert error == ""
+        return out
+
+    return check
+
+
+@pytest.fixture
+def seam(tmp_path):
+    """Three poses of the hexapod, which needs no example robots."""
+    T = cartstiff.load("hexapod")
+    x, y, z = T.mechanism.at(T.q).pose[:3, 3]
+    file = tmp_path / "seam.csv"
+    rows = [f"{x + d},{y},{z},0,0,0" for d in (-0.02, 0.0, 0.02)]
+    file.write_text("# a seam\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    return file
+
+
+def test_report(run, seam):
+    text = run("hexapod", seam, *LOAD, "--free-axis", "z", *QUICK)
+    assert "3 points" in text
+    assert "displacement of the frame's origin under the given wrench [m]" in text
+    assert "rotation about the body's z axis" in text
+    assert "best constant" in text
+    assert "K^B unloaded" in text
+
+
+def test_json_and_csv_agree(run, seam, tmp_path):
+    file = tmp_path / "postures.csv"
+    data = json.loads(
+        run("hexapod", seam, *LOAD, "--free-axis", "z", *QUICK, "--json", "--csv", file)
+    )
+    assert data["schema"] == "cartstiff/1"
+    with file.open(encoding="utf-8") as handle:
+        rows = list(csv.DictReader(handle))
+    assert len(rows) == len(data["q"]) == 3
+    q = [[float(row[name]) for name in data["joints"]] for row in rows]
+    np.testing.assert_array_equal(q, data["q"])
+    assert [float(row["deflection"]) for row in rows] == data["values"]
+    assert [float(row["free_angle"]) for row in rows] == data["angles"]
+    assert data["summary"]["worst"] == max(data["values"])
+    assert data["summary"]["constant"]["worst"] >= data["summary"]["worst"]
+
+
+def test_columns_by_name(run, seam, tmp_path):
+    """The same path with the load in the file, in another order, and by the tool's axis alone."""
+    base = json.loads(run("hexapod", seam, *LOAD, "--free-axis", "z", *QUICK, "--json"))
+    rows = [line.split(",") for line in seam.read_text(encoding="utf-8").splitlines()[1:]]
+    named = tmp_path / "named.csv"
+    lines = ["fx,fy,fz,mx,my,mz,x,y,z,roll,pitch,yaw"]
+    lines += [",".join(["50", "0", "-50", "0", "0", "0", *row]) for row in rows]
+    named.write_text("\n".join(lines), encoding="utf-8")
+    again = json.loads(run("hexapod", named, "--free-axis", "z", *QUICK, "--json"))
+    assert again["values"] == base["values"]
+    axes = tmp_path / "axes.csv"
+    lines = ["x,y,z,ax,ay,az", *(",".join([*row[:3], "0", "0", "2"]) for row in rows)]
+    axes.write_text("\n".join(lines), encoding="utf-8")
+    again = json.loads(run("hexapod", axes, *LOAD, "--free-axis", "z", *QUICK, "--json"))
+    assert again["values"] == pytest.approx(base["values"], rel=1e-9)
+    twelve = tmp_path / "twelve.csv"
+    lines = [",".join([*row, "0", "0", "0", "50", "0", "-50"]) for row in rows]
+    twelve.write_text("\n".join(lines), encoding="utf-8")
+    again = json.loads(run("hexapod", twelve, "--free-axis", "z", *QUICK, "--json"))
+    assert again["values"] == base["values"]
+
+
+def test_stiffness_along_a_direction(run, seam):
+    data = json.loads(
+        run(
+            "hexapod", seam, "--criterion", "along_free", "--direction", "0,0,1", "--axes", "world",
+            "--stiffness", "1e6", "--max-step", "0.3", "--singular", "0.01", "--json",
+        )
+    )  # fmt: skip
+    assert data["criterion"]["unit"] == "N/m"
+    platform = cartstiff.load("hexapod").with_springs(1e6)
+    C = cartstiff.analyse(platform, data["q"][1]).compliances["B"]
+    assert data["values"][1] == pytest.approx(1 / C[5, 5], rel=1e-6)
+
+
+def test_place_of_the_workpiece(run, tmp_path):
+    arm = cartstiff.load("hexapod")
+    z = arm.mechanism.at(arm.q).pose[2, 3]
+    part = tmp_path / "part.csv"
+    part.write_text("0,0,0,0,0,0\n0.01,0,0,0,0,0\n", encoding="utf-8")
+    place = ("--place", f"x=-0.02:0.02:2,z={z}:{z + 3}:2")
+    text = run("hexapod", part, *LOAD, *place)
+    assert "Best place of the workpiece: x = " in text
+    assert "2 of 4 places cannot be used: 2 path-beyond-limits" in text
+    data = json.loads(run("hexapod", part, *LOAD, *place, "--json"))
+    assert data["unusable"] == {"path-beyond-limits": 2}
+    assert data["path"]["summary"]["worst"] <= min(v for v in data["worst"] if v is not None)
+
+
+@needs_plots
+def test_pictures(run, seam, tmp_path):
+    picture, places = tmp_path / "k.png", tmp_path / "places.svg"
+    run("hexapod", seam, *LOAD, "--free-axis", "z", *QUICK, "--plot", picture)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    run("hexapod", seam, *LOAD, "--place", "x=-0.01:0.01:2", "--plot-places", places)
+    assert b"<svg" in places.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ((), "needs a wrench"),
+        ((*LOAD, "--load", "1,2,3,4,5,6"), "more than once"),
+        (("--load", "1,2"), "wrong count"),
+        ((*LOAD, "--criterion", "nonsense"), "unknown criterion"),
+        ((*LOAD, "--free-axis", "w"), "--free-axis"),
+        ((*LOAD, "--free-axis", "z", "--free-rotation"), "not both"),
+        ((*LOAD, "--free-rotation"), "cannot all be free"),
+        ((*LOAD, "--plot-places", "a.png"), "goes with --place"),
+        ((*LOAD, "--plot", "a.txt"), "unknown file ending"),
+        ((*LOAD, "--csv", "no/such/folder.csv"), "no such folder"),
+        ((*LOAD, "--place", "x=0:1"), "NAME=LOW:HIGH:COUNT"),
+        ((*LOAD, "--place", "roll=0:1:2"), "unknown coordinate"),
+        ((*LOAD, "--place", "x=1:0:2"), "must rise"),
+        ((*LOAD, "--place", "x=0:1:1000,y=0:1:1000"), "too many places"),
+        ((*LOAD, "--max-step", "-1"), "must be above zero"),
+        ((*LOAD, "--singular", "2"), "singularity threshold"),
+        ((*LOAD, "--redundant", "leg1"), "unknown joint"),
+    ],
+)
+def test_refused_options(run, seam, arguments, expected):
+    assert expected in run("hexapod", seam, *arguments, code=2)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", "file is empty"),
+        ("# nothing\n", "no points"),
+        ("x,y,z,roll,pitch,yaw\n", "no points"),
+        ("1,2,3\n", "line 1: wrong count"),
+        ("0,0,0,0,0,0\n0,0,0\n", "line 2: wrong count"),
+        ("0,0,0,0,0,nan\n", "line 1: not a finite number"),
+        ("x,y,z,roll,pitch,roll\n", "column named twice"),
+        ("x,y,z,roll,pitch,jaw\n", "unknown column"),
+        ("x,y,z\n", "columns give no pose"),
+        ("x,y,z,roll,pitch\n", "columns are missing"),
+        ("x,y,z,ax,ay,az\n0,0,0,0,0,1\n", "--free-axis"),
+    ],
+)
+def test_refused_files(run, tmp_path, text, expected):
+    file = tmp_path / "path.csv"
+    file.write_text(text, encoding="utf-8")
+    error = run("hexapod", file, *LOAD, code=2)
+    assert expected in error
+    assert "path.csv" in error
+
+
+def test_load_twice(run, tmp_path):
+    file = tmp_path / "path.csv"
+    file.write_text("0,0,0,0,0,0,0,0,0,0,0,1\n", encoding="utf-8")
+    assert "not both" in run("hexapod", file, *LOAD, code=2)
+
+
+def test_path_that_cannot_be_followed(run, tmp_path):
+    file = tmp_path / "path.csv"
+    file.write_text("0,0,50,0,0,0\n", encoding="utf-8")
+    error = run("hexapod", file, *LOAD, code=3)
+    assert "path-beyond-limits: point 1 of the path is reached only beyond the limits: leg" in error
+
+
+def test_nothing_is_written_when_refused(run, seam, tmp_path):
+    file = tmp_path / "postures.csv"
+    run("hexapod", seam, *LOAD, "--csv", file, "--plot", tmp_path / "no" / "p.png", code=2)
+    assert not file.exists()

@@ -1,0 +1,65 @@
+"""Small mechanisms for the tests of maps, the values of a map found one by one, and commands."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+from tests.support import loaded_arm, paper_platform
+
+import cartstiff
+from cartstiff.analysis.ellipsoids import stiffness_ellipsoid
+from cartstiff.mechanisms.elastic import ElasticMechanism
+
+
+def arm(kinds: str = "RRRRRR", seed: int = 3) -> ElasticMechanism:
+    return loaded_arm(kinds, seed).elastic
+
+
+def platform() -> ElasticMechanism:
+    return paper_platform()
+
+
+def softest(elastic: ElasticMechanism, q: np.ndarray, wrench: object = None) -> float:
+    """Smallest principal translational stiffness, rotation free, by the analysis."""
+    K = cartstiff.analyse(elastic, q, wrench=wrench).matrices["B"]
+    return float(stiffness_ellipsoid(K, "translation", "free").eigenvalues[0])
+
+
+# -- maps in processes of their own -------------------------------------------------------------
+
+# A mechanism that is computed posture by posture, so that there is time to interrupt it.
+COMMAND = (
+    "map", "delta", "--grid", "leg1/motor=0.3:0.5:4,leg2/motor=0.3:0.5:6,leg3/motor=0.3:0.5:6",
+    "--quantity", "compliance_translation_free_max", "--chunk", "4", "--length", "0.1",
+    "--threads", "1", "--json",
+)  # fmt: skip
+
+
+def start(*words: str, **environment: str) -> subprocess.Popen[str]:
+    """Start Python with the library that is tested."""
+    source = str(Path(cartstiff.__file__).parents[1])
+    return subprocess.Popen(
+        [sys.executable, *words],
+        env={**os.environ, "PYTHONPATH": source, "OMP_NUM_THREADS": "1", **environment},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def start_map(file: Path, *more: str, **environment: str) -> subprocess.Popen[str]:
+    """Start to compute the map of `COMMAND`."""
+    return start("-m", "cartstiff", *COMMAND, "-o", str(file), *more, **environment)
+
+
+def marks(file: Path) -> dict[str, tuple[int, int]]:
+    """The parts of a map that are done, with the identity and time of their marks."""
+    folder = file / "done" / "c"
+    if not folder.is_dir():
+        return {}
+    found = [p for p in folder.iterdir() if p.name.isdigit()]
+    return {p.name: (p.stat().st_ino, p.stat().st_mtime_ns) for p in found}

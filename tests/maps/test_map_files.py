@@ -1,0 +1,406 @@
+"""Maps in files: right numbers at the right labels, complete or not, and none of another map's."""
+
+from __future__ import annotations
+
+import json
+import os
+
+import numpy as np
+import pytest
+import xarray
+from tests.maps.machines import arm, platform, softest
+
+import cartstiff
+from cartstiff.batch.maps import (
+    Axis,
+    CartesianGrid,
+    Grid,
+    RandomPostures,
+    Trajectory,
+    best,
+    compute_map,
+    open_map,
+    slice_map,
+    summary,
+    worst,
+)
+from cartstiff.batch.maps.prepare import prepare_map
+from cartstiff.batch.maps.run import run_map
+from cartstiff.batch.store import MapFile, chunk_shape
+from cartstiff.errors import InputError, UnknownNameError
+
+# Another order of the same operations, matrices of condition up to 1e6.
+SAME = 1e-8
+QUANTITY = "translation_free_min"
+
+
+@pytest.fixture(scope="module")
+def elastic():
+    return arm()
+
+
+def _grid(elastic, first=4, second=5):
+    names = elastic.names
+    return Grid(
+        {names[1]: Axis(-0.5, 0.7, first), names[3]: Axis(0.2, 1.1, second)}, names, elastic.q
+    )
+
+
+# -- numbers ------------------------------------------------------------------------------------
+
+
+def test_grid_holds_the_analysis_of_each_posture(elastic, tmp_path):
+    wrench = [0.1, 0.2, -0.3, 4, 5, -6]
+    a, b = elastic.names[1], elastic.names[3]
+    data = compute_map(
+        elastic, _grid(elastic), [QUANTITY, "force"], tmp_path / "m.zarr", wrench=wrench, chunk=6
+    )
+    assert data[QUANTITY].dims == (a, b)
+    assert data[QUANTITY].attrs["units"] == "N/m"
+    assert data[a].attrs["units"] == "rad"
+    assert data.attrs["chunks_done"] == data.attrs["chunks"] == 4
+    assert data["force"].values == pytest.approx(np.linalg.norm(wrench[3:]), rel=SAME)
+    for x in np.linspace(-0.5, 0.7, 4):
+        for y in np.linspace(0.2, 1.1, 5):
+            q = elastic.q.copy()
+            q[[1, 3]] = x, y
+            cell = data.sel({a: x, b: y}, method="nearest")
+            assert float(cell[QUANTITY]) == pytest.approx(softest(elastic, q, wrench), rel=SAME)
+            np.testing.assert_allclose(cell["q"].values, q, atol=1e-15)
+            pose = elastic.mechanism.at(q).pose
+            np.testing.assert_allclose(cell["position"].values, pose[:3, 3], atol=1e-12)
+            assert int(cell["state"]) == 0
+    np.testing.assert_array_equal(data["q"].values, _grid(elastic).postures(
+        (slice(0, 4), slice(0, 5))).reshape(4, 5, 6))  # fmt: skip
+    assert [str(j) for j in data["joint"].values] == list(elastic.names)
+
+
+@pytest.mark.parametrize("chunk", [1, 7, 1000])
+def test_result_does_not_depend_on_the_parts(elastic, tmp_path, chunk):
+    sampling = RandomPostures(40, 5, elastic.q - 0.3, elastic.q + 0.3)
+    whole = compute_map(elastic, sampling, [QUANTITY], tmp_path / "w.zarr")
+    parts = compute_map(elastic, sampling, [QUANTITY], tmp_path / "p.zarr", chunk=chunk)
+    # The matrices of a posture may be multiplied in another order in another block.
+    np.testing.assert_allclose(parts[QUANTITY], whole[QUANTITY], rtol=1e-12)
+    np.testing.assert_array_equal(parts["q"], whole["q"])
+
+
+def test_random_postures_do_not_depend_on_the_box():
+    sampling = RandomPostures(5000, 3, [0.0, -2.0, 1.0], [1.0, 2.0, 1.0])
+    whole = sampling.postures((slice(0, 5000),))
+    for start, stop in ((0, 1), (1023, 1025), (4999, 5000), (100, 4100)):
+        np.testing.assert_array_equal(sampling.postures((slice(start, stop),)), whole[start:stop])
+    assert np.unique(whole[:, 0]).size == 5000
+    assert (whole[:, 2] == 1.0).all()
+    assert whole[:, 0].min() >= 0
+    assert whole[:, 0].max() <= 1
+    # Mean and spread of a uniform distribution, within four standard errors.
+    assert abs(whole[:, 1].mean()) < 4 * (4 / np.sqrt(12)) / np.sqrt(5000)
+    other = RandomPostures(5000, 4, [0.0, -2.0, 1.0], [1.0, 2.0, 1.0])
+    assert not np.array_equal(other.postures((slice(0, 9),)), whole[:9])
+
+
+def test_trajectory(elastic, tmp_path):
+    columns = {elastic.names[2]: [0.1, 0.2, 0.4], "time": [0.0, 0.5, 1.5]}
+    sampling = Trajectory.from_table(columns, elastic, elastic.q)
+    data = compute_map(elastic, sampling, [QUANTITY], tmp_path / "t.zarr", chunk=2)
+    np.testing.assert_array_equal(data["time"], columns["time"])
+    np.testing.assert_array_equal(data["q"][:, 2], columns[elastic.names[2]])
+    for i in range(3):
+        expected = softest(elastic, data["q"].values[i])
+        assert float(data[QUANTITY][i]) == pytest.approx(expected, rel=SAME)
+
+
+def test_platform_in_its_own_units(tmp_path):
+    stewart = platform()
+    sampling = Grid({"x": Axis(-0.5, 0.5, 3), "yaw": Axis(-0.1, 0.1, 2)}, stewart.names, stewart.q)
+    data = compute_map(stewart, sampling, ["translation_held_min"], tmp_path / "s.zarr")
+    assert data["translation_held_min"].attrs["units"] == "N/cm"
+    assert data["x"].attrs["units"] == data["position"].attrs["units"] == "cm"
+    assert data["yaw"].attrs["units"] == "rad"
+    K = cartstiff.analyse(stewart, [0.5, 0, 0, 0, 0, -0.1]).matrices["B"]
+    assert float(data["translation_held_min"][2, 0]) == pytest.approx(
+        np.linalg.eigvalsh(K[3:, 3:])[0], rel=SAME
+    )
+
+
+def test_closed_chain_is_assembled_at_the_map_s_own_coordinates(tmp_path):
+    linkage = cartstiff.load("five-bar")
+    axes = {"left_motor": Axis(1.0, 3.1, 4), "right_motor": Axis(-0.5, 1.2, 4)}
+    sampling = Grid(axes, linkage.names, linkage.q)
+    data = compute_map(
+        linkage, sampling, ["compliance_translation_free_max"], tmp_path / "f.zarr", chunk=5
+    )
+    states = summary(data)["states"]
+    assert set(states) == {"deficient", "not-assembled"}
+    there = np.isfinite(data["compliance_translation_free_max"].values)
+    assert there.sum() == states["deficient"]
+    q = data["q"].values[there]
+    left, right = np.meshgrid(data["left_motor"], data["right_motor"], indexing="ij")
+    motors = [linkage.names.index(n) for n in axes]
+    np.testing.assert_allclose(q[:, motors], np.stack([left[there], right[there]], 1), atol=1e-9)
+    for i, value in enumerate(data["compliance_translation_free_max"].values[there]):
+        posture = linkage.mechanism.at(q[i])
+        assert np.abs(posture.residual).max() < 1e-9
+        C = cartstiff.analyse(linkage, q[i]).compliances["B"]
+        assert value == pytest.approx(np.linalg.eigvalsh(C[3:, 3:])[-1], rel=1e-6)
+    assert np.isnan(data["q"].values[~there]).all()
+
+
+# -- Cartesian grids ----------------------------------------------------------------------------
+
+
+def test_cartesian_grid_reaches_its_places_by_several_branches(elastic, tmp_path):
+    here = elastic.mechanism.at(elastic.q).pose
+    x = Axis(here[0, 3] - 0.05, here[0, 3] + 0.05, 2)
+    far = Axis(here[2, 3], here[2, 3] + 50.0, 2)
+    sampling = CartesianGrid({"x": x, "z": far}, elastic, elastic.q, branches=4, starts=12)
+    data = compute_map(elastic, sampling, [QUANTITY], tmp_path / "c.zarr", chunk=4)
+    assert data[QUANTITY].dims == ("x", "y", "z", "branch")
+    assert data[QUANTITY].shape == (2, 1, 2, 4)
+    assert data["branches"].dims == ("x", "y", "z")
+    near = data.isel(y=0, z=0)
+    assert (near["branches"] >= 1).all()
+    assert int(near["branches"].max()) >= 2
+    assert (data.isel(z=1)["branches"] == 0).all()
+    names = data["state"].attrs["flag_meanings"].split()
+    assert {names[s] for s in data.isel(z=1)["state"].values.ravel()} == {"unreachable"}
+    for i in range(2):
+        kept = min(4, int(near["branches"][i]))
+        q = near["q"].values[i]
+        assert np.isfinite(q[:kept]).all()
+        assert np.isnan(q[kept:]).all()
+        for k in range(kept):
+            T = elastic.mechanism.at(q[k]).pose
+            np.testing.assert_allclose(T[:3, :3], here[:3, :3], atol=1e-7)
+            np.testing.assert_allclose(T[:3, 3], [x.values[i], here[1, 3], here[2, 3]], atol=1e-7)
+            assert float(near[QUANTITY][i, k]) == pytest.approx(softest(elastic, q[k]), rel=1e-6)
+        for k in range(1, kept):
+            assert np.abs(q[k] - q[:k]).max(axis=1).min() > 1e-4
+
+
+def test_redundancy_is_resolved_towards_the_best(tmp_path):
+    seven = arm("RRRRRRR", 5)
+    found = {}
+    for redundancy in ("nearest", "best"):
+        sampling = CartesianGrid(
+            {}, seven, seven.q, branches=3, starts=3, redundancy=redundancy
+        )  # fmt: skip
+        data = compute_map(seven, sampling, ["deflection"], tmp_path / f"{redundancy}.zarr",
+                           deflect=[0, 0, 0, 1, 2, 3], wrench=np.zeros(6))  # fmt: skip
+        found[redundancy] = data.load()
+    nearest, best_ = found["nearest"], found["best"]
+    np.testing.assert_allclose(nearest["q"].values[0, 0, 0, 0], seven.q, atol=1e-4)
+    assert float(best_["deflection"].min()) <= float(nearest["deflection"].min()) * (1 + 1e-6)
+    assert float(best_["deflection"].min()) < 0.999 * float(nearest["deflection"][0, 0, 0, 0])
+
+
+# -- files --------------------------------------------------------------------------------------
+
+
+def test_file_says_what_it_is(elastic, tmp_path):
+    data = compute_map(
+        elastic, _grid(elastic), ["along_free"], tmp_path / "m.zarr", direction=[0, 0, 2],
+        world=True, connection="K", command="cartstiff map ...",
+    )  # fmt: skip
+    a = data.attrs
+    assert a["mechanism"] == elastic.name
+    assert (a["frame"], a["connection"], a["length_unit"]) == ("tip", "K", "m")
+    assert a["cartstiff_version"] == cartstiff.__version__
+    assert a["command"] == "cartstiff map ..."
+    described = json.loads(a["description"])
+    assert described["direction"] == [0, 0, 2]
+    assert described["sampling"]["kind"] == "grid"
+    assert data["along_free"].attrs["long_name"].startswith("stiffness along")
+    # Other readers of Zarr find labels and units without this library.
+    plain = xarray.open_zarr(tmp_path / "m.zarr", consolidated=False, chunks=None)
+    assert plain["along_free"].dims == data["along_free"].dims
+    assert plain["state"].attrs["flag_meanings"].split()[0] == "regular"
+
+
+def test_a_map_goes_to_netcdf(elastic, tmp_path):
+    data = compute_map(elastic, _grid(elastic), [QUANTITY], tmp_path / "m.zarr")
+    data.to_netcdf(tmp_path / "m.nc", engine="scipy")
+    with xarray.open_dataset(tmp_path / "m.nc", engine="scipy") as back:
+        np.testing.assert_array_equal(back[QUANTITY], data[QUANTITY])
+        np.testing.assert_array_equal(back["q"], data["q"])
+        assert back.attrs["command"] == data.attrs["command"]
+
+
+def test_single_precision_halves_the_numbers(elastic, tmp_path):
+    sampling = _grid(elastic)
+    double = compute_map(elastic, sampling, [QUANTITY], tmp_path / "d.zarr")
+    single = compute_map(elastic, sampling, [QUANTITY], tmp_path / "s.zarr", single=True)
+    assert single[QUANTITY].dtype == np.float32
+    np.testing.assert_allclose(single[QUANTITY], double[QUANTITY], rtol=1e-6)
+
+
+def test_nothing_is_computed_twice(elastic, tmp_path):
+    file = tmp_path / "m.zarr"
+    options = {"chunk": 5, "length": 0.3}
+    job, map_file = prepare_map(elastic, _grid(elastic), [QUANTITY], file, **options)
+    for i in (0, 3):
+        map_file.write(i, job.compute(map_file.boxes[i]))
+    partial = open_map(file)
+    assert partial.attrs["chunks_done"] == 2
+    assert summary(partial)["states"]["not-computed"] == 20 - map_file.count(0) - map_file.count(3)
+    before = _stamps(file)
+    job, map_file = prepare_map(elastic, _grid(elastic), [QUANTITY], file, **options)
+    assert run_map(job, map_file) == len(map_file.boxes) - 2
+    after = _stamps(file)
+    assert before.items() <= after.items()  # nothing that was there has been written again
+    assert run_map(job, map_file) == 0
+    whole = compute_map(elastic, _grid(elastic), [QUANTITY], tmp_path / "w.zarr", **options)
+    np.testing.assert_array_equal(open_map(file)[QUANTITY], whole[QUANTITY])
+
+
+def _stamps(folder):
+    """Identity and time of every file of a map's arrays."""
+    files = [p for p in folder.rglob("*") if p.is_file()]
+    return {str(p): (p.stat().st_ino, p.stat().st_mtime_ns) for p in files}
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"quantities": ["condition"]}, "quantities differs"),
+        ({"length": 0.4}, "length differs"),
+        ({"connection": "K"}, "connection differs"),
+        ({"single": True}, "single differs"),
+        ({"wrench": [0, 0, 0, 1, 0, 0]}, "another mechanism"),
+        ({"elastic": arm().with_springs(123.0)}, "another mechanism"),
+        ({"sampling": _grid(arm(), 4, 6)}, "differs"),
+        ({"sampling": RandomPostures(9, 1, arm().q, arm().q)}, "another mechanism|differs"),
+    ],
+)
+def test_another_map_s_file_is_refused(elastic, tmp_path, change, words):
+    given = {"elastic": elastic, "sampling": _grid(elastic), "quantities": [QUANTITY],
+             "file": tmp_path / "m.zarr", "length": 0.3}  # fmt: skip
+    compute_map(**given)
+    before = _stamps(tmp_path)
+    with pytest.raises(InputError, match=words) as refusal:
+        compute_map(**(given | change))
+    assert "m.zarr" in str(refusal.value)
+    assert _stamps(tmp_path) == before
+
+
+def test_leftovers_and_strangers(elastic, tmp_path):
+    with pytest.raises(InputError, match=r"expected \.zarr"):
+        compute_map(elastic, _grid(elastic), [QUANTITY], tmp_path / "m.nc")
+    with pytest.raises(InputError, match="no such folder"):
+        compute_map(elastic, _grid(elastic), [QUANTITY], tmp_path / "none" / "m.zarr")
+    (tmp_path / "f.zarr").write_text("x")
+    with pytest.raises(InputError, match="is a file"):
+        compute_map(elastic, _grid(elastic), [QUANTITY], tmp_path / "f.zarr")
+    (tmp_path / "d.zarr").mkdir()
+    with pytest.raises(InputError, match="is no map"):
+        compute_map(elastic, _grid(elastic), [QUANTITY], tmp_path / "d.zarr")
+    with pytest.raises(InputError, match="is no map"):
+        open_map(tmp_path / "nothing.zarr")
+    # What a killed process had begun to write goes, and the map is whole.
+    job, file = prepare_map(elastic, _grid(elastic), [QUANTITY], tmp_path / "m.zarr")
+    rest = file.path / QUANTITY / "c" / "0" / "0.123.partial"
+    rest.parent.mkdir(parents=True)
+    rest.write_bytes(b"half")
+    assert run_map(job, file) == 1
+    assert not rest.exists()
+
+
+def test_two_processes_do_not_compute_one_map(elastic, tmp_path):
+    job, file = prepare_map(elastic, _grid(elastic), [QUANTITY], tmp_path / "m.zarr")
+    with file.locked(), pytest.raises(InputError, match="another process"):
+        run_map(job, MapFile.at(file.path))
+    assert run_map(job, file) == 1
+    assert os.path.isdir(file.path)  # noqa: PTH112
+
+
+def test_chunks_are_near_cubes_and_keep_branches_whole(elastic):
+    names = elastic.names
+    cube = Grid({n: Axis(0, 1, 100) for n in names[:3]}, names, elastic.q)
+    shape = chunk_shape(cube)
+    assert max(shape) <= 2 * min(shape)
+    assert np.prod(shape) <= 100**3 // 128
+    grid = CartesianGrid({"x": Axis(0, 1, 50), "y": Axis(0, 1, 50)}, elastic, elastic.q)
+    assert chunk_shape(grid)[3] == 8
+    assert chunk_shape(RandomPostures(10**9, 0, [0.0], [1.0])) == (2**18,)
+
+
+# -- reading ------------------------------------------------------------------------------------
+
+
+def test_best_and_worst(elastic, tmp_path):
+    sampling = _grid(elastic, 6, 7)
+    data = compute_map(elastic, sampling, [QUANTITY, "condition"], tmp_path / "m.zarr", chunk=4)
+    for name, order in ((QUANTITY, -1), ("condition", 1)):
+        values = np.sort(data[name].values.ravel())[::order]
+        np.testing.assert_array_equal(best(data, name, 5)[name], values[:5])
+        np.testing.assert_array_equal(worst(data, name, 3)[name], values[::-1][:3])
+    top = best(data, QUANTITY)
+    assert float(top[QUANTITY][0]) == pytest.approx(softest(elastic, top["q"].values[0]), rel=SAME)
+    assert best(data, QUANTITY, 1000).sizes["rank"] == 42
+    with pytest.raises(UnknownNameError, match="quantity of the map"):
+        best(data, "state")
+
+
+def test_best_leaves_out_what_has_no_number():
+    data = xarray.Dataset(
+        {"k": ("posture", [3.0, np.nan, 1.0, 2.0]), "state": ("posture", [0, 1, 0, 0])}
+    )
+    data["k"].attrs["better"] = "larger"
+    np.testing.assert_array_equal(best(data, "k", 9)["k"], [3, 2, 1])
+    np.testing.assert_array_equal(worst(data.chunk({"posture": 3}), "k", 2)["k"], [1, 2])
+    del data["k"].attrs["better"]
+    with pytest.raises(InputError, match="neither end"):
+        best(data, "k")
+
+
+def test_slices(elastic, tmp_path):
+    a, b = elastic.names[1], elastic.names[3]
+    data = compute_map(elastic, _grid(elastic), [QUANTITY], tmp_path / "m.zarr")
+    part = slice_map(data, **{a: 0.35})
+    assert part[QUANTITY].dims == (b,)
+    assert float(part[a]) == pytest.approx(0.3)
+    with pytest.raises(InputError, match="outside the map"):
+        slice_map(data, **{a: 2.0})
+    with pytest.raises(UnknownNameError, match="axis"):
+        slice_map(data, joint=1.0)
+
+
+def test_summary_counts_everything(elastic, tmp_path):
+    data = compute_map(elastic, _grid(elastic), [QUANTITY], tmp_path / "m.zarr", chunk=3)
+    found = summary(data)
+    values = data[QUANTITY].values
+    assert found["states"] == {"regular": 20}
+    entry = found["quantities"][QUANTITY]
+    assert entry["smallest"] == values.min()
+    assert entry["largest"] == values.max()
+    assert entry["mean"] == pytest.approx(values.mean())
+    assert entry["undefined"] == 0
+
+
+def test_bad_samplings(elastic):
+    names = elastic.names
+    with pytest.raises(UnknownNameError, match="coordinate"):
+        Grid({"elbow": Axis(0, 1, 2)}, names, elastic.q)
+    with pytest.raises(InputError, match="must rise"):
+        Axis(1, 0, 2)
+    with pytest.raises(InputError, match="1 or more"):
+        Axis(0, 1, 0)
+    with pytest.raises(InputError, match="finite"):
+        Axis(0, np.inf, 3)
+    with pytest.raises(InputError, match="no limits"):
+        RandomPostures.within_limits(arm("RRPRRR", 4), 5)
+    with pytest.raises(UnknownNameError, match="coordinate"):
+        RandomPostures.within_limits(elastic, 5, ranges={"elbow": (0, 1)})
+    with pytest.raises(InputError, match="1 or more"):
+        RandomPostures(0, 0, [0.0], [1.0])
+    with pytest.raises(InputError, match="finite"):
+        Trajectory([[0.0, np.nan]])
+    with pytest.raises(InputError, match="no column"):
+        Trajectory.from_table({"time": [1.0]}, elastic, elastic.q)
+    with pytest.raises(UnknownNameError, match="axis"):
+        CartesianGrid({"w": Axis(0, 1, 2)}, elastic, elastic.q)
+    with pytest.raises(UnknownNameError, match="redundancy"):
+        CartesianGrid({}, elastic, elastic.q, redundancy="least")
+    with pytest.raises(InputError, match="not a rotation"):
+        CartesianGrid({}, elastic, elastic.q, 2 * np.eye(3))

@@ -1,0 +1,160 @@
+"""Pictures of maps: what is on them, and what they refuse."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray
+from tests.maps.machines import arm
+
+from cartstiff.batch.maps import Axis, Grid, RandomPostures, compute_map, draw_map, slice_map
+from cartstiff.batch.maps.pictures import KINDS
+from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.statics.figures import save_figure
+
+QUANTITY = "translation_free_min"
+
+
+@pytest.fixture(scope="module")
+def cube(tmp_path_factory):
+    """Three dimensions of an arm, among them its straight elbow."""
+    elastic = arm()
+    names = elastic.names
+    axes = {names[i]: Axis(-0.4, 0.4, n) for i, n in ((1, 4), (2, 5), (3, 3))}
+    file = tmp_path_factory.mktemp("cube") / "m.zarr"
+    return compute_map(elastic, Grid(axes, names, elastic.q), [QUANTITY, "condition"], file)
+
+
+def _made_up(values, state=None, better="larger"):
+    """A map of two dimensions with given values and states."""
+    values = np.array(values, float)
+    state = np.zeros(values.shape, np.uint8) if state is None else np.array(state, np.uint8)
+    data = xarray.Dataset(
+        {
+            "stiffness": (("a", "b"), values),
+            "state": (("a", "b"), state),
+            "position": (("a", "b", "xyz"), np.random.default_rng(0).random((*values.shape, 3))),
+            "q": (("a", "b", "joint"), np.zeros((*values.shape, 2))),
+        },
+        {"a": np.arange(float(values.shape[0])), "b": np.arange(float(values.shape[1])),
+         "joint": ["a", "b"], "xyz": ["x", "y", "z"]},
+    )  # fmt: skip
+    data["stiffness"].attrs = {"units": "N/m", "long_name": "stiffness", "better": better}
+    data["a"].attrs["units"] = data["b"].attrs["units"] = "rad"
+    data["state"].attrs = {"flag_values": [0, 1, 255],
+                           "flag_meanings": "regular serial-singularity not-computed"}  # fmt: skip
+    data.attrs = {"mechanism": "made up", "length_unit": "m"}
+    return data
+
+
+def _texts(figure):
+    legends = [t.get_text() for legend in figure.legends for t in legend.get_texts()]
+    labels = [text for a in figure.axes for text in (a.get_xlabel(), a.get_ylabel())]
+    return legends, labels
+
+
+@pytest.mark.parametrize("kind", ["slices", "histogram", "violin", "points"])
+@pytest.mark.parametrize("ending", [".png", ".svg"])
+def test_every_kind_is_drawn(cube, tmp_path, kind, ending):
+    file = tmp_path / f"m{ending}"
+    save_figure(draw_map(cube, QUANTITY, kind), file)
+    assert file.stat().st_size > 5000
+
+
+def test_the_kind_follows_the_dimensions(cube):
+    a, b, c = cube[QUANTITY].dims
+    three = draw_map(cube, QUANTITY)
+    assert [ax.get_title() for ax in three.axes[:3]] == [
+        f"{c} = {v:.4g} rad" for v in cube[c].values
+    ]
+    two = draw_map(slice_map(cube, **{c: 0.0}), QUANTITY)
+    _, labels = _texts(two)
+    assert labels[:2] == [f"{b} [rad]", f"{a} [rad]"]
+    assert any("[N/m]" in text for text in labels)
+    assert "0 rad" in two.axes[0].get_title()
+    one = draw_map(slice_map(cube, **{c: 0.0, b: 0.2}), QUANTITY)
+    assert one.axes[0].get_xlabel() == f"{a} [rad]"
+    drawn = one.axes[0].lines[0].get_ydata()
+    np.testing.assert_array_equal(drawn, slice_map(cube, **{c: 0.0, b: 0.2})[QUANTITY])
+
+
+def test_heat_map_shows_the_numbers_and_names_the_rest():
+    data = _made_up([[1, 2, 3], [4, np.nan, 6], [np.nan, np.inf, 9]],
+                    [[0, 0, 0], [0, 1, 0], [0, 0, 0]])  # fmt: skip
+    figure = draw_map(data, "stiffness", "heat")
+    mesh = figure.axes[0].collections[0]
+    assert mesh.get_cmap().name == "cividis"
+    shown = mesh.get_array()
+    np.testing.assert_array_equal(shown.mask, [[0, 0, 0], [0, 1, 0], [1, 1, 0]])
+    assert shown[0, 1] == 2
+    assert shown[2, 2] == 9
+    assert _texts(figure)[0] == ["infinite", "serial-singularity", "undefined"]
+    hatched = [c for c in figure.axes[0].collections if getattr(c, "hatches", None)]
+    assert len(hatched) == 3
+    assert mesh.norm.vmin == 1
+    assert mesh.norm.vmax == 9
+
+
+def test_decades_are_shown_on_a_logarithmic_scale():
+    from matplotlib.colors import LogNorm
+
+    figure = draw_map(_made_up([[1, 10], [100, 1000]]), "stiffness", "heat")
+    assert isinstance(figure.axes[0].collections[0].norm, LogNorm)
+    negative = draw_map(_made_up([[-1, 10], [100, 1000]]), "stiffness", "heat")
+    assert not isinstance(negative.axes[0].collections[0].norm, LogNorm)
+
+
+def test_line_has_gaps_where_nothing_is():
+    data = _made_up([[1, 2, np.nan, 4]], [[0, 0, 255, 0]])
+    figure = draw_map(data, "stiffness")
+    assert np.isnan(figure.axes[0].lines[0].get_ydata()[2])
+    assert _texts(figure)[0] == ["not-computed"]
+    span = figure.axes[0].patches[0].get_extents()
+    low, high = figure.axes[0].transData.inverted().transform([span.p0, span.p1])[:, 0]
+    assert (low, high) == pytest.approx((1.5, 2.5))
+
+
+def test_histogram_counts_every_number(cube):
+    for name in (QUANTITY, "condition"):
+        figure = draw_map(cube, name, "histogram")
+        values = figure.axes[0].patches[0].get_data().values
+        assert values.sum() == np.isfinite(cube[name].values).sum()
+        assert f"of {cube[name].size} postures" in figure.axes[0].get_title()
+
+
+def test_histogram_of_random_postures(tmp_path):
+    elastic = arm()
+    sampling = RandomPostures(2500, 1, elastic.q - 0.1, elastic.q + 0.1)
+    data = compute_map(elastic, sampling, [QUANTITY], tmp_path / "r.zarr")
+    figure = draw_map(data, QUANTITY)
+    assert figure.axes[0].patches[0].get_data().values.sum() == 2500
+    violin = draw_map(data, QUANTITY, by=elastic.names[2])
+    assert violin.axes[0].get_xlabel() == elastic.names[2]
+
+
+def test_a_map_without_numbers_is_drawn_too():
+    nothing = _made_up(np.full((3, 3), np.nan), np.ones((3, 3)))
+    for kind in ("heat", "histogram", "points"):
+        draw_map(nothing, "stiffness", kind)
+    assert _texts(draw_map(nothing, "stiffness", "heat"))[0] == ["serial-singularity"]
+    with pytest.raises(InputError, match="no number"):
+        draw_map(nothing, "stiffness", "violin")
+    flat = _made_up(np.full((3, 3), 5.0))
+    for kind in ("heat", "histogram", "points", "violin"):
+        draw_map(flat, "stiffness", kind)
+
+
+def test_refusals(cube):
+    with pytest.raises(UnknownNameError, match="kind of picture"):
+        draw_map(cube, QUANTITY, "cake")
+    with pytest.raises(UnknownNameError, match="quantity"):
+        draw_map(cube, "softness")
+    with pytest.raises(InputError, match="heat map shows 2"):
+        draw_map(cube, QUANTITY, "heat")
+    with pytest.raises(InputError, match="line shows 1"):
+        draw_map(cube, QUANTITY, "line")
+    with pytest.raises(UnknownNameError, match="region"):
+        draw_map(cube, QUANTITY, "violin", by="elbow")
+    with pytest.raises(UnknownNameError, match="axis of the map"):
+        draw_map(cube, QUANTITY, "slices", by="elbow")
+    assert set(KINDS) == {"heat", "slices", "line", "histogram", "violin", "points"}

@@ -1,0 +1,265 @@
+"""Every quantity of a map equals what the analysis says of that posture alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.support import loaded_arm, paper_platform
+
+import cartstiff
+from cartstiff.analysis import asymmetry as asymmetries
+from cartstiff.analysis.deflection import compliance_deflection
+from cartstiff.analysis.ellipsoids import (
+    compliance_ellipsoid,
+    stiffness_about,
+    stiffness_along,
+    stiffness_ellipsoid,
+)
+from cartstiff.analysis.indices import indices
+from cartstiff.analysis.matrices import symmetric_part
+from cartstiff.analysis.metrics import natural_length
+from cartstiff.analysis.posture import analyse_posture
+from cartstiff.batch import stacks
+from cartstiff.batch.maps.job import STATES
+from cartstiff.batch.postures import analyse_many
+from cartstiff.batch.quantities import QUANTITIES, Settings, choose_quantities, evaluate
+from cartstiff.errors import InputError, UndefinedError, UnknownNameError
+from cartstiff.stiffness import reduction
+
+# Two ways to the same number of a matrix of condition up to 1e6.
+SAME = 1e-8
+LENGTH = 0.3
+DIRECTION = (0.2, -0.5, 0.7)
+DEFLECT = (0.3, -0.1, 0.2, 4.0, -6.0, 5.0)
+LOAD = np.array([0.4, -0.2, 0.3, 5.0, -7.0, 6.0])
+
+
+def _machines():
+    rng = np.random.default_rng(11)
+    six, prismatic = loaded_arm("RRRRRR", 3), loaded_arm("RRPRRR", 4)
+    platform = paper_platform()
+    yield "six joints", six.elastic, six.q + rng.uniform(-0.2, 0.2, (6, 6)), LOAD
+    yield "with a slide", prismatic.elastic, prismatic.q + rng.uniform(-0.1, 0.1, (4, 6)), LOAD
+    yield "seven joints", *_seven(rng), LOAD
+    yield "platform", platform, rng.uniform(-0.1, 0.1, (4, 6)), None
+
+
+def _seven(rng):
+    arm = loaded_arm("RRRRRRR", 5)
+    return arm.elastic, arm.q + rng.uniform(-0.2, 0.2, (4, 7))
+
+
+MACHINES = {name: rest for name, *rest in _machines()}
+
+
+def _natural_length(K):
+    try:
+        return natural_length(K)
+    except UndefinedError:
+        return np.nan
+
+
+def _single(result, connection, world):
+    """The quantities of one posture by the functions of the analysis."""
+    read = "B" if connection == "A" else connection
+    K, C = result.matrices[read], result.compliances[read]
+    pose = result.pose
+    back = pose[:3, :3].T if world else np.eye(3)
+    u = back @ np.array(DIRECTION)
+    W = np.concatenate([back @ DEFLECT[:3], back @ DEFLECT[3:]])
+    values = {}
+    for freedom in ("translation", "rotation"):
+        for others in ("free", "held"):
+            e = stiffness_ellipsoid(K, freedom, others).eigenvalues
+            c = compliance_ellipsoid(C, freedom, others).eigenvalues
+            values |= {
+                f"{freedom}_{others}_min": e[0],
+                f"{freedom}_{others}_max": e[2],
+                f"compliance_{freedom}_{others}_min": c[0],
+                f"compliance_{freedom}_{others}_max": c[2],
+            }
+    for others in ("free", "held"):
+        values[f"along_{others}"] = stiffness_along(K, u, others=others)
+        values[f"about_{others}"] = stiffness_about(K, u, others=others)
+    twist = compliance_deflection(result.compliances[connection], W).twist
+    i = indices(symmetric_part(K), LENGTH)
+    J = result.jacobian
+    columns = np.array(
+        [LENGTH if c.is_length else 1.0 for c in result.elastic.mechanism.coordinates]
+    )
+    if result.posture.coordinates_are_pose:
+        columns = np.full(6, LENGTH)
+    scaled = J * columns * np.repeat([LENGTH, 1.0], 3)[:, None]
+    singular = np.sqrt(np.linalg.eigvalsh(scaled @ scaled.T)[[0, -1]])
+    table = asymmetries.compare_connections(result.matrices, reference=connection, length=LENGTH)
+    changes = [row.change for row in table.rows if row.change is not None]
+    return values | {
+        "deflection": np.linalg.norm(twist[3:]),
+        "deflection_angle": np.linalg.norm(twist[:3]),
+        "condition": i.condition_number,
+        "isotropy": i.isotropy,
+        "minimum": i.minimum_stiffness,
+        "translation_condition": i.translational_condition,
+        "rotation_condition": i.rotational_condition,
+        "determinant": i.determinant,
+        "unstable_directions": float(np.sum(np.linalg.eigvalsh(symmetric_part(K)) < 0)),
+        "natural_length": _natural_length(K),
+        "asymmetry": asymmetries.asymmetry(result.matrices["A"], result.wrench).size,
+        "connection_change": max(changes),
+        "singular_value_ratio": singular[0] / singular[1],
+        "manipulability": np.sqrt(np.linalg.det((J * columns) @ (J * columns).T)),
+        "moment": np.linalg.norm(result.wrench[:3]),
+        "force": np.linalg.norm(result.wrench[3:]),
+        "energy": result.energy,
+    }
+
+
+@pytest.mark.parametrize("world", [False, True])
+@pytest.mark.parametrize("connection", ["A", "B", "K", "F"])
+@pytest.mark.parametrize("name", MACHINES)
+def test_quantities_are_those_of_the_analysis(name, connection, world):
+    elastic, q, wrench = MACHINES[name]
+    if name == "seven joints" and connection == "F":
+        return  # no chart: `test_what_does_not_exist_is_nan`
+    settings = Settings(connection, LENGTH, DIRECTION, DEFLECT, world)
+    chosen = choose_quantities(list(QUANTITIES), settings, elastic)
+    outputs = tuple({o for quantity in chosen for o in quantity.outputs(settings)})
+    arrays = analyse_many(elastic, q, wrench=wrench, outputs=outputs).arrays
+    lengths = np.array([c.is_length for c in elastic.mechanism.coordinates])
+    if name == "platform":
+        lengths[:] = True  # its Jacobian's columns are those of the legs
+    found = evaluate(chosen, arrays, settings, lengths)
+    assert set(found) == set(QUANTITIES)
+    for i in range(len(q)):
+        expected = _single(cartstiff.analyse(elastic, q[i], wrench=wrench), connection, world)
+        for key, value in found.items():
+            assert value[i] == pytest.approx(expected[key], rel=SAME, abs=1e-12, nan_ok=True), key
+
+
+def test_what_does_not_exist_is_nan():
+    elastic, q, wrench = MACHINES["seven joints"]
+    settings = Settings("F", LENGTH, DIRECTION, DEFLECT)
+    names = ["translation_free_min", "along_free", "condition", "isotropy", "determinant"]
+    chosen = choose_quantities(names, settings, elastic)
+    outputs = tuple({o for quantity in chosen for o in quantity.outputs(settings)})
+    arrays = analyse_many(elastic, q, wrench=wrench, outputs=outputs).arrays
+    for name, values in evaluate(chosen, arrays, settings).items():
+        assert np.isnan(values).all(), name
+
+
+def _evaluate(names, K, C=None, **settings):
+    """Quantities of given matrices."""
+    count = len(K)
+    with np.errstate(all="ignore"):
+        C = np.linalg.inv(K) if C is None else C
+    arrays = {"pose": np.tile(np.eye(4), (count, 1, 1))}
+    for c in "ABKF":
+        arrays |= {f"stiffness_{c}": K, f"compliance_{c}": C}
+    s = Settings(**settings)
+    return evaluate([QUANTITIES[name] for name in names], arrays, s)
+
+
+def test_indefinite_matrices_keep_their_signs():
+    rng = np.random.default_rng(2)
+    U = np.linalg.qr(rng.normal(size=(6, 6)))[0]
+    K = U @ np.diag([-4.0, -1.0, 2.0, 3.0, 5.0, 9.0]) @ U.T
+    found = _evaluate(["unstable_directions", "minimum", "isotropy", "condition"], K[None])
+    assert found["unstable_directions"] == [2]
+    assert found["minimum"] == pytest.approx([-4.0])
+    assert np.isnan(found["isotropy"]).all()
+    assert found["condition"] == pytest.approx([9.0])
+
+
+def test_singular_stiffness_gives_no_made_up_number():
+    """A free translation beside a stiffness that has no inverse: no number, not a rounded zero."""
+    K = np.diag([1.0, 2.0, 3.0, 0.0, 5.0, 6.0])
+    C = np.full((1, 6, 6), np.nan)
+    names = ["translation_free_min", "translation_free_max", "translation_held_min", "condition",
+             "isotropy", "along_free", "rotation_free_min"]  # fmt: skip
+    found = _evaluate(names, K[None], C, direction=(0.0, 1.0, 0.0))
+    assert np.isnan(found["translation_free_min"]).all()
+    assert found["translation_free_max"] == pytest.approx([6.0])
+    assert found["translation_held_min"] == pytest.approx([0.0], abs=1e-12)
+    assert np.isinf(found["condition"]).all()
+    assert found["isotropy"] == [0.0]
+    assert found["along_free"] == pytest.approx([5.0])
+    assert found["rotation_free_min"] == pytest.approx([1.0])
+
+
+def test_only_a_compliance():
+    """Where no stiffness exists, a direction that does not give has no stiffness either."""
+    nothing = np.full((1, 6, 6), np.nan)
+    C = np.diag([0.1, 0.0, 0.0, 0.0, 0.2, 0.5])[None]
+    for direction, expected in (((0, 0, 1), 2.0), ((0, 1, 0), 5.0), ((1, 0, 0), np.nan)):
+        found = _evaluate(["along_free", "translation_free_min"], nothing, C, direction=direction)
+        assert found["along_free"] == pytest.approx([expected], nan_ok=True)
+        assert np.isnan(found["translation_free_min"]).all()
+    held = _evaluate(["compliance_translation_held_max"], nothing, C)
+    assert held["compliance_translation_held_max"] == pytest.approx([0.5])
+
+
+def test_nan_rows_leave_the_others_alone():
+    K = np.stack([np.diag([1.0, 2, 3, 4, 5, 6]), np.full((6, 6), np.nan), 2 * np.eye(6)])
+    found = _evaluate(["condition", "translation_held_max", "determinant"], K)
+    for name, expected in (("condition", [6, np.nan, 1]), ("translation_held_max", [6, np.nan, 2]),
+                           ("determinant", [720, np.nan, 64])):  # fmt: skip
+        assert found[name] == pytest.approx(expected, nan_ok=True)
+    assert stacks.scale_lengths(K[:1], np.array([2.0]))[0, 0, 0] == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize(
+    "path", ["indices.condition_exponent", "centres.stiffness.2", "eigenscrews.screws.5.pitch"]
+)
+def test_any_number_of_the_analysis_by_its_path(path):
+    elastic, q, wrench = MACHINES["six joints"]
+    settings = Settings(length=LENGTH)
+    chosen = choose_quantities([path], settings, elastic)
+    arrays = analyse_many(elastic, q[:2], wrench=wrench, outputs=chosen[0].outputs(settings)).arrays
+    found = evaluate(chosen, arrays, settings)[path]
+    for i in range(2):
+        node = analyse_posture(
+            cartstiff.analyse(elastic, q[i], wrench=wrench), connection="B", length=LENGTH
+        )
+        for key in path.split("."):
+            node = node[int(key)] if isinstance(node, list) else node[key]
+        # Centres and screws cost a few more digits than the matrices.
+        assert found[i] == pytest.approx(node, rel=1e-6)
+
+
+def test_refusals():
+    elastic = MACHINES["six joints"][0]
+    with pytest.raises(UnknownNameError, match="unknown quantity"):
+        choose_quantities(["stiff"], Settings(), elastic)
+    with pytest.raises(UnknownNameError, match="part of the analysis"):
+        choose_quantities(["indices.nothing"], Settings(), elastic)
+    with pytest.raises(InputError, match="path to one number"):
+        choose_quantities(["indices.eigenvalues"], Settings(), elastic)
+    with pytest.raises(InputError, match="needs a direction"):
+        choose_quantities(["along_free"], Settings(), elastic)
+    with pytest.raises(InputError, match="needs a wrench"):
+        choose_quantities(["deflection"], Settings(), elastic)
+    with pytest.raises(InputError, match="twice"):
+        choose_quantities(["condition", "condition"], Settings(), elastic)
+    with pytest.raises(UnknownNameError, match="connection"):
+        choose_quantities(["condition"], Settings("C"), elastic)
+    with pytest.raises(InputError, match="no quantity"):
+        choose_quantities([], Settings(), elastic)
+    with pytest.raises(InputError, match="closures"):
+        choose_quantities(["manipulability"], Settings(), cartstiff.load("five-bar"))
+
+
+def test_every_state_has_a_number():
+    """The codes in the source of the reduction are among the names that maps know."""
+    import ast
+    from pathlib import Path
+
+    tree = ast.parse(Path(reduction.__file__).read_text(encoding="utf-8"))
+    calls = [n for n in ast.walk(tree) if isinstance(n, ast.Call)]
+    codes = {
+        n.args[0].value
+        for n in calls
+        if getattr(n.func, "id", "") == "State" and isinstance(n.args[0], ast.Constant)
+    }
+    assert len(codes) >= 6
+    assert codes | {"deficient", "serial-singularity"} <= set(STATES)
+    assert len(STATES) < 255
