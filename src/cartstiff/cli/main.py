@@ -25,7 +25,17 @@ _COMMANDS = {
         "cartstiff.cli.equilibrium",
         "Where a mechanism comes to rest under load, and how stiff it is there.",
     ),
+    "map": (
+        "cartstiff.cli.map",
+        "Stiffness over a grid, a trajectory or random postures, to a file and a picture.",
+    ),
+    "export": ("cartstiff.cli.export", "The page of `view` as one file for any browser."),
+    "path": (
+        "cartstiff.cli.path",
+        "The stiffest postures along a path, and where to put the workpiece.",
+    ),
     "models": ("cartstiff.cli.models", "What can be named as MECHANISM."),
+    "view": ("cartstiff.cli.view", "A page in the browser: move the mechanism, see its stiffness."),
 }
 
 

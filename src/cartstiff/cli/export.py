@@ -1,0 +1,55 @@
+"""``cartstiff export``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from cartstiff.cli.view_options import needs_view, page_options, source_from_options
+from cartstiff.errors import InputError, one_line
+
+__all__ = ["command"]
+
+_EPILOG = """\b
+Examples:
+  cartstiff export ur5 -o ur5.html
+  cartstiff export panda --load 0,0,0,0,0,-50 --frames 41 -o panda.html
+  cartstiff export ur5 --trajectory postures.csv -o path.html
+"""
+
+
+@click.command(name="export", epilog=_EPILOG)
+@page_options
+@click.option(
+    "-o", "--output", required=True, type=click.Path(path_type=Path), metavar="PAGE.html",
+    help="File to write.",
+)  # fmt: skip
+@click.option(
+    "--frames", type=click.IntRange(2, 201), default=25, show_default=True,
+    help="Postures along the sweep of each coordinate.",
+)  # fmt: skip
+def command(output: Path, frames: int, **texts: Any) -> None:
+    """Write the page of `cartstiff view` as one HTML file that opens anywhere, without a network.
+
+    Its sliders move among postures computed beforehand: the posture given and a sweep of every
+    coordinate through it, or the postures of a trajectory.
+    """
+    where = one_line(str(output))
+    if output.suffix.lower() not in (".html", ".htm"):
+        raise InputError("unknown file ending", where="-o", expected=".html", got=output.name)
+    if not output.parent.is_dir():
+        raise InputError("file cannot be written", where=where, got="no such folder")
+    source = source_from_options(**texts)
+    try:
+        from cartstiff.view.export import export_page
+    except ImportError as error:
+        if (error.name or "").startswith("cartstiff"):
+            raise
+        raise needs_view("a page as a file") from None
+    from cartstiff.stiffness.output import write_whole
+
+    text = export_page(source, frames=frames).encode()
+    write_whole(output, text)
+    click.echo(f"{where}: {len(text) / 1e6:.1f} MB")

@@ -1,0 +1,52 @@
+"""``cartstiff view``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from cartstiff.cli.view_options import needs_view, page_options, source_from_options
+
+__all__ = ["command"]
+
+_EPILOG = """\b
+Examples:
+  cartstiff view ur5
+  cartstiff view ur5 --load 0,0,0,0,0,-100 --trajectory postures.csv
+  cartstiff view stewart-gough --port 8080 --no-open
+  cartstiff view my_arm.urdf --frame tool --map workspace.nc
+"""
+
+
+@click.command(name="view", epilog=_EPILOG)
+@page_options
+@click.option(
+    "--port", type=click.IntRange(0, 65535), default=0, show_default=True,
+    help="Port of this machine; 0 takes a free one.",
+)  # fmt: skip
+@click.option(
+    "--host", default="127.0.0.1", show_default=True,
+    help="Address to listen on. Any other than the default lets other machines in.",
+)  # fmt: skip
+@click.option("--no-open", is_flag=True, help="Print the address, open no browser.")
+def command(port: int, host: str, no_open: bool, **texts: Any) -> None:
+    """Serve a page on which MECHANISM moves and shows its stiffness; ends with Ctrl-C.
+
+    The page needs no network and loads nothing from outside. MECHANISM is a bundled name (see
+    `cartstiff models`), a mechanism file (.yaml), a URDF or MJCF file, or an example robot's name.
+    """
+    source = source_from_options(**texts)
+    try:
+        from cartstiff.view.run import serve
+    except ImportError as error:
+        if (error.name or "").startswith("cartstiff"):
+            raise
+        raise needs_view("a page in the browser") from None
+
+    def ready(url: str) -> None:
+        click.echo(f"{source.elastic.name}: {url}  (Ctrl-C ends)")
+        if not no_open:
+            click.launch(url)
+
+    serve(source, host=host, port=port, ready=ready, last=True)

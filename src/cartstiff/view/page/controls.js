@@ -1,0 +1,179 @@
+// Load, springs, reference point, and what the picture shows.
+
+import { byId, choice, el, short } from "./dom.js";
+
+/** Numbers in a row of fields; calls back with all of them when one has changed. */
+function fields(names, onchange, step = "any") {
+  const inputs = names.map(([name, unit]) => el("input", { type: "number", step, "aria-label": `${name} ${unit}`, onchange: commit }));
+  function commit() {
+    const values = inputs.map((input) => input.valueAsNumber);
+    if (values.every(Number.isFinite)) onchange(values);
+  }
+  const node = el("div", { class: "fields" }, ...names.map(([name, unit], i) =>
+    el("label", {}, el("span", { title: unit }, name), inputs[i])));
+  const set = (values) => inputs.forEach((input, i) => {
+    if (document.activeElement !== input) input.value = values[i];
+  });
+  const disable = (off) => inputs.forEach((input) => { input.disabled = off; });
+  return { node, set, disable };
+}
+
+function section(title, ...children) {
+  const note = el("span", { class: "dim small" });
+  const node = el("details", { class: "card" }, el("summary", {}, el("h2", {}, title), note), ...children);
+  return { node, note };
+}
+
+export function controls(store) {
+  const left = byId("left");
+  const loadSection = section("Load");
+  const springSection = section("Stiffness of the springs");
+  const pointSection = section("Reference point");
+  left.append(loadSection.node, springSection.node, pointSection.node);
+
+  let load, springs, point, axes, frameSelect, given, loadAxes;
+
+  function build(hello) {
+    const { mechanism } = hello;
+    const { units } = mechanism;
+    const moment = `${units.force} ${units.length}`;
+
+    // -- load
+    given = el("input", { type: "checkbox", onchange: () =>
+      store.change({ load: given.checked ? [0, 0, 0, 0, 0, 0] : null }) });
+    given.disabled = !mechanism.takes_load;
+    load = fields([["mx", moment], ["my", moment], ["mz", moment], ["fx", units.force], ["fy", units.force], ["fz", units.force]],
+      (values) => store.change({ load: values }));
+    loadAxes = choice("Axes of the load", [
+      ["body", "tool axes", "Components along the axes of the body frame M"],
+      ["inertial", "room axes", "Components along the axes of the inertial frame F"]],
+    (value) => store.change({ load_axes: value }));
+    loadSection.node.replaceChildren(loadSection.node.firstChild,
+      el("label", { class: "check" }, given, "held by a given wrench"),
+      el("p", { class: "dim small" }, `Moment in ${moment}, force in ${units.force}. The springs' rest positions are chosen so that they balance it. Unticked: the load that the springs exert.`),
+      load.node, loadAxes[0]);
+
+    // -- springs
+    springs = mechanism.springs.length ? fields(mechanism.springs.map(({ name, unit }) => [name, unit]),
+      (values) => store.change({ stiffness: values.map((x) => Math.max(0, x)) })) : null;
+    springs?.node.classList.add("long");
+    springSection.node.hidden = !springs;
+    if (springs) {
+      const distinct = [...new Set(mechanism.springs.map(({ unit }) => unit))].join(", ");
+      springSection.node.replaceChildren(springSection.node.firstChild,
+        el("p", { class: "dim small" }, `In ${distinct}.`), springs.node,
+        el("button", { type: "button", onclick: () => store.change({ stiffness: null }) }, "As in the file"));
+    }
+
+    // -- reference point
+    frameSelect = el("select", { "aria-label": "Frame M", onchange: () =>
+      store.ask({ do: "frame", name: frameSelect.value }).catch((error) => {
+        frameSelect.value = mechanism.frame;
+        store.tell("error", error.message);
+      }) }, ...mechanism.frames.map((name) => el("option", { value: name, selected: name === mechanism.frame }, name)));
+    frameSelect.disabled = mechanism.frames.length < 2 || !store.source.live;
+    point = fields([["x", units.length], ["y", units.length], ["z", units.length]], (values) => store.change({ point: values }));
+    axes = choice("Axes of the numbers", [
+      ["body", "tool axes", "Components along the axes of the body frame M"],
+      ["inertial", "room axes", "Components along the axes of the inertial frame F"]],
+    (value) => store.change({ axes: value }));
+    pointSection.node.replaceChildren(pointSection.node.firstChild,
+      el("label", { class: "line" }, el("span", {}, "frame M"), frameSelect),
+      el("p", { class: "dim small" }, `Point on the body, from the origin of M along its axes, in ${units.length}:`),
+      point.node, axes[0]);
+    if (!store.source.live) {
+      for (const { node } of [loadSection, springSection, pointSection]) {
+        for (const input of node.querySelectorAll("input, select, button")) input.disabled = true;
+        node.append(el("p", { class: "dim small" }, "Fixed in an exported page."));
+      }
+    }
+  }
+
+  function update() {
+    const { state, hello } = store;
+    given.checked = state.load !== null;
+    load.set(state.load ?? store.numbers?.result.wrench?.map((x) => Number(x.toPrecision(6))) ?? ["", "", "", "", "", ""]);
+    load.disable(state.load === null || !store.source.live);
+    loadAxes[1](state.load_axes);
+    springs?.set(state.stiffness ?? hello.mechanism.springs.map(({ stiffness }) => stiffness));
+    point.set(state.point);
+    axes[1](state.axes);
+    springSection.note.textContent = state.stiffness ? "changed" : "";
+    const moved = state.point.some((x) => x !== 0);
+    pointSection.note.textContent = `${hello.mechanism.frame}${moved ? " + offset" : ""}${state.axes === "inertial" ? ", room axes" : ""}`;
+  }
+
+  function loadNote() {
+    const wrench = store.numbers?.result.wrench;
+    if (!wrench) {
+      loadSection.note.textContent = "none can hold it";
+      return;
+    }
+    const size = (v) => Math.hypot(...v);
+    const [m, f] = [size(wrench.slice(0, 3)), size(wrench.slice(3))];
+    // What is only rounding beside the other, or beside the stiffness, is no load.
+    const K = (store.matrix("B", store.numbers, "stiffness") ?? [[1e4]]).flat().map(Math.abs);
+    const noise = Math.max(1e-9 * Math.max(m, f), 1e-13 * Math.max(...K));
+    const parts = [[f, "force"], [m, "moment"]].filter(([x]) => x > noise).map(([x, kind]) => `${short(x, 3)} ${store.unit(kind)}`);
+    loadSection.note.textContent = parts.join(", ") || "none";
+  }
+
+  store.on("hello", build);
+  store.on("state", update);
+  store.on("numbers", () => {
+    loadNote();
+    update();
+  });
+}
+
+const TOGGLES = [
+  ["translation", "Translation ellipsoid"],
+  ["rotation", "Rotation ellipsoid"],
+  ["labels", "Principal axes and values"],
+  ["wrench", "Wrench arrows"],
+  ["deflection", "Deflection under the load"],
+  ["screws", "Screw axes"],
+  ["centres", "Centres of stiffness"],
+];
+
+/** What the picture shows, from where, and what its sizes mean. */
+export function pictureControls(store) {
+  const boxes = new Map();
+  const list = byId("show-list");
+  for (const [key, text] of TOGGLES) {
+    const box = el("input", { type: "checkbox", onchange: () => store.change({ [key]: box.checked }) });
+    boxes.set(key, box);
+    list.append(el("label", { class: "check" }, box, text));
+  }
+  const [scale, chooseScale] = choice("Scale of the ellipsoids",
+    [["log", "log", "Radii grow with the logarithm: soft and stiff stay visible"], ["linear", "linear", "Radii grow with the value"]],
+    (value) => store.change({ scale: value }));
+  list.append(el("div", { class: "line" }, el("span", {}, "radii"), scale));
+  const details = byId("show");
+  document.addEventListener("pointerdown", (event) => {
+    if (!details.contains(event.target)) details.open = false;
+  });
+
+  const cameras = byId("cameras");
+  for (const [preset, text] of [["iso", "3D"], ["front", "Front"], ["side", "Side"], ["top", "Top"], ["fit", "Fit"]]) {
+    cameras.append(el("button", { type: "button", title: `View: ${text.toLowerCase()}`, "data-preset": preset,
+      onclick: () => store.ask({ do: "camera", preset }).catch(() => {}) }, text));
+  }
+
+  store.on("state", () => {
+    for (const [key, box] of boxes) box.checked = store.state[key];
+    chooseScale(store.state.scale);
+  });
+  store.on("hello", (hello) => {
+    const points = hello.cloud;
+    document.querySelector("#map-choice")?.remove();
+    if (!points) return;
+    const select = el("select", { "aria-label": "Quantity of the map", onchange: () =>
+      store.change({ quantity_of_map: select.value }) },
+    ...points.quantities.map(({ name, unit }) => el("option", { value: name }, unit ? `${name} (${unit})` : name)));
+    const thinned = points.thinned > 1 ? `, every ${points.thinned}th shown` : "";
+    list.append(el("div", { id: "map-choice" },
+      el("label", { class: "line" }, el("span", { title: `${points.count} points${thinned}` }, "map"), select)));
+    select.value = store.state.quantity_of_map;
+  });
+}

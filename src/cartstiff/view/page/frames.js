@@ -1,0 +1,133 @@
+// Answers from the frames of an exported page: what a server would say, computed beforehand.
+
+const LINE = "Exported page: sliders move among computed postures.";
+
+export class FramesSource {
+  constructor(data, commands) {
+    this.data = data;
+    this.commands = expand(data.commands, commands);
+    this.live = false;
+    this.onstatus = () => {};
+    this.shown = null;
+  }
+
+  start() {
+    this.onanswer({ ...this.data.hello, id: 0, do: "hello" }, this.data.start.map((i) => this.commands[i]));
+  }
+
+  onlost() {}
+
+  ask(message) {
+    queueMicrotask(() => {
+      try {
+        this.onanswer(...this.answer(message));
+      } catch (error) {
+        this.onanswer({ id: message.id, do: message.do, error: error.message }, []);
+      }
+    });
+  }
+
+  answer(message) {
+    const { id, state } = message;
+    if (message.do === "draw") return this.draw(id, state);
+    if (message.do === "numbers") return [{ id, do: "numbers", numbers: this.numbers(this.data.frames[this.nearest(state)], state) }, []];
+    if (message.do === "result") return [{ id, do: "result", result: this.data.frames[this.nearest(state)].result }, []];
+    if (message.do === "camera") return [{ id, do: "camera" }, this.data.cameras[message.preset].map((i) => this.commands[i])];
+    if (message.do === "sweep") return [{ id, do: "sweep", seconds: 0, ...this.sweep(message.coordinate, state) }, []];
+    if (message.do === "series") return [{ id, do: "series", seconds: 0, ...this.series(state) }, []];
+    if (message.do === "analysis") return [{ id, do: "analysis", text: this.data.analysis }, []];
+    throw new Error("an exported page cannot do that; `cartstiff view` can");
+  }
+
+  /** The frame nearest to a state: along the sweep of the coordinate just moved, or of all. */
+  nearest(state) {
+    const { frames, sweeps } = this.data;
+    const among = state.moved !== null && sweeps[state.moved] ? sweeps[state.moved] : frames.keys();
+    let best = 0;
+    let distance = Infinity;
+    for (const i of among) {
+      const q = frames[i].result.q;
+      const d = state.moved !== null && sweeps[state.moved] ? Math.abs(q[state.moved] - state.q[state.moved])
+        : Math.max(...q.map((x, k) => Math.abs(x - state.q[k])));
+      if (d < distance) [best, distance] = [i, d];
+    }
+    return best;
+  }
+
+  /** The value of a coordinate at the next frame in a direction. */
+  neighbour(coordinate, value, step) {
+    const values = (this.data.sweeps[coordinate] ?? []).map((i) => this.data.frames[i].result.q[coordinate]);
+    const further = values.filter((x) => (x - value) * step > 1e-12);
+    return further.length ? (step > 0 ? Math.min(...further) : Math.max(...further)) : value;
+  }
+
+  variant(frame, state) {
+    return this.data.variants[frame.variants[`${state.quantity}/${state.connection}`]];
+  }
+
+  draw(id, state) {
+    const frame = this.data.frames[this.nearest(state)];
+    const commands = frame.pictures[`${state.quantity}/${state.connection}`].map((i) => this.commands[i]);
+    if (this.theme !== state.theme) {
+      this.theme = state.theme;
+      commands.push(...this.data.themes[state.theme].map((i) => this.commands[i]));
+    }
+    const { legend } = this.variant(frame, state);
+    return [{ id, do: "draw", numbers: this.numbers(frame, state), legend }, [...commands, ...this.visible(state)]];
+  }
+
+  numbers(frame, state) {
+    const { variants, pictures, ...common } = frame;
+    return { ...common, ...this.variant(frame, state).numbers, stiffness: null, compliance: null, frame: null };
+  }
+
+  /** What the boxes under "Show" hide and show. */
+  visible(state) {
+    const commands = [];
+    for (const [key, paths] of Object.entries(this.data.parts)) {
+      if (!state[key]) for (const path of paths) commands.push({ type: "set_property", path, property: "visible", value: false });
+    }
+    return commands;
+  }
+
+  rows(indices, state) {
+    return indices.map((i) => {
+      if (i === null) return null;
+      const frame = this.data.frames[i];
+      const { principal } = this.variant(frame, state).numbers;
+      return { q: frame.result.q, position: frame.position, translation: principal?.translation.values ?? null,
+        rotation: principal?.rotation.values ?? null };
+    });
+  }
+
+  sweep(coordinate, state) {
+    const { frames, sweeps } = this.data;
+    const indices = sweeps[coordinate];
+    if (!indices) throw new Error("this page holds no sweep of that coordinate");
+    return { coordinate, at: indices.map((i) => frames[i].result.q[coordinate]), rows: this.rows(indices, state) };
+  }
+
+  series(state) {
+    const { hello, path } = this.data;
+    return { at: hello.trajectory.time, rows: this.rows(path, state) };
+  }
+}
+
+/** Commands from their compact form, see compact.py. */
+function expand({ paths, transforms, labels }, [planes, ...others]) {
+  const count = transforms.length;
+  const bytes = new Uint8Array(48 * count);
+  for (let k = 0; k < 48; k++) for (let i = 0; i < count; i++) bytes[48 * i + k] = planes[k * count + i];
+  const numbers = new DataView(bytes.buffer);
+  const commands = transforms.map((path, i) => {
+    const matrix = [];
+    for (let k = 0; k < 12; k++) {
+      matrix.push(numbers.getFloat32(48 * i + 4 * k, true));
+      if (k % 3 === 2) matrix.push(k === 11 ? 1 : 0);
+    }
+    return { type: "set_transform", path: paths[path], matrix };
+  });
+  return [...commands, ...labels.map((label) => ({ type: "label", ...label })), ...others];
+}
+
+export const EXPORTED = LINE;

@@ -1,0 +1,73 @@
+// Light and dark, keyboard shortcuts, and their list.
+
+import { byId, el } from "./dom.js";
+import { showReport } from "./numbers.js";
+import { toHome, toRandom, toZero } from "./pose.js";
+
+export function shortcuts(store, parts) {
+  const theme = el("button", { type: "button", title: "Light or dark (t)", "aria-label": "Light or dark", onclick: () => flip() }, "◐");
+  const question = el("button", { type: "button", title: "Keyboard shortcuts (?)", "aria-label": "Keyboard shortcuts", onclick: () => showHelp() }, "?");
+  byId("actions").append(theme, question);
+
+  function flip() {
+    setTheme(store.state.theme === "dark" ? "light" : "dark");
+  }
+
+  function setTheme(name) {
+    document.documentElement.dataset.theme = name;
+    store.change({ theme: name });
+  }
+
+  const connection = (name) => () => store.change({ connection: name });
+  const keys = [
+    ["?", "this list", () => showHelp()],
+    ["h", "home posture", () => toHome(store)],
+    ["r", "random posture", () => toRandom(store)],
+    ["0", "all coordinates zero", () => !store.hello.mechanism.platform && toZero(store)],
+    ["a", "pin or drop posture A", () => (store.pinned ? store.unpin() : store.pin())],
+    ["b", "back to posture A", () => store.pinned && store.goTo(store.pinned.q)],
+    ["1", "connection A", connection("A")],
+    ["2", "connection B", connection("B")],
+    ["3", "connection K", connection("K")],
+    ["4", "connection F", connection("F")],
+    ["5", "connection +", connection("+")],
+    ["s", "stiffness or compliance", () => store.change({ quantity: store.state.quantity === "stiffness" ? "compliance" : "stiffness" })],
+    ["l", "logarithmic or linear radii", () => store.change({ scale: store.state.scale === "log" ? "linear" : "log" })],
+    ["c", "copy the matrix as NumPy array", () => parts.matrix.copyNumpy()],
+    ["i", "full analysis", () => showReport(store)],
+    ["p", "play or pause", () => parts.strip.toggle()],
+    ["d", "degrees or radians", () => parts.pose.setAngle(store.angle === "deg" ? "rad" : "deg")],
+    ["t", "light or dark", () => flip()],
+  ];
+
+  function showHelp() {
+    const dialog = byId("help");
+    if (dialog.open) return dialog.close();
+    dialog.replaceChildren(
+      el("div", { class: "row" }, el("h2", {}, "Keyboard"), el("span", { class: "grow" }),
+        el("button", { type: "button", onclick: () => dialog.close() }, "Close")),
+      el("dl", { class: "keys" }, ...keys.flatMap(([key, words]) => [el("dt", {}, el("kbd", {}, key)), el("dd", {}, words)]),
+        el("dt", {}, el("kbd", {}, "← →")), el("dd", {}, "on a slider: a degree or half a per cent; Shift a tenth, PageUp ten"),
+        el("dt", {}, el("kbd", {}, "Tab")), el("dd", {}, "next control; arrows within a group or the matrix")),
+      el("p", { class: "dim small" }, "Mouse in the picture: left turns, right moves, wheel zooms."),
+      el("p", { class: "dim small" }, `cartstiff ${store.hello.version}`));
+    dialog.showModal();
+  }
+
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey || !store.numbers) return;
+    if (event.target.closest("input:not([type=range]):not([type=checkbox]), select, textarea")) return;
+    const found = keys.find(([key]) => key === event.key);
+    if (!found || (document.querySelector("dialog[open]") && found[0] !== "?")) return;
+    event.preventDefault();
+    found[2]();
+  });
+
+  const wished = new URLSearchParams(location.search).get("theme");
+  const dark = wished ? wished === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+  document.documentElement.dataset.theme = dark ? "dark" : "light";
+  store.on("hello", () => {
+    const name = document.documentElement.dataset.theme;
+    if (store.state.theme !== name) store.state.theme = name;
+  });
+}

@@ -1,0 +1,79 @@
+// The page: from a server, or from the data that an exported file holds.
+
+import { controls, pictureControls } from "./controls.js";
+import { byId, el } from "./dom.js";
+import { EXPORTED, FramesSource } from "./frames.js";
+import { shortcuts } from "./help.js";
+import { LiveSource, unpack } from "./live.js";
+import { connectionPanel, matrixPanel } from "./matrix.js";
+import { legendBox, numbersPanel, verdictLine } from "./numbers.js";
+import { Pane } from "./pane.js";
+import { posePanel } from "./pose.js";
+import { sharing } from "./share.js";
+import { Store } from "./store.js";
+import { strip } from "./strip.js";
+
+function build(source) {
+  const store = new Store(source);
+  store.pane = new Pane();
+  verdictLine(store);
+  const pose = posePanel(store);
+  controls(store);
+  pictureControls(store);
+  connectionPanel(store);
+  const matrix = matrixPanel(store);
+  numbersPanel(store);
+  legendBox(store);
+  sharing(store);
+  const parts = { pose, matrix };
+  shortcuts(store, parts);
+  parts.strip = strip(store);
+  banners(store, source);
+  window.cartstiff = store; // for tests, and for the curious
+  source.start();
+}
+
+/** Errors and a lost connection, where nobody can miss them. */
+function banners(store, source) {
+  const banner = byId("banner");
+  let lost = false;
+  const show = (text, level) => {
+    banner.hidden = !text;
+    banner.dataset.level = level;
+    banner.replaceChildren(text ?? "");
+    if (text && level === "bad") banner.append(" ", el("button", { type: "button", class: "quiet", onclick: () => show(null) }, "Dismiss"));
+  };
+  source.onstatus = (status) => {
+    if (status === "lost" && !lost) show("The server does not answer. The page shows the last posture and tries again by itself …", "warning");
+    if (status === "connected" && lost) show(null);
+    lost = status === "lost";
+    document.body.classList.toggle("lost", lost);
+  };
+  store.on("error", (text) => show(text, "bad"));
+  store.on("numbers", () => {
+    if (!lost && !store.sticky && !banner.hidden && banner.dataset.level === "bad") show(null);
+  });
+  if (!source.live) byId("left").prepend(el("p", { class: "exported dim small" }, EXPORTED));
+}
+
+async function inflate(id) {
+  const text = byId(id).textContent.trim();
+  const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Response(stream).arrayBuffer();
+}
+
+async function fromFile() {
+  const script = el("script");
+  script.textContent = new TextDecoder().decode(await inflate("viewer"));
+  document.head.append(script);
+  build(new FramesSource(...unpack(await inflate("frames"))));
+}
+
+if (byId("frames")) {
+  fromFile().catch((error) => {
+    byId("verdict-text").textContent = `This page needs a browser of 2023 or newer (${error.message})`;
+  });
+} else {
+  build(new LiveSource(`ws://${location.host}/socket`));
+}

@@ -1,0 +1,259 @@
+// The 6x6 matrix as a heat map with units, and the choice of connection.
+
+import { byId, choice, copy, el, full, short } from "./dom.js";
+
+const WRENCH = ["mx", "my", "mz", "fx", "fy", "fz"];
+const MOTION = ["rx", "ry", "rz", "x", "y", "z"];
+const MOTION_WORDS = ["rotation about x", "rotation about y", "rotation about z", "motion along x", "motion along y", "motion along z"];
+const WRENCH_WORDS = ["moment about x", "moment about y", "moment about z", "force along x", "force along y", "force along z"];
+const VIEWS = [
+  ["whole", "K", "The matrix itself"],
+  ["symmetric", "sym", "Symmetric part (K + Kᵀ)/2"],
+  ["antisymmetric", "anti", "Antisymmetric part (K − Kᵀ)/2: made of the load alone"],
+  ["difference", "− …", "Difference from another connection, or from posture A"],
+];
+
+export function connectionPanel(store) {
+  const meaning = el("p", { class: "meaning" });
+  const badge = el("span", { class: "badge" });
+  const [connections, choose] = choice("Connection",
+    [["A", "A"], ["B", "B"], ["K", "K"], ["F", "F"], ["+", "+"]],
+    (value) => store.change({ connection: value }));
+  connections.classList.add("connections");
+  const [quantities, chooseQuantity] = choice("Quantity",
+    [["stiffness", "Stiffness K", "Wrench per motion (s)"], ["compliance", "Compliance C", "Motion per wrench (s)"]],
+    (value) => store.change({ quantity: value }));
+  byId("right").append(el("div", { class: "card connection-card" },
+    el("div", { class: "row" }, connections, el("span", { class: "grow" }), quantities),
+    el("div", { class: "row meaning-row" }, meaning, badge)));
+
+  store.on("hello", ({ mechanism }) => {
+    for (const { name, title, meaning: words } of mechanism.connections) {
+      connections.querySelector(`[data-value="${CSS.escape(name)}"]`).title = `K${sup(name)}, ${title}: ${words}`;
+    }
+  });
+  store.on("state", () => {
+    const { connection, quantity } = store.state;
+    choose(connection);
+    chooseQuantity(quantity);
+    const words = store.hello.mechanism.connections.find(({ name }) => name === connection);
+    meaning.replaceChildren(el("b", {}, words.title), ` ${words.meaning}`);
+  });
+  store.on("numbers", () => {
+    const { numbers, state } = store;
+    const found = numbers.symmetric[state.connection];
+    for (const button of connections.children) {
+      button.classList.toggle("absent", numbers.symmetric[button.dataset.value] === null);
+    }
+    if (found === null) {
+      badge.textContent = "no matrix";
+      badge.dataset.level = "none";
+    } else if (found === 0) {
+      badge.textContent = "✓ symmetric";
+      badge.dataset.level = "good";
+    } else {
+      badge.textContent = `≠ asymmetric`;
+      badge.title = `largest entry of its difference from the transpose: ${short(found)}`;
+      badge.dataset.level = "warning";
+    }
+    if (!found) badge.title = "";
+  });
+}
+
+const sup = (name) => ({ A: "ᴬ", B: "ᴮ", K: "ᴷ", F: "ꟳ", "+": "⁺" })[name] ?? `^${name}`;
+
+export function matrixPanel(store) {
+  let view = "whole";
+  let other = "B";
+  let shown = null;
+  const title = el("h2", { id: "matrix-title" });
+  const place = el("span", { class: "dim small place" });
+  const [views, chooseView] = choice("Part of the matrix", VIEWS, (value) => {
+    view = value;
+    update();
+  });
+  const select = el("select", { "aria-label": "Compared with", hidden: true, onchange: () => {
+    other = select.value;
+    update();
+  } });
+  const cells = [];
+  const units = [];
+  const rowHeads = [];
+  const columnHeads = [];
+  const table = el("table", { class: "matrix", "aria-labelledby": "matrix-title" });
+  const space = () => el("td", { class: "space", "aria-hidden": "true" });
+  const headRow = el("tr", {}, el("td"));
+  for (let j = 0; j < 6; j++) {
+    columnHeads.push(el("th", { scope: "col" }));
+    if (j === 3) headRow.append(space());
+    headRow.append(columnHeads[j]);
+  }
+  const body = el("tbody");
+  for (let i = 0; i < 6; i++) {
+    if (i % 3 === 0) {
+      const pair = [0, 1].map(() => el("td", { colspan: 3, class: "block-unit" }));
+      units.push(pair);
+      body.append(el("tr", {}, el("td"), pair[0], space(), pair[1]));
+    }
+    rowHeads.push(el("th", { scope: "row" }));
+    const row = el("tr", {}, rowHeads[i]);
+    cells.push([]);
+    for (let j = 0; j < 6; j++) {
+      const cell = el("td", { class: "cell", tabindex: i + j ? -1 : 0, "data-row": i, "data-column": j });
+      cells[i].push(cell);
+      if (j === 3) row.append(space());
+      row.append(cell);
+    }
+    body.append(row);
+  }
+  table.append(el("thead", {}, headRow), body);
+  const readout = el("div", { class: "readout", role: "status" });
+  const absent = el("p", { class: "absent-words", hidden: true });
+  byId("right").append(el("div", { class: "card" },
+    el("div", { class: "row" }, title, place, el("span", { class: "grow" }), views, select),
+    table, absent,
+    el("div", { class: "row" }, readout, el("span", { class: "grow" }),
+      el("button", { type: "button", class: "quiet", title: "Copy as NumPy array (c)", onclick: () => copyNumpy() }, "NumPy"),
+      el("button", { type: "button", class: "quiet", title: "Copy as CSV", onclick: () => copyCsv() }, "CSV"))));
+  chooseView(view);
+
+  let read = null;
+  table.addEventListener("pointerover", (event) => point(event.target));
+  table.addEventListener("focusin", (event) => point(event.target));
+  table.addEventListener("pointerleave", () => point(null));
+  table.addEventListener("keydown", (event) => {
+    const step = { ArrowRight: [0, 1], ArrowLeft: [0, -1], ArrowDown: [1, 0], ArrowUp: [-1, 0] }[event.key];
+    if (!step || !event.target.dataset.row) return;
+    event.preventDefault();
+    const i = (Number(event.target.dataset.row) + step[0] + 6) % 6;
+    const j = (Number(event.target.dataset.column) + step[1] + 6) % 6;
+    cells[i][j].focus();
+  });
+
+  function point(target) {
+    read = target?.dataset?.row !== undefined ? [Number(target.dataset.row), Number(target.dataset.column)] : null;
+    showReadout();
+  }
+
+  function showReadout() {
+    if (!read || !shown) {
+      readout.textContent = shown ? scaleWords : "";
+      readout.title = "";
+      return;
+    }
+    const [i, j] = read;
+    const unit = store.blockUnits()[i < 3 ? 0 : 1][j < 3 ? 0 : 1];
+    const stiff = store.state.quantity === "stiffness";
+    const words = stiff ? `${WRENCH_WORDS[i]} per ${MOTION_WORDS[j]}` : `${MOTION_WORDS[i]} per ${WRENCH_WORDS[j]}`;
+    readout.replaceChildren(el("b", {}, `${full(shown[i][j])} ${unit}`), ` ${words}`);
+    readout.title = words;
+  }
+  const scaleWords = "colour: sign and size within blocks of one unit";
+
+  function chosen() {
+    const M = store.matrix(store.state.connection);
+    if (!M) return null;
+    const map = (f) => M.map((row, i) => row.map((x, j) => f(x, i, j)));
+    if (view === "symmetric") return map((x, i, j) => (x + M[j][i]) / 2);
+    if (view === "antisymmetric") return map((x, i, j) => (x - M[j][i]) / 2);
+    if (view === "difference") {
+      const N = other === "posture" ? store.pinned?.numbers && store.matrix(store.state.connection, store.pinned.numbers) : store.matrix(other);
+      return N && map((x, i, j) => x - N[i][j]);
+    }
+    return M;
+  }
+
+  function update() {
+    if (!store.numbers) return;
+    const { connection, quantity } = store.state;
+    const symbol = `${quantity === "stiffness" ? "K" : "C"}${sup(connection)}`;
+    chooseView(view);
+    views.firstChild.textContent = quantity === "stiffness" ? "K" : "C";
+    select.hidden = view !== "difference";
+    const options = [...["A", "B", "K", "F", "+"].filter((name) => name !== connection), ...(store.pinned ? ["posture"] : [])];
+    if (!options.includes(other)) other = options[0];
+    select.replaceChildren(...options.map((name) => el("option", { value: name, selected: name === other },
+      name === "posture" ? "posture A" : `${quantity === "stiffness" ? "K" : "C"}${sup(name)}`)));
+    const minus = other === "posture" ? "posture A" : `${quantity === "stiffness" ? "K" : "C"}${sup(other)}`;
+    title.textContent = { whole: symbol, symmetric: `sym ${symbol}`, antisymmetric: `anti ${symbol}`, difference: `${symbol} − ${minus}` }[view];
+    const frame = store.hello.mechanism.frame;
+    const moved = store.state.point.some((x) => x !== 0);
+    place.textContent = `in ${frame}${moved ? " + offset" : ""}${store.state.axes === "inertial" ? ", room axes" : ""}`;
+    const stiff = quantity === "stiffness";
+    rowHeads.forEach((head, i) => { head.textContent = (stiff ? WRENCH : MOTION)[i]; });
+    columnHeads.forEach((head, j) => { head.textContent = (stiff ? MOTION : WRENCH)[j]; });
+    const names = store.blockUnits(quantity);
+    units.forEach((pair, a) => pair.forEach((cell, b) => { cell.textContent = names[a][b]; }));
+
+    shown = chosen();
+    absent.hidden = shown !== null;
+    table.classList.toggle("empty", shown === null);
+    if (shown === null) absent.textContent = reason(store, symbol);
+    paint(cells, shown, store.matrix(connection));
+    showReadout();
+  }
+
+  function copyNumpy() {
+    if (!shown) return;
+    const rows = shown.map((row) => `    [${row.map(String).join(", ")}],`).join("\n");
+    copy(`np.array([  # ${title.textContent} ${place.textContent}; ${blockWords(store)}\n${rows}\n])\n`, "NumPy array");
+  }
+
+  function copyCsv() {
+    if (!shown) return;
+    copy(`# ${title.textContent} ${place.textContent}; ${blockWords(store)}\n${shown.map((row) => row.map(String).join(",")).join("\n")}\n`, "CSV");
+  }
+
+  store.on("numbers", update);
+  store.on("pinned", update);
+  return { copyNumpy, update };
+}
+
+function blockWords(store) {
+  const [[a, b], [c, d]] = store.blockUnits();
+  return `order rotation, translation; blocks [[${a}, ${b}], [${c}, ${d}]]`;
+}
+
+function reason(store, symbol) {
+  const { numbers, state } = store;
+  if (state.quantity === "stiffness") {
+    const instead = numbers.has_compliance && !numbers.result.stiffness.B;
+    return `${symbol} does not exist here: ${numbers.verdict.title}.${instead ? " The compliance does." : ""}`;
+  }
+  return `${symbol} does not exist here.`;
+}
+
+/** Numbers and colours: square roots of the entries over the largest of their unit. */
+function paint(cells, matrix, whole) {
+  const largest = [[0, 0], [0, 0]];
+  const noise = [[0, 0], [0, 0]];
+  if (matrix) {
+    for (let i = 0; i < 6; i++) {
+      for (let j = 0; j < 6; j++) {
+        const [a, b] = [i < 3 ? 0 : 1, j < 3 ? 0 : 1];
+        largest[a][b] = Math.max(largest[a][b], Math.abs(matrix[i][j]));
+        noise[a][b] = Math.max(noise[a][b], 1e-10 * Math.sqrt(Math.abs(whole[i][i] * whole[j][j])));
+      }
+    }
+  }
+  for (let i = 0; i < 6; i++) {
+    for (let j = 0; j < 6; j++) {
+      const cell = cells[i][j];
+      if (!matrix) {
+        cell.textContent = "–";
+        cell.style.removeProperty("--share");
+        cell.dataset.sign = "zero";
+        continue;
+      }
+      const [a, b] = [i < 3 ? 0 : 1, j < 3 ? 0 : 1];
+      const x = matrix[i][j];
+      const vanishes = Math.abs(x) <= noise[a][b];
+      const text = vanishes ? "0" : short(x, 4, 1e5);
+      if (cell.textContent !== text) cell.textContent = text;
+      const sign = vanishes ? "zero" : x > 0 ? "plus" : "minus";
+      if (cell.dataset.sign !== sign) cell.dataset.sign = sign;
+      const share = vanishes ? 0 : Math.sqrt(Math.abs(x) / largest[a][b]);
+      cell.style.setProperty("--share", `${Math.round(100 * share)}%`);
+    }
+  }
+}

@@ -1,0 +1,166 @@
+// Verdict, principal values, condition, distance to singularities, notes.
+
+import { byId, chop, clamp, el, full, short } from "./dom.js";
+
+const ICONS = { good: "✓", warning: "!", bad: "✕", none: "…" };
+
+export function verdictLine(store) {
+  const node = byId("verdict");
+  const text = byId("verdict-text");
+  const set = (level, words, title) => {
+    node.dataset.level = level;
+    node.firstElementChild.replaceChildren(el("b", {}, ICONS[level]));
+    if (text.textContent !== words) text.textContent = words;
+    node.title = title ?? words;
+  };
+  store.on("hello", ({ mechanism }) => {
+    byId("name").textContent = mechanism.name;
+    byId("kind").textContent = `${mechanism.kind}, frame ${mechanism.frame}`;
+    document.title = `${mechanism.name} · cartstiff`;
+  });
+  store.on("numbers", () => {
+    const { level, title } = store.numbers.verdict;
+    const notes = store.numbers.result.notes.map(({ message }) => message);
+    set(level, title, [title, ...notes].join("\n"));
+  });
+}
+
+export function numbersPanel(store) {
+  const head = el("h2", {}, "Principal values");
+  const rows = {};
+  const body = el("tbody");
+  for (const [kind, mark] of [["translation", "●"], ["rotation", "◆"]]) {
+    const name = el("th", { scope: "row" }, el("span", { class: `mark ${kind}`, "aria-hidden": "true" }, mark), ` ${kind} `,
+      el("span", { class: "unit" }));
+    const cells = [0, 1, 2].map(() => el("td", { class: "num" }));
+    const ratios = [0, 1, 2].map(() => el("td", { class: "num ratio" }));
+    const compare = el("tr", { class: "compare", hidden: true }, el("th", { scope: "row", class: "dim" }, "over posture A"), ...ratios);
+    rows[kind] = { name, cells, ratios, compare };
+    body.append(el("tr", {}, name, ...cells), compare);
+  }
+  const low = el("th", { scope: "col" });
+  const high = el("th", { scope: "col" });
+  const principal = el("table", { class: "principal" },
+    el("thead", {}, el("tr", {}, el("td"), low, el("th"), high)), body);
+
+  const condition = fact("Condition number");
+  const blocks = fact("… of translation, rotation");
+  const pose = fact("Position");
+  const meters = el("div", { class: "meters" });
+  const notes = el("ul", { class: "notes", "aria-label": "Notes" });
+  const facts = el("dl", { class: "facts" }, ...condition.nodes, ...blocks.nodes, ...pose.nodes);
+  byId("right").append(
+    el("div", { class: "card" }, el("div", { class: "row" }, head, el("span", { class: "grow" }),
+      el("button", { type: "button", class: "quiet", title: "Everything that the matrix says (i)", onclick: () => showReport(store) }, "Full analysis")),
+    principal, facts, meters),
+    el("div", { class: "card notes-card" }, notes));
+
+  function fact(name) {
+    const value = el("dd");
+    return { value, nodes: [el("dt", {}, name), value] };
+  }
+
+  function update() {
+    const { numbers, state } = store;
+    if (!numbers) return;
+    const stiff = state.quantity === "stiffness";
+    head.textContent = stiff ? "Principal stiffness" : "Principal compliance";
+    low.textContent = stiff ? "softest" : "stiffest";
+    high.textContent = stiff ? "stiffest" : "softest";
+    const units = store.blockUnits();
+    const before = store.pinned?.numbers?.principal;
+    for (const [kind, unit] of [["translation", units[1][1]], ["rotation", units[0][0]]]) {
+      const { name, cells, ratios, compare } = rows[kind];
+      name.lastElementChild.textContent = unit;
+      const found = numbers.principal?.[kind];
+      const size = found ? Math.max(...found.values.map(Math.abs)) : 0;
+      cells.forEach((cell, i) => {
+        const x = found ? found.values[i] : null;
+        cell.textContent = x !== null && Math.abs(x) < 1e-12 * size ? "0" : short(x, 5);
+        cell.classList.toggle("negative", x !== null && x < -1e-12 * size);
+        cell.title = x === null ? "does not exist here"
+          : `${full(x)} ${unit}\nalong (${found.axes[i].map((c) => short(c, 3)).join(", ")})${x < 0 ? "\nNEGATIVE: pushes away" : ""}`;
+      });
+      compare.hidden = !store.pinned;
+      if (store.pinned) ratios.forEach((cell, i) => {
+        const [x, y] = [found?.values[i], before?.[kind].values[i]];
+        cell.textContent = x != null && y ? `× ${short(x / y, 3)}` : "–";
+      });
+    }
+    const { indices } = numbers;
+    const length = store.unit("length");
+    condition.value.textContent = !indices ? "–" : indices.condition_number === null ? "∞ (singular)"
+      : `${short(indices.condition_number)} at length ${short(indices.length, 3)} ${length}`;
+    condition.value.title = indices ? `Angles are multiplied by a length: ${indices.length_reason}. Smallest eigenvalue over largest: ${indices.eigenvalues.map((x) => short(x)).join(", ")}` : "";
+    blocks.value.textContent = indices ? `${short(indices.translational_condition)}, ${short(indices.rotational_condition)}` : "–";
+    const [x, y, z] = chop(numbers.position, numbers.singularity[0]?.length).map((c) => short(c, 4));
+    pose.value.textContent = `${x}, ${y}, ${z} ${length}`;
+    pose.value.title = `roll, pitch, yaw ${numbers.angles.map((a) => short((a * 180) / Math.PI, 4)).join(", ")}°`;
+    showMeters(numbers.singularity);
+    notes.replaceChildren(...numbers.result.notes.map(({ code, message }) =>
+      el("li", {}, el("code", {}, code), ` ${message}`)));
+    notes.parentElement.hidden = numbers.result.notes.length === 0;
+  }
+
+  function showMeters(list) {
+    if (meters.childElementCount !== list.length) {
+      meters.replaceChildren(...list.map(() => el("div", { class: "singular" },
+        el("span", { class: "label" }), el("span", { class: "meter wide", role: "meter", "aria-valuemin": 0, "aria-valuemax": 1 }, el("i")), el("span", { class: "num" }))));
+    }
+    list.forEach((entry, i) => {
+      const [label, meter, value] = meters.children[i].children;
+      const words = entry.kind === "serial" ? "Distance to serial singularity" : "Distance to type-2 singularity";
+      label.textContent = words;
+      const near = entry.ratio < 0.05;
+      meters.children[i].dataset.level = entry.ratio < 1e-10 ? "bad" : near ? "warning" : "good";
+      // Logarithmic from 1e-4 to 1; below 0.05 it is near.
+      const share = entry.ratio > 0 ? clamp(1 + Math.log10(entry.ratio) / 4, 0, 1) : 0;
+      meter.firstChild.style.width = `${100 * share}%`;
+      meter.setAttribute("aria-label", words);
+      meter.setAttribute("aria-valuenow", entry.ratio);
+      value.textContent = entry.ratio < 1e-10 ? "singular" : short(entry.ratio, 3);
+      meters.children[i].title = `smallest over largest singular value ${short(entry.smallest)} / ${short(entry.largest)}, lengths over ${short(entry.length)} ${store.unit("length")}; below 0.05 is near`;
+    });
+  }
+
+  store.on("numbers", update);
+  store.on("pinned", update);
+}
+
+/** The analysis as text, in a dialog. */
+export async function showReport(store) {
+  const dialog = byId("report");
+  if (dialog.open) return dialog.close();
+  const text = el("pre", {}, "…");
+  dialog.replaceChildren(el("div", { class: "row" }, el("h2", {}, `Analysis of K under connection ${store.state.connection}`),
+    el("span", { class: "grow" }), el("button", { type: "button", onclick: () => dialog.close() }, "Close")), text);
+  dialog.showModal();
+  try {
+    text.textContent = (await store.ask({ do: "analysis" })).text;
+  } catch (error) {
+    text.textContent = error.message;
+  }
+}
+
+const MARKS = { translation: "●", rotation: "◆", force: "➞", moment: "↻", deflection: "⇢", tension: "│", note: "!" };
+
+/** What the picture's sizes mean. */
+export function legendBox(store) {
+  const box = byId("legend");
+  const bar = byId("colour-bar");
+  store.on("numbers", () => {
+    const { legend } = store;
+    if (!legend) return;
+    const lines = legend.lines ?? [];
+    box.replaceChildren(...lines.map(({ mark, text }) => el("div", { title: text },
+      el("span", { class: `mark ${mark}`, "aria-hidden": "true" }, MARKS[mark] ?? "·"), ` ${text}`)));
+    box.hidden = lines.length === 0;
+    if (legend.cloud) {
+      const { label, unit, lower, upper, stops = [] } = legend.cloud;
+      bar.hidden = false;
+      bar.replaceChildren(el("span", { class: "small" }, unit ? `${label}, ${unit}` : label),
+        el("span", { class: "gradient", style: `background: linear-gradient(to right, ${stops.join(", ")})` }),
+        el("span", { class: "ends small num" }, el("span", {}, short(lower)), el("span", {}, short(upper))));
+    }
+  });
+}

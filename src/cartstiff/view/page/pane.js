@@ -1,0 +1,75 @@
+// The picture: meshcat's viewer in a pane of ours.
+
+/* global MeshCat */
+import { byId } from "./dom.js";
+
+export class Pane {
+  constructor() {
+    this.node = byId("pane");
+    this.viewer = new MeshCat.Viewer(this.node);
+    // The viewer takes the window's height for its own; the pane has another.
+    const sized = this.viewer.set_3d_pane_size.bind(this.viewer);
+    this.viewer.set_3d_pane_size = () => {
+      const { clientWidth: width, clientHeight: height } = this.node;
+      if (width > 0 && height > 0) sized(width, height);
+    };
+    window.onload = null;
+    this.viewer.gui.domElement.style.display = "none";
+    new ResizeObserver(() => this.viewer.set_3d_pane_size()).observe(this.node);
+    this.viewer.set_3d_pane_size();
+    this.after = [];
+    const render = this.viewer.render.bind(this.viewer);
+    this.viewer.render = () => {
+      render();
+      for (const callback of this.after.splice(0)) callback();
+    };
+  }
+
+  apply(commands, then) {
+    for (const command of commands) {
+      if (command instanceof Uint8Array) this.viewer.handle_command_bytearray(command);
+      else this.viewer.handle_command(command.type === "label" ? label(command) : command);
+    }
+    if (then) {
+      this.after.push(then);
+      this.viewer.set_dirty();
+    }
+  }
+
+  reset(commands) {
+    this.viewer.handle_command({ type: "delete", path: "/meshcat" });
+    this.apply(commands);
+  }
+
+  /** The picture as a PNG file. */
+  image() {
+    this.viewer.render();
+    return new Promise((resolve) => this.viewer.renderer.domElement.toBlob(resolve, "image/png"));
+  }
+}
+
+const LINEAR_FILTER = 1006;
+
+/** The command that puts a line of text into the picture, facing the viewer. */
+function label({ path, text, letters, paper, height }) {
+  const canvas = document.createElement("canvas");
+  const pen = canvas.getContext("2d");
+  const font = "26px system-ui, sans-serif";
+  const colour = (number, alpha) => `rgb(${number >> 16 & 255} ${number >> 8 & 255} ${number & 255} / ${alpha})`;
+  pen.font = font;
+  canvas.width = Math.ceil(pen.measureText(text).width) + 12;
+  canvas.height = 38;
+  pen.fillStyle = colour(paper, 0.72);
+  pen.fillRect(0, 0, canvas.width, canvas.height);
+  pen.font = font;
+  pen.fillStyle = colour(letters, 1);
+  pen.fillText(text, 6, 28);
+  return {
+    type: "set_object", path, object: {
+      images: [{ uuid: "i", url: canvas.toDataURL() }],
+      textures: [{ uuid: "t", image: "i", minFilter: LINEAR_FILTER }],
+      materials: [{ uuid: "m", type: "SpriteMaterial", map: "t", transparent: true, depthTest: false, sizeAttenuation: false }],
+      object: { uuid: "o", type: "Sprite", material: "m", renderOrder: 10, scale: [height * canvas.width / canvas.height, height, 1] },
+    },
+  };
+}

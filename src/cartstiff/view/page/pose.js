@@ -1,0 +1,187 @@
+// Sliders and numbers of the coordinates; a platform's legs.
+
+import { byId, clamp, el, short, toast } from "./dom.js";
+
+const DEGREES = 180 / Math.PI;
+
+export function posePanel(store) {
+  const rows = [];
+  const list = el("div", { class: "sliders" });
+  const legs = el("div", { class: "legs" });
+  const unitButton = el("button", {
+    type: "button", title: "Degrees or radians (d)", class: "quiet",
+    onclick: () => setAngle(store.angle === "deg" ? "rad" : "deg"),
+  });
+  const pin = el("button", { type: "button", onclick: () => (store.pinned ? store.unpin() : store.pin()) });
+  const back = el("button", { type: "button", hidden: true, title: "Go back to posture A (b)",
+    onclick: () => store.pinned && store.goTo(store.pinned.q) }, "→ A");
+  const zero = button("Zero", "All coordinates zero, where the limits allow it (0)", () => toZero(store));
+  const panel = el("div", { class: "card" },
+    el("div", { class: "row head" }, el("h2", {}, "Posture"), el("span", { class: "grow" }), unitButton),
+    el("div", { class: "row buttons" },
+      button("Home", "The posture of the file (h)", () => toHome(store)),
+      zero,
+      button("Random", "A random posture within the limits (r)", () => toRandom(store)),
+      el("span", { class: "grow" }), back, pin),
+    list, legs);
+  byId("left").append(panel);
+
+  function button(text, title, onclick) {
+    return el("button", { type: "button", title, onclick }, text);
+  }
+
+  function setAngle(unit) {
+    store.angle = unit;
+    unitButton.textContent = unit === "deg" ? "° → rad" : "rad → °";
+    for (const row of rows) row.relabel();
+    if (store.state) update();
+  }
+
+  function build(hello) {
+    rows.length = 0;
+    list.replaceChildren();
+    const { coordinates, sliders, platform } = hello.mechanism;
+    zero.hidden = platform || sliders.length !== coordinates.length;
+    for (const index of sliders) {
+      const row = sliderRow(store, index, coordinates[index]);
+      rows.push(row);
+      list.append(row.node);
+    }
+    const passive = coordinates.length - sliders.length;
+    if (passive) list.append(el("p", { class: "dim small" },
+      `${passive} more coordinates follow from the closures and the links that give.`));
+    setAngle(store.angle);
+    showPinned();
+  }
+
+  function update() {
+    for (const row of rows) row.set(store.state.q[row.index]);
+  }
+
+  function showLegs() {
+    const found = store.numbers.legs;
+    legs.hidden = !found;
+    if (!found) return;
+    const unit = store.unit("length");
+    if (legs.childElementCount !== found.length + 1) {
+      legs.replaceChildren(el("div", { class: "leg leg-head dim small" }, el("span", {}, "leg"),
+        el("span", {}, `length ${unit}`), el("span", {}, ""), el("span", {}, `tension ${store.unit("force")}`)));
+      found.forEach((_, i) => legs.append(el("div", { class: "leg" }, el("span", {}, String(i + 1)),
+        el("span", { class: "num" }), el("span", { class: "meter" }, el("i")), el("span", { class: "num" }))));
+    }
+    found.forEach((leg, i) => {
+      const row = legs.children[i + 1];
+      const [, length, meter, tension] = row.children;
+      length.textContent = short(leg.length, 5);
+      tension.textContent = short(leg.tension);
+      const limited = leg.lower !== null && leg.upper !== null;
+      const beyond = limited && (leg.length < leg.lower || leg.length > leg.upper);
+      row.classList.toggle("beyond", beyond);
+      meter.style.visibility = limited ? "visible" : "hidden";
+      if (limited) {
+        const share = clamp((leg.length - leg.lower) / (leg.upper - leg.lower), 0, 1);
+        meter.firstChild.style.left = `${100 * share}%`;
+        row.title = `leg ${i + 1}: limits ${short(leg.lower)} … ${short(leg.upper)} ${unit}` +
+          (beyond ? ": BEYOND ITS LIMIT" : "");
+      }
+    });
+  }
+
+  function showPinned() {
+    pin.textContent = store.pinned ? "✕ A" : "Pin A";
+    pin.title = store.pinned ? "Forget posture A (a)" : "Keep this posture as A, to compare with (a)";
+    pin.setAttribute("aria-pressed", String(Boolean(store.pinned)));
+    back.hidden = !store.pinned;
+  }
+
+  store.on("hello", build);
+  store.on("state", update);
+  store.on("numbers", () => {
+    update();
+    showLegs();
+  });
+  store.on("pinned", showPinned);
+  return { setAngle };
+}
+
+function sliderRow(store, index, coordinate) {
+  const { name, lower, upper, unit, is_length: isLength, limited } = coordinate;
+  const id = `slider-${index}`;
+  const range = el("input", { type: "range", id, min: lower, max: upper, step: "any", "aria-label": name });
+  const number = el("input", { type: "number", step: "any", "aria-label": `${name}, value`, id: `number-${index}` });
+  const shownUnit = el("span", { class: "unit" });
+  const low = el("span", { class: "limit" });
+  const high = el("span", { class: "limit" });
+  const node = el("div", { class: "slider" },
+    el("label", { for: id, title: name }, name), number, shownUnit, low, range, high);
+  const factor = () => (isLength || store.angle === "rad" ? 1 : DEGREES);
+
+  range.addEventListener("input", () => {
+    number.value = shown(range.valueAsNumber);
+    store.move(index, range.valueAsNumber);
+  });
+  range.addEventListener("keydown", (event) => {
+    const steps = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1, PageUp: 10, PageDown: -10 };
+    const step = steps[event.key];
+    if (!step || event.altKey || event.ctrlKey || event.metaKey) return;
+    event.preventDefault();
+    if (!store.source.live) return store.move(index, store.source.neighbour(index, store.state.q[index], step));
+    const size = isLength ? (upper - lower) / 200 : Math.PI / 180;
+    store.move(index, clamp(store.state.q[index] + step * size * (event.shiftKey ? 0.1 : 1), lower, upper));
+  });
+  number.addEventListener("change", () => {
+    const value = number.valueAsNumber / factor();
+    if (!Number.isFinite(value)) set(store.state.q[index]);
+    else {
+      const inside = limited ? clamp(value, lower, upper) : value;
+      if (inside !== value) toast(`${name} is limited to ${low.textContent} … ${high.textContent}`);
+      store.move(index, inside);
+    }
+  });
+
+  function shown(x) {
+    const digits = factor() === 1 ? 4 : 2;
+    const text = (x * factor()).toFixed(digits);
+    return Number(text) === 0 ? (0).toFixed(digits) : text;
+  }
+
+  function set(x) {
+    if (range.valueAsNumber !== x) range.value = x;
+    if (document.activeElement !== number || !number.matches(":focus-visible")) number.value = shown(x);
+    node.classList.toggle("outside", x < lower - 1e-9 || x > upper + 1e-9);
+    range.setAttribute("aria-valuetext", `${shown(x)} ${shownUnit.textContent}`);
+  }
+
+  function relabel() {
+    const degrees = factor() !== 1;
+    shownUnit.textContent = degrees ? "°" : unit;
+    low.textContent = short(lower * factor(), 3);
+    high.textContent = short(upper * factor(), 3);
+    const ends = limited ? "limits" : "range of the slider (the joint has no limits)";
+    range.title = `${name}: ${ends} ${low.textContent} … ${high.textContent} ${shownUnit.textContent}`;
+  }
+
+  return { node, index, set, relabel };
+}
+
+export function toHome(store) {
+  store.goTo(store.hello.state.q);
+}
+
+export function toZero(store) {
+  store.goTo(store.hello.mechanism.coordinates.map(({ lower, upper }) => clamp(0, lower, upper)));
+}
+
+export function toRandom(store) {
+  const { coordinates, sliders, platform } = store.hello.mechanism;
+  const q = store.state.q.slice();
+  const home = store.hello.state.q;
+  for (const i of sliders) {
+    const { lower, upper, limited } = coordinates[i];
+    // Without limits, near home: a platform or a closed chain stays assembled.
+    const share = platform || !limited ? 0.4 : 1;
+    const random = lower + Math.random() * (upper - lower);
+    q[i] = home[i] + share * (random - home[i]);
+  }
+  store.goTo(q);
+}

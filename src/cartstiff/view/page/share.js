@@ -1,0 +1,110 @@
+// The state in the address, and the page as files.
+
+import { byId, copy, download, el, toast } from "./dom.js";
+
+// Of the state, what an address holds; the kind of each is that of the first state.
+const KEYS = ["q", "connection", "quantity", "axes", "point", "stiffness", "load", "load_axes", "ghost",
+  "scale", "translation", "rotation", "labels", "wrench", "deflection", "screws", "centres", "quantity_of_map"];
+const NUMBERS = new Set(["q", "point", "stiffness", "load", "ghost"]);
+const FLAGS = new Set(["translation", "rotation", "labels", "wrench", "deflection", "screws", "centres"]);
+
+const WORDS = {
+  connection: ["A", "B", "K", "F", "+"], quantity: ["stiffness", "compliance"], axes: ["body", "inertial"],
+  load_axes: ["body", "inertial"], scale: ["log", "linear"],
+};
+const COUNTS = { point: 3, load: 6 };
+
+/** What differs from the first state, as the part of an address after #. */
+export function toHash(store) {
+  const parts = new URLSearchParams();
+  const first = store.hello.state;
+  for (const key of KEYS) {
+    const value = store.state[key];
+    if (value === null || value === undefined || JSON.stringify(value) === JSON.stringify(first[key])) continue;
+    parts.set(key, NUMBERS.has(key) ? value.join(",") : String(value));
+  }
+  const { frame } = store.hello.mechanism;
+  if (frame !== store.firstFrame) parts.set("frame", frame);
+  return parts.toString().replaceAll("%2C", ",");
+}
+
+/** The wishes that an address holds; what cannot be read is left out. */
+export function fromHash(hash, first) {
+  const found = {};
+  for (const [key, text] of new URLSearchParams(hash.replace(/^#/, ""))) {
+    if (!KEYS.includes(key)) continue;
+    if (NUMBERS.has(key)) {
+      const numbers = text.split(",").map(Number);
+      const count = key in COUNTS ? COUNTS[key] : key === "stiffness" ? numbers.length : first.q.length;
+      const fits = numbers.length === count;
+      if (fits && numbers.every(Number.isFinite)) found[key] = numbers;
+    } else if (FLAGS.has(key)) found[key] = text === "true";
+    else if (key in WORDS ? WORDS[key].includes(text) : first[key] !== null) found[key] = text;
+  }
+  return found;
+}
+
+export function sharing(store) {
+  const actions = byId("actions");
+  const button = (text, title, onclick) => el("button", { type: "button", title, onclick }, text);
+  const html = button("HTML", "This page as one file that opens without a network", async () => {
+    toast("Computing the frames of the page …");
+    html.disabled = true;
+    try {
+      const { name, text } = await store.ask({ do: "export" });
+      download(name, text, "text/html");
+    } catch (error) {
+      store.tell("error", error.message);
+    } finally {
+      html.disabled = false;
+    }
+  });
+  html.id = "export";
+  actions.append(
+    button("Link", "Copy the address of this state", () => copy(location.href.split("#")[0] + "#" + toHash(store), "Address")),
+    button("PNG", "The picture as PNG file", async () => download(`${file(store)}.png`, await store.pane.image())),
+    button("JSON", "The numbers at this posture, as `cartstiff analyse --json` prints them", async () => {
+      const { result } = await store.ask({ do: "result" });
+      download(`${file(store)}.json`, `${JSON.stringify(result, null, 1)}\n`, "application/json");
+    }),
+    html);
+  store.on("hello", () => { html.hidden = !store.source.live; });
+
+  let timer = null;
+  let applied = false;
+  store.on("hello", (hello) => {
+    if (applied) return;
+    applied = true;
+    store.firstFrame = hello.mechanism.frame;
+    const wishes = fromHash(location.hash, hello.state);
+    const frame = new URLSearchParams(location.hash.slice(1)).get("frame");
+    if (frame && frame !== hello.mechanism.frame && store.source.live) {
+      store.ask({ do: "frame", name: frame }).then(() => store.change(wishes), (error) => store.tell("error", error.message));
+    } else if (Object.keys(wishes).length) {
+      Object.assign(store.state, wishes);
+      if (wishes.ghost) {
+        store.pinned = { q: wishes.ghost, numbers: null };
+        store.refreshPinned();
+      }
+    }
+  });
+  store.on("numbers", () => {
+    clearTimeout(timer);
+    timer = setTimeout(() => {
+      const hash = toHash(store);
+      try {
+        history.replaceState(null, "", hash ? `#${hash}` : location.pathname + location.search);
+      } catch {
+        // A file opened from disk may not rewrite its address.
+      }
+    }, 500);
+  });
+  window.addEventListener("hashchange", () => {
+    const wishes = fromHash(location.hash, store.hello.state);
+    store.pinned = wishes.ghost ? { q: wishes.ghost, numbers: null } : null;
+    store.change({ ...store.hello.state, theme: store.state.theme, ...wishes });
+    store.tell("pinned", store.pinned);
+  });
+}
+
+const file = (store) => `${store.hello.mechanism.name}`.replaceAll(/[^\w.-]+/g, "_");

@@ -1,0 +1,202 @@
+// What the page shows now: the state that is asked for, and the newest answer to it.
+// One question is in flight; while it is, only the newest state is kept.
+
+export class Store {
+  constructor(source) {
+    this.source = source;
+    this.state = null; // what is wanted, see state.py
+    this.hello = null;
+    this.numbers = null; // what is shown
+    this.legend = null;
+    this.pinned = null; // posture A: {q, numbers}
+    this.angle = "deg";
+    this.error = null;
+    this.listeners = { hello: [], state: [], numbers: [], pinned: [], error: [], pose: [] };
+    this.busy = null;
+    this.wanted = false;
+    this.number = 1;
+    this.waiting = new Map();
+    source.onanswer = (data, commands) => this.receive(data, commands);
+    source.onlost = () => this.lost();
+  }
+
+  on(event, listener) {
+    this.listeners[event].push(listener);
+  }
+
+  tell(event, detail) {
+    for (const listener of this.listeners[event]) listener(detail);
+  }
+
+  /** Change what is wanted, and ask for it. */
+  change(patch) {
+    if (!this.state) return;
+    this.sticky = false;
+    Object.assign(this.state, patch);
+    this.tell("state", patch);
+    this.draw();
+    if (this.pinned && Object.keys(patch).some((key) => SHOWN.has(key))) this.refreshPinned();
+  }
+
+  /** Move one coordinate. */
+  move(index, value) {
+    const q = this.state.q.slice();
+    q[index] = value;
+    this.change({ q, moved: index });
+  }
+
+  /** Go to a whole posture. */
+  goTo(q) {
+    this.change({ q: q.slice(), moved: null });
+  }
+
+  draw() {
+    if (this.busy !== null) {
+      this.wanted = true;
+      return;
+    }
+    this.wanted = false;
+    this.busy = this.number++;
+    this.sentQ = this.state.q;
+    document.dispatchEvent(new CustomEvent("cartstiff:sent", { detail: this.busy }));
+    this.source.ask({ id: this.busy, do: "draw", state: this.state });
+  }
+
+  /** Ask something else; resolves with the answer, rejects with the reason in words. */
+  ask(message) {
+    const id = this.number++;
+    return new Promise((resolve, reject) => {
+      this.waiting.set(id, { resolve, reject });
+      this.source.ask({ id, state: this.state, ...message });
+    });
+  }
+
+  receive(data, commands) {
+    if (data.do === "hello") return this.greet(data, commands);
+    if (data.do === "go-to") return this.state && this.goTo(data.q);
+    const waiting = this.waiting.get(data.id);
+    if (waiting) {
+      this.waiting.delete(data.id);
+      if (commands.length) this.pane.apply(commands);
+      if (data.error) waiting.reject(new Error(data.error));
+      else waiting.resolve(data);
+      return;
+    }
+    if (data.id === 0 && data.error) this.fail(data);
+    if (data.id !== this.busy) return;
+    this.busy = null;
+    if (data.error) this.fail(data);
+    else this.accept(data, commands);
+    if (this.wanted) this.draw();
+  }
+
+  greet(data, commands) {
+    const waiting = this.waiting.get(data.id);
+    this.waiting.clear();
+    const again = this.hello !== null && this.hello.mechanism.frame === data.mechanism.frame &&
+      this.hello.mechanism.name === data.mechanism.name;
+    const kept = again ? this.state : null;
+    const looks = this.state;
+    this.hello = data;
+    this.state = kept ?? { ...data.state, ...(looks ? LOOKS(looks) : {}) };
+    this.busy = null;
+    this.pane.reset(commands);
+    if (!again) this.pinned = null;
+    this.tell("hello", data);
+    this.tell("state", this.state);
+    waiting?.resolve(data);
+    this.draw();
+  }
+
+  accept(data, commands) {
+    const { numbers } = data;
+    this.error = null;
+    this.numbers = numbers;
+    this.legend = data.legend;
+    // A closed chain has been assembled: its other coordinates, and without newer wishes all.
+    if (!this.wanted) this.state.q = numbers.result.q.slice();
+    else {
+      const moved = new Set(this.hello.mechanism.sliders);
+      const q = numbers.result.q.slice();
+      for (const i of moved) q[i] = this.state.q[i];
+      this.state.q = q;
+    }
+    this.tell("numbers", data);
+    document.dispatchEvent(new CustomEvent("cartstiff:table", { detail: data.id }));
+    this.pane.apply(commands, () =>
+      document.dispatchEvent(new CustomEvent("cartstiff:rendered", { detail: data.id })));
+  }
+
+  fail(data) {
+    this.error = data.error;
+    // What an address asked for may be impossible: then the first state is shown.
+    if (!this.numbers && this.state && !this.retried) {
+      this.retried = true;
+      this.sticky = true; // the reason stays until something else is wished
+      this.state = { ...structuredClone(this.hello.state), theme: this.state.theme };
+      this.wanted = true;
+    }
+    this.tell("error", data.error);
+  }
+
+  /** The connection has gone: nothing that was asked will be answered. */
+  lost() {
+    this.busy = null;
+    this.wanted = false;
+    for (const { reject } of this.waiting.values()) reject(new Error("the connection was lost"));
+    this.waiting.clear();
+  }
+
+  /** Posture A under the connection, quantity and axes that are shown now. */
+  async refreshPinned() {
+    const pinned = this.pinned;
+    if (!pinned) return;
+    try {
+      const state = { ...this.state, q: pinned.q, moved: null };
+      pinned.numbers = (await this.ask({ do: "numbers", state })).numbers;
+    } catch {
+      pinned.numbers = null;
+    }
+    if (this.pinned === pinned) this.tell("pinned", pinned);
+  }
+
+  pin() {
+    this.pinned = this.numbers && { q: this.numbers.result.q.slice(), numbers: this.numbers };
+    this.change({ ghost: this.pinned ? this.pinned.q : null });
+    this.tell("pinned", this.pinned);
+  }
+
+  unpin() {
+    this.pinned = null;
+    this.change({ ghost: null });
+    this.tell("pinned", null);
+  }
+
+  /** The shown matrix of a connection, at the reference point: 6 rows, or null. */
+  matrix(name, numbers = this.numbers, quantity = this.state.quantity) {
+    const table = numbers && (numbers[quantity] ?? numbers.result[quantity]);
+    if (!table) return null;
+    if (name !== "+") return table[name];
+    return table.A && table.A.map((_, i) => table.A.map((row) => row[i]));
+  }
+
+  unit(kind) {
+    const { length, force } = this.hello.mechanism.units;
+    return { length, force, moment: `${force} ${length}` }[kind];
+  }
+
+  /** Units of the four blocks [[rr, rt], [tr, tt]]. */
+  blockUnits(quantity = this.state.quantity) {
+    const [l, f, m] = ["length", "force", "moment"].map((kind) => this.unit(kind));
+    return quantity === "stiffness"
+      ? [[`${m}/rad`, f], [`${f}/rad`, `${f}/${l}`]]
+      : [[`rad/(${m})`, `rad/${f}`], [`${l}/(${m})`, `${l}/${f}`]];
+  }
+}
+
+// What changes the numbers of a posture without moving it.
+const SHOWN = new Set(["connection", "quantity", "axes", "point", "stiffness", "load", "load_axes"]);
+
+const LOOKS = ({ theme, translation, rotation, scale, labels, wrench, deflection, screws, centres,
+  connection }) =>
+  ({ theme, translation, rotation, scale, labels, wrench, deflection, screws, centres, connection });

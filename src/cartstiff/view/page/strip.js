@@ -1,0 +1,296 @@
+// Principal values along a sweep of one coordinate or along a trajectory, with a linked cursor.
+
+import { byId, choice, clamp, el, short } from "./dom.js";
+
+const SVG = "http://www.w3.org/2000/svg";
+const MARGIN = { left: 52, right: 12, top: 8, bottom: 18 };
+// A sweep that took longer than this (s) is not repeated by itself.
+const QUICK = 1;
+
+function svg(tag, attributes = {}, ...children) {
+  const node = document.createElementNS(SVG, tag);
+  for (const [name, value] of Object.entries(attributes)) node.setAttribute(name, value);
+  node.append(...children);
+  return node;
+}
+
+export function strip(store) {
+  let series = null; // {kind, coordinate, at, rows, key}
+  let freedom = "translation";
+  let position = 0; // index into the series
+  let playing = null;
+  let asked = null;
+  let timer = null;
+  let slow = false;
+
+  const what = el("select", { "aria-label": "Along what", onchange: () => request(true) });
+  const [freedoms, chooseFreedom] = choice("Values of", [
+    ["translation", "translation", "Principal values of translation"],
+    ["rotation", "rotation", "Principal values of rotation"]], (value) => {
+    freedom = value;
+    chooseFreedom(value);
+    draw();
+  });
+  chooseFreedom(freedom);
+  const play = el("button", { type: "button", class: "play", title: "Play or pause (p)", "aria-label": "Play", onclick: () => toggle() }, "▶");
+  const time = el("input", { type: "range", id: "time", min: 0, max: 1, step: 1, value: 0, "aria-label": "Time" });
+  const label = el("span", { class: "num small time-label" });
+  const again = el("button", { type: "button", class: "quiet", hidden: true, title: "The posture or the load has changed since this was computed", onclick: () => request(true) }, "↻ compute");
+  const plot = svg("svg", { role: "img", class: "plot" });
+  const cursor = svg("line", { class: "cursor" });
+  byId("strip").append(
+    el("div", { class: "row" }, el("span", { class: "dim" }, "Along"), what, freedoms, again,
+      el("span", { class: "grow" }), label),
+    plot,
+    el("div", { class: "row time-row" }, play, time));
+
+  time.addEventListener("input", () => go(time.valueAsNumber));
+  plot.addEventListener("pointerdown", (event) => {
+    if (!series) return;
+    plot.setPointerCapture(event.pointerId);
+    follow(event);
+  });
+  plot.addEventListener("pointermove", (event) => {
+    if (plot.hasPointerCapture(event.pointerId)) follow(event);
+  });
+  new ResizeObserver(draw).observe(plot);
+
+  function follow(event) {
+    const box = plot.getBoundingClientRect();
+    const share = (event.clientX - box.left - MARGIN.left) / (box.width - MARGIN.left - MARGIN.right);
+    const [first, last] = [series.at[0], series.at.at(-1)];
+    const wanted = first + clamp(share, 0, 1) * (last - first);
+    let best = 0;
+    series.at.forEach((x, i) => { if (Math.abs(x - wanted) < Math.abs(series.at[best] - wanted)) best = i; });
+    go(best);
+  }
+
+  /** Take the mechanism to a place of the series. */
+  function go(index) {
+    if (!series) return;
+    position = clamp(Math.round(index), 0, series.at.length - 1);
+    const row = series.rows[position];
+    if (!row) {
+      if (series.kind === "sweep") store.move(series.coordinate, series.at[position]);
+    } else if (series.kind === "sweep") {
+      const q = row.q.slice();
+      store.change({ q, moved: series.coordinate });
+    } else store.goTo(row.q);
+    showCursor();
+  }
+
+  function toggle() {
+    if (playing !== null) return stop();
+    if (!series) return;
+    play.textContent = "❚❚";
+    play.setAttribute("aria-label", "Pause");
+    if (position >= series.at.length - 1) position = 0;
+    let place = position;
+    let direction = 1;
+    let last = performance.now();
+    const duration = series.kind === "series" && store.hello.trajectory.timed
+      ? series.at.at(-1) - series.at[0] : series.at.length / 15;
+    const rate = (series.at.length - 1) / Math.max(0.5, duration); // places per second
+    const step = (now) => {
+      place += direction * rate * Math.min(0.1, (now - last) / 1000);
+      last = now;
+      const end = series.at.length - 1;
+      if (series.kind === "sweep" && (place > end || place < 0)) direction = place > end ? -1 : 1;
+      else if (place > end) {
+        go(end);
+        return stop();
+      }
+      if (Math.round(clamp(place, 0, end)) !== position) go(place);
+      playing = requestAnimationFrame(step);
+    };
+    playing = requestAnimationFrame(step);
+  }
+
+  function stop() {
+    cancelAnimationFrame(playing);
+    playing = null;
+    play.textContent = "▶";
+    play.setAttribute("aria-label", "Play");
+  }
+
+  /** What the curves depend on, besides the coordinate that runs. */
+  function key() {
+    const { state } = store;
+    const [kind, index] = what.value.split(":");
+    const { connection, quantity, point, axes, stiffness, load, load_axes: loadAxes } = state;
+    const others = kind === "series" ? [] : store.hello.mechanism.sliders.filter((i) => i !== Number(index)).map((i) => state.q[i]);
+    return JSON.stringify([what.value, others, connection, quantity, point, axes, stiffness, load, loadAxes]);
+  }
+
+  function request(now = false) {
+    if (!store.state || !what.value) return;
+    const wanted = key();
+    if (series?.key === wanted || asked === wanted) {
+      again.hidden = true;
+      return showCursor();
+    }
+    clearTimeout(timer);
+    again.hidden = !slow || now;
+    if (playing !== null) return;
+    if (slow && !now) return;
+    timer = setTimeout(() => compute(wanted), now ? 0 : 350);
+  }
+
+  async function compute(wanted) {
+    asked = wanted;
+    const [kind, index] = what.value.split(":");
+    plot.classList.add("computing");
+    if (!series) plot.replaceChildren(text(MARGIN.left, MARGIN.top + 24, "computing …", "start", "nothing"));
+    try {
+      const answer = await store.ask(kind === "series" ? { do: "series" } : { do: "sweep", coordinate: Number(index), steps: 61 });
+      if (asked !== wanted) return;
+      series = { kind, coordinate: Number(index), at: answer.at, rows: answer.rows, key: wanted };
+      slow = answer.seconds > QUICK;
+      again.hidden = true;
+      time.max = series.at.length - 1;
+      draw();
+    } catch (error) {
+      if (asked === wanted && error.message !== "newer") store.tell("error", error.message);
+    } finally {
+      if (asked === wanted) asked = null;
+      plot.classList.remove("computing");
+    }
+    request();
+  }
+
+  function isAngle() {
+    return series.kind === "sweep" && !store.hello.mechanism.coordinates[series.coordinate].is_length && store.angle === "deg";
+  }
+
+  function atText(x) {
+    if (series.kind === "sweep") {
+      const { is_length: isLength, unit } = store.hello.mechanism.coordinates[series.coordinate];
+      return isLength ? `${short(x)} ${unit}` : isAngle() ? `${short((x * 180) / Math.PI)}°` : `${short(x)} rad`;
+    }
+    return store.hello.trajectory.timed ? `${short(x)} s` : `posture ${Math.round(x) + 1}`;
+  }
+
+  function showCursor() {
+    if (!series) return;
+    if (series.kind === "sweep" && playing === null) {
+      const x = store.state.q[series.coordinate];
+      let best = 0;
+      series.at.forEach((value, i) => { if (Math.abs(value - x) < Math.abs(series.at[best] - x)) best = i; });
+      position = best;
+    }
+    time.value = position;
+    time.setAttribute("aria-valuetext", atText(series.at[position]));
+    const exact = series.kind === "sweep" ? store.state.q[series.coordinate] : series.at[position];
+    label.textContent = atText(exact);
+    const { clientWidth: width, clientHeight: height } = plot;
+    const x = placeX(clamp(exact, series.at[0], series.at.at(-1)), width);
+    cursor.setAttribute("x1", x);
+    cursor.setAttribute("x2", x);
+    cursor.setAttribute("y1", MARGIN.top);
+    cursor.setAttribute("y2", height - MARGIN.bottom);
+  }
+
+  function placeX(x, width) {
+    const [first, last] = [series.at[0], series.at.at(-1)];
+    return MARGIN.left + ((x - first) / (last - first || 1)) * (width - MARGIN.left - MARGIN.right);
+  }
+
+  function draw() {
+    const { clientWidth: width, clientHeight: height } = plot;
+    if (!series || width < 80 || height < 40) return;
+    const lines = [0, 1, 2].map((k) => series.rows.map((row) => row?.[freedom]?.[k] ?? null));
+    const positive = lines.flat().filter((x) => x !== null && x > 0);
+    const unit = store.blockUnits()[freedom === "translation" ? 1 : 0][freedom === "translation" ? 1 : 0];
+    plot.replaceChildren();
+    if (!positive.length) {
+      const other = store.state.quantity === "stiffness" ? "the stiffness does not exist here; the compliance may" : "the compliance does not exist here";
+      plot.append(svg("text", { x: width / 2, y: height / 2, class: "nothing", "text-anchor": "middle" }));
+      plot.lastChild.textContent = other;
+      plot.append(cursor);
+      return showCursor();
+    }
+    // Twelve decades at most: what is below is as good as zero.
+    const high = Math.log10(Math.max(...positive));
+    const least = Math.max(Math.log10(Math.min(...positive)), high - 12);
+    const middle = (high + least) / 2;
+    const half = Math.max(0.15, (high - least) / 2 + 0.06);
+    const [bottom, top] = [middle - half, middle + half];
+    const placeY = (x) => MARGIN.top + ((top - Math.log10(x)) / (top - bottom)) * (height - MARGIN.top - MARGIN.bottom);
+    grid(width, height, bottom, top, placeY, unit);
+    // Where nothing exists, or a value is negative, the ground is marked.
+    series.rows.forEach((row, i) => {
+      const values = row?.[freedom];
+      if (values && !(values[0] < -1e-12 * Math.max(...values.map(Math.abs)))) return;
+      const x = placeX(series.at[i], width);
+      const step = (width - MARGIN.left - MARGIN.right) / (series.at.length - 1);
+      plot.append(svg("rect", { class: values ? "gap negative" : "gap", x: Math.max(MARGIN.left, x - step / 2), y: MARGIN.top,
+        width: step, height: height - MARGIN.top - MARGIN.bottom }));
+    });
+    lines.forEach((values, k) => {
+      let path = "";
+      let pen = "M";
+      values.forEach((x, i) => {
+        if (x === null || x <= 0) pen = "M";
+        else {
+          path += `${pen}${placeX(series.at[i], width).toFixed(1)},${clamp(placeY(x), MARGIN.top, height - MARGIN.bottom).toFixed(1)}`;
+          pen = "L";
+        }
+      });
+      plot.append(svg("path", { d: path, class: `curve ${freedom} curve-${k}` }));
+    });
+    plot.setAttribute("aria-label", `Principal ${store.state.quantity} of ${freedom}, ${unit}, along ${what.selectedOptions[0].text}`);
+    plot.append(cursor);
+    showCursor();
+  }
+
+  function grid(width, height, bottom, top, placeY, unit) {
+    const decades = top - bottom;
+    const marks = decades > 4 ? [1] : decades > 1.2 ? [1, 3] : [1, 1.5, 2, 3, 5, 7];
+    const step = Math.max(1, Math.ceil(decades / 5));
+    let lastY = Infinity;
+    for (let d = Math.floor(bottom); d <= top; d++) {
+      for (const m of marks) {
+        const value = m * 10 ** d;
+        const at = Math.log10(value);
+        if (at < bottom || at > top || (m === 1 && d % step !== 0 && decades > 4)) continue;
+        const y = placeY(value);
+        if (lastY - y < 13) continue;
+        lastY = y;
+        plot.append(svg("line", { class: "grid", x1: MARGIN.left, x2: width - MARGIN.right, y1: y, y2: y }),
+          text(MARGIN.left - 5, y + 3.5, short(value, 3), "end"));
+      }
+    }
+    const [first, last] = [series.at[0], series.at.at(-1)];
+    for (const share of [0, 0.25, 0.5, 0.75, 1]) {
+      const x = first + share * (last - first);
+      plot.append(text(placeX(x, width), height - 4, atText(x), share === 0 ? "start" : share === 1 ? "end" : "middle"));
+    }
+    plot.append(text(MARGIN.left + 4, MARGIN.top + 10, unit, "start", "unit"));
+  }
+
+  function text(x, y, words, anchor, kind = "") {
+    const node = svg("text", { x, y, "text-anchor": anchor, class: kind });
+    node.textContent = words;
+    return node;
+  }
+
+  store.on("hello", (hello) => {
+    stop();
+    series = null;
+    asked = null;
+    slow = false;
+    const { coordinates, sliders } = hello.mechanism;
+    what.replaceChildren();
+    if (hello.trajectory) what.append(el("option", { value: "series:0" }, "the trajectory"));
+    if (!hello.only_trajectory) for (const i of sliders) what.append(el("option", { value: `sweep:${i}` }, coordinates[i].name));
+    // The coordinate in the middle of the chain usually tells most.
+    if (!hello.trajectory) what.value = `sweep:${sliders[Math.floor((sliders.length - 1) / 2)]}`;
+    plot.replaceChildren();
+    request(true);
+  });
+  store.on("numbers", () => {
+    request();
+    showCursor();
+  });
+  return { toggle, draw };
+}

@@ -1,0 +1,201 @@
+"""What a tab may ask: every message is checked here before anything is computed.
+
+Messages are JSON objects with the keys "id", "do" and "state", and for some kinds a few numbers.
+Nothing in them is a path, a command or a name that is looked up outside a fixed list.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from cartstiff.errors import InputError, one_line
+
+__all__ = [
+    "CONNECTIONS",
+    "LARGEST_MESSAGE",
+    "Analysis",
+    "Camera",
+    "Draw",
+    "Export",
+    "Frame",
+    "Message",
+    "Numbers",
+    "Result",
+    "Series",
+    "State",
+    "Sweep",
+    "read_message",
+    "read_state",
+]
+
+#: Bytes of a message that are read; a longer one is refused.
+LARGEST_MESSAGE = 64 * 1024
+#: Names of the connections that can be shown.
+CONNECTIONS = ("A", "B", "K", "F", "+")
+
+# As in mechanism files: beyond this the products leave the range of double precision.
+_LARGEST = 1e30
+_Number = Annotated[float, Field(ge=-_LARGEST, le=_LARGEST, allow_inf_nan=False)]
+_NotNegative = Annotated[float, Field(ge=0.0, le=_LARGEST, allow_inf_nan=False)]
+_Short = Annotated[str, Field(min_length=1, max_length=200)]
+_Vector = Annotated[list[_Number], Field(min_length=1, max_length=500)]
+_Three = tuple[_Number, _Number, _Number]
+_Six = tuple[_Number, _Number, _Number, _Number, _Number, _Number]
+_Axes = Literal["body", "inertial"]
+_Connection = Literal["A", "B", "K", "F", "+"]
+
+
+class _Strict(BaseModel):
+    # Tuples are lists in JSON, so strictness is asked of the numbers and words themselves.
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class State(_Strict):
+    """Everything that decides what a tab shows; the default is what it shows at first.
+
+    Attributes
+    ----------
+    q : list of float or None
+        Coordinates; None for the mechanism's posture.
+    moved : int or None
+        The coordinate that the user has just moved: closures give way at the others.
+    connection, quantity, axes
+        Which matrix, stiffness or compliance, and along whose axes its components are.
+    point : (3,)
+        Reference point in the frame M.
+    stiffness : list of float or None
+        Of the joints or legs; None for the mechanism's own.
+    load : (6,) or None
+        Wrench (moment, force) that the environment applies at the frame M, along `load_axes`.
+    ghost : list of float or None
+        A second posture, drawn pale.
+    quantity_of_map : str or None
+        What colours the points of the map.
+
+    The others say what the picture shows.
+    """
+
+    q: _Vector | None = None
+    moved: Annotated[int, Field(ge=0, le=500)] | None = None
+    connection: _Connection = "K"
+    quantity: Literal["stiffness", "compliance"] = "stiffness"
+    axes: _Axes = "body"
+    point: _Three = (0.0, 0.0, 0.0)
+    stiffness: Annotated[list[_NotNegative], Field(min_length=1, max_length=500)] | None = None
+    load: _Six | None = None
+    load_axes: _Axes = "body"
+    ghost: _Vector | None = None
+    quantity_of_map: _Short | None = None
+    theme: Literal["light", "dark"] = "light"
+    translation: bool = True
+    rotation: bool = True
+    scale: Literal["log", "linear"] = "log"
+    labels: bool = True
+    wrench: bool = True
+    deflection: bool = False
+    screws: bool = False
+    centres: bool = False
+
+
+class _Asked(_Strict):
+    id: Annotated[int, Field(ge=0, le=2**53)]
+    state: State = State()
+
+
+class Draw(_Asked):
+    """The numbers and the picture of a state."""
+
+    do: Literal["draw"]
+
+
+class Numbers(_Asked):
+    """The numbers of a state alone: the picture stays."""
+
+    do: Literal["numbers"]
+
+
+class Result(_Asked):
+    """All that `analyse` says of a state, as JSON."""
+
+    do: Literal["result"]
+
+
+class Sweep(_Asked):
+    """Principal values while one coordinate runs through its range."""
+
+    do: Literal["sweep"]
+    coordinate: Annotated[int, Field(ge=0, le=500)]
+    steps: Annotated[int, Field(ge=2, le=201)] = 61
+
+
+class Series(_Asked):
+    """Principal values along the trajectory that the page was started with."""
+
+    do: Literal["series"]
+
+
+class Analysis(_Asked):
+    """The analysis of the matrix, as text."""
+
+    do: Literal["analysis"]
+
+
+class Export(_Asked):
+    """The page at this state as one file."""
+
+    do: Literal["export"]
+    frames: Annotated[int, Field(ge=2, le=101)] = 25
+
+
+class Frame(_Asked):
+    """Another frame of the mechanism as the frame of interest."""
+
+    do: Literal["frame"]
+    name: _Short
+
+
+class Camera(_Asked):
+    """Where the picture is seen from."""
+
+    do: Literal["camera"]
+    preset: Literal["fit", "front", "side", "top", "iso"]
+
+
+Message = Draw | Numbers | Result | Sweep | Series | Analysis | Export | Frame | Camera
+_MESSAGES: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="do")])
+_STATE: TypeAdapter[State] = TypeAdapter(State)
+_T = TypeVar("_T")
+
+
+def read_message(text: str | bytes) -> Message:
+    """A message from a tab.
+
+    Raises
+    ------
+    InputError
+        For a message that is too long, is no JSON, or holds an unknown key, a wrong type, or a
+        number that is not finite.
+    """
+    return _read(_MESSAGES, text)
+
+
+def read_state(text: str | bytes) -> State:
+    """A state alone, as in the address of a page; refused like a message."""
+    return _read(_STATE, text)
+
+
+def _read(kind: TypeAdapter[_T], text: str | bytes) -> _T:
+    if len(text) > LARGEST_MESSAGE:
+        raise InputError("message is too long", expected=f"at most {LARGEST_MESSAGE} bytes",
+                         got=f"{len(text)}")  # fmt: skip
+    try:
+        return kind.validate_json(text)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        place = ".".join(str(part) for part in first["loc"])
+        more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+        raise InputError(
+            one_line(f"message refused: {first['msg']}{more}"), where=one_line(place) or None
+        ) from None

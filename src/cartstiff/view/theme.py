@@ -1,0 +1,118 @@
+"""Colours and proportions of every picture, in one place.
+
+Hues are those of Okabe and Ito, which people with colour-blindness tell apart. Values between two
+ends run through a neutral middle (diverging) or from dark to light (sequential), so that lightness
+alone orders them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cartstiff.geometry.se3 import Array
+
+__all__ = ["DARK", "LIGHT", "THEMES", "Theme", "diverging", "hex_of", "sequential"]
+
+ORANGE, SKY, GREEN, YELLOW = 0xE69F00, 0x56B4E9, 0x009E73, 0xF0E442
+BLUE, VERMILION, PURPLE, BLACK = 0x0072B2, 0xD55E00, 0xCC79A7, 0x000000
+
+TRANSLATION, ROTATION = ORANGE, BLUE
+NEGATIVE = 0xC8102E
+DEFLECTION, GHOST = GREEN, SKY
+SCREW, WRENCH_AXIS, TWIST_AXIS = PURPLE, ORANGE, BLUE
+#: Centres by the names of `cartstiff.analysis.centres.Centres`.
+CENTRES = {
+    "stiffness": VERMILION,
+    "compliance": BLUE,
+    "elasticity": GREEN,
+    "least_coupling": PURPLE,
+}
+#: x, y, z of a frame. Red and green differ in lightness, for those who confuse the hues.
+AXES = (0xCC3311, 0x44AA66, 0x2255CC)
+SLACK, NO_VALUE = 0x9A9A9A, 0x8C8C8C
+
+#: Opacity of an ellipsoid, and of a ghost.
+ELLIPSOID_OPACITY, GHOST_OPACITY = 0.38, 0.22
+
+
+@dataclass(frozen=True)
+class Theme:
+    """What differs between a light and a dark picture.
+
+    Attributes
+    ----------
+    top, bottom : int
+        Background at the top and the bottom.
+    text, paper : int
+        Of labels: their letters, and what is behind these.
+    grid : int
+        Lines on the ground.
+    link, joint, plate : int
+        Stick figures and plates.
+    load : int
+        Arrows of wrenches.
+    """
+
+    top: int
+    bottom: int
+    text: int
+    paper: int
+    grid: int
+    link: int
+    joint: int
+    plate: int
+    load: int
+
+    def tinted(self, colour: int) -> int:
+        """A colour mixed with that of the text, to write in."""
+        mixed = 0.5 * (np.array(fractions(colour)) + np.array(fractions(self.text)))
+        return hex_of(255 * mixed)
+
+
+LIGHT = Theme(
+    top=0xFFFFFF, bottom=0xE8ECF0, text=0x1A1A1A, paper=0xFFFFFF, grid=0xB4BCC4, link=0x7B8794,
+    joint=0x3E4C59, plate=0x9AA5B1, load=0x2B2B2B,
+)  # fmt: skip
+DARK = Theme(
+    top=0x2B313A, bottom=0x14171C, text=0xF2F2F2, paper=0x14171C, grid=0x4A525C, link=0x9AA5B1,
+    joint=0xCBD2D9, plate=0x7B8794, load=0xF0F0F0,
+)  # fmt: skip
+THEMES = {"light": LIGHT, "dark": DARK}
+
+_DIVERGING = np.array([[0, 84, 147], [86, 160, 211], [214, 218, 220], [232, 140, 60], [190, 70, 0]])
+# Dark blue over green to yellow with evenly rising lightness.
+_SEQUENTIAL = np.array(
+    [[40, 26, 88], [53, 66, 124], [42, 107, 137], [38, 143, 136], [74, 179, 116],
+     [149, 207, 82], [246, 229, 64]]
+)  # fmt: skip
+
+
+def hex_of(colour: ArrayLike) -> int:
+    """0xRRGGBB of red, green, blue in [0, 255]."""
+    r, g, b = (round(float(c)) for c in np.asarray(colour)[:3])
+    return (r << 16) + (g << 8) + b
+
+
+def fractions(colour: int) -> list[float]:
+    """Red, green, blue in [0, 1] of 0xRRGGBB."""
+    return [(colour >> shift & 0xFF) / 255 for shift in (16, 8, 0)]
+
+
+def _between(table: Array, x: ArrayLike) -> NDArray[np.uint8]:
+    place = np.clip(np.asarray(x, float), 0.0, 1.0) * (len(table) - 1)
+    knots = np.arange(len(table))
+    mixed = np.stack([np.interp(place, knots, table[:, c]) for c in range(3)], axis=-1)
+    return np.round(mixed).astype(np.uint8)
+
+
+def diverging(x: ArrayLike) -> NDArray[np.uint8]:
+    """Colours (..., 3) for values in [-1, 1]: blue below zero, orange above, pale at zero."""
+    return _between(_DIVERGING, 0.5 + 0.5 * np.asarray(x, float))
+
+
+def sequential(x: ArrayLike) -> NDArray[np.uint8]:
+    """Colours (..., 3) for values in [0, 1]: dark to light."""
+    return _between(_SEQUENTIAL, x)

@@ -1,0 +1,161 @@
+"""A window that records: what a viewer must be told since the last time, or from the start.
+
+It takes the place of meshcat's own window (``meshcat.Visualizer(window=RecordingWindow())``), needs
+no second process, and keeps the latest object, transform and properties of every path.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from cartstiff.errors import InputError, MissingDependencyError
+
+__all__ = ["Command", "RecordingWindow"]
+
+#: What the viewer makes by itself: hidden or moved, but never deleted.
+_OWN_PARTS = {"Cameras", "Lights", "Background", "Grid", "Axes", "Animations"}
+_KINDS = ("set_object", "set_transform", "set_property", "set_animation", "delete")
+
+
+class Command(Protocol):
+    """Anything meshcat sends: lowered, a dict with "type" and "path"."""
+
+    def lower(self) -> dict[str, Any]:
+        """The command as plain values."""
+
+
+@dataclass
+class _Node:
+    """The latest state of one path."""
+
+    object: dict[str, Any] | None = None
+    transform: dict[str, Any] | None = None
+    properties: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+
+class RecordingWindow:
+    """Keeps commands for a viewer, packed when they are taken.
+
+    Between two calls of `take` a later transform (object, property) of a path replaces an earlier
+    one: a slow viewer gets the newest picture, not a queue.
+    """
+
+    def __init__(self) -> None:
+        self._pack = _packer()
+        self._nodes: dict[str, _Node] = {}
+        self._pending: dict[tuple[str, str, str], dict[str, Any]] = {}
+        self._animation: dict[str, Any] | None = None
+        self._heads: dict[str, bytes] = {}
+
+    def send(self, command: Command) -> None:
+        """Record a command.
+
+        Raises
+        ------
+        InputError
+            For a kind that is no part of a picture (a request for an image, say).
+        """
+        data = command.lower()
+        kind = data["type"]
+        if kind == "set_transform":  # nearly all of them
+            path = data["path"]
+            node = self._nodes.get(path)
+            if node is None:
+                node = self._nodes[path] = _Node()
+            node.transform = data
+            self._pending[kind, path, ""] = data
+        elif kind == "set_property":
+            node = self._nodes.setdefault(data["path"], _Node())
+            node.properties[data["property"]] = data
+            self._pending[kind, data["path"], data["property"]] = data
+        elif kind == "set_object":
+            # The viewer replaces the object, and with it what was set on the object alone.
+            if (own := data["path"] + "/<object>") in self._nodes:
+                self._forget(own, "set_property")
+            self._nodes.setdefault(data["path"], _Node()).object = data
+            self._pending[kind, data["path"], ""] = data
+        elif kind == "delete":
+            self._forget(data["path"])
+            self._pending.pop((kind, data["path"], ""), None)
+            self._pending[kind, data["path"], ""] = data
+        elif kind == "set_animation":
+            self._animation = data
+            self._pending[kind, "", ""] = data
+        else:
+            raise InputError("this window records a picture", expected=", ".join(_KINDS), got=kind)
+
+    def take(self) -> list[bytes]:
+        """Commands since the last call, packed; they are then forgotten."""
+        taken = [self._packed(data) for data in self._pending.values()]
+        self._pending.clear()
+        return taken
+
+    def take_by_path(self) -> dict[tuple[str, str, str], bytes]:
+        """As `take`, by (kind, path, property)."""
+        taken = {key: self._packed(data) for key, data in self._pending.items()}
+        self._pending.clear()
+        return taken
+
+    def by_path(self) -> dict[tuple[str, str, str], bytes]:
+        """The whole picture by (kind, path, property), without deletions."""
+        found: dict[tuple[str, str, str], bytes] = {}
+        for path, node in self._nodes.items():
+            for data in (node.object, node.transform):
+                if data is not None:
+                    found[data["type"], path, ""] = self._packed(data)
+            for name, data in node.properties.items():
+                found["set_property", path, name] = self._packed(data)
+        return found
+
+    def snapshot(self) -> list[bytes]:
+        """Commands that make the whole picture in a new viewer, or again in an old one."""
+        roots = {path.split("/")[1] for path, node in self._nodes.items() if node.object}
+        commands: list[dict[str, Any]] = [
+            {"type": "delete", "path": f"/{root}"} for root in sorted(roots - _OWN_PARTS)
+        ]
+        for node in self._nodes.values():
+            commands += [d for d in (node.object, node.transform) if d is not None]
+            commands += node.properties.values()
+        if self._animation is not None:
+            commands.append(self._animation)
+        return [self._packed(data) for data in commands]
+
+    def _forget(self, path: str, kind: str | None = None) -> None:
+        """Drop what is known of a path and everything below it."""
+        below = path + "/"
+        for known in [p for p in self._nodes if p == path or p.startswith(below)]:
+            del self._nodes[known]
+        for key in [k for k in self._pending if k[1] == path or k[1].startswith(below)]:
+            # An earlier delete still stands: the viewer may hold more than this window knows.
+            if key[0] != "delete" and kind in (None, key[0]):
+                del self._pending[key]
+
+    def _packed(self, data: dict[str, Any]) -> bytes:
+        if data["type"] != "set_transform":
+            packed: bytes = self._pack(data)
+            return packed
+        # umsgpack takes ten times as long over sixteen numbers; the bytes are the same.
+        path = data["path"]
+        head = self._heads.get(path)
+        if head is None:
+            marker = [0.0] * 16
+            whole = self._pack({"type": "set_transform", "path": path, "matrix": marker})
+            head = self._heads[path] = whole[: -_MATRIX.size]
+        numbers: list[float] = [_DOUBLE] * 32
+        numbers[1::2] = data["matrix"]
+        return head + _MATRIX.pack(*numbers)
+
+
+#: Sixteen doubles as MessagePack writes them: a marker before each.
+_DOUBLE = 0xCB
+_MATRIX = struct.Struct(">" + "Bd" * 16)
+
+
+def _packer() -> Any:
+    try:
+        import umsgpack
+    except ImportError:
+        raise MissingDependencyError("u-msgpack-python", "a picture in a page", "view") from None
+    return umsgpack.packb

@@ -1,0 +1,109 @@
+"""``cartstiff view`` and ``cartstiff export`` as processes and in this one."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+import cartstiff
+from cartstiff.cli.main import main
+
+SOURCE = str(Path(cartstiff.__file__).parents[1])
+
+
+def run(*arguments: str) -> int:
+    """Exit code of the command line in this process."""
+    with pytest.raises(SystemExit) as exit_:
+        main(list(arguments))
+    assert isinstance(exit_.value.code, int)
+    return exit_.value.code
+
+
+@pytest.fixture
+def refused(capfd, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def check(*arguments: str) -> str:
+        assert run(*arguments) == 2
+        out, line = capfd.readouterr()
+        assert out == ""
+        assert line.startswith("cartstiff: ")
+        assert line.count("\n") == 1
+        assert not list(tmp_path.glob("*.html"))
+        return line
+
+    return check
+
+
+@pytest.mark.parametrize("interrupt", [signal.SIGINT, signal.SIGTERM])
+def test_view_serves_until_it_is_told_to_end(interrupt):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "cartstiff", "view", "stewart-gough", "--no-open"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env={**os.environ, "PYTHONPATH": SOURCE, "PYTHONUNBUFFERED": "1"},
+    )  # fmt: skip
+    try:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        found = re.search(r"http://127\.0\.0\.1:\d+/", line)
+        assert found, line
+        opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+        with opener.open(found.group(), timeout=10) as answer:
+            assert b"cartstiff" in answer.read()
+        process.send_signal(interrupt)
+        out, errors = process.communicate(timeout=20)
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == 0
+    assert errors == ""
+    assert out == ""
+
+
+def test_a_port_in_use(refused):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        line = refused("view", "cubic", "--no-open", "--port", str(port))
+    assert f"127.0.0.1:{port}: cannot serve here: Address already in use" in line
+
+
+def test_export_writes_a_page(tmp_path, capfd):
+    path = tmp_path / "page.html"
+    assert run("export", "stewart-gough", "--frames", "2", "-o", str(path)) == 0
+    out, errors = capfd.readouterr()
+    assert "MB" in out
+    assert errors == ""
+    text = path.read_text(encoding="utf-8")
+    assert text.startswith("<!doctype html>")
+    assert "<title>stewart-gough · cartstiff</title>" in text
+
+
+def test_refusals_of_export(refused, tmp_path):
+    assert "unknown file ending; expected .html" in refused("export", "cubic", "-o", "page.pdf")
+    assert "no such folder" in refused("export", "cubic", "-o", "nowhere/page.html")
+    assert "Missing option '-o'" in refused("export", "cubic")
+    assert "not both" in refused(
+        "export", "cubic", "-o", "p.html", "--load", "0,0,0,0,0,1", "--rest", "1,1,1,1,1,1"
+    )
+    (tmp_path / "path.csv").write_text("1,2,3\n")
+    line = refused("export", "cubic", "-o", "p.html", "--trajectory", "path.csv")
+    assert "path.csv, line 1: wrong count" in line
+    assert "unknown mechanism" in refused("export", "ur6", "-o", "p.html")
+    assert "range 2<=x<=201" in refused("export", "cubic", "-o", "p.html", "--frames", "1")
+
+
+def test_refusals_of_view(refused):
+    assert "unknown mechanism" in refused("view", "ur6", "--no-open")
+    assert "range 0<=x<=65535" in refused("view", "cubic", "--port", "65536", "--no-open")
+    assert "cannot serve here" in refused("view", "cubic", "--host", "192.0.2.1", "--no-open")
+    assert "wrong count" in refused("view", "cubic", "--q", "1,2", "--no-open")

@@ -1,0 +1,155 @@
+"""The page's numbers are the library's."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import cartstiff
+from cartstiff.geometry import se3
+from cartstiff.view.payload import (
+    compliance_in_frame,
+    in_frame,
+    payload,
+    reference_frame,
+    series_row,
+)
+from cartstiff.view.state import State
+
+#: Two orders of operations on numbers of size one.
+ROUNDING = 1e-11
+LOAD = np.array([3.0, -2.0, 1.0, 30.0, -20.0, -100.0])
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return cartstiff.load("ur5")
+
+
+@pytest.fixture(scope="module")
+def loaded(arm):
+    return cartstiff.analyse(arm, wrench=LOAD)
+
+
+def test_the_payload_holds_the_object_of_analyse(loaded):
+    whole = loaded.as_dict()
+    assert payload(loaded, State(), whole=True)["result"] == whole
+    for quantity in ("stiffness", "compliance"):
+        numbers = payload(loaded, State(quantity=quantity))
+        again = json.loads(json.dumps(numbers, allow_nan=False))["result"]
+        assert again == {key: whole[key] for key in again}
+        assert quantity in again
+        assert len(again) == 6
+
+
+@pytest.mark.parametrize("name", ["A", "B", "K", "F", "+"])
+def test_principal_values_are_those_of_the_blocks(loaded, name):
+    numbers = payload(loaded, State(connection=name))
+    K = loaded.tensor(name).symmetric_part
+    for freedom, block in (("translation", K[3:, 3:]), ("rotation", K[:3, :3])):
+        found = numbers["principal"][freedom]
+        assert np.allclose(found["values"], np.linalg.eigvalsh(block), rtol=ROUNDING)
+        for value, axis in zip(found["values"], found["axes"], strict=True):
+            assert np.allclose(block @ axis, value * np.array(axis), atol=1e-9 * abs(K).max())
+
+
+def test_symmetric_is_said_of_the_right_ones(loaded):
+    found = payload(loaded, State())["symmetric"]
+    assert found["B"] == found["K"] == found["F"] == 0.0
+    # K^A - K^A^T is made of the load: its largest entry here is the force.
+    assert found["A"] == pytest.approx(100.0, rel=1e-9)
+    assert found["+"] == found["A"]
+
+
+def test_another_point_and_axes_are_another_frame_of_the_same_body(arm, loaded):
+    state = State(point=(0.05, -0.02, 0.1), axes="inertial")
+    T = reference_frame(loaded, state)
+    assert np.allclose((loaded.pose @ T)[:3, :3], np.eye(3), atol=1e-12)
+    stiffness = in_frame(loaded, T)
+    compliance = compliance_in_frame(loaded, T, stiffness)
+    shown = payload(loaded, state)
+    for name in ("A", "B", "K", "+"):
+        moved = loaded.tensor(name).to_frame(T)
+        assert np.allclose(stiffness[name], moved.matrix, rtol=1e-9, atol=1e-6), name
+        assert np.allclose(stiffness[name] @ compliance[name], np.eye(6), atol=1e-9), name
+        assert np.allclose(shown["wrench"], moved.wrench, atol=1e-9)
+    # The translational block of K^K does not depend on the point, only on the axes.
+    R = T[:3, :3]
+    assert np.allclose(stiffness["K"][3:, 3:], R.T @ loaded.matrices["K"][3:, 3:] @ R, atol=1e-6)
+    assert np.array_equal(shown["stiffness"]["K"], stiffness["K"])
+    assert payload(loaded, State())["stiffness"] is None
+
+
+def test_compliance_at_another_point_without_a_stiffness():
+    chain = cartstiff.analyse(cartstiff.load("five-bar"))
+    T = se3.pose(translation=(0.0, 0.0, 0.1))
+    stiffness = in_frame(chain, T)
+    compliance = compliance_in_frame(chain, T, stiffness)
+    assert stiffness["K"] is None
+    back = se3.adjoint(se3.inverse(T))
+    assert np.allclose(compliance["K"], back @ chain.compliances["K"] @ back.T, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("name", "q", "load", "level", "words"),
+    [
+        ("ur5", None, None, "good", "Positive definite"),
+        ("ur5", [0.0] * 6, None, "bad", "Singular posture"),
+        ("five-bar", None, None, "warning", "Fewer than six"),
+        ("stewart-gough", None, None, "bad", "Indefinite"),
+        ("grasp", None, None, "warning", "costs nothing"),
+        ("cubic", None, None, "good", "Positive definite"),
+    ],
+)
+def test_the_verdict(name, q, load, level, words):
+    result = cartstiff.analyse(cartstiff.load(name), q, wrench=load)
+    found = payload(result, State())["verdict"]
+    assert found["level"] == level
+    assert words in found["title"]
+
+
+def test_no_flat_matrix_of_a_redundant_arm():
+    result = cartstiff.analyse(cartstiff.load("panda"))
+    numbers = payload(result, State(connection="F"))
+    assert numbers["verdict"]["title"].startswith("No K^F")
+    assert numbers["verdict"]["code"] == "no-chart"
+    assert numbers["principal"] is None
+    assert numbers["indices"] is None
+
+
+def test_buckled_is_bad():
+    """Compression beyond the critical load of the paper's platform: not positive any more."""
+    elastic = cartstiff.load("cubic")
+    pushed = cartstiff.analyse(elastic, wrench=[0, 0, 0, 0, 0, -3e6])
+    assert payload(pushed, State())["verdict"]["level"] == "bad"
+
+
+def test_legs_of_a_platform():
+    elastic = cartstiff.load("hexapod")
+    legs = payload(cartstiff.analyse(elastic), State())["legs"]
+    lengths = elastic.mechanism.leg_lengths(elastic.q)
+    assert [leg["length"] for leg in legs] == lengths.tolist()
+    assert {leg["lower"] for leg in legs} == {0.5}
+    assert payload(cartstiff.analyse(cartstiff.load("ur5")), State())["legs"] is None
+
+
+def test_distance_to_singularity_vanishes_where_it_must():
+    arm = cartstiff.load("ur5")
+    (serial,) = payload(cartstiff.analyse(arm, [0.0] * 6), State())["singularity"]
+    assert serial["kind"] == "serial"
+    assert serial["ratio"] < 1e-10
+    (type_2,) = payload(cartstiff.analyse(cartstiff.load("cubic")), State())["singularity"]
+    assert type_2["kind"] == "type-2"
+    # Six orthogonal pairs of legs: far from any singularity.
+    assert type_2["ratio"] > 0.3
+
+
+def test_a_row_of_a_series(loaded):
+    row = series_row(loaded, State(quantity="compliance"))
+    block = loaded.compliances["K"][3:, 3:]
+    assert np.allclose(row["translation"], np.linalg.eigvalsh(block), rtol=1e-9)
+    singular = series_row(cartstiff.analyse(cartstiff.load("ur5"), [0.0] * 6), State())
+    assert singular["translation"] is None
+    assert singular["singularity"] < 1e-10

@@ -1,0 +1,354 @@
+"""Pieces for any meshcat scene, and what all pictures are made of: labels, scales, colours."""
+
+from __future__ import annotations
+
+import base64
+import io
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+from tests.support import random_pose
+from tests.view.viewer import Viewer, meshcat
+
+import cartstiff
+from cartstiff.analysis.screws import screw_of_twist
+from cartstiff.errors import InputError
+from cartstiff.view import (
+    Linear,
+    Logarithmic,
+    RecordingWindow,
+    add_ellipsoid,
+    add_path,
+    add_points,
+    add_screw,
+    add_wrench,
+    theme,
+)
+from cartstiff.view.labels import number, text_png
+from cartstiff.view.scales import Tension, round_number
+from cartstiff.view.shapes import rotation_to, segment
+from cartstiff.view.stage import scene_units
+
+ROUNDING = 1e-9
+
+
+@pytest.fixture
+def window() -> RecordingWindow:
+    return RecordingWindow()
+
+
+@pytest.fixture
+def vis(window: RecordingWindow) -> meshcat.Visualizer:
+    return meshcat.Visualizer(window=window)
+
+
+# -- in any meshcat scene -----------------------------------------------------------------------
+
+
+def test_an_ellipsoid_in_a_meshcat_scene(vis, window):
+    rng = np.random.default_rng(5)
+    A = rng.normal(size=(3, 3))
+    K, T = A @ A.T, random_pose(rng)
+    facts = add_ellipsoid(vis["tool"], K, T, size=0.2, unit="N/m")
+    viewer = Viewer(window.take())
+    L = viewer.world("/meshcat/tool/ellipsoid/body", root="/meshcat/tool")
+    scaled = T[:3, :3] @ K @ T[:3, :3].T / facts["scale"]["value_per_length"]
+    np.testing.assert_allclose(L[:3, :3] @ L[:3, :3].T, scaled @ scaled, atol=ROUNDING)
+    np.testing.assert_allclose(L[:3, 3], T[:3, 3], atol=ROUNDING)
+    assert 0.1 < max(facts["radii"]) < 0.4
+    material = viewer.places["/meshcat/tool/ellipsoid/body"].object["materials"][0]
+    assert material["transparent"]
+    assert not material["depthWrite"]  # what is inside stays visible
+
+
+def test_blocks_of_a_six_by_six_matrix(vis):
+    K = np.diag([1.0, 2, 3, 40, 50, 60])
+    assert add_ellipsoid(vis["a"], K)["eigenvalues"] == [40, 50, 60]
+    assert add_ellipsoid(vis["a"], K, freedom="rotation")["eigenvalues"] == [1, 2, 3]
+
+
+def test_a_second_call_replaces_the_first(vis, window):
+    vis["tool"].set_object(meshcat.geometry.Box([1.0, 1, 1]))
+    add_ellipsoid(vis["tool"], np.diag([1.0, -1, 2]))
+    add_ellipsoid(vis["tool"], np.eye(3), labels=False)
+    viewer = Viewer(window.take())
+    assert viewer.visible("/meshcat/tool")  # what was there stays
+    assert viewer.visible("/meshcat/tool/ellipsoid/body")
+    assert not [p for p in viewer.places if "value" in p]
+
+
+def test_a_common_scale_compares(vis):
+    for kind in (Linear, Logarithmic):
+        scale = kind.from_values([3.0, 4000.0], 0.2)
+        one = add_ellipsoid(vis["a"], np.diag([1.0, 2, 3]), scale=scale)
+        two = add_ellipsoid(vis["b"], np.diag([2.0, 4000, 3.5]), scale=scale)
+        assert one["scale"] == two["scale"]
+        if kind is Linear:
+            assert two["radii"][2] == pytest.approx(4000 / 3 * one["radii"][2])
+    log = add_ellipsoid(vis["c"], np.diag([1.0, 10, 100]), scale="log")
+    assert np.diff(log["radii"]) == pytest.approx([log["scale"]["length_per_decade"]] * 2)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"matrix": np.ones((2, 2))}, "wrong shape"),
+        ({"matrix": np.full((3, 3), np.nan)}, "finite"),
+        ({"matrix": np.eye(3), "T": np.eye(3)}, "T is not a pose"),
+        ({"matrix": np.eye(3), "size": 0.0}, "size cannot be used"),
+        ({"matrix": np.eye(3), "scale": "cubic"}, "unknown scale"),
+        ({"matrix": np.eye(6), "freedom": "both"}, "unknown freedom"),
+    ],
+)
+def test_what_is_no_ellipsoid(vis, arguments, words):
+    with pytest.raises(InputError, match=words):
+        add_ellipsoid(vis, **arguments)
+
+
+def test_nothing_to_draw_on():
+    with pytest.raises(InputError, match=r"expected a meshcat\.Visualizer"):
+        add_ellipsoid("vis", np.eye(3))
+
+
+def test_a_wrench_in_a_meshcat_scene(vis, window):
+    T = random_pose(np.random.default_rng(6))
+    W = np.array([0.0, 0, 2, 3, 0, -4])
+    facts = add_wrench(vis["tool"], W, T, size=0.3)
+    viewer = Viewer(window.take())
+    force = viewer.world("/meshcat/tool/wrench/force/arrow", root="/meshcat/tool")
+    per = facts["scale"]["force"]["value_per_length"]
+    np.testing.assert_allclose(force[:3, 0], T[:3, :3] @ W[3:] / per, atol=ROUNDING)
+    assert viewer.text("/meshcat/tool/wrench/force/label") == "5 N"
+    # The stiffness of springs leaves such moments beside a pure force.
+    facts = add_wrench(vis["tool"], np.array([1e-12, 0, 0, 0, 0, -100.0]), T)
+    assert (facts["moment"], facts["force"] > 0) == (0.0, True)
+    add_wrench(vis["tool"], np.zeros(6), T)
+    assert not Viewer(window.snapshot()).below("/meshcat/tool")
+
+
+def test_a_screw_in_a_meshcat_scene(vis, window):
+    point, direction = np.array([0.3, -0.2, 0.5]), np.array([0, 0.6, 0.8])
+    twist = np.concatenate([direction, np.cross(point, direction) + 0.07 * direction])
+    assert add_screw(vis["s"], screw_of_twist(twist), size=2.0)
+    viewer = Viewer(window.take())
+    M = viewer.world("/meshcat/s/screw/axis", root="/meshcat/s")
+    assert np.linalg.norm(M[:3, 0]) == pytest.approx(2.0)
+    for end in (M[:3, 3], M[:3, 3] + M[:3, 0]):
+        assert np.linalg.norm(np.cross(end - point, direction)) < ROUNDING
+    assert viewer.text("/meshcat/s/screw/label") == "h = 0.07 m"
+    assert not add_screw(vis["s"], screw_of_twist(np.array([0, 0, 0, 1.0, 0, 0])))
+    assert not Viewer(window.snapshot()).below("/meshcat/s")
+
+
+def _array(data):
+    kind = {"Float32Array": np.float32, "Uint8Array": np.uint8}[data["type"]]
+    return np.frombuffer(data["array"].data, kind).reshape(-1, data["itemSize"])
+
+
+def test_points_of_a_map(vis, window):
+    rng = np.random.default_rng(7)
+    p, v = rng.normal(size=(50, 3)), np.linspace(1.0, 2.0, 50)
+    v[3] = np.nan
+    facts = add_points(vis["map"], p, v, label="stiffness", unit="N/m")
+    data = Viewer(window.take()).places["/meshcat/map"].object["geometries"][0]["data"]
+    np.testing.assert_allclose(_array(data["attributes"]["position"]), p, atol=1e-6)
+    colours = _array(data["attributes"]["color"]).astype(int)
+    assert (facts["count"], facts["without_value"], facts["kind"]) == (50, 1, "sequential")
+    assert (facts["lower"], facts["upper"], facts["unit"]) == (1.0, 2.0, "N/m")
+    assert len(set(colours[3])) == 1  # grey
+    assert f"#{theme.hex_of(colours[0]):06x}" == facts["stops"][0]
+    assert f"#{theme.hex_of(colours[-1]):06x}" == facts["stops"][-1]
+
+
+def test_points_of_both_signs_and_of_many_decades(vis):
+    p = np.zeros((3, 3))
+    both = add_points(vis["m"], p, [-1.0, 0.5, 4.0])
+    assert (both["kind"], both["lower"], both["upper"]) == ("diverging", -4.0, 4.0)
+    wide = add_points(vis["m"], p, [1.0, 100.0, 1e4])
+    assert wide["log"]
+    assert not add_points(vis["m"], p, [1.0, 2.0, 3.0])["log"]
+    assert add_points(vis["m"], p, [np.nan] * 3)["kind"] == "none"
+    assert add_points(vis["m"], p, [2.0] * 3)["lower"] == 2.0
+    assert add_points(vis["m"], np.zeros((0, 3)), [])["count"] == 0
+
+
+@pytest.mark.parametrize(
+    ("positions", "values", "words"),
+    [
+        (np.zeros((2, 2)), [1.0, 2.0], "shape"),
+        (np.full((2, 3), np.inf), [1.0, 2.0], "finite"),
+        (np.zeros((2, 3)), [1.0], "differ in number"),
+    ],
+)
+def test_points_that_are_none(vis, positions, values, words):
+    with pytest.raises(InputError, match=words):
+        add_points(vis, positions, values)
+
+
+def test_a_path(vis, window):
+    p = np.cumsum(np.ones((5, 3)), axis=0)
+    assert add_path(vis["p"], p)["count"] == 5
+    assert add_path(vis["p"], p, np.arange(5.0), unit="N")["upper"] == 4.0
+    place = Viewer(window.take()).places["/meshcat/p"]
+    assert place.object["object"]["type"] == "Line"
+    with pytest.raises(InputError, match="at least two points"):
+        add_path(vis["p"], p[:1])
+
+
+# -- labels, scales, colours --------------------------------------------------------------------
+
+
+def test_a_label_is_a_readable_png(vis, window):
+    png, aspect = text_png("1.5e4 N/m", theme.LIGHT.text, theme.LIGHT.paper)
+    image = Image.open(io.BytesIO(png))
+    image.load()
+    assert image.width / image.height == pytest.approx(aspect)
+    grey = np.asarray(image.convert("RGBA").convert("L")).astype(int)
+    assert grey.max() == 255  # paper
+    assert grey.min() < 60  # ink
+    longer, _ = text_png("1.5e4 N/m and more", theme.LIGHT.text, theme.LIGHT.paper)
+    assert Image.open(io.BytesIO(longer)).width > image.width
+    dark = Image.open(io.BytesIO(text_png("x", theme.DARK.text, theme.DARK.paper)[0]))
+    assert np.asarray(dark.convert("RGBA").convert("L")).max() > 200
+    add_ellipsoid(vis["e"], np.diag([1.0, 2, 3]), unit="N/m")
+    url = Viewer(window.take()).places["/meshcat/e/ellipsoid/value 1"].object["images"][0]["url"]
+    head, data = url.split(",")
+    assert head == "data:image/png;base64"
+    Image.open(io.BytesIO(base64.b64decode(data))).verify()
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0, "0 N"), (6801.6, "6800 N"), (-511.36, "-511 N"), (12345.0, "1.23e4 N"),
+     (0.012345, "0.0123 N"), (1.5e-7, "1.50e-7 N"), (np.inf, "infinite N"), (9999.6, "1.00e4 N")],
+)  # fmt: skip
+def test_numbers(value, text):
+    if value == 9999.6:  # rounds up to the next form; either is right
+        assert number(value, "N") in ("1.00e4 N", "10000 N")
+    else:
+        assert number(value, "N") == text
+
+
+_sizes = st.floats(1e-12, 1e12)
+
+
+@given(_sizes)
+def test_round_numbers(x):
+    r = round_number(x)
+    assert r <= x * (1 + 1e-9)
+    assert x < 2.5 * r * (1 + 1e-9)
+    assert f"{r:.0e}"[0] in "125"
+    assert float(f"{r:.0e}") == r
+
+
+@given(st.lists(st.tuples(_sizes, st.floats(1e-8, 1), st.floats(1e-8, 1)), min_size=1, max_size=6))
+def test_whatever_comes_is_drawn_in_a_useful_size(series):
+    """Over any history the largest value keeps near the target, and order is kept."""
+    linear, log = Linear(0.2), Logarithmic(0.2)
+    for largest, a, b in series:
+        values = np.array([largest * a * b, largest * a, largest])
+        for scale, low in ((linear, 0.05), (log, 0.1)):
+            scale.fit(values)
+            lengths = scale.length(values)
+            assert low < lengths[2] < 0.4
+            assert np.all(np.diff(lengths) >= 0)
+        # A value that is no rounding has a length in the picture.
+        assert log.length(values)[0] > 0 or a * b < 1e-9
+
+
+def test_scales_of_nothing():
+    for scale in (Linear(1.0), Logarithmic(1.0)):
+        scale.fit(np.zeros(3))
+        assert scale.length(np.zeros(3)).tolist() == [0, 0, 0]
+        assert None in scale.legend().values()
+    tension = Tension()
+    tension.fit(np.zeros(3))
+    assert tension.share(np.zeros(3)).tolist() == [0, 0, 0]
+
+
+@given(st.lists(_sizes, min_size=1, max_size=5))
+def test_tension_limits_are_round_and_hold_everything(series):
+    tension = Tension()
+    for t in series:
+        tension.fit(np.array([-t, 0.3 * t]))
+        assert tension.limit >= t * (1 - 1e-12)
+        assert tension.limit < 8 * t
+        assert f"{tension.limit:.0e}"[0] in "1245"
+
+
+def _lightness(colours):
+    """Relative luminance, as the eye sees it."""
+    c = np.asarray(colours, float) / 255
+    linear = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
+    return linear @ [0.2126, 0.7152, 0.0722]
+
+
+def test_colours_are_ordered_by_lightness():
+    """For those who see no hue: sequential rises; diverging is lightest in the middle."""
+    assert np.all(np.diff(_lightness(theme.sequential(np.linspace(0, 1, 40)))) > 0)
+    both = _lightness(theme.diverging(np.linspace(-1, 1, 41)))
+    assert np.all(np.diff(both[:21]) > 0)
+    assert np.all(np.diff(both[20:]) < 0)
+
+
+@pytest.mark.parametrize("look", [theme.LIGHT, theme.DARK])
+def test_labels_can_be_read(look):
+    """Contrast of 4.5 between letters and paper, tinted ones too (WCAG 2.1, level AA)."""
+    paper = _lightness(255 * np.array(theme.fractions(look.paper)))
+    for colour in (None, theme.TRANSLATION, theme.ROTATION, theme.DEFLECTION, theme.SCREW):
+        letters = look.text if colour is None else look.tinted(colour)
+        ink = _lightness(255 * np.array(theme.fractions(letters)))
+        light, dark = max(ink, paper), min(ink, paper)
+        assert (light + 0.05) / (dark + 0.05) > 4.5
+
+
+def test_rotations_to_any_direction():
+    rng = np.random.default_rng(8)
+    for v in [*rng.normal(size=(200, 3)), *np.eye(3), *-np.eye(3)]:
+        R = rotation_to(v)
+        np.testing.assert_allclose(R.T @ R, np.eye(3), atol=ROUNDING)
+        assert np.linalg.det(R) > 0
+        np.testing.assert_allclose(R[:, 0] * np.linalg.norm(v), v, atol=ROUNDING)
+    assert np.all(np.isfinite(segment(np.ones(3), np.ones(3))))
+
+
+@pytest.mark.parametrize(
+    ("size", "unit", "scale"),
+    [(1.0, "m", 1.0), (23.0, "cm", 0.1), (120.0, "cm", 0.01), (40.0, "mm", 0.01), (30.0, "m", 0.1),
+     (0.5, "parsec", 1.0), (0.0, "m", 1.0)],
+)  # fmt: skip
+def test_scene_units(size, unit, scale):
+    assert scene_units(size, unit) == pytest.approx(scale)
+
+
+def test_drawing_loads_no_window_of_meshcat():
+    """The pieces speak meshcat's protocol; its servers are not started or even imported."""
+    code = (
+        "import sys; from cartstiff.view import RecordingWindow, Scene, add_ellipsoid; "
+        "from cartstiff.view.canvas import Node; w = RecordingWindow(); "
+        "add_ellipsoid(Node(w, '/a'), [[1,0,0],[0,2,0],[0,0,3]]); assert w.take(); "
+        "bad = [m for m in ('meshcat', 'zmq', 'tornado', 'trimesh', 'matplotlib') "
+        "if m in sys.modules]; sys.exit(str(bad) if bad else 0)"
+    )
+    source = str(Path(cartstiff.__file__).parents[1])
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False,
+        env={"PYTHONPATH": source},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+
+
+def test_names_of_the_package():
+    from cartstiff import view
+
+    for name in view.__all__:
+        assert getattr(view, name) is not None
+    assert set(view.__all__) <= set(dir(view))
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        _ = view.nonsense

@@ -1,0 +1,265 @@
+"""The server: who is let in, what is refused, and that it goes on serving."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import random
+import socket
+import urllib.error
+import urllib.request
+from urllib.parse import urlsplit
+
+import pytest
+from tests.view.conftest import NoPicture, Tab
+from tornado.httpclient import HTTPClientError
+from tornado.websocket import WebSocketClosedError
+
+import cartstiff
+from cartstiff.errors import InputError
+from cartstiff.view import server as serving
+from cartstiff.view.run import Background
+from cartstiff.view.source import Source
+
+
+def get(url: str, path: str = "", **headers: str) -> tuple[int, bytes, dict[str, str]]:
+    """Status, body and headers; never through a proxy."""
+    opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+    request = urllib.request.Request(url.rstrip("/") + "/" + path, headers=headers)
+    try:
+        with opener.open(request, timeout=10) as answer:
+            return answer.status, answer.read(), dict(answer.headers)
+    except urllib.error.HTTPError as error:
+        return error.code, error.read(), dict(error.headers)
+
+
+def raw(url: str, text: str) -> str:
+    """What the server says to bytes as they are."""
+    place = urlsplit(url)
+    with socket.create_connection((place.hostname, place.port), timeout=10) as connection:
+        connection.sendall(text.encode("latin-1"))
+        return connection.recv(65536).decode("latin-1")
+
+
+def test_the_page_and_its_files(page):
+    status, body, headers = get(page.url)
+    assert status == 200
+    assert b"<title>cartstiff</title>" in body
+    policy = headers["Content-Security-Policy"]
+    assert "default-src 'none'" in policy
+    assert "unsafe-eval" not in policy
+    assert headers["X-Content-Type-Options"] == "nosniff"
+    assert "Server" not in headers
+    for path in ("page/main.js", "page/style.css", "viewer.js"):
+        assert get(page.url, path)[0] == 200
+    assert page.url.startswith("http://127.0.0.1:")
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.com", "evil.com:80", "localhost.evil.com", "", "127.0.0.1.x"]
+)
+def test_other_names_of_this_machine_are_refused(page, host):
+    """Against DNS rebinding: a name somewhere that points here."""
+    assert get(page.url, Host=host)[0] in (400, 403)
+    with pytest.raises(HTTPClientError, match=r"403|400"):
+        Tab(page.url, host=host or "x")
+
+
+@pytest.mark.parametrize("host", ["localhost", "localhost:9999", "127.0.0.1:1", "[::1]:80"])
+def test_addresses_are_names_of_this_machine(page, host):
+    assert get(page.url, Host=host)[0] == 200
+
+
+@pytest.mark.parametrize("origin", ["http://evil.com", "null", "https://127.0.0.1:1", "file://"])
+def test_sockets_from_other_pages_are_refused(page, origin):
+    with pytest.raises(HTTPClientError, match="403"):
+        Tab(page.url, origin=origin)
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["../../../etc/passwd", "page/../server.py", "page/%2e%2e/server.py", "page/..%2fserver.py",
+     "..%5c..%5cwindows", "page/", "page", "%00", "page/main.js/x", "//etc/passwd"],
+)  # fmt: skip
+def test_no_path_is_a_file(page, path):
+    answer = raw(page.url, f"GET /{path} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n")
+    assert answer.split(" ")[1] in ("400", "404")
+    assert "root:" not in answer
+    assert "import" not in answer
+
+
+def test_other_methods_are_refused(page):
+    for method in ("POST", "PUT", "DELETE", "TRACE"):
+        line = f"{method} / HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 0\r\n\r\n"
+        assert raw(page.url, line).split(" ")[1] == "405"
+
+
+def test_the_next_answer_is_of_the_newest_state(tab):
+    """Whatever is sent meanwhile, the last wish is answered, and no more often than asked."""
+    one = tab()
+    for number in range(1, 201):
+        one.send({"id": number, "do": "draw", "state": {"q": [0, 0, number / 100, 0, 0, 0]}})
+    seen = []
+    while not seen or seen[-1] != 200:
+        answer = one.read()
+        assert "error" not in answer, answer
+        seen.append(answer["id"])
+        assert answer["numbers"]["result"]["q"][2] == answer["id"] / 100
+    assert seen == sorted(seen)
+
+
+def test_two_tabs_do_not_share_a_posture(tab):
+    one, two = tab(), tab()
+    first = one.ask({"id": 1, "do": "draw", "state": {"q": [1, 0, 0, 0, 0, 0]}})
+    second = two.ask({"id": 1, "do": "draw", "state": {"stiffness": [5] * 6}})
+    assert first["numbers"]["result"]["q"][0] == 1
+    assert second["numbers"]["result"]["q"][0] == 0
+    again = one.ask({"id": 2, "do": "draw", "state": {"q": [1, 0, 0, 0, 0, 0]}})
+    assert again["numbers"] == first["numbers"]
+
+
+def test_long_questions_do_not_hold_up_short_ones(tab):
+    one = tab()
+    one.send({"id": 1, "do": "sweep", "coordinate": 0, "steps": 201})
+    one.send({"id": 2, "do": "draw"})
+    order = [one.read()["id"], one.read()["id"]]
+    assert order == [2, 1]
+
+
+def test_refused_messages_leave_the_tab_open(tab):
+    one = tab()
+    for bad in (
+        "{", "[]", "\0", b"\xff\x00", "x" * 70_000,
+        '{"id": 1, "do": "draw", "state": {"q": [NaN]}}',
+        json.dumps({"id": 1, "do": "draw", "state": {"frame": "x"}}),
+    ):  # fmt: skip
+        answer = one.ask(bad)
+        assert "refused" in answer["error"] or "too long" in answer["error"]
+    assert one.ask({"id": 5, "do": "draw", "state": {"q": [0]}})["error"]
+    assert one.ask({"id": 6, "do": "draw"})["numbers"]
+
+
+def test_too_many_messages_are_dropped_and_said(tab, monkeypatch):
+    monkeypatch.setattr(serving, "MOST_MESSAGES", 20)
+    one = tab()
+    for number in range(1, 400):
+        one.send({"id": number, "do": "camera", "preset": "top"})
+    errors, answers = 0, 0
+    while not errors:
+        answer = one.read()
+        errors += "too many messages" in answer.get("error", "")
+        answers += 1
+    assert answers < 60
+
+
+def test_a_fault_inside_is_said_and_survived(platform, monkeypatch):
+    class Faulty(NoPicture):
+        def draw(self, result, state):
+            if state.theme == "dark":
+                raise ZeroDivisionError("a bug\nin two lines")
+            return super().draw(result, state)
+
+    server = Background(Source(platform), picture=Faulty)
+    one = Tab(server.url)
+    one.read()
+    answer = one.ask({"id": 1, "do": "draw", "state": {"theme": "dark"}})
+    assert answer["error"] == "internal error: ZeroDivisionError: a bug in two lines"
+    assert one.ask({"id": 2, "do": "draw"})["numbers"]
+    one.close()
+    server.close()
+
+
+def test_tabs_are_counted(page, monkeypatch):
+    monkeypatch.setattr(serving, "MOST_TABS", 3)
+    tabs = [Tab(page.url) for _ in range(3)]
+    with pytest.raises(HTTPClientError, match="503"):
+        Tab(page.url)
+    tabs.pop().close()
+    for _ in range(50):
+        try:
+            tabs.append(Tab(page.url))
+            break
+        except HTTPClientError:
+            continue
+    assert len(tabs) == 3
+    for one in tabs:
+        one.close()
+
+
+def test_connections_are_counted(page, monkeypatch):
+    monkeypatch.setattr(serving, "MOST_CONNECTIONS", 8)
+    place = urlsplit(page.url)
+    held = [socket.create_connection((place.hostname, place.port), timeout=10) for _ in range(40)]
+    held[-1].settimeout(10)
+    assert held[-1].recv(10) == b""  # turned away at once
+    for connection in held:
+        connection.close()
+    for _ in range(100):
+        try:
+            if get(page.url)[0] == 200:
+                return
+        except (urllib.error.URLError, OSError):
+            continue
+    pytest.fail("no answer after the others have gone")
+
+
+def test_fuzzed_messages_leave_the_server_serving(tab, page):
+    """Broken JSON, wrong types, huge and odd numbers: an answer or a refusal, never a loss."""
+    random_ = random.Random(7)
+    good = {"id": 1, "do": "draw", "state": {"q": [0.0] * 6, "connection": "K", "load": [0] * 6}}
+    odd = [None, True, -1, 1e308, 5e-324, 10**30, "x", "\ud800", [], {}, [[]], [1e9] * 6, "K", -0.0]
+    one = tab()
+    for number in range(150):
+        message = json.loads(json.dumps(good))
+        for _ in range(random_.randint(1, 3)):
+            place = random_.choice([message, message["state"]]) if isinstance(
+                message.get("state"), dict) else message  # fmt: skip
+            place[random_.choice([*place, "extra", "ghost", "point", "stiffness"])] = (
+                random_.choice(odd)
+            )
+        text = json.dumps(message)
+        if random_.random() < 0.3:
+            at = random_.randrange(len(text))
+            text = text[:at] + random_.choice(["", "}", '"', "\\", "9", "\x00"]) + text[at + 1 :]
+        one.send(text)
+        answer = one.read()
+        assert answer is not None, text
+        assert "internal error" not in answer.get("error", ""), (text, answer)
+        assert number >= 0
+    assert one.ask({"id": 9, "do": "draw"})["numbers"]
+    assert get(page.url)[0] == 200
+
+
+def test_a_frame_beyond_all_bounds_closes_that_socket_alone(tab, page):
+    one, two = tab(), tab()
+    with contextlib.suppress(WebSocketClosedError):
+        one.send("x" * (2 * 1024 * 1024))
+    assert one.read() is None
+    assert two.ask({"id": 1, "do": "draw"})["numbers"]
+
+
+def test_a_port_in_use_is_one_clear_line(page, platform):
+    port = urlsplit(page.url).port
+    with pytest.raises(InputError, match=f"127.0.0.1:{port}: cannot serve here: Address already"):
+        Background(Source(platform), port=port, picture=NoPicture)
+
+
+def test_an_export_from_a_tab(tab):
+    from cartstiff.view import export
+
+    assert export  # the stand-in has no commands by path: the refusal must be an answer too
+    answer = tab().ask({"id": 4, "do": "export", "frames": 2})
+    assert answer["do"] == "export"
+    assert "error" in answer
+
+
+def test_a_mechanism_without_a_picture_is_said(platform):
+    class Broken(NoPicture):
+        def __init__(self, elastic):
+            raise cartstiff.errors.MissingDependencyError("meshcat", "a picture in a page", "view")
+
+    server = Background(Source(platform), picture=Broken)
+    one = Tab(server.url)
+    assert "meshcat" in one.read()["error"]
+    one.close()
+    server.close()

@@ -1,0 +1,263 @@
+"""A tab without a socket: questions and their answers."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cartstiff
+from cartstiff.errors import CartstiffError, InputError, UnknownNameError
+from cartstiff.view.description import describe_mechanism, slider_coordinates, slider_ranges
+from cartstiff.view.session import Session
+from cartstiff.view.source import Cloud, Source, Trajectory
+from cartstiff.view.state import read_message
+
+
+@pytest.fixture
+def session(no_picture):
+    def make(name: str, **options: Any) -> Session:
+        return Session(Source(cartstiff.load(name), **options), no_picture)
+
+    return make
+
+
+def asked(session: Session, **message: Any) -> dict[str, Any]:
+    """The answer's object, which must be JSON."""
+    answer = session.answer(read_message(json.dumps({"id": 1, **message})))
+    return json.loads(json.dumps(answer.data, allow_nan=False))
+
+
+def worked(session: Session, **message: Any) -> dict[str, Any]:
+    """The answer to a question that takes many postures."""
+    steps = session.work(read_message(json.dumps({"id": 1, **message})))  # type: ignore[arg-type]
+    pauses = 0
+    while True:
+        try:
+            next(steps)
+            pauses += 1
+        except StopIteration as done:
+            assert pauses > 1, "others must be let in between postures"
+            return json.loads(json.dumps(done.value.data, allow_nan=False))
+
+
+def test_hello_says_what_there_is(session):
+    answer = session("panda").hello()
+    data = answer.data
+    assert answer.commands == [b"everything"]
+    assert data["mechanism"]["frame"] == "panda_hand"
+    assert [c["name"] for c in data["mechanism"]["coordinates"]] == list(
+        cartstiff.load("panda").names
+    )
+    assert data["mechanism"]["coordinates"][3]["upper"] == pytest.approx(-0.0698)
+    assert data["state"]["quantity"] == "stiffness"
+    assert data["trajectory"] is None
+    json.dumps(data, allow_nan=False)
+
+
+def test_a_drawn_posture_is_the_api_s(session):
+    q = [0.1, -1.0, 1.2, -0.5, 0.8, 0.3]
+    load = [1, 2, 3, 4, 5, -60]
+    state = {"q": q, "load": load}
+    expected = cartstiff.analyse(cartstiff.load("ur5"), q, wrench=load).as_dict()
+    assert asked(session("ur5"), do="result", state=state)["result"] == expected
+    found = asked(session("ur5"), do="draw", state=state)["numbers"]["result"]
+    assert found == {key: expected[key] for key in found}
+
+
+def test_the_load_may_be_given_along_the_axes_of_the_room(session):
+    arm = cartstiff.load("ur5")
+    found = asked(session("ur5"), do="draw",
+                  state={"load": [0, 0, 0, 0, 0, -100], "load_axes": "inertial"})  # fmt: skip
+    R = cartstiff.analyse(arm).pose[:3, :3]
+    wrench = np.array(found["numbers"]["result"]["wrench"])
+    assert np.allclose(R @ wrench[3:], [0, 0, -100], atol=1e-9)
+    assert np.allclose(wrench[:3], 0, atol=1e-9)
+
+
+def test_joint_stiffness_of_a_tab(session):
+    one = session("ur5")
+    found = asked(one, do="draw", state={"stiffness": [1e4] * 6})["numbers"]["result"]
+    expected = cartstiff.analyse(cartstiff.load("ur5").with_springs(1e4))
+    assert np.array_equal(found["stiffness"]["B"], expected.matrices["B"])
+    # and the mechanism's own again
+    again = asked(one, do="draw", state={})["numbers"]["result"]
+    assert np.array_equal(
+        again["stiffness"]["B"], cartstiff.analyse(cartstiff.load("ur5")).matrices["B"]
+    )
+
+
+def test_the_compliance_is_shown_first_where_there_is_no_stiffness(session):
+    assert session("five-bar").start.quantity == "compliance"
+    assert session("ur5").start.quantity == "stiffness"
+
+
+@pytest.mark.parametrize(
+    ("state", "words"),
+    [
+        ({"q": [0.0]}, "wrong count"),
+        ({"q": [0.0] * 6, "moved": 6}, "no such coordinate"),
+        ({"stiffness": [1.0, 2.0]}, "stiffness"),
+        ({"quantity_of_map": "x", "q": None}, None),
+    ],
+)
+def test_refused_states(session, state, words):
+    one = session("ur5")
+    if words is None:  # no map: the wish has nothing to act on
+        assert asked(one, do="draw", state=state)["numbers"]
+        return
+    with pytest.raises(InputError, match=words):
+        asked(one, do="draw", state=state)
+    assert asked(one, do="draw", state={})["numbers"], "the tab goes on"
+
+
+def test_a_sweep_runs_through_the_limits(session):
+    found = worked(session("panda"), do="sweep", coordinate=3, steps=9)
+    assert found["at"][0] == pytest.approx(-3.0718)
+    assert found["at"][-1] == pytest.approx(-0.0698)
+    arm = cartstiff.load("panda")
+    for x, row in zip(found["at"], found["rows"], strict=True):
+        q = arm.q.copy()
+        q[3] = x
+        assert row["q"] == pytest.approx(q)
+        result = cartstiff.analyse(arm, q)
+        if result.matrices["K"] is not None:
+            values = np.linalg.eigvalsh(result.matrices["K"][3:, 3:])
+            assert np.allclose(row["translation"], values, rtol=1e-9)
+    assert found["seconds"] > 0
+
+
+def test_a_sweep_of_a_closed_chain_stays_assembled(session):
+    one = session("five-bar")
+    found = worked(one, do="sweep", coordinate=0, steps=21, state={"quantity": "compliance"})
+    mechanism = cartstiff.load("five-bar").mechanism
+    reached = [row for row in found["rows"] if row is not None]
+    assert len(reached) > 5
+    for x, row in zip(found["at"], found["rows"], strict=True):
+        if row is not None:
+            residual = mechanism.at(row["q"]).residual
+            assert np.abs(residual).max() < 1e-11
+            assert np.isfinite(x)
+
+
+def test_the_motor_moves_and_the_closures_follow(session):
+    one = session("five-bar")
+    q = one.start.q
+    q[0] += 0.1
+    found = asked(one, do="draw", state={"q": q, "moved": 0})["numbers"]["result"]["q"]
+    assert found[0] == pytest.approx(q[0], abs=1e-14)
+    assert found[2] == pytest.approx(q[2], abs=1e-14), "the other motor stands still"
+    assert found[1] != q[1]
+    assert np.abs(cartstiff.load("five-bar").mechanism.at(found).residual).max() < 1e-11
+
+
+def test_a_moved_joint_of_a_grasp_stays_where_it_was_put(session):
+    """No motors are named: the coordinate just moved is held, the others close the chain."""
+    one = session("grasp")
+    q = one.start.q
+    q[1] += 0.05
+    found = asked(one, do="draw", state={"q": q, "moved": 1})["numbers"]["result"]["q"]
+    assert found[1] == pytest.approx(q[1], abs=1e-14)
+
+
+def test_a_trajectory(session):
+    arm = cartstiff.load("ur5")
+    postures = np.array([arm.q, arm.q + 0.1, arm.q + 0.2])
+    one = session("ur5", trajectory=Trajectory(postures, np.array([0.0, 0.5, 2.0]), True))
+    assert one.hello().data["trajectory"] == {"time": [0.0, 0.5, 2.0], "timed": True}
+    found = worked(one, do="series")
+    assert found["at"] == [0.0, 0.5, 2.0]
+    assert [row["q"] for row in found["rows"]] == postures.tolist()
+    with pytest.raises(InputError, match="without a trajectory"):
+        worked(session("ur5"), do="series")
+
+
+def test_a_map(session):
+    cloud = Cloud(np.zeros((4, 3)), {"softest": np.arange(4.0)}, {"softest": "N/m"})
+    one = session("ur5", cloud=cloud)
+    assert one.start.quantity_of_map == "softest"
+    found = asked(one, do="draw", state={"quantity_of_map": "softest"})
+    assert found["numbers"]
+    with pytest.raises(UnknownNameError, match="quantity"):
+        asked(one, do="draw", state={"quantity_of_map": "hardest"})
+
+
+def test_another_frame_of_interest(session):
+    one = session("ur5", reload=lambda name: cartstiff.load("ur5", frame=name))
+    names = one.hello().data["mechanism"]["frames"]
+    assert "wrist_3_link" in names
+    found = asked(one, do="frame", name="wrist_3_link")
+    assert found["do"] == "hello"
+    assert found["mechanism"]["frame"] == "wrist_3_link"
+    numbers = asked(one, do="draw", state={})["numbers"]["result"]
+    expected = cartstiff.analyse(cartstiff.load("ur5", frame="wrist_3_link"))
+    assert np.array_equal(numbers["stiffness"]["K"], expected.matrices["K"])
+    for name in ("/etc/passwd", "nonsense"):
+        with pytest.raises(UnknownNameError):
+            asked(one, do="frame", name=name)
+    with pytest.raises(UnknownNameError):
+        asked(session("ur5"), do="frame", name="wrist_3_link")  # nothing to load it from
+
+
+def test_the_analysis_as_text(session):
+    text = asked(session("ur5"), do="analysis", state={"connection": "B"})["text"]
+    assert "Principal stiffness" in text
+    assert "eigenscrew" in text.lower()
+
+
+def test_numbers_without_a_picture(session):
+    one = session("ur5")
+    before = len(one.picture.drawn)
+    numbers = asked(one, do="numbers", state={"connection": "A"})["numbers"]
+    assert len(one.picture.drawn) == before
+    assert numbers == asked(one, do="draw", state={"connection": "A"})["numbers"]
+
+
+def test_a_singular_posture_is_answered(session):
+    found = asked(session("ur5"), do="draw", state={"q": [0.0] * 6})["numbers"]
+    assert found["result"]["stiffness"]["K"] is None
+    assert found["verdict"]["level"] == "bad"
+    assert found["has_compliance"]
+    state = {"q": [0.0] * 6, "quantity": "compliance"}
+    found = asked(session("ur5"), do="draw", state=state)["numbers"]
+    assert found["result"]["compliance"]["K"] is not None
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("ur5", list(range(6))),
+        ("stewart-gough", list(range(6))),
+        ("five-bar", [0, 2]),
+        ("6-ups", [2, 8, 11, 14, 17, 20]),
+        ("delta", None),
+        ("grasp", None),
+    ],
+)
+def test_sliders_are_what_a_user_moves(name, expected):
+    elastic = cartstiff.load(name)
+    found = slider_coordinates(elastic)
+    if expected is None:
+        names = [elastic.names[i] for i in found]
+        wanted = ("motor",) if name == "delta" else ("spread", "proximal", "distal")
+        assert all(n.split("/")[1] in wanted for n in names)
+        assert len(found) == (3 if name == "delta" else 6)
+    else:
+        assert found == expected
+    for (low, high), x in zip(slider_ranges(elastic, elastic.q), elastic.q, strict=True):
+        assert low <= x <= high
+        assert high > low
+    json.dumps(describe_mechanism(elastic, elastic.q), allow_nan=False)
+
+
+def test_an_impossible_assembly_is_refused_not_raised_through(session):
+    one = session("five-bar")
+    q = list(one.start.q)
+    q[0] += 3.0
+    try:
+        asked(one, do="draw", state={"q": q, "moved": 0})
+    except CartstiffError as error:
+        assert "assembled" in str(error)  # noqa: PT017
+    assert asked(one, do="draw", state={})["numbers"]

@@ -1,0 +1,119 @@
+"""Trajectory and map files."""
+
+from __future__ import annotations
+
+import sys
+import types
+
+import numpy as np
+import pytest
+
+from cartstiff.errors import InputError
+from cartstiff.view import source
+from cartstiff.view.source import read_cloud, read_trajectory
+
+NAMES = ("a", "b")
+
+
+@pytest.fixture
+def csv(tmp_path):
+    def write(text: str):
+        path = tmp_path / "path.csv"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("text", "q", "time", "timed"),
+    [
+        ("1,2\n3,4\n", [[1, 2], [3, 4]], [0, 1], False),
+        ("# a comment\n\n 1 , 2 \n", [[1, 2]], [0], False),
+        ("b,a\n1,2\n", [[2, 1]], [0], False),
+        ("time,a,b\n0,1,2\n0.5,3,4\n", [[1, 2], [3, 4]], [0, 0.5], True),
+        ("T,b,a\n0,1,2\n", [[2, 1]], [0], True),
+        ("0,1,2\n2,3,4\n", [[1, 2], [3, 4]], [0, 2], True),
+    ],
+)
+def test_trajectories(csv, text, q, time, timed):
+    found = read_trajectory(csv(text), NAMES)
+    assert found.q.tolist() == q
+    assert found.time.tolist() == time
+    assert found.timed is timed
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "file is empty"),
+        ("# nothing\n", "no postures"),
+        ("a,c\n1,2\n", "line 1: columns do not fit; expected a, b"),
+        ("a,a\n1,2\n", "columns do not fit"),
+        ("1,2\n3\n", "line 2: wrong count; expected 2"),
+        ("1\n", "wrong count; expected 2 numbers \\(or these and a time\\)"),
+        ("1,2\n3,x\n", "line 2: not a number"),
+        ("1,nan\n", "finite"),
+        ("1,2\n3,1e31\n", "finite"),
+        ("1,0,0\n0,0,0\n", "times must not decrease"),
+    ],
+)
+def test_refused_trajectories(csv, text, words):
+    with pytest.raises(InputError, match=words):
+        read_trajectory(csv(text), NAMES)
+
+
+def test_missing_and_long_files(csv, tmp_path, monkeypatch):
+    with pytest.raises(InputError, match=r"nothing\.csv"):
+        read_trajectory(tmp_path / "nothing.csv", NAMES)
+    monkeypatch.setattr(source, "_MOST_POSTURES", 2)
+    with pytest.raises(InputError, match="too many postures; expected at most 2, got 3"):
+        read_trajectory(csv("1,2\n" * 3), NAMES)
+
+
+class _Variable:
+    def __init__(self, values, units=None):
+        self.values = np.asarray(values)
+        self.shape, self.dtype = self.values.shape, self.values.dtype
+        self.attrs = {} if units is None else {"units": units}
+
+
+class _Data(dict):
+    @property
+    def data_vars(self):
+        return self
+
+
+@pytest.fixture
+def opened(monkeypatch):
+    """A map file without one: what its reader returns."""
+    data = _Data()
+    store = types.ModuleType("cartstiff.batch.store")
+    store.open_map = lambda path: data  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "cartstiff.batch.store", store)
+    return data
+
+
+def test_a_map(opened, tmp_path, monkeypatch):
+    opened["position"] = _Variable(np.arange(24.0).reshape(2, 4, 3), "m")
+    opened["softest"] = _Variable(np.arange(8.0).reshape(2, 4), "N/m")
+    opened["reachable"] = _Variable(np.ones((2, 4), bool))
+    opened["matrix"] = _Variable(np.zeros((2, 4, 6, 6)))
+    found = read_cloud(tmp_path / "map")
+    assert found.positions.shape == (8, 3)
+    assert list(found.values) == ["softest", "reachable"]
+    assert found.units == {"softest": "N/m", "reachable": ""}
+    assert found.thinned == 1
+    monkeypatch.setattr(source, "_MOST_POINTS", 3)
+    thin = read_cloud(tmp_path / "map")
+    assert thin.thinned == 3
+    assert thin.positions.tolist() == found.positions[::3].tolist()
+    assert thin.values["softest"].tolist() == [0, 3, 6]
+
+
+def test_a_map_without_positions_is_refused(opened, tmp_path):
+    with pytest.raises(InputError, match="holds no positions"):
+        read_cloud(tmp_path / "map")
+    opened["position"] = _Variable(np.zeros((4, 3)))
+    with pytest.raises(InputError, match="map cannot be shown"):
+        read_cloud(tmp_path / "map")
