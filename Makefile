@@ -1,6 +1,6 @@
 # make demo    environment, install, a UR5 under load and the paper's platform into report/
 # make test    environment with all tools, then every check there is
-# The other targets: lint, docs, benchmark, lock, clean. Needs Python 3.11 or newer, and make.
+# The other targets: lint, docs, benchmark, release-check, lock, clean. Needs Python 3.11 or newer, and make.
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -23,7 +23,7 @@ $(shell [ -x $(PY) ] || rm -f $(RUNTIME) $(DEV))
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint format-check types docs pytest benchmark lock clean
+.PHONY: help demo test lint format-check types docs pytest benchmark release-check lock clean
 
 help:
 	@sed -n '1,3s/^# //p' Makefile
@@ -87,8 +87,16 @@ pytest: $(DEV)
 	@echo "== pytest"
 	@$(PY) -m pytest $(PYTEST_ARGS)
 
-benchmark: $(RUNTIME)
+# A few minutes, on a machine with nothing else to do.
+benchmark: $(DEV)
+	@$(PIP) -r benchmarks/requirements.txt
 	@$(PY) benchmarks/posture.py
+	@$(PY) benchmarks/many_postures.py
+	@$(PY) benchmarks/page.py
+
+# Wheel and sdist, installed into empty environments and used there.
+release-check: $(DEV)
+	@$(PY) tools/check_release.py -o dist
 
 # Re-resolve after a change of pyproject.toml; LOCK_ARGS=--upgrade takes newer releases.
 lock:

@@ -20,6 +20,7 @@ extensions = [
     "mathml",
     "docstrings",
     "generated",
+    "notebooks",
 ]
 root_doc = "index"
 exclude_patterns = ["_build"]

@@ -17,7 +17,8 @@ ROWS = [
     ["potentials"],
     ["mechanisms"],
     ["stiffness"],
-    ["analysis", "statics", "batch"],
+    ["analysis", "statics"],
+    ["batch"],
     ["view"],
     ["cli"],
 ]
@@ -136,7 +137,7 @@ def _arrow(start: tuple[float, float], end: tuple[float, float], passing: int) -
         ends = x1 + WIDTH / 2, y1 + HEIGHT, x2 + WIDTH / 2, y2
         path = "M{:.0f} {:.0f}L{:.0f} {:.0f}".format(*ends)
     else:  # around the rows in between
-        out = x1 + WIDTH + 40 + 30 * ((passing - 1) % 3)
+        out = max(x1, x2) + WIDTH + 40 + 30 * ((passing - 1) % 3)
         path = (
             f"M{x1 + WIDTH:.0f} {y1 + HEIGHT / 2:.0f}C{out:.0f} {y1 + HEIGHT / 2:.0f} "
             f"{out:.0f} {y2 + HEIGHT / 2:.0f} {x2 + WIDTH:.0f} {y2 + HEIGHT / 2:.0f}"

@@ -1,15 +1,39 @@
-"""Run every example and write its picture to docs/images, or to another folder.
+"""Run every example and notebook and write its picture to docs/images, or to another folder.
 
 Usage: ``python examples/make_gallery.py [FOLDER] [NAME ...]``
 """
 
+import contextlib
+import io
+import json
 import runpy
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 HERE = Path(__file__).resolve().parent
-NAMES = sorted(path.stem for path in HERE.glob("*.py") if path.stem != "make_gallery")
+SCRIPTS = {path.stem: path for path in HERE.glob("*.py") if path.stem != "make_gallery"}
+NOTEBOOKS = {path.stem: path for path in (HERE / "notebooks").glob("*.ipynb")}
+NAMES = sorted(SCRIPTS | NOTEBOOKS)
+
+
+def run_notebook(path: Path) -> dict[str, Any]:
+    """Names that the code cells of a notebook define, run as one program and in silence."""
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    names: dict[str, Any] = {"__name__": path.stem}
+    with contextlib.redirect_stdout(io.StringIO()):
+        for cell in cells:
+            if cell["cell_type"] == "code":
+                exec(compile("".join(cell["source"]), str(path), "exec"), names)
+    return names
+
+
+def load(name: str) -> dict[str, Any]:
+    """Names that an example defines; its ``main`` among them."""
+    if name in NOTEBOOKS:
+        return run_notebook(NOTEBOOKS[name])
+    return runpy.run_path(str(SCRIPTS[name]))
 
 
 def main(folder: Path, names: list[str]) -> dict[str, Path]:
@@ -19,7 +43,7 @@ def main(folder: Path, names: list[str]) -> dict[str, Path]:
     for name in names:
         start = time.perf_counter()
         pictures[name] = folder / f"{name}.png"
-        runpy.run_path(str(HERE / f"{name}.py"))["main"](pictures[name])
+        load(name)["main"](pictures[name])
         size = pictures[name].stat().st_size
         print(f"{name:<26} {size:>8} bytes {time.perf_counter() - start:6.1f} s")
     return pictures

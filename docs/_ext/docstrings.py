@@ -17,9 +17,16 @@ _SEVERAL = re.compile(r"^(\s*)(\w+(?:, \w+)+) : (.*)$")
 _LITERAL = re.compile(r"(``.*?``|`[^`]*`_?)")
 
 
+# The star of ``*names``, no emphasis: nothing closes it.
+_STAR = re.compile(r"(?<![\w*\\])(\*{1,2})(?=\w[^*]*$)")
+
+
 def _escaped(line: str) -> str:
     parts = _LITERAL.split(line)
-    return "".join(p if i % 2 else re.sub(r"(?<!\\)\|", r"\\|", p) for i, p in enumerate(parts))
+    for i in range(0, len(parts), 2):
+        parts[i] = re.sub(r"(?<!\\)\|", r"\\|", parts[i])
+        parts[i] = _STAR.sub(lambda m: "\\*" * len(m[1]), parts[i])
+    return "".join(parts)
 
 
 def clean(*arguments: Any) -> None:

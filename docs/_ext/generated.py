@@ -3,6 +3,7 @@
 Directives, for pages in reStructuredText (``command-help`` for MyST pages as well):
 
 - ``mechanism-file``: the keys of every kind of mechanism file, from the JSON schema;
+- ``json-output COMMAND``: the keys of a command's JSON output, from its JSON schema;
 - ``command-help``: what ``--help`` prints for every command;
 - ``package-modules NAME ...``: API documentation of all modules of packages;
 - ``other-modules NAME ...``: the same for all packages that are not named;
@@ -16,6 +17,7 @@ Role ``key``: a bibliography key, resolved on the page of references.
 from __future__ import annotations
 
 import ast
+import json
 import pkgutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,6 +25,7 @@ from typing import Any
 
 import click
 import draw_architecture
+import notebooks
 from codes import codes
 from docutils import nodes
 from docutils.parsers.rst import directives
@@ -34,6 +37,7 @@ from sphinx.util.docutils import SphinxDirective, SphinxRole
 import cartstiff
 from cartstiff.cli import main as cli
 from cartstiff.mechanisms.loading.schema import json_schema
+from cartstiff.stiffness.json_schema import json_schema as output_schema
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples"
@@ -139,6 +143,42 @@ class MechanismFile(_Text):
                 yield f"   * - {cells[0]}"
                 yield from (f"     - {cell}" for cell in cells[1:])
             yield ""
+
+
+# -- the JSON output --------------------------------------------------------------------------
+
+
+def _form(schema: dict[str, Any]) -> str:
+    """What a value looks like, in one word or two."""
+    if "const" in schema:
+        return f"``{json.dumps(schema['const'])}``"
+    kinds = schema.get("type", "any")
+    names = {"array": "list", "null": "``null``", "boolean": "true or false", "string": "text"}
+    names |= {"integer": "number"}
+    return " or ".join(names.get(k, k) for k in ([kinds] if isinstance(kinds, str) else kinds))
+
+
+class JsonOutput(_Text):
+    """A table of the keys of a command's JSON output; nested keys stand as ``outer.inner``."""
+
+    def rows(self, properties: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, str, str]]:
+        """Key, form and meaning."""
+        for key, schema in properties.items():
+            yield f"{prefix}{key}", _form(schema), schema.get("description", "")
+            inner = schema.get("properties") or schema.get("items", {}).get("properties") or {}
+            yield from self.rows(inner, f"{prefix}{key}.")
+
+    def text(self) -> Iterator[str]:
+        """The lines, in reStructuredText."""
+        command, *without = self.arguments
+        left_out = set(output_schema(without[0])["properties"]) if without else set()
+        properties = output_schema(command)["properties"]
+        properties = {k: v for k, v in properties.items() if k not in left_out}
+        yield from [".. list-table::", "   :header-rows: 1", "   :widths: 26 22 52", ""]
+        yield from ["   * - key", "     - value", "     - meaning"]
+        for key, form, meaning in self.rows(properties):
+            yield from [f"   * - ``{key}``", f"     - {form}", f"     - {meaning}"]
+        yield ""
 
 
 # -- the command line -------------------------------------------------------------------------
@@ -253,17 +293,21 @@ class Gallery(_Text):
 
     def text(self) -> Iterator[str]:
         """The lines, in reStructuredText."""
-        for path in sorted(EXAMPLES.glob("*.py")):
-            if path.stem == "make_gallery":
-                continue
+        scripts = [path for path in EXAMPLES.glob("*.py") if path.stem != "make_gallery"]
+        for path in sorted([*scripts, *notebooks.FOLDER.glob("*.ipynb")], key=lambda p: p.stem):
             self.env.note_dependency(str(path))
-            doc = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
-            title, _, rest = doc.partition("\n")
+            if path.suffix == ".py":
+                doc = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+                title, _, rest = doc.partition("\n")
+                after = ["::", "", f"    python examples/{path.name} picture.png"]
+            else:
+                title, rest = notebooks.heading(path)
+                after = [f"A notebook: :doc:`/notebooks/{path.stem}`."]
             title = title.rstrip(".")
             yield from ["", f".. _example-{path.stem}:", "", title, "-" * len(title), ""]
             yield from rest.strip().splitlines()
             yield from ["", f".. image:: images/{path.stem}.png", f"   :alt: {title}", ""]
-            yield from ["::", "", f"    python examples/{path.name} picture.png", ""]
+            yield from [*after, ""]
 
 
 # -- the picture of imports -------------------------------------------------------------------
@@ -298,6 +342,7 @@ class Key(SphinxRole):
 def setup(app: Sphinx) -> dict[str, Any]:
     """Register directives and the role."""
     app.add_directive("mechanism-file", MechanismFile)
+    app.add_directive("json-output", JsonOutput)
     app.add_directive("command-help", CommandHelp)
     app.add_directive("package-modules", PackageModules)
     app.add_directive("other-modules", OtherModules)

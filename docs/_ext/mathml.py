@@ -14,6 +14,11 @@ from sphinx.util.math import get_node_equation_number
 logger = logging.getLogger(__name__)
 
 
+# A bracket at a table grows with it only if it is said to open or to close something.
+_OPENING = re.compile(r"<mo>((?:&#x000(?:5B|28);)|[\[(])</mo>(?=<mtable>)")
+_CLOSING = re.compile(r"(?<=</mtable>)<mo>((?:&#x000(?:5D|29);)|[\])])</mo>")
+
+
 def to_mathml(latex: str, display: str, node: nodes.Node) -> str:
     """MathML of a formula; what latex2mathml does not know is reported as a warning."""
     try:
@@ -23,7 +28,8 @@ def to_mathml(latex: str, display: str, node: nodes.Node) -> str:
         return ""
     if unknown := re.findall(r"\\[A-Za-z{}]+", re.sub(r"&#x0*5C;", r"\\", markup)):
         logger.warning("unknown commands in a formula: %s", ", ".join(unknown), location=node)
-    return markup
+    markup = _OPENING.sub(r'<mo form="prefix" stretchy="true" fence="true">\1</mo>', markup)
+    return _CLOSING.sub(r'<mo form="postfix" stretchy="true" fence="true">\1</mo>', markup)
 
 
 def visit_inline(self: Any, node: nodes.math) -> None:

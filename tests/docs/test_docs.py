@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import importlib.util
-import json
 import re
-import subprocess
 import sys
-from html.parser import HTMLParser
 from pathlib import Path
-from urllib.parse import unquote, urlsplit
 
 import pytest
 from tests.docs.blocks import ROOT, agree, blocks_of, pages, run_page
 
-import cartstiff
 from cartstiff.mechanisms.loading.catalogue import example_robots
 
 DOCS, SOURCES = ROOT / "docs", ROOT / "src" / "cartstiff"
@@ -100,12 +95,6 @@ def test_every_code_is_explained():
     assert not listed - set(produced), "docs/reference/notes.md lists codes that nothing produces"
 
 
-def test_json_page_lists_the_keys():
-    text = (DOCS / "reference/json.md").read_text(encoding="utf-8")
-    listed = re.findall(r"^\| `(\w+)` \|", text, re.M)
-    assert listed == list(cartstiff.analyse(cartstiff.load("cubic")).as_dict())
-
-
 def test_imports_point_one_way():
     drawing = _module(DOCS / "draw_architecture.py")
     found = drawing.imports()
@@ -117,6 +106,7 @@ def test_imports_point_one_way():
 def test_gallery_has_a_small_picture_of_every_example():
     pictures = {path.stem: path.stat().st_size for path in (DOCS / "images").glob("*.png")}
     examples = {p.stem for p in (ROOT / "examples").glob("*.py")} - {"make_gallery"}
+    examples |= {p.stem for p in (ROOT / "examples" / "notebooks").glob("*.ipynb")}
     assert examples <= set(pictures), "python examples/make_gallery.py makes the missing pictures"
     assert sum(pictures.values()) < _LARGEST_GALLERY
 
@@ -130,85 +120,22 @@ def test_links_of_plain_pages_exist(name):
         assert (ROOT / target).exists(), f"{name} names {target}, which does not exist"
 
 
-# -- the built pages ----------------------------------------------------------------------------
+def _rows(path: Path) -> dict[str, list[str]]:
+    """Cells of the comparison's table by their first, without footnotes."""
+    text = re.sub(r" ?\[\^\w+\]", "", path.read_text(encoding="utf-8"))
+    start = text.index("| | cartstiff |")
+    lines = text[start:].split("\n\n")[0].splitlines()
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    return {row[0]: row[1:] for row in cells}
 
 
-class _Page(HTMLParser):
-    """Anchors, links and resources of a page."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__()
-        self.anchors: set[str] = set()
-        self.links: list[str] = []
-        self.resources: list[str] = []
-        self.feed(path.read_text(encoding="utf-8"))
-
-    def has(self, fragment: str) -> bool:
-        return unquote(fragment) in self.anchors
-
-    def handle_starttag(self, tag, attrs):
-        values = dict(attrs)
-        self.anchors |= {values[k] for k in ("id", "name") if values.get(k)}
-        if tag == "a" and values.get("href"):
-            self.links.append(values["href"])
-        if tag in ("script", "img", "iframe", "source") and values.get("src"):
-            self.resources.append(values["src"])
-        if tag == "link" and values.get("rel") in ("stylesheet", "icon", "preload", "preconnect"):
-            self.resources.append(values["href"])
+def test_the_short_comparison_is_a_part_of_the_long_one():
+    short, long = _rows(ROOT / "README.md"), _rows(DOCS / "comparison.md")
+    assert {name: long.get(name) for name in short} == short
 
 
-@pytest.fixture(scope="module")
-def built(tmp_path_factory):
-    for package in ("sphinx", "myst_parser", "furo", "latex2mathml"):
-        pytest.importorskip(package, reason="the documentation tools are not installed")
-    target = tmp_path_factory.mktemp("docs") / "html"
-    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html"]
-    done = subprocess.run(
-        [*command, "-d", str(target.parent / "doctrees"), str(DOCS), str(target)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return {path: _Page(path) for path in target.rglob("*.html")}
-
-
-def test_internal_links_resolve(built):
-    broken = []
-    for path, page in built.items():
-        for link in page.links:
-            parts = urlsplit(link)
-            if parts.scheme or parts.netloc:
-                continue
-            target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
-            if not target.exists():
-                broken.append(f"{path.name}: {link}")
-            elif parts.fragment and target in built and not built[target].has(parts.fragment):
-                broken.append(f"{path.name}: {link} (no such anchor)")
-    assert not broken, broken
-
-
-def test_pages_load_nothing_from_outside(built):
-    for path, page in built.items():
-        outside = [r for r in page.resources if urlsplit(r).scheme or r.startswith("//")]
-        assert not [r for r in outside if not r.startswith("data:")], f"{path.name} loads {outside}"
-
-
-def test_every_module_is_in_the_reference(built):
-    text = "\n".join(p.read_text(encoding="utf-8") for p in built if p.parent.name == "api")
-    for path in SOURCES.rglob("*.py"):
-        if path.stem.startswith("_") or path.stem == "version":
-            continue
-        name = ".".join(("cartstiff", *path.relative_to(SOURCES).with_suffix("").parts))
-        assert f"module-{name}" in text, f"{name} is missing from the API reference"
-
-
-def test_schema_page_has_every_key(built):
-    from cartstiff.mechanisms.loading.schema import json_schema
-
-    page = next(p for p in built if p.name == "mechanism-file.html")
-    text = re.sub(r"<[^>]+>", "", page.read_text(encoding="utf-8"))
-    for model in json_schema()["$defs"].values():
-        for key in model.get("properties", {}):
-            assert key in text
-    assert json.dumps(json_schema())
+def test_every_cell_of_the_comparison_that_claims_something_has_a_source():
+    text = (DOCS / "comparison.md").read_text(encoding="utf-8")
+    table = text[text.index("| | cartstiff |") :].split("\n\n")[0]
+    used = set(re.findall(r"\[\^(\w+)\]", table))
+    assert used == set(re.findall(r"^\[\^(\w+)\]:", text, re.M))

@@ -19,8 +19,9 @@ NOISE = 1e-6
 SLOPE = 0.02
 
 ROBOTS = {
-    "deflection_compensation", "deflection_ellipsoids", "four_connections", "load_and_asymmetry",
-    "own_potential", "panda_nullspace", "ur5_drilling", "what_the_matrix_says",
+    "deflection_compensation", "deflection_ellipsoids", "draw_in_meshcat", "four_connections",
+    "load_and_asymmetry", "machining_posture",
+    "own_potential", "panda_nullspace", "ur5_drilling", "what_the_matrix_says", "workspace_map",
 }  # fmt: skip
 NUMBERS: dict[str, dict[str, object]] = {
     "buckling": {
@@ -70,6 +71,14 @@ NUMBERS: dict[str, dict[str, object]] = {
         "twist, forearms as in the file, N m/rad": 20.9143,
         "twist, forearms 1000 times stiffer, N m/rad": 20914.3,
     },
+    "draw_in_meshcat": {
+        "softest direction, bent, N/m": 119762.0,
+        "softest direction, stretched, N/m": 47143.4,
+        "firmest direction, stretched, N/m": 2.94581e6,
+        "no radius at, N/m": 1000.0,
+        "radius for each factor of ten, m": 0.05,
+        "commands": 61.0,
+    },
     "five_bar": {
         "rank": 2,
         "softest direction, N/m": 7285.61,
@@ -105,6 +114,15 @@ NUMBERS: dict[str, dict[str, object]] = {
         "asymmetry of B at 500 N, N": 0.0,
         "lowest translational stiffness unloaded, N/m": 74738.6,
         "the same at 500 N, N/m": 74123.1,
+    },
+    "machining_posture": {
+        "as drawn, worst, mm": 1.59904,
+        "best constant turn, worst, mm": 1.16644,
+        "best turn at each point, worst, mm": 1.16572,
+        "largest step of a joint is allowed": True,
+        "best place, x, m": 0.5,
+        "best place, y, m": -0.025,
+        "best place, worst, mm": 0.717667,
     },
     "own_connection": {
         "ball is the kinematic connection": True,
@@ -184,6 +202,14 @@ NUMBERS: dict[str, dict[str, object]] = {
         "springs that do the same": ["line", "line", "line", "line", "line", "screw"],
         "largest change by the connection at 100 N, %": 0.572828,
         "largest change by the connection at 3 kN, %": 15.8351,
+    },
+    "workspace_map": {
+        "postures": 1617,
+        "singular": 81,
+        "softest, kN/m": 21.5712,
+        "elbow there, rad": 0.1,
+        "stiffest, kN/m": 108.442,
+        "elbow at the stiffest, rad": 2.4,
     },
 }
 

@@ -32,28 +32,6 @@ def run(*command: str | Path, cwd: Path, **environment: str) -> str:
     return done.stdout
 
 
-def build(kind: str, source: Path, target: Path) -> Path:
-    """Build a distribution with the backend of pyproject.toml, here and without the network."""
-    run(sys.executable, "-m", "hatchling", "build", "-t", kind, "-d", target, cwd=source)
-    (built,) = target.iterdir()
-    return built
-
-
-@pytest.fixture(scope="module")
-def sdist(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build("sdist", ROOT, tmp_path_factory.mktemp("sdist"))
-
-
-@pytest.fixture(scope="module")
-def wheel(sdist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The wheel that the sdist gives: what a user without the repository gets."""
-    unpacked = tmp_path_factory.mktemp("unpacked")
-    with tarfile.open(sdist) as archive:
-        archive.extractall(unpacked, filter="data")
-    (source,) = unpacked.iterdir()
-    return build("wheel", source, tmp_path_factory.mktemp("wheel"))
-
-
 @pytest.fixture(scope="module")
 def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder that holds the installed wheel; its dependencies are this environment's."""
@@ -67,6 +45,7 @@ def test_sdist_holds_what_builds_tests_and_describes_the_package(sdist: Path) ->
     with tarfile.open(sdist) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
     wanted = ["LICENSE", "README.md", "CHANGELOG.md", "CITATION.cff", "Makefile", "pyproject.toml"]
+    wanted += ["CONTRIBUTING.md", "examples/notebooks/energy_to_matrices.ipynb", "docs/index.md"]
     wanted += ["requirements.lock", "requirements-dev.lock", "src/cartstiff/py.typed"]
     wanted += [f"robots/{name}" for name in ROBOTS]
     assert names.issuperset(wanted), set(wanted) - names

@@ -1,0 +1,30 @@
+"""The documentation, built once."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from tests.docs.blocks import ROOT
+from tests.docs.html_pages import Page
+
+DOCS = ROOT / "docs"
+
+
+@pytest.fixture(scope="session")
+def built(tmp_path_factory: pytest.TempPathFactory) -> dict[Path, Page]:
+    """Every HTML page by its path; building it is a test of its own: warnings are errors."""
+    for package in ("sphinx", "myst_parser", "furo", "latex2mathml"):
+        pytest.importorskip(package, reason="the documentation tools are not installed")
+    target = tmp_path_factory.mktemp("docs").resolve() / "html"
+    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html"]
+    done = subprocess.run(
+        [*command, "-d", str(target.parent / "doctrees"), str(DOCS), str(target)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return {path: Page(path) for path in target.rglob("*.html")}

@@ -1,0 +1,66 @@
+"""Wheel and sdist install where only the declared packages are, and run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from tests.packaging import environment
+
+from cartstiff import __version__
+
+
+@pytest.fixture(scope="module", params=["wheel", "sdist"])
+def scripts(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of the interpreter and the commands of an environment with cartstiff."""
+    python = environment.make(tmp_path_factory.mktemp("empty") / "env")
+    environment.install(python, request.getfixturevalue(request.param))
+    return python.parent
+
+
+def test_nothing_but_the_declared_packages_is_there(scripts: Path, tmp_path: Path) -> None:
+    code = (
+        "import importlib.util as u, cartstiff; print(cartstiff.__file__); "
+        "print([n for n in ('matplotlib', 'example_robot_data', 'hatchling', 'pytest', 'zarr', "
+        "'meshcat', 'yaml') if u.find_spec(n)])"
+    )
+    done = environment.run(scripts / "python", "-c", code, cwd=tmp_path)
+    where, found = done.stdout.splitlines()
+    assert Path(where).is_relative_to(scripts.parent)
+    assert found == "[]"
+
+
+def test_the_command_analyses_the_platform(scripts: Path, tmp_path: Path) -> None:
+    done = environment.run(
+        scripts / "cartstiff", "analyse", "stewart-gough", "--json", cwd=tmp_path
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    data = json.loads(done.stdout)
+    assert data["mechanism"]["name"] == "stewart-gough"
+    assert data["stiffness"]["A"][0][1] == pytest.approx(-1725.1, abs=0.05)  # as printed
+
+
+def test_the_command_knows_its_version(scripts: Path, tmp_path: Path) -> None:
+    done = environment.run(scripts / "cartstiff", "--version", cwd=tmp_path)
+    assert __version__ in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("command", "extra"),
+    [
+        ("analyse ur5", "robots"),
+        ("equilibrium five-bar --load 0,0,0,0,-100,0 --curve 0.1 --plot curve.png", "plots"),
+        ("map five-bar --random 3 --quantity condition -o five-bar.zarr", "maps"),
+        ("export cubic -o cubic.html", "view"),
+    ],
+    ids=["robots", "plots", "maps", "view"],
+)
+def test_a_missing_extra_is_named_in_one_line(
+    scripts: Path, tmp_path: Path, command: str, extra: str
+) -> None:
+    done = environment.run(scripts / "cartstiff", *command.split(), cwd=tmp_path)
+    assert done.returncode == 2
+    assert f"pip install 'cartstiff[{extra}]'" in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not list(tmp_path.iterdir())

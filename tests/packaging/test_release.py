@@ -1,0 +1,92 @@
+"""One version everywhere, and licences that go together."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from importlib.metadata import Distribution, PackageNotFoundError
+
+import pytest
+from packaging.requirements import Requirement
+from ruamel.yaml import YAML
+from tests.packaging.environment import ROOT, closure
+
+from cartstiff import __version__
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+EXTRAS = ["", *PROJECT["optional-dependencies"]]
+
+# Permissive: to keep their notices is all they ask of who uses the package.
+PERMISSIVE = {
+    "0BSD", "Apache-2.0", "Apache-2.0 WITH LLVM-exception", "BSD", "BSD-2-Clause", "BSD-3-Clause",
+    "BSL-1.0", "CC0-1.0", "ISC", "MIT", "MIT-CMU", "PSF-2.0", "Zlib",
+}  # fmt: skip
+# Words that packages use for them.
+WORDS = {
+    "Apache 2.0": "Apache-2.0",
+    "Apache Software License": "Apache-2.0",
+    "BSD License": "BSD",
+    "ISC License (ISCL)": "ISC",
+    "ISC license": "ISC",
+    "MIT License": "MIT",
+    "Python Software Foundation License": "PSF-2.0",
+}
+
+
+def licence(distribution: Distribution) -> str:
+    """The licence that a package's metadata states, in SPDX's words; "" if it states none."""
+    metadata = distribution.metadata
+    found = [metadata.get(key, "") or "" for key in ("License-Expression", "License")]
+    classifiers = metadata.get_all("Classifier") or []
+    found += [c.rpartition(" :: ")[2] for c in classifiers if c.startswith("License ::")]
+    short = [text for text in found if text and len(text) < 80 and text != "UNKNOWN"]
+    return WORDS.get(short[0], short[0]) if short else ""
+
+
+def table() -> dict[str, str]:
+    """Licence by package, as docs/licences.md lists them."""
+    text = (ROOT / "docs" / "licences.md").read_text(encoding="utf-8")
+    return dict(re.findall(r"^\| `([\w.-]+)` \| ([^|]+?) \|", text, re.M))
+
+
+def test_one_version_everywhere() -> None:
+    citation = YAML(typ="safe").load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert citation["version"] == __version__
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    newest = re.search(r"^## \[(\d[^\]]*)\]", changes, re.M)
+    assert newest
+    assert newest[1] == __version__
+    assert "version" in PROJECT["dynamic"]  # pyproject.toml has no number of its own
+
+
+def test_citation_names_the_same_licence_and_a_complete_reference() -> None:
+    citation = YAML(typ="safe").load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert citation["cff-version"] == "1.2.0"
+    assert citation["license"] == PROJECT["license"]
+    for key in ("message", "title", "authors"):
+        assert citation[key]
+    for reference in citation["references"]:
+        assert {"type", "title", "authors", "year"} <= set(reference)
+
+
+@pytest.mark.parametrize("extra", EXTRAS, ids=lambda name: name or "required")
+def test_licences_are_permissive_or_listed(extra: str) -> None:
+    try:
+        needed = closure(extra)
+    except PackageNotFoundError as missing:
+        pytest.skip(f"{missing.name} of this extra is not installed")
+    listed = table()
+    for name, distribution in needed.items():
+        stated = licence(distribution)
+        if name in listed:
+            assert stated in ("", listed[name]), f"{name} states {stated}"
+        else:
+            parts = re.split(r" AND | OR ", stated)
+            assert set(parts) <= PERMISSIVE, f"docs/licences.md does not list {name}: {stated!r}"
+
+
+def test_every_direct_dependency_is_listed() -> None:
+    texts = [*PROJECT["dependencies"]]
+    texts += [text for extra in PROJECT["optional-dependencies"].values() for text in extra]
+    names = {Requirement(text).name.lower() for text in texts}
+    assert names <= set(table()), f"docs/licences.md does not list {names - set(table())}"
