@@ -70,8 +70,14 @@ def test_the_command_is_in_the_file(run: Run) -> None:
 
     run(*CUBIC, *GRID, "-o", "m.zarr", "--world", "--load", "0,0,0,1,0,0", "--no-progress")
     command = open_map("m.zarr").attrs["command"]
-    assert command.startswith("cartstiff map cubic --grid x=-0.02:0.02:3 --grid yaw=0:0.2:4 ")
-    for words in ("--world", "--load 0,0,0,1,0,0", "--no-progress", "-o m.zarr|--output m.zarr"):
+    assert command.startswith("cartstiff map cubic ")
+    for words in (
+        "--grid x=-0.02:0.02:3 --grid yaw=0:0.2:4 ",
+        "--world",
+        "--load 0,0,0,1,0,0",
+        "--no-progress",
+        "-o m.zarr|--output m.zarr",
+    ):
         assert any(word in command for word in words.split("|"))
     # As it stands there it is the same map.
     answer = _answer(run(*command.split()[1:], "--json"))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -10,8 +9,9 @@ from typing import Any
 import click
 
 from cartstiff.cli.analysis_options import AnalysisRequest, analysis_options
-from cartstiff.cli.options import load_with_options, mechanism_options, once, parse_numbers
-from cartstiff.errors import InputError, one_line
+from cartstiff.cli.options import MechanismRequest, mechanism_options
+from cartstiff.cli.output import json_text
+from cartstiff.errors import InputError
 
 __all__ = ["command"]
 
@@ -31,16 +31,7 @@ Examples:
 
 
 @click.command(name="analyse", epilog=_EPILOG)
-@mechanism_options
-@click.option(
-    "--load",
-    "load_text",
-    multiple=True,
-    callback=once,
-    metavar="MX,MY,MZ,FX,FY,FZ",
-    help="Wrench on the body in its own frame; rest positions are chosen so that the springs "
-    "balance it.",
-)
+@mechanism_options()
 @analysis_options
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @click.option(
@@ -56,14 +47,7 @@ Examples:
 )
 @click.option("--strict", is_flag=True, help="Exit with code 3 if a quantity does not exist.")
 def command(
-    mechanism: str,
-    q_text: str | None,
-    pose_text: str | None,
-    lengths_text: str | None,
-    frame: str | None,
-    stiffness_text: str | None,
-    rest_text: str | None,
-    load_text: str | None,
+    request: MechanismRequest,
     as_json: bool,
     output: Path | None,
     relax: bool,
@@ -75,16 +59,12 @@ def command(
     MECHANISM is a bundled name (see `cartstiff models`), a mechanism file (.yaml), a URDF or MJCF
     file, or an example robot's name.
     """
-    if load_text is not None and rest_text is not None:
-        raise InputError("give --load or --rest, not both: one follows from the other")
+    wrench = request.balanced_wrench
     if output is not None and output.suffix not in (".json", ".npz"):
         raise InputError("unknown file ending", where="--output", expected=".json or .npz",
                          got=output.name)  # fmt: skip
-    request = AnalysisRequest.parse(**analysis_texts)
-    wrench = None if load_text is None else parse_numbers(load_text, "--load", 6)
-    elastic, q = load_with_options(
-        mechanism, frame, q_text, pose_text, stiffness_text, rest_text, lengths_text
-    )
+    analysis = AnalysisRequest.parse(**analysis_texts)
+    elastic, q = request.load()
 
     import numpy as np
 
@@ -97,16 +77,10 @@ def command(
 
             result = analyse(elastic, relaxed(elastic, result.q), wrench=wrench)
         data = result.as_dict()
-    try:
-        text = json.dumps(data, allow_nan=False)
-    except ValueError:
-        raise InputError(
-            "the result leaves the range of double precision", where=one_line(mechanism),
-            expected="numbers of moderate size",
-        ) from None  # fmt: skip
-    if request.level != "none":
-        data["analysis"] = request.run(result)
-        text = json.dumps(data, allow_nan=False)
+    text = json_text(data, request.mechanism)
+    if analysis.level != "none":
+        data["analysis"] = analysis.run(result)
+        text = json_text(data, request.mechanism)
     if output is not None:
         from cartstiff.stiffness.output import write_result
 
@@ -116,12 +90,12 @@ def command(
     else:
         from cartstiff.cli.text import describe
 
-        analysis = ""
-        if request.level != "none":
+        shown = ""
+        if analysis.level != "none":
             from cartstiff.analysis.report import summary_text
 
-            analysis = summary_text(data["analysis"], elastic.units.as_dict(), request.level)
-        click.echo(describe(result, analysis))
+            shown = summary_text(data["analysis"], elastic.units.as_dict(), analysis.level)
+        click.echo(describe(result, shown))
     missing = [name for name, K in data["stiffness"].items() if K is None]
     if strict and missing:
         reasons = ", ".join(note.code for note in result.notes) or "undefined"

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
-from cartstiff.cli.options import load_with_options, mechanism_options, once, parse_numbers
+from cartstiff.cli.options import MechanismRequest, mechanism_options, once, parse_numbers
+from cartstiff.cli.output import output_file, print_json
 from cartstiff.errors import InputError, one_line
 
 __all__ = ["command"]
@@ -27,24 +27,10 @@ Examples:
 """
 
 
-def _file(text: str, endings: tuple[str, ...], option: str) -> Path:
-    path = Path(text)
-    if path.suffix not in endings:
-        raise InputError("unknown file ending", where=option, expected=" or ".join(endings),
-                         got=path.name)  # fmt: skip
-    return path
-
-
 @click.command(name="equilibrium", epilog=_EPILOG)
-@mechanism_options
-@click.option(
-    "--load",
-    "load_text",
-    multiple=True,
-    callback=once,
-    metavar="MX,MY,MZ,FX,FY,FZ",
-    help="Wrench on the body at its origin, in the axes of the unloaded body frame; it keeps its "
-    "direction in the world.",
+@mechanism_options(
+    load_help="Wrench on the body at its origin, in the axes of the unloaded body frame; it keeps "
+    "its direction in the world."
 )
 @click.option("--world", is_flag=True, help="The load's components are in the inertial axes.")
 @click.option("--follower", is_flag=True, help="The load turns with the body.")
@@ -100,14 +86,7 @@ def _file(text: str, endings: tuple[str, ...], option: str) -> Path:
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def command(
-    mechanism: str,
-    q_text: str | None,
-    pose_text: str | None,
-    lengths_text: str | None,
-    frame: str | None,
-    stiffness_text: str | None,
-    rest_text: str | None,
-    load_text: str | None,
+    request: MechanismRequest,
     world: bool,
     follower: bool,
     payload_text: str | None,
@@ -135,20 +114,22 @@ def command(
     if no_limits and several:
         raise InputError("--no-limits does not go with --curve or --path")
     if path_text is not None:
-        for option, text in (("--hold", hold_text), ("--q", q_text), ("--pose", pose_text)):
+        for option, text in (
+            ("--hold", hold_text),
+            ("--q", request.q_text),
+            ("--pose", request.pose_text),
+        ):
             if text is not None:
                 raise InputError(f"give {option} or --path, not both")
-    csv = None if csv_text is None else _file(csv_text, (".csv",), "--csv")
-    plot = None if plot_text is None else _file(plot_text, (".png", ".svg", ".pdf"), "--plot")
+    csv = None if csv_text is None else output_file(csv_text, (".csv",), "--csv")
+    plot = None if plot_text is None else output_file(plot_text, (".png", ".svg", ".pdf"), "--plot")
     held = None if hold_text is None else _held(hold_text)
-    wrench = None if load_text is None else parse_numbers(load_text, "--load", 6)
+    wrench = request.wrench
     curve_to = None if curve_text is None else parse_numbers(curve_text, "--curve", 1)[0]
     if curve_to == 0.0:
         raise InputError("not a usable factor", where="--curve", expected="a number not 0",
                          got=curve_text)  # fmt: skip
-    elastic, q = load_with_options(
-        mechanism, frame, q_text, pose_text, stiffness_text, rest_text, lengths_text
-    )
+    elastic, q = request.load()
 
     from cartstiff.mechanisms.contract import named_values
 
@@ -211,16 +192,6 @@ def _payload(elastic: Any, text: str | None) -> tuple[Any, ...]:
     return (payload(numbers[0], gravity, numbers[1:] or (0.0, 0.0, 0.0)),)
 
 
-def _print(data: dict[str, Any], mechanism: str) -> None:
-    try:
-        click.echo(json.dumps(data, allow_nan=False))
-    except ValueError:
-        raise InputError(
-            "the result leaves the range of double precision", where=one_line(mechanism),
-            expected="numbers of moderate size",
-        ) from None  # fmt: skip
-
-
 def _rest(
     elastic: Any, loads: tuple[Any, ...], q: Any, held: Any, limits: bool, as_json: bool
 ) -> None:
@@ -229,7 +200,7 @@ def _rest(
 
     state = equilibrium(elastic, *loads, q0=q, held=held, limits=limits)
     if as_json:
-        _print(state.as_dict(), elastic.name)
+        print_json(state.as_dict(), elastic.name)
     else:
         click.echo(describe_equilibrium(state))
 
@@ -263,7 +234,7 @@ def _curve(
     curve = load_curve(elastic, *loads, to=to, q0=q, held=held)
     _save(curve, csv, plot, draw_load_curve)
     if as_json:
-        _print(curve.as_dict(), elastic.name)
+        print_json(curve.as_dict(), elastic.name)
     else:
         click.echo(describe_curve(curve))
 
@@ -306,6 +277,6 @@ def _compensate(
     result = compensate(elastic, postures, loads)
     _save(result, csv, plot, draw_error_along_path)
     if as_json:
-        _print(result.as_dict(), elastic.name)
+        print_json(result.as_dict(), elastic.name)
     else:
         click.echo(describe_path(result))

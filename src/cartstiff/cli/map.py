@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from cartstiff.cli.map_options import sampling_from_options, sampling_options
-from cartstiff.cli.options import load_with_options, mechanism_options, once, parse_numbers
+from cartstiff.cli.options import MechanismRequest, mechanism_options, once, parse_numbers
 from cartstiff.errors import InputError, one_line
 
 __all__ = ["command"]
@@ -47,7 +47,10 @@ def _list_quantities(context: click.Context, _: click.Parameter, asked: bool) ->
 
 
 @click.command(name="map", epilog=_EPILOG)
-@mechanism_options
+@mechanism_options(
+    load_help="Wrench on the body in its own frame at every posture; rest positions are chosen so "
+    "that the springs balance it."
+)
 @sampling_options
 @click.option(
     "--quantity",
@@ -63,15 +66,6 @@ def _list_quantities(context: click.Context, _: click.Parameter, asked: bool) ->
     expose_value=False,
     callback=_list_quantities,
     help="Print the names and end.",
-)
-@click.option(
-    "--load",
-    "load_text",
-    multiple=True,
-    callback=once,
-    metavar="MX,MY,MZ,FX,FY,FZ",
-    help="Wrench on the body in its own frame at every posture; rest positions are chosen so that "
-    "the springs balance it.",
 )
 @click.option(
     "--connection",
@@ -166,15 +160,8 @@ def _list_quantities(context: click.Context, _: click.Parameter, asked: bool) ->
 def command(
     context: click.Context,
     /,
-    mechanism: str,
-    q_text: str | None,
-    pose_text: str | None,
-    lengths_text: str | None,
-    frame: str | None,
-    stiffness_text: str | None,
-    rest_text: str | None,
+    request: MechanismRequest,
     quantities: tuple[str, ...],
-    load_text: str | None,
     connection: str,
     direction_text: str | None,
     deflect_text: str | None,
@@ -200,8 +187,7 @@ def command(
 
     The file is a Zarr folder of labelled arrays that says what it holds; xarray opens it.
     """
-    if load_text is not None and rest_text is not None:
-        raise InputError("give --load or --rest, not both: one follows from the other")
+    wrench = request.balanced_wrench
     if workers is not None and scheduler is not None:
         raise InputError("give --workers or --scheduler, not both")
     if not quantities:
@@ -212,15 +198,13 @@ def command(
                          expected=".png, .svg or .pdf", got=picture.name)  # fmt: skip
     cuts = _cuts(slice_texts)
     given: dict[str, Any] = {
-        "wrench": None if load_text is None else parse_numbers(load_text, "--load", 6),
+        "wrench": wrench,
         "direction": None if direction_text is None
         else parse_numbers(direction_text, "--direction", 3),
         "deflect": None if deflect_text is None else parse_numbers(deflect_text, "--deflect", 6),
         "length": None if length_text is None else parse_numbers(length_text, "--length", 1)[0],
     }  # fmt: skip
-    elastic, q = load_with_options(
-        mechanism, frame, q_text, pose_text, stiffness_text, rest_text, lengths_text
-    )
+    elastic, q = request.load()
     sampling = sampling_from_options(elastic, q, **where)
     _check_cuts(cuts, sampling)
     if picture is not None:

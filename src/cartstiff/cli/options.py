@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import wraps
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import click
 
 from cartstiff.errors import InputError, UnknownNameError, one_line
 
-__all__ = ["load_with_options", "mechanism_options", "once", "parse_numbers", "parse_values"]
+__all__ = ["MechanismRequest", "mechanism_options", "once", "parse_numbers", "parse_values"]
 
 # As in mechanism files: beyond this the products leave the range of double precision.
 _LARGEST = 1e30
-_Command = TypeVar("_Command", bound=Callable[..., Any])
+_BALANCED = (
+    "Wrench on the body in its own frame; rest positions are chosen so that the springs balance it."
+)
 
 
 def parse_numbers(text: str, option: str, count: int | None = None) -> list[float]:
@@ -90,8 +94,11 @@ def once(context: click.Context, option: click.Parameter, values: tuple[Any, ...
     return values[0] if values else None
 
 
-def mechanism_options(command: _Command) -> _Command:
-    """Argument MECHANISM and the options that place and load it."""
+def mechanism_options(load_help: str = _BALANCED) -> Callable[..., Callable[..., Any]]:
+    """Argument MECHANISM and the options that place and load it, as one `MechanismRequest`.
+
+    The command gets it as its keyword ``request``.
+    """
     options = [
         click.argument("mechanism"),
         click.option(
@@ -118,64 +125,99 @@ def mechanism_options(command: _Command) -> _Command:
             "--rest", "rest_text", metavar="VALUES", multiple=True, callback=once,
             help="Rest positions of the joints (rest lengths of legs), as for --q.",
         ),
+        click.option(
+            "--load", "load_text", metavar="MX,MY,MZ,FX,FY,FZ", multiple=True, callback=once,
+            help=load_help,
+        ),
     ]  # fmt: skip
-    for option in reversed(options):
-        command = option(command)
-    return command
+
+    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        @wraps(command)
+        def with_request(*arguments: Any, **texts: Any) -> Any:
+            own = {f.name: texts.pop(f.name) for f in fields(MechanismRequest)}
+            return command(*arguments, request=MechanismRequest(**own), **texts)
+
+        for option in reversed(options):
+            with_request = option(with_request)
+        return with_request
+
+    return decorate
 
 
-def load_with_options(
-    mechanism: str,
-    frame: str | None,
-    q_text: str | None,
-    pose_text: str | None,
-    stiffness_text: str | None,
-    rest_text: str | None,
-    lengths_text: str | None = None,
-) -> tuple[Any, Any]:
-    """The elastic mechanism and its coordinates (None for the default) from the options."""
-    from cartstiff.mechanisms.loading import load
+@dataclass(frozen=True)
+class MechanismRequest:
+    """The texts of `mechanism_options`."""
 
-    try:
-        Path(mechanism).expanduser()
-    except RuntimeError:
-        raise InputError("the home directory is not known", where=one_line(mechanism)) from None
-    if frame is not None and not 0 < len(one_line(frame, 4000)) < 4000:
-        raise InputError("unknown frame", where="--frame", expected="a name", got=repr(frame))
-    elastic = load(mechanism, frame=frame)
-    is_platform = elastic.mechanism.kind in ("stewart-gough", "springs")
-    if pose_text is not None:
-        if not is_platform:
+    mechanism: str
+    q_text: str | None = None
+    pose_text: str | None = None
+    lengths_text: str | None = None
+    frame: str | None = None
+    stiffness_text: str | None = None
+    rest_text: str | None = None
+    load_text: str | None = None
+
+    @property
+    def wrench(self) -> list[float] | None:
+        """The six numbers of --load."""
+        return None if self.load_text is None else parse_numbers(self.load_text, "--load", 6)
+
+    @property
+    def balanced_wrench(self) -> list[float] | None:
+        """The same, where rest positions follow from it and cannot be given as well."""
+        if self.load_text is not None and self.rest_text is not None:
+            raise InputError("give --load or --rest, not both: one follows from the other")
+        return self.wrench
+
+    def load(self) -> tuple[Any, Any]:
+        """The elastic mechanism, and its coordinates or None for the default posture."""
+        from cartstiff.mechanisms.loading import load
+
+        try:
+            Path(self.mechanism).expanduser()
+        except RuntimeError:
             raise InputError(
-                "is for platforms", where="--pose", expected=f"--q for {elastic.mechanism.kind}"
-            )
-        if q_text is not None:
-            raise InputError("give --q or --pose, not both")
-    if lengths_text is not None and (q_text is not None or pose_text is not None):
-        raise InputError("give --lengths or a pose, not both")
-    q: Any = None
-    if lengths_text is not None:
-        from cartstiff.mechanisms.platform import Platform
+                "the home directory is not known", where=one_line(self.mechanism)
+            ) from None
+        frame = self.frame
+        if frame is not None and not 0 < len(one_line(frame, 4000)) < 4000:
+            raise InputError("unknown frame", where="--frame", expected="a name", got=repr(frame))
+        elastic = load(self.mechanism, frame=frame)
+        q = self._coordinates(elastic)
+        names = elastic.spring_names
+        are_lines = names != elastic.names
+        stiffness = rest = None
+        if self.stiffness_text is not None:
+            stiffness = parse_values(self.stiffness_text, "--stiffness", names, broadcast=True)
+            _check_range(stiffness, "--stiffness", "above zero" if are_lines else "zero or more")
+        if self.rest_text is not None:
+            rest = parse_values(self.rest_text, "--rest", names)
+            if are_lines:
+                _check_range(rest, "--rest", "zero or more")
+        return elastic.with_springs(stiffness, rest), q
 
-        if not isinstance(elastic.mechanism, Platform):
-            raise InputError("is for platforms", where="--lengths", expected="--q")
-        lengths = parse_numbers(lengths_text, "--lengths", len(elastic.spring_names))
-        q = elastic.mechanism.forward_kinematics(lengths, elastic.q)
-    elif pose_text is not None:
-        q = parse_numbers(pose_text, "--pose", 6)
-    elif q_text is not None:
-        q = parse_values(q_text, "--q", elastic.names)
-    names = elastic.spring_names
-    are_lines = names != elastic.names
-    stiffness = rest = None
-    if stiffness_text is not None:
-        stiffness = parse_values(stiffness_text, "--stiffness", names, broadcast=True)
-        _check_range(stiffness, "--stiffness", "above zero" if are_lines else "zero or more")
-    if rest_text is not None:
-        rest = parse_values(rest_text, "--rest", names)
-        if are_lines:
-            _check_range(rest, "--rest", "zero or more")
-    return elastic.with_springs(stiffness, rest), q
+    def _coordinates(self, elastic: Any) -> Any:
+        """Coordinates from --q, --pose or --lengths; None without any."""
+        kind = elastic.mechanism.kind
+        if self.pose_text is not None:
+            if kind not in ("stewart-gough", "springs"):
+                raise InputError("is for platforms", where="--pose", expected=f"--q for {kind}")
+            if self.q_text is not None:
+                raise InputError("give --q or --pose, not both")
+        if self.lengths_text is not None:
+            from cartstiff.mechanisms.platform import Platform
+
+            if self.q_text is not None or self.pose_text is not None:
+                raise InputError("give --lengths or a pose, not both")
+            if not isinstance(elastic.mechanism, Platform):
+                raise InputError("is for platforms", where="--lengths", expected="--q")
+            lengths = parse_numbers(self.lengths_text, "--lengths", len(elastic.spring_names))
+            return elastic.mechanism.forward_kinematics(lengths, elastic.q)
+        if self.pose_text is not None:
+            return parse_numbers(self.pose_text, "--pose", 6)
+        if self.q_text is not None:
+            return parse_values(self.q_text, "--q", elastic.names)
+        return None
 
 
 def _check_range(

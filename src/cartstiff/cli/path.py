@@ -9,7 +9,8 @@ from typing import Any, TypeVar
 
 import click
 
-from cartstiff.cli.options import load_with_options, once, parse_numbers, parse_values
+from cartstiff.cli.options import MechanismRequest, once, parse_numbers, parse_values
+from cartstiff.cli.output import output_file, print_json
 from cartstiff.errors import InputError, UnknownNameError, one_line
 
 __all__ = ["command"]
@@ -165,21 +166,19 @@ def command(
     wrench mx, my, mz, fx, fy, fz; a first line may name the columns, also ax, ay, az for the tool's
     axis alone and dx, dy, dz for a direction.
     """
-    from cartstiff.cli.equilibrium import _file, _print
-
     if free_rotation and free_axis is not None:
         raise InputError("give --free-axis or --free-rotation, not both")
     if places_text is not None and not place_texts:
         raise InputError("--plot-places goes with --place")
     free = "rotation" if free_rotation else free_axis or "none"
-    csv = None if csv_text is None else _file(csv_text, (".csv",), "--csv")
+    csv = None if csv_text is None else output_file(csv_text, (".csv",), "--csv")
     pictures = (".png", ".svg", ".pdf")
-    plot = None if plot_text is None else _file(plot_text, pictures, "--plot")
-    places = None if places_text is None else _file(places_text, pictures, "--plot-places")
+    plot = None if plot_text is None else output_file(plot_text, pictures, "--plot")
+    places = None if places_text is None else output_file(places_text, pictures, "--plot-places")
     wrench = None if load_text is None else parse_numbers(load_text, "--load", 6)
     direction = None if direction_text is None else parse_numbers(direction_text, "--direction", 3)
     region = _region(place_texts)
-    elastic, _ = load_with_options(mechanism, frame, None, None, stiffness_text, None)
+    elastic, _ = MechanismRequest(mechanism, frame=frame, stiffness_text=stiffness_text).load()
 
     from cartstiff.batch.placement import best_placement
     from cartstiff.batch.toolpaths import optimise_path
@@ -204,7 +203,7 @@ def command(
         _save(placement.path, placement, csv, plot, places)
         answer, text = placement.as_dict(), describe_placement(placement)
     if as_json:
-        _print(answer, elastic.name)
+        print_json(answer, elastic.name)
     else:
         click.echo(text)
 
