@@ -23,7 +23,7 @@ $(shell [ -x $(PY) ] || rm -f $(RUNTIME) $(DEV))
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint format-check types docs pytest benchmark release-check lock clean
+.PHONY: help demo test lint format-check types docs pytest benchmark screenshot release-check lock clean
 
 help:
 	@sed -n '1,3s/^# //p' Makefile
@@ -61,7 +61,9 @@ demo: $(RUNTIME)
 # -- for developers ------------------------------------------------------------------------
 
 # All checks run even if one fails; the exit status says whether any did.
+test: export CARTSTIFF_REQUIRE_BROWSER := 1
 test: $(DEV)
+	@tools/provide_browser.sh $(PY) || true
 	@$(MAKE) --no-print-directory --keep-going lint format-check types docs pytest
 
 lint: $(DEV)
@@ -93,6 +95,11 @@ benchmark: $(DEV)
 	@$(PY) benchmarks/posture.py
 	@$(PY) benchmarks/many_postures.py
 	@$(PY) benchmarks/page.py
+
+# The picture of the page in the README and the documentation.
+screenshot: $(DEV)
+	@tools/provide_browser.sh $(PY)
+	@$(PY) tools/screenshot.py
 
 # Wheel and sdist, installed into empty environments and used there.
 release-check: $(DEV)

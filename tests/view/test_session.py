@@ -179,7 +179,10 @@ def test_a_map(session):
     one = session("ur5", cloud=cloud)
     assert one.start.quantity_of_map == "softest"
     found = asked(one, do="draw", state={"quantity_of_map": "softest"})
-    assert found["numbers"]
+    assert found["legend"]["cloud"] == {"label": "softest", "unit": "N/m"}
+    one.hello()  # draws them, too
+    found = asked(one, do="draw", state={"quantity_of_map": "softest"})
+    assert found["legend"]["cloud"]["unit"] == "N/m", "the bar stays"
     with pytest.raises(UnknownNameError, match="quantity"):
         asked(one, do="draw", state={"quantity_of_map": "hardest"})
 

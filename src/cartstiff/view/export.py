@@ -210,7 +210,7 @@ class _Recorder:
     """Numbers and pictures of every frame, what is equal kept once."""
 
     def __init__(self, session: Session, state: State) -> None:
-        self._picture = session.picture
+        self._picture, self._finished = session.picture, session.with_colour_bar
         self._state = state
         self.pictures = Pictures()
         self._variants: dict[str, int] = {}
@@ -229,7 +229,7 @@ class _Recorder:
         at = state.model_copy(update={"q": result.q.tolist()})
         legend: dict[str, Any] = self._picture.draw(result, at)
         self.pictures.merge(self._picture.changes_by_path())
-        return legend
+        return self._finished(legend)
 
     def record(self, result: PostureStiffness) -> dict[str, Any]:
         """One frame."""

@@ -40,7 +40,7 @@ MOST_MESSAGES = 2000
 # Beyond this a socket is closed; between `LARGEST_MESSAGE` and this the message is refused.
 _LARGEST_FRAME = 1024 * 1024
 # Longest time (s) without a look at other tabs while a long question is answered.
-_SLICE = 0.008
+_SLICE = 0.004
 
 _ID = re.compile(r'"id": ?(\d{1,15})\b')
 _HEADERS = {

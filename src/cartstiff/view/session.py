@@ -78,6 +78,7 @@ class Session:
         self._q = np.array(elastic.q if q is None else q, float)
         self._variant: tuple[list[float] | None, ElasticMechanism] = (None, elastic)
         self._cloud_shown: tuple[str, str] | None = None
+        self._colour_bar: dict[str, Any] | None = None
         self.picture = self._make_picture(elastic)
 
     @property
@@ -198,15 +199,17 @@ class Session:
 
     def _draw(self, result: PostureStiffness, state: State) -> dict[str, Any]:
         cloud, wanted = self.source.cloud, (state.quantity_of_map or "", state.theme)
-        bar = None
         if cloud is not None and state.quantity_of_map is not None:
             if state.quantity_of_map not in cloud.values:
                 raise UnknownNameError("quantity", state.quantity_of_map, cloud.values)
             if wanted != self._cloud_shown:
-                bar = self.picture.cloud(cloud, state.quantity_of_map)
+                self._colour_bar = self.picture.cloud(cloud, state.quantity_of_map)
                 self._cloud_shown = wanted
-        legend: dict[str, Any] = self.picture.draw(result, state)
-        return legend if bar is None else {**legend, "cloud": bar}
+        return self.with_colour_bar(self.picture.draw(result, state))
+
+    def with_colour_bar(self, legend: dict[str, Any]) -> dict[str, Any]:
+        """A picture's legend with that of the map, if there is one."""
+        return legend if self._colour_bar is None else {**legend, "cloud": self._colour_bar}
 
     # -- questions --------------------------------------------------------------------------
 

@@ -165,6 +165,10 @@ export function pictureControls(store) {
     chooseScale(store.state.scale);
   });
   store.on("hello", (hello) => {
+    // An exported page holds what was shown; four parts of it can be hidden.
+    const fixed = !store.source.live;
+    for (const [key, box] of boxes) box.disabled = fixed && !(key in store.source.data.parts);
+    for (const button of scale.children) button.disabled = fixed;
     const points = hello.cloud;
     document.querySelector("#map-choice")?.remove();
     if (!points) return;
@@ -175,5 +179,6 @@ export function pictureControls(store) {
     list.append(el("div", { id: "map-choice" },
       el("label", { class: "line" }, el("span", { title: `${points.count} points${thinned}` }, "map"), select)));
     select.value = store.state.quantity_of_map;
+    select.disabled = fixed;
   });
 }

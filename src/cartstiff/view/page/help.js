@@ -32,7 +32,7 @@ export function shortcuts(store, parts) {
     ["4", "connection F", connection("F")],
     ["5", "connection +", connection("+")],
     ["s", "stiffness or compliance", () => store.change({ quantity: store.state.quantity === "stiffness" ? "compliance" : "stiffness" })],
-    ["l", "logarithmic or linear radii", () => store.change({ scale: store.state.scale === "log" ? "linear" : "log" })],
+    ["l", "logarithmic or linear radii", () => store.source.live && store.change({ scale: store.state.scale === "log" ? "linear" : "log" })],
     ["c", "copy the matrix as NumPy array", () => parts.matrix.copyNumpy()],
     ["i", "full analysis", () => showReport(store)],
     ["p", "play or pause", () => parts.strip.toggle()],

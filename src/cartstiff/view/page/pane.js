@@ -3,6 +3,9 @@
 /* global MeshCat */
 import { byId } from "./dom.js";
 
+// Time (ms) without a picture after which the next is not left to wait for the screen's turn.
+const REST = 250;
+
 export class Pane {
   constructor() {
     this.node = byId("pane");
@@ -19,8 +22,10 @@ export class Pane {
     this.viewer.set_3d_pane_size();
     this.after = [];
     const render = this.viewer.render.bind(this.viewer);
+    this.rendered = 0;
     this.viewer.render = () => {
       render();
+      this.rendered = performance.now();
       for (const callback of this.after.splice(0)) callback();
     };
   }
@@ -32,7 +37,9 @@ export class Pane {
     }
     if (then) {
       this.after.push(then);
-      this.viewer.set_dirty();
+      // After a rest at once; while pictures follow each other at the pace of the screen.
+      if (performance.now() - this.rendered > REST) this.viewer.render();
+      else this.viewer.set_dirty();
     }
   }
 

@@ -53,7 +53,12 @@ export function strip(store) {
   plot.addEventListener("pointermove", (event) => {
     if (plot.hasPointerCapture(event.pointerId)) follow(event);
   });
-  new ResizeObserver(draw).observe(plot);
+  // Asking for a size after a change has the whole page laid out: it is kept instead.
+  let [width, height] = [0, 0];
+  new ResizeObserver(() => {
+    [width, height] = [plot.clientWidth, plot.clientHeight];
+    draw();
+  }).observe(plot);
 
   function follow(event) {
     const box = plot.getBoundingClientRect();
@@ -182,7 +187,6 @@ export function strip(store) {
     time.setAttribute("aria-valuetext", atText(series.at[position]));
     const exact = series.kind === "sweep" ? store.state.q[series.coordinate] : series.at[position];
     label.textContent = atText(exact);
-    const { clientWidth: width, clientHeight: height } = plot;
     const x = placeX(clamp(exact, series.at[0], series.at.at(-1)), width);
     cursor.setAttribute("x1", x);
     cursor.setAttribute("x2", x);
@@ -196,7 +200,6 @@ export function strip(store) {
   }
 
   function draw() {
-    const { clientWidth: width, clientHeight: height } = plot;
     if (!series || width < 80 || height < 40) return;
     const lines = [0, 1, 2].map((k) => series.rows.map((row) => row?.[freedom]?.[k] ?? null));
     const positive = lines.flat().filter((x) => x !== null && x > 0);

@@ -1,0 +1,150 @@
+"""A real Chromium, pages served from this process, and a watch over everything they ask for."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+from urllib.parse import urlsplit
+
+import pytest
+from tools.screenshot import launch, ready, settled
+
+import cartstiff
+
+#: Of most tests: software draws few pictures a second, and fewer of larger ones.
+VIEWPORT = {"width": 1100, "height": 560}
+
+
+def _missing(reason: str) -> None:
+    words = f"no Chromium for the page's tests ({reason}): run tools/provide_browser.sh"
+    if os.environ.get("CI") == "true" or os.environ.get("CARTSTIFF_REQUIRE_BROWSER") == "1":
+        pytest.fail(words, pytrace=False)
+    pytest.skip(words)
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[Any]:
+    """One browser for all tests of a process."""
+    try:
+        from playwright.sync_api import Error, sync_playwright
+    except ImportError:
+        _missing("playwright is not installed")
+    with sync_playwright() as playwright:
+        try:
+            browser = launch(playwright)
+        except Error as error:
+            _missing(str(error).splitlines()[0])
+        yield browser
+        browser.close()
+
+
+@dataclass
+class Watch:
+    """What a page did besides what it was asked to."""
+
+    console: list[str] = field(default_factory=list)
+    requests: list[str] = field(default_factory=list)
+
+    def outside(self) -> list[str]:
+        """Requests that leave this machine."""
+        return [
+            url for url in self.requests
+            if urlsplit(url).scheme not in ("data", "blob", "file", "about")
+            and urlsplit(url).hostname != "127.0.0.1"
+        ]  # fmt: skip
+
+
+class Pages:
+    """Opens pages, and knows what each of them did."""
+
+    def __init__(self, browser: Any) -> None:
+        self._browser = browser
+        self._shared: dict[str, Any] = {}
+        self._watches: list[Watch] = []
+
+    def open(self, url: str, *, theme: str = "light", viewport: dict[str, int] = VIEWPORT,
+             offline: bool = False) -> Any:  # fmt: skip
+        """A page in a context of its own, when its first numbers are shown."""
+        context = self._browser.new_context(
+            viewport=viewport, color_scheme=theme, offline=offline, accept_downloads=True
+        )
+        watch = Watch()
+        self._watches.append(watch)
+        page = context.new_page()
+        page.set_default_timeout(30_000)
+        page.on(
+            "console",
+            lambda m: watch.console.append(m.text) if m.type in ("error", "warning") else None,
+        )
+        page.on("pageerror", lambda error: watch.console.append(str(error)))
+        page.on("request", lambda request: watch.requests.append(request.url))
+        page.on("websocket", lambda socket: watch.requests.append(socket.url))
+        page.watch = watch
+        page.goto(url)
+        ready(page)
+        return page
+
+    def shared(self, url: str) -> Any:
+        """The same page for every test that asks for it, as if it had just been opened."""
+        if url not in self._shared:
+            self._shared[url] = self.open(url)
+        page = self._shared[url]
+        page.evaluate(RESET)
+        settled(page)
+        return page
+
+    def check(self) -> None:
+        """No error stands in any console, and nothing was asked of another machine."""
+        for watch in self._watches:
+            assert watch.outside() == []
+            # Software rendering warns that it is slow; nothing else is allowed.
+            assert [
+                t for t in watch.console if "GPU stall" not in t and "GroupMarker" not in t
+            ] == []
+
+
+#: As if the page had just been opened.
+RESET = """() => {
+    const store = window.cartstiff;
+    for (const dialog of document.querySelectorAll("dialog[open]")) dialog.close();
+    for (const details of document.querySelectorAll("details[open]")) details.open = false;
+    document.querySelector('[data-value="whole"]').click();
+    document.activeElement.blur();
+    if (store.pinned) store.unpin();
+    store.change({ ...structuredClone(store.hello.state), theme: store.state.theme, moved: null });
+}"""
+
+
+@pytest.fixture(scope="session")
+def _pages(chromium: Any) -> Pages:
+    return Pages(chromium)
+
+
+@pytest.fixture
+def pages(_pages: Pages) -> Iterator[Pages]:
+    """Pages in the browser; what they did is checked after each test."""
+    yield _pages
+    _pages.check()
+
+
+@pytest.fixture(scope="session")
+def serve() -> Iterator[Callable[..., Any]]:
+    """Serve a mechanism by name, once for the same arguments; returns the server."""
+    from cartstiff.view.run import Background
+    from cartstiff.view.source import Source
+
+    running: dict[str, Background] = {}
+
+    def start(name: str, **options: Any) -> Background:
+        key = f"{name} {sorted((k, str(v)) for k, v in options.items())}"
+        if key not in running:
+            elastic = cartstiff.load(name)
+            reload = lambda frame: cartstiff.load(name, frame=frame)  # noqa: E731
+            running[key] = Background(Source(elastic, reload=reload, **options))
+        return running[key]
+
+    yield start
+    for server in running.values():
+        server.close()

@@ -1,0 +1,121 @@
+"""The exported page in a real browser, from a file, without a network."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from tools.screenshot import settled
+
+import cartstiff
+from cartstiff.view.export import export_page
+from cartstiff.view.source import Source, Trajectory
+
+LOAD = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -300.0])
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory) -> str:
+    """A loaded platform, five frames a coordinate."""
+    path = tmp_path_factory.mktemp("pages") / "cubic.html"
+    page = export_page(Source(cartstiff.load("cubic"), load=LOAD), frames=5)
+    path.write_text(page, encoding="utf-8")
+    return path.as_uri()
+
+
+def result(page: Any) -> dict[str, Any]:
+    return page.evaluate("() => window.cartstiff.numbers.result")
+
+
+def test_the_same_numbers_offline(file, pages):
+    page = pages.open(file, offline=True)
+    assert page.title() == "cubic · cartstiff"
+    arm = cartstiff.load("cubic")
+    assert result(page) == cartstiff.analyse(arm, wrench=LOAD).as_dict()
+    assert "Exported page" in page.inner_text("#left")
+    # A slider moves among the frames, and the picture with it.
+    legs = page.evaluate("() => JSON.stringify(window.cartstiff.numbers.legs)")
+    page.focus("#slider-2")
+    page.keyboard.press("ArrowRight")
+    settled(page)
+    found = result(page)
+    assert found["q"][2] > 0
+    assert found == cartstiff.analyse(arm, found["q"], wrench=LOAD).as_dict()
+    assert page.evaluate("() => JSON.stringify(window.cartstiff.numbers.legs)") != legs
+    # Connections and quantities, as the library gives them.
+    now = cartstiff.analyse(arm, found["q"], wrench=LOAD)
+    for key, name in enumerate("ABKF+", start=1):
+        page.keyboard.press(str(key))
+        settled(page)
+        K = page.evaluate("(name) => window.cartstiff.matrix(name)", name)
+        assert np.allclose(K, now.tensor(name).matrix, rtol=1e-13, atol=1e-9), name
+        principal = page.evaluate("() => window.cartstiff.numbers.principal.translation.values")
+        values = np.linalg.eigvalsh(now.tensor(name).symmetric_part[3:, 3:])
+        assert np.allclose(principal, values, rtol=1e-9)
+    page.keyboard.press("s")
+    settled(page)
+    assert "Principal compliance" in page.inner_text("#right")
+    # The plot of the sweep, its cursor, dark colours, the analysis.
+    assert page.locator(".plot .curve").count() == 3
+    page.keyboard.press("t")
+    settled(page)
+    assert page.get_attribute("html", "data-theme") == "dark"
+    page.keyboard.press("i")
+    page.wait_for_selector("#report pre:has-text('Principal stiffness')")
+    assert page.watch.requests == [file]
+    page.context.close()
+
+
+def test_parts_can_be_hidden(file, pages):
+    page = pages.open(file, offline=True)
+    visible = """() => {
+        const tree = window.cartstiff.pane.viewer.scene_tree;
+        const node = tree.find(["meshcat", "cartstiff", "translation ellipsoid"]);
+        const shown = (n) => n.object.visible &&
+            ((n.children["<object>"] && n.children["<object>"].object.isMesh)
+                || Object.values(n.children).some(shown));
+        return shown(node);
+    }"""
+    assert page.evaluate(visible)
+    page.click("#show summary")
+    page.uncheck("text=Translation ellipsoid")
+    settled(page)
+    assert not page.evaluate(visible)
+    page.check("text=Translation ellipsoid")
+    settled(page)
+    assert page.evaluate(visible)
+    page.context.close()
+
+
+def test_a_trajectory_has_a_time_slider(tmp_path, pages):
+    chain = cartstiff.load("five-bar")
+    q = np.array(
+        [chain.mechanism.assembled(chain.q + np.array([m, 0, 0, 0])) for m in (0, 0.1, 0.2)]
+    )
+    source = Source(chain, trajectory=Trajectory(q, np.array([0.0, 0.4, 1.0]), True))
+    path = tmp_path / "path.html"
+    path.write_text(export_page(source), encoding="utf-8")
+    page = pages.open(path.as_uri(), offline=True)
+    page.wait_for_selector(".plot .curve-2")
+    page.focus("#time")
+    page.keyboard.press("End")
+    settled(page)
+    assert np.allclose(result(page)["q"], q[-1], atol=1e-12)
+    assert "1 s" in page.inner_text(".time-label")
+    page.context.close()
+
+
+def test_a_live_page_gives_itself_as_a_file(serve, pages, tmp_path):
+    page = pages.shared(serve("five-bar").url)
+    page.focus("#slider-0")
+    page.keyboard.press("PageUp")
+    settled(page)
+    expected = result(page)
+    with page.expect_download() as waiting:
+        page.click("#export")
+    path = tmp_path / "given.html"
+    waiting.value.save_as(path)
+    other = pages.open(path.as_uri(), offline=True)
+    assert {key: result(other)[key] for key in expected} == expected
+    other.context.close()

@@ -1,0 +1,396 @@
+"""The live page in a real browser: what is moved moves, and the numbers are the library's."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from tools.screenshot import ready, settled
+
+import cartstiff
+
+#: Cells show three digits at least.
+SHOWN = 5.1e-3
+
+
+def matrix(page: Any) -> np.ndarray:
+    """The cells of the heat map as numbers."""
+    texts = page.locator(".matrix .cell").all_inner_texts()
+    return np.array([float(t.replace("\u2212", "-")) for t in texts]).reshape(6, 6)
+
+
+def close(shown: np.ndarray, expected: np.ndarray) -> bool:
+    """Equal to the digits that are shown; what is far below the largest is shown as 0."""
+    noise = 1e-9 * np.abs(expected).max()
+    return bool(np.all(np.abs(shown - expected) <= SHOWN * np.abs(expected) + noise))
+
+
+def transforms(page: Any, part: str) -> dict[str, list[float]]:
+    """Matrices, in F, of all drawn objects whose path in the scene holds a word."""
+    return page.evaluate(
+        """(part) => {
+            const found = {};
+            const { scene_tree: tree } = window.cartstiff.pane.viewer;
+            const F = tree.find(["meshcat", "cartstiff"]).object;
+            F.updateWorldMatrix(true, false);
+            const back = F.matrixWorld.clone().invert();
+            const walk = (node, path) => {
+                if (path.includes(part) && node.children["<object>"]) {
+                    const object = node.children["<object>"].object;
+                    object.updateWorldMatrix(true, false);
+                    const matrix = back.clone().multiply(object.matrixWorld);
+                    if (object.isMesh) found[path] = matrix.elements.slice();
+                }
+                for (const name of Object.keys(node.children)) {
+                    walk(node.children[name], `${path}/${name}`);
+                }
+            };
+            walk(tree, "");
+            return found;
+        }""",
+        part,
+    )
+
+
+def moved(before: dict[str, list[float]], after: dict[str, list[float]]) -> list[str]:
+    """Paths whose matrices differ."""
+    return [p for p in before if p in after and not np.allclose(before[p], after[p], atol=1e-6)]
+
+
+@pytest.fixture
+def ur5(serve, pages):
+    """A UR5 at its home posture."""
+    return pages.shared(serve("ur5").url)
+
+
+def test_the_page_loads_without_an_error(ur5):
+    assert ur5.title() == "ur5 · cartstiff"
+    assert "Positive definite" in ur5.inner_text("#verdict")
+    assert close(matrix(ur5), cartstiff.analyse(cartstiff.load("ur5")).matrices["K"])
+    assert ur5.locator("#left .slider").count() == 6
+
+
+@pytest.mark.parametrize(("width", "height"), [(1280, 720), (1920, 1080), (1100, 700)])
+def test_nothing_sticks_out(serve, pages, width, height):
+    page = pages.shared(serve("cubic").url)
+    page.set_viewport_size({"width": width, "height": height})
+    settled(page)
+    whole = page.evaluate(
+        "() => [document.documentElement.scrollWidth, document.documentElement.scrollHeight]"
+    )
+    assert whole == [width, height]
+    for part in ("#left", "#right", "header", "#strip", ".matrix"):
+        inner, outer = page.evaluate(
+            """(part) => {
+                const node = document.querySelector(part);
+                return [node.scrollWidth, node.clientWidth];
+            }""",
+            part,
+        )
+        assert inner <= outer, part
+    cells = page.evaluate(
+        """() => [...document.querySelectorAll(".matrix .cell")]
+            .filter((cell) => cell.scrollWidth > cell.clientWidth).length"""
+    )
+    assert cells == 0
+    # The picture fills its pane, and nothing more.
+    page.wait_for_function(
+        """() => {
+            const [canvas, pane] = ["#pane canvas", "#pane"].map((name) =>
+                document.querySelector(name).getBoundingClientRect());
+            return Math.abs(canvas.height - pane.height) < 2
+                && Math.abs(canvas.width - pane.width) < 2;
+        }"""
+    )
+
+
+def test_a_slider_moves_robot_ellipsoid_and_matrix(ur5):
+    robot, ellipsoid = transforms(ur5, "mechanism"), transforms(ur5, "ellipsoid")
+    before = matrix(ur5)
+    assert len(robot) >= 6
+    assert ellipsoid
+    ur5.focus("#slider-2")
+    for _ in range(2):
+        ur5.keyboard.press("PageUp")  # ten degrees each
+    settled(ur5)
+    arm = cartstiff.load("ur5")
+    q = arm.q + np.array([0, 0, np.radians(20), 0, 0, 0])
+    shown = ur5.evaluate("() => window.cartstiff.numbers.result.q")
+    assert shown == pytest.approx(q)
+    assert float(ur5.input_value("#number-2")) == pytest.approx(np.degrees(q[2]), abs=0.006)
+    result = cartstiff.analyse(arm, shown)
+    assert close(matrix(ur5), result.matrices["K"])
+    assert not close(matrix(ur5), before)
+    # The links beyond the elbow have moved, those before have not, and the ellipsoid went along.
+    paths = moved(robot, transforms(ur5, "mechanism"))
+    assert 0 < len(paths) < len(robot)
+    after = transforms(ur5, "ellipsoid")
+    assert moved(ellipsoid, after)
+    # It stands around the origin of M.
+    for path, elements in after.items():
+        assert np.allclose(elements[12:15], result.pose[:3, 3], atol=1e-6), path
+
+
+def test_a_number_moves_the_robot(ur5):
+    ur5.fill("#number-0", "-45")
+    ur5.keyboard.press("Tab")
+    settled(ur5)
+    q = ur5.evaluate("() => window.cartstiff.numbers.result.q")
+    assert q[0] == pytest.approx(np.radians(-45))
+    ur5.fill("#number-2", "900")  # beyond the limit: taken to it, and said
+    ur5.keyboard.press("Tab")
+    settled(ur5)
+    assert ur5.evaluate("() => window.cartstiff.numbers.result.q[2]") == pytest.approx(np.pi)
+    assert "is limited to" in ur5.inner_text(".toast")
+
+
+def test_each_connection_shows_the_api_s_matrix(serve, pages):
+    load = np.array([200.0, -100.0, 400.0, 50.0, -40.0, 300.0])
+    page = pages.shared(serve("stewart-gough").url)
+    page.evaluate("(load) => window.cartstiff.change({ load })", load.tolist())
+    result = cartstiff.analyse(cartstiff.load("stewart-gough"), wrench=load)
+    for key, name in enumerate("ABKF+", start=1):
+        page.keyboard.press(str(key))
+        settled(page)
+        exact = page.evaluate("(name) => window.cartstiff.matrix(name)", name)
+        expected = result.matrices["A"].T if name == "+" else result.matrices[name]
+        assert np.array_equal(exact, expected), name
+        assert page.get_attribute(f'[data-value="{name}"]', "aria-checked") == "true"
+        assert close(matrix(page), result.tensor(name).matrix), name
+        badge = page.inner_text(".badge")
+        assert ("asymmetric" in badge) == (name in "A+"), name
+    page.keyboard.press("1")
+    page.keyboard.press("s")
+    settled(page)
+    assert close(matrix(page), result.compliances["A"])
+    page.keyboard.press("s")
+    page.click('[data-value="antisymmetric"]')
+    K = result.matrices["A"]
+    assert close_absolute(matrix(page), (K - K.T) / 2)
+    page.click('[data-value="difference"]')
+    page.select_option("select[aria-label='Compared with']", "K")
+    assert close_absolute(matrix(page), K - result.matrices["K"])
+
+
+def close_absolute(shown: np.ndarray, expected: np.ndarray) -> bool:
+    """As `close`, for parts whose diagonal vanishes."""
+    return bool(np.all(np.abs(shown - expected) <= SHOWN * np.abs(expected).max()))
+
+
+def test_a_cell_says_all_its_digits(ur5):
+    ur5.hover('.cell[data-row="3"][data-column="1"]')
+    K = cartstiff.analyse(cartstiff.load("ur5")).matrices["K"]
+    words = ur5.inner_text(".readout").replace("\u2212", "-")
+    assert float(words.split(" ")[0]) == K[3, 1]
+    assert words.endswith("N/rad force along x per rotation about y")
+    ur5.focus('.cell[data-row="0"][data-column="0"]')
+    ur5.keyboard.press("ArrowDown")
+    assert "moment about y per rotation about x" in ur5.inner_text(".readout")
+
+
+def test_a_singular_posture_is_said(ur5):
+    ur5.keyboard.press("0")
+    settled(ur5)
+    verdict = ur5.locator("#verdict")
+    assert verdict.get_attribute("data-level") == "bad"
+    assert "Singular posture" in verdict.inner_text()
+    assert "does not exist here" in ur5.inner_text(".absent-words")
+    assert "singular" in ur5.inner_text(".singular")
+    assert "serial-singularity" in ur5.inner_text(".notes")
+    assert "not drawn" in ur5.inner_text("#legend")
+    ur5.keyboard.press("h")
+    settled(ur5)
+    assert verdict.get_attribute("data-level") == "good"
+
+
+def test_load_springs_and_reference_point(ur5):
+    ur5.click("summary:has-text('Load')")
+    ur5.check("text=held by a given wrench")
+    ur5.fill("input[aria-label='fz N']", "-250")
+    ur5.keyboard.press("Tab")
+    settled(ur5)
+    arm = cartstiff.load("ur5")
+    load = [0, 0, 0, 0, 0, -250]
+    assert close(matrix(ur5), cartstiff.analyse(arm, wrench=load).matrices["K"])
+    ur5.click("summary:has-text('Stiffness of the springs')")
+    ur5.fill("input[aria-label^='elbow_joint N']", "50000")
+    ur5.keyboard.press("Tab")
+    settled(ur5)
+    arm = arm.with_springs({"elbow_joint": 5e4})
+    result = cartstiff.analyse(arm, wrench=load)
+    assert close(matrix(ur5), result.matrices["K"])
+    ur5.click("summary:has-text('Reference point')")
+    ur5.fill("input[aria-label='z m']", "0.1")
+    ur5.keyboard.press("Tab")
+    settled(ur5)
+    T = np.eye(4)
+    T[2, 3] = 0.1
+    assert close(matrix(ur5), result.K.to_frame(T).matrix)
+
+
+def test_another_frame_of_interest(ur5):
+    ur5.click("summary:has-text('Reference point')")
+    ur5.select_option("select[aria-label='Frame M']", "wrist_3_link")
+    ur5.wait_for_selector("#kind:has-text('wrist_3_link')")
+    settled(ur5)
+    result = cartstiff.analyse(cartstiff.load("ur5", frame="wrist_3_link"))
+    shown = ur5.evaluate("() => window.cartstiff.numbers.result")
+    assert shown == {key: result.as_dict()[key] for key in shown}
+    ur5.select_option("select[aria-label='Frame M']", "tool0")
+    ur5.wait_for_selector("#kind:has-text('tool0')")
+
+
+def test_posture_a_against_posture_b(ur5):
+    ur5.keyboard.press("a")
+    settled(ur5)
+    ur5.focus("#slider-1")
+    ur5.keyboard.press("PageDown")
+    settled(ur5)
+    assert transforms(ur5, "ghost")
+    rows = ur5.locator(".principal .compare:visible")
+    assert rows.count() == 2
+    arm = cartstiff.load("ur5")
+    now = cartstiff.analyse(arm, ur5.evaluate("() => window.cartstiff.numbers.result.q"))
+    one, two = (np.linalg.eigvalsh(r.matrices["K"][3:, 3:]) for r in (now, cartstiff.analyse(arm)))
+    shown = [float(t.replace("×", "")) for t in rows.nth(0).locator("td").all_inner_texts()]
+    assert np.allclose(shown, one / two, rtol=6e-3)
+    ur5.keyboard.press("b")
+    settled(ur5)
+    assert ur5.evaluate("() => window.cartstiff.numbers.result.q") == arm.q.tolist()
+
+
+def test_a_sweep_is_plotted_and_followed(ur5):
+    ur5.wait_for_selector(".plot .curve")
+    assert ur5.locator(".plot .curve").count() == 3
+    box = ur5.locator(".plot").bounding_box()
+    ur5.mouse.click(box["x"] + 0.9 * box["width"], box["y"] + box["height"] / 2)
+    settled(ur5)
+    q = ur5.evaluate("() => window.cartstiff.numbers.result.q")
+    assert 2.0 < q[2] < np.pi, "the elbow follows the cursor"
+    ur5.keyboard.press("p")
+    ur5.wait_for_function("(before) => window.cartstiff.numbers.result.q[2] !== before", arg=q[2])
+    ur5.keyboard.press("p")
+
+
+def test_the_address_holds_the_state(serve, pages):
+    page = pages.shared(serve("cubic").url)
+    page.focus("#slider-0")
+    page.keyboard.press("PageUp")
+    page.keyboard.press("1")
+    settled(page)
+    page.wait_for_timeout(700)
+    assert "connection=A" in page.url
+    page.reload()
+    ready(page)
+    q = page.evaluate("() => window.cartstiff.numbers.result.q")
+    assert q[0] > 0
+    assert page.get_attribute('[data-value="A"]', "aria-checked") == "true"
+    # What cannot be read is left out; what cannot be shown is said, and the start shown instead.
+    page.goto(page.url.split("#")[0] + "#q=1,2&connection=Z&foo=bar&load=a")
+    page.reload()
+    ready(page)
+    assert page.evaluate("() => window.cartstiff.numbers.result.q") == [0.0] * 6
+    assert page.locator("#banner").is_hidden()
+    page.goto(page.url.split("#")[0] + "#q=0,0,0,0,0,1e300")
+    page.reload()
+    ready(page)
+    assert "refused" in page.inner_text("#banner")
+    assert page.evaluate("() => window.cartstiff.numbers.result.q") == [0.0] * 6
+
+
+def test_downloads(ur5):
+    with ur5.expect_download() as waiting:
+        ur5.click("text=JSON")
+    assert waiting.value.suggested_filename == "ur5.json"
+    with open(waiting.value.path(), encoding="utf-8") as file:  # noqa: PTH123
+        import json
+
+        assert json.load(file) == cartstiff.analyse(cartstiff.load("ur5")).as_dict()
+    with ur5.expect_download() as waiting:
+        ur5.click("text=PNG")
+    with open(waiting.value.path(), "rb") as file:  # noqa: PTH123
+        assert file.read(8) == b"\x89PNG\r\n\x1a\n"
+
+
+def test_every_control_has_a_name_and_is_reached_by_keyboard(ur5):
+    nameless = ur5.evaluate(
+        """() => [...document.querySelectorAll("button, input, select, summary")].filter((node) => {
+            if (node.closest("#pane") || node.closest(".dg")) return false;
+            const label = node.getAttribute("aria-label") || node.title || node.textContent.trim()
+                || node.labels?.[0]?.textContent.trim();
+            return !label;
+        }).map((node) => node.outerHTML)"""
+    )
+    assert nameless == []
+    seen = set()
+    for _ in range(60):
+        ur5.keyboard.press("Tab")
+        seen.add(
+            ur5.evaluate("() => document.activeElement.id || document.activeElement.textContent")
+        )
+    assert {"slider-0", "slider-5", "number-3", "time", "Home", "Random", "?"} <= seen
+    ur5.focus("#slider-0")
+    ur5.keyboard.press("?")
+    assert ur5.locator("#help").is_visible()
+    ur5.keyboard.press("Escape")
+    assert not ur5.locator("#help").is_visible()
+
+
+def test_the_analysis_in_words(ur5):
+    ur5.keyboard.press("i")
+    ur5.wait_for_selector("#report pre:has-text('Principal stiffness')")
+    assert "eigenscrew" in ur5.inner_text("#report").lower()
+
+
+def test_the_page_comes_back_when_the_server_does(pages):
+    from cartstiff.view.run import Background
+    from cartstiff.view.source import Source
+
+    source = Source(cartstiff.load("cubic"))
+    server = Background(source)
+    port = server.server.port
+    page = pages.open(server.url)
+    page.focus("#slider-2")
+    page.keyboard.press("PageUp")
+    settled(page)
+    q = page.evaluate("() => window.cartstiff.numbers.result.q")
+    server.close()
+    page.wait_for_selector("#banner:has-text('does not answer')")
+    page.watch.console.clear()
+    server = Background(source, port=port)
+    page.wait_for_selector("#banner", state="hidden")
+    settled(page)
+    assert page.evaluate("() => window.cartstiff.numbers.result.q") == q
+    server.close()
+    page.close()
+    page.watch.console.clear()  # refused connections are reported by the browser itself
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("stewart-gough", "Indefinite"),
+        ("five-bar", "Fewer than six free motions"),
+        ("grasp", "Singular stiffness"),
+        ("cable-robot", "Positive definite"),
+    ],
+)
+def test_every_kind_of_mechanism(serve, pages, name, words):
+    page = pages.shared(serve(name).url)
+    assert words in page.inner_text("#verdict")
+    before = page.evaluate("() => window.cartstiff.numbers.result.q")
+    slider = page.locator("#left .slider input[type=range]").first
+    slider.focus()
+    page.keyboard.press("ArrowRight")
+    settled(page)
+    after = page.evaluate("() => window.cartstiff.numbers.result.q")
+    assert after != before
+    result = cartstiff.analyse(cartstiff.load(name), after)
+    shown = page.evaluate("() => window.cartstiff.numbers.result")
+    K = result.matrices["K"] if result.matrices["K"] is not None else result.compliances["K"]
+    quantity = "stiffness" if result.matrices["K"] is not None else "compliance"
+    # A closed chain is assembled once more here: to rounding only.
+    assert np.allclose(shown[quantity]["K"], K, rtol=1e-8, atol=1e-8 * np.abs(K).max())
+    if name == "stewart-gough":
+        assert page.locator(".leg").count() == 7

@@ -1,0 +1,102 @@
+"""The page as a picture: ``python tools/screenshot.py`` writes docs/images/page.png anew.
+
+Needs a Chromium (tools/provide_browser.sh) and playwright.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+TARGET = ROOT / "docs" / "images" / "page.png"
+
+#: A UR5 that carries a weight of 100 N, posture A pinned before the elbow was bent.
+MECHANISM = "ur5"
+STATE = (
+    "#q=0.3,-1.1,1.65,-0.7,0.9,0.2&ghost=0.3,-1.1,1.4,-0.7,0.9,0.2"
+    "&connection=A&load=0,0,0,0,0,-100&load_axes=inertial"
+)
+SIZE = {"width": 1280, "height": 720}
+
+#: Software rendering, no calls home; as root a sandbox is not to be had.
+FLAGS = [
+    "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+    "--disable-quic", "--no-first-run", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync", "--hide-scrollbars",
+]  # fmt: skip
+_NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+
+_SETTLED = """() => new Promise((resolve) => {
+    const look = () => {
+        const store = window.cartstiff;
+        const idle = store.busy === null && !store.wanted && store.waiting.size === 0;
+        if (idle && !store.pane.viewer.needs_render) resolve();
+        else setTimeout(look, 15);
+    };
+    setTimeout(look, 30);
+})"""
+
+
+def launch(playwright: Any) -> Any:
+    """A Chromium: that of CARTSTIFF_CHROMIUM, one on the path, or playwright's own."""
+    named = os.environ.get("CARTSTIFF_CHROMIUM")
+    found = named or next((path for name in _NAMES if (path := shutil.which(name))), None)
+    return playwright.chromium.launch(executable_path=found, args=FLAGS)
+
+
+def settled(page: Any) -> None:
+    """Wait until everything asked for has been answered and drawn."""
+    page.evaluate(_SETTLED)
+
+
+def ready(page: Any) -> None:
+    """Wait for the first numbers and the first picture."""
+    page.wait_for_selector("#verdict:not([data-level=none])")
+    settled(page)
+
+
+def pictures(browser: Any, url: str, themes: tuple[str, ...] = ("light",)) -> list[bytes]:
+    """PNGs of a page at rest, one for each theme."""
+    context = browser.new_context(viewport=SIZE, color_scheme="light", reduced_motion="reduce")
+    page = context.new_page()
+    page.set_default_timeout(60_000)
+    page.goto(url)
+    ready(page)
+    page.wait_for_selector(".plot .curve-2")
+    found = []
+    for theme in themes:
+        if page.get_attribute("html", "data-theme") != theme:
+            page.keyboard.press("t")
+        settled(page)
+        found.append(page.screenshot())
+    context.close()
+    return found
+
+
+def main(target: Path = TARGET) -> None:
+    """Serve the page, take its picture, write it."""
+    from playwright.sync_api import sync_playwright
+
+    import cartstiff
+    from cartstiff.stiffness.output import write_whole
+    from cartstiff.view.run import Background
+    from cartstiff.view.source import Source
+
+    server = Background(Source(cartstiff.load(MECHANISM)))
+    try:
+        with sync_playwright() as playwright:
+            browser = launch(playwright)
+            (png,) = pictures(browser, server.url + STATE)
+            browser.close()
+    finally:
+        server.close()
+    write_whole(target, png)
+    print(f"Wrote {target} ({len(png) / 1000:.0f} kB)")
+
+
+if __name__ == "__main__":
+    main(*map(Path, sys.argv[1:]))
