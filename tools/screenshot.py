@@ -30,11 +30,13 @@ FLAGS = [
 ]  # fmt: skip
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
-_SETTLED = """() => new Promise((resolve) => {
+_SETTLED = """() => new Promise((resolve, reject) => {
+    const end = performance.now() + 60000;
     const look = () => {
         const store = window.cartstiff;
         const idle = store.busy === null && !store.wanted && store.waiting.size === 0;
         if (idle && !store.pane.viewer.needs_render) resolve();
+        else if (performance.now() > end) reject(new Error("the page does not come to rest"));
         else setTimeout(look, 15);
     };
     setTimeout(look, 30);

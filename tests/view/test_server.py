@@ -126,6 +126,42 @@ def test_long_questions_do_not_hold_up_short_ones(tab):
     assert order == [2, 1]
 
 
+def test_of_long_questions_the_newest_is_answered_and_the_others_are_told(tab):
+    one = tab()
+    for number in (1, 2, 3):
+        one.send({"id": number, "do": "sweep", "coordinate": 0, "steps": 201})
+    answers = {}
+    while 3 not in answers:
+        answer = one.read()
+        answers[answer["id"]] = answer
+    assert set(answers) == {1, 2, 3}
+    for number in (1, 2):
+        assert "newer question" in answers[number]["error"]
+    assert len(answers[3]["rows"]) == 201
+
+
+def test_curves_do_not_end_an_export(tab):
+    one = tab()
+    one.send({"id": 1, "do": "export", "frames": 2})
+    one.send({"id": 2, "do": "sweep", "coordinate": 0, "steps": 5})
+    found = {}
+    while len(found) < 2:
+        answer = one.read()
+        found[answer["id"]] = answer
+    assert len(found[2]["rows"]) == 5
+    assert "newer" not in found[1]["error"]  # the stand-in's picture cannot be exported
+
+
+def test_too_many_waiting_questions_are_refused(tab):
+    one = tab()
+    for number in range(1, 61):
+        one.send({"id": number, "do": "analysis"})
+    answers = [one.read() for _ in range(60)]
+    assert {a["id"] for a in answers} == set(range(1, 61))
+    assert any("too many questions" in a.get("error", "") for a in answers)
+    assert any("text" in a for a in answers)
+
+
 def test_refused_messages_leave_the_tab_open(tab):
     one = tab()
     for bad in (

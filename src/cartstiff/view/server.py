@@ -39,6 +39,8 @@ MOST_CONNECTIONS = 200
 MOST_MESSAGES = 2000
 # Beyond this a socket is closed; between `LARGEST_MESSAGE` and this the message is refused.
 _LARGEST_FRAME = 1024 * 1024
+# Quick questions of a tab that may wait for their turn.
+_MOST_WAITING = 16
 # Longest time (s) without a look at other tabs while a long question is answered.
 _SLICE = 0.004
 
@@ -130,12 +132,12 @@ class _Socket(_Guarded, WebSocketHandler):
         self._page.tabs.add(self)
         self._session: Session | None = None
         self._drawing: Draw | None = None
-        self._quick: deque[Message] = deque(maxlen=16)
-        self._long: Sweep | Series | Export | None = None
-        self._working: tuple[Message, Any] | None = None
+        self._quick: deque[Message] = deque()
+        # Long questions by kind: an export goes on while curves are asked for anew.
+        self._long: dict[str, tuple[Sweep | Series | Export, Any]] = {}
         self._tokens, self._filled = float(MOST_MESSAGES), time.monotonic()
         self._warned = 0.0
-        self._pushed: deque[Answer] = deque(maxlen=16)
+        self._pushed: deque[Answer] = deque(maxlen=4 * _MOST_WAITING)
         self._task = asyncio.ensure_future(self._serve())
         self._awake = asyncio.Event()
         self._awake.set()
@@ -175,9 +177,17 @@ class _Socket(_Guarded, WebSocketHandler):
         if isinstance(message, Draw):
             self._drawing = message
         elif isinstance(message, (Sweep, Series, Export)):
-            self._long, self._working = message, None
-        else:
+            kind = "export" if isinstance(message, Export) else "curves"
+            if kind in self._long:
+                older = self._long[kind][0]
+                newer = InputError("a newer question took the place of this one")
+                self.push(refusal(newer, older.id, older.do))
+            self._long[kind] = message, None
+        elif len(self._quick) < _MOST_WAITING:
             self._quick.append(message)
+        else:
+            late = InputError("too many questions wait", expected="a slower pace")
+            self.push(refusal(late, message.id, message.do))
         self._awake.set()
 
     # -- answering --------------------------------------------------------------------------
@@ -216,7 +226,7 @@ class _Socket(_Guarded, WebSocketHandler):
             message, self._drawing = self._drawing, None
         elif self._quick:
             message = self._quick.popleft()
-        elif self._long is not None or self._working is not None:
+        elif self._long:
             return self._slice(session)
         else:
             self._awake.clear()
@@ -224,34 +234,36 @@ class _Socket(_Guarded, WebSocketHandler):
         return _answered(message, lambda: session.answer(message))
 
     def _slice(self, session: Session) -> Answer | None:
-        if self._long is not None:
-            asked, self._long = self._long, None
-            if isinstance(asked, Export):
-                self._working = asked, export_steps(
-                    self._page.source, session.elastic, asked.state, asked.frames,
-                    picture=self._page.picture, number=asked.id,
-                )  # fmt: skip
-            else:
-                self._working = asked, session.work(asked)
-        if self._working is None:
-            return None
-        message, steps = self._working
+        """A little of a long question, curves before a file; its answer at the end."""
+        kind = "curves" if "curves" in self._long else "export"
+        message, steps = self._long[kind]
         end = time.monotonic() + _SLICE
 
         def proceed() -> Answer | None:
+            nonlocal steps
+            if steps is None:
+                steps = self._begin(session, message)
+                self._long[kind] = message, steps
             while time.monotonic() < end:
                 try:
                     next(steps)
                 except StopIteration as done:
-                    self._working = None
                     answer: Answer = done.value
                     return answer
             return None
 
         answer = _answered(message, proceed)
         if answer is not None:
-            self._working = None
+            del self._long[kind]
         return answer
+
+    def _begin(self, session: Session, message: Sweep | Series | Export) -> Any:
+        if not isinstance(message, Export):
+            return session.work(message)
+        return export_steps(
+            self._page.source, session.elastic, message.state, message.frames,
+            picture=self._page.picture, number=message.id,
+        )  # fmt: skip
 
 
 def _number(text: str | bytes) -> int:
