@@ -24,9 +24,13 @@ def _missing(reason: str) -> None:
     pytest.skip(words)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
-    """One browser for all tests of a process."""
+    """One browser for the tests of a file.
+
+    While it runs, playwright keeps an event loop running in this thread: it must be gone before
+    tests that run one of their own.
+    """
     try:
         from playwright.sync_api import Error, sync_playwright
     except ImportError:
@@ -117,7 +121,7 @@ RESET = """() => {
 }"""
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def _pages(chromium: Any) -> Pages:
     return Pages(chromium)
 
