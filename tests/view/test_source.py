@@ -117,3 +117,21 @@ def test_a_map_without_positions_is_refused(opened, tmp_path):
     opened["position"] = _Variable(np.zeros((4, 3)))
     with pytest.raises(InputError, match="map cannot be shown"):
         read_cloud(tmp_path / "map")
+
+
+def test_a_real_map_with_places_out_of_reach(tmp_path):
+    """Five places along a line of which the last two are beyond the arm."""
+    import cartstiff
+    from cartstiff.batch.maps import Axis, CartesianGrid, compute_map, open_map
+
+    arm = cartstiff.load("five-bar")
+    posture = arm.mechanism.closed(arm.q)
+    x = float(posture.pose[0, 3])
+    grid = CartesianGrid({"x": Axis(x, x + 40.0, 3)}, arm, posture.q, starts=0, branches=1)
+    compute_map(arm, grid, ["force"], tmp_path / "m.zarr")
+    whole = open_map(tmp_path / "m.zarr")
+    cloud = read_cloud(tmp_path / "m.zarr")
+    finite = np.isfinite(whole["position"].values.reshape(-1, 3)).all(axis=1)
+    assert 0 < len(cloud.positions) == finite.sum() < finite.size
+    assert list(cloud.values) == ["force"]
+    assert np.array_equal(cloud.positions, whole["position"].values.reshape(-1, 3)[finite])

@@ -15,7 +15,7 @@ Examples:
   cartstiff view ur5
   cartstiff view ur5 --load 0,0,0,0,0,-100 --trajectory postures.csv
   cartstiff view stewart-gough --port 8080 --no-open
-  cartstiff view my_arm.urdf --frame tool --map workspace.nc
+  cartstiff view my_arm.urdf --frame tool --map workspace.zarr
 """
 
 

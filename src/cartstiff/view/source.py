@@ -183,7 +183,7 @@ def read_cloud(path: Path) -> Cloud:
     values: dict[str, Array] = {}
     units: dict[str, str] = {}
     for name, variable in data.data_vars.items():
-        if variable.shape == shape and variable.dtype.kind in "fiub":
+        if variable.shape == shape and variable.dtype.kind in "fiub" and name != "state":
             values[str(name)] = np.asarray(variable.values, float).reshape(-1)
             units[str(name)] = str(variable.attrs.get("units", ""))
     if position.shape[-1] != 3 or not values:
@@ -191,5 +191,9 @@ def read_cloud(path: Path) -> Cloud:
             "map cannot be shown", where=where,
             expected="positions (..., 3) and a quantity over the same postures",
         )  # fmt: skip
-    step = max(1, -(-len(flat) // _MOST_POINTS))
-    return Cloud(flat[::step], {n: v[::step] for n, v in values.items()}, units, step)
+    reached = np.isfinite(flat).all(axis=1)  # places of a Cartesian grid that no posture reaches
+    if not reached.any():
+        raise InputError("map holds no posture", where=where, expected="a finite position")
+    step = max(1, -(-int(reached.sum()) // _MOST_POINTS))
+    shown = np.flatnonzero(reached)[::step]
+    return Cloud(flat[shown], {n: v[shown] for n, v in values.items()}, units, step)
