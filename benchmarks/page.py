@@ -50,11 +50,11 @@ _TIMES = """(count) => new Promise((resolve) => {
 
 
 def messages(elastic: Any, count: int) -> list[str]:
-    """Postures around home, as a slider sends them."""
+    """Postures around home, as a slider sends them: all numbers and labels change each time."""
     found = []
     for k in range(count):
         q = elastic.q.copy()
-        q[0] += 0.2 * np.sin(0.1 * k)
+        q[1] += 0.2 * np.sin(0.1 * k)
         found.append(json.dumps({"id": k + 1, "do": "draw", "state": {"q": q.tolist()}}))
     return found
 

@@ -31,7 +31,7 @@ def as_matrix(value: ArrayLike, what: str = "stiffness", size: int = 6) -> Array
         raise InputError(
             f"{what} has the wrong shape", expected=f"({size}, {size})", got=matrix.shape
         )
-    if not np.all(np.isfinite(matrix)):
+    if not np.isfinite(matrix).all():
         raise InputError(f"{what} must hold finite numbers", got="NaN or infinity")
     return matrix
 

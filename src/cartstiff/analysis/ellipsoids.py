@@ -13,6 +13,7 @@ stiffness are the same at every point of the body; the other two depend on the p
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -20,6 +21,8 @@ from numpy.typing import ArrayLike
 
 from cartstiff.analysis.checks import as_matrix, as_unit, frozen
 from cartstiff.analysis.matrices import (
+    ROTATION,
+    TRANSLATION,
     Definiteness,
     definiteness,
     eliminate,
@@ -47,7 +50,7 @@ __all__ = [
 Freedom = Literal["translation", "rotation"]
 Others = Literal["free", "held"]
 
-_INDICES = {"rotation": [0, 1, 2], "translation": [3, 4, 5]}
+_BLOCKS = {"rotation": ROTATION, "translation": TRANSLATION}
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,28 +96,33 @@ def ellipsoid(matrix: ArrayLike) -> Ellipsoid:
         If the matrix is not 3x3 and finite.
     """
     m = as_matrix(matrix, "matrix", 3)
-    values, axes = np.linalg.eigh(symmetric_part(m))
-    for i in range(2):
-        if axes[np.argmax(np.abs(axes[:, i])), i] < 0:
-            axes[:, i] *= -1.0
-    # In plain numbers, as this is asked for at every step of a slider.
-    (a, b, c), (d, e, f) = axes[:, :2].T.tolist()
-    axes[:, 2] = b * f - c * e, c * d - a * f, a * e - b * d
-    return Ellipsoid(
-        frozen(axes),
-        frozen(np.abs(values)),
-        frozen(values),
-        definiteness(values),
-        float(np.abs(m - m.T).max()) / 2.0,
-    )
+    axes, radii, values, sign = _principal(symmetric_part(m).tobytes())
+    (_, xy, xz), (yx, _, yz), (zx, zy, _) = m.tolist()
+    asymmetry = max(abs(xy - yx), abs(xz - zx), abs(yz - zy)) / 2.0
+    return Ellipsoid(axes, radii, values, sign, asymmetry)
 
 
-def _choice(freedom: str, others: str) -> tuple[list[int], bool]:
-    if freedom not in _INDICES:
-        raise UnknownNameError("freedom", freedom, _INDICES)
+@lru_cache(maxsize=16)  # a page asks twice: for its numbers and for its picture
+def _principal(matrix: bytes) -> tuple[Array, Array, Array, Definiteness]:
+    """Axes, radii, eigenvalues and definiteness of a symmetric 3x3 matrix."""
+    values, vectors = np.linalg.eigh(np.frombuffer(matrix).reshape(3, 3))
+    # In plain numbers: arrays of three take longer.
+    (a, b, c), (d, e, f) = (_upright(vector) for vector in vectors.T[:2].tolist())
+    axes = [[a, d, b * f - c * e], [b, e, c * d - a * f], [c, f, a * e - b * d]]
+    return frozen(axes), frozen(np.abs(values)), frozen(values), definiteness(values)
+
+
+def _upright(vector: list[float]) -> list[float]:
+    """The vector or its opposite, the largest component positive."""
+    return [-x for x in vector] if max(vector, key=abs) < 0.0 else vector
+
+
+def _choice(freedom: str, others: str) -> tuple[slice, bool]:
+    if freedom not in _BLOCKS:
+        raise UnknownNameError("freedom", freedom, _BLOCKS)
     if others not in ("free", "held"):
         raise UnknownNameError("condition of the other freedoms", others, ("free", "held"))
-    return _INDICES[freedom], others == "held"
+    return _BLOCKS[freedom], others == "held"
 
 
 def stiffness_block(
@@ -146,7 +154,7 @@ def stiffness_block(
     """
     keep, held = _choice(freedom, others)
     K = as_matrix(stiffness) if T_m_n is None else move_stiffness(stiffness, T_m_n)
-    return K[np.ix_(keep, keep)].copy() if held else eliminate(K, keep)
+    return K[keep, keep].copy() if held else eliminate(K, keep)
 
 
 def compliance_block(
@@ -167,7 +175,7 @@ def compliance_block(
     """
     keep, held = _choice(freedom, others)
     C = as_matrix(compliance, "compliance") if T_m_n is None else move_compliance(compliance, T_m_n)
-    return eliminate(C, keep) if held else C[np.ix_(keep, keep)].copy()
+    return eliminate(C, keep) if held else C[keep, keep].copy()
 
 
 def stiffness_ellipsoid(

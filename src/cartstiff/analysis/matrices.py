@@ -197,7 +197,7 @@ def invert(matrix: ArrayLike, what: str = "stiffness") -> Array:
     return inverse
 
 
-def eliminate(matrix: ArrayLike, keep: list[int]) -> Array:
+def eliminate(matrix: ArrayLike, keep: slice | list[int]) -> Array:
     """Matrix on the kept directions when the others are free: ``M_kk - M_ko M_oo^-1 M_ok``.
 
     A singular ``M_oo`` is harmless where the kept directions do not load its null space.
@@ -208,11 +208,12 @@ def eliminate(matrix: ArrayLike, keep: list[int]) -> Array:
         Code ``"singular"`` if they do: the others run away and no answer exists.
     """
     m = np.asarray(matrix, float)
-    others = [i for i in range(len(m)) if i not in keep]
+    every = np.arange(len(m))
+    kept, others = every[keep], np.delete(every, keep)
     length = balancing_length(m)
     d = np.repeat([1.0 / length, 1.0], 3)
     scaled = m * d[:, None] * d
-    inner, edge = scaled[np.ix_(others, others)], scaled[np.ix_(others, keep)]
+    inner, edge = scaled[np.ix_(others, others)], scaled[np.ix_(others, kept)]
     u, values, vt = np.linalg.svd(inner)
     rank = int(np.sum(values > RANK * np.abs(scaled).max()))
     moves = vt[:rank].T @ ((u[:, :rank].T @ edge) / values[:rank, None])
@@ -225,11 +226,11 @@ def eliminate(matrix: ArrayLike, keep: list[int]) -> Array:
             code="singular",
             values={"singular_values": values.tolist(), "unbalanced": left, "length": length},
         )
-    block = scaled[np.ix_(keep, keep)]
-    free = block - scaled[np.ix_(keep, others)] @ moves
+    block = scaled[np.ix_(kept, kept)]
+    free = block - scaled[np.ix_(kept, others)] @ moves
     if np.abs(free).max() <= _ROUNDING * np.abs(block).max():
         free = np.zeros_like(block)  # all of it was taken away
-    result: Array = free / d[keep][:, None] / d[keep]
+    result: Array = free / d[kept][:, None] / d[kept]
     return result
 
 

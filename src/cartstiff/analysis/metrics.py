@@ -10,6 +10,7 @@ in every frame, provided the metric moves along.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -18,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff.analysis.checks import as_length, as_matrix, as_vector, frozen
 from cartstiff.analysis.matrices import (
+    RANK,
     TRANSLATION,
     Definiteness,
     as_symmetric,
@@ -79,6 +81,8 @@ def natural_length(stiffness: ArrayLike) -> float:
         Code ``"no-natural-length"`` unless both blocks are positive definite.
     """
     K = as_symmetric(stiffness)
+    if (length := _length_of_positive(K)) is not None:
+        return length
     translation = np.linalg.eigvalsh(K[TRANSLATION, TRANSLATION])
     rotation = np.full(3, np.nan)
     if definiteness(translation) == "positive":
@@ -94,6 +98,23 @@ def natural_length(stiffness: ArrayLike) -> float:
             },
         )
     return float(np.exp((np.log(rotation).sum() - np.log(translation).sum()) / 6.0))
+
+
+def _length_of_positive(K: Array) -> float | None:
+    """`natural_length` by one Cholesky decomposition; None if K may not be positive definite.
+
+    With the translations first, its diagonal is the roots of the pivots of K_tt and of S.
+    """
+    try:
+        roots = np.linalg.cholesky(K[::-1, ::-1]).diagonal().tolist()
+    except np.linalg.LinAlgError:
+        return None
+    diagonal = K.diagonal().tolist()
+    for three, trace in ((roots[:3], sum(diagonal[3:])), (roots[3:], sum(diagonal[:3]))):
+        # Smallest over largest eigenvalue is not below the determinant over the cubed trace.
+        if not math.prod(root * root / trace for root in three) > RANK:
+            return None
+    return float((math.prod(roots[3:]) / math.prod(roots[:3])) ** (1.0 / 3.0))
 
 
 def _body(mass: float, inertia: ArrayLike) -> tuple[float, Array]:

@@ -6,6 +6,7 @@ normals that meshcat's own classes lack, for any ``meshcat.Visualizer`` alike.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -82,7 +83,20 @@ class Node:
 
     def set_transform(self, T: Array) -> None:
         """Affine motion (4, 4) of this place in its parent; it may scale."""
-        matrix = T.T.ravel().tolist()
+        self._set_matrix(T.T.ravel().tolist())
+
+    def set_columns(
+        self, x: Sequence[float], y: Sequence[float], z: Sequence[float], origin: Sequence[float]
+    ) -> None:
+        """Affine motion from its columns, plain numbers: twice as fast where there are many."""
+        self._set_matrix([*x, 0.0, *y, 0.0, *z, 0.0, *origin, 1.0])
+
+    def move_to(self, point: Iterable[float]) -> None:
+        """Pure translation to a point in the parent."""
+        x, y, z = map(float, point)
+        self.set_columns((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (x, y, z))
+
+    def _set_matrix(self, matrix: list[float]) -> None:
         self._send(_Lowered({"type": "set_transform", "path": self.path, "matrix": matrix}))
 
     def set_property(self, key: str, value: Any) -> None:

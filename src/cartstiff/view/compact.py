@@ -75,8 +75,8 @@ def _label(packed: bytes, path: str) -> dict[str, Any] | None:
     if b"SpriteMaterial" not in packed or b"userData" not in packed:
         return None
     try:
-        import umsgpack
+        import msgpack
     except ImportError:
-        raise MissingDependencyError("u-msgpack-python", "a picture in a page", "view") from None
-    sprite = umsgpack.unpackb(packed)["object"]["object"]
+        raise MissingDependencyError("msgpack", "a picture in a page", "view") from None
+    sprite = msgpack.unpackb(packed)["object"]["object"]
     return {"path": path, "height": sprite["scale"][1], **sprite["userData"]}

@@ -7,6 +7,7 @@ ones red and dashed, and the legend says why.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -72,37 +73,41 @@ class EllipsoidPicture:
                     objects.sphere(fine=True), self._colour, theme.ELLIPSOID_OPACITY, shininess=60
                 )
             )
-        R = T[:3, :3] @ shape.axes
-        M = np.eye(4)
-        M[:3, 3] = T[:3, 3]
+        # In plain numbers from here: arrays of three take longer.
+        columns = (T[:3, :3] @ shape.axes).T.tolist()
+        centre, radii, principal = T[:3, 3].tolist(), lengths.tolist(), values.tolist()
         self.node.show(True)
         self._body.show(positive)
         if positive:
             # A flat side still is a surface to look at.
-            M[:3, :3] = R * np.maximum(lengths, 1e-4 * self._size)
-            self._body.set_transform(M)
-        for i in range(3):
-            self._axis(i, R, float(lengths[i]), values[i] < 0.0, T[:3, 3], axes)
-            if labels and axes and lengths[i] > 0.0:
-                end = T[:3, 3] + R[:, i] * (self._side * 1.08 * lengths[i])
-                self._labels[i].show(number(float(values[i]), unit), end)
+            x, y, z = (
+                _along(column, max(radius, 1e-4 * self._size))
+                for column, radius in zip(columns, radii, strict=True)
+            )
+            self._body.set_columns(x, y, z, centre)
+        for i, (radius, value) in enumerate(zip(radii, principal, strict=True)):
+            self._axis(i, columns, radius, value < 0.0, centre, axes)
+            if labels and axes and radius > 0.0:
+                end = _along(columns[i], self._side * 1.08 * radius, centre)
+                self._labels[i].show(number(value, unit), end)
             else:
                 self._labels[i].hide()
         return {
             "shown": positive,
             "reason": None if positive else _reason(shape),
             "definiteness": shape.definiteness,
-            "eigenvalues": values.tolist(),
+            "eigenvalues": principal,
             "axes": shape.axes.tolist(),
             "unit": unit,
-            "radii": lengths.tolist(),
+            "radii": radii,
             "scale": self.scale.legend(),
             "asymmetry": shape.asymmetry,
         }
 
     def _axis(
-        self, i: int, R: Array, length: float, negative: bool, point: Array, wanted: bool
-    ) -> None:
+        self, i: int, columns: list[list[float]], length: float, negative: bool,
+        centre: list[float], wanted: bool,
+    ) -> None:  # fmt: skip
         node = self._axes[i]
         shown = wanted and length > 0.0
         node.show(shown)
@@ -117,17 +122,22 @@ class EllipsoidPicture:
                 if negative
                 else shapes.rod(radius, _darker(self._colour))
             )
-        M = np.eye(4)
-        M[:3, 0] = R[:, i] * (2.0 * length)
-        M[:3, 1] = R[:, i - 2]
-        M[:3, 2] = R[:, i - 1]
-        M[:3, 3] = point - R[:, i] * length
-        node.set_transform(M)
+        node.set_columns(
+            _along(columns[i], 2.0 * length), columns[i - 2], columns[i - 1],
+            _along(columns[i], -length, centre),
+        )  # fmt: skip
 
     def hide(self) -> None:
         """Show nothing."""
         if self._made:
             self.node.show(False)
+
+
+def _along(
+    direction: Sequence[float], length: float, start: Sequence[float] = (0.0, 0.0, 0.0)
+) -> list[float]:
+    """``start + length direction``."""
+    return [s + length * d for s, d in zip(start, direction, strict=True)]
 
 
 def _reason(shape: Ellipsoid) -> str:

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Iterable
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff.errors import MissingDependencyError
-from cartstiff.geometry.se3 import Array
 from cartstiff.view import theme as themes
 from cartstiff.view.canvas import Node
 from cartstiff.view.objects import sprite
@@ -120,7 +120,7 @@ class Label:
         self._height = _HEIGHT / node.enlarged
         self._text: str | None = None
 
-    def show(self, text: str, point: Array) -> None:
+    def show(self, text: str, point: Iterable[float]) -> None:
         """Write a text at a point (3,) of the node's parent."""
         if text != self._text:
             self._text = text
@@ -131,9 +131,7 @@ class Label:
                 "text": text, "letters": self._letters, "paper": self._paper
             }  # fmt: skip
             self.node.set_object(label)
-        T = np.eye(4)
-        T[:3, 3] = point
-        self.node.set_transform(T)
+        self.node.move_to(point)
         self.node.show(True)
 
     def hide(self) -> None:

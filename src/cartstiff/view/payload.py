@@ -81,7 +81,7 @@ def payload(result: PostureStiffness, state: State, whole: bool = False) -> dict
         "wrench": None if wrench is None else wrench.tolist(),
         "principal": principal,
         "indices": numbers,
-        "symmetric": {n: None if M is None else asymmetry(M) for n, M in shown.items()},
+        "symmetric": _asymmetries(shown),
         "singularity": distance_to_singularity(result),
         "legs": _legs(result),
         "verdict": verdict(
@@ -188,8 +188,8 @@ def _indices(K: Array) -> dict[str, Any]:
         "definiteness": definiteness(values),
         "eigenvalues": values.tolist(),
         "condition_number": plain(condition(values)),
-        "translational_condition": plain(condition(np.linalg.eigvalsh(symmetric[3:, 3:]))),
-        "rotational_condition": plain(condition(np.linalg.eigvalsh(symmetric[:3, :3]))),
+        "translational_condition": plain(condition(ellipsoid(symmetric[3:, 3:]).eigenvalues)),
+        "rotational_condition": plain(condition(ellipsoid(symmetric[:3, :3]).eigenvalues)),
     }
 
 
@@ -262,6 +262,11 @@ def series_row(result: PostureStiffness, state: State) -> dict[str, Any]:
         "rotation": None if principal is None else principal["rotation"]["values"],
         "singularity": min(ratios, default=None),
     }
+
+
+def _asymmetries(matrices: _Matrices) -> dict[str, float | None]:
+    found = {n: None if M is None else asymmetry(M) for n, M in matrices.items() if n != "+"}
+    return {**found, "+": found["A"]}  # the transpose
 
 
 def _listed(matrix: Array | None) -> list[Any] | None:
