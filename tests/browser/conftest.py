@@ -71,6 +71,14 @@ class Pages:
     def open(self, url: str, *, theme: str = "light", viewport: dict[str, int] = VIEWPORT,
              offline: bool = False) -> Any:  # fmt: skip
         """A page in a context of its own, when its first numbers are shown."""
+        page = self.blank(theme=theme, viewport=viewport, offline=offline)
+        page.goto(url)
+        ready(page)
+        return page
+
+    def blank(self, *, theme: str = "light", viewport: dict[str, int] = VIEWPORT,
+              offline: bool = False) -> Any:  # fmt: skip
+        """An empty page in a context of its own."""
         context = self._browser.new_context(
             viewport=viewport, color_scheme=theme, offline=offline, accept_downloads=True
         )
@@ -86,8 +94,6 @@ class Pages:
         page.on("request", lambda request: watch.requests.append(request.url))
         page.on("websocket", lambda socket: watch.requests.append(socket.url))
         page.watch = watch
-        page.goto(url)
-        ready(page)
         return page
 
     def shared(self, url: str) -> Any:

@@ -105,6 +105,16 @@ def test_nothing_sticks_out(serve, pages, width, height):
     )
 
 
+def test_a_narrow_cell_cuts_nothing_off(serve, pages):
+    """Its verdict is the longest there is."""
+    page = pages.shared(serve("stewart-gough").url)
+    page.set_viewport_size({"width": 760, "height": 600})
+    settled(page)
+    assert page.evaluate("() => document.documentElement.scrollWidth") == 760
+    header = page.locator("header")
+    assert header.evaluate("(node) => node.scrollWidth <= node.clientWidth")
+
+
 def test_a_slider_moves_robot_ellipsoid_and_matrix(ur5):
     robot, ellipsoid = transforms(ur5, "mechanism"), transforms(ur5, "ellipsoid")
     before = matrix(ur5)

@@ -32,6 +32,9 @@ def test_a_live_page(shown):
     told = tab.read()
     assert told["do"] == "go-to"
     assert told["q"] == [0.01, 0, 0, 0, 0, 0]
+    later = Tab(shown.url)
+    assert later.read()["state"]["q"] == [0.01, 0, 0, 0, 0, 0]
+    later.close()
     with pytest.raises(InputError, match="wrong count"):
         shown.move([1, 2])
     tab.close()

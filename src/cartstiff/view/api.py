@@ -13,7 +13,6 @@ from cartstiff.errors import InputError, MissingDependencyError
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.stiffness.compute import analyse
-from cartstiff.view.answer import Answer
 from cartstiff.view.source import Source, Trajectory
 
 __all__ = ["Page", "StaticPage", "show"]
@@ -40,7 +39,7 @@ class Page:
         self.url = self._background.url
 
     def move(self, q: ArrayLike) -> None:
-        """Take every open tab to a posture.
+        """Take every tab to a posture, those that are opened later too.
 
         Raises
         ------
@@ -48,9 +47,8 @@ class Page:
             For a wrong count or numbers that are not finite.
         """
         values = self._source.elastic.mechanism.checked(q).tolist()
-        answer = Answer({"id": 0, "do": "go-to", "q": values})
         server = self._background.server
-        self._background.call(lambda: server.push(answer))
+        self._background.call(lambda: server.go_to(values))
 
     def close(self) -> None:
         """End the page."""

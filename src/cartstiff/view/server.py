@@ -14,8 +14,10 @@ import socket
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from tornado.httpserver import HTTPServer
 from tornado.iostream import StreamClosedError
 from tornado.web import Application, HTTPError, RequestHandler
@@ -374,10 +376,11 @@ class PageServer:
         self.port: int = listening.getsockname()[1]
         self.url = f"http://{shown}:{self.port}/"
 
-    def push(self, answer: Answer) -> None:
-        """Tell every tab something."""
+    def go_to(self, q: list[float]) -> None:
+        """Take every tab to a posture, those that are opened later too."""
+        self.source = replace(self.source, q=np.array(q))
         for tab in list(self.tabs):
-            tab.push(answer)
+            tab.push(Answer({"id": 0, "do": "go-to", "q": q}))
 
     async def stop(self) -> None:
         """Close every socket and the port."""
