@@ -17,7 +17,7 @@ PACKAGE = Path(cartstiff.__file__).parent
 
 #: From the bottom up; a part may import itself and what stands below it.
 LAYERS = [
-    {"errors", "version"},
+    {"errors", "lazy", "version"},
     {"geometry"},
     {"potentials"},
     {"mechanisms"},

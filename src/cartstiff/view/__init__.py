@@ -5,8 +5,9 @@ The names below draw in any ``meshcat.Visualizer``; they are loaded when first u
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from cartstiff.lazy import lazy_names
 
 if TYPE_CHECKING:
     from cartstiff.view.arrows import add_wrench as add_wrench
@@ -46,12 +47,4 @@ __all__ = [
     "add_wrench",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name in _HOMES:
-        return getattr(import_module(_HOMES[name]), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+__getattr__, __dir__ = lazy_names(__name__, _HOMES, __all__)

@@ -6,8 +6,9 @@ it then moves on to the next round number, and the legend says so.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from math import ceil, floor, isfinite, log10
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,24 +27,15 @@ def round_number(x: float) -> float:
     return float(f"{step}e{power}")
 
 
-class Linear:
-    """Length = value / `per_length`, a round number of value units per unit of length.
-
-    Parameters
-    ----------
-    target : float
-        Length the largest value is drawn with, about.
-    """
-
-    kind: Literal["linear"] = "linear"
+class _Scale(ABC):
+    """A scale that follows the values, or is settled by those that are drawn together."""
 
     def __init__(self, target: float) -> None:
         self._target = target
-        self.per_length = 0.0
         self._settled = False
 
     @classmethod
-    def from_values(cls, values: ArrayLike, target: float) -> Linear:
+    def from_values(cls, values: ArrayLike, target: float) -> Self:
         """A scale for values (any shape) that are drawn together; it does not change any more."""
         scale = cls(target)
         scale.fit(np.asarray(values, float))
@@ -54,9 +46,36 @@ class Linear:
         """Choose the scale anew if values (any shape) would come out too small or too large."""
         if self._settled:
             return
-        largest = float(np.abs(values).max(initial=0.0))
-        if not (0.0 < largest < np.inf):
-            return
+        sizes = [abs(v) for v in values.ravel().tolist() if isfinite(v)]
+        largest = max(sizes, default=0.0)
+        if largest > 0.0:
+            self._choose(sizes, largest)
+
+    @abstractmethod
+    def _choose(self, sizes: list[float], largest: float) -> None: ...
+
+    @abstractmethod
+    def length(self, values: Array) -> Array:
+        """Lengths of the absolute values."""
+
+    @abstractmethod
+    def legend(self) -> dict[str, Any]:
+        """What a length means."""
+
+
+class Linear(_Scale):
+    """Length = value / `per_length`, a round number of value units per unit of length.
+
+    Parameters
+    ----------
+    target : float
+        Length the largest value is drawn with, about.
+    """
+
+    kind: Literal["linear"] = "linear"
+    per_length = 0.0
+
+    def _choose(self, sizes: list[float], largest: float) -> None:  # noqa: ARG002
         if self.per_length and 0.3 < largest / self.per_length / self._target < 1.6:
             return
         # Rounded down, so that a value is drawn up to 2.5 times the target length at most.
@@ -73,7 +92,7 @@ class Linear:
         return {"kind": self.kind, "value_per_length": self.per_length or None}
 
 
-class Logarithmic:
+class Logarithmic(_Scale):
     """Length = `per_decade` log10(value / `zero`); a value of `zero` or less has no length.
 
     Parameters
@@ -83,29 +102,10 @@ class Logarithmic:
     """
 
     kind: Literal["log"] = "log"
+    zero = 0.0
+    per_decade = 0.0
 
-    def __init__(self, target: float) -> None:
-        self._target = target
-        self.zero = 0.0
-        self.per_decade = 0.0
-        self._settled = False
-
-    @classmethod
-    def from_values(cls, values: ArrayLike, target: float) -> Logarithmic:
-        """A scale for values (any shape) that are drawn together; it does not change any more."""
-        scale = cls(target)
-        scale.fit(np.asarray(values, float))
-        scale._settled = True
-        return scale
-
-    def fit(self, values: Array) -> None:
-        """Choose the scale anew if values (any shape) would come out too small or too large."""
-        if self._settled:
-            return
-        sizes = [abs(v) for v in values.ravel().tolist() if isfinite(v)]
-        largest = max(sizes, default=0.0)
-        if not largest > 0.0:
-            return
+    def _choose(self, sizes: list[float], largest: float) -> None:
         # What is rounding beside the largest counts as zero and has no length.
         small, large = log10(min(v for v in sizes if v > RANK * largest)), log10(largest)
         if self.zero:
