@@ -64,7 +64,8 @@ def section(name: str, data: dict[str, Any]) -> str:
     length, force = data["units"]["length"], data["units"]["force"]
     moment, per_length = f"{force} {length}", f"{force}/{length}"
     units = [f"{moment}/rad | {force}"] * 3 + [f"{force}/rad | {per_length}"] * 3
-    wrench = ", ".join(f"{x + 0.0:.6g}" for x in data["wrench"])
+    rounding = 1e-12 * max(map(abs, data["wrench"]))
+    wrench = ", ".join(f"{x:.6g}" if abs(x) > rounding else "0" for x in data["wrench"])
     parts = [
         f'<h2 id="{name}">{html.escape(TITLES[name])}</h2>',
         f"<p><code>cartstiff analyse {' '.join(RUNS[name])}</code> "

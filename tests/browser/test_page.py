@@ -404,3 +404,31 @@ def test_every_kind_of_mechanism(serve, pages, name, words):
     assert np.allclose(shown[quantity]["K"], K, rtol=1e-8, atol=1e-8 * np.abs(K).max())
     if name == "stewart-gough":
         assert page.locator(".leg").count() == 7
+
+
+def test_no_label_covers_another(ur5):
+    places = ur5.evaluate(
+        """() => {
+            const { viewer } = window.cartstiff.pane;
+            viewer.render();
+            const found = [];
+            viewer.scene.traverseVisible((node) => {
+                if (!node.isSprite) return;
+                const at = node.position.clone()
+                    .setFromMatrixPosition(node.matrixWorld).project(viewer.camera);
+                const [sx, , , , , sy] = viewer.camera.projectionMatrix.elements;
+                const [width, height] = [0, 4].map((k) =>
+                    Math.hypot(...node.matrixWorld.elements.slice(k, k + 3)));
+                const half = [width * sx / 2, height * sy / 2];
+                const middle = [at.x + 2 * half[0] * (0.5 - node.center.x),
+                                at.y + 2 * half[1] * (0.5 - node.center.y)];
+                found.push([...middle, ...half]);
+            });
+            return found;
+        }"""
+    )
+    assert len(places) >= 8  # six principal values and two frames
+    for i, (x, y, width, height) in enumerate(places):
+        for other_x, other_y, other_width, other_height in places[:i]:
+            apart = abs(x - other_x) > 0.9 * (width + other_width)
+            assert apart or abs(y - other_y) > 0.9 * (height + other_height)

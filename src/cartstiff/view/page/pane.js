@@ -2,6 +2,7 @@
 
 /* global MeshCat */
 import { byId } from "./dom.js";
+import { spreadLabels } from "./labels.js";
 
 // Time (ms) without a picture after which the next is not left to wait for the screen's turn.
 const REST = 250;
@@ -24,6 +25,7 @@ export class Pane {
     const render = this.viewer.render.bind(this.viewer);
     this.rendered = 0;
     this.viewer.render = () => {
+      spreadLabels(this.viewer.scene, this.viewer.camera);
       render();
       this.rendered = performance.now();
       for (const callback of this.after.splice(0)) callback();
