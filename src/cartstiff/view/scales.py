@@ -28,7 +28,13 @@ def round_number(x: float) -> float:
 
 
 class _Scale(ABC):
-    """A scale that follows the values, or is settled by those that are drawn together."""
+    """A scale that follows the values, or is settled by those that are drawn together.
+
+    Parameters
+    ----------
+    target : float
+        Length the largest value is drawn with, about.
+    """
 
     def __init__(self, target: float) -> None:
         self._target = target
@@ -66,10 +72,7 @@ class _Scale(ABC):
 class Linear(_Scale):
     """Length = value / `per_length`, a round number of value units per unit of length.
 
-    Parameters
-    ----------
-    target : float
-        Length the largest value is drawn with, about.
+    `target` is the length the largest value is drawn with, about.
     """
 
     kind: Literal["linear"] = "linear"
@@ -95,10 +98,7 @@ class Linear(_Scale):
 class Logarithmic(_Scale):
     """Length = `per_decade` log10(value / `zero`); a value of `zero` or less has no length.
 
-    Parameters
-    ----------
-    target : float
-        Length the largest value is drawn with, about.
+    `target` is the length the largest value is drawn with, about.
     """
 
     kind: Literal["log"] = "log"
