@@ -16,10 +16,13 @@ export class Pane {
     this.viewer.set_3d_pane_size = () => {
       const { clientWidth: width, clientHeight: height } = this.node;
       if (width > 0 && height > 0) sized(width, height);
+      this.center();
     };
     window.onload = null;
     this.viewer.gui.domElement.style.display = "none";
+    this.covered = 0;
     new ResizeObserver(() => this.viewer.set_3d_pane_size()).observe(this.node);
+    new ResizeObserver(() => this.center()).observe(byId("legend"));
     this.viewer.set_3d_pane_size();
     this.after = [];
     const render = this.viewer.render.bind(this.viewer);
@@ -30,6 +33,15 @@ export class Pane {
       this.rendered = performance.now();
       for (const callback of this.after.splice(0)) callback();
     };
+  }
+
+  /** Put the middle of the picture into the middle of what the legend leaves free. */
+  center() {
+    const { clientWidth: width, clientHeight: height } = this.node;
+    // Never back: a legend that comes and goes does not shake the picture.
+    this.covered = Math.max(this.covered, byId("legend").offsetHeight);
+    this.viewer.camera.setViewOffset(width, height, 0, this.covered / 2, width, height);
+    this.viewer.set_dirty();
   }
 
   apply(commands, then) {
