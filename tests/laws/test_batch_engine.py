@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pinocchio
 import pytest
 from tests.support import add_frame, random_pose, serial_model
 
@@ -196,6 +197,40 @@ def test_joints_that_follow_others(path):
             elastic, mechanism=Chain(other, "tip"), q=np.zeros(6), springs=JointSprings(k, rest)
         )
         assert_same(followed, postures(followed), path)
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("scale", [1e-2, 1.0, 30.0])
+@pytest.mark.parametrize("parallel", [0, 2, 5])
+def test_arms_with_parallel_axes(parallel, scale, path):
+    """Much of their Jacobian is zero in every posture; with all axes parallel they are singular."""
+    model = pinocchio.Model()
+    rng = np.random.default_rng(6)
+    for j in range(6):
+        turn = np.eye(3) if 0 < j <= parallel else pinocchio.rpy.rpyToMatrix(np.pi / 2, 0.0, 0.0)
+        placement = pinocchio.SE3(turn, scale * rng.uniform(0.1, 0.5, 3))
+        model.addJoint(j, pinocchio.JointModelRZ(), placement, f"joint{j}")
+    add_frame(model, "tip", 6, random_pose(rng, 0.2 * scale))
+    springs = JointSprings(rng.uniform(400.0, 1200.0, 6), rng.uniform(-0.5, 0.5, 6))
+    elastic = ElasticMechanism("arm", Chain(plain_tree(model), "tip"), np.zeros(6), springs)
+    assert_same(elastic, postures(elastic), path)
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("place", ["base", "middle"])
+def test_axes_that_nearly_meet(place, path):
+    """The characteristic length is small beside the way to the base, or beside the arm itself."""
+    model = pinocchio.Model()
+    rng = np.random.default_rng(7)
+    for j in range(6):
+        placement = random_pose(rng, 1e-3)
+        if (place, j) in (("base", 0), ("middle", 3)):
+            placement[:3, 3] += [0.0, 0.0, 0.7]
+        model.addJoint(j, pinocchio.JointModelRZ(), pinocchio.SE3(placement), f"joint{j}")
+    add_frame(model, "tip", 6, random_pose(rng, 1e-3))
+    springs = JointSprings(rng.uniform(400.0, 1200.0, 6), rng.uniform(-0.5, 0.5, 6))
+    elastic = ElasticMechanism("arm", Chain(plain_tree(model), "tip"), np.zeros(6), springs)
+    assert_same(elastic, postures(elastic), path)
 
 
 @pytest.mark.parametrize("path", PATHS)

@@ -8,7 +8,14 @@ import pytest
 
 import cartstiff
 from cartstiff.batch import running
-from cartstiff.batch.algebra import congruence, inverse, positive_factor, reflections
+from cartstiff.batch.algebra import (
+    congruence,
+    inverse,
+    positive_factor,
+    product,
+    reflections,
+    solution,
+)
 from cartstiff.batch.compiled import CompiledKernel
 from cartstiff.batch.given import aligned_empty
 from cartstiff.batch.plans import plan, program_for
@@ -53,6 +60,16 @@ class TestTape:
         assert sizes == sorted(sizes)
         assert sizes[-1] < everything.size
 
+    def test_operations_keep_their_order(self):
+        """But for those that only complete an output: they follow what they read."""
+        tape = Tape()
+        x, y = tape.input("a", 0), tape.input("a", 1)
+        first, second = x * y, x / y
+        third = second * second
+        program = tape.program({"out": np.array([third, first + y, third + x], object)}, [])
+        names = [o.name for o in program.operations if o.name not in ("input", "constant")]
+        assert names == ["mul", "add", "div", "mul", "add"]
+
     def test_a_float_may_stand_for_a_number(self):
         assert sine(0.5) == np.sin(0.5)
         assert isinstance(cosine(Tape().input("a", 0)), Number)
@@ -82,6 +99,42 @@ class TestAlgebra:
         np.testing.assert_allclose(Q[:, :6] @ found.R.astype(float), M, atol=1e-14)
         np.testing.assert_allclose(found.conjugate(H).astype(float), Q.T @ H @ Q, atol=1e-13)
         np.testing.assert_allclose(congruence(Q, H).astype(float), Q.T @ H @ Q, atol=1e-13)
+
+    def test_product(self):
+        rng = np.random.default_rng(3)
+        M, N = rng.normal(size=(3, 5)), rng.normal(size=(5, 2))
+        np.testing.assert_allclose(product(M, N).astype(float), M @ N, atol=1e-14)
+
+    @pytest.mark.parametrize("varying", [(), (0,), (1, 4), (0, 1, 2, 3, 4, 5)])
+    def test_solution(self, varying):
+        """Columns of constants are eliminated, others reflected, and zeros cost nothing."""
+        rng = np.random.default_rng(4)
+        zeros = np.array([[1, 1, 0, 1, 0, 0], [1, 0, 1, 1, 0, 1], [0, 1, 0, 1, 0, 1],
+                          [1, 0, 0, 1, 1, 1], [0, 1, 0, 0, 0, 1], [1, 1, 1, 1, 0, 0]])  # fmt: skip
+        right = rng.normal(size=(6, 2))
+        sizes = []
+        for pattern in (zeros, np.ones((6, 6))):
+            M = rng.normal(size=(6, 6)) * pattern
+            tape = Tape()
+            recorded = M.astype(object)
+            for j in varying:
+                for i in np.flatnonzero(pattern[:, j]):
+                    recorded[i, j] = tape.input("M", 6 * int(i) + j)
+            X = solution(recorded, right.astype(object))
+            program = tape.program({"X": X}, [])
+            found = run(PortableKernel(program), {"M": M.reshape(1, 36)}, 1)["X"].reshape(6, 2)
+            bound = 1e-14 * np.linalg.cond(M) * np.abs(found).max()
+            np.testing.assert_allclose(found, np.linalg.solve(M, right), atol=bound)
+            sizes.append(program.size)
+        assert sizes[0] < sizes[1] or not varying
+
+    def test_what_has_no_solution(self):
+        """A row of zeros in every posture: numbers that are none, and no error."""
+        tape = Tape()
+        M = np.array([[tape.input("M", 0), 2.0], [0.0, 0.0]], object)
+        program = tape.program({"X": solution(M, np.eye(2).astype(object))}, [])
+        found = run(PortableKernel(program), {"M": np.ones((1, 1))}, 1)["X"]
+        assert np.isnan(found).any()
 
     def test_positive_factor(self):
         rng = np.random.default_rng(2)

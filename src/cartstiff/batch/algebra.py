@@ -1,20 +1,23 @@
 r"""Linear algebra on small arrays of recording numbers (object arrays, or floats).
 
 Elimination would need pivots chosen posture by posture. Householder reflections need none, lose no
-digits whatever the order of rows and columns, and do not care how the columns are scaled.
+digits whatever the order of rows and columns, and do not care how the columns are scaled. Sums that
+make up a row grow side by side, so that none of them waits for itself.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from cartstiff.batch.tape import Scalar, absolute, copysign, larger, square_root
+from cartstiff.batch.tape import Number, Scalar, absolute, copysign, larger, pick, square_root
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["Reflections", "congruence", "cross", "inverse", "norm_squared", "positive_factor",
-           "reflections", "skew", "upper_inverse", "zeros"]  # fmt: skip
+__all__ = ["Reflections", "congruence", "cross", "inverse", "is_zero", "largest", "norm_squared",
+           "positive_factor", "product", "reflections", "skew", "solution", "upper_inverse",
+           "zeros"]  # fmt: skip
 
 
 def zeros(*shape: int) -> Array:
@@ -40,14 +43,29 @@ def norm_squared(a: Array) -> Scalar:
     return flat @ flat
 
 
+def is_zero(x: Scalar) -> bool:
+    """Whether a number is zero whatever the inputs are."""
+    return not isinstance(x, Number) and x == 0
+
+
+def product(left: Array, right: Array) -> Array:
+    """``left right``."""
+    found = zeros(len(left), right.shape[1])
+    for i, row in enumerate(left):
+        for a, x in enumerate(row):
+            found[i] = found[i] + right[a] * x
+    return found
+
+
 def congruence(left: Array, middle: Array) -> Array:
     """``left^T middle left`` for a symmetric middle; one triangle is computed and mirrored."""
-    half = middle @ left
     n = left.shape[1]
     found = zeros(n, n)
     for i in range(n):
-        for j in range(i, n):
-            found[i, j] = found[j, i] = left[:, i] @ half[:, j]
+        row = found[i, i:]
+        for a, x in enumerate(middle @ left[:, i]):
+            row = row + left[a, i:] * x
+        found[i, i:] = found[i:, i] = row
     return found
 
 
@@ -130,6 +148,76 @@ def inverse(matrix: Array) -> Array:
     found = reflections(matrix)
     # M^T = (Q R)^T has the inverse Q R^-T.
     return found.apply(upper_inverse(found.R).T).T
+
+
+def solution(matrix: Array, right: Array) -> Array:
+    """``matrix^-1 right`` of a square matrix, with no work on what is zero in every posture.
+
+    Each step takes the column with fewest entries that vary and reflects the rows where it has any.
+    A column of constants is eliminated instead, its pivot being known. What has no inverse in any
+    posture gives numbers that are none.
+    """
+    n = len(matrix)
+    nowhere: Scalar = math.nan
+    for x in np.ravel(matrix):
+        if isinstance(x, Number):
+            nowhere = pick(x, x, 0.0, math.nan)
+    work = np.concatenate([matrix, right], axis=1).astype(object)
+    rows, columns = list(range(n)), list(range(n))
+    steps: list[tuple[int, int, Scalar]] = []
+
+    def entries(column: int) -> tuple[int, int]:
+        found = [x for x in work[rows, column] if not is_zero(x)]
+        return sum(isinstance(x, Number) for x in found), len(found)
+
+    while columns:
+        column = min(columns, key=entries)
+        columns.remove(column)
+        others = [*columns, *range(n, work.shape[1])]
+        filled = [i for i in rows if not is_zero(work[i, column])]
+        row, reciprocal = _cleared(work, filled, column, others) if filled else (rows[0], nowhere)
+        rows.remove(row)
+        steps.append((row, column, reciprocal))
+    found = zeros(n, right.shape[1])
+    for i in range(n - 1, -1, -1):
+        row, column, reciprocal = steps[i]
+        rest = work[row, n:]
+        for _, later, _ in steps[:i:-1]:
+            rest = rest - found[later] * work[row, later]
+        found[column] = rest * reciprocal
+    return found
+
+
+def _cleared(work: Array, filled: list[int], column: int, others: list[int]) -> tuple[int, Scalar]:
+    """Clear a column in all rows but one; which that is, and one over what stays there."""
+    x = work[filled, column]
+    if not any(isinstance(entry, Number) for entry in x):
+        at = int(np.argmax(np.abs(x.astype(float))))
+        row, reciprocal = filled[at], 1.0 / x[at]
+        for i, entry in zip(filled, x, strict=True):
+            if i != row:
+                work[i, others] = work[i, others] - work[row, others] * (entry * reciprocal)
+        return row, reciprocal
+    if len(filled) == 1:
+        return filled[0], 1.0 / x[0]
+    if len(filled) == 2:
+        row, other = filled
+        reciprocal = 1.0 / square_root(norm_squared(x))
+        c, s = x * reciprocal
+        first, second = work[row, others], work[other, others]
+        work[row, others] = first * c + second * s
+        work[other, others] = second * c - first * s
+        return row, reciprocal
+    # I - b v v^T with v = (1, ...): one division serves 1 / size, 1 / top and b = top / size.
+    size = copysign(square_root(norm_squared(x)), x[0])
+    top = x[0] + size
+    common = 1.0 / (size * top)
+    v = x * (common * size)
+    v[0] = 1.0
+    reciprocal = common * top
+    block = np.ix_(filled, others)
+    work[block] = work[block] - np.outer(v, product((v * (top * reciprocal))[None], work[block])[0])
+    return filled[0], -reciprocal
 
 
 def positive_factor(matrix: Array) -> tuple[Array, Array, Scalar]:

@@ -1,11 +1,15 @@
 r"""The arithmetic of a serial chain, any number of joints, on recording numbers.
 
-The recursion runs from the body frame M to the base, so that every axis is found in M and the body
-Jacobian needs no pose. With J^T = Q R (Householder), in coordinates of one kind, and
-H_L = H - S_W, S_W[a, b] = 1/2 W . [J_a, J_b] for a before b:
+Twists J_C of the joints are found in C, the frame of a joint, from it outward and inward. For six
+coordinates C stands in the middle of the chain: the axes beside it are constant, the next ones
+depend on one angle each, and the outermost on half of the angles, so that much of J_C is zero
+whatever the posture and is never computed. Else C is the body frame M. In coordinates of one kind,
+and with H_L = H - S_W, S_W[a, b] = 1/2 W . [J_a, J_b] for a before b, which does not depend on the
+frame,
 
-    n = 6:  A = J^-1 = Q R^-T,  W = A^T g,  K^B = A^T H_L A,  K^F = A^T H A
-    n > 6:  Q^T H_L Q = [[a, b], [b^T, c]],  K^B = R^-1 (a - b c^-1 b^T) R^-T,  W = R^-1 (Q^T g)_6
+    n = 6:  J_C A = Ad(T_C_M),  W = A^T g,  K^F = A^T H A,  K^B = K^F - A^T S_W A
+    n > 6:  J^T = Q R,  Q^T H_L Q = [[a, b], [b^T, c]],
+            K^B = R^-1 (a - b c^-1 b^T) R^-T,  W = R^-1 (Q^T g)_6
     n < 6:  J = Q R with lengths scaled,  W = Q R^-T g,  C^B = J H_L^-1 J^T
 
 which is the reduction of `cartstiff.stiffness.reduction` without its singular value decomposition.
@@ -17,8 +21,10 @@ moment and S_b = omega_b x m c + m v_b,
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -27,10 +33,13 @@ from cartstiff.batch.algebra import (
     congruence,
     cross,
     inverse,
+    is_zero,
     largest,
     norm_squared,
     positive_factor,
+    product,
     reflections,
+    solution,
     upper_inverse,
     zeros,
 )
@@ -119,35 +128,35 @@ class ChainCase:
     derivatives: bool = False
 
 
-@dataclass
-class _Kinematics:
-    """Axes in M, ``T_M_F``, and the bodies beyond each joint."""
+class _Links:
+    """The links of a chain with frames turned so that every axis is z, and their joints.
 
-    J: Array  # (6, joints)
-    R_M_F: Array
-    p_M_F: Array
-    size: float
+    The last of the placements is that of the body.
+    """
 
-
-def _aligned(constants: ChainConstants) -> tuple[list[Array], list[str], list[float], list[Array]]:
-    """Placements, kinds, pitches with frames turned so that every axis is z; and the turns."""
-    placements = np.reshape(constants.placements, (-1, 4, 4))
-    screws = np.reshape(constants.screws, (-1, 6))
-    turns, kinds, pitches = [], [], []
-    for screw in screws:
-        turning = bool(np.any(screw[:3]))
-        axis = screw[:3] if turning else screw[3:]
-        kinds.append("revolute" if turning else "prismatic")
-        pitches.append(float(axis @ screw[3:]) if turning else 0.0)
-        turns.append(_turn(axis))
-    found, before = [], np.eye(3)
-    for T, turn in zip(placements, turns, strict=True):
-        other = np.eye(4)
-        other[:3, :3] = _snapped(before.T @ T[:3, :3] @ turn)
-        other[:3, 3] = before.T @ T[:3, 3]
-        found.append(other)
-        before = turn
-    return found, kinds, pitches, turns
+    def __init__(self, constants: ChainConstants, position: Array) -> None:
+        placements = np.reshape([*constants.placements, *constants.body], (-1, 4, 4))
+        screws = np.reshape(constants.screws, (-1, 6))
+        self.turning = [bool(np.any(screw[:3])) for screw in screws]
+        self.pitches, self.turns = list[float](), list[Array]()
+        for screw, turning in zip(screws, self.turning, strict=True):
+            axis = screw[:3] if turning else screw[3:]
+            self.pitches.append(float(axis @ screw[3:]) if turning else 0.0)
+            self.turns.append(_turn(axis))
+        self.placements = []
+        turns = [np.eye(3), *self.turns, np.eye(3)]
+        for T, before, after in zip(placements, turns[:-1], turns[1:], strict=True):
+            turned = np.eye(4)
+            turned[:3, :3] = _snapped(before.T @ T[:3, :3] @ after)
+            turned[:3, 3] = before.T @ T[:3, 3]
+            self.placements.append(turned)
+        self.position = position
+        # All at once: they are found side by side.
+        self.sines = [sine(x) if t else 0.0 for x, t in zip(position, self.turning, strict=True)]
+        self.cosines = [
+            cosine(x) if t else 1.0 for x, t in zip(position, self.turning, strict=True)
+        ]
+        self.lengths = [float(np.linalg.norm(T[:3, 3])) for T in placements]
 
 
 def _turn(axis: Array) -> Array:
@@ -168,39 +177,129 @@ def _snapped(rotation: Array) -> Array:
     return rotation
 
 
-def _kinematics(
-    constants: ChainConstants, position: Array, fields: tuple[Field, ...]
-) -> tuple[_Kinematics, list[tuple[Array, Array]]]:
-    """Axes in M from the body frame to the base; mass and first moment beyond each joint."""
-    placements, kinds, pitches, turns = _aligned(constants)
-    joints = len(kinds)
-    T = np.reshape(constants.body, (4, 4))
-    R = _snapped(turns[-1].T @ T[:3, :3]).T.astype(object)
-    p = (-(R @ (turns[-1].T @ T[:3, 3]))).astype(object)
-    J = zeros(6, joints)
-    beyond = [(zeros(joints), zeros(joints, 3)) for _ in fields]
-    sums = [(0.0, zeros(3)) for _ in fields]
-    for j in range(joints - 1, -1, -1):
-        for i, field in enumerate(fields):
-            mass, first = sums[i]
-            if field.weights[j]:
-                c = R @ (turns[j].T @ np.array(field.points[j])) + p
-                mass, first = mass + field.weights[j], first + c * field.weights[j]
-                sums[i] = (mass, first)
-            beyond[i][0][j], beyond[i][1][j] = mass, first
-        axis, x = R[:, 2], position[j]
-        if kinds[j] == "revolute":
-            J[:3, j], J[3:, j] = axis, cross(p, axis) + axis * pitches[j]
-            s, c = sine(x), cosine(x)
-            p = p - axis * (x * pitches[j])
-            R = np.column_stack([R[:, 0] * c - R[:, 1] * s, R[:, 0] * s + R[:, 1] * c, axis])
-        else:
-            J[3:, j] = axis
-            p = p - axis * x
-        R = R @ placements[j][:3, :3].T
-        p = p - R @ placements[j][:3, 3]
-    size = sum(float(np.linalg.norm(T[:3, 3])) for T in [*placements, T])
-    return _Kinematics(J, R, p, size), beyond
+class _Walk:
+    """A walk along a chain: pose of the frame that it has reached in the one where it began."""
+
+    def __init__(self, links: _Links) -> None:
+        self.links = links
+        self.R, self.p = np.eye(3).astype(object), zeros(3)
+
+    def twist(self, joint: int) -> Array:
+        """Unit twist of a joint whose frame is reached, before or behind its motion."""
+        axis = self.R[:, 2]
+        if not self.links.turning[joint]:
+            return np.concatenate([zeros(3), axis])
+        return np.concatenate([axis, cross(self.p, axis) + axis * self.links.pitches[joint]])
+
+    def move(self, joint: int, sign: float) -> None:
+        """Through the motion of a joint; with sign -1 back."""
+        links, axis = self.links, self.R[:, 2]
+        x = links.position[joint] * sign
+        if not links.turning[joint]:
+            self.p = self.p + axis * x
+            return
+        s, c = links.sines[joint] * sign, links.cosines[joint]
+        self.p = self.p + axis * (x * links.pitches[joint])
+        x_axis, y_axis = self.R[:, 0], self.R[:, 1]
+        self.R = np.column_stack([x_axis * c + y_axis * s, y_axis * c - x_axis * s, axis])
+
+    def outward(self, link: int) -> None:
+        """From a joint behind its motion to the frame placed on its link."""
+        T = self.links.placements[link]
+        self.p = self.p + self.R @ T[:3, 3]
+        self.R = self.R @ T[:3, :3]
+
+    def inward(self, link: int) -> None:
+        """Back from the frame placed on a link."""
+        T = self.links.placements[link]
+        self.R = self.R @ T[:3, :3].T
+        self.p = self.p - self.R @ T[:3, 3]
+
+
+class _Kinematics:
+    """A chain in C, the frame of joint `middle` before its motion, or M where no joint is left.
+
+    Attributes
+    ----------
+    J, J_M : twists of the joints in C and in M (6, joints).
+    R_C_M, p_C_M, R_C_F, p_C_F : poses of M and F in C.
+    size, reach : longest way along the links to M, from F and from the first axis.
+    beyond : mass and first moment in C beyond each joint, for each field.
+    """
+
+    def __init__(
+        self, constants: ChainConstants, position: Array, fields: tuple[Field, ...], middle: int
+    ) -> None:
+        links = _Links(constants, position)
+        joints = len(links.turning)
+        self.size, self.reach = sum(links.lengths), sum(links.lengths[1:])
+        self.J, self.J_M = zeros(6, joints), zeros(6, joints)
+        centres = [zeros(joints, 3) for _ in fields]
+
+        def see(walk: _Walk, j: int) -> None:
+            for centre, field in zip(centres, fields, strict=True):
+                centre[j] = walk.R @ (links.turns[j].T @ np.array(field.points[j])) + walk.p
+
+        walk = _Walk(links)
+        for j in range(middle, joints):
+            self.J[:, j] = walk.twist(j)
+            walk.move(j, 1.0)
+            see(walk, j)
+            walk.outward(j + 1)
+        self.R_C_M, self.p_C_M = walk.R, walk.p
+        walk = _Walk(links)
+        for j in range(middle - 1, -1, -1):
+            walk.inward(j + 1)
+            see(walk, j)
+            self.J[:, j] = walk.twist(j)
+            walk.move(j, -1.0)
+        walk.inward(0)
+        self.R_C_F, self.p_C_F = walk.R, walk.p
+        # What is near the body is found from there with fewer operations.
+        walk = _Walk(links)
+        for j in range(joints - 1, middle - 1, -1):
+            walk.inward(j + 1)
+            self.J_M[:, j] = walk.twist(j)
+            walk.move(j, -1.0)
+        for j in range(middle):
+            axis = self.J[:3, j]
+            self.J_M[:3, j] = self.R_C_M.T @ axis
+            self.J_M[3:, j] = self.R_C_M.T @ (self.J[3:, j] + cross(axis, self.p_C_M))
+        self.beyond = []
+        for centre, field in zip(centres, fields, strict=True):
+            weights = np.array(field.weights)
+            first = centre * weights[:, None]
+            self.beyond.append((_sums_to_the_end(weights), _sums_to_the_end(first)))
+
+    def wrench(self, W: Array) -> Array:
+        """A wrench given in M, in C."""
+        force = self.R_C_M @ W[3:]
+        return np.concatenate([self.R_C_M @ W[:3] + cross(self.p_C_M, force), force])
+
+    def adjoint(self) -> Array:
+        """``Ad(T_C_M)``."""
+        found = zeros(6, 6)
+        found[:3, :3] = found[3:, 3:] = self.R_C_M
+        for i in range(3):
+            found[3:, i] = cross(self.p_C_M, self.R_C_M[:, i])
+        return found
+
+
+def _sums_to_the_end(rows: Array) -> Array:
+    return np.cumsum(rows[::-1], axis=0)[::-1]
+
+
+@lru_cache(maxsize=64)
+def _middle(constants: ChainConstants) -> int:
+    """The joint in whose frame the Jacobian of six coordinates is inverted with least effort."""
+    counts = {}
+    for joint in range(1, len(constants.screws) // 6 + 1):
+        tape = Tape()
+        chain = _Chain(tape, ChainCase(constants, None), joint)
+        chain.inverse()
+        chain.curvature(tape.vector("wrench", 6))
+        counts[joint] = len(tape.operations)
+    return min(counts, key=lambda joint: counts[joint])
 
 
 def _field_terms(
@@ -209,8 +308,8 @@ def _field_terms(
     """Energy, gradient and Hessian in the joint positions."""
     mass, first = beyond
     J, joints = kinematics.J, kinematics.J.shape[1]
-    g = kinematics.R_M_F @ force
-    energy = -(g @ (first[0] - kinematics.p_M_F * mass[0]))
+    g = kinematics.R_C_F @ force
+    energy = -(g @ (first[0] - kinematics.p_C_F * mass[0]))
     gradient, hessian = zeros(joints), zeros(joints, joints)
     S = [cross(J[:3, b], first[b]) + J[3:, b] * mass[b] for b in range(joints)]
     for a in range(joints):
@@ -226,19 +325,21 @@ def _curvature(J: Array, W: Array) -> Array:
     joints = J.shape[1]
     S = zeros(joints, joints)
     half = W * 0.5
-    for b in range(1, joints):
+    # Of a pair the twist with more zeros makes the row, which then has zeros too.
+    order = sorted(range(joints), key=lambda a: sum(not is_zero(x) for x in J[:, a]))
+    for i, b in enumerate(order):
         turn, shift = J[:3, b], J[3:, b]
-        column = np.concatenate([cross(turn, half[:3]) + cross(shift, half[3:]),
-                                 cross(turn, half[3:])])  # fmt: skip
-        for a in range(b):
-            S[a, b] = S[b, a] = J[:, a] @ column
+        row = np.concatenate([cross(turn, half[:3]) + cross(shift, half[3:]),
+                              cross(turn, half[3:])])  # fmt: skip
+        for a in order[i + 1 :]:
+            S[a, b] = S[b, a] = J[:, a] @ (row if a < b else -row)
     return S
 
 
 class _Chain:
     """One chain under one case, as numbers on a tape."""
 
-    def __init__(self, tape: Tape, case: ChainCase) -> None:
+    def __init__(self, tape: Tape, case: ChainCase, middle: int) -> None:
         constants = case.constants
         self.n = n = len(constants.is_length)
         self.case = case
@@ -248,13 +349,17 @@ class _Chain:
             self.mimic = np.reshape(constants.mimic, (-1, n))
             offset = np.zeros(len(self.mimic)) if constants.offset is None else constants.offset
             self.position = self.mimic @ self.q + np.asarray(offset, object)
-        self.kinematics, self.beyond = _kinematics(constants, self.position, case.fields)
-        self.J = self.kinematics.J if self.mimic is None else self.kinematics.J @ self.mimic
+        self.kinematics = _Kinematics(constants, self.position, case.fields, middle)
+        self.J = self._of_coordinates(self.kinematics.J_M)
         self.W: Array | None = None
         if case.wrench != "none":
             self.W = tape.vector("wrench", 6)
         self._evaluate(tape)
         self._measure()
+
+    def _of_coordinates(self, J: Array) -> Array:
+        """A Jacobian of the coordinates from that of the joints."""
+        return J if self.mimic is None else J @ self.mimic
 
     def _evaluate(self, tape: Tape) -> None:
         """Energy, gradient, Hessian of everything, springs balanced as the engine does."""
@@ -267,7 +372,7 @@ class _Chain:
             hessian = tape.vector("hessians", n * n).reshape(n, n)
             hessian = np.where(np.tri(n, dtype=bool), hessian, hessian.T)
         forces = tape.vector("forces", 3 * len(case.fields)).reshape(-1, 3)
-        for force, beyond in zip(forces, self.beyond, strict=True):
+        for force, beyond in zip(forces, self.kinematics.beyond, strict=True):
             E, g, H = _field_terms(force, self.kinematics, beyond)
             if (M := self.mimic) is not None:
                 g, H = M.T @ g, congruence(M, H)
@@ -304,16 +409,18 @@ class _Chain:
             turning = [norm_squared(self.J[:3, a]) for a in range(self.n)]
         total = sum(turning[1:], turning[0])
         self.length: Scalar = 1.0
+        self.area: Scalar = 1.0
         if not (isinstance(total, float) and total == 0.0):
             moments = [
                 norm_squared(self.J[3:, a])
                 for a in range(self.n)
                 if not (isinstance(turning[a], float) and turning[a] == 0.0)
             ]
-            self.length = square_root(sum(moments[1:], moments[0]) / total)
+            self.area = sum(moments[1:], moments[0]) / total
+            self.length = square_root(self.area)
             least = _MEETING * self.kinematics.size
-            self.verdict = pick(least, self.length, PLAIN, ENGINE)
-            far = limited(largest(self.position), LARGEST_ANGLE)
+            self.verdict = pick(least**2, self.area, PLAIN, ENGINE)
+            far = limited(norm_squared(self.position), LARGEST_ANGLE**2)
             self.verdict = larger(self.verdict, far)
         self.columns = zeros(self.n)
         for a, is_length in enumerate(self.case.constants.is_length):
@@ -331,49 +438,62 @@ class _Chain:
 
     def curvature(self, W: Array) -> Array:
         """S_W in the coordinates."""
-        S = _curvature(self.kinematics.J, W)
+        S = _curvature(self.kinematics.J, self.kinematics.wrench(W))
         return S if self.mimic is None else congruence(self.mimic, S)
 
-    def condition(self, R: Array, R_inverse: Array) -> Scalar:
-        """Bound on the squared condition number of the scaled Jacobian, R^T up to a rotation."""
-        area = self.length * self.length
+    def inverse(self) -> Array:
+        """J^-1 of six coordinates, and the verdict on it."""
+        found = self.kinematics
+        # So that turns and shifts are of one size any length near the reach serves; 1 is free.
+        length = 4.0 ** round(math.log(found.reach or 1.0, 4.0))
+        scale = np.repeat([length, 1.0], 3)[:, None]
+        A = solution(self._of_coordinates(found.J) * scale, found.adjoint() * scale)
+        # Where the characteristic length is small beside that, C knows less than M would.
+        limit = self.area * (JACOBIAN_CONDITION / max(length, found.reach)) ** 2
+        condition = self.condition((self.J * self.columns).T, (A / self.columns[:, None]).T)
+        self.verdict = larger(self.verdict, pick(condition, limit, PLAIN, ENGINE))
+        return A
+
+    def condition(self, forward: Array, backward: Array) -> Scalar:
+        """Bound on the squared condition number of the scaled Jacobian.
+
+        From its transpose and its transposed inverse, or what differs from them by a rotation of
+        the coordinates.
+        """
         if self.mimic is None and not any(self.case.constants.is_length):
-            forward: Scalar = 2.0 * self.n  # by the choice of the length
+            size: Scalar = 2.0 * self.n  # by the choice of the length
         else:
-            forward = norm_squared(R[:, :3]) + norm_squared(R[:, 3:]) / area
-        backward = norm_squared(R_inverse[:3]) + norm_squared(R_inverse[3:]) * area
-        return forward * backward
+            size = norm_squared(forward[:, :3]) + norm_squared(forward[:, 3:]) / self.area
+        return size * (norm_squared(backward[:3]) + norm_squared(backward[3:]) * self.area)
 
     def pose(self) -> Array:
         """``T_F_M``."""
-        T = zeros(4, 4)
-        T[:3, :3] = self.kinematics.R_M_F.T
-        T[:3, 3] = -(self.kinematics.R_M_F.T @ self.kinematics.p_M_F)
+        found, T = self.kinematics, zeros(4, 4)
+        T[:3, :3] = found.R_C_F.T @ found.R_C_M
+        T[:3, 3] = found.R_C_F.T @ (found.p_C_M - found.p_C_F)
         T[3, 3] = 1.0
         return T
 
 
 def _six(chain: _Chain, wanted: Collection[str]) -> tuple[Array, Array, Array]:
-    """W, K^B and K^F of six joints."""
-    Q = reflections((chain.J * chain.columns).T)
-    inverse_R = upper_inverse(Q.R)
-    A = Q.apply(inverse_R.T)
-    verdict = limited(chain.condition(Q.R, inverse_R), JACOBIAN_CONDITION**2)
-    chain.verdict = larger(chain.verdict, verdict)
-    A = chain.columns[:, None] * A
+    """W, K^B and K^F of six coordinates."""
+    A = chain.inverse()
     W = chain.load()
     if W is None:
         W = A.T @ chain.gradient
     if not {"stiffness_F", "compliance_F"} & set(wanted):
         return W, congruence(A, chain.lagrangian(W)), zeros(6, 6)
-    # A^T S A as the symmetric part of a triangular form: half the products.
     K_F = congruence(A, chain.hessian)
+    # A^T S A as the symmetric part of a triangular form: half the products.
     upper = chain.curvature(W) * (np.triu(np.ones((6, 6)), 1) + 0.5 * np.eye(6))
-    half = A.T @ (upper @ A)
-    K_B = K_F.copy()
+    half = product(upper, A)
+    K_B = zeros(6, 6)
     for i in range(6):
-        for j in range(i, 6):
-            K_B[i, j] = K_B[j, i] = K_F[i, j] - (half[i, j] + half[j, i])
+        row = K_F[i, i:]
+        for a in range(6):
+            row = row - half[a, i:] * A[a, i]
+            row = row - A[a, i:] * half[a, i]
+        K_B[i, i:] = K_B[i:, i] = row
     return W, K_B, K_F
 
 
@@ -447,7 +567,8 @@ def _deficient(chain: _Chain, found: dict[str, Array], wanted: Collection[str]) 
 def chain_program(case: ChainCase, wanted: Collection[str]) -> Program:
     """Tape of the outputs that are wanted and exist, and of the verdict on the posture."""
     tape = Tape()
-    chain = _Chain(tape, case)
+    joints, n = len(case.constants.screws) // 6, len(case.constants.is_length)
+    chain = _Chain(tape, case, _middle(case.constants) if n == 6 else joints)
     found: dict[str, Array] = {
         "pose": chain.pose(),
         "jacobian": chain.J,

@@ -11,7 +11,7 @@ is computed from the same numbers, says so.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -99,47 +99,37 @@ class Tape:
             name: [x.step if isinstance(x, Number) else self._constant(x) for x in np.ravel(values)]
             for name, values in outputs.items()
         }
+        needed, waiting = set[int](), [step for steps in wanted.values() for step in steps]
+        read = set[int]()
+        while waiting:
+            step = waiting.pop()
+            operation = self.operations[step]
+            if step not in needed and operation.name != "input":
+                read.update(operation.arguments)
+                waiting += operation.arguments
+            needed.add(step)
+
+        def turn(step: int) -> tuple[int, int]:
+            """In order of record, but what only completes an output follows what it reads."""
+            operation = self.operations[step]
+            ends = step not in read and operation.name not in ("input", "constant")
+            return (max(operation.arguments) if ends else step), step
+
         place: dict[int, int] = {}
         kept: list[Operation] = []
-        # Depth first: what is computed is used soon, and few values wait at a time.
-        for step in _in_turn(wanted):
-            waiting = [step]
-            while waiting:
-                top = waiting[-1]
-                operation = self.operations[top]
-                inner = () if operation.name == "input" else operation.arguments
-                missing = [a for a in inner if a not in place]
-                if top in place or missing:
-                    if top in place:
-                        waiting.pop()
-                    else:
-                        waiting += missing[::-1]
-                    continue
-                place[top] = len(kept)
-                kept.append(operation._replace(arguments=tuple(place[a] for a in inner) if inner
-                                               else operation.arguments))  # fmt: skip
-                waiting.pop()
+        for step in sorted(needed, key=turn):
+            operation = self.operations[step]
+            if operation.name != "input":
+                inner = tuple(place[a] for a in operation.arguments)
+                operation = operation._replace(arguments=inner)
+            place[step] = len(kept)
+            kept.append(operation)
         return Program(
             tuple(kept),
             tuple(self.inputs),
             {name: tuple(place[s] for s in steps) for name, steps in wanted.items()},
             frozenset(shared),
         )
-
-
-def _in_turn(wanted: Mapping[str, Sequence[int]]) -> Iterator[int]:
-    """All output steps: small outputs first, then matrices side by side, last rows first.
-
-    Stiffness matrices differ by a few terms, and a symmetric matrix is made by columns of which the
-    last are the longest: what is shared is then still at hand.
-    """
-    matrices = [steps for name, steps in wanted.items() if name.startswith(("stiff", "compl"))]
-    for steps in sorted(wanted.values(), key=len):
-        if steps not in matrices:
-            yield from steps
-    for start in range(30, -1, -6):
-        for steps in matrices:
-            yield from steps[start : start + 6]
 
 
 @dataclass(frozen=True, eq=False)

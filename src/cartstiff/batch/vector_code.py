@@ -1,11 +1,11 @@
 r"""A program as vector code: LLVM intermediate representation, one posture per lane.
 
-The text is made straight from the operations; there is nothing left to optimise but the choice of
-instructions. Multiplications and additions may be fused, nothing is reordered. Three rounds are
-under way at once, their lines taking turns, so that neither long chains of dependent operations nor
-the memory is ever waited for: the first half of a block of postures, the second half of the block
-before, and the writing of the block before that. Writing turns one vector per entry into one record
-per posture, in order of address; with `stream`, past the cache.
+The text is made straight from the operations, in their order; there is nothing left to optimise but
+the choice of instructions. Multiplications and additions may be fused, nothing is reordered.
+Constants and what is the same for all postures wait in memory as whole vectors. Results go through
+memory that stays in the cache: writing turns one vector per entry into one record per posture, with
+`stream` past the cache. The records of a block of postures are written between the operations of
+the next: memory takes them no faster.
 
 A long program is cut into functions that hand their values on in memory: the time LLVM takes grows
 faster than the length of a function.
@@ -14,17 +14,23 @@ faster than the length of a function.
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterable
+from itertools import product
 
-from cartstiff.batch.tape import Program
+import numpy as np
+
+from cartstiff.batch.tape import Input, Program
 
 __all__ = ["LONGEST", "scratch_size", "vector_code"]
 
 #: Operations that are still compiled as one function.
 LONGEST = 6000
-#: Share of the operations after which the first half may end.
-_FROM, _TO = 0.4, 0.6
-#: Lines per basic block, and per turn of the shortest of the interleaved sequences.
-_BLOCK, _TURN = 120, 8
+#: Angles whose sines and cosines are found side by side.
+_ANGLES = 3
+#: Lines per basic block; in one function, where each cut makes values wait in memory, and in many.
+_BLOCK, _BLOCK_OF_MANY = 1500, 400
+#: Doubles per line of the cache.
+_LINE = 8
 
 # Sine and cosine as in fdlibm: pi/2 in three parts of which the first two have 33 digits, so that
 # their products with a whole number below 2^20 are exact, and the minimax polynomials.
@@ -40,21 +46,38 @@ _COSINE = (
 )  # fmt: skip
 #: Adding this leaves the nearest whole number in the last digits.
 _WHOLE = 6755399441055744.0
+_FIXED = (_TWO_OVER_PI, *_HALF_PI, *_SINE, *_COSINE, _WHOLE, 0.5, 1.0)
 
 _BINARY = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 _UNARY = {"sqrt": "llvm.sqrt", "abs": "llvm.fabs"}
+
+
+#: A constant in hexadecimal, or an input that all postures share.
+_Key = str | Input
 
 
 def _hex(value: float) -> str:
     return "0x" + struct.pack(">d", value).hex().upper()
 
 
+def _table(program: Program) -> dict[_Key, int]:
+    """Place of each constant, and of each component of shared inputs, among the vectors kept."""
+    keys: list[_Key] = [_hex(x) for x in _FIXED]
+    for name, arguments, value in program.operations:
+        if name == "constant":
+            keys.append(_hex(value))
+        elif name == "input" and program.inputs[arguments[0]].array in program.shared:
+            keys.append(program.inputs[arguments[0]])
+    return {key: place for place, key in enumerate(dict.fromkeys(keys))}
+
+
 class _Writer:
     """Lines of one function, with fresh names."""
 
-    def __init__(self, width: int, prefix: str = "x") -> None:
+    def __init__(self, width: int, table: dict[_Key, int], prefix: str = "x") -> None:
         self.lines: list[str] = []
         self.width = width
+        self.table = table
         self._prefix = prefix
         self.vector = f"<{width} x double>"
         self.integers = f"<{width} x i64>"
@@ -68,7 +91,11 @@ class _Writer:
         return name
 
     def constant(self, value: float) -> str:
-        return "<" + ", ".join([f"double {_hex(value)}"] * self.width) + ">"
+        return self.kept(_hex(value))
+
+    def kept(self, key: _Key) -> str:
+        """What is the same for all postures."""
+        return self.load("%table", self.width * self.table[key])
 
     def whole(self, value: int) -> str:
         return "<" + ", ".join([f"i64 {value}"] * self.width) + ">"
@@ -80,9 +107,11 @@ class _Writer:
         return self.new(f"getelementptr double, ptr {base}, i64 {index}")
 
     def load(self, base: str, index: int) -> str:
-        return self.new(f"load {self.vector}, ptr {self.address(base, index)}, align 64")
+        how = f"align {8 * self.width}"
+        return self.new(f"load {self.vector}, ptr {self.address(base, index)}, {how}")
 
-    def store(self, value: str, base: str, index: int, how: str = "align 64") -> None:
+    def store(self, value: str, base: str, index: int, how: str = "") -> None:
+        how = how or f"align {8 * self.width}"
         self.lines.append(f"  store {self.vector} {value}, ptr {self.address(base, index)}, {how}")
 
     def splat(self, scalar: str) -> str:
@@ -128,6 +157,17 @@ class _Writer:
             value = self.do("fadd", self.do("fmul", value, z), self.constant(c))
         return value
 
+    def side_by_side(self, angles: list[str]) -> list[tuple[str, str]]:
+        """Sines and cosines of some angles, their lines taking turns: each waits for its last."""
+        found, parts = [], []
+        start = len(self.lines)
+        for x in angles:
+            found.append(self.sine_and_cosine(x))
+            parts.append(self.lines[start:])
+            del self.lines[start:]
+        self.lines += [line for lines in zip(*parts, strict=True) for line in lines]
+        return found
+
     def operation(self, name: str, a: list[str]) -> str:
         """One operation of a program, but for sine and cosine."""
         v = self.vector
@@ -145,31 +185,12 @@ class _Writer:
 
 
 def _segments(program: Program, longest: int) -> list[tuple[int, int]]:
-    """Pieces of the program: two that are interleaved, or functions called in turn."""
+    """Pieces of the program that become functions."""
     count = len(program.operations)
+    size = count
     if program.size > longest:
         size = -(-count // -(-program.size // (longest // 2)))
-        return [(start, min(start + size, count)) for start in range(0, count, size)]
-    # Cut in the middle third where the fewest values wait.
-    last = list(range(count))
-    for step, operation in enumerate(program.operations):
-        if operation.name not in ("input", "constant"):
-            for a in operation.arguments:
-                last[a] = step
-    for steps in program.outputs.values():
-        for a in steps:
-            last[a] = count
-    waiting, best, cut = [0] * (count + 1), count, count // 2
-    for step, operation in enumerate(program.operations):
-        if operation.name not in ("input", "constant"):
-            waiting[step + 1] += 1
-            waiting[min(last[step] + 1, count)] -= 1
-    total = 0
-    for at in range(count):
-        total += waiting[at]
-        if count * _FROM <= at <= count * _TO and total < best:
-            best, cut = total, at
-    return [(0, cut), (cut, count)]
+    return [(start, min(start + size, count)) for start in range(0, count, size)]
 
 
 def _kept(program: Program, segments: list[tuple[int, int]]) -> dict[int, int]:
@@ -179,32 +200,19 @@ def _kept(program: Program, segments: list[tuple[int, int]]) -> dict[int, int]:
         segment_of[start:stop] = [i] * (stop - start)
     outputs = (step for steps in program.outputs.values() for step in steps)
     places = {step: i for i, step in enumerate(dict.fromkeys(outputs))}
-
-    def keep(a: int, reader: int) -> None:
-        name = program.operations[a].name
-        if name == "input":
-            leaves = reader > 0 and _moves(program, a, segments)
-        else:
-            leaves = name != "constant" and segment_of[a] != reader
-        if leaves:
-            places.setdefault(a, len(places))
-
     for step, operation in enumerate(program.operations):
         if operation.name not in ("input", "constant"):
             for a in operation.arguments:
-                keep(a, segment_of[step])
+                computed = program.operations[a].name not in ("input", "constant")
+                if computed and segment_of[a] != segment_of[step]:
+                    places.setdefault(a, len(places))
     return places
-
-
-def _moves(program: Program, step: int, segments: list[tuple[int, int]]) -> bool:
-    """Whether an input belongs to one block: the second piece runs on the block before."""
-    which = program.operations[step].arguments[0]
-    return len(segments) == 2 and program.inputs[which].array not in program.shared
 
 
 def scratch_size(program: Program, width: int, longest: int = LONGEST) -> int:
     """Doubles of scratch memory that one thread needs, from an address divisible by 64."""
-    return 3 * width * len(_kept(program, _segments(program, longest)))
+    kept = _kept(program, _segments(program, longest))
+    return width * (len(_table(program)) + 2 * len(kept))
 
 
 def input_arrays(program: Program) -> list[str]:
@@ -218,32 +226,31 @@ class _Body:
 
     def __init__(
         self, writer: _Writer, program: Program, arrays: list[str], widths: dict[str, int],
-        kept: dict[int, int], memory: str, begins: bool = False,
+        kept: dict[int, int],
     ) -> None:  # fmt: skip
         self.writer, self.program, self.arrays, self.widths = writer, program, arrays, widths
-        self.kept, self.memory, self.begins = kept, memory, begins
+        self.kept = kept
         self.values: dict[int, str] = {}
         self.angles: dict[int, tuple[str, str]] = {}
 
     def value(self, step: int) -> str:
-        """A value, computed here, read from memory, or a constant."""
+        """A value, computed here or read from memory."""
+        name, arguments, number = self.program.operations[step]
+        if name == "constant":
+            return self.writer.constant(number)
+        if name == "input" and self.program.inputs[arguments[0]].array in self.program.shared:
+            return self.writer.kept(self.program.inputs[arguments[0]])
         if step not in self.values:
-            name, arguments, number = self.program.operations[step]
-            if name == "constant":
-                return self.writer.constant(number)
-            if name == "input" and (self.begins or step not in self.kept):
+            if name == "input":
                 self.values[step] = self._input(arguments[0])
             else:
                 place = self.writer.width * self.kept[step]
-                self.values[step] = self.writer.load(self.memory, place)
+                self.values[step] = self.writer.load("%memory", place)
         return self.values[step]
 
     def _input(self, which: int) -> str:
         writer, (array, index) = self.writer, self.program.inputs[which]
-        base = f"%in{self.arrays.index(array)}"
-        if array in self.program.shared:
-            return writer.splat(writer.new(f"load double, ptr {writer.address(base, index)}"))
-        vector = "poison"
+        base, vector = f"%in{self.arrays.index(array)}", "poison"
         for lane in range(writer.width):
             address = writer.address(base, lane * self.widths[array] + index)
             scalar = writer.new(f"load double, ptr {address}")
@@ -255,27 +262,30 @@ class _Body:
     def write(self, start: int, stop: int) -> None:
         """Operations from `start` to `stop`."""
         operations = self.program.operations
-        if self.begins:
-            for step in self.kept:
-                if operations[step].name in ("constant", "input"):
-                    self._store(step)
         for step in range(start, stop):
             name, arguments, _ = operations[step]
-            if name in ("constant", "input"):
-                continue
             if name in ("sin", "cos"):
                 if arguments[0] not in self.angles:
-                    x = self.value(arguments[0])
-                    self.angles[arguments[0]] = self.writer.sine_and_cosine(x)
+                    self._turn(step, stop)
                 self.values[step] = self.angles[arguments[0]][name == "cos"]
-            else:
+            elif name not in ("constant", "input"):
                 read = [self.value(a) for a in arguments]
                 self.values[step] = self.writer.operation(name, read)
             if step in self.kept:
-                self._store(step)
+                self.writer.store(self.value(step), "%memory", self.writer.width * self.kept[step])
 
-    def _store(self, step: int) -> None:
-        self.writer.store(self.value(step), self.memory, self.writer.width * self.kept[step])
+    def _turn(self, step: int, stop: int) -> None:
+        """Sine and cosine of the next angles that are known by now."""
+        found: list[int] = []
+        for name, arguments, _ in self.program.operations[step:stop]:
+            if name in ("sin", "cos") and arguments[0] not in (*found, *self.angles):
+                angle = arguments[0]
+                if angle < step or self.program.operations[angle].name == "input":
+                    found.append(angle)
+            if len(found) == _ANGLES:
+                break
+        both = self.writer.side_by_side([self.value(angle) for angle in found])
+        self.angles.update(zip(found, both, strict=True))
 
 
 def vector_code(program: Program, width: int, stream: bool = False, longest: int = LONGEST) -> str:
@@ -289,146 +299,151 @@ def vector_code(program: Program, width: int, stream: bool = False, longest: int
     widths: dict[str, int] = {}
     for array, index in program.inputs:
         widths[array] = max(widths.get(array, 0), index + 1)
-    segments = _segments(program, longest)
+    segments, table = _segments(program, longest), _table(program)
     kept = _kept(program, segments)
-
-    def body(prefix: str, memory: str, begins: bool = False) -> _Body:
-        return _Body(_Writer(width, prefix), program, arrays, widths, kept, memory, begins)
-
+    given = [
+        *(f"ptr %in{i}" for i in range(len(arrays))), "ptr %table", "ptr %memory", "i1 %always"
+    ]  # fmt: skip
+    pointers = ", ".join(given)
+    bodies = []
+    for start, stop in segments:
+        body = _Body(_Writer(width, table), program, arrays, widths, kept)
+        body.write(start, stop)
+        bodies.append(body.writer.lines)
     functions: list[str] = []
-    if len(segments) == 2:
-        first, second = body("a", "%first", True), body("b", "%second")
-        first.write(*segments[0])
-        second.write(*segments[1])
-        records = _records(program, width, stream, kept, "%third")
-        parts = [first.writer.lines, second.writer.lines, records]
-        lines, shift = _in_blocks(_interleaved(parts)), 2
-    else:
-        pointers = [*(f"ptr %in{i}" for i in range(len(arrays))), "ptr %first", "i1 %always"]
-        lines, shift = [], 0
-        for i, (start, stop) in enumerate(segments):
-            part = body("x", "%first", begins=i == 0)
-            part.write(start, stop)
-            head = f"define internal void @part{i}({', '.join(pointers)}) #0 {{"
-            text = [head, *_in_blocks(part.writer.lines), "  br label %end", "end:"]
+    if len(bodies) > 1:
+        for i, body_lines in enumerate(bodies):
+            head = f"define internal void @part{i}({pointers}) #0 {{"
+            text = [head, *_in_blocks(body_lines, _BLOCK_OF_MANY), "  br label %end", "end:"]
             functions.append("\n".join([*text, "  ret void", "}"]))
-            lines.append(f"  call void @part{i}({', '.join(pointers)})")
-        lines += _in_blocks(_records(program, width, stream, kept, "%first"))
-    loop = _loop(program, width, arrays, widths, lines, shift, len(kept))
+        lines = [f"  call void @part{i}({pointers})" for i in range(len(bodies))]
+    else:
+        lines = bodies[0]
+    mixed = _mixed(lines, _records(program, width, stream, kept))
+    loop = _loop(program, width, arrays, widths, mixed, table, len(kept))
     return "\n".join([*functions, loop, _declarations(width)])
 
 
-def _records(
-    program: Program, width: int, stream: bool, kept: dict[int, int], base: str
-) -> list[str]:
-    """From memory to the outputs: entries side by side become records, in order of address.
+def _records(program: Program, width: int, stream: bool, kept: dict[int, int]) -> list[list[str]]:
+    """From memory to the outputs: entries side by side become records; in pieces.
 
     Two postures at a time: halves of vectors are put side by side as they are read, which leaves
-    one exchange per vector written.
+    one exchange per vector written. A line of the cache is written at once as soon as there is all
+    of it: past the cache, memory takes whole lines.
     """
-    lines: list[str] = []
-    for i, (name, steps) in enumerate(program.outputs.items()):
+    pieces: list[list[str]] = []
+    for i, steps in enumerate(program.outputs.values()):
         size = len(steps)
-        writer = _Writer(width, f"r{i}.")
+        if size == 1:
+            writer = _Writer(width, {}, f"r{i}.")
+            value = writer.load("%written", width * kept[steps[0]])
+            writer.store(value, f"%out{i}", 0, "align 8")
+            pieces.append(writer.lines)
+            continue
         piece = 4 if size % 4 == 0 and width >= 4 else 2
         how = f"align {8 * piece}, !nontemporal !0" if stream else "align 8"
+        waiting: dict[int, str] = {}
 
-        def pair(step: int, lane: int, writer: _Writer = writer) -> str:
-            address = writer.address(base, width * kept[step] + lane)
-            return writer.new(f"load <2 x double>, ptr {address}, align 16")
+        def write(places: Iterable[int], writer: _Writer, out: str = f"%out{i}", piece: int = piece,
+                  how: str = how, waiting: dict[int, str] = waiting) -> None:  # fmt: skip
+            for place in places:
+                value = f"<{piece} x double> {waiting.pop(place)}"
+                writer.lines.append(f"  store {value}, ptr {writer.address(out, place)}, {how}")
 
-        def put(text: str, at: int, writer: _Writer = writer, piece: int = piece, how: str = how,
-                out: str = f"%out{i}") -> None:  # fmt: skip
-            value = writer.new(f"shufflevector {text}")
-            address = writer.address(out, at)
-            writer.lines.append(f"  store <{piece} x double> {value}, ptr {address}, {how}")
-
-        if size == 1:
-            value = writer.load(base, width * kept[steps[0]])
-            how = f"align {8 * width}, !nontemporal !0" if stream else "align 8"
-            writer.store(value, f"%out{i}", 0, how)
-            lines += writer.lines
-            continue
-        if size % 2:
-            raise ValueError(f"output {name} has an odd number of entries")
-        for lane in range(0, width, 2):
-            second = []
-            for first in range(0, size, piece):
-                members = [pair(step, lane) for step in steps[first : first + piece]]
-                if piece == 4:
-                    a, b = (
-                        writer.new(
-                            f"shufflevector <2 x double> {members[k]}, <2 x double> "
-                            f"{members[k + 2]}, <4 x i32> <i32 0, i32 1, i32 2, i32 3>"
-                        )
-                        for k in (0, 1)
-                    )
-                    both = f"<4 x double> {a}, <4 x double> {b}, <4 x i32>"
-                    low, high = "<i32 0, i32 4, i32 2, i32 6>", "<i32 1, i32 5, i32 3, i32 7>"
-                else:
-                    both = f"<2 x double> {members[0]}, <2 x double> {members[1]}, <2 x i32>"
-                    low, high = "<i32 0, i32 2>", "<i32 1, i32 3>"
-                put(f"{both} {low}", lane * size + first)
-                second.append((f"{both} {high}", (lane + 1) * size + first))
-            for text, at in second:
-                put(text, at)
-        lines += writer.lines
-    return lines
+        for lane, first in product(range(0, width, 2), range(0, size, piece)):
+            writer = _Writer(width, {}, f"r{i}.{lane}.{first}.")
+            both = _exchanged(writer, [kept[s] for s in steps[first : first + piece]], lane)
+            for half, start in zip(both, (lane * size, (lane + 1) * size), strict=True):
+                at = start + first
+                waiting[at] = half
+                line = range(at - at % _LINE, at - at % _LINE + _LINE, piece)
+                if set(line) <= waiting.keys():
+                    write(line, writer)
+            pieces.append(writer.lines)
+        write(sorted(waiting), writer)
+    return pieces
 
 
-def _interleaved(parts: list[list[str]]) -> list[str]:
-    """Independent sequences as one, taking turns."""
-    turns = max(1, min(map(len, parts)) // _TURN)
-    lines: list[str] = []
-    for i in range(turns):
-        for part in parts:
-            lines += part[len(part) * i // turns : len(part) * (i + 1) // turns]
-    return lines
+def _exchanged(writer: _Writer, places: list[int], lane: int) -> tuple[str, str]:
+    """Two or four vectors in memory as entries of two postures, of `lane` and of the next."""
+    halves = []
+    for place in places:
+        address = writer.address("%written", writer.width * place + lane)
+        halves.append(writer.new(f"load <2 x double>, ptr {address}, align 16"))
+    pair = "<2 x double>"
+    if len(places) == 4:
+        a, b = (
+            writer.new(f"shufflevector {pair} {halves[k]}, {pair} {halves[k + 2]}, "
+                       "<4 x i32> <i32 0, i32 1, i32 2, i32 3>")
+            for k in (0, 1)
+        )  # fmt: skip
+        both = f"shufflevector <4 x double> {a}, <4 x double> {b}, <4 x i32>"
+        return (writer.new(f"{both} <i32 0, i32 4, i32 2, i32 6>"),
+                writer.new(f"{both} <i32 1, i32 5, i32 3, i32 7>"))  # fmt: skip
+    both = f"shufflevector {pair} {halves[0]}, {pair} {halves[1]}, <2 x i32>"
+    return writer.new(f"{both} <i32 0, i32 2>"), writer.new(f"{both} <i32 1, i32 3>")
 
 
-def _in_blocks(lines: list[str]) -> list[str]:
+def _mixed(lines: list[str], pieces: list[list[str]]) -> list[str]:
+    """Lines with pieces of other work in between."""
+    cuts = np.linspace(0, len(lines), len(pieces) + 1).astype(int)
+    found: list[str] = []
+    for piece, start, stop in zip(pieces, cuts[:-1], cuts[1:], strict=True):
+        found += piece + lines[start:stop]
+    return found
+
+
+def _in_blocks(lines: list[str], length: int) -> list[str]:
     """The lines with branches that are never taken in between.
 
-    LLVM schedules a block at a time, and in long ones brings so much forward that most of it must
-    wait in memory. The order of the lines is good enough.
+    The time LLVM takes grows faster than the length of a block.
     """
     found: list[str] = []
-    for i in range(0, len(lines), _BLOCK):
-        found += lines[i : i + _BLOCK]
+    for i in range(0, len(lines), length):
+        found += lines[i : i + length]
         found += [f"  br i1 %always, label %piece{i}, label %end", f"piece{i}:"]
     return found
 
 
 def _loop(
     program: Program, width: int, arrays: list[str], widths: dict[str, int], body: list[str],
-    shift: int, kept: int,
+    table: dict[_Key, int], kept: int,
 ) -> str:  # fmt: skip
-    """The function that goes through the blocks; results come `shift` rounds after their inputs."""
+    """The function that goes through the blocks; records come a round after their inputs."""
     names = list(program.outputs)
-    lines = ["define void @kernel(i64 %blocks, ptr %inputs, ptr %outputs, ptr %scratch) #0 {",
+    lines = ["define void @kernel(i64 %blocks, ptr %inputs, ptr %outputs, ptr %table) #0 {",
              "entry:"]  # fmt: skip
     for kind, count in (("in", len(arrays)), ("out", len(names))):
         for i in range(count):
             lines.append(f"  %{kind}{i}.at = getelementptr ptr, ptr %{kind}puts, i64 {i}")
             lines.append(f"  %{kind}{i}.0 = load ptr, ptr %{kind}{i}.at")
+    writer = _Writer(width, table, "t")
+    for key, place in table.items():
+        if isinstance(key, str):
+            vector = "<" + ", ".join([f"double {key}"] * width) + ">"
+        else:
+            base = f"%in{arrays.index(key.array)}.0"
+            vector = writer.splat(
+                writer.new(f"load double, ptr {writer.address(base, key.component)}")
+            )
+        writer.store(vector, "%table", width * place)
+    lines += writer.lines
     lines += [
         "  %last = sub i64 %blocks, 1",
-        "  %always = icmp ne ptr %scratch, null",
-        f"  %rounds = add i64 %blocks, {shift}",
-        f"  %memory1 = getelementptr double, ptr %scratch, i64 {width * kept}",
-        f"  %memory2 = getelementptr double, ptr %scratch, i64 {2 * width * kept}",
+        "  %always = icmp ne ptr %table, null",
+        f"  %one = getelementptr double, ptr %table, i64 {width * len(table)}",
+        f"  %other = getelementptr double, ptr %table, i64 {width * (len(table) + kept)}",
         "  br label %block",
         "block:",
         "  %b = phi i64 [0, %entry], [%next, %done]",
-        "  %first = phi ptr [%scratch, %entry], [%third, %done]",
-        "  %second = phi ptr [%memory1, %entry], [%first, %done]",
-        "  %third = phi ptr [%memory2, %entry], [%second, %done]",
-        # In the first round there is nothing to finish, in the last nothing to begin: the first
-        # block is written once more, the last block read once more.
+        "  %memory = phi ptr [%one, %entry], [%written, %done]",
+        "  %written = phi ptr [%other, %entry], [%memory, %done]",
+        # In the first round there is nothing to write, in the last nothing to compute: the first
+        # block is written twice, the last one computed twice.
         "  %inside = icmp ult i64 %b, %blocks",
         "  %block.in = select i1 %inside, i64 %b, i64 %last",
-        f"  %begun = icmp uge i64 %b, {shift}",
-        f"  %before = sub i64 %b, {shift}",
+        "  %begun = icmp uge i64 %b, 1",
+        "  %before = sub i64 %b, 1",
         "  %block.out = select i1 %begun, i64 %before, i64 0",
         f"  %row.in = mul i64 %block.in, {width}",
         f"  %row.out = mul i64 %block.out, {width}",
@@ -440,12 +455,12 @@ def _loop(
     for i, name in enumerate(names):
         lines.append(f"  %out{i}.step = mul i64 %row.out, {len(program.outputs[name])}")
         lines.append(f"  %out{i} = getelementptr double, ptr %out{i}.0, i64 %out{i}.step")
-    lines += body
+    lines += _in_blocks(body, _BLOCK)
     lines += [
         "  br label %done",
         "done:",
         "  %next = add i64 %b, 1",
-        "  %more = icmp ult i64 %next, %rounds",
+        "  %more = icmp ule i64 %next, %blocks",
         "  br i1 %more, label %block, label %end",
         "end:",
         "  fence seq_cst",
