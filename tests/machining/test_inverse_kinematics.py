@@ -216,6 +216,57 @@ def test_cost_is_smallest_along_the_self_motion():
     assert len(found) < 12  # starts that end in the same minimum are one
 
 
+@pytest.mark.parametrize(("name", "free"), [("ur5", "rotation"), ("ur5", "y"), ("panda", "none")])
+def test_settled_solutions_have_no_slope_left(name, free):
+    """Along the self-motions of an independent decomposition, where no joint is at a limit."""
+    arm = cartstiff.load(name)
+    near, T = arm.q + 0.3, arm.mechanism.at(arm.q + 0.1).pose
+    solver = JointPoses(arm)
+    found = inverse_kinematics(
+        arm, T, 20, free=free, cost=lambda q: (1.0 - np.cos(q - near)).sum(axis=1)
+    )
+    inside = ((found > solver.lower + 1e-6) & (found < solver.upper - 1e-6)).all(axis=1)
+    assert inside.sum() >= 2
+    motions = solver.self_motions(found, free, solver.redundancy(free))
+    slopes = np.einsum("nij,ni->nj", motions, np.sin(found - near))
+    np.testing.assert_allclose(slopes[inside], 0.0, atol=1e-4)
+
+
+def test_limits_that_are_whole_turns_hold_nothing_up():
+    """Starts beyond half a turn settle where those of the same postures within it do."""
+    arm = cartstiff.load("ur5")
+    T = se3.pose(np.eye(3), [0.4, 0.2, 0.3])
+    starts = JointPoses(arm).random_starts(12, np.random.default_rng(2))
+    beyond = starts - 2 * np.pi * np.sign(starts) * (np.arange(6) != 2)
+
+    def away(q):
+        return ((np.mod(q - arm.q + np.pi, 2 * np.pi) - np.pi) ** 2).sum(axis=1)
+
+    a, b = (inverse_kinematics(arm, T, s, free="rotation", cost=away) for s in (starts, beyond))
+    np.testing.assert_allclose(a, b, atol=1e-5)
+
+
+def test_edge_of_a_cost_is_found():
+    """Down to the bottom of a valley with an edge, which no slope announces."""
+    arm = planar.arm()
+    T = planar.poses(np.array([[0.55, 0.35]]))[0]
+    found = inverse_kinematics(
+        arm, T, 12, free="z", cost=lambda q: np.maximum(q[:, 1] - 1.2, 0.5 * (1.2 - q[:, 1]))
+    )
+    up = found[found[:, 1] > 0, 1]
+    assert len(up)
+    np.testing.assert_allclose(up, 1.2, atol=1e-4)
+
+
+def test_posture_without_a_cost_moves_to_one_with():
+    arm = planar.arm()
+    T = planar.poses(np.array([[0.55, 0.35]]))[0]
+    found = inverse_kinematics(
+        arm, T, 12, free="z", cost=lambda q: np.where(np.abs(q[:, 1]) < 0.8, np.nan, q[:, 1] ** 2)
+    )
+    assert (np.abs(found[:, 1]) >= 0.8).all()
+
+
 def test_platform_is_its_own_inverse():
     platform = cartstiff.load("hexapod")
     T = platform.mechanism.at(platform.q).pose

@@ -150,6 +150,19 @@ def test_closed_chain_is_assembled_at_the_map_s_own_coordinates(tmp_path):
 # -- Cartesian grids ----------------------------------------------------------------------------
 
 
+def test_places_do_not_depend_on_those_solved_with_them(elastic):
+    here = elastic.mechanism.at(elastic.q).pose[:3, 3]
+    axes = {name: Axis(here[i] - 0.1, here[i] + 0.1, 3) for i, name in enumerate("xy")}
+    sampling = CartesianGrid(axes, elastic, elastic.q, branches=3, starts=8, free="rotation")
+    boxes = [(slice(i, i + 1), slice(0, 3), slice(0, 1), slice(0, 3)) for i in range(3)]
+    together = sampling.solve(boxes, elastic)
+    for box, (q, found) in zip(boxes, together, strict=True):
+        [(alone, number)] = sampling.solve([box], elastic)
+        np.testing.assert_array_equal(q, alone)
+        np.testing.assert_array_equal(found, number)
+    assert sum(found.sum() for _, found in together) > 9
+
+
 def test_cartesian_grid_reaches_its_places_by_several_branches(elastic, tmp_path):
     here = elastic.mechanism.at(elastic.q).pose
     x = Axis(here[0, 3] - 0.05, here[0, 3] + 0.05, 2)

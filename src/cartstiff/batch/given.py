@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import prod
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -131,7 +132,7 @@ def arrays_for(
 
 def aligned_empty(*shape: int) -> Array:
     """Uninitialised doubles from an address divisible by 64, as whole cache lines are written."""
-    size = int(np.prod(shape, dtype=np.int64))
+    size = prod(shape)
     raw = np.empty(size + 8)
-    start = -(raw.ctypes.data // 8) % 8
+    start = -(raw.__array_interface__["data"][0] // 8) % 8
     return raw[start : start + size].reshape(shape)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff.batch.joint_poses import SAME, JointPoses, distinct
 from cartstiff.batch.platform_poses import Free, PlatformPoses
+from cartstiff.batch.settling import settled
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -17,6 +18,9 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 
 __all__ = ["Free", "inverse_kinematics"]
+
+# Postures that are settled at once: the cost is asked for at all of them and around each.
+_ROWS = 5000
 
 
 @overload
@@ -101,12 +105,15 @@ def inverse_kinematics(
     solver = JointPoses(elastic, limits)
     begin = _starts(solver, starts, seed)
     k = len(begin)
-    q, good = solver.solve(
+    unwound = solver.unwound()
+    q, good = unwound.solve(
         np.repeat(wanted, k, axis=0), np.tile(begin, (len(wanted), 1)), free, tolerance
     )
-    if cost is not None and (d := solver.redundancy(free)):
-        T = np.repeat(wanted, k, axis=0)[good]
-        q[good] = _settled(solver, q[good], T, free, tolerance, d, cost)
+    if cost is not None and solver.redundancy(free):
+        T, rows = np.repeat(wanted, k, axis=0), np.flatnonzero(good)
+        for i in range(0, len(rows), _ROWS):
+            block = rows[i : i + _ROWS]
+            q[block] = settled(unwound, q[block], T[block], free, tolerance, cost)
     same = SAME if cost is None else 1e-3
     found = []
     for cell in range(len(wanted)):
@@ -132,30 +139,3 @@ def _starts(solver: JointPoses, starts: int | ArrayLike, seed: int) -> Array:
                              got=begin.shape)  # fmt: skip
     begin = np.vstack([solver.start, begin])
     return np.clip(begin, solver.lower, solver.upper)
-
-
-def _settled(
-    solver: JointPoses, q: Array, T: Array, free: Free, tolerance: float, dimension: int,
-    cost: Callable[[Array], Array],
-) -> Array:  # fmt: skip
-    """Postures moved along their self-motions to a smaller cost, by steps tried both ways."""
-    best = np.nan_to_num(cost(q), nan=np.inf)
-    step = np.full(len(q), 0.3)
-    for _ in range(60):
-        active = np.flatnonzero(step > 1e-6)
-        if not active.size:
-            break
-        motions = solver.self_motions(q[active], free, dimension)
-        improved = np.zeros(len(q), bool)
-        for k in range(dimension):
-            for sign in (1.0, -1.0):
-                begin = q[active] + sign * step[active, None] * motions[:, :, k]
-                trial, good = solver.solve(
-                    T[active], np.clip(begin, solver.lower, solver.upper), free, tolerance
-                )
-                value = np.where(good, np.nan_to_num(cost(trial), nan=np.inf), np.inf)
-                better = value < best[active]
-                rows = active[better]
-                q[rows], best[rows], improved[rows] = trial[better], value[better], True
-        step[active] *= np.where(improved[active], 1.2, 0.4)
-    return q

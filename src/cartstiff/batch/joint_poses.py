@@ -30,7 +30,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 __all__ = ["SAME", "JointPoses", "distinct", "pose_errors"]
 
 # Rows that are iterated at once: their arrays stay within the cache of a processor.
-_ROWS = 2000
+_ROWS = 1000
 _ITERATIONS = 40
 # A step turns no joint further than this (rad, or characteristic lengths).
 _LONGEST_STEP = 0.7
@@ -107,6 +107,16 @@ class JointPoses:
         if mechanism.tree.mimic is not None:  # a follower need not come back with its leader
             turns &= np.abs(mechanism.tree.mimic).sum(axis=0) == 1.0
         self.periodic = turns & (self.upper - self.lower >= 2 * np.pi - 1e-9)
+
+    def unwound(self) -> JointPoses:
+        """The same, but joints that can turn all the way are not held up by their limits.
+
+        `within` of this one brings its postures into the limits.
+        """
+        other = copy(self)
+        other.lower = np.where(self.periodic, -np.inf, self.lower)
+        other.upper = np.where(self.periodic, np.inf, self.upper)
+        return other
 
     def region(self) -> tuple[Array, Array]:
         """Where postures are looked for: the limits; one turn, or about as far, without them."""
@@ -214,6 +224,26 @@ class JointPoses:
         largest = np.abs(step / self.sizes).max(axis=1, initial=0.0)
         return step * np.minimum(1.0, _LONGEST_STEP / np.maximum(largest, 1e-300))[:, None]
 
+    def along_self_motions(
+        self, q: Array, J: Array, slope: Array, inverse: Array | None = None
+    ) -> Array:
+        """Slopes (N, n) of a function less what the task holds; J as of `task`.
+
+        With inverse Hessians (N, n, n) steps uphill, against which joints at their limits stand.
+        """
+        moving = np.broadcast_to(self.movable, q.shape)
+        for _ in range(3):
+            P = _projections(J, moving)
+            along = np.einsum("nij,nj->ni", P, slope)
+            if inverse is None:
+                break
+            along = np.einsum("nij,njk,nk->ni", P, inverse, along)
+            beyond = ((q <= self.lower) & (along > 0)) | ((q >= self.upper) & (along < 0))
+            if not (beyond & moving).any():
+                break
+            moving = moving & ~beyond
+        return along
+
     def self_motions(self, q: Array, free: Free, dimension: int) -> Array:
         """Motions (N, n, d) that leave the task fulfilled to first order.
 
@@ -274,6 +304,16 @@ def _damped(J: Array, e: Array, damping: Array) -> Array:
     M[:, range(r), range(r)] += (damping + 1e-14 * trace + 1e-300)[:, None]
     step: Array = (Jt @ np.linalg.solve(M, e[..., None]))[..., 0]
     return step
+
+
+def _projections(J: Array, moving: Array) -> Array:
+    """Projections (N, n, n) on the motions of the moving coordinates (N, n) without effect in J."""
+    J = J * moving[:, None, :]
+    M = J @ J.swapaxes(1, 2)
+    r = M.shape[1]
+    M[:, range(r), range(r)] += (1e-14 * np.einsum("nii->n", M) + 1e-300)[:, None]
+    P: Array = np.eye(J.shape[2]) * moving[:, None, :] - J.swapaxes(1, 2) @ np.linalg.solve(M, J)
+    return P
 
 
 def distinct(q: Array, periodic: Array, sizes: Array, tolerance: float = SAME) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from functools import lru_cache
 from importlib.util import find_spec
 from typing import Any, Literal
@@ -29,8 +29,10 @@ PATHS = ("auto", "compiled", "portable", "engine")
 WORTH_COMPILING = 5000
 #: Operations beyond which compiling takes more than a few seconds.
 LARGEST_PROGRAM = 60_000
-#: Postures that a thread takes at a time in compiled code.
+#: Postures that a thread takes at a time in compiled code, at most.
 COMPILED_CHUNK = 4096
+#: Postures for each thread below which another one costs more than it saves.
+LEAST_PER_THREAD = 2048
 #: The same where some potentials are evaluated posture by posture: n^2 numbers each are held.
 EVALUATED_CHUNK = 1024
 
@@ -118,18 +120,19 @@ def run(
             array[...] = np.nan
     options = {}
     if isinstance(kernel, portable.PortableKernel):
-        length = size or portable.CHUNK
+        length = least = size or portable.CHUNK
     else:
         from cartstiff.batch.compiled import STREAMED
 
-        length = size or COMPILED_CHUNK
+        length, least = size or COMPILED_CHUNK, size or LEAST_PER_THREAD
         options = {"stream": sum(arrays[name].nbytes for name in exists) > STREAMED}
     if taken.has_derivatives:
-        length = min(length, EVALUATED_CHUNK)
-    # Chunks of one length, a multiple of the kernel's block: each starts on a whole cache line.
-    pieces = -(-count // length)
-    blocks = -(-count // (pieces * kernel.block))
-    length = blocks * kernel.block
+        length = least = min(length, EVALUATED_CHUNK)
+    workers = max(1, min(threads, count // least))
+    # As many chunks for each worker, of one length, which is a multiple of the kernel's block: each
+    # starts on a whole cache line.
+    pieces = -(-count // (length * workers)) * workers
+    length = -(-count // (pieces * kernel.block)) * kernel.block
     starts = iter(range(0, count, length))
     shared = {name: np.ascontiguousarray(array) for name, array in taken.shared.items()}
     if loads is not None and loads.ndim == 1:
@@ -163,10 +166,16 @@ def run(
             if doubts is not None:
                 verdicts[start:stop][doubts == ENGINE] = ENGINE
 
-    workers = min(threads, pieces)
     if workers == 1:
         work()
         return
     pool = _pool(threads)
-    for future in [pool.submit(work) for _ in range(workers)]:
-        future.result()
+    others = [pool.submit(work) for _ in range(workers - 1)]
+    try:
+        work()
+    finally:
+        list(starts)  # after an error the others end with the chunks that they have
+        others = [other for other in others if not other.cancel()]
+        wait(others)
+    for other in others:
+        other.result()

@@ -33,7 +33,7 @@ def on_finite(function: Callable[..., Array], *stacks: Array, shape: tuple[int, 
     """Apply a function of stacks to the rows in which all are finite; NaN (N, *shape) elsewhere."""
     finite = np.ones(len(stacks[0]), bool)
     for stack in stacks:
-        finite &= np.isfinite(stack.reshape(len(stack), -1)).all(axis=1)
+        finite &= np.isfinite(stack).all(axis=tuple(range(1, stack.ndim)))
     if finite.all():
         return function(*stacks)
     result = np.full((len(finite), *shape), np.nan)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -15,15 +15,15 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["CartesianGrid", "Redundancy"]
+__all__ = ["PLACES", "CartesianGrid", "Redundancy"]
 
 #: Which posture of a self-motion is taken: the one nearest to the base posture, or the one at which
 #: the map's first quantity is best.
 Redundancy = Literal["nearest", "best"]
 
 _NAMES = ("x", "y", "z")
-# Places that are solved for at once.
-_CELLS = 200
+#: Places that are solved for at once.
+PLACES = 200
 
 
 class CartesianGrid(Sampling):
@@ -121,16 +121,18 @@ class CartesianGrid(Sampling):
 
     def solve(
         self,
-        box: tuple[slice, ...],
+        boxes: Sequence[tuple[slice, ...]],
         elastic: ElasticMechanism,
         cost: Callable[[Array], Array] | None = None,
-    ) -> tuple[Array, Array]:
-        """Postures (cells * branches, n) with NaN where there is none, and how many were found.
+    ) -> list[tuple[Array, Array]]:
+        """For each box postures (cells * branches, n), NaN where there is none, and their number.
 
-        `cost` gives the number that is to be small for "best".
+        Many places at once are quicker, and have the same postures as one by one. `cost` gives the
+        number that is to be small for "best".
         """
         values = [axis.values for axis in self._axes.values()]
-        cells = grid_indices(box[:3])
+        indices = [grid_indices(box[:3]) for box in boxes]
+        cells = [np.concatenate(parts) for parts in zip(*indices, strict=True)]
         places = np.stack([v[i] for v, i in zip(values, cells, strict=True)], axis=1)
         poses = np.tile(se3.pose(self.orientation), (len(places), 1, 1))
         poses[:, :3, 3] = places
@@ -145,9 +147,9 @@ class CartesianGrid(Sampling):
             size: Array = np.linalg.norm(d, axis=-1)
             return size
 
-        for first in range(0, len(places), _CELLS):
+        for first in range(0, len(places), PLACES):
             part = inverse_kinematics(
-                elastic, list(poses[first : first + _CELLS]), self.starts(elastic),
+                elastic, list(poses[first : first + PLACES]), self.starts(elastic),
                 free=self.free, cost=cost if self.redundancy == "best" else away,
             )  # fmt: skip
             for cell, solutions in enumerate(part, start=first):
@@ -155,13 +157,17 @@ class CartesianGrid(Sampling):
                 order = np.argsort(np.round(away(solutions), 9), kind="stable")[: self.branches]
                 found[cell] = len(solutions)
                 q[cell, : len(order)] = solutions[order]
-        return q.reshape(-1, len(self.base)), found
+        ends = np.cumsum([len(first) for first, *_ in indices])[:-1]
+        return [
+            (part.reshape(-1, len(self.base)), number)
+            for part, number in zip(np.split(q, ends), np.split(found, ends), strict=True)
+        ]
 
     def postures(self, box: tuple[slice, ...], elastic: ElasticMechanism | None = None) -> Array:
         """Coordinates (m, n) of a box; NaN rows where there is no such branch."""
         if elastic is None:
             raise InputError("a Cartesian grid has no postures without its mechanism")
-        return self.solve(box, elastic)[0]
+        return self.solve([box], elastic)[0][0]
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""

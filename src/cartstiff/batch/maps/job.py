@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
+from math import prod
 from threading import local
 from typing import Any
 
 import numpy as np
 
 from cartstiff.batch.engine import NOT_ASSEMBLED, REGULAR
-from cartstiff.batch.maps.cartesian import CartesianGrid
+from cartstiff.batch.maps.cartesian import PLACES, CartesianGrid
 from cartstiff.batch.maps.sampling import Grid, Sampling
 from cartstiff.batch.postures import analyse_many
 from cartstiff.batch.quantities import Quantity, Settings, choose_quantities, evaluate
@@ -87,11 +88,22 @@ class MapJob:
         mechanism = self.elastic.mechanism
         return mechanism.closures if isinstance(mechanism, Chain) else ()
 
+    def solved(self, boxes: Sequence[tuple[slice, ...]]) -> Iterator[tuple[Array, Array] | None]:
+        """Of a Cartesian grid the postures in each box, found for several boxes at a time."""
+        if not isinstance(self.sampling, CartesianGrid):
+            yield from [None] * len(boxes)
+            return
+        most = max(prod(s.stop - s.start for s in box[:3]) for box in boxes) if boxes else 1
+        at_once = max(1, PLACES // most)
+        for i in range(0, len(boxes), at_once):
+            yield from self.sampling.solve(boxes[i : i + at_once], self.elastic, self._cost)
+
     def compute(
         self,
         box: tuple[slice, ...],
         threads: int = 1,
         advance: Callable[[int], None] | None = None,
+        solved: tuple[Array, Array] | None = None,
     ) -> dict[str, Array]:
         """Arrays of a box by name: quantities, ``state``, ``position``, and ``q`` if it is kept.
 
@@ -103,11 +115,13 @@ class MapJob:
             How many work at once.
         advance : callable, optional
             Called with the number of postures done since the last call.
+        solved : tuple of ndarray, optional
+            Of a Cartesian grid, what `solved` gives for the box.
         """
         shape = tuple(s.stop - s.start for s in box)
         found = None
         if isinstance(self.sampling, CartesianGrid):
-            q, found = self.sampling.solve(box, self.elastic, self._cost)
+            q, found = solved or self.sampling.solve([box], self.elastic, self._cost)[0]
         else:
             q = self.sampling.postures(box, self.elastic)
         count = len(q)

@@ -135,8 +135,11 @@ def run_map(
 
                 run_on_cluster(job, file, todo, advance, workers=workers, scheduler=scheduler)
             else:
-                for chunk in todo:
-                    arrays = job.compute(file.boxes[chunk], threads or cpu_count() or 1, advance)
+                boxes = [file.boxes[chunk] for chunk in todo]
+                for chunk, solved in zip(todo, job.solved(boxes), strict=True):
+                    arrays = job.compute(
+                        file.boxes[chunk], threads or cpu_count() or 1, advance, solved
+                    )
                     file.write(chunk, arrays)
     return len(todo)
 
