@@ -20,7 +20,7 @@ PLAIN, ENGINE, UNBALANCED = 0.0, 1.0, 2.0
 
 #: Condition numbers up to which the numbers here are trusted: of Jacobians (the engine calls them
 #: singular at 1e10) and of stiffness matrices (not invertible at 1e14).
-JACOBIAN_CONDITION, STIFFNESS_CONDITION = 1e7, 1e12
+JACOBIAN_CONDITION, STIFFNESS_CONDITION = 1e8, 1e12
 
 
 #: Largest angle (rad) whose sine the vector code finds to the last digit.

@@ -175,9 +175,11 @@ def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> Plan | 
         if wrench != "none" and springs.is_passive.any():
             return "whether joints without a spring feel the wrench is seen posture by posture"
         stiffness = springs.stiffness.copy()
-        stiffness[list(laws)] = 0.0
-        shared = {"stiffness": stiffness[None], "rest": np.nan_to_num(springs.rest)[None]}
-        is_open = tuple(bool(x) for x in chosen)
+        if laws:
+            stiffness[list(laws)] = 0.0
+        rest = np.where(np.isnan(springs.rest), 0.0, springs.rest)
+        shared = {"stiffness": stiffness[None], "rest": rest[None]}
+        is_open = tuple(chosen.tolist())
     elif springs is not None:
         return "line springs of a chain have no arithmetic of their own"
     case = ChainCase(constants, is_open, wrench)
@@ -203,8 +205,9 @@ def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> Plan | 
             loose.append(potential)
     if forces:
         shared["forces"] = np.concatenate(forces)[None]
-    case = replace(case, fields=tuple(fields), coupled=tuple(coupled),
-                   derivatives=bool(loose or laws))  # fmt: skip
+    if fields or coupled or loose or laws:
+        case = replace(case, fields=tuple(fields), coupled=tuple(coupled),
+                       derivatives=bool(loose or laws))  # fmt: skip
     regular = "deficient" if n < 6 else "regular"
     return Plan(case, shared, regular, elastic, tuple(loose), laws)
 

@@ -152,16 +152,18 @@ def analyse_many(
         _by_engine(elastic, coordinates, loads, arrays, np.arange(len(state)), state, codes)
         return Postures(coordinates, arrays, state, tuple(codes), "engine", reason)
     run(taken, kernel, coordinates, loads, arrays, state, count, size)
-    doubtful = np.flatnonzero(state == ENGINE)
-    unbalanced = np.flatnonzero(state == UNBALANCED)
-    if len(state):
+    if state.any():
+        doubtful = np.flatnonzero(state == ENGINE)
+        unbalanced = np.flatnonzero(state == UNBALANCED)
         state[:] = _index(codes, taken.regular)
-    if len(unbalanced):
-        state[unbalanced] = _index(codes, "unbalanced")
-        for name in names:
-            if name.startswith(("wrench", "stiffness", "compliance")):
-                arrays[name][unbalanced] = np.nan
-    _by_engine(elastic, coordinates, loads, arrays, doubtful, state, codes)
+        if len(unbalanced):
+            state[unbalanced] = _index(codes, "unbalanced")
+            for name in names:
+                if name.startswith(("wrench", "stiffness", "compliance")):
+                    arrays[name][unbalanced] = np.nan
+        _by_engine(elastic, coordinates, loads, arrays, doubtful, state, codes)
+    elif len(state):
+        state[:] = _index(codes, taken.regular)
     ran = "portable" if isinstance(kernel, PortableKernel) else "compiled"
     return Postures(coordinates, arrays, state, tuple(codes), ran, reason)
 
