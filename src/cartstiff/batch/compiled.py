@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from cartstiff.batch.given import aligned_empty
+from cartstiff.batch.given import address_of, aligned_empty
 from cartstiff.batch.tape import Program
 from cartstiff.batch.vector_code import LONGEST, input_arrays, scratch_size, vector_code
 from cartstiff.geometry.se3 import Array
@@ -118,13 +118,13 @@ class Workspace:
         self, inputs: Mapping[str, Array], outputs: Mapping[str, Array], blocks: int, stream: bool
     ) -> None:
         for i, name in enumerate(self._kernel.arrays):
-            self._inputs[i] = inputs[name].ctypes.data
+            self._inputs[i] = address_of(inputs[name])
         for i, name in enumerate(self._kernel.program.outputs):
-            self._outputs[i] = outputs[name].ctypes.data
-            stream = stream and outputs[name].ctypes.data % 64 == 0
+            self._outputs[i] = address = address_of(outputs[name])
+            stream = stream and address % 64 == 0
         self._kernel.entry(stream)(
             blocks,
             ctypes.addressof(self._inputs),
             ctypes.addressof(self._outputs),
-            self._scratch.ctypes.data,
+            address_of(self._scratch),
         )

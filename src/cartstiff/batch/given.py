@@ -130,9 +130,15 @@ def arrays_for(
     return found
 
 
+def address_of(array: Array) -> int:
+    """Where an array begins in memory; much faster than ``array.ctypes.data``."""
+    address: int = array.__array_interface__["data"][0]
+    return address
+
+
 def aligned_empty(*shape: int) -> Array:
     """Uninitialised doubles from an address divisible by 64, as whole cache lines are written."""
     size = prod(shape)
     raw = np.empty(size + 8)
-    start = -(raw.__array_interface__["data"][0] // 8) % 8
+    start = -(address_of(raw) // 8) % 8
     return raw[start : start + size].reshape(shape)

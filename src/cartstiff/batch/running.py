@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cartstiff.batch import portable
 from cartstiff.batch.arithmetic import ENGINE
-from cartstiff.batch.given import OUTPUTS
+from cartstiff.batch.given import OUTPUTS, aligned_empty
 from cartstiff.batch.plans import Case, Plan, plan, program_for
 from cartstiff.errors import InputError, MissingDependencyError
 from cartstiff.geometry.se3 import Array
@@ -30,7 +30,7 @@ WORTH_COMPILING = 5000
 #: Operations beyond which compiling takes more than a few seconds.
 LARGEST_PROGRAM = 60_000
 #: Postures that a thread takes at a time in compiled code, at most.
-COMPILED_CHUNK = 4096
+COMPILED_CHUNK = 16384
 #: Postures for each thread below which another one costs more than it saves.
 LEAST_PER_THREAD = 2048
 #: The same where some potentials are evaluated posture by posture: n^2 numbers each are held.
@@ -140,7 +140,7 @@ def run(
 
     def work() -> None:
         workspace = kernel.workspace(length)
-        verdict = np.empty((length, 1))
+        verdict = aligned_empty(length, 1)  # or nothing would be written past the cache
         for start in starts:  # every thread takes its next chunk from here
             stop = min(start + length, count)
             rows = stop - start
