@@ -120,7 +120,9 @@ def run(
             array[...] = np.nan
     options = {}
     if isinstance(kernel, portable.PortableKernel):
-        length = least = size or portable.CHUNK
+        # Threads would wait for the interpreter, which short arrays keep busy.
+        threads, length = 1, size or portable.CHUNK
+        least = length
     else:
         from cartstiff.batch.compiled import STREAMED
 
