@@ -24,6 +24,7 @@ def area(positions: np.ndarray, faces: np.ndarray) -> float:
 
 
 @pytest.mark.filterwarnings("ignore:the matrix subclass:PendingDeprecationWarning")
+@pytest.mark.filterwarnings("ignore:Setting the shape on a NumPy array:DeprecationWarning")
 @pytest.mark.parametrize("name", ["forearm", "upperarm", "wrist1", "base"])
 def test_collada_files_are_whole(name):
     """Against pycollada itself: number of triangles, their area, extent and diffuse colours."""
