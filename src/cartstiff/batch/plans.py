@@ -11,7 +11,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from cartstiff.batch.arithmetic import ENGINE, PLAIN
-from cartstiff.batch.chain_arithmetic import ChainCase, ChainConstants, Field, chain_program
+from cartstiff.batch.chain_arithmetic import ChainCase, chain_program
+from cartstiff.batch.chain_twists import ChainConstants, Field
 from cartstiff.batch.platform_arithmetic import PlatformCase, platform_program
 from cartstiff.batch.tape import Program
 from cartstiff.geometry.se3 import Array
