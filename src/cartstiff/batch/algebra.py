@@ -145,9 +145,7 @@ def upper_inverse(R: Array) -> Array:
 
 def inverse(matrix: Array) -> Array:
     """Inverse of any matrix."""
-    found = reflections(matrix)
-    # M^T = (Q R)^T has the inverse Q R^-T.
-    return found.apply(upper_inverse(found.R).T).T
+    return solution(matrix, np.eye(len(matrix)))
 
 
 def solution(matrix: Array, right: Array) -> Array:
