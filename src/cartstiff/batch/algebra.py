@@ -16,8 +16,8 @@ from cartstiff.batch.tape import Number, Scalar, absolute, copysign, larger, pic
 from cartstiff.geometry.se3 import Array
 
 __all__ = ["Reflections", "congruence", "cross", "inverse", "is_zero", "largest", "norm_squared",
-           "positive_factor", "product", "reflections", "skew", "solution", "upper_inverse",
-           "zeros"]  # fmt: skip
+           "positive_factor", "product", "reflections", "skew", "solution", "symmetric_product",
+           "upper_inverse", "zeros"]  # fmt: skip
 
 
 def zeros(*shape: int) -> Array:
@@ -54,6 +54,17 @@ def product(left: Array, right: Array) -> Array:
     for i, row in enumerate(left):
         for a, x in enumerate(row):
             found[i] = found[i] + right[a] * x
+    return found
+
+
+def symmetric_product(left: Array, right: Array, base: Array) -> Array:
+    """``base + left^T right`` where that is symmetric: its upper triangle, mirrored."""
+    found = base.copy()
+    for i in range(len(found)):
+        row = found[i, i:]
+        for a, x in enumerate(left[:, i]):
+            row = row + right[a, i:] * x
+        found[i, i:] = found[i:, i] = row
     return found
 
 
@@ -152,8 +163,9 @@ def solution(matrix: Array, right: Array) -> Array:
     """``matrix^-1 right`` of a square matrix, with no work on what is zero in every posture.
 
     Each step takes the column with fewest entries that vary and reflects the rows where it has any.
-    A column of constants is eliminated instead, its pivot being known. What has no inverse in any
-    posture gives numbers that are none.
+    A column of constants is eliminated instead, its pivot being known; and two columns that have
+    entries in the same two rows only are solved for by Cramer's rule, which needs no pivots either.
+    What has no inverse in any posture gives numbers that are none.
     """
     n = len(matrix)
     nowhere: Scalar = math.nan
@@ -162,28 +174,48 @@ def solution(matrix: Array, right: Array) -> Array:
             nowhere = pick(x, x, 0.0, math.nan)
     work = np.concatenate([matrix, right], axis=1).astype(object)
     rows, columns = list(range(n)), list(range(n))
-    steps: list[tuple[int, int, Scalar]] = []
+    steps: list[tuple[list[int], list[int], Array]] = []
 
-    def entries(column: int) -> tuple[int, int]:
-        found = [x for x in work[rows, column] if not is_zero(x)]
-        return sum(isinstance(x, Number) for x in found), len(found)
+    def filled(column: int) -> list[int]:
+        return [i for i in rows if not is_zero(work[i, column])]
+
+    def alike(column: int) -> list[int]:
+        return [c for c in columns if filled(c) == filled(column)]
+
+    def entries(column: int) -> tuple[int, int, int]:
+        found = work[filled(column), column]
+        return sum(isinstance(x, Number) for x in found), len(found), -len(alike(column))
 
     while columns:
         column = min(columns, key=entries)
-        columns.remove(column)
-        others = [*columns, *range(n, work.shape[1])]
-        filled = [i for i in rows if not is_zero(work[i, column])]
-        row, reciprocal = _cleared(work, filled, column, others) if filled else (rows[0], nowhere)
-        rows.remove(row)
-        steps.append((row, column, reciprocal))
+        taken, inner = filled(column), alike(column)
+        if len(taken) == len(inner) == 2:
+            block = _inverse_of_two(work[np.ix_(taken, inner)], nowhere)
+        else:
+            inner = [column]
+            others = [*(c for c in columns if c != column), *range(n, work.shape[1])]
+            row, one = _cleared(work, taken, column, others) if taken else (rows[0], nowhere)
+            taken, block = [row], np.array([[one]], object)
+        steps.append((taken, inner, block))
+        rows = [i for i in rows if i not in taken]
+        columns = [c for c in columns if c not in inner]
     found = zeros(n, right.shape[1])
-    for i in range(n - 1, -1, -1):
-        row, column, reciprocal = steps[i]
-        rest = work[row, n:]
-        for _, later, _ in steps[:i:-1]:
-            rest = rest - found[later] * work[row, later]
-        found[column] = rest * reciprocal
+    known: list[int] = []
+    for taken, inner, block in reversed(steps):
+        rest = work[taken, n:]
+        for column in known:
+            rest = rest - np.outer(work[taken, column], found[column])
+        found[inner] = product(block, rest)
+        known += inner
     return found
+
+
+def _inverse_of_two(matrix: Array, nowhere: Scalar) -> Array:
+    """Inverse of a matrix (2, 2); made of `nowhere` if it has none in any posture."""
+    (a, b), (c, d) = matrix
+    determinant = a * d - b * c
+    one = nowhere if is_zero(determinant) else 1.0 / determinant
+    return np.array([[d * one, -(b * one)], [-(c * one), a * one]], object)
 
 
 def _cleared(work: Array, filled: list[int], column: int, others: list[int]) -> tuple[int, Scalar]:

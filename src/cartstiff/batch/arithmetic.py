@@ -13,7 +13,8 @@ from cartstiff.batch.algebra import inverse, norm_squared, skew, zeros
 from cartstiff.batch.tape import Scalar, larger, pick
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["ENGINE", "PLAIN", "UNBALANCED", "connections", "limited", "scaled_inverse"]
+__all__ = ["ENGINE", "PLAIN", "UNBALANCED", "connections", "limited", "scaled_inverse",
+           "unsymmetric_part"]  # fmt: skip
 
 #: Verdicts on a posture: the numbers stand; the engine decides; no wrench balances it.
 PLAIN, ENGINE, UNBALANCED = 0.0, 1.0, 2.0
@@ -43,12 +44,19 @@ def scaled_inverse(K: Array, length: Scalar) -> Array:
     return found
 
 
+def unsymmetric_part(W: Array) -> Array:
+    """``K^A - K^B``, which the wrench alone makes."""
+    moment, force = skew(W[:3] * 0.5), skew(W[3:] * 0.5)
+    found = zeros(6, 6)
+    found[:3, :3], found[:3, 3:], found[3:, :3] = moment, force, force
+    return found
+
+
 def connections(K_B: Array, W: Array) -> dict[str, Array]:
     """K^A, K^B and K^K from K^B and the wrench."""
-    moment, force = skew(W[:3] * 0.5), skew(W[3:] * 0.5)
-    D_A, D_K = zeros(6, 6), zeros(6, 6)
-    D_A[:3, :3], D_A[:3, 3:], D_A[3:, :3] = moment, force, force
-    D_K[:3, 3:], D_K[3:, :3] = force, -force
+    D_A = unsymmetric_part(W)
+    D_K = zeros(6, 6)
+    D_K[:3, 3:], D_K[3:, :3] = D_A[:3, 3:], -D_A[3:, :3]
     return {"A": K_B + D_A, "B": K_B, "K": K_B + D_K}
 
 

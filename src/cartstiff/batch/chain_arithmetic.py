@@ -4,10 +4,10 @@ Twists J_C of the joints are found in C, the frame of a joint, from it outward a
 coordinates C stands in the middle of the chain: the axes beside it are constant, the next ones
 depend on one angle each, and the outermost on half of the angles, so that much of J_C is zero
 whatever the posture and is never computed. Else C is the body frame M. In coordinates of one kind,
-and with H_L = H - S_W, S_W[a, b] = 1/2 W . [J_a, J_b] for a before b, which does not depend on the
-frame,
+with U[a, b] = W . [J_a, J_b] for a before b, else 0, which does not depend on the frame, and with
+H_L = H - S_W, S_W = 1/2 (U + U^T),
 
-    n = 6:  J_C A = Ad(T_C_M),  W = A^T g,  K^F = A^T H A,  K^B = K^F - A^T S_W A
+    n = 6:  J_C A = Ad(T_C_M),  W = A^T g,  K^F = A^T H A,  K^A = K^F - A^T U A
     n > 6:  J^T = Q R,  Q^T H_L Q = [[a, b], [b^T, c]],
             K^B = R^-1 (a - b c^-1 b^T) R^-T,  W = R^-1 (Q^T g)_6
     n < 6:  J = Q R with lengths scaled,  W = Q R^-T g,  C^B = J H_L^-1 J^T
@@ -37,9 +37,9 @@ from cartstiff.batch.algebra import (
     largest,
     norm_squared,
     positive_factor,
-    product,
     reflections,
     solution,
+    symmetric_product,
     upper_inverse,
     zeros,
 )
@@ -52,6 +52,7 @@ from cartstiff.batch.arithmetic import (
     add_compliances,
     connections,
     limited,
+    unsymmetric_part,
 )
 from cartstiff.batch.chain_twists import ChainConstants, ChainKinematics, Field
 from cartstiff.batch.tape import Program, Scalar, Tape, larger, pick, square_root
@@ -100,7 +101,6 @@ def _middle(constants: ChainConstants) -> int:
         tape = Tape()
         chain = _Chain(tape, ChainCase(constants, None), joint)
         chain.inverse()
-        chain.curvature(tape.vector("wrench", 6))
         counts[joint] = len(tape.operations)
     return min(counts, key=lambda joint: counts[joint])
 
@@ -123,6 +123,12 @@ def _field_terms(
     return energy, gradient, hessian
 
 
+def _against(twist: Array, W: Array) -> Array:
+    """What gives ``-W . [twist, X]`` with any X."""
+    turn, shift = twist[:3], twist[3:]
+    return np.concatenate([cross(turn, W[:3]) + cross(shift, W[3:]), cross(turn, W[3:])])
+
+
 def _curvature(J: Array, W: Array) -> Array:
     """``S[a, b] = 1/2 W . [J_a, J_b]`` for a before b, symmetric."""
     joints = J.shape[1]
@@ -131,9 +137,7 @@ def _curvature(J: Array, W: Array) -> Array:
     # Of a pair the twist with more zeros makes the row, which then has zeros too.
     order = sorted(range(joints), key=lambda a: sum(not is_zero(x) for x in J[:, a]))
     for i, b in enumerate(order):
-        turn, shift = J[:3, b], J[3:, b]
-        row = np.concatenate([cross(turn, half[:3]) + cross(shift, half[3:]),
-                              cross(turn, half[3:])])  # fmt: skip
+        row = _against(J[:, b], half)
         for a in order[i + 1 :]:
             S[a, b] = S[b, a] = J[:, a] @ (row if a < b else -row)
     return S
@@ -284,20 +288,39 @@ def _six(chain: _Chain, wanted: Collection[str]) -> tuple[Array, Array, Array]:
     W = chain.load()
     if W is None:
         W = A.T @ chain.gradient
-    if not {"stiffness_F", "compliance_F"} & set(wanted):
-        return W, congruence(A, chain.lagrangian(W)), zeros(6, 6)
+    with_F = bool({"stiffness_F", "compliance_F"} & set(wanted))
+    if chain.mimic is not None:
+        K_F = congruence(A, chain.hessian) if with_F else zeros(6, 6)
+        return W, congruence(A, chain.lagrangian(W)), K_F
     K_F = congruence(A, chain.hessian)
-    # A^T S A as the symmetric part of a triangular form: half the products.
-    upper = chain.curvature(W) * (np.triu(np.ones((6, 6)), 1) + 0.5 * np.eye(6))
-    half = product(upper, A)
-    K_B = zeros(6, 6)
-    for i in range(6):
-        row = K_F[i, i:]
-        for a in range(6):
-            row = row - half[a, i:] * A[a, i]
-            row = row - A[a, i:] * half[a, i]
-        K_B[i, i:] = K_B[i:, i] = row
+    K_A = symmetric_product(A, -_curved(chain.J, A, W), K_F)
+    # Above the diagonal that is K^A; the rest of K^A follows from what it lacks in symmetry.
+    K_B = K_A - np.triu(unsymmetric_part(W))
+    lower = np.tril_indices(6, -1)
+    K_B[lower] = K_B.T[lower]
     return W, K_B, K_F
+
+
+def _curved(J: Array, A: Array, W: Array) -> Array:
+    """``U A`` with U[a, b] = W . [J_a, J_b] for a before b, else 0, and ``A = J^-1``.
+
+    U - U^T = J^T Omega J, so that row a of U A is as well N_a + sum_(b < a) U[b, a] A_b with
+    N = J^T Omega: the first half of the rows takes that, the other one U, and of all pairs of
+    joints only those within a half are needed.
+    """
+    half = 3
+    N = np.stack([-_against(J[:, a], W) for a in range(half)])
+    curved = zeros(6, 6)
+    for a in range(half):
+        row = N[a]
+        for b in range(a):
+            row = row + A[b] * (N[b] @ J[:, a])
+        curved[a] = row
+    S = _curvature(J[:, half:], W * 2.0)
+    for a in range(half, 6):
+        for b in range(a + 1, 6):
+            curved[a] = curved[a] + A[b] * S[a - half, b - half]
+    return curved
 
 
 def _redundant(chain: _Chain) -> tuple[Array, Array]:
