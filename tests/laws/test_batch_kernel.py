@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+
 import mpmath
 import numpy as np
 import pytest
@@ -128,10 +130,29 @@ class TestAlgebra:
             sizes.append(program.size)
         assert sizes[0] < sizes[1] or not varying
 
-    def test_what_has_no_solution(self):
-        """A row of zeros in every posture: numbers that are none, and no error."""
+    def test_solution_two_by_two(self):
+        """Columns in pairs: no square root is taken, and no digit lost to what couples them."""
+        rng = np.random.default_rng(5)
+        pairs = np.array([[1, 0, 0, 1, 0, 0], [1, 0, 0, 1, 0, 0], [1, 1, 1, 0, 0, 0],
+                          [0, 1, 1, 1, 0, 0], [0, 1, 0, 0, 1, 1], [1, 0, 0, 1, 1, 1]])  # fmt: skip
+        M = rng.normal(size=(6, 6)) * pairs * 10.0 ** rng.integers(-3, 4, (6, 1))
         tape = Tape()
-        M = np.array([[tape.input("M", 0), 2.0], [0.0, 0.0]], object)
+        recorded = M.astype(object)
+        for i, j in np.argwhere(pairs):
+            recorded[i, j] = tape.input("M", 6 * int(i) + int(j))
+        program = tape.program({"X": inverse(recorded)}, [])
+        assert "sqrt" not in {o.name for o in program.operations}
+        found = run(PortableKernel(program), {"M": M.reshape(1, 36)}, 1)["X"].reshape(6, 6)
+        np.testing.assert_allclose(found @ M, np.eye(6), atol=1e-13 * np.linalg.cond(M))
+
+    @pytest.mark.parametrize("kind", ["a row of zeros", "two like columns", "constants"])
+    def test_what_has_no_solution(self, kind):
+        """In any posture: numbers that are none, and no error."""
+        tape = Tape()
+        x = tape.input("M", 0)
+        rows = {"a row of zeros": [[x, 2.0], [0.0, 0.0]], "two like columns": [[x, x], [2.0, 2.0]],
+                "constants": [[1.0, 2.0], [2.0, 4.0]]}  # fmt: skip
+        M = np.array(rows[kind], object)
         program = tape.program({"X": solution(M, np.eye(2).astype(object))}, [])
         found = run(PortableKernel(program), {"M": np.ones((1, 1))}, 1)["X"]
         assert np.isnan(found).any()
@@ -191,10 +212,33 @@ class TestWaysToRun:
             size = np.abs(array).max(axis=1, keepdims=True)
             assert (np.abs(found[name] - array) <= FUSED * size).all(), name
 
+    def test_threads_share_the_blocks(self):
+        """Each block is done once, by whichever thread is free; all give the same numbers."""
+        _, _, program, inputs = ur5()
+        count = 5003
+        inputs["q"] = np.random.default_rng(6).uniform(-2, 2, (count, 6))
+        kernel = CompiledKernel(program)
+        one = run(kernel, inputs, count)
+        outputs = {name: np.full_like(array, np.nan) for name, array in one.items()}
+        workspace = kernel.workspace(count, 4)
+        for _ in range(20):
+            workspace.run(inputs, outputs, count)
+            for name, array in one.items():
+                np.testing.assert_array_equal(outputs[name], array)
+                outputs[name][:] = np.nan
+
+    def test_a_thread_that_comes_late_touches_nothing(self):
+        _, _, program, _ = ur5()
+        kernel = CompiledKernel(program)
+        scratch = np.full(kernel.scratch, 7.0)
+        none = ctypes.c_void_p()
+        kernel.entry(False)(9, none, none, scratch.ctypes.data, (ctypes.c_int64 * 2)(9, 9))
+        assert (scratch == 7.0).all()
+
     @pytest.mark.parametrize("path", ["portable", "compiled"])
     def test_threads_and_chunks_change_nothing(self, path):
         elastic, _, _, _ = ur5()
-        q = np.random.default_rng(8).uniform(-2, 2, (1501, 6))
+        q = np.random.default_rng(8).uniform(-2, 2, (4501, 6))
         one = analyse_many(elastic, q, outputs=OUTPUTS, path=path, threads=1)
         for options in ({"threads": 2, "chunk": 100}, {"threads": 3, "chunk": 7}, {"chunk": 5000}):
             if path == "portable" and options["chunk"] == 7:

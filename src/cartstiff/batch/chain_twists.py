@@ -8,6 +8,7 @@ is never computed.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -54,6 +55,13 @@ class ChainConstants:
     mimic: tuple[float, ...] | None
     offset: tuple[float, ...] | None
     is_length: tuple[bool, ...]
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash((self.placements, self.screws, self.body))
 
 
 class _Links:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ctypes
+import os
 from collections.abc import Mapping
-from functools import cache
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache, lru_cache
 from threading import Lock
 from typing import Any
 
@@ -20,9 +22,7 @@ __all__ = ["CompiledKernel", "lanes"]
 #: Bytes of output beyond which writing past the cache pays.
 STREAMED = 1 << 23
 
-_SIGNATURE = ctypes.CFUNCTYPE(
-    None, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p
-)
+_SIGNATURE = ctypes.CFUNCTYPE(None, ctypes.c_int64, *[ctypes.c_void_p] * 4)
 
 
 @cache
@@ -75,21 +75,30 @@ class CompiledKernel:
         engine.finalize_object()
         return engine, _SIGNATURE(engine.get_function_address("kernel"))
 
-    def workspace(self, length: int) -> Workspace:  # noqa: ARG002
-        """Scratch memory; one per thread."""
-        return Workspace(self)
+    def workspace(self, length: int, threads: int = 1) -> Workspace:  # noqa: ARG002
+        """Scratch memory for some threads."""
+        return Workspace(self, threads)
+
+
+@lru_cache(maxsize=4)
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, thread_name_prefix="cartstiff-batch")
+
+
+if hasattr(os, "register_at_fork"):
+    # A forked process has none of its parent's threads.
+    os.register_at_fork(after_in_child=_pool.cache_clear)
 
 
 class Workspace:
-    """A kernel with scratch memory."""
+    """A kernel with scratch memory for each thread."""
 
-    def __init__(self, kernel: CompiledKernel) -> None:
+    def __init__(self, kernel: CompiledKernel, threads: int) -> None:
         self._kernel = kernel
-        self._scratch = aligned_empty(kernel.scratch)
-        # The first round works on what is here: no surprises for the processor.
-        self._scratch[:] = 0.0
-        self._inputs = (ctypes.c_void_p * max(1, len(kernel.arrays)))()
-        self._outputs = (ctypes.c_void_p * len(kernel.program.outputs))()
+        self._scratch = [aligned_empty(kernel.scratch) for _ in range(threads)]
+        for scratch in self._scratch:
+            # The first round works on what is here: no surprises for the processor.
+            scratch[:] = 0.0
 
     def run(
         self, inputs: Mapping[str, Array], outputs: Mapping[str, Array], count: int,
@@ -117,14 +126,19 @@ class Workspace:
     def _run(
         self, inputs: Mapping[str, Array], outputs: Mapping[str, Array], blocks: int, stream: bool
     ) -> None:
-        for i, name in enumerate(self._kernel.arrays):
-            self._inputs[i] = address_of(inputs[name])
-        for i, name in enumerate(self._kernel.program.outputs):
-            self._outputs[i] = address = address_of(outputs[name])
-            stream = stream and address % 64 == 0
-        self._kernel.entry(stream)(
-            blocks,
-            ctypes.addressof(self._inputs),
-            ctypes.addressof(self._outputs),
-            address_of(self._scratch),
-        )
+        read = [address_of(inputs[name]) for name in self._kernel.arrays]
+        written = [address_of(outputs[name]) for name in self._kernel.program.outputs]
+        entry = self._kernel.entry(stream and not any(address % 64 for address in written))
+        pointers = (ctypes.c_void_p * len(read))(*read), (ctypes.c_void_p * len(written))(*written)
+        progress = (ctypes.c_int64 * 2)()
+
+        def share(scratch: Array) -> None:
+            entry(blocks, *pointers, address_of(scratch), progress)
+
+        own, *others = self._scratch[:blocks]
+        shares = [_pool(len(others)).submit(share, scratch) for scratch in others]
+        share(own)
+        for other in shares:
+            if progress[1] < blocks:
+                other.result()
+            other.cancel()  # one that has not begun would find nothing left

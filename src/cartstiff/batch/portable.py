@@ -30,15 +30,12 @@ _CALLS: dict[str, Callable[..., Any]] = {
 class PortableKernel:
     """A program as a list of NumPy calls on reused buffers."""
 
-    #: Chunks are rounded up to a multiple of this.
-    block = 1
-
     def __init__(self, program: Program) -> None:
         self.program = program
         self._slots, self._count = _assigned(program)
 
-    def workspace(self, length: int) -> Workspace:
-        """Buffers and calls for chunks of `length` postures; one per thread."""
+    def workspace(self, length: int, threads: int = 1) -> Workspace:  # noqa: ARG002
+        """Buffers and calls for chunks of `length` postures; threads would wait for Python."""
         return Workspace(self.program, self._slots, self._count, length)
 
 

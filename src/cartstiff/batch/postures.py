@@ -119,7 +119,7 @@ def analyse_many(
         Machine code made by llvmlite; NumPy; one `analyse` after the other. "auto" takes the first
         that serves.
     chunk : int, optional
-        Postures that a thread computes at a time. The result does not depend on it.
+        Postures computed at a time. The result does not depend on it.
 
     Returns
     -------

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor, wait
 from functools import lru_cache
 from importlib.util import find_spec
 from typing import Any, Literal
@@ -29,8 +27,8 @@ PATHS = ("auto", "compiled", "portable", "engine")
 WORTH_COMPILING = 5000
 #: Operations beyond which compiling takes more than a few seconds.
 LARGEST_PROGRAM = 60_000
-#: Postures that a thread takes at a time in compiled code, at most.
-COMPILED_CHUNK = 16384
+#: Postures computed at a time in compiled code, a multiple of every block.
+COMPILED_CHUNK = 1 << 17
 #: Postures for each thread below which another one costs more than it saves.
 LEAST_PER_THREAD = 2048
 #: The same where some potentials are evaluated posture by posture: n^2 numbers each are held.
@@ -96,16 +94,6 @@ def chosen(
     return found, _compiled_kernel(found.case, ordered), ""
 
 
-@lru_cache(maxsize=4)
-def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, thread_name_prefix="cartstiff-batch")
-
-
-if hasattr(os, "register_at_fork"):
-    # A forked process has none of its parent's threads.
-    os.register_at_fork(after_in_child=_pool.cache_clear)
-
-
 def run(
     taken: Plan, kernel: Any, q: Array, loads: Array | None, arrays: Mapping[str, Array],
     verdicts: NDArray[np.uint8], threads: int, size: int | None,
@@ -118,66 +106,41 @@ def run(
     for name, array in arrays.items():
         if name not in exists:
             array[...] = np.nan
-    options = {}
-    if isinstance(kernel, portable.PortableKernel):
-        # Threads would wait for the interpreter, which short arrays keep busy.
-        threads, length = 1, size or portable.CHUNK
-        least = length
-    else:
+    length, options = size or portable.CHUNK, {}
+    if not isinstance(kernel, portable.PortableKernel):
         from cartstiff.batch.compiled import STREAMED
 
-        length, least = size or COMPILED_CHUNK, size or LEAST_PER_THREAD
+        length = size or COMPILED_CHUNK
         options = {"stream": sum(arrays[name].nbytes for name in exists) > STREAMED}
     if taken.has_derivatives:
-        length = least = min(length, EVALUATED_CHUNK)
-    workers = max(1, min(threads, count // least))
-    # As many chunks for each worker, of one length, which is a multiple of the kernel's block: each
-    # starts on a whole cache line.
-    pieces = -(-count // (length * workers)) * workers
-    length = -(-count // (pieces * kernel.block)) * kernel.block
-    starts = iter(range(0, count, length))
+        length = min(length, EVALUATED_CHUNK)
+    length = min(length, count)
     shared = {name: np.ascontiguousarray(array) for name, array in taken.shared.items()}
     if loads is not None and loads.ndim == 1:
         shared["wrench"] = np.ascontiguousarray(loads)[None]
-
-    def work() -> None:
-        workspace = kernel.workspace(length)
-        verdict = aligned_empty(length, 1)  # or nothing would be written past the cache
-        for start in starts:  # every thread takes its next chunk from here
-            stop = min(start + length, count)
-            rows = stop - start
-            inputs = {**shared, "q": np.ascontiguousarray(q[start:stop])}
-            if loads is not None and loads.ndim == 2:
-                inputs["wrench"] = np.ascontiguousarray(loads[start:stop])
-            doubts = None
-            if taken.has_derivatives:
-                more, doubts = taken.derivatives(inputs["q"])
-                inputs.update(more)
-            found, copies = {"verdict": verdict}, []
-            for name, width in exists.items():
-                part = arrays[name][start:stop]
-                if part.flags.c_contiguous:
-                    found[name] = part.reshape(rows, width)
-                else:
-                    found[name] = np.empty((rows, width))
-                    copies.append((part, found[name]))
-            workspace.run(inputs, found, rows, **options)
-            for part, values in copies:
-                part[...] = values.reshape(part.shape)
-            verdicts[start:stop] = verdict[:rows, 0]
-            if doubts is not None:
-                verdicts[start:stop][doubts == ENGINE] = ENGINE
-
-    if workers == 1:
-        work()
-        return
-    pool = _pool(threads)
-    others = [pool.submit(work) for _ in range(workers - 1)]
-    try:
-        work()
-    finally:
-        list(starts)  # after an error the others end with the chunks that they have
-        others = [other for other in others if not other.cancel()]
-        wait(others)
-    for other in others:
-        other.result()
+    workspace = kernel.workspace(length, max(1, min(threads, length // LEAST_PER_THREAD)))
+    verdict = aligned_empty(length, 1)  # or nothing would be written past the cache
+    for start in range(0, count, length):
+        stop = min(start + length, count)
+        rows = stop - start
+        inputs = {**shared, "q": np.ascontiguousarray(q[start:stop])}
+        if loads is not None and loads.ndim == 2:
+            inputs["wrench"] = np.ascontiguousarray(loads[start:stop])
+        doubts = None
+        if taken.has_derivatives:
+            more, doubts = taken.derivatives(inputs["q"])
+            inputs.update(more)
+        found, copies = {"verdict": verdict}, []
+        for name, width in exists.items():
+            part = arrays[name][start:stop]
+            if part.flags.c_contiguous:
+                found[name] = part.reshape(rows, width)
+            else:
+                found[name] = np.empty((rows, width))
+                copies.append((part, found[name]))
+        workspace.run(inputs, found, rows, **options)
+        for part, values in copies:
+            part[...] = values.reshape(part.shape)
+        verdicts[start:stop] = verdict[:rows, 0]
+        if doubts is not None:
+            verdicts[start:stop][doubts == ENGINE] = ENGINE

@@ -14,7 +14,6 @@ faster than the length of a function.
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable
 from itertools import product
 
 import numpy as np
@@ -29,8 +28,10 @@ LONGEST = 6000
 _ANGLES = 3
 #: Lines per basic block; in one function, where each cut makes values wait in memory, and in many.
 _BLOCK, _BLOCK_OF_MANY = 1500, 400
-#: Doubles per line of the cache.
-_LINE = 8
+#: Operations for which a value in memory is held in a register too.
+_NEAR = 30
+#: Postures that a thread takes at a time, and how often it looks whether the others are done.
+_TAKEN, _LOOKS = 64, 20_000
 
 # Sine and cosine as in fdlibm: pi/2 in three parts of which the first two have 33 digits, so that
 # their products with a whole number below 2^20 are exact, and the minimax polynomials.
@@ -222,7 +223,11 @@ def input_arrays(program: Program) -> list[str]:
 
 
 class _Body:
-    """Writes operations of one function; values come from before it through memory."""
+    """Writes operations of one function; values come from before it through memory.
+
+    What is in memory anyhow is read from there when it is needed again much later: of a value that
+    has to leave its register the compiler would put another copy into memory.
+    """
 
     def __init__(
         self, writer: _Writer, program: Program, arrays: list[str], widths: dict[str, int],
@@ -231,6 +236,8 @@ class _Body:
         self.writer, self.program, self.arrays, self.widths = writer, program, arrays, widths
         self.kept = kept
         self.values: dict[int, str] = {}
+        self._read: dict[int, int] = {}
+        self._now = 0
         self.angles: dict[int, tuple[str, str]] = {}
 
     def value(self, step: int) -> str:
@@ -240,6 +247,9 @@ class _Body:
             return self.writer.constant(number)
         if name == "input" and self.program.inputs[arguments[0]].array in self.program.shared:
             return self.writer.kept(self.program.inputs[arguments[0]])
+        if step in self.kept and self._now > self._read.get(step, self._now) + _NEAR:
+            self.values.pop(step, None)
+        self._read[step] = self._now
         if step not in self.values:
             if name == "input":
                 self.values[step] = self._input(arguments[0])
@@ -263,6 +273,7 @@ class _Body:
         """Operations from `start` to `stop`."""
         operations = self.program.operations
         for step in range(start, stop):
+            self._now = step
             name, arguments, _ = operations[step]
             if name in ("sin", "cos"):
                 if arguments[0] not in self.angles:
@@ -289,11 +300,15 @@ class _Body:
 
 
 def vector_code(program: Program, width: int, stream: bool = False, longest: int = LONGEST) -> str:
-    """LLVM text of ``kernel(blocks, inputs, outputs, scratch)``.
+    """LLVM text of ``kernel(blocks, inputs, outputs, scratch, progress)``.
 
     `inputs` and `outputs` are arrays of pointers in the order of `input_arrays` and of
     ``program.outputs``, `blocks` is the number of postures over `width`; with `stream`, outputs lie
     on addresses divisible by 64 and are written past the cache.
+
+    Several threads may call it with the same arguments, but for scratch memory of their own: they
+    share the blocks. `progress` is two whole numbers, zero at first: how many blocks are taken, and
+    how many are done. A thread that finds none left waits a moment for the others.
     """
     arrays = input_arrays(program)
     widths: dict[str, int] = {}
@@ -314,7 +329,7 @@ def vector_code(program: Program, width: int, stream: bool = False, longest: int
     if len(bodies) > 1:
         for i, body_lines in enumerate(bodies):
             head = f"define internal void @part{i}({pointers}) #0 {{"
-            text = [head, *_in_blocks(body_lines, _BLOCK_OF_MANY), "  br label %end", "end:"]
+            text = [head, *_in_blocks(body_lines, _BLOCK_OF_MANY), "  br label %never", "never:"]
             functions.append("\n".join([*text, "  ret void", "}"]))
         lines = [f"  call void @part{i}({pointers})" for i in range(len(bodies))]
     else:
@@ -328,8 +343,7 @@ def _records(program: Program, width: int, stream: bool, kept: dict[int, int]) -
     """From memory to the outputs: entries side by side become records; in pieces.
 
     Two postures at a time: halves of vectors are put side by side as they are read, which leaves
-    one exchange per vector written. A line of the cache is written at once as soon as there is all
-    of it: past the cache, memory takes whole lines.
+    one exchange per vector written.
     """
     pieces: list[list[str]] = []
     for i, steps in enumerate(program.outputs.values()):
@@ -342,25 +356,13 @@ def _records(program: Program, width: int, stream: bool, kept: dict[int, int]) -
             continue
         piece = 4 if size % 4 == 0 and width >= 4 else 2
         how = f"align {8 * piece}, !nontemporal !0" if stream else "align 8"
-        waiting: dict[int, str] = {}
-
-        def write(places: Iterable[int], writer: _Writer, out: str = f"%out{i}", piece: int = piece,
-                  how: str = how, waiting: dict[int, str] = waiting) -> None:  # fmt: skip
-            for place in places:
-                value = f"<{piece} x double> {waiting.pop(place)}"
-                writer.lines.append(f"  store {value}, ptr {writer.address(out, place)}, {how}")
-
         for lane, first in product(range(0, width, 2), range(0, size, piece)):
             writer = _Writer(width, {}, f"r{i}.{lane}.{first}.")
             both = _exchanged(writer, [kept[s] for s in steps[first : first + piece]], lane)
             for half, start in zip(both, (lane * size, (lane + 1) * size), strict=True):
-                at = start + first
-                waiting[at] = half
-                line = range(at - at % _LINE, at - at % _LINE + _LINE, piece)
-                if set(line) <= waiting.keys():
-                    write(line, writer)
+                at = writer.address(f"%out{i}", start + first)
+                writer.lines.append(f"  store <{piece} x double> {half}, ptr {at}, {how}")
             pieces.append(writer.lines)
-        write(sorted(waiting), writer)
     return pieces
 
 
@@ -401,7 +403,7 @@ def _in_blocks(lines: list[str], length: int) -> list[str]:
     found: list[str] = []
     for i in range(0, len(lines), length):
         found += lines[i : i + length]
-        found += [f"  br i1 %always, label %piece{i}, label %end", f"piece{i}:"]
+        found += [f"  br i1 %always, label %piece{i}, label %never", f"piece{i}:"]
     return found
 
 
@@ -411,8 +413,15 @@ def _loop(
 ) -> str:  # fmt: skip
     """The function that goes through the blocks; records come a round after their inputs."""
     names = list(program.outputs)
-    lines = ["define void @kernel(i64 %blocks, ptr %inputs, ptr %outputs, ptr %table) #0 {",
-             "entry:"]  # fmt: skip
+    take = max(1, _TAKEN // width)
+    lines = [
+        "define void @kernel(i64 %blocks, ptr %inputs, ptr %outputs, ptr %table, ptr %progress) "
+        "#0 {",
+        "entry:",
+        *_taken("first", take),
+        "  br i1 %first.some, label %begin, label %never",
+        "begin:",
+    ]
     for kind, count in (("in", len(arrays)), ("out", len(names))):
         for i in range(count):
             lines.append(f"  %{kind}{i}.at = getelementptr ptr, ptr %{kind}puts, i64 {i}")
@@ -429,24 +438,22 @@ def _loop(
         writer.store(vector, "%table", width * place)
     lines += writer.lines
     lines += [
-        "  %last = sub i64 %blocks, 1",
         "  %always = icmp ne ptr %table, null",
         f"  %one = getelementptr double, ptr %table, i64 {width * len(table)}",
         f"  %other = getelementptr double, ptr %table, i64 {width * (len(table) + kept)}",
         "  br label %block",
-        "block:",
-        "  %b = phi i64 [0, %entry], [%next, %done]",
-        "  %memory = phi ptr [%one, %entry], [%written, %done]",
-        "  %written = phi ptr [%other, %entry], [%memory, %done]",
         # In the first round there is nothing to write, in the last nothing to compute: the first
         # block is written twice, the last one computed twice.
-        "  %inside = icmp ult i64 %b, %blocks",
-        "  %block.in = select i1 %inside, i64 %b, i64 %last",
-        "  %begun = icmp uge i64 %b, 1",
-        "  %before = sub i64 %b, 1",
-        "  %block.out = select i1 %begun, i64 %before, i64 0",
-        f"  %row.in = mul i64 %block.in, {width}",
-        f"  %row.out = mul i64 %block.out, {width}",
+        "block:",
+        "  %b = phi i64 [%first, %begin], [%next, %go]",
+        "  %stop = phi i64 [%first.stop, %begin], [%next.stop, %go]",
+        "  %before = phi i64 [%first, %begin], [%b, %go]",
+        "  %last = phi i1 [false, %begin], [%next.last, %go]",
+        "  %done = phi i64 [0, %begin], [%next.done, %go]",
+        "  %memory = phi ptr [%one, %begin], [%written, %go]",
+        "  %written = phi ptr [%other, %begin], [%memory, %go]",
+        f"  %row.in = mul i64 %b, {width}",
+        f"  %row.out = mul i64 %before, {width}",
     ]
     for i, array in enumerate(arrays):
         step = 0 if array in program.shared else widths[array]
@@ -457,16 +464,50 @@ def _loop(
         lines.append(f"  %out{i} = getelementptr double, ptr %out{i}.0, i64 %out{i}.step")
     lines += _in_blocks(body, _BLOCK)
     lines += [
-        "  br label %done",
-        "done:",
-        "  %next = add i64 %b, 1",
-        "  %more = icmp ule i64 %next, %blocks",
-        "  br i1 %more, label %block, label %end",
+        "  br i1 %last, label %end, label %on",
+        "on:",
+        "  %next.done = add i64 %done, 1",
+        "  %after = add i64 %b, 1",
+        "  %within = icmp ult i64 %after, %stop",
+        "  br i1 %within, label %go, label %more",
+        "more:",
+        *_taken("got", take),
+        "  %got.block = select i1 %got.some, i64 %got, i64 %b",
+        "  %got.none = xor i1 %got.some, true",
+        "  br label %go",
+        "go:",
+        "  %next = phi i64 [%after, %on], [%got.block, %more]",
+        "  %next.stop = phi i64 [%stop, %on], [%got.stop, %more]",
+        "  %next.last = phi i1 [false, %on], [%got.none, %more]",
+        "  br label %block",
         "end:",
-        "  fence seq_cst",
+        "  fence seq_cst",  # what was written past the cache is there before it is said to be
+        "  %others = getelementptr i64, ptr %progress, i64 1",
+        "  %told = atomicrmw add ptr %others, i64 %done seq_cst",
+        "  br label %wait",
+        "wait:",
+        "  %look = phi i64 [0, %end], [%looked, %wait]",
+        "  %looked = add i64 %look, 1",
+        "  %finished = load atomic i64, ptr %others acquire, align 8",
+        "  %missing = icmp ult i64 %finished, %blocks",
+        f"  %patient = icmp ult i64 %looked, {_LOOKS}",
+        "  %again = and i1 %missing, %patient",
+        "  br i1 %again, label %wait, label %never",
+        "never:",
         "  ret void", "}",
     ]  # fmt: skip
     return "\n".join(lines)
+
+
+def _taken(name: str, take: int) -> list[str]:
+    """Take the next blocks, if there are `some`: from a number on, to `stop`."""
+    return [
+        f"  %{name} = atomicrmw add ptr %progress, i64 {take} seq_cst",
+        f"  %{name}.some = icmp ult i64 %{name}, %blocks",
+        f"  %{name}.end = add i64 %{name}, {take}",
+        f"  %{name}.whole = icmp ult i64 %{name}.end, %blocks",
+        f"  %{name}.stop = select i1 %{name}.whole, i64 %{name}.end, i64 %blocks",
+    ]
 
 
 def _declarations(width: int) -> str:
