@@ -31,7 +31,7 @@ _BLOCK, _BLOCK_OF_MANY = 1500, 400
 #: Operations for which a value in memory is held in a register too.
 _NEAR = 30
 #: Postures that a thread takes at a time, and how often it looks whether the others are done.
-_TAKEN, _LOOKS = 64, 20_000
+_TAKEN, _LOOKS = 512, 20_000
 
 # Sine and cosine as in fdlibm: pi/2 in three parts of which the first two have 33 digits, so that
 # their products with a whole number below 2^20 are exact, and the minimax polynomials.
