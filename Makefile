@@ -95,6 +95,7 @@ benchmark: $(DEV)
 	@$(PY) benchmarks/posture.py
 	@$(PY) benchmarks/many_postures.py
 	@$(PY) benchmarks/page.py
+	@$(PY) benchmarks/maps.py
 
 # The picture of the page in the README and the documentation.
 screenshot: $(DEV)
