@@ -18,6 +18,7 @@ PACKAGE = Path(cartstiff.__file__).parent
 #: From the bottom up; a part may import itself and what stands below it.
 LAYERS = [
     {"errors", "lazy", "version"},
+    {"parsing"},
     {"geometry"},
     {"potentials"},
     {"mechanisms"},

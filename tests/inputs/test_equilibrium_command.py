@@ -278,6 +278,10 @@ def test_a_path_with_wrenches(answer: Any) -> None:
     body = answer("hexapod", "--path", "path.csv")
     np.testing.assert_allclose(body["commands"][0], data["commands"][0], rtol=1e-12)
     assert not np.allclose(body["commands"][1], data["commands"][1], rtol=1e-6)
+    names = ("x", "y", "z", "roll", "pitch", "yaw", "mx", "my", "mz", "fx", "fy", "fz")
+    header = ",".join(reversed(names)) + "\n"
+    _write("named.csv", [row[::-1] for row in rows], header)
+    assert answer("hexapod", "--path", "named.csv")["commands"] == body["commands"]
     turning = answer("hexapod", "--path", "path.csv", "--follower")
     np.testing.assert_allclose(turning["commands"], body["commands"], rtol=1e-12)
     assert turning["stable"] == [None, None]
@@ -339,9 +343,15 @@ BAD: dict[str, tuple[list[str], tuple[str, ...]]] = {
     "missing path": ([*LOAD, "--path", "none.csv"], ("none.csv",)),
     "path is a folder": ([*LOAD, "--path", "."], (".",)),
     "empty path": ([*LOAD, "--path", "empty.csv"], ("empty.csv", "no postures")),
-    "short path": ([*LOAD, "--path", "short.csv"], ("short.csv, line 1", "6 coordinates", "got 3")),
+    "short path": (
+        [*LOAD, "--path", "short.csv"],
+        ("short.csv, line 1", "6 numbers (x, y", "got 3"),
+    ),
     "ragged path": ([*LOAD, "--path", "ragged.csv"], ("ragged.csv, line 2", "got 7")),
-    "path of text": ([*LOAD, "--path", "text.csv"], ("text.csv, line 1", "'x'")),
+    "path of text": (
+        [*LOAD, "--path", "text.csv"],
+        ("text.csv, line 1", "do not fit", "x, r"),
+    ),
     "wrenches twice": ([*LOAD, "--path", "wrenches.csv"], ("--load or in the path file",)),
 }
 
@@ -352,7 +362,7 @@ def files() -> None:
     Path("empty.csv").write_text("# nothing\n\n", encoding="utf-8")
     Path("short.csv").write_text("0,0,1\n", encoding="utf-8")
     _write("ragged.csv", [POSES[0], [*POSES[1], 1.0]])
-    Path("text.csv").write_text("x,y,z,r,p,y\n", encoding="utf-8")
+    Path("text.csv").write_text("x,r\n0,0\n", encoding="utf-8")
     _write("wrenches.csv", [POSES[0] + WRENCHES[0]])
 
 

@@ -192,7 +192,8 @@ def test_refused_in_one_line(
     [
         ("", "file is empty"),
         ("x,yaw\n", "no postures"),
-        ("x,x\n0,0\n", "must differ"),
+        ("x,x\n0,0\n", "named twice"),
+        ("0,0\n", "columns have no names"),
         ("x,elbow\n0,0\n", "unknown column"),
         ("x,yaw\n0\n", "line 2"),
         ("x,yaw\n0,zero\n", "line 2"),

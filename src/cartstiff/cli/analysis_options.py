@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from cartstiff.cli.options import once, parse_numbers
+from cartstiff.cli.options import once
 from cartstiff.errors import InputError, one_line
+from cartstiff.parsing import parse_numbers
 
 if TYPE_CHECKING:
     from cartstiff.stiffness.compute import PostureStiffness

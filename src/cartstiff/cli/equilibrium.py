@@ -8,9 +8,11 @@ from typing import Any
 
 import click
 
-from cartstiff.cli.options import MechanismRequest, mechanism_options, once, parse_numbers
+from cartstiff.cli.options import MechanismRequest, mechanism_options, once
 from cartstiff.cli.output import output_file, print_json
+from cartstiff.cli.path_file import WRENCH
 from cartstiff.errors import InputError, one_line
+from cartstiff.parsing import parse_numbers
 
 __all__ = ["command"]
 
@@ -244,27 +246,14 @@ def _compensate(
     loads_at: Callable[[Any, Any], tuple[Any, ...]], csv: Path | None, plot: Path | None,
     as_json: bool,
 ) -> None:  # fmt: skip
-    import numpy as np
-
     from cartstiff.cli.text_statics import describe_path
-    from cartstiff.mechanisms.loading.yaml_file import read_text
+    from cartstiff.mechanisms.loading.csv_file import read_rows
     from cartstiff.statics.figures import draw_error_along_path
     from cartstiff.statics.toolpath import compensate
 
-    where, n = one_line(str(path)), len(elastic.names)
-    rows: list[list[float]] = []
-    for number, line in enumerate(read_text(path).splitlines(), start=1):
-        if line.strip() and not line.lstrip().startswith("#"):
-            row = parse_numbers(line, f"{where}, line {number}")
-            if len(row) != (len(rows[0]) if rows else n) and (rows or len(row) != n + 6):
-                raise InputError(
-                    "wrong count", where=f"{where}, line {number}", got=str(len(row)),
-                    expected=f"{n} coordinates" + (" or these and a wrench" if not rows else ""),
-                )  # fmt: skip
-            rows.append(row)
-    if not rows:
-        raise InputError("no postures", where=where, expected="one a line, comma-separated")
-    table = np.array(rows)
+    n = len(elastic.names)
+    layouts = elastic.names, (*elastic.names, *WRENCH)
+    _, table = read_rows(path, "postures").arranged(*layouts)
     postures, wrenches = table[:, :n], [wrench] * len(table)
     if table.shape[1] > n:
         if wrench is not None:

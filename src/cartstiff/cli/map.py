@@ -11,8 +11,9 @@ from typing import Any
 import click
 
 from cartstiff.cli.map_options import sampling_from_options, sampling_options
-from cartstiff.cli.options import MechanismRequest, mechanism_options, once, parse_numbers
+from cartstiff.cli.options import MechanismRequest, mechanism_options, once
 from cartstiff.errors import InputError, one_line
+from cartstiff.parsing import parse_numbers
 
 __all__ = ["command"]
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 import click
 
-from cartstiff.cli.options import once, parse_numbers
-from cartstiff.errors import InputError, one_line
+from cartstiff.cli.options import once
+from cartstiff.errors import InputError
+from cartstiff.parsing import parse_numbers
 
 if TYPE_CHECKING:
     from cartstiff.batch.maps.sampling import Axis, Sampling
@@ -178,27 +179,12 @@ def sampling_from_options(
         raise error if error.where else error.at("--cartesian") from None
 
 
-def _table(path: Path) -> dict[str, list[float]]:
+def _table(path: Path) -> dict[str, Any]:
     """Columns of a CSV file by the names in its first line."""
-    from cartstiff.mechanisms.loading.yaml_file import read_text
+    from cartstiff.mechanisms.loading.csv_file import read_rows
 
-    where = one_line(str(path))
-    columns: dict[str, list[float]] = {}
-    names: list[str] | None = None
-    for number, line in enumerate(read_text(path, _LARGEST_FILE).splitlines(), start=1):
-        if not line.strip() or line.lstrip().startswith("#"):
-            continue
-        if names is None:
-            names = [part.strip().strip('"') for part in line.split(",")]
-            if len(set(names)) < len(names) or not all(names):
-                raise InputError("names of columns must differ", where=f"{where}, line {number}",
-                                 got=one_line(line))  # fmt: skip
-            columns = {name: [] for name in names}
-            continue
-        row = parse_numbers(line, f"{where}, line {number}", len(names))
-        for name, value in zip(names, row, strict=True):
-            columns[name].append(value)
-    if names is None or not columns[names[0]]:
-        raise InputError("no postures", where=where,
+    rows = read_rows(path, "postures", _LARGEST_FILE)
+    if rows.names is None:
+        raise InputError("columns have no names", where=rows.place,
                          expected="a line of names, then one posture a line")  # fmt: skip
-    return columns
+    return dict(zip(rows.names, rows.values.T, strict=True))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import wraps
@@ -12,48 +11,13 @@ from typing import Any
 import click
 
 from cartstiff.errors import InputError, UnknownNameError, one_line
+from cartstiff.parsing import LARGEST, parse_numbers
 
-__all__ = ["MechanismRequest", "mechanism_options", "once", "parse_numbers", "parse_values"]
+__all__ = ["MechanismRequest", "mechanism_options", "once", "parse_values"]
 
-# As in mechanism files: beyond this the products leave the range of double precision.
-_LARGEST = 1e30
 _BALANCED = (
     "Wrench on the body in its own frame; rest positions are chosen so that the springs balance it."
 )
-
-
-def parse_numbers(text: str, option: str, count: int | None = None) -> list[float]:
-    """Comma-separated finite numbers.
-
-    Raises
-    ------
-    InputError
-        Naming the option, what was expected, and what was given.
-    """
-    parts = [part.strip() for part in text.split(",")]
-    numbers = []
-    for part in parts:
-        try:
-            number = float(part)
-        except ValueError:
-            number = math.nan
-        if not math.isfinite(number) or "_" in part:
-            expected = (
-                "numbers separated by commas" if count is None
-                else "a number" if count == 1
-                else f"{count} numbers separated by commas"
-            )  # fmt: skip
-            raise InputError("not a finite number", where=option, expected=expected, got=repr(part))
-        if abs(number) > _LARGEST:
-            raise InputError(
-                "number is too large", where=option, expected=f"at most {_LARGEST:g}", got=part
-            )
-        numbers.append(number)
-    if count is not None and len(numbers) != count:
-        raise InputError(
-            "wrong count", where=option, expected=f"{count} numbers", got=str(len(numbers))
-        )
-    return numbers
 
 
 def parse_values(
@@ -229,7 +193,7 @@ def _check_range(
     for value in values if isinstance(values, list) else [values]:
         if value < 0 or (value == 0 and expected == "above zero"):
             raise InputError("cannot be used", where=option, expected=expected, got=f"{value:g}")
-        if 0 < value < 1 / _LARGEST:
+        if 0 < value < 1 / LARGEST:
             raise InputError("number is too small", where=option,
-                             expected=f"{expected}, at least {1 / _LARGEST:g}",
+                             expected=f"{expected}, at least {1 / LARGEST:g}",
                              got=f"{value:g}")  # fmt: skip

@@ -9,9 +9,10 @@ from typing import Any, TypeVar
 
 import click
 
-from cartstiff.cli.options import MechanismRequest, once, parse_numbers, parse_values
+from cartstiff.cli.options import MechanismRequest, once, parse_values
 from cartstiff.cli.output import output_file, print_json
 from cartstiff.errors import InputError, UnknownNameError, one_line
+from cartstiff.parsing import parse_numbers
 
 __all__ = ["command"]
 

@@ -5,20 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cartstiff.cli.options import parse_numbers
 from cartstiff.errors import InputError, UnknownNameError, one_line
 
 if TYPE_CHECKING:
     from cartstiff.batch.tool_path import ToolPath
 
-__all__ = ["read_path_file"]
+__all__ = ["WRENCH", "read_path_file"]
 
 _POSITION = ("x", "y", "z")
 _ANGLES = ("roll", "pitch", "yaw")
 _AXIS = ("ax", "ay", "az")
-_WRENCH = ("mx", "my", "mz", "fx", "fy", "fz")
+WRENCH = ("mx", "my", "mz", "fx", "fy", "fz")
 _DIRECTION = ("dx", "dy", "dz")
-_GROUPS = (_POSITION, _ANGLES, _AXIS, _WRENCH, _DIRECTION)
+_GROUPS = (_POSITION, _ANGLES, _AXIS, WRENCH, _DIRECTION)
 
 
 def read_path_file(
@@ -57,36 +56,21 @@ def read_path_file(
 
     from cartstiff.batch.tool_path import ToolPath
     from cartstiff.geometry import se3
-    from cartstiff.mechanisms.loading.yaml_file import read_text
+    from cartstiff.mechanisms.loading.csv_file import read_rows
 
     where = one_line(str(file))
-    lines = [
-        (number, line)
-        for number, line in enumerate(read_text(file).splitlines(), start=1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
-    names: tuple[str, ...] | None = None
-    if any(c.isalpha() and c not in "eEnaif" for c in lines[0][1]) if lines else False:
-        names = _header(lines[0][1], f"{where}, line {lines[0][0]}")
-        lines = lines[1:]
-    rows: list[list[float]] = []
-    for number, line in lines:
-        place = f"{where}, line {number}"
-        row = parse_numbers(line, place)
-        if names is None:
-            names = (*_POSITION, *_ANGLES, *(_WRENCH if len(row) == 12 else ()))
-        if len(row) != len(names):
-            raise InputError("wrong count", where=place, got=str(len(row)),
-                             expected=f"{len(names)} numbers ({', '.join(names)})")  # fmt: skip
-        rows.append(row)
-    if not rows or names is None:
-        raise InputError("no points", where=where, expected="one a line, comma-separated")
-    table = {name: np.array(rows)[:, i] for i, name in enumerate(names)}
+    rows = read_rows(file, "points")
+    if rows.names is None:
+        names, values = rows.arranged((*_POSITION, *_ANGLES), (*_POSITION, *_ANGLES, *WRENCH))
+    else:
+        names, values = tuple(name.lower() for name in rows.names), rows.values
+        _check_names(names, rows.place)
+    table = dict(zip(names, values.T, strict=True))
 
     def columns(group: tuple[str, ...]) -> Any:
         return np.column_stack([table[n] for n in group]) if group[0] in table else None
 
-    wrenches, directions = columns(_WRENCH), columns(_DIRECTION)
+    wrenches, directions = columns(WRENCH), columns(_DIRECTION)
     for option, given, found in (
         ("--load", wrench, wrenches), ("--direction", direction, directions),
     ):  # fmt: skip
@@ -113,8 +97,7 @@ def read_path_file(
         raise error.at(where) from None
 
 
-def _header(line: str, where: str) -> tuple[str, ...]:
-    names = tuple(part.strip().strip('"').lower() for part in line.split(","))
+def _check_names(names: tuple[str, ...], where: str) -> None:
     known = [name for group in _GROUPS for name in group]
     for name in names:
         if name not in known:
@@ -127,4 +110,3 @@ def _header(line: str, where: str) -> tuple[str, ...]:
     if "x" not in names or ("roll" in names) == ("ax" in names):
         raise InputError("columns give no pose", where=where,
                          expected="x, y, z and either roll, pitch, yaw or ax, ay, az")  # fmt: skip
-    return names

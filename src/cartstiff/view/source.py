@@ -11,7 +11,7 @@ import numpy as np
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.loading.yaml_file import read_text
+from cartstiff.mechanisms.loading.csv_file import read_rows
 
 __all__ = ["Cloud", "Source", "Trajectory", "read_cloud", "read_trajectory"]
 
@@ -92,75 +92,28 @@ class Source:
 def read_trajectory(path: Path, names: tuple[str, ...]) -> Trajectory:
     """A trajectory from CSV: one posture a line, in joint order or under a line of names.
 
-    A first column named ``t`` or ``time``, or one column more than there are coordinates, is the
-    time in seconds. Lines that start with # are comments.
+    A column named ``t`` or ``time``, or a first one more than there are coordinates, is the time in
+    seconds. Lines that start with # are comments.
 
     Raises
     ------
     InputError
         With file and line.
     """
+    rows = read_rows(path, "postures")
+    if rows.names is not None:
+        named = tuple("time" if x.lower() in ("t", "time") else x for x in rows.names)
+        rows = rows._replace(names=named)
+    columns, table = rows.arranged(names, ("time", *names))
     where = one_line(str(path))
-    text = read_text(path)
-    header: list[str] | None = None
-    rows: list[list[float]] = []
-    for number, line in enumerate(text.splitlines(), start=1):
-        if not line.strip() or line.lstrip().startswith("#"):
-            continue
-        cells = [cell.strip() for cell in line.split(",")]
-        place = f"{where}, line {number}"
-        if header is None and not rows and any(_is_word(cell) for cell in cells):
-            header = _checked_header(cells, names, place)
-            continue
-        rows.append(_numbers(cells, place, header, len(names), len(rows[0]) if rows else None))
-    if not rows:
-        raise InputError("no postures", where=where, expected="one a line, comma-separated")
-    if len(rows) > _MOST_POSTURES:
+    if len(table) > _MOST_POSTURES:
         raise InputError("too many postures", where=where, expected=f"at most {_MOST_POSTURES}",
-                         got=len(rows))  # fmt: skip
-    table = np.array(rows)
-    columns = header or [*(["time"] if table.shape[1] > len(names) else []), *names]
-    q = table[:, [columns.index(name) for name in names]]
-    timed = columns[0] == "time"
+                         got=len(table))  # fmt: skip
+    timed = len(columns) > len(names)
     time = table[:, 0] if timed else np.arange(float(len(table)))
     if np.any(np.diff(time) < 0):
         raise InputError("times must not decrease", where=where)
-    return Trajectory(q, time, timed)
-
-
-def _is_word(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return True
-    return False
-
-
-def _checked_header(cells: list[str], names: tuple[str, ...], place: str) -> list[str]:
-    columns = ["time" if cell.lower() in ("t", "time") else cell for cell in cells]
-    wanted = [*(["time"] if columns[0] == "time" else []), *names]
-    if sorted(columns) != sorted(wanted):
-        raise InputError("columns do not fit", where=place, expected=", ".join(names),
-                         got=", ".join(cells))  # fmt: skip
-    return columns
-
-
-def _numbers(
-    cells: list[str], place: str, header: list[str] | None, n: int, width: int | None
-) -> list[float]:
-    expected = len(header) if header else width
-    if len(cells) != expected if expected is not None else len(cells) not in (n, n + 1):
-        raise InputError(
-            "wrong count", where=place, got=str(len(cells)),
-            expected=f"{expected or n} numbers" + ("" if expected else " (or these and a time)"),
-        )  # fmt: skip
-    try:
-        row = [float(cell) for cell in cells]
-    except ValueError:
-        raise InputError("not a number", where=place, got=", ".join(cells)) from None
-    if not np.all(np.isfinite(row)) or max(map(abs, row)) > 1e30:
-        raise InputError("must be finite numbers", where=place, got=", ".join(cells))
-    return row
+    return Trajectory(table[:, -len(names) :], time, timed)
 
 
 def read_cloud(path: Path) -> Cloud:

@@ -1,0 +1,55 @@
+"""Text to numbers."""
+
+from __future__ import annotations
+
+import math
+
+from cartstiff.errors import InputError
+
+__all__ = ["LARGEST", "parse_numbers"]
+
+#: As in mechanism files: beyond this the products leave the range of double precision.
+LARGEST = 1e30
+
+
+def parse_numbers(text: str, where: str, count: int | None = None) -> list[float]:
+    """Comma-separated finite numbers.
+
+    Parameters
+    ----------
+    text : str
+        The numbers.
+    where : str
+        What they were given as: an option, a line of a file.
+    count : int, optional
+        How many there must be.
+
+    Raises
+    ------
+    InputError
+        With `where`, what was expected, and what was given.
+    """
+    parts = [part.strip() for part in text.split(",")]
+    numbers = []
+    for part in parts:
+        try:
+            number = float(part)
+        except ValueError:
+            number = math.nan
+        if not math.isfinite(number) or "_" in part:
+            expected = (
+                "numbers separated by commas" if count is None
+                else "a number" if count == 1
+                else f"{count} numbers separated by commas"
+            )  # fmt: skip
+            raise InputError("not a finite number", where=where, expected=expected, got=repr(part))
+        if abs(number) > LARGEST:
+            raise InputError(
+                "number is too large", where=where, expected=f"at most {LARGEST:g}", got=part
+            )
+        numbers.append(number)
+    if count is not None and len(numbers) != count:
+        raise InputError(
+            "wrong count", where=where, expected=f"{count} numbers", got=str(len(numbers))
+        )
+    return numbers
