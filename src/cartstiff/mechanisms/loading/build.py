@@ -16,11 +16,12 @@ from cartstiff.mechanisms.loading.parts import (
     add_payload,
     default_frame,
     default_posture,
-    extra_lines,
     gravity_of,
+    ignored_parts,
     link_springs,
     model_path,
     pose_of,
+    put_together,
     springs_of,
     tree_to,
 )
@@ -69,18 +70,8 @@ def build_serial(file: SerialFile, beside: Path | None, where: str, name: str) -
         file.springs, file.passive, tree, description, where, virtual=virtual
     )
     q = default_posture(tree, file.q, where)
-    if description.mjcf and description.mjcf.ignored:
-        ignored = ", ".join(description.mjcf.ignored)
-        notes.append(Note("ignored", f"the MJCF file's {ignored} play no part", {}))
-    return ElasticMechanism(
-        name,
-        chain,
-        q,
-        springs,
-        (*soft, *extra_lines(file.lines, chain, q)),
-        gravity=gravity_of(file.gravity),
-        notes=(*notes, *assumed),
-    )
+    notes += [*ignored_parts(description), *assumed]
+    return put_together(file, name, chain, q, springs, soft, notes)
 
 
 def _per_leg(value: float | list[float] | None, m: int, key: str, where: str) -> Array | None:

@@ -17,11 +17,11 @@ from cartstiff.mechanisms.loading.parts import (
     add_payload,
     default_frame,
     default_posture,
-    extra_lines,
-    gravity_of,
+    ignored_parts,
     link_springs,
     model_path,
     pose_of,
+    put_together,
     springs_of,
     tree_to,
 )
@@ -143,15 +143,7 @@ def build_parallel(
         for i, leg in soft
         for spring in link_springs(leg.flexible, tree, where, f"leg{i + 1}/")
     ]
-    return ElasticMechanism(
-        name,
-        chain,
-        q,
-        joint_springs,
-        (*links, *extra_lines(file.lines, chain, q)),
-        gravity=gravity_of(file.gravity),
-        notes=(*notes, *assumed),
-    )
+    return put_together(file, name, chain, q, joint_springs, links, [*notes, *assumed])
 
 
 def build_closed_chain(
@@ -193,18 +185,8 @@ def build_closed_chain(
         actuated=file.actuated,
     )
     links = link_springs(file.flexible, tree, where)
-    if description.mjcf and description.mjcf.ignored:
-        ignored = ", ".join(description.mjcf.ignored)
-        notes.append(Note("ignored", f"the MJCF file's {ignored} play no part", {}))
-    return ElasticMechanism(
-        name,
-        chain,
-        q,
-        springs,
-        (*links, *extra_lines(file.lines, chain, q)),
-        gravity=gravity_of(file.gravity),
-        notes=(*notes, *assumed),
-    )
+    notes += [*ignored_parts(description), *assumed]
+    return put_together(file, name, chain, q, springs, links, notes)
 
 
 def _closure(entry: ClosureModel, i: int, tree: KinematicTree, q: Array, where: str) -> Closure:

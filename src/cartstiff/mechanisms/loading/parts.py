@@ -13,20 +13,24 @@ from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import Note
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.loading.catalogue import example_robot
 from cartstiff.mechanisms.loading.robot_description import (
     RobotDescription,
 )
 from cartstiff.mechanisms.loading.schema import (
+    ClosedChainFile,
     FlexibleModel,
     JointSpringModel,
     LineModel,
+    ParallelFile,
     PayloadModel,
     PoseModel,
+    SerialFile,
 )
 from cartstiff.mechanisms.tree import KinematicTree
 from cartstiff.mechanisms.tree_building import VIRTUAL, plain_tree
+from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
 from cartstiff.potentials.springs import (
     CoupledSprings,
@@ -42,11 +46,12 @@ __all__ = [
     "add_payload",
     "default_frame",
     "default_posture",
-    "extra_lines",
     "gravity_of",
+    "ignored_parts",
     "link_springs",
     "model_path",
     "pose_of",
+    "put_together",
     "springs_of",
     "tree_to",
 ]
@@ -177,6 +182,24 @@ def gravity_of(gravity: Sequence[float] | None) -> Array | None:
     return None if gravity is None or not any(gravity) else np.array(gravity, float)
 
 
+def put_together(
+    file: SerialFile | ParallelFile | ClosedChainFile, name: str, chain: Chain, q: Array,
+    springs: JointSprings, soft: Sequence[Potential], notes: Sequence[Note],
+) -> ElasticMechanism:  # fmt: skip
+    """A chain with its springs, soft links, and what else the file puts on it."""
+    potentials = (*soft, *_extra_lines(file.lines, chain, q))
+    gravity = gravity_of(file.gravity)
+    return ElasticMechanism(name, chain, q, springs, potentials, gravity, tuple(notes))
+
+
+def ignored_parts(description: RobotDescription) -> list[Note]:
+    """What a file's reader leaves out."""
+    if not (description.mjcf and description.mjcf.ignored):
+        return []
+    ignored = ", ".join(description.mjcf.ignored)
+    return [Note("ignored", f"the MJCF file's {ignored} play no part", {})]
+
+
 def joint_indices(model: Any, names: Mapping[str, float], where: str) -> dict[int, float]:
     """Pinocchio's indices of named joints."""
     known = list(model.names)[1:]
@@ -215,7 +238,7 @@ def link_springs(
     return springs
 
 
-def extra_lines(lines: Sequence[LineModel], mechanism: Chain, q: Array) -> list[LineSprings]:
+def _extra_lines(lines: Sequence[LineModel], mechanism: Chain, q: Array) -> list[LineSprings]:
     """Line springs and cables between points of named frames."""
     found = []
     for line in lines:
