@@ -4,10 +4,10 @@ Twists J_C of the joints are found in C, the frame of a joint, from it outward a
 coordinates C stands in the middle of the chain: the axes beside it are constant, the next ones
 depend on one angle each, and the outermost on half of the angles, so that much of J_C is zero
 whatever the posture and is never computed. Else C is the body frame M. In coordinates of one kind,
-with U[a, b] = W . [J_a, J_b] for a before b, else 0, which does not depend on the frame, and with
-H_L = H - S_W, S_W = 1/2 (U + U^T),
+with L[a, b] = W . [J_a, J_b] for a behind b, else 0, which does not depend on the frame, and with
+H_L = H - S_W, S_W = -1/2 (L + L^T),
 
-    n = 6:  J_C A = Ad(T_C_M),  W = A^T g,  K^F = A^T H A,  K^A = K^F - A^T U A
+    n = 6:  J_C A = Ad(T_C_M),  W = A^T g,  K^F = A^T H A,  K^B = K^F + A^T L A - 1/2 Omega
     n > 6:  J^T = Q R,  Q^T H_L Q = [[a, b], [b^T, c]],
             K^B = R^-1 (a - b c^-1 b^T) R^-T,  W = R^-1 (Q^T g)_6
     n < 6:  J = Q R with lengths scaled,  W = Q R^-T g,  C^B = J H_L^-1 J^T
@@ -282,44 +282,41 @@ class _Chain:
         return T
 
 
-def _six(chain: _Chain, wanted: Collection[str]) -> tuple[Array, Array, Array]:
+def _six(chain: _Chain) -> tuple[Array, Array, Array]:
     """W, K^B and K^F of six coordinates."""
     A = chain.inverse()
     W = chain.load()
     if W is None:
         W = A.T @ chain.gradient
-    with_F = bool({"stiffness_F", "compliance_F"} & set(wanted))
-    if chain.mimic is not None:
-        K_F = congruence(A, chain.hessian) if with_F else zeros(6, 6)
-        return W, congruence(A, chain.lagrangian(W)), K_F
     K_F = congruence(A, chain.hessian)
-    K_A = symmetric_product(A, -_curved(chain.J, A, W), K_F)
-    # Above the diagonal that is K^A; the rest of K^A follows from what it lacks in symmetry.
-    K_B = K_A - np.triu(unsymmetric_part(W))
-    lower = np.tril_indices(6, -1)
-    K_B[lower] = K_B.T[lower]
+    if chain.mimic is not None:
+        return W, congruence(A, chain.lagrangian(W)), K_F
+    K_B = symmetric_product(A, -_curved(chain, A, W), K_F)
+    upper = np.triu_indices(6)
+    K_B[upper] = K_B[upper] + unsymmetric_part(W)[upper]
+    K_B.T[upper] = K_B[upper]
     return W, K_B, K_F
 
 
-def _curved(J: Array, A: Array, W: Array) -> Array:
-    """``U A`` with U[a, b] = W . [J_a, J_b] for a before b, else 0, and ``A = J^-1``.
+def _curved(chain: _Chain, A: Array, W: Array) -> Array:
+    """``-L A`` with L the lower triangle of J^T Omega J, without diagonal, and ``A = J^-1``.
 
-    U - U^T = J^T Omega J, so that row a of U A is as well N_a + sum_(b < a) U[b, a] A_b with
-    N = J^T Omega: the first half of the rows takes that, the other one U, and of all pairs of
-    joints only those within a half are needed.
+    As J^T Omega J A = J^T Omega = N, row a of L A is sum_(b < a) L[a, b] A_b as well as
+    N_a - sum_(b >= a) (N J)[a, b] A_b. Joints near the body have sparse twists in M: their half of
+    the rows takes the second form, and of all pairs of joints only those within a half are needed,
+    in C those of the first.
     """
     half = 3
-    N = np.stack([-_against(J[:, a], W) for a in range(half)])
     curved = zeros(6, 6)
+    J, found = chain.J, chain.kinematics
+    S = _curvature(found.J[:, :half], found.wrench(W * 2.0))
     for a in range(half):
-        row = N[a]
         for b in range(a):
-            row = row + A[b] * (N[b] @ J[:, a])
-        curved[a] = row
-    S = _curvature(J[:, half:], W * 2.0)
+            curved[a] = curved[a] + A[b] * S[a, b]
     for a in range(half, 6):
+        curved[a] = minus_N = _against(J[:, a], W)
         for b in range(a + 1, 6):
-            curved[a] = curved[a] + A[b] * S[a - half, b - half]
+            curved[a] = curved[a] - A[b] * (minus_N @ J[:, b])
     return curved
 
 
@@ -404,7 +401,7 @@ def chain_program(case: ChainCase, wanted: Collection[str]) -> Program:
     if chain.n < 6:
         W = _deficient(chain, found, wanted)
     elif chain.n == 6:
-        W, K_B, K_F = _six(chain, wanted)
+        W, K_B, K_F = _six(chain)
         stiffness = {**connections(K_B, W), "F": K_F}
     else:
         W, K_B = _redundant(chain)
