@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from dataclasses import replace
 
 import mpmath
 import numpy as np
@@ -257,6 +258,15 @@ class TestWaysToRun:
         assert list(running._compiled.values()) == list(before.values())
         K = cartstiff.analyse(softer, q[0]).matrices["B"]
         np.testing.assert_allclose(found["stiffness_B"][0], K, rtol=1e-10, atol=1e-9)
+
+    def test_plans_are_kept_while_nothing_can_change(self):
+        elastic = cartstiff.load("ur5")
+        assert plan(elastic, "none") is plan(elastic, "none")
+        assert plan(elastic, "none") is not plan(elastic, "each")
+        heavy = replace(elastic, gravity=np.array([0.0, 0.0, -9.81]))
+        before = plan(heavy, "none").shared["forces"].copy()
+        heavy.gravity[2] = -1.6
+        assert not np.array_equal(plan(heavy, "none").shared["forces"], before)
 
     def test_few_postures_are_not_worth_compiling(self):
         elastic = cartstiff.load("ur10")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -104,11 +105,25 @@ def program_for(case: Case, outputs: tuple[str, ...]) -> Program:
     return platform_program(case, outputs)
 
 
+#: The last plans, with what they were made for: mechanisms do not change.
+_plans: deque[tuple[ElasticMechanism, str, Plan | str]] = deque(maxlen=8)
+
+
 def plan(elastic: ElasticMechanism, wrench: str) -> Plan | str:
-    """The arithmetic that serves a mechanism, or why none does.
+    """The arithmetic that serves a mechanism, or why none does; the last few are kept.
 
     `wrench` is "none", "shared" or "each".
     """
+    for known, kind, found in tuple(_plans):
+        if known is elastic and kind == wrench:
+            return found
+    made = _made(elastic, wrench)
+    if elastic.gravity is None or not elastic.gravity.flags.writeable:
+        _plans.append((elastic, wrench, made))
+    return made
+
+
+def _made(elastic: ElasticMechanism, wrench: str) -> Plan | str:
     mechanism = elastic.mechanism
     if isinstance(mechanism, Chain):
         return _chain_plan(elastic, mechanism, wrench)

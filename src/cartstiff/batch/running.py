@@ -55,6 +55,7 @@ def _compiled_kernel(case: Case, names: tuple[str, ...]) -> Any:
     return kernel
 
 
+@lru_cache(maxsize=8)
 def _has(package: str) -> bool:
     return find_spec(package) is not None
 

@@ -145,6 +145,12 @@ class Platform(Mechanism):
         spread = float(np.ptp(np.vstack([self.points, self.anchors]), axis=0).max())
         #: Root mean square distance of the body's points from the frame's origin.
         self.length = radius or spread or 1.0
+        self._close()
+
+    def _close(self) -> None:
+        """What is kept of a platform elsewhere stays true: its arrays cannot be written to."""
+        for name in ("anchors", "points", "points_P", "T_P_M", "mass_centre"):
+            getattr(self, name).flags.writeable = False
 
     def with_points(self, base: ArrayLike, platform: ArrayLike) -> Platform:
         """The same body with other anchors in F and other points of its own, in P."""
@@ -152,6 +158,7 @@ class Platform(Mechanism):
         T_M_P = se3.inverse(self.T_P_M)
         other.anchors, other.points_P = np.array(base, float), np.array(platform, float)
         other.points = other.points_P @ T_M_P[:3, :3].T + T_M_P[:3, 3]
+        other._close()
         return other
 
     def at(self, q: ArrayLike) -> PlatformPosture:

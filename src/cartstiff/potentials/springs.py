@@ -302,6 +302,12 @@ class CoupledSprings(Potential):
     indices: Array
     matrix: Array
 
+    def __post_init__(self) -> None:
+        for name, kind in (("indices", int), ("matrix", float)):
+            array = np.array(getattr(self, name), kind)
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
     def evaluate(self, posture: Posture) -> Evaluation:
         """Energy, gradient and Hessian."""
         q, at = posture.q, self.indices

@@ -179,7 +179,7 @@ def add_payload(tree: KinematicTree, chain: Chain, payload: PayloadModel | None)
 
 def gravity_of(gravity: Sequence[float] | None) -> Array | None:
     """Acceleration, or None where it is absent or zero."""
-    return None if gravity is None or not any(gravity) else np.array(gravity, float)
+    return None if gravity is None or not any(gravity) else se3.read_only(gravity)
 
 
 def put_together(
