@@ -138,8 +138,12 @@ def compare(found: list[Contender], q: Array) -> dict[str, float]:
     return differs
 
 
-def measure(found: list[Contender], q: Array, rounds: int) -> None:
-    """Seconds per posture, all contenders in turn."""
+def measure(found: list[Contender], q: Array, rounds: int, machine: Machine) -> Array:
+    """Seconds per posture, all contenders in turn; the machine's limits in the same rounds.
+
+    Returned are medians, for one thread and for two: operations, numbers and zeros written.
+    """
+    limits = []
     for contender in found:
         contender.times.clear()
         contender.run(q[:LOOP_POSTURES] if contender.slow else q)  # compiled, touched
@@ -149,6 +153,11 @@ def measure(found: list[Contender], q: Array, rounds: int) -> None:
             start = time.perf_counter()
             contender.run(rows)
             contender.times.append((time.perf_counter() - start) / len(rows))
+        limits.append([
+            [machine.flops(n), machine.bytes_written(n), machine.bytes_written(n, zeros=True)]
+            for n in (1, 2)
+        ])  # fmt: skip
+    return np.median(limits, axis=0)
 
 
 def judged(what: str, value: float, required: float, unit: str = "x") -> str:
@@ -171,15 +180,10 @@ def table(found: list[Contender], missing: list[str], differs: dict[str, float])
     print()
 
 
-def requirements(found: list[Contender], machine: Machine, rounds: int, flops: int) -> None:
-    """The ratios, and the machine's own limits in the same run."""
+def requirements(found: list[Contender], limits: Array, flops: int) -> None:
+    """The ratios, and the machine's own limits."""
     by_name = {c.name: c.median for c in found}
-    arithmetic = [statistics.median(machine.flops(n) for _ in range(rounds)) for n in (1, 2)]
-    written = [statistics.median(machine.bytes_written(n) for _ in range(rounds)) for n in (1, 2)]
-    zeros = [
-        statistics.median(machine.bytes_written(n, zeros=True) for _ in range(rounds))
-        for n in (1, 2)
-    ]
+    arithmetic, written, zeros = limits.T
     fast = by_name["cartstiff compiled, 1 thread"]
     both = by_name["cartstiff compiled, 2 threads"]
     slow = by_name["cartstiff portable, 1 thread"]
@@ -341,7 +345,7 @@ def main() -> None:
         verdict = "met" if peak < MEMORY_LIMIT else "NOT met"
         print(f"Peak memory {peak / 2**20:.0f} MiB, required below 1024 MiB: {verdict}.")
         return
-    rounds = 5
+    rounds = 3 if options.quick else 9
     describe()
     found, missing = contenders(elastic, arm)
     rng = np.random.default_rng(0)
@@ -352,9 +356,9 @@ def main() -> None:
     flops = program_for(case, OUTPUTS).size
     for count in sizes:
         print(f"### UR5, {count} postures\n")
-        measure(found, rng.uniform(-2, 2, (count, 6)), rounds)
+        limits = measure(found, rng.uniform(-2, 2, (count, 6)), rounds, machine)
         table(found, missing, differs)
-        requirements(found, machine, rounds, flops)
+        requirements(found, limits, flops)
     print("### Cost over joints and postures\n")
     grow_with_joints(options.quick, rounds)
     grow_with_postures(elastic, options.quick, rounds)
