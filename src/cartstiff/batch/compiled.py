@@ -132,7 +132,8 @@ class Workspace:
         pointers = (ctypes.c_void_p * len(read))(*read), (ctypes.c_void_p * len(written))(*written)
         progress = (ctypes.c_int64 * 2)()
 
-        def share(scratch: Array) -> None:
+        def share(scratch: Array, held: object = (inputs, outputs)) -> None:  # noqa: ARG001
+            # An interrupt may end this thread's call: what the others write to is held until then.
             entry(blocks, *pointers, address_of(scratch), progress)
 
         own, *others = self._scratch[:blocks]

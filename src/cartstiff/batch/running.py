@@ -31,7 +31,7 @@ LARGEST_PROGRAM = 60_000
 COMPILED_CHUNK = 1 << 17
 #: Postures for each thread below which another one costs more than it saves.
 LEAST_PER_THREAD = 2048
-#: The same where some potentials are evaluated posture by posture: n^2 numbers each are held.
+#: Postures at a time where some potentials are evaluated one by one: n^2 numbers each are held.
 EVALUATED_CHUNK = 1024
 
 
