@@ -8,6 +8,7 @@ make up a row grow side by side, so that none of them waits for itself.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -57,27 +58,24 @@ def product(left: Array, right: Array) -> Array:
     return found
 
 
-def symmetric_product(left: Array, right: Array, base: Array) -> Array:
-    """``base + left^T right`` where that is symmetric: its upper triangle, mirrored."""
+def symmetric_product(columns: Iterable[Array], rows: Array, base: Array) -> Array:
+    """``base + left^T rows`` where that is symmetric: its upper triangle, mirrored.
+
+    Columns of `left` are asked for one by one, so that they may be computed when they are needed.
+    """
     found = base.copy()
-    for i in range(len(found)):
+    for i, column in enumerate(columns):
         row = found[i, i:]
-        for a, x in enumerate(left[:, i]):
-            row = row + right[a, i:] * x
+        for a, x in enumerate(column):
+            row = row + rows[a, i:] * x
         found[i, i:] = found[i:, i] = row
     return found
 
 
 def congruence(left: Array, middle: Array) -> Array:
-    """``left^T middle left`` for a symmetric middle; one triangle is computed and mirrored."""
+    """``left^T middle left`` for a symmetric middle."""
     n = left.shape[1]
-    found = zeros(n, n)
-    for i in range(n):
-        row = found[i, i:]
-        for a, x in enumerate(middle @ left[:, i]):
-            row = row + left[a, i:] * x
-        found[i, i:] = found[i:, i] = row
-    return found
+    return symmetric_product((middle @ column for column in left.T), left, zeros(n, n))
 
 
 class Reflections(NamedTuple):

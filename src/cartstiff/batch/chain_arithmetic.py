@@ -291,11 +291,7 @@ def _six(chain: _Chain) -> tuple[Array, Array, Array]:
     K_F = congruence(A, chain.hessian)
     if chain.mimic is not None:
         return W, congruence(A, chain.lagrangian(W)), K_F
-    K_B = symmetric_product(A, -_curved(chain, A, W), K_F)
-    upper = np.triu_indices(6)
-    K_B[upper] = K_B[upper] + unsymmetric_part(W)[upper]
-    K_B.T[upper] = K_B[upper]
-    return W, K_B, K_F
+    return W, symmetric_product(A.T, -_curved(chain, A, W), K_F + unsymmetric_part(W)), K_F
 
 
 def _curved(chain: _Chain, A: Array, W: Array) -> Array:

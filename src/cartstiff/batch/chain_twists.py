@@ -60,7 +60,7 @@ class ChainConstants:
         return self._hash
 
     @cached_property
-    def _hash(self) -> int:
+    def _hash(self) -> int:  # every call looks a kernel up by it
         return hash((self.placements, self.screws, self.body))
 
 

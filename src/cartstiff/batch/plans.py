@@ -117,13 +117,13 @@ def plan(elastic: ElasticMechanism, wrench: str) -> Plan | str:
     for known, kind, found in tuple(_plans):
         if known is elastic and kind == wrench:
             return found
-    made = _made(elastic, wrench)
+    planned = _planned(elastic, wrench)
     if elastic.gravity is None or not elastic.gravity.flags.writeable:
-        _plans.append((elastic, wrench, made))
-    return made
+        _plans.append((elastic, wrench, planned))
+    return planned
 
 
-def _made(elastic: ElasticMechanism, wrench: str) -> Plan | str:
+def _planned(elastic: ElasticMechanism, wrench: str) -> Plan | str:
     mechanism = elastic.mechanism
     if isinstance(mechanism, Chain):
         return _chain_plan(elastic, mechanism, wrench)
