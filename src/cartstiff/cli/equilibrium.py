@@ -68,7 +68,8 @@ Examples:
     multiple=True,
     callback=once,
     help="Compensate along a path: one posture a line, or posture and wrench (as for --load, in "
-    "the axes of the body at that posture); gives the commands that put the loaded body there.",
+    "the axes of the body at that posture), under a line of names if wanted; gives the commands "
+    "that put the loaded body there.",
 )
 @click.option(
     "--csv",
