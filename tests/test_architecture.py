@@ -17,7 +17,7 @@ PACKAGE = Path(cartstiff.__file__).parent
 
 #: From the bottom up; a part may import itself and what stands below it.
 LAYERS = [
-    {"errors", "lazy", "version"},
+    {"errors", "lazy", "numerics", "version"},
     {"parsing"},
     {"geometry"},
     {"potentials"},
