@@ -30,11 +30,11 @@ import pinocchio as pin
 from machine_limits import Machine, cache_size
 
 import cartstiff
-from cartstiff.batch.plans import plan, program_for
-from cartstiff.batch.postures import analyse_many
+from cartstiff.loading.catalogue import example_robot
+from cartstiff.many.plans import plan, program_for
+from cartstiff.many.postures import analyse_many
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.loading.catalogue import example_robot
 from cartstiff.mechanisms.tree_building import plain_tree
 from cartstiff.potentials.springs import JointSprings
 

@@ -20,8 +20,8 @@ import numpy as np
 from machine_limits import cache_size
 
 import cartstiff
-from cartstiff.batch.postures import analyse_many
-from cartstiff.batch.quantities import Settings, choose_quantities, evaluate
+from cartstiff.many.postures import analyse_many
+from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
 
 QUANTITIES = ("translation_free_min", "condition", "deflection")
 DEFLECT = (0.0, 0.0, 0.0, 0.0, 0.0, -50.0)

@@ -20,10 +20,10 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import cartstiff
-from cartstiff.view.run import Background
-from cartstiff.view.session import Session
-from cartstiff.view.source import Source
-from cartstiff.view.state import read_message
+from cartstiff.page.run import Background
+from cartstiff.page.session import Session
+from cartstiff.page.source import Source
+from cartstiff.page.state import read_message
 
 MECHANISMS = ("ur5", "panda", "stewart-gough", "five-bar")
 #: Required of a UR5.

@@ -27,7 +27,7 @@ import pinocchio as pin
 from ruamel.yaml import YAML
 
 import cartstiff
-from cartstiff.mechanisms.loading.catalogue import bundled_files, example_robot
+from cartstiff.loading.catalogue import bundled_files, example_robot
 
 ROUNDS = 9
 POSTURES = 100

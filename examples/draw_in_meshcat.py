@@ -13,7 +13,7 @@ import numpy as np
 
 import cartstiff
 from cartstiff.analysis.ellipsoids import stiffness_ellipsoid
-from cartstiff.view import Logarithmic, RecordingWindow, add_ellipsoid, add_path, add_wrench
+from cartstiff.scene import Logarithmic, RecordingWindow, add_ellipsoid, add_path, add_wrench
 
 STRETCHING = np.linspace(1.9, 0.5, 6)  # of the elbow, rad
 PUSH = [0, 0, 0, 0, 0, -50]  # N m, N, in the tool's axes

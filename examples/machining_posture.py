@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 
 import cartstiff
-from cartstiff.batch.optimised_path import OptimisedPath
-from cartstiff.batch.placement import Placement, best_placement
-from cartstiff.batch.tool_path import ToolPath
-from cartstiff.batch.toolpaths import optimise_path
 from cartstiff.geometry import se3
+from cartstiff.toolpaths.optimise import optimise_path
+from cartstiff.toolpaths.optimised import OptimisedPath
+from cartstiff.toolpaths.placement import Placement, best_placement
+from cartstiff.toolpaths.tool_path import ToolPath
 
 TIP = se3.pose(translation=[0.12, 0.0, 0.05])  # m, in the flange's frame; the spindle is its x
 CUTTING = [0.0, 0.0, 0.0, -80.0, 30.0, 40.0]  # N: back along the tool, along the edge, up

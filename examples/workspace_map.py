@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 import cartstiff
-from cartstiff.batch.maps import Axis, Grid, best, compute_map, draw_map, summary, worst
-from cartstiff.statics.figures import save_figure
+from cartstiff.maps import Axis, Grid, best, compute_map, draw_map, summary, worst
+from cartstiff.report.figures_statics import save_figure
 
 QUANTITY = "translation_free_min"
 

@@ -23,9 +23,14 @@ LAYERS = [
     {"potentials"},
     {"mechanisms"},
     {"stiffness"},
-    {"analysis", "statics"},
-    {"batch"},
-    {"view"},
+    {"loading"},
+    {"analysis", "statics", "kinematics"},
+    {"many"},
+    {"maps"},
+    {"toolpaths"},
+    {"report"},
+    {"scene"},
+    {"page"},
     {"cli"},
 ]
 LEVEL = {part: level for level, parts in enumerate(LAYERS) for part in parts}
@@ -33,7 +38,7 @@ LEVEL = {part: level for level, parts in enumerate(LAYERS) for part in parts}
 DOORS = {"__init__", "__main__"}
 
 #: Who alone may import what.
-OWNERS = {"pinocchio": {"mechanisms"}, "meshcat": {"view"}}
+OWNERS = {"pinocchio": {"mechanisms", "loading"}, "meshcat": {"scene", "page"}}
 #: Packages that `import cartstiff` must not load.
 HEAVY = ("numpy", "pinocchio", "scipy", "matplotlib", "tornado", "meshcat")
 

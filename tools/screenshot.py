@@ -84,9 +84,9 @@ def main(target: Path = TARGET) -> None:
     from playwright.sync_api import sync_playwright
 
     import cartstiff
-    from cartstiff.stiffness.output import write_whole
-    from cartstiff.view.run import Background
-    from cartstiff.view.source import Source
+    from cartstiff.page.run import Background
+    from cartstiff.page.source import Source
+    from cartstiff.report.output import write_whole
 
     server = Background(Source(cartstiff.load(MECHANISM)))
     try:

@@ -36,8 +36,8 @@ from sphinx.util.docutils import SphinxDirective, SphinxRole
 
 import cartstiff
 from cartstiff.cli import main as cli
-from cartstiff.mechanisms.loading.schema import json_schema
-from cartstiff.stiffness.json_schema import json_schema as output_schema
+from cartstiff.loading.schema import json_schema
+from cartstiff.report.json_schema import json_schema as output_schema
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples"

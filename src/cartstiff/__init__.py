@@ -11,30 +11,30 @@ from cartstiff.lazy import lazy_names
 from cartstiff.version import __version__
 
 if TYPE_CHECKING:
-    from cartstiff.batch.postures import Postures as Postures
-    from cartstiff.batch.postures import analyse_many as analyse_many
+    from cartstiff.loading import load as load
+    from cartstiff.many.postures import Postures as Postures
+    from cartstiff.many.postures import analyse_many as analyse_many
     from cartstiff.mechanisms.elastic import ElasticMechanism as ElasticMechanism
-    from cartstiff.mechanisms.loading import load as load
+    from cartstiff.page.api import show as show
     from cartstiff.statics.continuation import load_curve as load_curve
     from cartstiff.statics.equilibrium import equilibrium as equilibrium
     from cartstiff.statics.toolpath import compensate as compensate
     from cartstiff.stiffness.compute import PostureStiffness as PostureStiffness
     from cartstiff.stiffness.compute import analyse as analyse
     from cartstiff.stiffness.tensor import StiffnessTensor as StiffnessTensor
-    from cartstiff.view.api import show as show
 
 _HOMES = {
     "ElasticMechanism": "cartstiff.mechanisms.elastic",
     "PostureStiffness": "cartstiff.stiffness.compute",
-    "Postures": "cartstiff.batch.postures",
+    "Postures": "cartstiff.many.postures",
     "StiffnessTensor": "cartstiff.stiffness.tensor",
     "analyse": "cartstiff.stiffness.compute",
-    "analyse_many": "cartstiff.batch.postures",
+    "analyse_many": "cartstiff.many.postures",
     "compensate": "cartstiff.statics.toolpath",
     "equilibrium": "cartstiff.statics.equilibrium",
-    "load": "cartstiff.mechanisms.loading",
+    "load": "cartstiff.loading",
     "load_curve": "cartstiff.statics.continuation",
-    "show": "cartstiff.view.api",
+    "show": "cartstiff.page.api",
 }
 
 __all__ = [

@@ -142,8 +142,8 @@ def pages(_pages: Pages) -> Iterator[Pages]:
 @pytest.fixture(scope="session")
 def serve() -> Iterator[Callable[..., Any]]:
     """Serve a mechanism by name, once for the same arguments; returns the server."""
-    from cartstiff.view.run import Background
-    from cartstiff.view.source import Source
+    from cartstiff.page.run import Background
+    from cartstiff.page.source import Source
 
     running: dict[str, Background] = {}
 

@@ -9,8 +9,8 @@ import pytest
 from tools.screenshot import settled
 
 import cartstiff
-from cartstiff.view.export import export_page
-from cartstiff.view.source import Source, Trajectory
+from cartstiff.page.export import export_page
+from cartstiff.page.source import Source, Trajectory
 
 LOAD = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -300.0])
 

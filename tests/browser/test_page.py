@@ -354,8 +354,8 @@ def test_the_analysis_in_words(ur5):
 
 
 def test_the_page_comes_back_when_the_server_does(pages):
-    from cartstiff.view.run import Background
-    from cartstiff.view.source import Source
+    from cartstiff.page.run import Background
+    from cartstiff.page.source import Source
 
     source = Source(cartstiff.load("cubic"))
     server = Background(source)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from tests.docs.blocks import ROOT, agree, blocks_of, pages, run_page
 
-from cartstiff.mechanisms.loading.catalogue import example_robots
+from cartstiff.loading.catalogue import example_robots
 
 DOCS, SOURCES = ROOT / "docs", ROOT / "src" / "cartstiff"
 _LARGEST_GALLERY = 1_500_000

@@ -9,10 +9,10 @@ import re
 import pytest
 
 import cartstiff
-from cartstiff.mechanisms.loading.catalogue import bundled_files, example_robots
+from cartstiff.loading.catalogue import bundled_files, example_robots
 from cartstiff.potentials.loads import DeadForce, FollowerWrench
+from cartstiff.report.json_schema import json_schema
 from cartstiff.statics.equilibrium import equilibrium
-from cartstiff.stiffness.json_schema import json_schema
 
 jsonschema = pytest.importorskip("jsonschema")
 ROBOTS = {"ur5", "ur10", "panda", "xarm7"}

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cartstiff.mechanisms.loading.catalogue import example_robots
+from cartstiff.loading.catalogue import example_robots
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 # Six digits are kept below; rounding differs from machine to machine far behind them.

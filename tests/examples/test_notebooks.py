@@ -11,7 +11,7 @@ import pytest
 from tests.docs.blocks import agree
 from tests.examples.test_examples import NOISE, RELATIVE
 
-from cartstiff.mechanisms.loading.catalogue import example_robots
+from cartstiff.loading.catalogue import example_robots
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "examples" / "notebooks"

@@ -48,7 +48,7 @@ def analysis(run: Callable[..., str]) -> Callable[..., dict[str, Any]]:
 
 def test_choices_are_those_of_the_library() -> None:
     from cartstiff.analysis.posture import CONNECTIONS
-    from cartstiff.analysis.report import LEVELS
+    from cartstiff.report.analysis import LEVELS
 
     assert OFFERED == CONNECTIONS
     assert OFFERED_LEVELS == LEVELS

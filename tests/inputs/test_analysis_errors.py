@@ -19,13 +19,13 @@ from cartstiff.analysis import (
     matrices,
     metrics,
     normal_forms,
-    report,
     springs,
     summary,
     synthesis,
     uncertainty,
 )
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
+from cartstiff.report import analysis as report
 
 K = np.diag([1.0, 2.0, 3.0, 10.0, 20.0, 30.0])
 J = np.eye(6)

@@ -14,7 +14,7 @@ import pytest
 
 import cartstiff
 from cartstiff.cli.main import main
-from cartstiff.mechanisms.loading.catalogue import example_robots
+from cartstiff.loading.catalogue import example_robots
 from cartstiff.potentials.loads import DeadForce
 from cartstiff.statics.equilibrium import equilibrium
 

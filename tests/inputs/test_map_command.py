@@ -66,7 +66,7 @@ def test_grid_to_file_table_and_picture(run: Run) -> None:
 
 
 def test_the_command_is_in_the_file(run: Run) -> None:
-    from cartstiff.batch.maps import open_map
+    from cartstiff.maps import open_map
 
     run(*CUBIC, *GRID, "-o", "m.zarr", "--world", "--load", "0,0,0,1,0,0", "--no-progress")
     command = open_map("m.zarr").attrs["command"]
@@ -126,7 +126,7 @@ def test_cartesian_grid_in_one_option(run: Run) -> None:
 
 
 def test_quantities_are_listed(run: Run) -> None:
-    from cartstiff.batch.quantities import QUANTITIES
+    from cartstiff.maps.quantities import QUANTITIES
 
     out = run("map", "--list-quantities")
     for name in QUANTITIES:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cartstiff import load
-from cartstiff.mechanisms.loading.robot_description import read_robot_description
+from cartstiff.loading.robot_description import read_robot_description
 
 Refused = Callable[..., str]
 Accepted = Callable[..., dict[str, Any]]

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cartstiff.errors import InputError
-from cartstiff.mechanisms.loading.catalogue import bundled_files, example_robots
+from cartstiff.loading.catalogue import bundled_files, example_robots
 
 Refused = Callable[..., str]
 Accepted = Callable[..., dict[str, Any]]

@@ -15,7 +15,6 @@ import cartstiff
 from cartstiff.analysis.deflection import joint_shares
 from cartstiff.analysis.plain import numbers
 from cartstiff.analysis.posture import CONNECTIONS, analyse_posture
-from cartstiff.analysis.report import LEVELS, summary_text
 from cartstiff.analysis.springs import Spring, parallel_stiffness
 from cartstiff.analysis.tolerances import Parameters, Tolerances
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
@@ -23,6 +22,7 @@ from cartstiff.geometry import se3
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.contract import Evaluation, Posture, Potential
 from cartstiff.potentials.springs import JointSprings
+from cartstiff.report.analysis import LEVELS, summary_text
 from cartstiff.stiffness.compute import PostureStiffness
 
 LOAD = np.array([3.0, -2.0, 1.0, 20.0, -30.0, 40.0])

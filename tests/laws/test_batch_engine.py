@@ -10,8 +10,8 @@ import pytest
 from tests.support import add_frame, random_pose, serial_model
 
 import cartstiff
-from cartstiff.batch.postures import OUTPUTS, analyse_many
 from cartstiff.geometry.se3 import Array
+from cartstiff.many.postures import OUTPUTS, analyse_many
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Coordinate
 from cartstiff.mechanisms.elastic import ElasticMechanism

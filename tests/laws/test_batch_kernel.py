@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import cartstiff
-from cartstiff.batch import running
-from cartstiff.batch.algebra import (
+from cartstiff.many import running
+from cartstiff.many.algebra import (
     congruence,
     inverse,
     positive_factor,
@@ -19,12 +19,12 @@ from cartstiff.batch.algebra import (
     reflections,
     solution,
 )
-from cartstiff.batch.compiled import CompiledKernel
-from cartstiff.batch.given import aligned_empty
-from cartstiff.batch.plans import plan, program_for
-from cartstiff.batch.portable import PortableKernel
-from cartstiff.batch.postures import analyse_many
-from cartstiff.batch.tape import Number, Tape, cosine, sine
+from cartstiff.many.compiled import CompiledKernel
+from cartstiff.many.given import aligned_empty
+from cartstiff.many.plans import plan, program_for
+from cartstiff.many.portable import PortableKernel
+from cartstiff.many.postures import analyse_many
+from cartstiff.many.tape import Number, Tape, cosine, sine
 
 OUTPUTS = ("jacobian", "wrench", "energy", "stiffness_A", "stiffness_F")
 #: The same operations, fused or not: rounding errors times the condition of ordinary postures.

@@ -26,9 +26,9 @@ from cartstiff.mechanisms.tree_building import plain_tree
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.loads import DeadForce, FollowerWrench
 from cartstiff.potentials.springs import JointSprings
+from cartstiff.report.figures_statics import draw_error_along_path, draw_load_curve, save_figure
 from cartstiff.statics.continuation import branch, load_curve
 from cartstiff.statics.equilibrium import equilibrium
-from cartstiff.statics.figures import draw_error_along_path, draw_load_curve, save_figure
 from cartstiff.statics.toolpath import compensate
 
 HALF, HEIGHT, STIFFNESS = 1.0, 0.3, 50.0

@@ -38,8 +38,8 @@ from cartstiff.potentials.functions import JointFunction, PoseFunction
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
 from cartstiff.potentials.loads import DeadForce, DeadWrench, FollowerWrench, payload
 from cartstiff.potentials.springs import JointSprings, PolynomialLaw, TabulatedLaw
+from cartstiff.report.output import write_result, write_whole
 from cartstiff.stiffness.compute import analyse
-from cartstiff.stiffness.output import write_result, write_whole
 from cartstiff.stiffness.tensor import StiffnessTensor, convert_length
 
 NAN = float("nan")

@@ -8,12 +8,12 @@ from tests.machining import planar
 from tests.support import frame_pose, loaded_arm, random_pose
 
 import cartstiff
-from cartstiff.batch.chain_kinematics import Kinematics
-from cartstiff.batch.inverse_kinematics import inverse_kinematics
-from cartstiff.batch.joint_poses import JointPoses, distinct, pose_errors
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
-from cartstiff.mechanisms.loading.catalogue import example_robots
+from cartstiff.kinematics.chain_kinematics import Kinematics
+from cartstiff.kinematics.inverse import inverse_kinematics
+from cartstiff.kinematics.joint_poses import JointPoses, distinct, pose_errors
+from cartstiff.loading.catalogue import example_robots
 
 # Solutions are iterated until rounding is left, in rad and lengths of about one.
 EXACT = 1e-9

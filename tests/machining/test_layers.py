@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.support import seeds
 
-from cartstiff.batch.layers import Steps, best_way
 from cartstiff.errors import UnknownNameError
+from cartstiff.toolpaths.layers import Steps, best_way
 
 
 @given(seeds, st.sampled_from(["worst", "mean"]), st.booleans())

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from tests.machining import planar
 
-from cartstiff.batch.placement import best_placement, workpiece_pose
-from cartstiff.batch.tool_path import ToolPath
 from cartstiff.errors import InputError, UndefinedError
+from cartstiff.toolpaths.placement import best_placement, workpiece_pose
+from cartstiff.toolpaths.tool_path import ToolPath
 
 FORCE = np.array([-40.0, 25.0])
 # A short seam in the workpiece's frame.
@@ -86,7 +86,7 @@ def test_plain_data(found):
 
 @pytest.mark.skipif(importlib.util.find_spec("matplotlib") is None, reason="needs matplotlib")
 def test_pictures(found):
-    from cartstiff.batch.path_figures import draw_path, draw_placement
+    from cartstiff.report.figures_toolpaths import draw_path, draw_placement
 
     figure = draw_placement(found)
     (mesh,) = figure.axes[0].collections

@@ -9,11 +9,11 @@ from tests.support import frame_pose, loaded_arm
 
 import cartstiff
 from cartstiff.analysis.deflection import compliance_deflection
-from cartstiff.batch.tool_path import ToolPath
-from cartstiff.batch.toolpaths import optimise_path
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
-from cartstiff.mechanisms.loading.catalogue import example_robots
+from cartstiff.loading.catalogue import example_robots
+from cartstiff.toolpaths.optimise import optimise_path
+from cartstiff.toolpaths.tool_path import ToolPath
 
 needs_robots = pytest.mark.skipif(not example_robots(), reason="example robots are not installed")
 # A fine grid of N values misses a smooth minimum by its curvature times the spacing squared.

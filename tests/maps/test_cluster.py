@@ -13,9 +13,9 @@ import psutil
 import pytest
 from tests.maps.machines import marks, start, start_map
 
-from cartstiff.batch.maps import open_map
-from cartstiff.batch.maps.cluster import _require_folder
 from cartstiff.errors import InputError
+from cartstiff.maps import open_map
+from cartstiff.maps.cluster import _require_folder
 
 
 def _end(process):

@@ -9,7 +9,7 @@ import time
 import numpy as np
 from tests.maps.machines import marks, start_map
 
-from cartstiff.batch.maps import open_map
+from cartstiff.maps import open_map
 
 
 def _wait_for(file, count, process):

@@ -11,7 +11,8 @@ import xarray
 from tests.maps.machines import arm, platform, softest
 
 import cartstiff
-from cartstiff.batch.maps import (
+from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.maps import (
     Axis,
     CartesianGrid,
     Grid,
@@ -24,10 +25,9 @@ from cartstiff.batch.maps import (
     summary,
     worst,
 )
-from cartstiff.batch.maps.prepare import prepare_map
-from cartstiff.batch.maps.run import run_map
-from cartstiff.batch.store import MapFile, chunk_shape
-from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.maps.prepare import prepare_map
+from cartstiff.maps.run import run_map
+from cartstiff.maps.store import MapFile, chunk_shape
 
 # Another order of the same operations, matrices of condition up to 1e6.
 SAME = 1e-8

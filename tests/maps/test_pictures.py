@@ -7,10 +7,10 @@ import pytest
 import xarray
 from tests.maps.machines import arm
 
-from cartstiff.batch.maps import Axis, Grid, RandomPostures, compute_map, draw_map, slice_map
-from cartstiff.batch.maps.pictures import KINDS
 from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.statics.figures import save_figure
+from cartstiff.maps import Axis, Grid, RandomPostures, compute_map, draw_map, slice_map
+from cartstiff.maps.pictures import KINDS
+from cartstiff.report.figures_statics import save_figure
 
 QUANTITY = "translation_free_min"
 

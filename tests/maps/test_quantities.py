@@ -19,11 +19,11 @@ from cartstiff.analysis.indices import indices
 from cartstiff.analysis.matrices import symmetric_part
 from cartstiff.analysis.metrics import natural_length
 from cartstiff.analysis.posture import analyse_posture
-from cartstiff.batch import stacks
-from cartstiff.batch.maps.job import STATES
-from cartstiff.batch.postures import analyse_many
-from cartstiff.batch.quantities import QUANTITIES, Settings, choose_quantities, evaluate
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
+from cartstiff.many.postures import analyse_many
+from cartstiff.maps import stacks
+from cartstiff.maps.job import STATES
+from cartstiff.maps.quantities import QUANTITIES, Settings, choose_quantities, evaluate
 from cartstiff.stiffness import reduction
 
 # Two ways to the same number of a matrix of condition up to 1e6.

@@ -23,7 +23,6 @@ from cartstiff.analysis.metrics import (
     natural_length,
 )
 from cartstiff.analysis.plain import plain
-from cartstiff.analysis.report import summary_text
 from cartstiff.analysis.screws import eigenscrews, screw_of_twist, screw_of_wrench
 from cartstiff.analysis.springs import line_spring, parallel_stiffness
 from cartstiff.analysis.summary import summarise
@@ -35,6 +34,7 @@ from cartstiff.analysis.uncertainty import (
 )
 from cartstiff.geometry import se3
 from cartstiff.geometry.charts import product_of_exponentials
+from cartstiff.report.analysis import summary_text
 
 EXACT = 1e-12  # a handful of operations in double precision
 

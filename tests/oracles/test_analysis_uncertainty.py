@@ -10,11 +10,11 @@ from tests.support import loaded_arm
 
 import cartstiff
 from cartstiff.analysis.posture import analyse_posture
-from cartstiff.analysis.report import summary_text
 from cartstiff.analysis.tolerances import Parameters, Tolerances
 from cartstiff.analysis.uncertainty import Tolerance, propagate_first_order
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.springs import JointSprings
+from cartstiff.report.analysis import summary_text
 from cartstiff.stiffness.compute import PostureStiffness
 
 HELD = "ellipsoids.stiffness.translation.held.eigenvalues"

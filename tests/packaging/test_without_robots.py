@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from cartstiff.cli.main import main
-from cartstiff.mechanisms.loading import catalogue
+from cartstiff.loading import catalogue
 
 URDF = """<robot name="two">
   <link name="base"/><link name="upper"/><link name="tool"/>

@@ -127,8 +127,8 @@ def platform() -> Any:
 @pytest.fixture
 def page(platform: Any) -> Iterator[Any]:
     """A server for the paper's platform that draws nothing."""
-    from cartstiff.view.run import Background
-    from cartstiff.view.source import Source
+    from cartstiff.page.run import Background
+    from cartstiff.page.source import Source
 
     server = Background(Source(platform), picture=NoPicture)
     yield server

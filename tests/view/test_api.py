@@ -11,7 +11,7 @@ from tests.view.conftest import Tab
 
 import cartstiff
 from cartstiff.errors import InputError
-from cartstiff.view.api import Page, StaticPage
+from cartstiff.page.api import Page, StaticPage
 
 
 @pytest.fixture

@@ -17,12 +17,12 @@ from tests.view.conftest import unpacked
 
 import cartstiff
 from cartstiff.errors import InputError
-from cartstiff.view.compact import compacted
-from cartstiff.view.export import export_page
-from cartstiff.view.files import page_script
-from cartstiff.view.recording import Pictures, common_part, complete, in_order
-from cartstiff.view.source import Source, Trajectory
-from cartstiff.view.state import CONNECTIONS, State
+from cartstiff.page.compact import compacted
+from cartstiff.page.export import export_page
+from cartstiff.page.files import page_script
+from cartstiff.page.recording import Pictures, common_part, complete, in_order
+from cartstiff.page.source import Source, Trajectory
+from cartstiff.page.state import CONNECTIONS, State
 
 #: A picture's numbers keep seventeen bits.
 PICTURE = 2e-5
@@ -136,7 +136,7 @@ def test_too_many_frames_are_refused():
 
 def test_the_pictures_are_those_that_are_drawn(platform_page):
     """Each transform of a frame, from its compact form, against a picture drawn afresh."""
-    from cartstiff.view.picture import Picture
+    from cartstiff.page.picture import Picture
 
     data, (planes, *others) = held(platform_page)
     table = data["commands"]

@@ -11,7 +11,7 @@ import pytest
 from tests.support import robot_file
 
 from cartstiff.errors import InputError, MissingDependencyError
-from cartstiff.view.meshes import corner_normals, read_mesh
+from cartstiff.scene.meshes import corner_normals, read_mesh
 
 UR5 = "ur_description/meshes/ur5/visual"
 # Normals are rounded to 127 steps.

@@ -9,14 +9,14 @@ import pytest
 
 import cartstiff
 from cartstiff.geometry import se3
-from cartstiff.view.payload import (
+from cartstiff.page.payload import (
     compliance_in_frame,
     in_frame,
     payload,
     reference_frame,
     series_row,
 )
-from cartstiff.view.state import State
+from cartstiff.page.state import State
 
 #: Two orders of operations on numbers of size one.
 ROUNDING = 1e-11

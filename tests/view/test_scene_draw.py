@@ -12,8 +12,8 @@ from tests.view.viewer import Viewer
 
 import cartstiff
 from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.view import Look, RecordingWindow, Scene
-from cartstiff.view.canvas import Node
+from cartstiff.scene import Look, RecordingWindow, Scene
+from cartstiff.scene.canvas import Node
 
 ROOT = "/meshcat/cartstiff"
 # Lengths go through a single division and square roots.

@@ -19,7 +19,7 @@ from tests.view.viewer import Viewer, meshcat
 import cartstiff
 from cartstiff.analysis.screws import screw_of_twist
 from cartstiff.errors import InputError
-from cartstiff.view import (
+from cartstiff.scene import (
     Linear,
     Logarithmic,
     RecordingWindow,
@@ -30,10 +30,10 @@ from cartstiff.view import (
     add_wrench,
     theme,
 )
-from cartstiff.view.labels import number, text_png
-from cartstiff.view.scales import Tension, round_number
-from cartstiff.view.shapes import rotation_to, segment
-from cartstiff.view.stage import scene_units
+from cartstiff.scene.labels import number, text_png
+from cartstiff.scene.scales import Tension, round_number
+from cartstiff.scene.shapes import rotation_to, segment
+from cartstiff.scene.stage import scene_units
 
 ROUNDING = 1e-9
 
@@ -330,8 +330,8 @@ def test_scene_units(size, unit, scale):
 def test_drawing_loads_no_window_of_meshcat():
     """The pieces speak meshcat's protocol; its servers are not started or even imported."""
     code = (
-        "import sys; from cartstiff.view import RecordingWindow, Scene, add_ellipsoid; "
-        "from cartstiff.view.canvas import Node; w = RecordingWindow(); "
+        "import sys; from cartstiff.scene import RecordingWindow, Scene, add_ellipsoid; "
+        "from cartstiff.scene.canvas import Node; w = RecordingWindow(); "
         "add_ellipsoid(Node(w, '/a'), [[1,0,0],[0,2,0],[0,0,3]]); assert w.take(); "
         "bad = [m for m in ('meshcat', 'zmq', 'tornado', 'trimesh', 'matplotlib') "
         "if m in sys.modules]; sys.exit(str(bad) if bad else 0)"

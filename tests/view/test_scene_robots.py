@@ -12,9 +12,9 @@ from tests.support import robot_file
 from tests.view.viewer import Viewer
 
 import cartstiff
-from cartstiff.mechanisms.visuals import visuals
-from cartstiff.view import Look, RecordingWindow, Scene
-from cartstiff.view.canvas import Node
+from cartstiff.loading.visuals import visuals
+from cartstiff.scene import Look, RecordingWindow, Scene
+from cartstiff.scene.canvas import Node
 
 MECHANISM = "/meshcat/cartstiff/mechanism"
 # Positions go through single rotations in double precision.

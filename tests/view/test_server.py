@@ -17,9 +17,9 @@ from tornado.websocket import WebSocketClosedError
 
 import cartstiff
 from cartstiff.errors import InputError
-from cartstiff.view import server as serving
-from cartstiff.view.run import Background
-from cartstiff.view.source import Source
+from cartstiff.page import server as serving
+from cartstiff.page.run import Background
+from cartstiff.page.source import Source
 
 
 def get(url: str, path: str = "", **headers: str) -> tuple[int, bytes, dict[str, str]]:
@@ -281,7 +281,7 @@ def test_a_port_in_use_is_one_clear_line(page, platform):
 
 
 def test_an_export_from_a_tab(tab):
-    from cartstiff.view import export
+    from cartstiff.page import export
 
     assert export  # the stand-in has no commands by path: the refusal must be an answer too
     answer = tab().ask({"id": 4, "do": "export", "frames": 2})

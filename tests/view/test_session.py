@@ -10,10 +10,10 @@ import pytest
 
 import cartstiff
 from cartstiff.errors import CartstiffError, InputError, UnknownNameError
-from cartstiff.view.description import describe_mechanism, slider_coordinates, slider_ranges
-from cartstiff.view.session import Session
-from cartstiff.view.source import Cloud, Source, Trajectory
-from cartstiff.view.state import read_message
+from cartstiff.page.description import describe_mechanism, slider_coordinates, slider_ranges
+from cartstiff.page.session import Session
+from cartstiff.page.source import Cloud, Source, Trajectory
+from cartstiff.page.state import read_message
 
 
 @pytest.fixture

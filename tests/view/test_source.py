@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from cartstiff.errors import InputError
-from cartstiff.view import source
-from cartstiff.view.source import read_cloud, read_trajectory
+from cartstiff.page import source
+from cartstiff.page.source import read_cloud, read_trajectory
 
 NAMES = ("a", "b")
 
@@ -88,9 +88,9 @@ class _Data(dict):
 def opened(monkeypatch):
     """A map file without one: what its reader returns."""
     data = _Data()
-    store = types.ModuleType("cartstiff.batch.store")
+    store = types.ModuleType("cartstiff.maps.store")
     store.open_map = lambda path: data  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "cartstiff.batch.store", store)
+    monkeypatch.setitem(sys.modules, "cartstiff.maps.store", store)
     return data
 
 
@@ -122,7 +122,7 @@ def test_a_map_without_positions_is_refused(opened, tmp_path):
 def test_a_real_map_with_places_out_of_reach(tmp_path):
     """Five places along a line of which the last two are beyond the arm."""
     import cartstiff
-    from cartstiff.batch.maps import Axis, CartesianGrid, compute_map, open_map
+    from cartstiff.maps import Axis, CartesianGrid, compute_map, open_map
 
     arm = cartstiff.load("five-bar")
     posture = arm.mechanism.closed(arm.q)

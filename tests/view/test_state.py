@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cartstiff.errors import InputError
-from cartstiff.view.state import LARGEST_MESSAGE, Draw, State, read_message, read_state
+from cartstiff.page.state import LARGEST_MESSAGE, Draw, State, read_message, read_state
 
 
 def test_a_message_is_read():

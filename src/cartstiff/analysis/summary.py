@@ -1,7 +1,7 @@
 r"""Everything that a stiffness matrix says, as one dict of plain values.
 
 Arrays become nested lists; numbers that are infinite or do not exist become None, and `notes` says
-why. `cartstiff.analysis.report` prints the same dict.
+why. `cartstiff.report.analysis` prints the same dict.
 """
 
 from __future__ import annotations

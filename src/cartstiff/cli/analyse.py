@@ -82,17 +82,17 @@ def command(
         data["analysis"] = analysis.run(result)
         text = json_text(data, request.mechanism)
     if output is not None:
-        from cartstiff.stiffness.output import write_result
+        from cartstiff.report.output import write_result
 
         write_result(result, output, data)
     if as_json:
         click.echo(text)
     else:
-        from cartstiff.cli.text import describe
+        from cartstiff.report.posture import describe
 
         shown = ""
         if analysis.level != "none":
-            from cartstiff.analysis.report import summary_text
+            from cartstiff.report.analysis import summary_text
 
             shown = summary_text(data["analysis"], elastic.units.as_dict(), analysis.level)
         click.echo(describe(result, shown))

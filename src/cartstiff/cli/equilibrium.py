@@ -198,7 +198,7 @@ def _payload(elastic: Any, text: str | None) -> tuple[Any, ...]:
 def _rest(
     elastic: Any, loads: tuple[Any, ...], q: Any, held: Any, limits: bool, as_json: bool
 ) -> None:
-    from cartstiff.cli.text_statics import describe_equilibrium
+    from cartstiff.report.statics import describe_equilibrium
     from cartstiff.statics.equilibrium import equilibrium
 
     state = equilibrium(elastic, *loads, q0=q, held=held, limits=limits)
@@ -209,8 +209,8 @@ def _rest(
 
 
 def _save(result: Any, csv: Path | None, plot: Path | None, draw: Any) -> None:
-    from cartstiff.statics.figures import picture
-    from cartstiff.stiffness.output import write_whole
+    from cartstiff.report.figures_statics import picture
+    from cartstiff.report.output import write_whole
 
     # Everything is made before anything is written.
     files = []
@@ -230,9 +230,9 @@ def _curve(
     elastic: Any, loads: tuple[Any, ...], to: float, q: Any, held: Any, csv: Path | None,
     plot: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
-    from cartstiff.cli.text_statics import describe_curve
+    from cartstiff.report.figures_statics import draw_load_curve
+    from cartstiff.report.statics import describe_curve
     from cartstiff.statics.continuation import load_curve
-    from cartstiff.statics.figures import draw_load_curve
 
     curve = load_curve(elastic, *loads, to=to, q0=q, held=held)
     _save(curve, csv, plot, draw_load_curve)
@@ -247,9 +247,9 @@ def _compensate(
     loads_at: Callable[[Any, Any], tuple[Any, ...]], csv: Path | None, plot: Path | None,
     as_json: bool,
 ) -> None:  # fmt: skip
-    from cartstiff.cli.text_statics import describe_path
-    from cartstiff.mechanisms.loading.csv_file import read_rows
-    from cartstiff.statics.figures import draw_error_along_path
+    from cartstiff.loading.csv_file import read_rows
+    from cartstiff.report.figures_statics import draw_error_along_path
+    from cartstiff.report.statics import describe_path
     from cartstiff.statics.toolpath import compensate
 
     n = len(elastic.names)

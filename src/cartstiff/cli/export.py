@@ -43,12 +43,12 @@ def command(output: Path, frames: int, **texts: Any) -> None:
         raise InputError("file cannot be written", where=where, got="no such folder")
     source = source_from_options(**texts)
     try:
-        from cartstiff.view.export import export_page
+        from cartstiff.page.export import export_page
     except ImportError as error:
         if (error.name or "").startswith("cartstiff"):
             raise
         raise needs_view("a page as a file") from None
-    from cartstiff.stiffness.output import write_whole
+    from cartstiff.report.output import write_whole
 
     text = export_page(source, frames=frames).encode()
     write_whole(output, text)

@@ -34,7 +34,7 @@ Interrupted or killed, the same command goes on where it was.
 def _list_quantities(context: click.Context, _: click.Parameter, asked: bool) -> None:
     if not asked or context.resilient_parsing:
         return
-    from cartstiff.batch.quantities import QUANTITIES
+    from cartstiff.maps.quantities import QUANTITIES
     from cartstiff.mechanisms.contract import SI
 
     width = max(map(len, QUANTITIES))
@@ -213,10 +213,10 @@ def command(
     if best is not None or worst is not None:
         _check_ranked(quantities)
 
-    from cartstiff.batch.maps.prepare import prepare_map
-    from cartstiff.batch.maps.reading import slice_map
-    from cartstiff.batch.maps.run import run_map
-    from cartstiff.batch.store import open_map
+    from cartstiff.maps.prepare import prepare_map
+    from cartstiff.maps.reading import slice_map
+    from cartstiff.maps.run import run_map
+    from cartstiff.maps.store import open_map
 
     job, file = prepare_map(
         elastic, sampling, quantities, output, connection=connection, world=world, single=single,
@@ -245,14 +245,14 @@ def command(
         if count is not None
     }
     if picture is not None:
-        from cartstiff.batch.maps.pictures import draw_map
-        from cartstiff.statics.figures import save_figure
+        from cartstiff.maps.pictures import draw_map
+        from cartstiff.report.figures_statics import save_figure
 
         save_figure(draw_map(dataset, quantities[0], kind, by=by), picture)
     if as_json:
         click.echo(json.dumps(answer, allow_nan=False))
     else:
-        from cartstiff.cli.text_map import describe_map
+        from cartstiff.report.maps import describe_map
 
         click.echo(describe_map(answer))
 
@@ -324,7 +324,7 @@ def _check_picture(
 
 def _check_ranked(quantities: tuple[str, ...]) -> None:
     """Refuse a list of the best of what has no better end before the map is computed."""
-    from cartstiff.batch.quantities import QUANTITIES
+    from cartstiff.maps.quantities import QUANTITIES
 
     for name in quantities:
         if "." in name or (name in QUANTITIES and QUANTITIES[name].better is None):
@@ -333,7 +333,7 @@ def _check_ranked(quantities: tuple[str, ...]) -> None:
 
 
 def _answer(dataset: Any, file: Any, output: Path, computed: int, seconds: float) -> dict[str, Any]:
-    from cartstiff.batch.maps.reading import summary
+    from cartstiff.maps.reading import summary
 
     total = 1
     for n in file.shape:
@@ -360,7 +360,7 @@ def _answer(dataset: Any, file: Any, output: Path, computed: int, seconds: float
 def _ranked(dataset: Any, name: str, which: str, count: int) -> list[dict[str, Any]]:
     """Rows of a table of postures, for JSON."""
     from cartstiff.analysis.plain import plain
-    from cartstiff.batch.maps.reading import best, state_names, worst
+    from cartstiff.maps.reading import best, state_names, worst
 
     found = (best if which == "best" else worst)(dataset, name, count)
     names = state_names(dataset)

@@ -14,7 +14,7 @@ from cartstiff.errors import InputError
 from cartstiff.parsing import parse_numbers
 
 if TYPE_CHECKING:
-    from cartstiff.batch.maps.sampling import Axis, Sampling
+    from cartstiff.maps.sampling import Axis, Sampling
 
 __all__ = ["parse_axes", "sampling_from_options", "sampling_options"]
 
@@ -105,7 +105,7 @@ def parse_axes(
 
 
 def _axes(texts: Sequence[str], option: str) -> dict[str, Axis]:
-    from cartstiff.batch.maps.sampling import Axis
+    from cartstiff.maps.sampling import Axis
 
     axes = {}
     for name, (low, high, n) in parse_axes(texts, option).items():
@@ -135,8 +135,8 @@ def sampling_from_options(
     """The sampling that the options ask for; q is the base posture or None."""
     import numpy as np
 
-    from cartstiff.batch.maps.cartesian import CartesianGrid, Redundancy
-    from cartstiff.batch.maps.sampling import Grid, RandomPostures, Trajectory
+    from cartstiff.maps.cartesian import CartesianGrid, Redundancy
+    from cartstiff.maps.sampling import Grid, RandomPostures, Trajectory
     from cartstiff.mechanisms.contract import named_values
 
     kinds = [grid_texts, random_count, cartesian_texts, trajectory_text]
@@ -181,7 +181,7 @@ def sampling_from_options(
 
 def _table(path: Path) -> dict[str, Any]:
     """Columns of a CSV file by the names in its first line."""
-    from cartstiff.mechanisms.loading.csv_file import read_rows
+    from cartstiff.loading.csv_file import read_rows
 
     rows = read_rows(path, "postures", _LARGEST_FILE)
     if rows.names is None:

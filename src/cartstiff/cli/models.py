@@ -13,8 +13,8 @@ __all__ = ["command"]
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def command(as_json: bool) -> None:
     """List what can be named as MECHANISM: bundled files and example robots."""
-    from cartstiff.mechanisms.loading.catalogue import bundled_files, example_robots
-    from cartstiff.mechanisms.loading.yaml_file import read_yaml
+    from cartstiff.loading.catalogue import bundled_files, example_robots
+    from cartstiff.loading.yaml_file import read_yaml
 
     bundled = {name: read_yaml(path)[0] for name, path in bundled_files().items()}
     robots = example_robots()

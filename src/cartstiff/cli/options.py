@@ -135,7 +135,7 @@ class MechanismRequest:
 
     def load(self) -> tuple[Any, Any]:
         """The elastic mechanism, and its coordinates or None for the default posture."""
-        from cartstiff.mechanisms.loading import load
+        from cartstiff.loading import load
 
         try:
             Path(self.mechanism).expanduser()

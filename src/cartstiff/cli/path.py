@@ -181,10 +181,10 @@ def command(
     region = _region(place_texts)
     elastic, _ = MechanismRequest(mechanism, frame=frame, stiffness_text=stiffness_text).load()
 
-    from cartstiff.batch.placement import best_placement
-    from cartstiff.batch.toolpaths import optimise_path
     from cartstiff.cli.path_file import read_path_file
-    from cartstiff.cli.text_path import describe_optimised_path, describe_placement
+    from cartstiff.report.toolpaths import describe_optimised_path, describe_placement
+    from cartstiff.toolpaths.optimise import optimise_path
+    from cartstiff.toolpaths.placement import best_placement
 
     path = read_path_file(Path(path_file), free=free, wrench=wrench, direction=direction, axes=axes)
     options: dict[str, Any] = {
@@ -215,8 +215,8 @@ def _region(texts: tuple[str, ...]) -> dict[str, Any] | None:
         return None
     import numpy as np
 
-    from cartstiff.batch.placement import PLACES
     from cartstiff.cli.map_options import parse_axes
+    from cartstiff.toolpaths.placement import PLACES
 
     axes = parse_axes(texts, "--place")
     for name, (low, high, count) in axes.items():
@@ -236,9 +236,9 @@ def _save(
     result: Any, placement: Any, csv: Path | None, plot: Path | None, places: Path | None
 ) -> None:
     """Write what was asked for; everything is made before anything is written."""
-    from cartstiff.batch.path_figures import draw_path, draw_placement
-    from cartstiff.statics.figures import picture
-    from cartstiff.stiffness.output import write_whole
+    from cartstiff.report.figures_statics import picture
+    from cartstiff.report.figures_toolpaths import draw_path, draw_placement
+    from cartstiff.report.output import write_whole
 
     files = []
     if csv is not None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from cartstiff.errors import InputError, UnknownNameError, one_line
 
 if TYPE_CHECKING:
-    from cartstiff.batch.tool_path import ToolPath
+    from cartstiff.toolpaths.tool_path import ToolPath
 
 __all__ = ["WRENCH", "read_path_file"]
 
@@ -54,9 +54,9 @@ def read_path_file(
     """
     import numpy as np
 
-    from cartstiff.batch.tool_path import ToolPath
     from cartstiff.geometry import se3
-    from cartstiff.mechanisms.loading.csv_file import read_rows
+    from cartstiff.loading.csv_file import read_rows
+    from cartstiff.toolpaths.tool_path import ToolPath
 
     where = one_line(str(file))
     rows = read_rows(file, "points")

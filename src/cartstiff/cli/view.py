@@ -38,7 +38,7 @@ def command(port: int, host: str, no_open: bool, **texts: Any) -> None:
     """
     source = source_from_options(**texts)
     try:
-        from cartstiff.view.run import serve
+        from cartstiff.page.run import serve
     except ImportError as error:
         if (error.name or "").startswith("cartstiff"):
             raise

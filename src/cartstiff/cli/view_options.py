@@ -48,9 +48,9 @@ def source_from_options(
     elastic, q = request.load()
     import numpy as np
 
-    from cartstiff.mechanisms.loading import load as load_mechanism
+    from cartstiff.loading import load as load_mechanism
+    from cartstiff.page.source import Source, read_cloud, read_trajectory
     from cartstiff.stiffness.compute import analyse
-    from cartstiff.view.source import Source, read_cloud, read_trajectory
 
     with np.errstate(all="ignore"):
         first = analyse(elastic, q, wrench=load)

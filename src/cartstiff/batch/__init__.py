@@ -1,1 +1,0 @@
-"""Many postures at once: stacks of matrices, maps, toolpaths."""

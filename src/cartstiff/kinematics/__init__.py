@@ -1,0 +1,1 @@
+"""Inverse kinematics: which coordinates reach a pose, for chains and platforms."""

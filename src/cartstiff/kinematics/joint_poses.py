@@ -1,0 +1,330 @@
+r"""Postures of joints at wanted poses, many poses and many starts at once.
+
+The error of a pose T against a wanted one T_d is taken in the body frame,
+
+    e = (log(R^T R_d), R^T (p_d - p) / l),        l the characteristic length
+
+and a free rotation about an axis a of the body leaves only the turn that brings a to its wanted
+direction. The gradient of |e|^2 / 2 is exactly -J^T e, so that Levenberg's steps
+
+    dq = J^T (J J^T + mu |e|^2 I)^-1 e
+
+go down until they stop, and converge quadratically where e = 0 can be reached; where there are
+more joints than conditions they are the least ones.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+
+import numpy as np
+
+from cartstiff.errors import InputError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.kinematics.chain_kinematics import Kinematics, ManyPoses
+from cartstiff.kinematics.platform_poses import Free
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.elastic import ElasticMechanism
+
+__all__ = ["SAME", "JointPoses", "distinct", "pose_errors"]
+
+# Rows that are iterated at once: their arrays stay within the cache of a processor.
+_ROWS = 1000
+_ITERATIONS = 40
+# A step turns no joint further than this (rad, or characteristic lengths).
+_LONGEST_STEP = 0.7
+# A start is given up at a minimum that is no solution: after so many steps in a row that took less
+# than this share off |e|^2.
+_SLOW_STEPS, _SLOW = 6, 0.03
+#: Postures nearer than this in every coordinate (rad, or characteristic lengths) are one.
+SAME = 1e-6
+
+
+def pose_errors(T: Array, T_wanted: Array, free: Free, length: float) -> Array:
+    """Errors e (N, 6) of poses (N, 4, 4): the motion still to be made, in body components.
+
+    Rotation in rad, translation in units of `length`; zero in the components that are free.
+    """
+    Rt = T[:, :3, :3].swapaxes(1, 2)
+    relative = Rt @ T_wanted[:, :3, :3]
+    e = np.zeros((len(T), 6))
+    e[:, 3:] = (Rt @ (T_wanted[:, :3, 3] - T[:, :3, 3])[..., None])[..., 0] / length
+    if free == "none":
+        e[:, :3] = se3.log(se3.pose(relative))[:, :3]
+    elif free != "rotation":
+        axis = np.eye(3)["xyz".index(free)]
+        wanted = relative @ axis
+        across = np.cross(axis, wanted)
+        sine, cosine = np.linalg.norm(across, axis=1), wanted @ axis
+        # Opposite directions: any axis across will do, and the same one every time.
+        opposite = (sine < 1e-9) & (cosine < 0)
+        across[opposite] = np.roll(axis, 1)
+        angle = np.arctan2(sine, cosine)
+        e[:, :3] = across * np.where(opposite, angle, angle / np.maximum(sine, 1e-300))[:, None]
+    return e
+
+
+class JointPoses:
+    """A solver for one mechanism made of joints, kept for many calls.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        Serial chain, or a chain with closures (slower, posture by posture). Virtual joints of
+        links that give stay where its default posture has them.
+    limits : bool
+        Whether joint limits hold.
+
+    Attributes
+    ----------
+    length : float
+        Characteristic length at the default posture.
+    sizes : ndarray (n,)
+        Natural sizes of the coordinates: 1, or `length` for distances.
+    periodic : ndarray of bool (n,)
+        Coordinates whose whole turns lead to the same pose within their limits.
+    """
+
+    def __init__(self, elastic: ElasticMechanism, limits: bool = True) -> None:
+        mechanism = elastic.mechanism
+        if not isinstance(mechanism, Chain):
+            raise InputError(
+                "inverse kinematics is for mechanisms made of joints", got=mechanism.kind
+            )
+        self.kinematics = Kinematics(mechanism)
+        posture = mechanism.at(elastic.q)
+        self.length, self.sizes = posture.length, np.array(posture.coordinate_lengths)
+        self.start = np.array(elastic.q, float)
+        n = len(mechanism.coordinates)
+        self.lower, self.upper = np.full(n, -np.inf), np.full(n, np.inf)
+        if limits:
+            self.lower = np.array([c.lower for c in mechanism.coordinates])
+            self.upper = np.array([c.upper for c in mechanism.coordinates])
+        self.movable = np.ones(n, bool)
+        self.movable[sorted(set(mechanism.held) - set(mechanism.actuated or ()))] = False
+        turns = np.array([c.type == "revolute" for c in mechanism.coordinates])
+        if mechanism.tree.mimic is not None:  # a follower need not come back with its leader
+            turns &= np.abs(mechanism.tree.mimic).sum(axis=0) == 1.0
+        self.periodic = turns & (self.upper - self.lower >= 2 * np.pi - 1e-9)
+
+    def unwound(self) -> JointPoses:
+        """The same, but joints that can turn all the way are not held up by their limits.
+
+        `within` of this one brings its postures into the limits.
+        """
+        other = copy(self)
+        other.lower = np.where(self.periodic, -np.inf, self.lower)
+        other.upper = np.where(self.periodic, np.inf, self.upper)
+        return other
+
+    def region(self) -> tuple[Array, Array]:
+        """Where postures are looked for: the limits; one turn, or about as far, without them."""
+        low = np.where(np.isfinite(self.lower), self.lower, -np.pi * self.sizes)
+        high = np.where(np.isfinite(self.upper), self.upper, np.pi * self.sizes)
+        low, high = np.minimum(low, high), np.maximum(low, high)
+        low[self.periodic], high[self.periodic] = -np.pi, np.pi
+        return low, high
+
+    def random_starts(self, count: int, rng: np.random.Generator) -> Array:
+        """Postures (count, n) evenly spread over `region`."""
+        low, high = self.region()
+        starts = rng.uniform(low, high, (count, len(low)))
+        starts[:, ~self.movable] = self.start[~self.movable]
+        return self.within(starts)
+
+    def within(self, q: Array) -> Array:
+        """Coordinates brought into the limits: by whole turns where there are any, else clipped."""
+        q = np.array(q, float)
+        for j in np.flatnonzero(self.periodic):
+            # (-pi, pi], as far as the limits have it, so that equal postures have equal numbers.
+            turned = np.pi - np.mod(np.pi - q[:, j] + 1e-9, 2 * np.pi) + 1e-9
+            low, high = self.lower[j], self.upper[j]
+            turned = np.where(turned > high, turned - 2 * np.pi, turned)
+            q[:, j] = np.where(turned < low, turned + 2 * np.pi, turned)
+        return np.clip(q, self.lower, self.upper)
+
+    def task(self, q: Array, T_wanted: Array, free: Free) -> tuple[Array, Array, ManyPoses]:
+        """Errors e (N, r) and their rates (N, r, n) per natural size of the coordinates."""
+        many = self.kinematics.at(q)
+        e = np.concatenate([pose_errors(many.pose, T_wanted, free, self.length), -many.residual], 1)
+        J = np.concatenate([self._free_rows(many.jacobian, free), many.closure], axis=1)
+        return e, J * (self.sizes * self.movable), many
+
+    def _free_rows(self, jacobian: Array, free: Free) -> Array:
+        J = jacobian * np.repeat([1.0, 1.0 / self.length], 3)[:, None]
+        if free == "rotation":
+            J[:, :3] = 0.0
+        elif free != "none":
+            J[:, "xyz".index(free)] = 0.0
+        return J
+
+    def solve(
+        self,
+        T_wanted: Array,
+        starts: Array,
+        free: Free = "none",
+        tolerance: float = 1e-10,
+        held: Array | None = None,
+    ) -> tuple[Array, Array]:
+        """Postures (N, n) from starts (N, n) for poses (N, 4, 4), and which of them are solutions.
+
+        `held` (n,) tells which coordinates stay as they start.
+        """  # fmt: skip
+        q = np.array(starts, float)
+        good = np.zeros(len(q), bool)
+        for first in range(0, len(q), _ROWS):
+            part = slice(first, first + _ROWS)
+            q[part], good[part] = self._solve(T_wanted[part], q[part], free, tolerance, held)
+        return q, good
+
+    def _solve(
+        self, T_wanted: Array, q: Array, free: Free, tolerance: float, held: Array | None
+    ) -> tuple[Array, Array]:
+        columns = np.ones(q.shape[1]) if held is None else np.where(held, 0.0, 1.0)
+        result, good = q.copy(), np.zeros(len(q), bool)
+        rows = np.arange(len(q))
+        mu, count, slow = np.full(len(q), 0.1), np.zeros(len(q), int), np.zeros(len(q), int)
+        e, J, _ = self.task(q, T_wanted, free)
+        for _ in range(_ITERATIONS):
+            if not rows.size:
+                break
+            step = self._step(q, e, J * columns, mu)
+            trial = np.clip(q + step, self.lower, self.upper)
+            e_new, J_new, _ = self.task(trial, T_wanted, free)
+            before, after = (e * e).sum(axis=1), (e_new * e_new).sum(axis=1)
+            better = after < before
+            q = np.where(better[:, None], trial, q)
+            e = np.where(better[:, None], e_new, e)
+            J = np.where(better[:, None, None], J_new, J)
+            # Far away a tenth of the damping is enough; |e|^2 takes care of the end.
+            mu = np.where(better, np.maximum(0.3 * mu, 1e-4), 8.0 * mu)
+            size = np.abs(e).max(axis=1, initial=0.0)
+            # One more step after the tolerance is met takes the solution to rounding.
+            count += size <= tolerance
+            done = (count >= 2) | ((size <= tolerance) & ~better)
+            slow = np.where(after > (1.0 - _SLOW) * before, slow + 1, 0)
+            result[rows], good[rows] = q, size <= tolerance
+            keep = ~done & (slow < _SLOW_STEPS)
+            rows, q, e, J, mu = rows[keep], q[keep], e[keep], J[keep], mu[keep]
+            count, slow, T_wanted = count[keep], slow[keep], T_wanted[keep]
+        return result, good
+
+    def _step(self, q: Array, e: Array, J: Array, mu: Array) -> Array:
+        """Damped least steps; joints at a limit that would go beyond it stand still."""
+        damping = mu * (e * e).sum(axis=1)
+        step = _damped(J, e, damping) * self.sizes
+        for _ in range(2):
+            beyond = ((q <= self.lower) & (step < 0)) | ((q >= self.upper) & (step > 0))
+            again = beyond.any(axis=1)
+            if not again.any():
+                break
+            J = np.where(beyond[:, None, :], 0.0, J)
+            step[again] = _damped(J[again], e[again], damping[again]) * self.sizes
+        largest = np.abs(step / self.sizes).max(axis=1, initial=0.0)
+        return step * np.minimum(1.0, _LONGEST_STEP / np.maximum(largest, 1e-300))[:, None]
+
+    def along_self_motions(
+        self, q: Array, J: Array, slope: Array, inverse: Array | None = None
+    ) -> Array:
+        """Slopes (N, n) of a function less what the task holds; J as of `task`.
+
+        With inverse Hessians (N, n, n) steps uphill, against which joints at their limits stand.
+        """
+        moving = np.broadcast_to(self.movable, q.shape)
+        for _ in range(3):
+            P = _projections(J, moving)
+            along = np.einsum("nij,nj->ni", P, slope)
+            if inverse is None:
+                break
+            along = np.einsum("nij,njk,nk->ni", P, inverse, along)
+            beyond = ((q <= self.lower) & (along > 0)) | ((q >= self.upper) & (along < 0))
+            if not (beyond & moving).any():
+                break
+            moving = moving & ~beyond
+        return along
+
+    def self_motions(self, q: Array, free: Free, dimension: int) -> Array:
+        """Motions (N, n, d) that leave the task fulfilled to first order.
+
+        Orthonormal in the coordinates' natural sizes: the right singular vectors of the smallest
+        singular values.
+        """
+        many = self.kinematics.at(q)
+        J = self._free_rows(many.jacobian, free) * self.sizes
+        J = np.concatenate([J, many.closure * self.sizes], axis=1)
+        J = J[:, :, self.movable]
+        motions = np.zeros((len(q), q.shape[1], dimension))
+        if dimension:
+            motions[:, self.movable] = np.linalg.svd(J)[2][:, -dimension:].swapaxes(1, 2)
+        return motions * self.sizes[:, None]
+
+    def beyond_limits(self, poses: Array, free: Free) -> tuple[str, float] | None:
+        """By how much which joint exceeds its limits in the posture that does so least.
+
+        Of those found at poses (N, 4, 4), all of which will do; None if there are none.
+        """
+        other = copy(self)
+        other.lower, other.upper = (
+            np.full_like(self.lower, -np.inf),
+            np.full_like(self.upper, np.inf),
+        )
+        starts = other.random_starts(max(200, len(poses)), np.random.default_rng(0))
+        rows = np.arange(len(starts)) % len(poses)
+        q, good = other.solve(poses[rows], starts, free)
+        if not good.any():
+            return None
+        turns = [c.type == "revolute" for c in self.kinematics.mechanism.coordinates]
+        middle = np.where(np.isfinite(self.upper - self.lower), (self.lower + self.upper) / 2, 0.0)
+        q = q[good] - middle
+        q = np.where(turns, q - 2 * np.pi * np.round(q / (2 * np.pi)), q) + middle
+        beyond = np.maximum(np.maximum(self.lower - q, q - self.upper), 0.0)
+        least = int(np.argmin(beyond.max(axis=1)))
+        joint = int(np.argmax(beyond[least]))
+        return self.kinematics.mechanism.names[joint], float(beyond[least, joint])
+
+    def rank(self, free: Free) -> int:
+        """Number of conditions that the joints can fulfil independently, at most postures."""
+        q = self.random_starts(20, np.random.default_rng(0))
+        J = self.task(q, np.broadcast_to(np.eye(4), (20, 4, 4)), free)[1]
+        values = np.linalg.svd(J, compute_uv=False)
+        return int((values > 1e-8 * values[:, :1]).sum(axis=1).max())
+
+    def redundancy(self, free: Free) -> int:
+        """Dimension of the self-motions at most postures."""
+        return int(self.movable.sum()) - self.rank(free)
+
+
+def _damped(J: Array, e: Array, damping: Array) -> Array:
+    """``J^T (J J^T + damping I)^-1 e``; a trace of damping keeps directions without motion out."""
+    Jt = J.swapaxes(1, 2)
+    M = J @ Jt
+    r = M.shape[1]
+    trace = np.einsum("nii->n", M)
+    M[:, range(r), range(r)] += (damping + 1e-14 * trace + 1e-300)[:, None]
+    step: Array = (Jt @ np.linalg.solve(M, e[..., None]))[..., 0]
+    return step
+
+
+def _projections(J: Array, moving: Array) -> Array:
+    """Projections (N, n, n) on the motions of the moving coordinates (N, n) without effect in J."""
+    J = J * moving[:, None, :]
+    M = J @ J.swapaxes(1, 2)
+    r = M.shape[1]
+    M[:, range(r), range(r)] += (1e-14 * np.einsum("nii->n", M) + 1e-300)[:, None]
+    P: Array = np.eye(J.shape[2]) * moving[:, None, :] - J.swapaxes(1, 2) @ np.linalg.solve(M, J)
+    return P
+
+
+def distinct(q: Array, periodic: Array, sizes: Array, tolerance: float = SAME) -> Array:
+    """Indices of postures (k, n) that differ, in a fixed order; whole turns make no difference."""
+    if len(q) < 2:
+        return np.arange(len(q))
+    scaled = q / sizes
+    order = np.lexsort(np.round(scaled / (10 * tolerance)).T[::-1])
+    difference = scaled[order, None, :] - scaled[None, order, :]
+    turns = np.where(periodic, np.round(difference / (2 * np.pi)), 0.0)
+    near = np.abs(difference - 2 * np.pi * turns).max(axis=2) < tolerance
+    first = ~np.any(np.tril(near, -1), axis=1)
+    found: Array = order[first]
+    return found

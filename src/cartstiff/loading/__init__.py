@@ -1,0 +1,111 @@
+"""From a name or a file to an elastic mechanism."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cartstiff.errors import InputError, UnknownNameError, one_line
+from cartstiff.loading.catalogue import (
+    bundled,
+    bundled_files,
+    example_robot,
+    example_robots,
+)
+from cartstiff.mechanisms.elastic import ElasticMechanism
+
+__all__ = ["load"]
+
+_ROBOT_FILES = (".urdf", ".xml", ".mjcf")
+
+
+def load(source: str | Path, *, frame: str | None = None) -> ElasticMechanism:
+    """Load a mechanism.
+
+    Parameters
+    ----------
+    source : str or Path
+        A bundled mechanism ("stewart-gough"), a mechanism file (.yaml), a URDF or MJCF file, or
+        the name of an example robot ("panda"), looked up in this order.
+    frame : str, optional
+        The frame of interest, instead of the file's.
+
+    Returns
+    -------
+    ElasticMechanism
+        Mechanism, springs, default posture, and notes on what was assumed.
+
+    Raises
+    ------
+    InputError
+        What is wrong, where, what was expected, what was got.
+    """
+    text = str(source)
+    if not text.strip() or "\0" in text:
+        raise InputError("mechanism has no name", expected="a name or a path", got=repr(text))
+    try:
+        path = Path(text).expanduser()
+        exists = path.exists()
+    except (RuntimeError, OSError) as error:
+        raise InputError("not a usable path", where=one_line(text), got=str(error)) from None
+    file = bundled(text)
+    if file is not None:
+        return _from_file(file, frame)
+    suffix = path.suffix.lower()
+    if suffix in (".yaml", ".yml"):
+        return _from_file(path, frame)
+    if suffix in _ROBOT_FILES:
+        return _from_robot(str(path), path.stem, frame)
+    robots = example_robots()
+    if text in robots:
+        return _from_robot(text, text, frame)
+    if exists:
+        raise InputError(
+            "is a directory" if path.is_dir() else "unknown kind of file",
+            where=one_line(text),
+            expected=".yaml, .urdf or MJCF .xml",
+        )
+    if not robots and text.isidentifier():
+        example_robot(text)  # says how to install the robots that this name may be one of
+    raise UnknownNameError("mechanism", text, [*bundled_files(), *robots])
+
+
+def _from_robot(model: str, name: str, frame: str | None) -> ElasticMechanism:
+    from cartstiff.loading.build import build_serial
+    from cartstiff.loading.build_closed import build_closed_chain
+    from cartstiff.loading.robot_description import read_robot_description
+    from cartstiff.loading.schema import ClosedChainFile, SerialFile
+
+    file = SerialFile.model_construct(kind="serial", model=model, frame=frame)
+    if model.lower().endswith((".xml", ".mjcf")):
+        description = read_robot_description(Path(model).expanduser())
+        if description.mjcf is not None and description.mjcf.closures:
+            closed = ClosedChainFile.model_construct(kind="closed-chain", model=model, frame=frame)
+            return build_closed_chain(closed, None, one_line(model), name)
+    return build_serial(file, None, one_line(model), name)
+
+
+def _from_file(path: Path, frame: str | None) -> ElasticMechanism:
+    from cartstiff.loading import build, build_closed
+    from cartstiff.loading.schema import (
+        ParallelFile,
+        PlatformFile,
+        SerialFile,
+        SpringsFile,
+        located,
+        read_mechanism_file,
+    )
+
+    file, lines = read_mechanism_file(path)
+    where = one_line(str(path))
+    name = file.name or path.stem
+    try:
+        file = build.with_frame(file, frame, where)
+        if isinstance(file, SerialFile):
+            return build.build_serial(file, path.parent, where, name)
+        if isinstance(file, (PlatformFile, SpringsFile)):
+            return build.build_platform(file, where, name)
+        if isinstance(file, ParallelFile):
+            return build_closed.build_parallel(file, path.parent, where, name)
+        return build_closed.build_closed_chain(file, path.parent, where, name)
+    except InputError as error:
+        raise located(error, path, lines) from None

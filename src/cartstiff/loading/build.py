@@ -1,0 +1,156 @@
+"""From a mechanism file's model, or a robot description alone, to an elastic mechanism."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cartstiff.errors import InputError, UndefinedError, UnknownNameError
+from cartstiff.geometry.se3 import Array
+from cartstiff.loading.parts import (
+    add_payload,
+    default_frame,
+    default_posture,
+    gravity_of,
+    ignored_parts,
+    link_springs,
+    model_path,
+    pose_of,
+    put_together,
+    springs_of,
+    tree_to,
+)
+from cartstiff.loading.robot_description import (
+    read_robot_description,
+)
+from cartstiff.loading.schema import (
+    ParallelFile,
+    PayloadModel,
+    PlatformFile,
+    PoseModel,
+    SerialFile,
+    SpringsFile,
+)
+from cartstiff.mechanisms.chain import Chain, Description
+from cartstiff.mechanisms.contract import Units
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.platform import Platform
+from cartstiff.mechanisms.tree_building import VIRTUAL
+from cartstiff.potentials.line_springs import LineSprings, line_geometry
+
+__all__ = ["build_platform", "build_serial", "with_frame"]
+
+
+def build_serial(file: SerialFile, beside: Path | None, where: str, name: str) -> ElasticMechanism:
+    """Elastic mechanism of a serial arm."""
+    path = model_path(file.model, beside)
+    description = read_robot_description(path)
+    notes: list[Note] = []
+    frame = file.frame
+    if frame is None:
+        frame, words = default_frame(description.model)
+        notes.append(Note("default-frame", words, {"frame": frame}))
+    known = [f.name for f in description.model.frames]
+    if frame not in known:
+        raise UnknownNameError("frame", frame, known, where=where)
+    tree = tree_to(description, [frame], file.locked, where, notes, file.flexible)
+    if tree.n == 0:
+        raise InputError(
+            f"no joint moves frame {frame!r}", where=where, expected="a frame on a moving link"
+        )
+    chain = Chain(
+        tree, frame, offset=pose_of(file.offset), descriptions=[Description(description.path)]
+    )
+    add_payload(tree, chain, file.payload)
+    soft = link_springs(file.flexible, tree, where)
+    virtual = [f"{link}.{suffix}" for link in file.flexible for suffix, _ in VIRTUAL]
+    springs, assumed = springs_of(
+        file.springs, file.passive, tree, description, where, virtual=virtual
+    )
+    q = default_posture(tree, file.q, where)
+    notes += [*ignored_parts(description), *assumed]
+    return put_together(file, name, chain, q, springs, soft, notes)
+
+
+def _per_leg(value: float | list[float] | None, m: int, key: str, where: str) -> Array | None:
+    if value is None:
+        return None
+    if isinstance(value, list) and len(value) != m:
+        raise InputError(
+            "wrong count", where=f"{where}, key legs.{key}", expected=f"{m} numbers, one per leg",
+            got=str(len(value)),
+        )  # fmt: skip
+    return np.broadcast_to(np.asarray(value, float), (m,)).copy()
+
+
+def build_platform(file: PlatformFile | SpringsFile, where: str, name: str) -> ElasticMechanism:
+    """Elastic mechanism of a body held by lines."""
+    m = len(file.base)
+    if len(file.platform) != m:
+        raise InputError(
+            "base and platform differ in number", where=f"{where}, key platform",
+            expected=f"{m} points", got=str(len(file.platform)),
+        )  # fmt: skip
+    limits = file.legs.limits
+    if limits is not None:
+        if len(limits) != m:
+            raise InputError("wrong count", where=f"{where}, legs.limits",
+                             expected=f"{m} pairs", got=str(len(limits)))  # fmt: skip
+        for pair in limits:
+            if pair[0] > pair[1]:
+                raise InputError("limits are the wrong way round", where=f"{where}, legs.limits",
+                                 expected="[shortest, longest]", got=pair)  # fmt: skip
+    T_F_P = pose_of(file.pose)
+    payload = file.payload or PayloadModel(mass=0.0)
+    T_P_M = pose_of(file.frame)
+    centre = T_P_M @ np.append(payload.com, 1.0)
+    platform = Platform(
+        file.base,
+        file.platform,
+        T_P_M=T_P_M,
+        units=Units(file.units.length, file.units.force),
+        kind=file.kind,
+        limits=None if limits is None else [(a, b) for a, b in limits],
+        mass=payload.mass,
+        mass_centre=centre[:3],
+    )
+    T_F_M = T_F_P @ T_P_M
+    try:
+        geometry = line_geometry(T_F_M, platform.anchors, platform.points)
+    except UndefinedError as error:
+        raise InputError(
+            f"leg {error.values['line']} has zero length at the file's pose", where=where
+        ) from None
+    stiffness = _per_leg(file.legs.stiffness, m, "stiffness", where)
+    rest = _per_leg(file.legs.rest_length, m, "rest_length", where)
+    preload = _per_leg(file.legs.preload, m, "preload", where)
+    if stiffness is None:  # the schema requires it
+        raise InputError("legs have no stiffness", where=where)
+    if preload is not None:
+        rest = geometry.lengths - preload / stiffness
+    springs = LineSprings(
+        anchors=platform.anchors,
+        points=platform.points,
+        stiffness=stiffness,
+        rest_length=np.full(m, np.nan) if rest is None else rest,
+        unilateral=isinstance(file, SpringsFile) and file.unilateral,
+    )
+    q = np.concatenate([file.pose.xyz, file.pose.rpy])
+    return ElasticMechanism(name, platform, q, springs, gravity=gravity_of(file.gravity))
+
+
+def with_frame(file: Any, frame: str | None, where: str) -> Any:
+    """File with another frame of interest, from the command line."""
+    if frame is None:
+        return file
+    if isinstance(file, (PlatformFile, SpringsFile)):
+        if frame == "platform":
+            return file
+        raise UnknownNameError("frame", frame, ["platform"], where=where)
+    if isinstance(file, ParallelFile):
+        if frame == "body":
+            return file
+        raise UnknownNameError("frame", frame, ["body"], where=where)
+    return file.model_copy(update={"frame": frame, "offset": PoseModel()})

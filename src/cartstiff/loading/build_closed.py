@@ -1,0 +1,249 @@
+"""Elastic mechanisms with loops: a body carried by several chains, a tree with closures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from cartstiff.errors import ConvergenceError, InputError, UnknownNameError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.loading.mjcf import MjcfClosure
+from cartstiff.loading.parts import (
+    add_payload,
+    default_frame,
+    default_posture,
+    ignored_parts,
+    link_springs,
+    model_path,
+    pose_of,
+    put_together,
+    springs_of,
+    tree_to,
+)
+from cartstiff.loading.robot_description import (
+    RobotDescription,
+    read_robot_description,
+)
+from cartstiff.loading.schema import (
+    ClosedChainFile,
+    ClosureModel,
+    JointSpringModel,
+    LegModel,
+    ParallelFile,
+)
+from cartstiff.mechanisms.chain import Chain, Closure, Description
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.tree import KinematicTree, Placement, TreeState
+from cartstiff.mechanisms.tree_building import VIRTUAL, extended, merged
+
+__all__ = ["build_closed_chain", "build_parallel"]
+
+_CONTACTS = {
+    "rigid": (),
+    "soft-finger": (("contact.z", "RZ"),),
+    "point": (("contact.x", "RX"), ("contact.y", "RY"), ("contact.z", "RZ")),
+}
+
+
+def _with_frame(tree: KinematicTree, name: str, base: str, T: Array) -> None:
+    at = tree.placement(base)
+    tree.frames[name] = Placement(at.joint, at.T_j_f @ T)
+
+
+def _actuated(names: Sequence[str], tree: KinematicTree, where: str) -> list[int] | None:
+    known = [c.name for c in tree.coordinates]
+    for name in names:
+        if name not in known:
+            raise UnknownNameError("joint", name, known, where=f"{where}, key actuated")
+    if len(set(names)) != len(names):
+        raise InputError("a joint stands twice under actuated", where=where)
+    return [known.index(name) for name in names] or None
+
+
+def _indices(names: Sequence[str], tree: KinematicTree) -> list[int]:
+    known = [c.name for c in tree.coordinates]
+    return [known.index(name) for name in names]
+
+
+def _assembled(chain: Chain, q: Array, where: str) -> Array:
+    try:
+        return chain.assembled(q)
+    except ConvergenceError as error:
+        raise InputError(f"{error}", where=where, expected="a posture near a closed one") from None
+
+
+def build_parallel(
+    file: ParallelFile, beside: Path | None, where: str, name: str
+) -> ElasticMechanism:
+    """One body carried by several chains: the end frames of all chains are welded together.
+
+    The body frame hangs on the first chain; every other chain's end is welded to it.
+    """
+    notes: list[Note] = []
+    parts: list[tuple[str, KinematicTree, Array]] = []
+    ends: list[str] = []
+    springs: dict[str, JointSpringModel] = {}
+    passive: list[str] = []
+    virtual: list[str] = []
+    posture: dict[str, float] = {}
+    soft: list[tuple[int, LegModel]] = []
+    descriptions: list[Description] = []
+    for i, leg in enumerate(file.legs):
+        prefix, place = f"leg{i + 1}/", f"{where}, leg {i + 1}"
+        description = read_robot_description(model_path(leg.model, beside))
+        end = leg.frame
+        if end is None:
+            end, words = default_frame(description.model)
+            notes.append(Note("default-frame", f"leg {i + 1}: {words}", {"frame": end}))
+        known = [f.name for f in description.model.frames]
+        if end not in known:
+            raise UnknownNameError("frame", end, known, where=place)
+        tree = tree_to(description, [end], leg.locked, place, notes, leg.flexible)
+        if leg.contact != "rigid":
+            tree = extended(tree, end, _CONTACTS[leg.contact], "contact")
+            end = "contact"
+            passive += [f"{prefix}{joint}" for joint, _ in _CONTACTS[leg.contact]]
+        names = [c.name for c in tree.coordinates]
+        for given, key in ((leg.springs, "springs"), (leg.passive, "passive"), (leg.q, "q")):
+            for joint in given:
+                if joint not in names:
+                    raise UnknownNameError("joint", joint, names, where=f"{place}, key {key}")
+        springs |= {prefix + joint: entry for joint, entry in leg.springs.items()}
+        passive += [prefix + joint for joint in leg.passive]
+        posture |= {prefix + joint: value for joint, value in leg.q.items()}
+        virtual += [f"{prefix}{link}.{suffix}" for link in leg.flexible for suffix, _ in VIRTUAL]
+        soft.append((i, leg))
+        parts.append((prefix, tree, pose_of(leg.base)))
+        descriptions.append(Description(description.path, prefix))
+        ends.append(prefix + end)
+    tree = merged(parts)
+    body = [f"body of leg {i + 1}" for i in range(len(ends))]
+    for frame, end, leg in zip(body, ends, file.legs, strict=True):
+        _with_frame(tree, frame, end, se3.inverse(pose_of(leg.grip)))
+    chain = Chain(
+        tree,
+        body[0],
+        closures=[Closure(body[0], other, "weld") for other in body[1:]],
+        actuated=_actuated(file.actuated, tree, where),
+        virtual=_indices(virtual, tree),
+        kind="parallel",
+        descriptions=descriptions,
+    )
+    chain.frame = "body"
+    add_payload(tree, chain, file.payload)
+    q = _assembled(chain, default_posture(tree, posture, where), where)
+    joint_springs, assumed = springs_of(
+        springs, passive, tree, None, where, virtual=virtual, actuated=file.actuated
+    )
+    links = [
+        spring
+        for i, leg in soft
+        for spring in link_springs(leg.flexible, tree, where, f"leg{i + 1}/")
+    ]
+    return put_together(file, name, chain, q, joint_springs, links, [*notes, *assumed])
+
+
+def build_closed_chain(
+    file: ClosedChainFile, beside: Path | None, where: str, name: str
+) -> ElasticMechanism:
+    """A tree whose frames are tied by closures, from a file or from MJCF equalities."""
+    notes: list[Note] = []
+    path = model_path(file.model, beside)
+    description = read_robot_description(path, floating=file.floating)
+    frame = file.frame
+    if frame is None:
+        frame, words = default_frame(description.model)
+        notes.append(Note("default-frame", words, {"frame": frame}))
+    tree = tree_to(description, None, file.locked, where, notes, file.flexible)
+    tree.placement(frame)
+    closures = _mjcf_closures(description, tree)
+    q = default_posture(tree, file.q, where)
+    closures += [_closure(entry, i, tree, q, where) for i, entry in enumerate(file.closures)]
+    virtual = [f"{link}.{suffix}" for link in file.flexible for suffix, _ in VIRTUAL]
+    chain = Chain(
+        tree,
+        frame,
+        offset=pose_of(file.offset),
+        closures=closures,
+        actuated=_actuated(file.actuated, tree, where),
+        virtual=_indices(virtual, tree),
+        kind="closed-chain",
+        descriptions=[Description(path)],
+    )
+    add_payload(tree, chain, file.payload)
+    q = _assembled(chain, q, where)
+    springs, assumed = springs_of(
+        file.springs,
+        file.passive,
+        tree,
+        description,
+        where,
+        virtual=virtual,
+        actuated=file.actuated,
+    )
+    links = link_springs(file.flexible, tree, where)
+    notes += [*ignored_parts(description), *assumed]
+    return put_together(file, name, chain, q, springs, links, notes)
+
+
+def _closure(entry: ClosureModel, i: int, tree: KinematicTree, q: Array, where: str) -> Closure:
+    """Closure of a file's entry; without points a frame is tied to "world" where it is at q."""
+    place = f"{where}, closure {i + 1}"
+    for frame in entry.frames:
+        if frame not in tree.frames:
+            raise UnknownNameError("frame", frame, tree.frames, where=place)
+    a, b = entry.frames
+    if a == b:
+        raise InputError("a closure ties a frame to itself", where=place, got=repr(a))
+    if entry.points is not None:
+        names = []
+        for frame, point in zip((a, b), entry.points, strict=True):
+            tied = f"{frame} (closure {i + 1})"
+            _with_frame(tree, tied, frame, se3.pose(translation=point))
+            names.append(tied)
+        a, b = names
+    elif "world" in (a, b):
+        other = b if a == "world" else a
+        T_F_other = tree.at(q).pose(tree.placement(other))
+        tied = f"world (closure {i + 1})"
+        tree.frames[tied] = Placement(0, T_F_other)
+        a, b = (tied, other) if a == "world" else (other, tied)
+    return Closure(a, b, entry.type)
+
+
+def _mjcf_closures(description: RobotDescription, tree: KinematicTree) -> list[Closure]:
+    """Closures of MJCF equalities, placed as MuJoCo does: by the reference posture q = 0."""
+    if description.mjcf is None:
+        return []
+    state = tree.at(np.zeros(tree.n))
+    return [
+        _mjcf_closure(entry, i, tree, state) for i, entry in enumerate(description.mjcf.closures)
+    ]
+
+
+def _mjcf_closure(entry: MjcfClosure, i: int, tree: KinematicTree, state: TreeState) -> Closure:
+    a, b = f"{entry.body_a} (equality {i + 1})", f"{entry.body_b} (equality {i + 1})"
+    T_F_a = state.pose(tree.placement(entry.body_a))
+    T_F_b = state.pose(tree.placement(entry.body_b))
+    if entry.type == "point":
+        T_a_c = se3.pose(translation=entry.anchor)
+    elif entry.relative_pose is not None and any(entry.relative_pose[3:]):
+        T_a_c = _from_quaternion(entry.relative_pose)
+    else:
+        T_a_c = se3.inverse(T_F_a) @ T_F_b
+    _with_frame(tree, a, entry.body_a, T_a_c)
+    # A weld's own relative pose need not hold at q = 0; a common point does by definition.
+    at_b = np.eye(4) if entry.type == "weld" else se3.inverse(T_F_b) @ T_F_a @ T_a_c
+    _with_frame(tree, b, entry.body_b, at_b)
+    return Closure(a, b, "point" if entry.type == "point" else "weld")
+
+
+def _from_quaternion(values: Sequence[float]) -> Array:
+    """Pose from position and quaternion (w, x, y, z)."""
+    quaternion = np.array(values[3:], float)
+    w, *v = quaternion / np.linalg.norm(quaternion)
+    V = se3.skew(v)
+    return se3.pose(np.eye(3) + 2 * w * V + 2 * V @ V, values[:3])

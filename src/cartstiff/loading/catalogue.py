@@ -1,0 +1,100 @@
+"""Names that stand for mechanisms: bundled files, and the robots of example-robot-data."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from cartstiff.errors import InputError, MissingDependencyError, UnknownNameError
+
+__all__ = ["ExampleRobot", "bundled", "bundled_files", "example_robot", "example_robots"]
+
+
+@cache
+def bundled_files() -> dict[str, Path]:
+    """Bundled mechanism files by their stem."""
+    package = Path(__file__).parents[1] / "robots"
+    # In a checkout the files stand beside src/, in a wheel inside the package.
+    directory = package if package.is_dir() else Path(__file__).parents[3] / "robots"
+    return {path.stem: path for path in sorted(directory.glob("*.yaml"))}
+
+
+def bundled(name: str) -> Path | None:
+    """Bundled file of a name, or None."""
+    return bundled_files().get(name)
+
+
+@dataclass(frozen=True)
+class ExampleRobot:
+    """An entry of example-robot-data.
+
+    Attributes
+    ----------
+    name : str
+        Its name there.
+    path : Path or None
+        The URDF; None where the data has no URDF.
+    """
+
+    name: str
+    path: Path | None
+
+
+@cache
+def _data_directory() -> Path | None:
+    for entry in sys.path:
+        # example-robot-data installs below the prefix of the cmeel packages.
+        for candidate in (
+            Path(entry) / "cmeel.prefix/share/example-robot-data/robots",
+            Path(entry) / "../../../share/example-robot-data/robots",
+        ):
+            if candidate.is_dir():
+                return candidate.resolve()
+    return None
+
+
+@cache
+def example_robots() -> dict[str, ExampleRobot]:
+    """Robots of example-robot-data by name; empty if the package is not installed."""
+    data = _data_directory()
+    if data is None or importlib.util.find_spec("example_robot_data") is None:
+        return {}
+    from example_robot_data import robots_loader
+
+    loaders = dict(robots_loader.ROBOTS)
+    # In release 5.0.0 the name ur3 is bound to the UR5's loader.
+    if hasattr(robots_loader, "UR3Loader"):
+        loaders["ur3"] = robots_loader.UR3Loader
+    found = {}
+    for name, loader in sorted(loaders.items()):
+        path = data / loader.path / loader.urdf_subpath / (loader.urdf_filename or "-")
+        found[name] = ExampleRobot(name, path if loader.urdf_filename else None)
+    return found
+
+
+def example_robot(name: str) -> Path:
+    """URDF of an example robot.
+
+    Raises
+    ------
+    UnknownNameError
+        For a name that is none; MissingDependencyError if the data is not installed.
+    InputError
+        For a robot that has no URDF.
+    """
+    robots = example_robots()
+    if not robots:
+        raise MissingDependencyError(
+            "example-robot-data-loaders", f"the example robot {name!r}", "robots"
+        )
+    if name not in robots:
+        raise UnknownNameError("model", name, robots)
+    path = robots[name].path
+    if path is None or not path.is_file():
+        raise InputError(
+            f"example robot {name!r} has no URDF and cannot be loaded", expected="a URDF robot"
+        )
+    return path

@@ -1,0 +1,346 @@
+"""Parts that every kind of mechanism is built from: trees, springs, lines, payloads, postures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from cartstiff.errors import InputError, UndefinedError, UnknownNameError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.loading.catalogue import example_robot
+from cartstiff.loading.robot_description import (
+    RobotDescription,
+)
+from cartstiff.loading.schema import (
+    ClosedChainFile,
+    FlexibleModel,
+    JointSpringModel,
+    LineModel,
+    ParallelFile,
+    PayloadModel,
+    PoseModel,
+    SerialFile,
+)
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.tree import KinematicTree
+from cartstiff.mechanisms.tree_building import VIRTUAL, plain_tree
+from cartstiff.potentials.contract import Potential
+from cartstiff.potentials.line_springs import LineSprings, line_geometry
+from cartstiff.potentials.springs import (
+    CoupledSprings,
+    JointSprings,
+    PolynomialLaw,
+    SpringLaw,
+    TabulatedLaw,
+    beam_stiffness,
+)
+
+__all__ = [
+    "ASSUMED_STIFFNESS",
+    "add_payload",
+    "default_frame",
+    "default_posture",
+    "gravity_of",
+    "ignored_parts",
+    "link_springs",
+    "model_path",
+    "pose_of",
+    "put_together",
+    "springs_of",
+    "tree_to",
+]
+
+#: N m/rad (N/m) taken where nobody gave a joint stiffness; said in the notes.
+ASSUMED_STIFFNESS = 1.0e4
+
+
+def pose_of(model: PoseModel) -> Array:
+    """4x4 pose of a {xyz, rpy} entry."""
+    return se3.from_roll_pitch_yaw(model.xyz, model.rpy)
+
+
+def model_path(model: str, beside: Path | None) -> Path:
+    """File of a `model:` entry: a path relative to the mechanism file, or an example robot."""
+    candidate = Path(model).expanduser()
+    if beside is not None and not candidate.is_absolute():
+        candidate = beside / candidate
+    if candidate.suffix.lower() in (".urdf", ".xml", ".mjcf") or candidate.is_file():
+        return candidate
+    return example_robot(model)
+
+
+def default_frame(model: Any) -> tuple[str, str]:
+    """Leaf frame at the end of the longest chain, and the words that say so."""
+    supports = {j: len(model.supports[j]) - 1 for j in range(model.njoints)}
+    bodies = [f for f in model.frames if f.type in (pin.FrameType.BODY, pin.FrameType.OP_FRAME)]
+    longest = max((supports[int(f.parentJoint)] for f in bodies), default=0)
+    if longest == 0:
+        raise InputError("robot has no movable joints")
+    ends = [f for f in bodies if supports[int(f.parentJoint)] == longest]
+    # Among the frames on the last joint, the one deepest in the file's tree of fixed joints.
+    joint = int(ends[0].parentJoint)
+    same = [f for f in ends if int(f.parentJoint) == joint]
+    names = [f.name for f in same]
+    chosen = same[-1]
+    others = ", ".join(n for n in names if n != chosen.name) or "none"
+    return chosen.name, (
+        f"no frame was named: {chosen.name!r} is taken, a frame at the end of the longest chain "
+        f"({longest} joints); others on the same link: {others}"
+    )
+
+
+def springs_of(
+    springs: Mapping[str, JointSpringModel],
+    passive: Sequence[str],
+    tree: KinematicTree,
+    description: RobotDescription | None,
+    where: str,
+    *,
+    virtual: Sequence[str] = (),
+    actuated: Sequence[str] | None = None,
+) -> tuple[JointSprings, list[Note]]:
+    """Joint springs of a file's entries; what is not given comes from MJCF or is assumed.
+
+    In a closed chain (`actuated` is a sequence) joints that are not named are passive; virtual
+    joints of flexible links always are.
+    """
+    names = [c.name for c in tree.coordinates]
+    if actuated is not None:
+        moved = set(springs) or set(actuated) or set(names)
+        passive = [*passive, *(n for n in names if n not in moved and n not in passive)]
+    passive = [*passive, *(n for n in virtual if n not in passive)]
+    for given, key in ((springs, "springs"), (passive, "passive")):
+        for name in given:
+            if name not in names:
+                raise UnknownNameError("joint", name, names, where=f"{where}, key {key}")
+    both = set(springs) & set(passive)
+    if both:
+        raise InputError(f"joint {min(both)!r} is passive and has a spring", where=where)
+    stiffness, rest = np.zeros(len(names)), np.full(len(names), np.nan)
+    laws: dict[int, SpringLaw] = {}
+    assumed: list[str] = []
+    facts = description.mjcf.joints if description and description.mjcf else {}
+    in_file = {name: f for name, f in facts.items() if f.stiffness > 0 and name in names}
+    for j, name in enumerate(names):
+        entry = springs.get(name)
+        if entry is not None:
+            if entry.rest is not None:
+                rest[j] = entry.rest
+            if entry.stiffness is not None:
+                stiffness[j] = entry.stiffness
+            elif entry.polynomial is not None:
+                laws[j] = PolynomialLaw(tuple(entry.polynomial))
+            elif entry.table is not None:
+                x, y = np.array(entry.table).T
+                laws[j] = TabulatedLaw(tuple(x.tolist()), tuple(y.tolist()))
+            if stiffness[j] == 0.0 and j not in laws:
+                rest[j] = 0.0 if entry.rest is None else entry.rest
+        elif name in in_file:
+            stiffness[j], rest[j] = in_file[name].stiffness, in_file[name].rest
+        elif name in passive:
+            rest[j] = 0.0
+        elif springs or in_file or passive:
+            if springs:
+                raise InputError(
+                    f"joint {name!r} has no spring",
+                    where=where,
+                    expected="an entry under springs, passive or locked",
+                )
+            rest[j] = 0.0  # MJCF with springs in some joints: the others are free
+        else:
+            stiffness[j] = ASSUMED_STIFFNESS
+            assumed.append(name)
+    notes = []
+    if assumed:
+        notes.append(
+            Note(
+                "stiffness-assumed",
+                f"no joint stiffness was given: {ASSUMED_STIFFNESS:g} N m/rad (N/m for prismatic "
+                "joints) is taken for every joint and says nothing about the real robot",
+                {"stiffness": ASSUMED_STIFFNESS, "joints": assumed},
+            )
+        )
+    return JointSprings(stiffness, rest, laws), notes
+
+
+def add_payload(tree: KinematicTree, chain: Chain, payload: PayloadModel | None) -> None:
+    """Hang a point mass on the body frame."""
+    if payload is not None and payload.mass > 0 and chain.body.joint > 0:
+        centre = chain.body.T_j_f @ np.append(payload.com, 1.0)
+        inertia = pin.Inertia(payload.mass, centre[:3], np.zeros((3, 3)))
+        tree.model.appendBodyToJoint(chain.body.joint, inertia, pin.SE3.Identity())
+
+
+def gravity_of(gravity: Sequence[float] | None) -> Array | None:
+    """Acceleration, or None where it is absent or zero."""
+    return None if gravity is None or not any(gravity) else se3.read_only(gravity)
+
+
+def put_together(
+    file: SerialFile | ParallelFile | ClosedChainFile, name: str, chain: Chain, q: Array,
+    springs: JointSprings, soft: Sequence[Potential], notes: Sequence[Note],
+) -> ElasticMechanism:  # fmt: skip
+    """A chain with its springs, soft links, and what else the file puts on it."""
+    potentials = (*soft, *_extra_lines(file.lines, chain, q))
+    gravity = gravity_of(file.gravity)
+    return ElasticMechanism(name, chain, q, springs, potentials, gravity, tuple(notes))
+
+
+def ignored_parts(description: RobotDescription) -> list[Note]:
+    """What a file's reader leaves out."""
+    if not (description.mjcf and description.mjcf.ignored):
+        return []
+    ignored = ", ".join(description.mjcf.ignored)
+    return [Note("ignored", f"the MJCF file's {ignored} play no part", {})]
+
+
+def joint_indices(model: Any, names: Mapping[str, float], where: str) -> dict[int, float]:
+    """Pinocchio's indices of named joints."""
+    known = list(model.names)[1:]
+    found = {}
+    for name, value in names.items():
+        if name not in known:
+            raise UnknownNameError("joint", name, known, where=where)
+        found[known.index(name) + 1] = value
+    return found
+
+
+def _spring_place(entry: FlexibleModel) -> Array:
+    place = pose_of(entry.offset)
+    if entry.beam is not None:
+        place = place @ se3.pose(translation=(entry.beam.length, 0.0, 0.0))
+    return place
+
+
+def link_springs(
+    flexible: Mapping[str, FlexibleModel], tree: KinematicTree, where: str, prefix: str = ""
+) -> list[CoupledSprings]:
+    """Springs over the virtual joints of flexible links."""
+    names = [c.name for c in tree.coordinates]
+    springs = []
+    for link, entry in flexible.items():
+        if entry.beam is not None:
+            K = beam_stiffness(**entry.beam.model_dump())
+        else:
+            K = np.array(entry.stiffness, float)
+            if np.abs(K - K.T).max() > 1e-9 * np.abs(K).max():
+                raise InputError(
+                    "stiffness of a link must be symmetric", where=f"{where}, flexible {link}"
+                )
+        indices = np.array([names.index(f"{prefix}{link}.{suffix}") for suffix, _ in VIRTUAL])
+        springs.append(CoupledSprings(indices, K[se3.SWAP][:, se3.SWAP]))
+    return springs
+
+
+def _extra_lines(lines: Sequence[LineModel], mechanism: Chain, q: Array) -> list[LineSprings]:
+    """Line springs and cables between points of named frames."""
+    found = []
+    for line in lines:
+        a, b = line.frames
+        T, _ = mechanism.at(q).relative(a, b)
+        ends = np.array([line.points[0]], float), np.array([line.points[1]], float)
+        try:
+            length = float(line_geometry(T, *ends).lengths[0])
+        except UndefinedError:
+            raise InputError(f"the line between {a!r} and {b!r} has zero length at q") from None
+        rest = line.rest_length
+        if rest is None:
+            rest = length - (line.preload or 0.0) / line.stiffness
+        found.append(
+            LineSprings(
+                frame_a=a,
+                frame_b=b,
+                anchors=ends[0],
+                points=ends[1],
+                stiffness=np.array([line.stiffness]),
+                rest_length=np.array([rest]),
+                unilateral=line.unilateral,
+            )
+        )
+    return found
+
+
+def tree_to(
+    description: RobotDescription,
+    frames: Sequence[str] | None,
+    locked: Mapping[str, float],
+    where: str,
+    notes: list[Note],
+    flexible: Mapping[str, FlexibleModel] | None = None,
+) -> KinematicTree:
+    """Plain tree of the joints that move some frames (all joints if None), mimics resolved."""
+    model = description.model
+    fixed = joint_indices(model, locked, f"{where}, key locked")
+    if frames is None:
+        keep = set(range(1, model.njoints))
+    else:
+        keep = set()
+        for name in frames:
+            frame = next(f for f in model.frames if f.name == name)
+            keep |= {int(j) for j in model.supports[int(frame.parentJoint)]} - {0}
+    names = list(model.names)
+    follows = {}
+    for follower, mimic in description.mimics.items():
+        index = names.index(follower) if follower in names else 0
+        leader, factor, offset = mimic.leader, mimic.multiplier, mimic.offset
+        while leader in description.mimics:
+            nested = description.mimics[leader]
+            leader, factor, offset = (
+                nested.leader,
+                factor * nested.multiplier,
+                offset + factor * nested.offset,
+            )
+        if index not in keep or index in fixed:
+            continue
+        if leader not in names:
+            notes.append(
+                Note(
+                    "mimic-ignored",
+                    f"joint {follower!r} mimics {leader!r}, which does not exist: it is taken as a "
+                    "joint of its own",
+                )
+            )
+            continue
+        follows[follower] = (leader, factor, offset)
+        keep.add(names.index(leader))
+    for follower, (leader, factor, offset) in list(follows.items()):
+        index = names.index(leader)
+        if index in fixed:  # a locked leader locks its followers
+            fixed[names.index(follower)] = factor * fixed[index] + offset
+            del follows[follower]
+    parts = description.mjcf.body_joints.values() if description.mjcf else ()
+    composite = {f"Composite_{p[0]}": p for p in parts if len(p) > 1}
+    soft = {name: _spring_place(entry) for name, entry in (flexible or {}).items()}
+    tree = plain_tree(model, keep, fixed, composite, soft)
+    if not follows:
+        return tree
+    all_names = [c.name for c in tree.coordinates]
+    free = [c for c in tree.coordinates if c.name not in follows]
+    matrix, offsets = np.zeros((len(all_names), len(free))), np.zeros(len(all_names))
+    for i, name in enumerate(all_names):
+        leader, factor, offset = follows.get(name, (name, 1.0, 0.0))
+        matrix[i, [c.name for c in free].index(leader)] = factor
+        offsets[i] = offset
+    return KinematicTree(tree.model, tuple(free), tree.frames, matrix, offsets)
+
+
+def default_posture(tree: KinematicTree, given: Mapping[str, float], where: str) -> Array:
+    """Given positions, the others at zero, or in the middle of limits that exclude zero."""
+    names = [c.name for c in tree.coordinates]
+    q = np.array(
+        [
+            0.0 if c.lower <= 0 <= c.upper else float(np.clip(0.5 * (c.lower + c.upper), -1e9, 1e9))
+            for c in tree.coordinates
+        ]
+    )
+    for name, value in given.items():
+        if name not in names:
+            raise UnknownNameError("joint", name, names, where=f"{where}, key q")
+        q[names.index(name)] = value
+    return q

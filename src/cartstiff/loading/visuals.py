@@ -1,0 +1,306 @@
+"""What the links of a robot look like, as its URDF or MJCF file says.
+
+The file's visual geometry is read by Pinocchio and hung on the frames of the plain tree by name, so
+that it follows whatever joints are left there. A mesh file that is missing is named, not fatal.
+"""
+
+from __future__ import annotations
+
+import copy
+import os
+import tempfile
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from cartstiff.errors import CartstiffError, one_line
+from cartstiff.geometry.se3 import Array
+from cartstiff.loading.mjcf import ROOT, merged_worldbody
+from cartstiff.loading.robot_description import parse_xml, quiet
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.tree import Placement
+
+__all__ = ["Box", "Capsule", "Cylinder", "MeshFile", "Shape", "Sphere", "Visual", "visuals"]
+
+
+@dataclass(frozen=True)
+class MeshFile:
+    """A mesh in a file, scaled along its axes."""
+
+    path: Path
+    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box with full side lengths along x, y, z."""
+
+    sides: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A cylinder along z, centred."""
+
+    radius: float
+    length: float
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """A cylinder along z with hemispheres on both ends, centred."""
+
+    radius: float
+    length: float
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A sphere (an ellipsoid, if its three radii differ)."""
+
+    radii: tuple[float, float, float]
+
+
+Shape = MeshFile | Box | Cylinder | Capsule | Sphere
+
+
+@dataclass(frozen=True, eq=False)
+class Visual:
+    """One piece of a link's picture.
+
+    Attributes
+    ----------
+    link : str
+        The link's name in its file.
+    at : Placement
+        Joint of the plain tree that carries it, and its pose there.
+    shape : MeshFile, Box, Cylinder, Capsule or Sphere
+        In the length unit of the file.
+    colour : tuple of 4 floats, or None
+        Red, green, blue, opacity in [0, 1]; None where the file leaves it to the mesh.
+    """
+
+    link: str
+    at: Placement
+    shape: Shape
+    colour: tuple[float, float, float, float] | None
+
+
+def visuals(chain: Chain) -> tuple[list[Visual], list[str]]:
+    """Pictures of a chain's links, and in words what is missing.
+
+    Parameters
+    ----------
+    chain : Chain
+        With `descriptions`; without any there is nothing to show.
+
+    Returns
+    -------
+    list of Visual
+        Every piece whose geometry exists.
+    list of str
+        One sentence for each thing that cannot be shown.
+    """
+    found: list[Visual] = []
+    missing: list[str] = []
+    for description in chain.descriptions:
+        try:
+            pieces, words = _pieces(description.path)
+        except (CartstiffError, OSError) as error:
+            missing.append(f"no picture of {description.path.name}: {error}")
+            continue
+        missing += [w for w in words if w not in missing]
+        for link, T_l_v, shape, colour in pieces:
+            at = chain.tree.frames.get(description.prefix + link)
+            if at is not None:
+                placement = Placement(at.joint, at.T_j_f @ T_l_v)
+                found.append(Visual(description.prefix + link, placement, shape, colour))
+    return found, missing
+
+
+_Piece = tuple[str, Array, Shape, tuple[float, float, float, float] | None]
+
+
+def _pieces(path: Path) -> tuple[list[_Piece], list[str]]:
+    root = parse_xml(path)
+    files: dict[str, MeshFile] = {}
+    if root.tag == "robot":
+        files, missing = _resolve_urdf(root, path)
+        text = ET.tostring(root, encoding="unicode")
+        with quiet():
+            try:
+                model = pin.buildModelFromXML(text)
+                geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.VISUAL)
+            except Exception as error:
+                return [], [f"no picture of {path.name}: {one_line(str(error))}"]
+    else:
+        missing = _resolve_mjcf(root, path)
+        try:
+            model, geometry = _read_mjcf(root)
+        except Exception as error:
+            return [], [f"no picture of {path.name}: {one_line(str(error))}"]
+    pieces = []
+    for piece in geometry.geometryObjects:
+        frame = model.frames[int(piece.parentFrame)]
+        T = frame.placement.inverse() * piece.placement
+        shape = files.get(piece.name) or _shape(piece)
+        if shape is None:
+            missing.append(f"link {frame.name}: a shape of {path.name} that cannot be shown")
+            continue
+        colour = None
+        if not isinstance(shape, MeshFile) or piece.overrideMaterial or root.tag != "robot":
+            r, g, b, a = (float(np.clip(x, 0.0, 1.0)) for x in piece.meshColor)
+            colour = (r, g, b, a)
+        pieces.append((frame.name, np.array(T.homogeneous), shape, colour))
+    return pieces, missing
+
+
+def _resolve_urdf(root: ET.Element, path: Path) -> tuple[dict[str, MeshFile], list[str]]:
+    """Leave links with their visuals on fixed joints; drop visuals whose mesh file is missing.
+
+    Only the pose of a visual in its link is wanted, so that no joint has to move. Balls stand for
+    meshes, which Pinocchio would read whole and prepare for collisions: returned by the name that
+    Pinocchio will give them, link and number.
+    """
+    files: dict[str, MeshFile] = {}
+    missing = []
+    for link in root.findall("link"):
+        count = 0
+        for child in list(link):
+            if child.tag != "visual":
+                link.remove(child)
+                continue
+            geometry = child.find("geometry")
+            mesh = None if geometry is None else geometry.find("mesh")
+            if geometry is not None and mesh is not None:
+                name = mesh.get("filename", "")
+                file = _mesh_file(name, path)
+                if file is None:
+                    link.remove(child)
+                    missing.append(f"link {link.get('name')}: mesh {one_line(name)} is missing")
+                    continue
+                files[f"{link.get('name')}_{count}"] = MeshFile(file, _scale(mesh))
+                geometry.remove(mesh)
+                ET.SubElement(geometry, "sphere", radius="1")
+            count += 1
+    for element in list(root):
+        if element.tag not in ("link", "joint", "material"):
+            root.remove(element)
+    for joint in root.findall("joint"):
+        joint.set("type", "fixed")
+        for child in list(joint):
+            if child.tag not in ("parent", "child", "origin"):
+                joint.remove(child)
+    return files, missing
+
+
+def _scale(mesh: ET.Element) -> tuple[float, float, float]:
+    try:
+        x, y, z = (float(part) for part in mesh.get("scale", "1 1 1").split())
+    except ValueError:
+        return 1.0, 1.0, 1.0
+    return x, y, z
+
+
+def _mesh_file(name: str, path: Path) -> Path | None:
+    """File that a mesh's name means: package://, file://, absolute, or beside the URDF."""
+    scheme, found, rest = name.partition("://")
+    places: list[Path]
+    if found and scheme in ("package", "model"):
+        searched = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
+        above = list(path.resolve().parents)
+        rest = rest.lstrip("/")
+        # A package is a folder above the file, or stands beside one of them.
+        places = [p / rest for p in [*above, *(Path(s) for s in searched if s)]]
+    elif found and scheme == "file":
+        places = [Path(rest)]
+    elif found:
+        places = []
+    else:
+        places = [path.resolve().parent / name]
+    return next((p for p in places if p.is_file()), None)
+
+
+def _resolve_mjcf(root: ET.Element, path: Path) -> list[str]:
+    """Leave bodies, geoms and meshes; name mesh files, drop geoms whose mesh is missing."""
+    for tag in ("equality", "tendon", "actuator", "sensor", "keyframe", "contact", "custom"):
+        for element in root.findall(tag):
+            root.remove(element)
+    folder = path.resolve().parent
+    meshes = folder
+    for compiler in root.findall("compiler"):
+        where = compiler.get("meshdir", compiler.get("assetdir"))
+        meshes = folder / where if where else meshes
+        for key in ("meshdir", "assetdir", "texturedir"):
+            compiler.attrib.pop(key, None)
+    lost: dict[str, str] = {}
+    missing = []
+    for asset in root.findall("asset"):
+        for child in list(asset):
+            if child.tag in ("texture", "hfield"):
+                asset.remove(child)
+            elif child.tag == "material":
+                child.attrib.pop("texture", None)
+            elif child.tag == "mesh":
+                file = meshes / child.get("file", "-")
+                child.set("name", child.get("name", file.stem))
+                if file.is_file():
+                    child.set("file", str(file))
+                else:
+                    asset.remove(child)
+                    lost[child.get("name", "")] = one_line(file.name)
+    worldbody = merged_worldbody(root)
+    if worldbody is not None:
+        for body in worldbody.iter():
+            for geom in body.findall("geom"):
+                mesh = geom.get("mesh", "")
+                if mesh in lost or geom.get("type") in ("plane", "hfield"):
+                    body.remove(geom)
+                if mesh in lost:
+                    missing.append(f"body {body.get('name')}: mesh {lost[mesh]} is missing")
+        wrapper = ET.Element("body", name=ROOT)
+        for child in list(worldbody):
+            worldbody.remove(child)
+            if child.tag in ("body", "geom"):
+                wrapper.append(copy.deepcopy(child))
+        worldbody.append(wrapper)
+    return missing
+
+
+def _read_mjcf(root: ET.Element) -> tuple[Any, Any]:
+    handle, name = tempfile.mkstemp(suffix=".xml", prefix="cartstiff-")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            ET.ElementTree(root).write(file)
+        with quiet():
+            model = pin.buildModelFromMJCF(name)
+            # What collides is drawn where nothing is marked as visual only.
+            for kind in (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION):
+                geometry = pin.buildGeomFromMJCF(model, name, kind)
+                if geometry.ngeoms:
+                    break
+    finally:
+        Path(name).unlink(missing_ok=True)
+    return model, geometry
+
+
+_SHAPES: dict[str, Callable[[Any], Shape]] = {
+    "Box": lambda g: Box(tuple(2.0 * float(x) for x in g.halfSide)),  # type: ignore[arg-type]
+    "Cylinder": lambda g: Cylinder(float(g.radius), 2.0 * float(g.halfLength)),
+    "Capsule": lambda g: Capsule(float(g.radius), 2.0 * float(g.halfLength)),
+    "Sphere": lambda g: Sphere((float(g.radius),) * 3),
+    "Ellipsoid": lambda g: Sphere(tuple(float(x) for x in g.radii)),  # type: ignore[arg-type]
+}
+
+
+def _shape(piece: Any) -> Shape | None:
+    if piece.meshPath and Path(piece.meshPath).is_file():
+        x, y, z = (float(s) for s in piece.meshScale)
+        return MeshFile(Path(piece.meshPath), (x, y, z))
+    make = _SHAPES.get(type(piece.geometry).__name__)
+    return None if make is None else make(piece.geometry)

@@ -1,0 +1,1 @@
+"""Many postures at once: formulas recorded once, run as machine code or over arrays."""

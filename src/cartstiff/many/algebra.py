@@ -1,0 +1,275 @@
+r"""Linear algebra on small arrays of recording numbers (object arrays, or floats).
+
+Elimination would need pivots chosen posture by posture. Householder reflections need none, lose no
+digits whatever the order of rows and columns, and do not care how the columns are scaled. Sums that
+make up a row grow side by side, so that none of them waits for itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cartstiff.geometry.se3 import Array
+from cartstiff.many.tape import Number, Scalar, absolute, copysign, larger, pick, square_root
+
+__all__ = ["Reflections", "congruence", "cross", "inverse", "is_zero", "largest", "norm_squared",
+           "positive_factor", "product", "reflections", "skew", "solution", "symmetric_product",
+           "upper_inverse", "zeros"]  # fmt: skip
+
+
+def zeros(*shape: int) -> Array:
+    """Array of zeros that can hold numbers of a tape."""
+    return np.full(shape, 0.0, object)
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Cross product of two vectors."""
+    found = np.empty(3, object)
+    found[:] = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    return found
+
+
+def skew(a: Array) -> Array:
+    """Cross-product matrix."""
+    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]], object)
+
+
+def norm_squared(a: Array) -> Scalar:
+    """Sum of the squares of all entries."""
+    flat = np.ravel(a)
+    return flat @ flat
+
+
+def is_zero(x: Scalar) -> bool:
+    """Whether a number is zero whatever the inputs are."""
+    return not isinstance(x, Number) and x == 0
+
+
+def product(left: Array, right: Array) -> Array:
+    """``left right``."""
+    found = zeros(len(left), right.shape[1])
+    for i, row in enumerate(left):
+        for a, x in enumerate(row):
+            found[i] = found[i] + right[a] * x
+    return found
+
+
+def symmetric_product(columns: Iterable[Array], rows: Array, base: Array) -> Array:
+    """``base + left^T rows`` where that is symmetric: its upper triangle, mirrored.
+
+    Columns of `left` are asked for one by one, so that they may be computed when they are needed.
+    """
+    found = base.copy()
+    for i, column in enumerate(columns):
+        row = found[i, i:]
+        for a, x in enumerate(column):
+            row = row + rows[a, i:] * x
+        found[i, i:] = found[i:, i] = row
+    return found
+
+
+def congruence(left: Array, middle: Array) -> Array:
+    """``left^T middle left`` for a symmetric middle."""
+    n = left.shape[1]
+    return symmetric_product((middle @ column for column in left.T), left, zeros(n, n))
+
+
+class Reflections(NamedTuple):
+    """M = Q R: vectors v and factors b of the reflections I - b v v^T, first to last, and R."""
+
+    vectors: list[Array]
+    factors: list[Any]
+    R: Array
+
+    def apply(self, columns: Array) -> Array:
+        """``Q columns``."""
+        return self._through(columns, range(len(self.vectors) - 1, -1, -1))
+
+    def apply_transposed(self, columns: Array) -> Array:
+        """``Q^T columns``."""
+        return self._through(columns, range(len(self.vectors)))
+
+    def _through(self, columns: Array, order: range) -> Array:
+        found = columns.astype(object)
+        for k in order:
+            v = self.vectors[k]
+            found[k:] = found[k:] - _times(v, (v @ found[k:]) * self.factors[k])
+        return found
+
+    def conjugate(self, symmetric: Array) -> Array:
+        """``Q^T symmetric Q``, by updates of rank two."""
+        n = len(symmetric)
+        found = symmetric.astype(object)
+        for k, (v, factor) in enumerate(zip(self.vectors, self.factors, strict=True)):
+            p = (found[:, k:] @ v) * factor
+            p[k:] = p[k:] - v * ((v @ p[k:]) * factor * 0.5)
+            for i in range(n):
+                for j in range(max(i, k), n):
+                    change = p[i] * v[j - k]
+                    if i >= k:
+                        change = change + v[i - k] * p[j]
+                    found[i, j] = found[j, i] = found[i, j] - change
+        return found
+
+
+def _times(v: Array, row: Array) -> Array:
+    return v * row if np.ndim(row) == 0 else np.outer(v, row)
+
+
+def reflections(matrix: Array) -> Reflections:
+    """Householder decomposition of a matrix (n, m), n not less than m."""
+    work = matrix.astype(object)
+    n, m = work.shape
+    vectors, factors = [], []
+    for k in range(min(m, n - 1)):
+        x = work[k:, k].copy()
+        size = copysign(square_root(norm_squared(x)), x[0])
+        x[0] = x[0] + size
+        factor = 1.0 / (size * x[0])
+        work[k, k] = -size
+        work[k + 1 :, k] = 0.0
+        if k + 1 < m:
+            row = (x @ work[k:, k + 1 :]) * factor
+            work[k:, k + 1 :] = work[k:, k + 1 :] - np.outer(x, row)
+        vectors.append(x)
+        factors.append(factor)
+    return Reflections(vectors, factors, work[:m])
+
+
+def upper_inverse(R: Array) -> Array:
+    """Inverse of an upper triangular matrix."""
+    n = len(R)
+    found = zeros(n, n)
+    for j in range(n):
+        found[j, j] = 1.0 / R[j, j]
+    for j in range(n):
+        for i in range(j - 1, -1, -1):
+            found[i, j] = -((R[i, i + 1 : j + 1] @ found[i + 1 : j + 1, j]) * found[i, i])
+    return found
+
+
+def inverse(matrix: Array) -> Array:
+    """Inverse of any matrix."""
+    return solution(matrix, np.eye(len(matrix)))
+
+
+def solution(matrix: Array, right: Array) -> Array:
+    """``matrix^-1 right`` of a square matrix, with no work on what is zero in every posture.
+
+    Each step takes the column with fewest entries that vary and reflects the rows where it has any.
+    A column of constants is eliminated instead, its pivot being known; and two columns that have
+    entries in the same two rows only are solved for by Cramer's rule, which needs no pivots either.
+    What has no inverse in any posture gives numbers that are none.
+    """
+    n = len(matrix)
+    nowhere: Scalar = math.nan
+    for x in np.ravel(matrix):
+        if isinstance(x, Number):
+            nowhere = pick(x, x, 0.0, math.nan)
+    work = np.concatenate([matrix, right], axis=1).astype(object)
+    rows, columns = list(range(n)), list(range(n))
+    steps: list[tuple[list[int], list[int], Array]] = []
+
+    def filled(column: int) -> list[int]:
+        return [i for i in rows if not is_zero(work[i, column])]
+
+    def alike(column: int) -> list[int]:
+        return [c for c in columns if filled(c) == filled(column)]
+
+    def entries(column: int) -> tuple[int, int, int]:
+        found = work[filled(column), column]
+        return sum(isinstance(x, Number) for x in found), len(found), -len(alike(column))
+
+    while columns:
+        column = min(columns, key=entries)
+        taken, inner = filled(column), alike(column)
+        if len(taken) == len(inner) == 2:
+            block = _inverse_of_two(work[np.ix_(taken, inner)], nowhere)
+        else:
+            inner = [column]
+            others = [*(c for c in columns if c != column), *range(n, work.shape[1])]
+            row, one = _cleared(work, taken, column, others) if taken else (rows[0], nowhere)
+            taken, block = [row], np.array([[one]], object)
+        steps.append((taken, inner, block))
+        rows = [i for i in rows if i not in taken]
+        columns = [c for c in columns if c not in inner]
+    found = zeros(n, right.shape[1])
+    known: list[int] = []
+    for taken, inner, block in reversed(steps):
+        rest = work[taken, n:]
+        for column in known:
+            rest = rest - np.outer(work[taken, column], found[column])
+        found[inner] = product(block, rest)
+        known += inner
+    return found
+
+
+def _inverse_of_two(matrix: Array, nowhere: Scalar) -> Array:
+    """Inverse of a matrix (2, 2); made of `nowhere` if it has none in any posture."""
+    (a, b), (c, d) = matrix
+    determinant = a * d - b * c
+    one = nowhere if is_zero(determinant) else 1.0 / determinant
+    return np.array([[d * one, -(b * one)], [-(c * one), a * one]], object)
+
+
+def _cleared(work: Array, filled: list[int], column: int, others: list[int]) -> tuple[int, Scalar]:
+    """Clear a column in all rows but one; which that is, and one over what stays there."""
+    x = work[filled, column]
+    if not any(isinstance(entry, Number) for entry in x):
+        at = int(np.argmax(np.abs(x.astype(float))))
+        row, reciprocal = filled[at], 1.0 / x[at]
+        for i, entry in zip(filled, x, strict=True):
+            if i != row:
+                work[i, others] = work[i, others] - work[row, others] * (entry * reciprocal)
+        return row, reciprocal
+    if len(filled) == 1:
+        return filled[0], 1.0 / x[0]
+    if len(filled) == 2:
+        row, other = filled
+        reciprocal = 1.0 / square_root(norm_squared(x))
+        c, s = x * reciprocal
+        first, second = work[row, others], work[other, others]
+        work[row, others] = first * c + second * s
+        work[other, others] = second * c - first * s
+        return row, reciprocal
+    # I - b v v^T with v = (1, ...): one division serves 1 / size, 1 / top and b = top / size.
+    size = copysign(square_root(norm_squared(x)), x[0])
+    top = x[0] + size
+    common = 1.0 / (size * top)
+    v = x * (common * size)
+    v[0] = 1.0
+    reciprocal = common * top
+    block = np.ix_(filled, others)
+    work[block] = work[block] - np.outer(v, product((v * (top * reciprocal))[None], work[block])[0])
+    return filled[0], -reciprocal
+
+
+def positive_factor(matrix: Array) -> tuple[Array, Array, Scalar]:
+    """L (unit lower), 1 / d and the least d of ``matrix = L diag(d) L^T``, symmetric."""
+    n = len(matrix)
+    L, inverses, pivots = zeros(n, n), zeros(n), zeros(n)
+    for j in range(n):
+        scaled = L[j, :j] * pivots[:j]
+        pivots[j] = matrix[j, j] - (scaled @ L[j, :j] if j else 0.0)
+        inverses[j] = 1.0 / pivots[j]
+        L[j, j] = 1.0
+        for i in range(j + 1, n):
+            rest = matrix[i, j] - (L[i, :j] @ scaled if j else 0.0)
+            L[i, j] = rest * inverses[j]
+    least = pivots[0]
+    for pivot in pivots[1:]:
+        least = -larger(-least, -pivot)
+    return L, inverses, least
+
+
+def largest(values: Array) -> Scalar:
+    """Largest absolute value."""
+    flat = np.ravel(values)
+    found = absolute(flat[0])
+    for value in flat[1:]:
+        found = larger(found, absolute(value))
+    return found

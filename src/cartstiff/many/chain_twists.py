@@ -1,0 +1,225 @@
+r"""A serial chain on recording numbers: its geometry, and its joints' twists in a joint's frame.
+
+Two walks, outward and inward, start at the frame of a joint with nothing but constants. The axes
+beside it are constant, the next ones depend on one angle each: what is zero whatever the posture
+is never computed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from cartstiff.geometry.se3 import Array
+from cartstiff.many.algebra import cross, zeros
+from cartstiff.many.tape import cosine, sine
+
+__all__ = ["ChainConstants", "ChainKinematics", "Field"]
+
+#: Entries of a rotation this near to 0 or 1 are that: they are known to rounding only.
+_ROUNDED = 4e-16
+
+
+@dataclass(frozen=True)
+class Field:
+    """Where a constant vector in F acts: gravity on masses, or a dead force on a point.
+
+    Attributes
+    ----------
+    weights : factor of the vector for each joint's body; a mass, or 1.
+    points : where it acts, in the joints' frames (joints, 3).
+    """
+
+    weights: tuple[float, ...]
+    points: tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True)
+class ChainConstants:
+    """Geometry of a chain as plain numbers; tuples, so that it can be a key.
+
+    Attributes
+    ----------
+    placements : ``T_parent_joint`` (joints, 4, 4), flat.
+    screws : twists of the joints in their own frames (joints, 6), flat.
+    body : ``T_last_M`` (4, 4), flat.
+    mimic, offset : joint positions are ``mimic q + offset``; None where they are q.
+    is_length : which coordinates are distances.
+    """
+
+    placements: tuple[float, ...]
+    screws: tuple[float, ...]
+    body: tuple[float, ...]
+    mimic: tuple[float, ...] | None
+    offset: tuple[float, ...] | None
+    is_length: tuple[bool, ...]
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:  # every call looks a kernel up by it
+        return hash((self.placements, self.screws, self.body))
+
+
+class _Links:
+    """The links of a chain with frames turned so that every axis is z, and their joints.
+
+    The last of the placements is that of the body.
+    """
+
+    def __init__(self, constants: ChainConstants, position: Array) -> None:
+        placements = np.reshape([*constants.placements, *constants.body], (-1, 4, 4))
+        screws = np.reshape(constants.screws, (-1, 6))
+        self.turning = [bool(np.any(screw[:3])) for screw in screws]
+        self.pitches, self.turns = list[float](), list[Array]()
+        for screw, turning in zip(screws, self.turning, strict=True):
+            axis = screw[:3] if turning else screw[3:]
+            self.pitches.append(float(axis @ screw[3:]) if turning else 0.0)
+            self.turns.append(_turn(axis))
+        self.placements = []
+        turns = [np.eye(3), *self.turns, np.eye(3)]
+        for T, before, after in zip(placements, turns[:-1], turns[1:], strict=True):
+            turned = np.eye(4)
+            turned[:3, :3] = _snapped(before.T @ T[:3, :3] @ after)
+            turned[:3, 3] = before.T @ T[:3, 3]
+            self.placements.append(turned)
+        self.position = position
+        # All at once: they are found side by side.
+        self.sines = [sine(x) if t else 0.0 for x, t in zip(position, self.turning, strict=True)]
+        self.cosines = [
+            cosine(x) if t else 1.0 for x, t in zip(position, self.turning, strict=True)
+        ]
+        self.lengths = [float(np.linalg.norm(T[:3, 3])) for T in placements]
+
+
+def _turn(axis: Array) -> Array:
+    """Rotation that takes z to `axis`; a permutation where that is possible."""
+    for shift, unit in enumerate(np.eye(3)):
+        if np.array_equal(axis, unit):
+            return np.roll(np.eye(3), shift + 1, axis=0)
+    u, _, vt = np.linalg.svd(axis[:, None])
+    turn = np.column_stack([u[:, 1], u[:, 2], u[:, 0] * vt[0, 0]])
+    if np.linalg.det(turn) < 0:
+        turn[:, 0] *= -1
+    return turn
+
+
+def _snapped(rotation: Array) -> Array:
+    for value in (-1.0, 0.0, 1.0):
+        rotation = np.where(np.abs(rotation - value) <= _ROUNDED, value, rotation)
+    return rotation
+
+
+class _Walk:
+    """A walk along a chain: pose of the frame that it has reached in the one where it began."""
+
+    def __init__(self, links: _Links) -> None:
+        self.links = links
+        self.R, self.p = np.eye(3).astype(object), zeros(3)
+
+    def twist(self, joint: int) -> Array:
+        """Unit twist of a joint whose frame is reached, before or behind its motion."""
+        axis = self.R[:, 2]
+        if not self.links.turning[joint]:
+            return np.concatenate([zeros(3), axis])
+        return np.concatenate([axis, cross(self.p, axis) + axis * self.links.pitches[joint]])
+
+    def move(self, joint: int, sign: float) -> None:
+        """Through the motion of a joint; with sign -1 back."""
+        links, axis = self.links, self.R[:, 2]
+        x = links.position[joint] * sign
+        if not links.turning[joint]:
+            self.p = self.p + axis * x
+            return
+        s, c = links.sines[joint] * sign, links.cosines[joint]
+        self.p = self.p + axis * (x * links.pitches[joint])
+        x_axis, y_axis = self.R[:, 0], self.R[:, 1]
+        self.R = np.column_stack([x_axis * c + y_axis * s, y_axis * c - x_axis * s, axis])
+
+    def outward(self, link: int) -> None:
+        """From a joint behind its motion to the frame placed on its link."""
+        T = self.links.placements[link]
+        self.p = self.p + self.R @ T[:3, 3]
+        self.R = self.R @ T[:3, :3]
+
+    def inward(self, link: int) -> None:
+        """Back from the frame placed on a link."""
+        T = self.links.placements[link]
+        self.R = self.R @ T[:3, :3].T
+        self.p = self.p - self.R @ T[:3, 3]
+
+
+class ChainKinematics:
+    """A chain in C, the frame of joint `middle` before its motion, or M where no joint is left.
+
+    Attributes
+    ----------
+    J, J_M : twists of the joints in C and in M (6, joints).
+    R_C_M, p_C_M, R_C_F, p_C_F : poses of M and F in C.
+    size, reach : longest way along the links to M, from F and from the first axis.
+    beyond : mass and first moment in C beyond each joint, for each field.
+    """
+
+    def __init__(
+        self, constants: ChainConstants, position: Array, fields: tuple[Field, ...], middle: int
+    ) -> None:
+        links = _Links(constants, position)
+        joints = len(links.turning)
+        self.size, self.reach = sum(links.lengths), sum(links.lengths[1:])
+        self.J, self.J_M = zeros(6, joints), zeros(6, joints)
+        centres = [zeros(joints, 3) for _ in fields]
+
+        def see(walk: _Walk, j: int) -> None:
+            for centre, field in zip(centres, fields, strict=True):
+                centre[j] = walk.R @ (links.turns[j].T @ np.array(field.points[j])) + walk.p
+
+        walk = _Walk(links)
+        for j in range(middle, joints):
+            self.J[:, j] = walk.twist(j)
+            walk.move(j, 1.0)
+            see(walk, j)
+            walk.outward(j + 1)
+        self.R_C_M, self.p_C_M = walk.R, walk.p
+        walk = _Walk(links)
+        for j in range(middle - 1, -1, -1):
+            walk.inward(j + 1)
+            see(walk, j)
+            self.J[:, j] = walk.twist(j)
+            walk.move(j, -1.0)
+        walk.inward(0)
+        self.R_C_F, self.p_C_F = walk.R, walk.p
+        # What is near the body is found from there with fewer operations.
+        walk = _Walk(links)
+        for j in range(joints - 1, middle - 1, -1):
+            walk.inward(j + 1)
+            self.J_M[:, j] = walk.twist(j)
+            walk.move(j, -1.0)
+        for j in range(middle):
+            axis = self.J[:3, j]
+            self.J_M[:3, j] = self.R_C_M.T @ axis
+            self.J_M[3:, j] = self.R_C_M.T @ (self.J[3:, j] + cross(axis, self.p_C_M))
+        self.beyond = []
+        for centre, field in zip(centres, fields, strict=True):
+            weights = np.array(field.weights)
+            first = centre * weights[:, None]
+            self.beyond.append((_sums_to_the_end(weights), _sums_to_the_end(first)))
+
+    def wrench(self, W: Array) -> Array:
+        """A wrench given in M, in C."""
+        force = self.R_C_M @ W[3:]
+        return np.concatenate([self.R_C_M @ W[:3] + cross(self.p_C_M, force), force])
+
+    def adjoint(self) -> Array:
+        """``Ad(T_C_M)``."""
+        found = zeros(6, 6)
+        found[:3, :3] = found[3:, 3:] = self.R_C_M
+        for i in range(3):
+            found[3:, i] = cross(self.p_C_M, self.R_C_M[:, i])
+        return found
+
+
+def _sums_to_the_end(rows: Array) -> Array:
+    return np.cumsum(rows[::-1], axis=0)[::-1]

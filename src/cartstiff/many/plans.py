@@ -1,0 +1,275 @@
+"""Which arithmetic serves a mechanism, and what it reads at run time."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from threading import Lock
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from cartstiff.geometry.se3 import Array
+from cartstiff.many.arithmetic import ENGINE, PLAIN
+from cartstiff.many.chain_arithmetic import ChainCase, chain_program
+from cartstiff.many.chain_twists import ChainConstants, Field
+from cartstiff.many.platform_arithmetic import PlatformCase, platform_program
+from cartstiff.many.tape import Program
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.contract import Mechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.platform import Platform
+from cartstiff.potentials.contract import Potential
+from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.potentials.loads import DeadForce
+from cartstiff.potentials.springs import CoupledSprings, JointSprings, SpringLaw
+
+__all__ = ["Case", "Plan", "plan", "program_for"]
+
+Case = ChainCase | PlatformCase
+
+#: Unsymmetric derivatives beyond this share of their largest entry are not those of an energy.
+_UNSYMMETRIC = 1e-12
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A case of the arithmetic with its inputs.
+
+    Attributes
+    ----------
+    case : ChainCase or PlatformCase
+        What the program is made for.
+    shared : dict of str to ndarray, shape (1, ...)
+        Inputs that are the same for all postures.
+    regular : str
+        State of the postures that the program deals with.
+    loose : tuple of Potential
+        Potentials that are evaluated posture by posture.
+    laws : dict of int to SpringLaw
+        Nonlinear joint springs.
+    """
+
+    case: Case
+    shared: dict[str, Array]
+    regular: str
+    elastic: ElasticMechanism
+    loose: tuple[Potential, ...] = ()
+    laws: Mapping[int, SpringLaw] = field(default_factory=dict)
+
+    def derivatives(self, q: Array) -> tuple[dict[str, Array], Array]:
+        """Energies, gradients, Hessians of loose potentials and laws; verdicts on the postures."""
+        N, n = q.shape
+        energies, gradients = np.zeros((N, 1)), np.zeros((N, n))
+        hessians, verdicts = np.zeros((N, n, n)), np.full(N, PLAIN)
+        for j, law in self.laws.items():
+            rest = float(self.shared["rest"][0, j])
+            for i, x in enumerate((q[:, j] - rest).tolist()):
+                energy, torque, stiffness = law.at(x)
+                energies[i] += energy
+                gradients[i, j] += torque
+                hessians[i, j, j] += stiffness
+        if self.loose:
+            for i in range(N):
+                posture = self.elastic.mechanism.at(q[i])
+                for potential in self.loose:
+                    try:
+                        found = potential.evaluate(posture)
+                    except (ArithmeticError, ValueError, RuntimeError):
+                        verdicts[i] = ENGINE
+                        break
+                    energies[i] += found.energy
+                    gradients[i] += found.gradient
+                    hessians[i] += found.hessian
+                H = hessians[i]
+                if np.abs(H - H.T).max() > _UNSYMMETRIC * np.abs(H).max():
+                    verdicts[i] = ENGINE
+        arrays = {
+            "energies": energies, "gradients": gradients, "hessians": hessians.reshape(N, n * n),
+        }  # fmt: skip
+        return arrays, verdicts
+
+    @property
+    def has_derivatives(self) -> bool:
+        """Whether some of the energy is evaluated posture by posture."""
+        return bool(self.loose or self.laws)
+
+
+@lru_cache(maxsize=64)
+def program_for(case: Case, outputs: tuple[str, ...]) -> Program:
+    """Program of a case; kept."""
+    if isinstance(case, ChainCase):
+        return chain_program(case, outputs)
+    return platform_program(case, outputs)
+
+
+#: The last plans, with what they were made for: mechanisms do not change.
+_plans: deque[tuple[ElasticMechanism, str, Plan | str]] = deque(maxlen=8)
+
+
+def plan(elastic: ElasticMechanism, wrench: str) -> Plan | str:
+    """The arithmetic that serves a mechanism, or why none does; the last few are kept.
+
+    `wrench` is "none", "shared" or "each".
+    """
+    for known, kind, found in tuple(_plans):
+        if known is elastic and kind == wrench:
+            return found
+    planned = _planned(elastic, wrench)
+    if elastic.gravity is None or not elastic.gravity.flags.writeable:
+        _plans.append((elastic, wrench, planned))
+    return planned
+
+
+def _planned(elastic: ElasticMechanism, wrench: str) -> Plan | str:
+    mechanism = elastic.mechanism
+    if isinstance(mechanism, Chain):
+        return _chain_plan(elastic, mechanism, wrench)
+    if isinstance(mechanism, Platform):
+        return _platform_plan(elastic, mechanism, wrench)
+    return f"no arithmetic for mechanisms of kind {mechanism.kind}"
+
+
+_constants: WeakKeyDictionary[Mechanism, ChainConstants | str] = WeakKeyDictionary()
+_lock = Lock()
+
+
+def _numbers(array: Array) -> tuple[float, ...]:
+    return tuple(np.ravel(array).tolist())
+
+
+def chain_constants(chain: Chain) -> ChainConstants | str:
+    """Geometry of a chain, or why it is not a plain one; kept as long as the chain is."""
+    with _lock:
+        if chain not in _constants:
+            _constants[chain] = _read_chain(chain)
+        return _constants[chain]
+
+
+def _read_chain(chain: Chain) -> ChainConstants | str:
+    tree = chain.tree
+    if chain.closures:
+        return "a closed chain is assembled posture by posture"
+    if chain.actuated is not None:
+        return "a chain with chosen actuated joints has no arithmetic of its own"
+    if not tree.path(0, chain.body.joint).identity or not tree.model.nv:
+        return "some joints are not on the way to the frame"
+    screws = tree.screws()
+    for screw in screws:
+        turning = np.linalg.norm(screw[:3])
+        if abs((turning or np.linalg.norm(screw[3:])) - 1.0) > 1e-12 or (
+            turning and np.abs(np.cross(screw[:3], screw[3:])).max() > 1e-14
+        ):
+            return "a joint's axis does not pass through its own frame"
+    mimic = None if tree.mimic is None else _numbers(tree.mimic)
+    return ChainConstants(
+        _numbers(np.array(tree.placements())),
+        _numbers(screws),
+        _numbers(chain.body.T_j_f),
+        mimic,
+        None if mimic is None else _numbers(np.broadcast_to(tree.offset, len(screws))),
+        tuple(bool(x) for x in chain.is_length),
+    )
+
+
+def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> Plan | str:
+    constants = chain_constants(chain)
+    if isinstance(constants, str):
+        return constants
+    n = len(constants.is_length)
+    springs = elastic.springs
+    shared = {"stiffness": np.zeros((1, n)), "rest": np.zeros((1, n))}
+    is_open: tuple[bool, ...] | None = None
+    laws: Mapping[int, SpringLaw] = {}
+    if isinstance(springs, JointSprings):
+        chosen = springs.is_open(wrench != "none")
+        laws = springs.laws
+        if any(chosen[j] for j in laws):
+            return "the rest position of a nonlinear spring is found posture by posture"
+        if wrench != "none" and springs.is_passive.any():
+            return "whether joints without a spring feel the wrench is seen posture by posture"
+        stiffness = springs.stiffness.copy()
+        if laws:
+            stiffness[list(laws)] = 0.0
+        rest = np.where(np.isnan(springs.rest), 0.0, springs.rest)
+        shared = {"stiffness": stiffness[None], "rest": rest[None]}
+        is_open = tuple(chosen.tolist())
+    elif springs is not None:
+        return "line springs of a chain have no arithmetic of their own"
+    case = ChainCase(constants, is_open, wrench)
+
+    fields, forces, coupled, loose = [], [], [], []
+    joints = len(constants.screws) // 6
+    if elastic.gravity is not None:
+        masses, centres = chain.tree.masses()
+        fields.append(Field(_numbers(masses), tuple(map(_numbers, centres))))
+        forces.append(elastic.gravity)
+    for potential in elastic.potentials:
+        if type(potential) is DeadForce and chain.placement(potential.frame_b).joint:
+            at = chain.placement(potential.frame_b)
+            point = at.T_j_f[:3, :3] @ np.asarray(potential.point) + at.T_j_f[:3, 3]
+            weights, points = np.zeros(joints), np.zeros((joints, 3))
+            weights[at.joint - 1], points[at.joint - 1] = 1.0, point
+            fields.append(Field(_numbers(weights), tuple(map(_numbers, points))))
+            forces.append(potential.force)
+        elif type(potential) is CoupledSprings:
+            indices = tuple(int(i) for i in potential.indices)
+            coupled.append((indices, _numbers(potential.matrix)))
+        else:
+            loose.append(potential)
+    if forces:
+        shared["forces"] = np.concatenate(forces)[None]
+    if fields or coupled or loose or laws:
+        case = replace(case, fields=tuple(fields), coupled=tuple(coupled),
+                       derivatives=bool(loose or laws))  # fmt: skip
+    regular = "deficient" if n < 6 else "regular"
+    return Plan(case, shared, regular, elastic, tuple(loose), laws)
+
+
+def _platform_plan(elastic: ElasticMechanism, platform: Platform, wrench: str) -> Plan | str:
+    springs = elastic.springs
+    if not isinstance(springs, LineSprings):
+        return "a platform without line springs has no arithmetic of its own"
+    m = len(springs.stiffness)
+    same = (springs.frame_a, springs.frame_b) == ("world", "body")
+    if not (
+        same
+        and np.array_equal(springs.anchors, platform.anchors)
+        and np.array_equal(springs.points, platform.points)
+    ):
+        return "the springs are not the platform's own lines"
+    is_open = np.isnan(springs.rest_length)
+    if is_open.any() and not is_open.all():
+        return "some rest lengths are given and others are found posture by posture"
+    forces, points, loose = [], [], []
+    if elastic.gravity is not None and platform.mass:
+        forces.append(platform.mass * elastic.gravity)
+        points.append(_numbers(platform.mass_centre))
+    for potential in elastic.potentials:
+        if type(potential) is DeadForce and potential.frame_b == "body":
+            forces.append(np.asarray(potential.force))
+            points.append(_numbers(np.asarray(potential.point)))
+        else:
+            loose.append(potential)
+    if m < 6 and (wrench != "none" or (is_open.any() and (forces or loose))):
+        return "whether fewer than six lines carry a load is seen posture by posture"
+    case = PlatformCase(
+        _numbers(platform.anchors),
+        _numbers(platform.points),
+        _numbers(platform.T_P_M),
+        float(platform.length),
+        "open" if is_open.any() else "given",
+        wrench,
+        springs.unilateral,
+        tuple(points),
+        bool(loose),
+    )
+    shared = {
+        "stiffness": springs.stiffness[None],
+        "rest": np.nan_to_num(springs.rest_length)[None],
+    }
+    if forces:
+        shared["forces"] = np.concatenate(forces)[None]
+    return Plan(case, shared, "regular", elastic, tuple(loose))

@@ -1,0 +1,225 @@
+r"""The arithmetic of a body held by lines, on recording numbers.
+
+The coordinates are the pose of P in F; derivatives are taken along body twists, so that K^B is the
+Hessian of the energy. With anchors a, points b in M, length l, direction u, line g = (b x u, u),
+tension t:
+
+    W = sum t g,    K^B = sum k g g^T + (second derivative of sum t l),
+    K^F = K^B - (second derivative of sum mu l),    sum mu g = W,
+
+mu = t where nothing but the lines acts. `cartstiff.potentials.line_springs` has the same in NumPy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cartstiff.geometry.se3 import Array
+from cartstiff.many.algebra import (
+    Reflections,
+    cross,
+    largest,
+    norm_squared,
+    reflections,
+    skew,
+    upper_inverse,
+    zeros,
+)
+from cartstiff.many.arithmetic import (
+    ENGINE,
+    JACOBIAN_CONDITION,
+    LARGEST_ANGLE,
+    PLAIN,
+    add_compliances,
+    connections,
+    limited,
+)
+from cartstiff.many.tape import Program, Scalar, Tape, cosine, larger, pick, sine, square_root
+
+__all__ = ["PlatformCase", "platform_program"]
+
+#: Shortest line that is trusted, as a share of the platform's size; the engine names none shorter.
+_SHORT = 1e-10
+
+
+@dataclass(frozen=True)
+class PlatformCase:
+    """A platform and what acts on it, as plain numbers; a key.
+
+    Attributes
+    ----------
+    anchors, points : flat (m, 3), in F and in M.
+    T_P_M : flat (4, 4).
+    length : characteristic length.
+    rest : {"given", "open"}
+        Whether the lines have rest lengths, or these are chosen posture by posture.
+    wrench : {"none", "shared", "each"}
+    unilateral : bool
+    points_of_forces : points of the body in M that carry constant forces.
+    derivatives : bool
+        Whether energy, gradient and Hessian of further potentials are given as arrays.
+    """
+
+    anchors: tuple[float, ...]
+    points: tuple[float, ...]
+    T_P_M: tuple[float, ...]
+    length: float
+    rest: str = "given"
+    wrench: str = "none"
+    unilateral: bool = False
+    points_of_forces: tuple[tuple[float, ...], ...] = ()
+    derivatives: bool = False
+
+
+def _pose(q: Array, T_P_M: Array) -> tuple[Array, Array]:
+    """R and p of ``T_F_M``."""
+    (sr, sp, sy), (cr, cp, cy) = [sine(x) for x in q[3:]], [cosine(x) for x in q[3:]]
+    across, along = sp * sr, sp * cr
+    R = np.array(
+        [
+            [cy * cp, cy * across - sy * cr, cy * along + sy * sr],
+            [sy * cp, sy * across + cy * cr, sy * along - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ],
+        object,
+    )
+    return R @ T_P_M[:3, :3], R @ T_P_M[:3, 3] + q[:3]
+
+
+def _turning(points: Array, lengths: Array, u: Array, lines: Array, t: Array) -> Array:
+    """Second derivative of ``sum t l`` along body twists."""
+    w = t / lengths
+    total = -((lines.T * w) @ lines)
+    inner = points.T @ (points * w[:, None] - u * t[:, None])
+    mean = (inner + inner.T) * 0.5
+    total[:3, :3] = total[:3, :3] - mean
+    trace = inner[0, 0] + inner[1, 1] + inner[2, 2]
+    coupling = skew(w @ points - (t @ u) * 0.5)
+    total[:3, 3:] = total[:3, 3:] + coupling
+    total[3:, :3] = total[3:, :3] - coupling
+    weight = sum(w[1:], w[0])
+    for i in range(3):
+        total[i, i] = total[i, i] + trace
+        total[3 + i, 3 + i] = total[3 + i, 3 + i] + weight
+    return total
+
+
+def _dead_force(R: Array, p: Array, force: Array, point: Array) -> tuple[Scalar, Array, Array]:
+    """Energy, alpha and Hessian of a force constant in F at a point of the body."""
+    f = -(R.T @ force)
+    alpha = np.concatenate([cross(point, f), f])
+    H = zeros(6, 6)
+    H[:3, :3] = (np.outer(f, point) + np.outer(point, f)) * 0.5
+    for i in range(3):
+        H[i, i] = H[i, i] - f @ point
+    H[3:, :3] = skew(f) * 0.5
+    H[:3, 3:] = skew(f) * -0.5
+    return -(force @ (R @ point + p)), alpha, H
+
+
+def _chosen_tensions(found: Reflections, inverse_R: Array, missing: Array, present: Array) -> Array:
+    """Tensions nearest to the present ones whose lines, Q R, sum to what is missing."""
+    short = zeros(len(present))
+    short[:6] = inverse_R.T @ missing
+    return present + found.apply(short)
+
+
+def platform_program(case: PlatformCase, wanted: Collection[str]) -> Program:
+    """Tape of the outputs that are wanted and exist, and of the verdict on the posture."""
+    tape = Tape()
+    q = tape.vector("q", 6)
+    anchors = np.reshape(case.anchors, (-1, 3))
+    points = np.reshape(case.points, (-1, 3))
+    m = len(points)
+    k = tape.vector("stiffness", m)
+    R, p = _pose(q, np.reshape(case.T_P_M, (4, 4)))
+    along = points - (anchors - p) @ R
+    lengths = np.array([square_root(norm_squared(a)) for a in along], object)
+    u = along * (1.0 / lengths)[:, None]
+    lines = np.array([[*cross(b, d), *d] for b, d in zip(points, u, strict=True)], object)
+    size = _SHORT * float(max(np.abs(anchors).max(), np.abs(points).max()))
+    verdict: Scalar = limited(largest(q[3:]), LARGEST_ANGLE)
+    for length in lengths:
+        verdict = larger(verdict, pick(size, length, PLAIN, ENGINE))
+
+    energy: Any = 0.0
+    gradient, hessian = zeros(6), zeros(6, 6)
+    if case.derivatives:
+        energy = tape.input("energies", 0)
+        gradient = tape.vector("gradients", 6)
+        hessian = tape.vector("hessians", 36).reshape(6, 6)
+        hessian = np.where(np.tri(6, dtype=bool), hessian, hessian.T)
+    forces = tape.vector("forces", 3 * len(case.points_of_forces)).reshape(-1, 3)
+    for force, point in zip(forces, case.points_of_forces, strict=True):
+        E, g, H = _dead_force(R, p, force, np.array(point))
+        energy, gradient, hessian = energy + E, gradient + g, hessian + H
+    alone = not (case.derivatives or case.points_of_forces)
+
+    found: dict[str, Array] = {}
+    decomposition, inverse_R = None, zeros(6, 6)
+    if m >= 6:
+        decomposition = reflections(lines)
+        inverse_R = upper_inverse(decomposition.R)
+        R_norm = norm_squared(decomposition.R[:, :3]) + norm_squared(
+            decomposition.R[:, 3:] * case.length
+        )
+        inverse_norm = norm_squared(inverse_R[:3]) + norm_squared(
+            inverse_R[3:] * (1.0 / case.length)
+        )
+        verdict = larger(verdict, limited(R_norm * inverse_norm, JACOBIAN_CONDITION**2))
+    # Tensions and stretches of the lines, and the wrench.
+    taut = k
+    W: Array | None = None
+    if case.rest == "given":
+        stretch = lengths - tape.vector("rest", m)
+        t = k * stretch
+    else:
+        t = zeros(m)
+    if case.wrench != "none":
+        W = tape.vector("wrench", 6)
+    if W is not None or (case.rest == "open" and not alone):
+        if decomposition is None:
+            raise ValueError("fewer than six lines carry no chosen wrench")
+        missing = -gradient if W is None else W - gradient
+        present = t if m > 6 else zeros(m)
+        missing = missing - lines.T @ present
+        t = _chosen_tensions(decomposition, inverse_R, missing, present)
+        if case.unilateral:
+            for tension in t:
+                verdict = larger(verdict, pick(-1e-300, tension, PLAIN, ENGINE))
+        energy = energy + ((t * t / k).sum()) * 0.5
+        if W is None:
+            W = zeros(6)
+    elif case.rest == "open":
+        W = zeros(6)
+    else:
+        if case.unilateral:
+            pulls = np.array([pick(s, 0.0, 0.0, 1.0) for s in stretch], object)
+            taut = k * pulls
+            t = t * pulls
+        energy = energy + (t @ stretch) * 0.5
+        W = t @ lines + gradient
+
+    pulled = (lines.T * taut) @ lines
+    K_B = pulled + _turning(points, lengths, u, lines, t) + hessian
+    stiffness = connections(K_B, W)
+    if m == 6 and decomposition is not None:
+        found["jacobian"] = decomposition.apply(inverse_R.T).T
+        if alone:
+            stiffness["F"] = pulled
+        else:
+            mu = found["jacobian"].T @ W
+            stiffness["F"] = K_B - _turning(points, lengths, u, lines, mu)
+    T = zeros(4, 4)
+    T[:3, :3], T[:3, 3], T[3, 3] = R, p, 1.0
+    found.update(pose=T, wrench=W, energy=np.array([energy], object))
+    found.update({f"stiffness_{name}": K for name, K in stiffness.items()})
+    verdict = larger(verdict, add_compliances(found, stiffness, wanted, case.length))
+    found["verdict"] = np.array([verdict], object)
+    outputs = {name: found[name] for name in (*wanted, "verdict") if name in found}
+    shared = ["stiffness", "rest", "forces"] + (["wrench"] if case.wrench == "shared" else [])
+    return tape.program(outputs, shared)

@@ -1,0 +1,194 @@
+r"""Many postures at once: postures in, arrays out.
+
+Serial chains and platforms on line springs are computed by arithmetic written once
+(`chain_arithmetic`, `platform_arithmetic`), as machine code made for the mechanism (`compiled`) or
+over NumPy arrays (`portable`). Every other mechanism, and every posture that is not well inside the
+regular ones, is computed by `cartstiff.analyse` itself, which also names its state.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cartstiff.errors import UnknownNameError
+from cartstiff.geometry.se3 import Array
+from cartstiff.many.arithmetic import ENGINE, UNBALANCED
+from cartstiff.many.engine import REGULAR, fill
+from cartstiff.many.given import (
+    OUTPUTS,
+    arrays_for,
+    checked_count,
+    checked_names,
+    checked_q,
+    checked_wrench,
+)
+from cartstiff.many.portable import PortableKernel
+from cartstiff.many.running import PATHS, Path, chosen, run
+from cartstiff.mechanisms.elastic import ElasticMechanism
+
+__all__ = ["OUTPUTS", "Postures", "analyse_many"]
+
+
+@dataclass(frozen=True, eq=False)
+class Postures:
+    """Arrays over postures; NaN where a quantity does not exist.
+
+    Attributes
+    ----------
+    q : ndarray (N, n)
+        Coordinates; those of a closed chain as assembled.
+    arrays : dict of str to ndarray, shape (N, ...)
+        What was asked for, by name.
+    state : ndarray of uint8 (N,)
+        Index into `codes` of each posture's state.
+    codes : tuple of str
+        ``codes[0]`` is "regular"; the others are codes of notes, see the reference, and
+        "not-assembled" for closures that cannot be met.
+    path : {"compiled", "portable", "engine"}
+        What computed the regular postures.
+    reason : str
+        Why nothing faster did; empty if nothing is.
+    """
+
+    q: Array
+    arrays: dict[str, Array]
+    state: NDArray[np.uint8]
+    codes: tuple[str, ...]
+    path: str
+    reason: str = ""
+
+    def __getitem__(self, name: str) -> Array:
+        try:
+            return self.arrays[name]
+        except KeyError:
+            raise UnknownNameError("output", name, self.arrays) from None
+
+    def __len__(self) -> int:
+        return len(self.state)
+
+    @property
+    def is_regular(self) -> NDArray[np.bool_]:
+        """Which postures are regular (N,)."""
+        return self.state == 0
+
+    def counts(self) -> dict[str, int]:
+        """How many postures are in each state that occurs."""
+        found = Counter(self.state.tolist())
+        return {code: found[i] for i, code in enumerate(self.codes) if found[i]}
+
+
+def analyse_many(
+    elastic: ElasticMechanism,
+    q: ArrayLike,
+    *,
+    wrench: ArrayLike | None = None,
+    outputs: Sequence[str] = ("stiffness_B",),
+    out: Mapping[str, Array] | None = None,
+    threads: int | None = None,
+    path: Path = "auto",
+    chunk: int | None = None,
+) -> Postures:
+    r"""Stiffness of a mechanism at many postures: `cartstiff.analyse` for stacks.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        Mechanism and potentials, from `cartstiff.load`.
+    q : array_like (N, n)
+        Coordinates in rad and length units, one posture a row.
+    wrench : array_like (6,) or (N, 6), optional
+        W = (moment, force) in the body frame, for all postures or for each; as in `analyse`, the
+        rest positions are then chosen at every posture.
+    outputs : sequence of str
+        Any of "pose" (N, 4, 4), "jacobian" (N, 6, n), "wrench" (N, 6), "energy" (N,),
+        "stiffness_X" and "compliance_X" (N, 6, 6) for X one of A, B, K, F. Only what they need is
+        computed.
+    out : mapping of str to ndarray, optional
+        Arrays of doubles to write outputs into. Memory that is used again saves the system's
+        work of providing it, which costs more than the computation.
+    threads : int, optional
+        Of the compiled path; default: as many as there are processors. The others use one. The
+        result does not depend on it.
+    path : {"auto", "compiled", "portable", "engine"}
+        Machine code made by llvmlite; NumPy; one `analyse` after the other. "auto" takes the first
+        that serves.
+    chunk : int, optional
+        Postures computed at a time. The result does not depend on it.
+
+    Returns
+    -------
+    Postures
+        Arrays, the state of every posture, and what computed them.
+
+    Raises
+    ------
+    InputError
+        For wrong shapes, numbers that are not finite, unknown outputs, or a path that does not
+        serve this mechanism. A posture in which something does not exist is no error: it has its
+        state, and NaN.
+    MissingDependencyError
+        If `path` is "compiled" and llvmlite is not installed.
+    """
+    coordinates = checked_q(elastic, q)
+    loads = checked_wrench(elastic, wrench, len(coordinates))
+    names = checked_names(outputs)
+    count = checked_count("threads", threads) or os.cpu_count() or 1
+    if path not in PATHS:
+        raise UnknownNameError("path", str(path), PATHS)
+    size = checked_count("chunk", chunk)
+    arrays = arrays_for(names, out, coordinates.shape)
+    state = np.zeros(len(coordinates), np.uint8)
+
+    codes = [REGULAR]
+    taken, kernel, reason = chosen(elastic, loads, names, path, len(coordinates))
+    if taken is None:
+        if _is_assembled(elastic):
+            coordinates = coordinates.copy()
+        _by_engine(elastic, coordinates, loads, arrays, np.arange(len(state)), state, codes)
+        return Postures(coordinates, arrays, state, tuple(codes), "engine", reason)
+    run(taken, kernel, coordinates, loads, arrays, state, count, size)
+    if state.any():
+        doubtful = np.flatnonzero(state == ENGINE)
+        unbalanced = np.flatnonzero(state == UNBALANCED)
+        state[:] = _index(codes, taken.regular)
+        if len(unbalanced):
+            state[unbalanced] = _index(codes, "unbalanced")
+            for name in names:
+                if name.startswith(("wrench", "stiffness", "compliance")):
+                    arrays[name][unbalanced] = np.nan
+        _by_engine(elastic, coordinates, loads, arrays, doubtful, state, codes)
+    elif len(state):
+        state[:] = _index(codes, taken.regular)
+    ran = "portable" if isinstance(kernel, PortableKernel) else "compiled"
+    return Postures(coordinates, arrays, state, tuple(codes), ran, reason)
+
+
+def _is_assembled(elastic: ElasticMechanism) -> bool:
+    return bool(getattr(elastic.mechanism, "closures", ()))
+
+
+def _by_engine(
+    elastic: ElasticMechanism, q: Array, loads: Array | None, arrays: Mapping[str, Array],
+    which: NDArray[np.intp], state: NDArray[np.uint8], codes: list[str],
+) -> None:  # fmt: skip
+    """Fill some postures one by one; `q` takes the coordinates of assembled chains."""
+    assembled = _is_assembled(elastic)
+    for i in which.tolist():
+        load = loads if loads is None or loads.ndim == 1 else loads[i]
+        rows = {name: array[i : i + 1] for name, array in arrays.items()}
+        code, found = fill(elastic, q[i], load, rows)
+        if assembled:
+            q[i] = found
+        state[i] = _index(codes, code)
+
+
+def _index(codes: list[str], code: str) -> int:
+    if code not in codes:
+        codes.append(code)
+    return codes.index(code)

@@ -1,0 +1,147 @@
+"""Which kernel computes a stack of postures, and its way through the chunks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+from importlib.util import find_spec
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cartstiff.errors import InputError, MissingDependencyError
+from cartstiff.geometry.se3 import Array
+from cartstiff.many import portable
+from cartstiff.many.arithmetic import ENGINE
+from cartstiff.many.given import OUTPUTS, aligned_empty
+from cartstiff.many.plans import Case, Plan, plan, program_for
+from cartstiff.mechanisms.elastic import ElasticMechanism
+
+__all__ = ["PATHS", "Path", "chosen", "run"]
+
+Path = Literal["auto", "compiled", "portable", "engine"]
+PATHS = ("auto", "compiled", "portable", "engine")
+
+#: Postures from which on it pays to compile a mechanism that has not been compiled yet.
+WORTH_COMPILING = 5000
+#: Operations beyond which compiling takes more than a few seconds.
+LARGEST_PROGRAM = 60_000
+#: Postures computed at a time in compiled code, a multiple of every block.
+COMPILED_CHUNK = 1 << 17
+#: Postures for each thread below which another one costs more than it saves.
+LEAST_PER_THREAD = 2048
+#: Postures at a time where some potentials are evaluated one by one: n^2 numbers each are held.
+EVALUATED_CHUNK = 1024
+
+
+@lru_cache(maxsize=32)
+def _portable_kernel(case: Case, names: tuple[str, ...]) -> portable.PortableKernel:
+    return portable.PortableKernel(program_for(case, names))
+
+
+_compiled: dict[tuple[Case, tuple[str, ...]], Any] = {}
+
+
+def _compiled_kernel(case: Case, names: tuple[str, ...]) -> Any:
+    """Machine code for a case; the last 64 are kept."""
+    from cartstiff.many.compiled import CompiledKernel
+
+    key = (case, names)
+    kernel = _compiled.pop(key, None) or CompiledKernel(program_for(case, names))
+    _compiled[key] = kernel
+    while len(_compiled) > 64:
+        del _compiled[next(iter(_compiled))]
+    return kernel
+
+
+@lru_cache(maxsize=8)
+def _has(package: str) -> bool:
+    return find_spec(package) is not None
+
+
+def chosen(
+    elastic: ElasticMechanism, loads: Array | None, names: tuple[str, ...], path: Path, count: int
+) -> tuple[Plan | None, Any, str]:
+    """Plan and kernel, or None for the engine; and why not a faster one."""
+    if path == "engine":
+        return None, None, "asked for"
+    kind = "none" if loads is None else "shared" if loads.ndim == 1 else "each"
+    found = plan(elastic, kind)
+    if isinstance(found, str):
+        if path != "auto":
+            raise InputError(
+                f"path {path!r} does not serve this mechanism: {found}", expected="path 'engine'"
+            )
+        return None, None, found
+    # In the order of `OUTPUTS`, so that the same set finds the same kernel.
+    ordered = tuple(name for name in OUTPUTS if name in names)
+    if path == "portable":
+        return found, _portable_kernel(found.case, ordered), "asked for"
+    if not _has("llvmlite"):
+        error = MissingDependencyError("llvmlite", "the compiled path", "maps")
+        if path == "compiled":
+            raise error
+        return found, _portable_kernel(found.case, ordered), str(error)
+    reason = ""
+    if path == "auto" and (found.case, ordered) not in _compiled:
+        size = program_for(found.case, ordered).size
+        if count < WORTH_COMPILING:
+            reason = f"compiling pays from {WORTH_COMPILING} postures on"
+        elif size > LARGEST_PROGRAM:
+            reason = f"{size} operations would take too long to compile"
+    if reason:
+        return found, _portable_kernel(found.case, ordered), reason
+    return found, _compiled_kernel(found.case, ordered), ""
+
+
+def run(
+    taken: Plan, kernel: Any, q: Array, loads: Array | None, arrays: Mapping[str, Array],
+    verdicts: NDArray[np.uint8], threads: int, size: int | None,
+) -> None:  # fmt: skip
+    """Fill the arrays by a kernel, chunk by chunk; what does not exist becomes NaN."""
+    count = len(q)
+    if not count:
+        return
+    exists = {n: len(s) for n, s in kernel.program.outputs.items() if n != "verdict"}
+    for name, array in arrays.items():
+        if name not in exists:
+            array[...] = np.nan
+    length, options = size or portable.CHUNK, {}
+    if not isinstance(kernel, portable.PortableKernel):
+        from cartstiff.many.compiled import STREAMED
+
+        length = size or COMPILED_CHUNK
+        options = {"stream": sum(arrays[name].nbytes for name in exists) > STREAMED}
+    if taken.has_derivatives:
+        length = min(length, EVALUATED_CHUNK)
+    length = min(length, count)
+    shared = {name: np.ascontiguousarray(array) for name, array in taken.shared.items()}
+    if loads is not None and loads.ndim == 1:
+        shared["wrench"] = np.ascontiguousarray(loads)[None]
+    workspace = kernel.workspace(length, max(1, min(threads, length // LEAST_PER_THREAD)))
+    verdict = aligned_empty(length, 1)  # or nothing would be written past the cache
+    for start in range(0, count, length):
+        stop = min(start + length, count)
+        rows = stop - start
+        inputs = {**shared, "q": np.ascontiguousarray(q[start:stop])}
+        if loads is not None and loads.ndim == 2:
+            inputs["wrench"] = np.ascontiguousarray(loads[start:stop])
+        doubts = None
+        if taken.has_derivatives:
+            more, doubts = taken.derivatives(inputs["q"])
+            inputs.update(more)
+        found, copies = {"verdict": verdict}, []
+        for name, width in exists.items():
+            part = arrays[name][start:stop]
+            if part.flags.c_contiguous:
+                found[name] = part.reshape(rows, width)
+            else:
+                found[name] = np.empty((rows, width))
+                copies.append((part, found[name]))
+        workspace.run(inputs, found, rows, **options)
+        for part, values in copies:
+            part[...] = values.reshape(part.shape)
+        verdicts[start:stop] = verdict[:rows, 0]
+        if doubts is not None:
+            verdicts[start:stop][doubts == ENGINE] = ENGINE

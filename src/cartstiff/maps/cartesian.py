@@ -1,0 +1,184 @@
+"""Grids of positions of the body, each with the postures that reach it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.kinematics.inverse import Free, inverse_kinematics
+from cartstiff.maps.sampling import Axis, RandomPostures, Sampling, grid_indices
+from cartstiff.mechanisms.elastic import ElasticMechanism
+
+__all__ = ["PLACES", "CartesianGrid", "Redundancy"]
+
+#: Which posture of a self-motion is taken: the one nearest to the base posture, or the one at which
+#: the map's first quantity is best.
+Redundancy = Literal["nearest", "best"]
+
+_NAMES = ("x", "y", "z")
+#: Places that are solved for at once.
+PLACES = 200
+
+
+class CartesianGrid(Sampling):
+    """Positions of the body frame's origin in F, at one orientation, by inverse kinematics.
+
+    The last dimension counts the branches found at a place, the one nearest to the base posture
+    first. Places that no start reaches have no posture.
+
+    Parameters
+    ----------
+    axes : mapping of {"x", "y", "z"} to Axis
+        In the mechanism's length unit; those left out stay where the base posture is.
+    elastic : ElasticMechanism
+        The mechanism.
+    base : array_like (n,)
+        Posture that gives the rest of the pose, and the first start of the inverse kinematics.
+    orientation : array_like (3, 3), optional
+        Rotation of the body frame in F; default that of the base posture.
+    branches : int
+        How many branches are kept.
+    starts, seed : int
+        Random starts besides the base posture, and their seed.
+    free : {"none", "x", "y", "z", "rotation"}
+        A rotation about an axis of the body, or all of its rotation, may be left free.
+    redundancy : {"nearest", "best"}
+        Where postures at a place form a family, the member that is taken: each start's solution
+        moves along the self-motion to the least distance from the base posture nearby, or to where
+        the map's first quantity is best.
+    """
+
+    stores_q = True
+    whole = ("branch",)
+
+    def __init__(
+        self,
+        axes: Mapping[str, Axis],
+        elastic: ElasticMechanism,
+        base: ArrayLike,
+        orientation: ArrayLike | None = None,
+        *,
+        branches: int = 8,
+        starts: int = 24,
+        seed: int = 0,
+        free: Free = "none",
+        redundancy: Redundancy = "nearest",
+    ) -> None:
+        for name in axes:
+            if name not in _NAMES:
+                raise UnknownNameError("axis", name, _NAMES)
+        if branches < 1 or starts < 0:
+            raise InputError("branches or starts cannot be used", got=(branches, starts))
+        for what, value, known in (
+            ("free rotation", free, get_args(Free)),
+            ("choice of redundancy", redundancy, get_args(Redundancy)),
+        ):
+            if value not in known:
+                raise UnknownNameError(what, value, known)
+        posture = elastic.mechanism.closed(base)
+        place = posture.pose[:3, 3]
+        self._axes = {
+            name: axes.get(name, Axis(float(place[i]), float(place[i]), 1))
+            for i, name in enumerate(_NAMES)
+        }
+        self.orientation = np.array(
+            posture.pose[:3, :3] if orientation is None else orientation, float
+        )
+        if not se3.is_pose(se3.pose(self.orientation)):
+            raise InputError("orientation is not a rotation", got=self.orientation.tolist())
+        self.base = np.array(posture.q)
+        self.free, self.redundancy = free, redundancy
+        self.branches, self.count, self.seed = int(branches), int(starts), int(seed)
+        self.dims = (*_NAMES, "branch")
+        self.shape = (*(axis.count for axis in self._axes.values()), self.branches)
+        self._starts: Array | None = None
+
+    @property
+    def axes(self) -> Mapping[str, Axis]:
+        """Values by direction."""
+        return self._axes
+
+    def starts(self, elastic: ElasticMechanism) -> Array:
+        """Starts of the inverse kinematics (1 + starts, n): the base posture, then random ones."""
+        if self._starts is None:
+            random = []
+            if self.count:
+                near = {
+                    c.name: (self.base[i] - 1.0, self.base[i] + 1.0)
+                    for i, c in enumerate(elastic.mechanism.coordinates)
+                    if c.is_length and not np.isfinite([c.lower, c.upper]).all()
+                }
+                within = RandomPostures.within_limits(elastic, self.count, self.seed, near)
+                random = list(within.postures((slice(0, self.count),)))
+            self._starts = np.array([self.base, *random])
+        return self._starts
+
+    def solve(
+        self,
+        boxes: Sequence[tuple[slice, ...]],
+        elastic: ElasticMechanism,
+        cost: Callable[[Array], Array] | None = None,
+    ) -> list[tuple[Array, Array]]:
+        """For each box postures (cells * branches, n), NaN where there is none, and their number.
+
+        Many places at once are quicker, and have the same postures as one by one. `cost` gives the
+        number that is to be small for "best".
+        """
+        values = [axis.values for axis in self._axes.values()]
+        indices = [grid_indices(box[:3]) for box in boxes]
+        cells = [np.concatenate(parts) for parts in zip(*indices, strict=True)]
+        places = np.stack([v[i] for v, i in zip(values, cells, strict=True)], axis=1)
+        poses = np.tile(se3.pose(self.orientation), (len(places), 1, 1))
+        poses[:, :3, 3] = places
+        q = np.full((len(places), self.branches, len(self.base)), np.nan)
+        found = np.zeros(len(places), int)
+        angle = np.array([not c.is_length for c in elastic.mechanism.coordinates])
+
+        def away(postures: Array) -> Array:
+            """Distance from the base posture, angles the short way round."""
+            d = postures - self.base
+            d = np.where(angle, (d + np.pi) % (2 * np.pi) - np.pi, d)
+            size: Array = np.linalg.norm(d, axis=-1)
+            return size
+
+        for first in range(0, len(places), PLACES):
+            part = inverse_kinematics(
+                elastic, list(poses[first : first + PLACES]), self.starts(elastic),
+                free=self.free, cost=cost if self.redundancy == "best" else away,
+            )  # fmt: skip
+            for cell, solutions in enumerate(part, start=first):
+                # The nearest first; equally near ones stay in their order.
+                order = np.argsort(np.round(away(solutions), 9), kind="stable")[: self.branches]
+                found[cell] = len(solutions)
+                q[cell, : len(order)] = solutions[order]
+        ends = np.cumsum([len(first) for first, *_ in indices])[:-1]
+        return [
+            (part.reshape(-1, len(self.base)), number)
+            for part, number in zip(np.split(q, ends), np.split(found, ends), strict=True)
+        ]
+
+    def postures(self, box: tuple[slice, ...], elastic: ElasticMechanism | None = None) -> Array:
+        """Coordinates (m, n) of a box; NaN rows where there is no such branch."""
+        if elastic is None:
+            raise InputError("a Cartesian grid has no postures without its mechanism")
+        return self.solve([box], elastic)[0][0]
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "kind": "cartesian",
+            "axes": {name: axis.as_list() for name, axis in self._axes.items()},
+            "orientation": self.orientation.tolist(),
+            "base": self.base.tolist(),
+            "branches": self.branches,
+            "starts": self.count,
+            "seed": self.seed,
+            "free": self.free,
+            "redundancy": self.redundancy,
+        }

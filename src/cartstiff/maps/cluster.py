@@ -1,0 +1,182 @@
+"""Chunks of a map on the workers of a Dask scheduler.
+
+A chunk's result does not depend on who computes it or how often. Each worker writes its chunks
+itself; a worker that dies costs the chunks that it had in hand.
+"""
+
+from __future__ import annotations
+
+import pickle
+import time
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import fields
+from functools import lru_cache
+from itertools import islice
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+from cartstiff.errors import CartstiffError, InputError, MissingDependencyError, one_line
+from cartstiff.maps.job import MapJob
+from cartstiff.maps.store import MapFile
+from cartstiff.mechanisms.elastic import ElasticMechanism
+
+__all__ = ["run_on_cluster"]
+
+# Chunks that are handed out for each thread of the cluster before one of them comes back.
+_AHEAD = 3
+# Seconds after which workers are counted again: some may have come.
+_LOOK = 10.0
+_LOADING = Lock()
+
+
+def run_on_cluster(
+    job: MapJob,
+    file: MapFile,
+    todo: Sequence[int],
+    advance: Callable[[int], None],
+    *,
+    workers: int = 0,
+    scheduler: str | None = None,
+) -> None:
+    """Compute chunks on a running scheduler's workers, or on processes of this machine.
+
+    Parameters
+    ----------
+    job : MapJob
+        What is computed.
+    file : MapFile
+        The workers must see its folder under the same path.
+    todo : sequence of int
+        Chunks.
+    advance : callable
+        Called with the number of postures of each finished chunk.
+    workers : int
+        Processes to start on this machine; they listen on 127.0.0.1 only.
+    scheduler : str, optional
+        Address of a running scheduler instead, such as "tcp://10.0.0.5:8786".
+
+    Raises
+    ------
+    InputError
+        If the scheduler does not answer, or a worker does not see the folder.
+    CartstiffError
+        If one chunk's workers die again and again.
+    """
+    path = file.path.resolve()
+    elastic = pickle.dumps(job.elastic)
+    rest = {f.name: getattr(job, f.name) for f in fields(job) if f.name != "elastic"}
+    with _client(workers, scheduler) as client, client.as_current():
+        distributed = _distributed()
+        _require_folder(client, path)
+        run, waiting = uuid.uuid4().hex, iter(todo)
+
+        def submit(chunk: int) -> Any:
+            # A trajectory's postures go to the workers chunk by chunk.
+            part, box = job.sampling.part(file.boxes[chunk])
+            return client.submit(
+                _compute_chunk, elastic, {**rest, "sampling": part}, str(path), chunk, box,
+                key=f"cartstiff-map-{run}-{chunk}", pure=False,
+            )  # fmt: skip
+
+        wanted, looked = _wanted(client), time.monotonic()
+        finished = distributed.as_completed([submit(c) for c in islice(waiting, wanted)])
+        for future in finished:
+            try:
+                chunk = future.result()
+            except distributed.KilledWorker as error:
+                raise CartstiffError(
+                    "the workers that computed a chunk died one after the other: "
+                    + one_line(str(error), 200)
+                ) from None
+            advance(file.count(chunk))
+            future.release()
+            if time.monotonic() - looked > _LOOK:
+                wanted, looked = _wanted(client), time.monotonic()
+            for following in islice(waiting, max(0, wanted - finished.count())):
+                finished.add(submit(following))
+
+
+def _wanted(client: Any) -> int:
+    """How many chunks are to be in the workers' hands."""
+    return _AHEAD * max(1, sum(client.nthreads().values()))
+
+
+@lru_cache(maxsize=4)
+def _elastic_from(data: bytes) -> ElasticMechanism:
+    """The mechanism, once for each worker: what was compiled for it stays with it."""
+    elastic = pickle.loads(data)
+    if not isinstance(elastic, ElasticMechanism):
+        raise TypeError("not a mechanism")
+    return elastic
+
+
+def _compute_chunk(
+    elastic: bytes, rest: dict[str, Any], path: str, chunk: int, box: tuple[slice, ...]
+) -> int:
+    """On a worker: compute a chunk and write it; returns its number."""
+    file = MapFile.at(path)
+    if file.is_done(chunk):  # by a worker that died before it could say so
+        return chunk
+    with _LOADING:
+        mechanism = _elastic_from(elastic)
+    arrays = MapJob(elastic=mechanism, **rest).compute(box)
+    file.write(chunk, arrays)
+    return chunk
+
+
+def _distributed() -> Any:
+    try:
+        import distributed
+    except ImportError:
+        raise MissingDependencyError(
+            package="distributed", purpose="computing a map with several processes", extra="maps"
+        ) from None
+    return distributed
+
+
+@contextmanager
+def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
+    """A client of a running scheduler, or of one that ends with this block."""
+    distributed = _distributed()
+    if scheduler is not None:
+        try:
+            client = distributed.Client(scheduler, set_as_default=False)
+        except (OSError, ValueError, TypeError) as error:
+            raise InputError(
+                "no scheduler answers", where=one_line(scheduler),
+                expected="the address of a running Dask scheduler, such as tcp://10.0.0.5:8786",
+                got=type(error).__name__,
+            ) from None  # fmt: skip
+        with client:
+            if not client.nthreads():
+                raise InputError("the scheduler has no workers", where=one_line(scheduler),
+                                 expected="at least one")  # fmt: skip
+            yield client
+        return
+    with (
+        distributed.LocalCluster(
+            n_workers=workers, threads_per_worker=1, processes=True, host="127.0.0.1",
+            scheduler_port=0, dashboard_address="127.0.0.1:0",
+        ) as cluster,
+        distributed.Client(cluster, set_as_default=False) as client,
+    ):  # fmt: skip
+        yield client
+
+
+def _require_folder(client: Any, path: Path) -> None:
+    """Refuse workers that would write somewhere else."""
+    seen = client.run(_sees, str(path))
+    blind = [str(worker) for worker, sees in seen.items() if not sees]
+    if blind:
+        raise InputError(
+            "a worker does not see the map's folder", where=one_line(str(path)),
+            expected="a folder that all machines share, under the same path",
+            got=", ".join(blind),
+        )  # fmt: skip
+
+
+def _sees(path: str) -> bool:
+    return (Path(path) / "zarr.json").is_file()

@@ -1,0 +1,242 @@
+"""What is computed for each part of a map; everything a worker elsewhere needs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from math import prod
+from threading import local
+from typing import Any
+
+import numpy as np
+
+from cartstiff.errors import ConvergenceError
+from cartstiff.geometry.se3 import Array
+from cartstiff.many.engine import NOT_ASSEMBLED, REGULAR
+from cartstiff.many.postures import analyse_many
+from cartstiff.maps.cartesian import PLACES, CartesianGrid
+from cartstiff.maps.quantities import Quantity, Settings, choose_quantities, evaluate
+from cartstiff.maps.sampling import Grid, Sampling
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.elastic import ElasticMechanism
+
+__all__ = ["STATES", "UNREACHABLE", "MapJob"]
+
+#: State of a place that no posture reaches.
+UNREACHABLE = "unreachable"
+#: Names of the states that ``state`` counts from 0.
+STATES = (
+    REGULAR, "deficient", "serial-singularity", "type-2-singularity", "singular-stiffness",
+    "unbalanced", "buckled", "idle-self-motion", "constraint-singularity",
+    "non-regular-redundancy", "wrench-ignored", NOT_ASSEMBLED, UNREACHABLE, "other",
+)  # fmt: skip
+
+# Postures at once: as few as are worth compiling for, so that their matrices stay in the cache.
+_ROWS = 8192
+_FEW = 128
+_THREAD = local()
+# A coordinate that the closures have moved by more than this is another one.
+_MOVED = 1e-9
+
+
+@dataclass(frozen=True)
+class MapJob:
+    """A mechanism, where to look, and what to ask.
+
+    Attributes
+    ----------
+    elastic : ElasticMechanism
+        With its springs.
+    sampling : Sampling
+        Where.
+    names : tuple of str
+        Quantities.
+    settings : Settings
+        What they refer to.
+    wrench : tuple of float, optional
+        Load (moment, force) in the body frame, as in `cartstiff.analyse`.
+    """
+
+    elastic: ElasticMechanism
+    sampling: Sampling
+    names: tuple[str, ...]
+    settings: Settings
+    wrench: tuple[float, ...] | None
+
+    @cached_property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """The quantities by their names."""
+        return choose_quantities(self.names, self.settings, self.elastic)
+
+    @cached_property
+    def outputs(self) -> tuple[str, ...]:
+        """Arrays that are asked of `analyse_many`."""
+        needed = {"pose"}
+        for quantity in self.quantities:
+            needed.update(quantity.outputs(self.settings))
+        return tuple(sorted(needed))
+
+    @property
+    def stores_q(self) -> bool:
+        """Whether the postures must be kept: those of a closed chain are found by assembly."""
+        return self.sampling.stores_q or bool(self._closures)
+
+    @property
+    def _closures(self) -> tuple[Any, ...]:
+        mechanism = self.elastic.mechanism
+        return mechanism.closures if isinstance(mechanism, Chain) else ()
+
+    def solved(self, boxes: Sequence[tuple[slice, ...]]) -> Iterator[tuple[Array, Array] | None]:
+        """Of a Cartesian grid the postures in each box, found for several boxes at a time."""
+        if not isinstance(self.sampling, CartesianGrid):
+            yield from [None] * len(boxes)
+            return
+        most = max(prod(s.stop - s.start for s in box[:3]) for box in boxes) if boxes else 1
+        at_once = max(1, PLACES // most)
+        for i in range(0, len(boxes), at_once):
+            yield from self.sampling.solve(boxes[i : i + at_once], self.elastic, self._cost)
+
+    def compute(
+        self,
+        box: tuple[slice, ...],
+        threads: int = 1,
+        advance: Callable[[int], None] | None = None,
+        solved: tuple[Array, Array] | None = None,
+    ) -> dict[str, Array]:
+        """Arrays of a box by name: quantities, ``state``, ``position``, and ``q`` if it is kept.
+
+        Parameters
+        ----------
+        box : tuple of slice
+            Part of the sampling.
+        threads : int
+            How many work at once.
+        advance : callable, optional
+            Called with the number of postures done since the last call.
+        solved : tuple of ndarray, optional
+            Of a Cartesian grid, what `solved` gives for the box.
+        """
+        shape = tuple(s.stop - s.start for s in box)
+        found = None
+        if isinstance(self.sampling, CartesianGrid):
+            q, found = solved or self.sampling.solve([box], self.elastic, self._cost)[0]
+        else:
+            q = self.sampling.postures(box, self.elastic)
+        count = len(q)
+        arrays = {name: np.full(count, np.nan) for name in self.names}
+        arrays["state"] = np.zeros(count, np.uint8)
+        arrays["position"] = np.full((count, 3), np.nan)
+        # One after the other in Python: threads would wait for each other, and Ctrl-C for them.
+        one_by_one = bool(self._closures) or any("." in name for name in self.names)
+        rows_at_once = _FEW if one_by_one else _ROWS
+        threads = 1 if one_by_one else threads
+        blocks = [slice(i, min(i + rows_at_once, count)) for i in range(0, count, rows_at_once)]
+
+        def work(rows: slice) -> int:
+            self._compute_rows(q, rows, arrays)
+            return rows.stop - rows.start
+
+        if threads > 1 and len(blocks) > 1:
+            with ThreadPoolExecutor(threads) as pool:
+                try:
+                    for done in pool.map(work, blocks):
+                        if advance is not None:
+                            advance(done)
+                except BaseException:
+                    pool.shutdown(wait=True, cancel_futures=True)
+                    raise
+        else:
+            for rows in blocks:
+                done = work(rows)
+                if advance is not None:
+                    advance(done)
+        arrays = {name: a.reshape(*shape, *a.shape[1:]) for name, a in arrays.items()}
+        if self.stores_q:
+            arrays["q"] = q.reshape(*shape, -1)
+        if found is not None:
+            arrays["branches"] = found.astype(np.uint16).reshape(shape[:-1])
+        return arrays
+
+    def _compute_rows(self, q: Array, rows: slice, arrays: dict[str, Array]) -> None:
+        """Fill the rows of `arrays`, and of `q` where closures have assembled it."""
+        part = q[rows]
+        there: Array = np.asarray(np.isfinite(part).all(axis=1))
+        state = np.full(len(part), STATES.index(UNREACHABLE), np.uint8)
+        if self._closures:
+            assembled = self._assemble(part, there)
+            state[there & ~assembled] = STATES.index(NOT_ASSEMBLED)
+            part[~assembled] = np.nan
+            there = assembled
+        if there.any():
+            whole = bool(there.all())
+            present = part if whole else part[there]
+            result = analyse_many(
+                self.elastic, present, wrench=self.wrench, outputs=self.outputs,
+                out=self._buffers(len(present)), threads=1,
+            )  # fmt: skip
+            to_own = np.array([_code(c) for c in result.codes], np.uint8)
+            state[there] = to_own[result.state]
+            values = evaluate(self.quantities, result.arrays, self.settings, self._lengths)
+            for name, value in values.items():
+                arrays[name][rows][there] = value
+            arrays["position"][rows][there] = result.arrays["pose"][:, :3, 3]
+        arrays["state"][rows] = state
+
+    def _cost(self, q: Array) -> Array:
+        """The first quantity, turned so that less is better."""
+        quantity = self.quantities[0]
+        outputs = tuple({"pose", *quantity.outputs(self.settings)})
+        arrays = analyse_many(
+            self.elastic, q, wrench=self.wrench, outputs=outputs, threads=1
+        ).arrays
+        value = evaluate([quantity], arrays, self.settings, self._lengths)[quantity.name]
+        return value if quantity.better == "smaller" else -value
+
+    def _buffers(self, count: int) -> dict[str, Array]:
+        """Arrays of this thread that are written again and again."""
+        own = getattr(_THREAD, "buffers", None)
+        n = len(self.elastic.mechanism.coordinates)
+        if own is None or own[0] != (self.outputs, n):
+            shapes = {"pose": (4, 4), "jacobian": (6, n), "wrench": (6,), "energy": ()}
+            own = (
+                (self.outputs, n),
+                {name: np.empty((_ROWS, *shapes.get(name, (6, 6)))) for name in self.outputs},
+            )
+            _THREAD.buffers = own
+        return {name: array[:count] for name, array in own[1].items()}
+
+    @cached_property
+    def _lengths(self) -> Array:
+        """Which columns of the Jacobian belong to distances: for a platform its legs."""
+        if self.elastic.mechanism.at(self.elastic.q).coordinates_are_pose:
+            return np.ones(len(self.elastic.names), bool)
+        return np.array([c.is_length for c in self.elastic.mechanism.coordinates])
+
+    def _assemble(self, q: Array, there: Array) -> Array:
+        """Meet the closures row by row, the map's own coordinates held; which rows succeeded."""
+        mechanism = self.elastic.mechanism
+        if not isinstance(mechanism, Chain):
+            return there
+        own = self.sampling.columns if isinstance(self.sampling, Grid) else list(mechanism.held)
+        hold = sorted({*own, *mechanism.held})
+        if not set(own) <= set(mechanism.held):
+            # The map leads passive joints: the actuators follow.
+            hold = sorted({*own, *mechanism.held} - {*(mechanism.actuated or ())} | {*own})
+        done = there.copy()
+        for i in np.flatnonzero(there):
+            try:
+                closed = mechanism.closed(q[i], hold=hold).q
+            except ConvergenceError:
+                done[i] = False
+                continue
+            if hold and np.abs(closed - q[i])[hold].max() > _MOVED:
+                done[i] = False
+                continue
+            q[i] = closed
+        return done
+
+
+def _code(name: str) -> int:
+    return STATES.index(name if name in STATES else "other")

@@ -1,0 +1,76 @@
+"""Pictures of maps: heat maps, slices, lines, histograms, violins by region, points in space.
+
+Colours come from a map that is readable without colour vision. Cells without a number are grey and
+hatched, and the legend names their state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from cartstiff.errors import UnknownNameError
+from cartstiff.maps.picture_distributions import histogram, points, violin
+from cartstiff.maps.picture_grids import heat_map, line, slices
+from cartstiff.maps.reading import quantity_of
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["KINDS", "draw_map", "heat_map", "histogram", "line", "points", "slices", "violin"]
+
+
+def draw_map(
+    dataset: xarray.Dataset, quantity: str, kind: str = "auto", *, by: str | None = None
+) -> Any:
+    """Draw a map in the way that suits its dimensions, or in a given one.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        From `open_map`, or a slice of it.
+    quantity : str
+        What is shown.
+    kind : str
+        One of `KINDS`, or "auto": a line, heat map or slices for one, two or three dimensions, a
+        histogram for more and for random postures.
+    by : str, optional
+        For "violin" and "slices": the axis, joint or direction along which the map is cut.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        See `cartstiff.report.figures_statics.save_figure`.
+
+    Raises
+    ------
+    UnknownNameError
+        For an unknown kind or quantity.
+    InputError
+        If the kind does not fit the dimensions.
+    """
+    array = quantity_of(dataset, quantity)
+    if kind == "auto":
+        if by is not None:
+            kind = "violin"
+        elif "posture" in array.dims:
+            kind = "histogram" if array.size > 2000 else "line"
+        else:
+            wide = sum(n > 1 for d, n in array.sizes.items() if d != "branch")
+            kind = {0: "histogram", 1: "line", 2: "heat", 3: "slices"}.get(wide, "histogram")
+    if kind not in KINDS:
+        raise UnknownNameError("kind of picture", kind, KINDS)
+    if by is not None and kind in ("violin", "slices"):
+        return KINDS[kind](dataset, quantity, by)
+    return KINDS[kind](dataset, quantity)
+
+
+#: Pictures by name.
+KINDS: dict[str, Callable[..., Any]] = {
+    "heat": heat_map,
+    "slices": slices,
+    "line": line,
+    "histogram": histogram,
+    "violin": violin,
+    "points": points,
+}

@@ -1,0 +1,243 @@
+"""A map before it is computed: everything checked, the file made or recognised."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.analysis.metrics import characteristic_length
+from cartstiff.errors import CartstiffError, InputError, one_line
+from cartstiff.geometry.se3 import Array
+from cartstiff.maps.cartesian import CartesianGrid
+from cartstiff.maps.job import STATES, MapJob
+from cartstiff.maps.quantities import Settings, choose_quantities
+from cartstiff.maps.sampling import Sampling, dimension_name
+from cartstiff.maps.store import NOT_COMPUTED, SCHEMA, MapFile
+from cartstiff.mechanisms.contract import checked_vector
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.stiffness.compute import analyse
+from cartstiff.version import __version__
+
+__all__ = ["default_length", "prepare_map"]
+
+# Numbers that tell one mechanism from another agree to this, whatever the processor.
+_SAME = 1e-8
+
+
+def default_length(elastic: ElasticMechanism, wrench: ArrayLike | None = None) -> float:
+    """Characteristic length of a map: the natural length at the default posture, or one unit."""
+    K = analyse(elastic, wrench=wrench).matrices["B"]
+    return float(f"{characteristic_length(K).value:.6g}")  # the same digits on every processor
+
+
+def prepare_map(
+    elastic: ElasticMechanism,
+    sampling: Sampling,
+    quantities: Sequence[str],
+    file: str | Path,
+    *,
+    connection: str = "B",
+    length: float | None = None,
+    direction: ArrayLike | None = None,
+    deflect: ArrayLike | None = None,
+    world: bool = False,
+    wrench: ArrayLike | None = None,
+    single: bool = False,
+    chunk: int | None = None,
+    command: str = "",
+) -> tuple[MapJob, MapFile]:
+    """Check everything and make the file, or open the one that holds the same map.
+
+    Arguments as in `compute_map`.
+    """
+    path = Path(file)
+    if path.suffix != ".zarr":
+        raise InputError("unknown file ending", where=one_line(str(file)), expected=".zarr")
+    if not path.absolute().parent.is_dir():
+        raise InputError("map cannot be written", where=one_line(str(file)), got="no such folder")
+    if path.exists() and not path.is_dir():
+        raise InputError("is a file", where=one_line(str(file)), expected="a map, or nothing")
+    if chunk is not None and chunk < 1:
+        raise InputError("size of chunks cannot be used", expected="1 or more", got=chunk)
+    load = None if wrench is None else checked_vector(wrench, 6, "wrench")
+    asked = load if deflect is None else checked_vector(deflect, 6, "wrench of the deflection")
+    settings = Settings(
+        connection,
+        default_length(elastic, load) if length is None else _positive(length),
+        None if direction is None else _direction(direction),
+        None if asked is None else tuple(asked.tolist()),
+        world,
+    )
+    chosen = choose_quantities(list(quantities), settings, elastic)
+    if (
+        isinstance(sampling, CartesianGrid)
+        and sampling.redundancy == "best"
+        and chosen[0].better is None
+    ):
+        raise InputError(
+            f"neither end of {chosen[0].name} is better", where="redundancy",
+            expected="another first quantity, or the nearest posture",
+        )  # fmt: skip
+    probe = _probe(elastic, sampling, load)
+    job = MapJob(
+        elastic,
+        sampling,
+        tuple(q.name for q in chosen),
+        settings,
+        None if load is None else tuple(load.tolist()),
+    )
+    description = {
+        "joints": list(elastic.names),
+        "probe": probe,
+        "sampling": sampling.as_dict(),
+        "quantities": list(job.names),
+        "connection": connection,
+        "length": settings.length,
+        "direction": settings.direction,
+        "deflect": settings.deflect,
+        "world": world,
+        "load": job.wrench,
+        "single": single,
+        "states": list(STATES),
+    }
+    description = json.loads(json.dumps(description))
+    if path.exists():
+        existing = MapFile.at(path)
+        _require_same(json.loads(existing.attributes["description"]), description, path)
+        return job, existing
+    units, mechanism = elastic.units, elastic.mechanism
+    attributes = {
+        "schema": SCHEMA,
+        "title": f"stiffness map of {elastic.name}",
+        "mechanism": elastic.name,
+        "kind": mechanism.kind,
+        "frame": mechanism.frame,
+        "connection": connection,
+        "characteristic_length": settings.length,
+        "length_unit": units.length,
+        "force_unit": units.force,
+        "angle_unit": "rad",
+        "order": "angular-linear",
+        "command": command,
+        **_versions(),
+        "description": json.dumps(description),
+    }
+    variables = {}
+    for q in chosen:
+        variables[q.name] = {"units": q.unit_in(units), "long_name": q.description}
+        if q.better is not None:
+            variables[q.name]["better"] = q.better
+    axis_units = {
+        dimension_name(c.name): units.length if c.is_length else "rad"
+        for c in mechanism.coordinates
+    } | dict.fromkeys(("position", *_axes_in_length(sampling)), units.length)
+    state = {
+        "long_name": "state of the mechanism",
+        "flag_values": [*range(len(STATES)), NOT_COMPUTED],
+        "flag_meanings": " ".join([*STATES, "not-computed"]),
+    }
+    return job, MapFile.create(
+        path, sampling, variables, attributes, state=state, units=axis_units,
+        q=(len(elastic.names), job.stores_q), single=single, postures_per_chunk=chunk,
+    )  # fmt: skip
+
+
+def _axes_in_length(sampling: Sampling) -> tuple[str, ...]:
+    return tuple(sampling.axes) if "branch" in sampling.dims else ()
+
+
+def _positive(length: float) -> float:
+    return characteristic_length(given=length).value
+
+
+def _direction(direction: ArrayLike) -> tuple[float, ...]:
+    vector = checked_vector(direction, 3, "direction")
+    if not vector.any():
+        raise InputError("direction must not be zero", got=vector.tolist())
+    return tuple(vector.tolist())
+
+
+def _versions() -> dict[str, str]:
+    found = {"cartstiff_version": __version__, "python_version": platform.python_version()}
+    for package in ("numpy", "pin", "zarr"):
+        try:
+            found[f"{package}_version"] = version(package)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def _probe(
+    elastic: ElasticMechanism, sampling: Sampling, load: Array | None
+) -> list[list[float | None]]:
+    """What tells this mechanism from another: its numbers at two postures."""
+    first = tuple(slice(0, 1) for _ in sampling.shape)
+    postures = [elastic.q]
+    if "branch" not in sampling.dims:
+        postures.append(sampling.postures(first, elastic)[0])
+    groups: list[list[float | None]] = []
+    for q in postures:
+        try:
+            result = analyse(elastic, q, wrench=load)
+        except InputError:
+            raise
+        except CartstiffError:
+            groups.append([])
+            continue
+        matrix = result.compliances["B"] if result.matrices["B"] is None else result.matrices["B"]
+        # In one group what may be rounding only: it is compared with the largest number there.
+        forces = [a for a in (result.wrench, matrix, result.energy) if a is not None]
+        for array in (result.q, result.pose, np.concatenate([np.ravel(a) for a in forces])):
+            groups.append([v if np.isfinite(v) else None for v in array.ravel().tolist()])
+    return groups
+
+
+def _require_same(there: dict[str, Any], here: dict[str, Any], path: Path) -> None:
+    """Refuse to go on with another map's file, saying what differs."""
+    for key in here:
+        found = _difference(there.get(key), here[key], key)
+        if found is None:
+            continue
+        if key == "probe":
+            raise InputError(
+                "the file holds a map of another mechanism",
+                where=one_line(str(path)),
+                expected="the same geometry, springs and loads, or another file name",
+            )
+        part, a, b = found
+        raise InputError(
+            f"the file holds another map: {part} differs",
+            where=one_line(str(path)),
+            expected=f"{one_line(json.dumps(a))} as in the file, or another file name",
+            got=json.dumps(b),
+        )
+
+
+def _difference(a: Any, b: Any, name: str) -> tuple[str, Any, Any] | None:
+    """Name and values of the first part that differs; numbers may differ by rounding."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        for key in {**a, **b}:
+            if (found := _difference(a.get(key), b.get(key), key)) is not None:
+                return found
+        return None
+    if _numeric(a) and _numeric(b) and len(a) == len(b):
+        x, y = np.array(a, float), np.array(b, float)
+        largest = max(np.abs(x).max(initial=0.0), 1e-12)
+        return (name, a, b) if np.abs(x - y).max(initial=0.0) > _SAME * largest else None
+    if isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
+        pairs = zip(a, b, strict=True)
+        return next(((name, a, b) for x, y in pairs if _difference(x, y, name)), None)
+    return None if a == b else (name, a, b)
+
+
+def _numeric(value: Any) -> bool:
+    return isinstance(value, list) and all(
+        isinstance(v, (int, float)) and not isinstance(v, bool) for v in value
+    )

@@ -1,0 +1,320 @@
+r"""Named numbers of many postures: what a map can hold.
+
+A quantity is evaluated on stacks of matrices and equals, posture by posture, what
+`cartstiff.analysis` says of the same thing. An asymmetric matrix (K^A) is read by its symmetric
+part, as there. What does not exist at a posture is NaN.
+
+Any other number of the analysis can be named by its path in the analysis of one posture, such as
+``indices.condition_exponent`` or ``centres.stiffness.2``; it is then found posture by posture, some
+hundred times slower.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from cartstiff.analysis.ellipsoids import stiffness_about, stiffness_along
+from cartstiff.analysis.matrices import RANK, ROTATION, TRANSLATION
+from cartstiff.errors import InputError, UndefinedError, UnknownNameError
+from cartstiff.geometry.se3 import Array
+from cartstiff.maps import stacks
+from cartstiff.maps.quantity import CONNECTIONS, Quantity, Settings, Stacks
+from cartstiff.mechanisms.elastic import ElasticMechanism
+
+__all__ = ["QUANTITIES", "Quantity", "Settings", "Stacks", "choose_quantities", "evaluate"]
+
+_K, _C = ("stiffness_{matrix}",), ("compliance_{matrix}",)
+_DEFLECT = ("compliance_{connection}", "pose")
+_BLOCKS = {"rotation": ROTATION, "translation": TRANSLATION}
+_STIFF = {"rotation": "{force} {length}/rad", "translation": "{force}/{length}"}
+_SOFT = {"rotation": "rad/({force} {length})", "translation": "{length}/{force}"}
+
+
+def _principal(s: Stacks, kind: str, freedom: str, others: str) -> Array:
+    """Principal values (N, 3) of stiffness or compliance, the other freedoms held or free."""
+
+    def make() -> Array:
+        block = _BLOCKS[freedom]
+        # A stiffness block holds the others, a compliance block frees them.
+        if (kind == "stiffness") == (others == "held"):
+            return stacks.principal((s.K if kind == "stiffness" else s.C)[:, block, block])
+        if kind == "compliance":
+            return stacks.free_values(s.C, s.K, block)
+        values = stacks.free_values(s.K, s.C, block)
+        # Beside a stiffness without inverse, what is only rounding of it is no number.
+        singular: Array = np.asarray(~np.isfinite(s.C).all(axis=(1, 2)))
+        rounding: Array = RANK * np.linalg.norm(s.K[:, block, block], axis=(1, 2))
+        values[singular[:, None] & (np.abs(values) <= rounding.reshape(-1, 1))] = np.nan
+        return values
+
+    return s.once(f"{kind} {freedom} {others}", make)
+
+
+def _principal_quantities() -> list[Quantity]:
+    found = []
+    for kind, prefix, units in (("stiffness", "", _STIFF), ("compliance", "compliance_", _SOFT)):
+        for freedom in ("translation", "rotation"):
+            for others in ("free", "held"):
+                both = (kind == "stiffness") == (others == "free")
+                needs = (*_K, *_C) if both else _K if kind == "stiffness" else _C
+                for end, which, column in (("min", "smallest", 0), ("max", "largest", 2)):
+
+                    def function(
+                        s: Stacks,
+                        key: tuple[str, str, str] = (kind, freedom, others),
+                        column: int = column,
+                    ) -> Array:
+                        return _principal(s, *key)[:, column]
+
+                    other = "rotation" if freedom == "translation" else "translation"
+                    found.append(
+                        Quantity(
+                            f"{prefix}{freedom}_{others}_{end}",
+                            f"{which} principal {freedom}al {kind}, {other} {others}",
+                            units[freedom],
+                            function,
+                            needs,
+                            better="larger" if kind == "stiffness" else "smaller",
+                        )
+                    )
+    return found
+
+
+def _on_axis(s: Stacks, block: slice, others: str) -> Array:
+    """Stiffness along or about the direction through the frame's origin."""
+    u = s.vectors(s.settings.direction, "direction")
+    u = u / np.linalg.norm(u, axis=1, keepdims=True)
+    if others == "held":
+        return np.einsum("ni,nij,nj->n", u, s.K[:, block, block], u)
+    C = s.C[:, block, block]
+    give = np.einsum("ni,nij,nj->n", u, C, u)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found: Array = 1.0 / give
+    exists = np.isfinite(s.K).all(axis=(1, 2))
+    # Without a K, a direction that does not give is held by the structure: no number says how much.
+    rigid = np.abs(give) <= RANK * np.abs(C).max(axis=(1, 2))
+    found[~exists & rigid] = np.nan
+    function = stiffness_along if block is TRANSLATION else stiffness_about
+    for i in np.flatnonzero(exists & ~np.isfinite(C).all(axis=(1, 2))):
+        try:
+            found[i] = function(s.K[i], u[i], others="free")
+        except UndefinedError:
+            found[i] = np.nan
+    return found
+
+
+def _deflection(s: Stacks, part: slice) -> Array:
+    def make() -> Array:
+        C = s.arrays[f"compliance_{s.settings.connection}"]
+        return np.einsum("nij,nj->ni", C, s.vectors(s.settings.deflect, "wrench to deflect it"))
+
+    return np.linalg.norm(s.once("deflection", make)[:, part], axis=1)
+
+
+def _unstable(s: Stacks) -> Array:
+    def count(K: Array) -> Array:
+        rr, tt = stacks.block_norms(K)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            length = np.where((rr > 0) & (tt > 0), np.sqrt(rr / tt), 1.0)
+        values = np.linalg.eigvalsh(stacks.scale_lengths(K, length))
+        return stacks.signs(values)[0].astype(float)
+
+    return stacks.on_finite(count, s.K)
+
+
+def _natural_length(s: Stacks) -> Array:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        translation = _principal(s, "stiffness", "translation", "held")
+        rotation = _principal(s, "stiffness", "rotation", "free")
+        positive = np.ones(len(translation), bool)
+        for values in (translation, rotation):
+            positive &= stacks.signs(values)[2] == 3
+        found = np.exp((np.log(rotation).sum(axis=1) - np.log(translation).sum(axis=1)) / 6.0)
+    return np.where(positive, found, np.nan)
+
+
+def _asymmetry(s: Stacks) -> Array:
+    def size(K: Array) -> Array:
+        rr, tt = stacks.block_norms(K)
+        coupling = np.sqrt(rr * tt)
+        edge = np.sqrt(np.einsum("nij,nij->n", K[:, :3, 3:], K[:, :3, 3:]))
+        coupling = np.where(coupling == 0.0, edge, coupling)
+        scales = np.array([[rr, coupling], [coupling, tt]]).transpose(2, 0, 1)
+        scales = np.kron(scales, np.ones((1, 3, 3)))
+        scales[scales == 0.0] = 1.0
+        return (np.abs(K - K.swapaxes(1, 2)) / scales).max(axis=(1, 2))
+
+    return stacks.on_finite(size, s.arrays["stiffness_A"])
+
+
+def _connection_change(s: Stacks) -> Array:
+    """Largest change that `cartstiff.analysis.asymmetry.compare_connections` finds."""
+    reference = s.arrays[f"stiffness_{s.settings.connection}"]
+    base = stacks.scale_lengths(reference, s.settings.length)
+    half = stacks.symmetric_part(base)
+    values = stacks.on_finite(np.linalg.eigvalsh, half, shape=(6,))
+    positive = stacks.signs(values)[2] == 6
+    worst = np.full(len(base), np.nan)
+    for name in CONNECTIONS:
+        other = s.arrays[f"stiffness_{name}"]
+        if name == s.settings.connection:
+            continue
+        both = np.isfinite(other).all(axis=(1, 2)) & np.isfinite(base).all(axis=(1, 2))
+        change = np.full(len(base), np.nan)
+        d = stacks.scale_lengths(other - reference, s.settings.length)
+        if (rows := both & positive).any():
+            root = np.linalg.cholesky(half[rows])
+            left = np.linalg.solve(root, d[rows])
+            relative = np.linalg.solve(root, left.swapaxes(1, 2))
+            change[rows] = np.linalg.norm(relative, 2, axis=(1, 2))
+        if (rows := both & ~positive).any():
+            with np.errstate(divide="ignore", invalid="ignore"):
+                size = np.linalg.norm(base[rows], 2, axis=(1, 2))
+                change[rows] = np.linalg.norm(d[rows], 2, axis=(1, 2)) / size
+        worst = np.fmax(worst, change)
+    return worst
+
+
+def _ratio(s: Stacks) -> Array:
+    values = s.once("singular values", s.singular_values)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return values[:, -1] / values[:, 0]
+
+
+def _manipulability(s: Stacks) -> Array:
+    J = s.arrays["jacobian"]
+    columns = np.where(s._is_length(J.shape[2]), s.settings.length, 1.0)
+    return stacks.on_finite(
+        lambda m: np.prod(np.linalg.svd(m * columns, compute_uv=False), axis=1), J
+    )
+
+
+_EVERY = tuple(f"stiffness_{name}" for name in CONNECTIONS)
+
+#: Every quantity by name.
+QUANTITIES: dict[str, Quantity] = {
+    q.name: q
+    for q in (
+        *_principal_quantities(),
+        Quantity("along_free", "stiffness along the direction, everything else free",
+                 "{force}/{length}", lambda s: _on_axis(s, TRANSLATION, "free"),
+                 (*_K, *_C, "pose"), "direction"),
+        Quantity("along_held", "stiffness along the direction, everything else held",
+                 "{force}/{length}", lambda s: _on_axis(s, TRANSLATION, "held"),
+                 (*_K, "pose"), "direction"),
+        Quantity("about_free", "stiffness about the direction, everything else free",
+                 "{force} {length}/rad", lambda s: _on_axis(s, ROTATION, "free"),
+                 (*_K, *_C, "pose"), "direction"),
+        Quantity("about_held", "stiffness about the direction, everything else held",
+                 "{force} {length}/rad", lambda s: _on_axis(s, ROTATION, "held"),
+                 (*_K, "pose"), "direction"),
+        Quantity("deflection", "displacement of the frame's origin under the given wrench",
+                 "{length}", lambda s: _deflection(s, TRANSLATION), _DEFLECT,
+                 "deflect", "smaller"),
+        Quantity("deflection_angle", "rotation of the body under the given wrench",
+                 "rad", lambda s: _deflection(s, ROTATION), _DEFLECT, "deflect", "smaller"),
+        Quantity("condition", "condition number of K at the characteristic length",
+                 "1", lambda s: stacks.condition(s.eigenvalues()), _K, "length", "smaller"),
+        Quantity("isotropy", "geometric over arithmetic mean of the eigenvalues of K",
+                 "1", lambda s: stacks.isotropy(s.eigenvalues()), _K, "length"),
+        Quantity("minimum", "smallest eigenvalue of K at the characteristic length",
+                 "{force}/{length}", lambda s: s.eigenvalues()[:, 0], _K, "length"),
+        Quantity("translation_condition", "condition number of the translational block of K",
+                 "1", lambda s: stacks.condition(_principal(s, "stiffness", "translation", "held")),
+                 _K, better="smaller"),
+        Quantity("rotation_condition", "condition number of the rotational block of K",
+                 "1", lambda s: stacks.condition(_principal(s, "stiffness", "rotation", "held")),
+                 _K, better="smaller"),
+        Quantity("determinant", "determinant of K", "{force}^6/rad^3",
+                 lambda s: stacks.determinant(s.K), _K),
+        Quantity("unstable_directions", "number of negative eigenvalues of K", "1", _unstable,
+                 _K, better="smaller"),
+        Quantity("natural_length", "length at which rotation and translation are equally stiff",
+                 "{length}", _natural_length, (*_K, *_C), better=None),
+        Quantity("asymmetry", "largest entry of K^A - (K^A)^T, relative to its block", "1",
+                 _asymmetry, ("stiffness_A",), better="smaller"),
+        Quantity("connection_change",
+                 "largest relative change of stiffness by another choice of connection", "1",
+                 _connection_change, _EVERY, "length", "smaller"),
+        Quantity("singular_value_ratio", "smallest over largest singular value of the Jacobian",
+                 "1", _ratio, ("jacobian",), "length"),
+        Quantity("manipulability", "product of the singular values of the Jacobian", "{length}^3",
+                 _manipulability, ("jacobian",)),
+        Quantity("moment", "size of the load's moment", "{force} {length}",
+                 lambda s: np.linalg.norm(s.arrays["wrench"][:, :3], axis=1), ("wrench",),
+                 better=None),
+        Quantity("force", "size of the load's force", "{force}",
+                 lambda s: np.linalg.norm(s.arrays["wrench"][:, 3:], axis=1), ("wrench",),
+                 better=None),
+        Quantity("energy", "stored energy", "{force} {length}", lambda s: s.arrays["energy"],
+                 ("energy",), better=None),
+    )
+}  # fmt: skip
+
+
+def choose_quantities(
+    names: Sequence[str], settings: Settings, elastic: ElasticMechanism
+) -> tuple[Quantity, ...]:
+    """Quantities by name, checked against the settings and the mechanism.
+
+    Raises
+    ------
+    UnknownNameError
+        For a name that is neither in `QUANTITIES` nor a path of the analysis.
+    InputError
+        If a quantity asks for a setting that is missing, is named twice, or does not exist for this
+        kind of mechanism.
+    """
+    if settings.connection not in CONNECTIONS:
+        raise UnknownNameError("connection", settings.connection, CONNECTIONS)
+    if not names:
+        raise InputError("no quantity was named", expected="one or more names")
+    found = []
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError("quantity given twice", got=repr(name))
+        if "." in name:
+            from cartstiff.maps.analysis_paths import path_quantity
+
+            found.append(path_quantity(name))
+            continue
+        if name not in QUANTITIES:
+            raise UnknownNameError("quantity", name, QUANTITIES)
+        quantity = QUANTITIES[name]
+        if quantity.asks == "direction" and settings.direction is None:
+            raise InputError(f"the quantity {name} needs a direction")
+        if quantity.asks == "deflect" and settings.deflect is None:
+            raise InputError(f"the quantity {name} needs a wrench to deflect the body")
+        if "jacobian" in quantity.needs and elastic.mechanism.kind in ("closed-chain", "parallel"):
+            raise InputError(
+                f"the quantity {name} is not defined for a mechanism with closures",
+                expected="a serial chain or a platform",
+            )
+        found.append(quantity)
+    return tuple(found)
+
+
+def evaluate(
+    quantities: Sequence[Quantity],
+    arrays: Mapping[str, Array],
+    settings: Settings,
+    lengths: Array | None = None,
+) -> dict[str, Array]:
+    """Values (N,) of quantities by name, from the arrays of `analyse_many`.
+
+    Parameters
+    ----------
+    quantities : sequence of Quantity
+        From `choose_quantities`.
+    arrays : mapping of str to ndarray
+        Outputs by name, with NaN where one does not exist.
+    settings : Settings
+        What the quantities refer to.
+    lengths : ndarray of bool, shape (n,), optional
+        Which coordinates are distances; default none.
+    """
+    source = Stacks(arrays, settings, lengths)
+    with np.errstate(all="ignore"):
+        return {q.name: np.asarray(q.function(source), float) for q in quantities}

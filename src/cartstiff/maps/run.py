@@ -1,0 +1,170 @@
+"""Computing a map: new or gone on with, in this process or on a cluster."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from os import cpu_count
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.errors import InputError, MissingDependencyError
+from cartstiff.maps.job import MapJob
+from cartstiff.maps.prepare import prepare_map
+from cartstiff.maps.sampling import Sampling
+from cartstiff.maps.store import MapFile, open_map
+from cartstiff.mechanisms.elastic import ElasticMechanism
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["compute_map", "run_map"]
+
+
+def compute_map(
+    elastic: ElasticMechanism,
+    sampling: Sampling,
+    quantities: Sequence[str],
+    file: str | Path,
+    *,
+    connection: str = "B",
+    length: float | None = None,
+    direction: ArrayLike | None = None,
+    deflect: ArrayLike | None = None,
+    world: bool = False,
+    wrench: ArrayLike | None = None,
+    single: bool = False,
+    chunk: int | None = None,
+    threads: int | None = None,
+    workers: int = 0,
+    scheduler: str | None = None,
+    progress: bool | None = False,
+    command: str = "",
+) -> xarray.Dataset:
+    """Quantities of the stiffness at many postures, in a file.
+
+    Where the file exists and holds the same map, what is missing in it is computed.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        From `cartstiff.load`.
+    sampling : Sampling
+        `Grid`, `RandomPostures`, `Trajectory` or `CartesianGrid`.
+    quantities : sequence of str
+        Names in `cartstiff.maps.quantities.QUANTITIES`, or paths of the analysis.
+    file : path
+        A folder that ends in ``.zarr``.
+    connection : {"B", "A", "K", "F"}
+        The matrix that is read.
+    length : float, optional
+        Characteristic length for all postures; see `default_length`.
+    direction : array_like (3,), optional
+        For stiffness along and about a direction.
+    deflect : array_like (6,), optional
+        Wrench (moment, force) added to the load, whose deflection is asked for; default the load.
+    world : bool
+        Whether these two are in the axes of F, not of the body.
+    wrench : array_like (6,), optional
+        Load W in the body frame at every posture, as in `cartstiff.analyse`.
+    single : bool
+        Keep results in single precision: half the size.
+    chunk : int, optional
+        Most postures of a chunk.
+    threads : int, optional
+        In this process; default one for every core.
+    workers : int
+        Processes on this machine instead, which listen on 127.0.0.1 only.
+    scheduler : str, optional
+        Address of a running Dask scheduler, whose workers see the file under the same path.
+    progress : bool or None
+        Bar on standard error; None shows it on a terminal only.
+    command : str
+        Kept in the file.
+
+    Returns
+    -------
+    xarray.Dataset
+        As `open_map`.
+
+    Raises
+    ------
+    InputError
+        If the file holds another map (what differs is said), or for bad input.
+    KeyboardInterrupt
+        After Ctrl-C; the file is valid and the same call goes on with it.
+    """
+    job, map_file = prepare_map(
+        elastic, sampling, quantities, file, connection=connection, length=length,
+        direction=direction, deflect=deflect, world=world, wrench=wrench, single=single,
+        chunk=chunk, command=command,
+    )  # fmt: skip
+    run_map(job, map_file, threads=threads, workers=workers, scheduler=scheduler, progress=progress)
+    return open_map(file)
+
+
+def run_map(
+    job: MapJob,
+    file: MapFile,
+    *,
+    threads: int | None = None,
+    workers: int = 0,
+    scheduler: str | None = None,
+    progress: bool | None = False,
+) -> int:
+    """Compute the chunks that are missing; how many they were.
+
+    Arguments as in `compute_map`.
+    """
+    if workers < 0 or (threads is not None and threads < 1):
+        raise InputError("number of workers or threads cannot be used", got=(workers, threads))
+    if workers and scheduler is not None:
+        raise InputError("give workers or a scheduler, not both")
+    with file.locked():
+        file.remove_leftovers()
+        todo = file.missing()
+        total = int(np.prod(file.shape, dtype=object))
+        done = total - sum(file.count(i) for i in todo)
+        with _bar(total, done, progress) as advance:
+            if todo and (workers or scheduler is not None):
+                from cartstiff.maps.cluster import run_on_cluster
+
+                run_on_cluster(job, file, todo, advance, workers=workers, scheduler=scheduler)
+            else:
+                boxes = [file.boxes[chunk] for chunk in todo]
+                for chunk, solved in zip(todo, job.solved(boxes), strict=True):
+                    arrays = job.compute(
+                        file.boxes[chunk], threads or cpu_count() or 1, advance, solved
+                    )
+                    file.write(chunk, arrays)
+    return len(todo)
+
+
+def _bar(
+    total: int, done: int, progress: bool | None
+) -> AbstractContextManager[Callable[[int], None]]:
+    """A bar that counts postures, or nothing."""
+    if progress is False or (progress is None and not sys.stderr.isatty()):
+        return nullcontext(lambda _: None)
+    try:
+        from tqdm import tqdm
+    except ImportError:
+        raise MissingDependencyError(
+            package="tqdm", purpose="a progress bar", extra="maps"
+        ) from None
+
+    class Bar(AbstractContextManager[Callable[[int], None]]):
+        def __enter__(self) -> Callable[[int], None]:
+            self.bar = tqdm(
+                total=total, initial=done, unit=" postures", unit_scale=True, file=sys.stderr
+            )
+            return lambda count: self.bar.update(count) and None
+
+        def __exit__(self, *_: object) -> None:
+            self.bar.close()
+
+    return Bar()

@@ -1,0 +1,179 @@
+"""A live page, or a notebook cell, from Python."""
+
+from __future__ import annotations
+
+import webbrowser
+from html import escape
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.errors import InputError, MissingDependencyError
+from cartstiff.mechanisms.contract import named_values
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.page.source import Source, Trajectory
+from cartstiff.stiffness.compute import analyse
+
+__all__ = ["Page", "StaticPage", "show"]
+
+
+class Page:
+    """A page that is served by this process; in a notebook it shows itself in a cell.
+
+    Attributes
+    ----------
+    url : str
+        Its address.
+    """
+
+    def __init__(self, source: Source, port: int, height: int) -> None:
+        try:
+            from cartstiff.page.run import Background
+        except ImportError as error:
+            if (error.name or "").startswith("cartstiff"):
+                raise
+            raise MissingDependencyError("tornado", "a page in the browser", "view") from None
+        self._source, self._height = source, height
+        self._background = Background(source, port=port)
+        self.url = self._background.url
+
+    def move(self, q: ArrayLike) -> None:
+        """Take every tab to a posture, those that are opened later too.
+
+        Raises
+        ------
+        InputError
+            For a wrong count or numbers that are not finite.
+        """
+        values = self._source.elastic.mechanism.checked(q).tolist()
+        server = self._background.server
+        self._background.call(lambda: server.go_to(values))
+
+    def close(self) -> None:
+        """End the page."""
+        self._background.close()
+
+    def __enter__(self) -> Page:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"<page of {self._source.elastic.name} at {self.url}>"
+
+    def _repr_html_(self) -> str:
+        return _frame(f'src="{escape(self.url)}"', self._height)
+
+
+class StaticPage:
+    """An exported page: a notebook keeps it, and shows it where no server runs.
+
+    Attributes
+    ----------
+    html : str
+        The whole page.
+    """
+
+    def __init__(self, html: str, height: int) -> None:
+        self.html, self._height = html, height
+
+    def __repr__(self) -> str:
+        return f"<exported page, {len(self.html) / 1e6:.1f} MB>"
+
+    def _repr_html_(self) -> str:
+        return _frame(f'srcdoc="{escape(self.html)}"', self._height)
+
+
+def _frame(source: str, height: int) -> str:
+    style = f"width: 100%; height: {height}px; border: 1px solid #8888; border-radius: 6px"
+    return f'<iframe {source} style="{style}" allow="clipboard-write"></iframe>'
+
+
+def show(
+    elastic: ElasticMechanism,
+    q: ArrayLike | dict[str, float] | None = None,
+    *,
+    wrench: ArrayLike | None = None,
+    trajectory: ArrayLike | None = None,
+    static: bool = False,
+    frames: int = 25,
+    port: int = 0,
+    open_browser: bool | None = None,
+    height: int = 720,
+) -> Page | StaticPage:
+    """Show a mechanism with its ellipsoids and matrices on a page.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        From `cartstiff.load`, or your own.
+    q : array_like (n,) or mapping, optional
+        Posture shown at first; default the mechanism's.
+    wrench : array_like (6,), optional
+        Load (moment, force) shown at first, as in `cartstiff.analyse`.
+    trajectory : array_like (N, n), optional
+        Postures for the time slider.
+    static : bool
+        An exported page with computed frames instead of a live one: for notebooks that are kept,
+        or whose server runs on another machine.
+    frames : int
+        Of an exported page: postures along the sweep of each coordinate.
+    port : int
+        Of a live page, on 127.0.0.1; 0 takes a free one.
+    open_browser : bool, optional
+        Open the page in a browser; default only outside notebooks.
+    height : int
+        Of a notebook's cell, in dots.
+
+    Returns
+    -------
+    Page or StaticPage
+        Left as the last word of a notebook's cell it shows itself there. A `Page` lives until
+        `close`, or until Python ends.
+
+    Raises
+    ------
+    InputError
+        For a posture, wrench or trajectory that does not fit; CartstiffError where there is no
+        posture.
+    MissingDependencyError
+        Without tornado or meshcat.
+    """
+    values: Any = named_values(q, elastic.names, elastic.q, "q") if isinstance(q, dict) else q
+    with np.errstate(all="ignore"):
+        first = analyse(elastic, values, wrench=wrench)
+    source = Source(
+        elastic,
+        first.q,
+        None if wrench is None else np.asarray(wrench, float),
+        trajectory=None if trajectory is None else _trajectory(elastic, trajectory),
+    )
+    if static:
+        from cartstiff.page.export import export_page
+
+        return StaticPage(export_page(source, frames=frames), height)
+    page = Page(source, port, height)
+    if open_browser is None:
+        open_browser = not _in_notebook()
+    if open_browser:
+        webbrowser.open(page.url)
+    return page
+
+
+def _trajectory(elastic: ElasticMechanism, postures: ArrayLike) -> Trajectory:
+    rows = np.asarray(postures, float)
+    if rows.ndim != 2 or not len(rows):
+        raise InputError("trajectory has the wrong shape", expected="(N, n)", got=str(rows.shape))
+    q = np.array([elastic.mechanism.checked(row, "trajectory") for row in rows])
+    return Trajectory(q, np.arange(float(len(q))))
+
+
+def _in_notebook() -> bool:
+    try:
+        from IPython import get_ipython
+    except ImportError:
+        return False
+    shell = get_ipython()
+    return shell is not None and hasattr(shell, "kernel")

@@ -1,0 +1,351 @@
+"""The page as one file that opens anywhere without a network.
+
+The file holds frames: the posture shown and a sweep of every coordinate through it, or the postures
+of a trajectory; for each the numbers under every connection, as the library gives them, and the
+commands that bring the picture there. Nothing in it depends on when or where it was made.
+"""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import hashlib
+import json
+from collections.abc import Generator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from cartstiff.analysis.posture import analyse_posture
+from cartstiff.errors import CartstiffError, InputError
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.page.answer import Answer
+from cartstiff.page.compact import compacted
+from cartstiff.page.description import slider_coordinates, slider_ranges
+from cartstiff.page.files import page_html, page_script, page_style, viewer_script
+from cartstiff.page.payload import payload
+from cartstiff.page.picture import Picture
+from cartstiff.page.recording import Key, Pictures, common_part, complete, in_order
+from cartstiff.page.session import PictureMaker, Session
+from cartstiff.page.source import Source
+from cartstiff.page.state import CONNECTIONS, State
+from cartstiff.report.analysis import summary_text
+from cartstiff.stiffness.compute import PostureStiffness
+from cartstiff.version import __version__
+
+__all__ = ["export_page", "export_steps"]
+
+#: Parts that an exported page can hide and show.
+_PARTS = ("translation", "rotation", "labels", "wrench")
+# K+ is the transpose of K^A: all that is shown of it besides the matrix is that of K^A.
+_VARIANTS = [
+    (quantity, name)
+    for quantity in ("stiffness", "compliance")
+    for name in CONNECTIONS
+    if name != "+"
+]
+# What of a payload is the same for every connection and quantity.
+_COMMON = ("result", "has_compliance", "position", "angles", "singularity", "legs")
+_MOST_FRAMES = 2_000
+
+
+def export_page(
+    source: Source, *, frames: int = 25, state: State | None = None, picture: PictureMaker = Picture
+) -> str:
+    """The page as HTML text.
+
+    Parameters
+    ----------
+    source : Source
+        What is shown; with a trajectory, its postures are the frames.
+    frames : int
+        Postures along the sweep of each coordinate.
+    state : State, optional
+        What is shown at first.
+    picture : callable
+        Makes the picture of a mechanism.
+
+    Raises
+    ------
+    InputError
+        For more frames than a page holds; CartstiffError where the first posture has no picture.
+    """
+    steps = export_steps(source, source.elastic, state, frames, picture=picture)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as done:
+            text: str = done.value.data["text"]
+            return text
+
+
+def export_steps(
+    source: Source,
+    elastic: ElasticMechanism,
+    state: State | None,
+    frames: int,
+    *,
+    picture: PictureMaker = Picture,
+    number: int = 0,
+) -> Generator[None, None, Answer]:
+    """As `export_page`, yielding between postures; returns an answer with "name" and "text".
+
+    `elastic` is the mechanism with the frame of interest that a tab has chosen.
+    """
+    here = replace(source, elastic=elastic, reload=None, cloud=source.cloud)
+    session = Session(here, picture)
+    first = session.start if state is None else state
+    first = first.model_copy(
+        update={"moved": None, "axes": "body", "point": (0.0, 0.0, 0.0)}
+        | dict.fromkeys(_PARTS, True)
+    )
+    hello = session.hello().data
+    base = session.result(first)
+    first = first.model_copy(update={"q": base.q.tolist()})
+    frames_of = _trajectory_frames if source.trajectory is not None else _sweep_frames
+    results, sweeps, path = yield from frames_of(session, first, base, frames)
+
+    recorder = _Recorder(session, first)
+    records: list[dict[str, Any]] = []
+    for result in results:
+        records.append(recorder.record(result))
+        yield
+    data = recorder.data(records)
+    data["hello"] = hello | {
+        "state": first.model_dump(),
+        "only_trajectory": source.trajectory is not None,
+    }
+    data |= {"sweeps": sweeps, "path": path}
+    data["analysis"] = summary_text(
+        analyse_posture(base, connection=first.connection), elastic.units.as_dict(), "full"
+    )
+    data["made"] = {
+        "by": f"cartstiff {__version__}",
+        "frames": len(results),
+        "state": first.model_dump(exclude_defaults=True),
+    }
+    yield
+    lists = [data["start"], *data["cameras"].values(), *data["themes"].values()]
+    lists += [numbers for frame in records for numbers in frame["pictures"].values()]
+    data["commands"], binary = compacted(recorder.pictures.commands, lists)
+    packed = Answer(data, binary).pack()
+    text = _document(packed, f"{elastic.name} · cartstiff")
+    return Answer({"id": number, "do": "export", "name": f"{elastic.name}.html", "text": text})
+
+
+# -- postures ---------------------------------------------------------------------------------
+
+_Frames = Generator[
+    None, None, tuple[list[PostureStiffness], dict[int, list[int]], list[int | None]]
+]
+
+
+def _sweep_frames(session: Session, state: State, base: PostureStiffness, count: int) -> _Frames:
+    """The posture, and for every slider `count` postures through it."""
+    elastic = session.elastic
+    sliders = slider_coordinates(elastic)
+    if len(sliders) * count > _MOST_FRAMES:
+        raise InputError("too many frames for one page", where="--frames",
+                         expected=f"at most {_MOST_FRAMES // len(sliders)}", got=count)  # fmt: skip
+    ranges = slider_ranges(elastic, base.q)
+    results = [base]
+    sweeps: dict[int, list[int]] = {}
+    for i in sliders:
+        values = np.linspace(*ranges[i], count)
+        found: list[tuple[float, int]] = [(float(base.q[i]), 0)]
+        for side in (values[values > base.q[i]], values[values < base.q[i]][::-1]):
+            q = base.q
+            for value in side:  # outwards, so that a closed chain keeps its branch
+                yield
+                q = q.copy()
+                q[i] = value
+                result = _reached(session, state, q, i)
+                if result is None:
+                    break
+                q = result.q
+                found.append((float(result.q[i]), len(results)))
+                results.append(result)
+        sweeps[i] = [index for _, index in sorted(found)]
+    return results, sweeps, []
+
+
+def _trajectory_frames(
+    session: Session,
+    state: State,
+    base: PostureStiffness,
+    count: int,  # noqa: ARG001
+) -> _Frames:
+    """The posture, and those of the trajectory."""
+    results, path = [base], list[int | None]()
+    trajectory = session.source.trajectory
+    postures = np.empty((0, 0)) if trajectory is None else trajectory.q
+    if len(postures) > _MOST_FRAMES:
+        raise InputError("too many postures for one page", where="--trajectory",
+                         expected=f"at most {_MOST_FRAMES}", got=len(postures))  # fmt: skip
+    for q in postures:
+        yield
+        result = _reached(session, state, q, None)
+        path.append(None if result is None else len(results))
+        if result is not None:
+            results.append(result)
+    return results, {}, path
+
+
+def _reached(
+    session: Session, state: State, q: Array, moved: int | None
+) -> PostureStiffness | None:
+    try:
+        with np.errstate(all="ignore"):
+            return session.result(state.model_copy(update={"q": q.tolist(), "moved": moved}))
+    except CartstiffError:
+        return None
+
+
+# -- pictures and numbers ---------------------------------------------------------------------
+
+
+class _Recorder:
+    """Numbers and pictures of every frame, what is equal kept once."""
+
+    def __init__(self, session: Session, state: State) -> None:
+        self._picture, self._finished = session.picture, session.with_colour_bar
+        self._state = state
+        self.pictures = Pictures()
+        self._variants: dict[str, int] = {}
+        self._states: list[dict[Key, int]] = []
+        self._first: PostureStiffness | None = None
+        self.pictures.merge(self._picture.everything_by_path())
+
+    def _looks(self) -> list[tuple[str, State]]:
+        return [
+            (f"{quantity}/{name}",
+             self._state.model_copy(update={"quantity": quantity, "connection": name}))
+            for quantity, name in _VARIANTS
+        ]  # fmt: skip
+
+    def _draw(self, result: PostureStiffness, state: State) -> dict[str, Any]:
+        at = state.model_copy(update={"q": result.q.tolist()})
+        legend: dict[str, Any] = self._picture.draw(result, at)
+        self.pictures.merge(self._picture.changes_by_path())
+        return self._finished(legend)
+
+    def record(self, result: PostureStiffness) -> dict[str, Any]:
+        """One frame."""
+        self._first = self._first or result
+        frame: dict[str, Any] = {"variants": {}, "pictures": {}}
+        with np.errstate(all="ignore"):
+            for key, look in self._looks():
+                numbers = payload(result, look, whole=True)
+                legend = self._draw(result, look)
+                frame |= {name: numbers[name] for name in _COMMON}
+                rest = {
+                    name: value for name, value in numbers.items()
+                    if name not in (*_COMMON, "stiffness", "compliance", "frame")
+                }  # fmt: skip
+                _shorten_axes(rest["principal"])
+                text = json.dumps({"numbers": rest, "legend": legend}, allow_nan=False)
+                frame["variants"][key] = self._variants.setdefault(text, len(self._variants))
+                frame["pictures"][key] = len(self._states)
+                self._states.append(self.pictures.state())
+        for quantity in ("stiffness", "compliance"):
+            for table in (frame["variants"], frame["pictures"]):
+                table[f"{quantity}/+"] = table[f"{quantity}/A"]
+        return frame
+
+    def data(self, records: list[dict[str, Any]]) -> dict[str, Any]:
+        """Everything recorded, with the parts, themes and cameras of the page."""
+        first = self._first
+        if first is None:
+            raise InputError("nothing to export")
+        parts = {part: self._hidden_by(first, part) for part in _PARTS}
+        other = "light" if self._state.theme == "dark" else "dark"
+        themes = {name: self._theme(first, name) for name in (self._state.theme, other)}
+        own = {key for paths in parts.values() for path in paths
+               for key in [("set_property", path, "visible")]}  # fmt: skip
+        complete(self._states, self.pictures)
+        same = common_part(self._states)
+        changing = {key for state in self._states for key in state} - (same - own)
+        for frame in records:
+            frame["pictures"] = {
+                key: in_order(self._states[i], changing) for key, i in frame["pictures"].items()
+            }
+        differing = {k for k in themes["light"] if themes["light"][k] != themes["dark"].get(k)}
+        cameras = {}
+        for preset in ("iso", "front", "side", "top", "fit"):
+            self._picture.camera(preset)
+            changes = self._picture.changes_by_path()
+            cameras[preset] = [self.pictures.number(*change) for change in changes.items()]
+        start = in_order(self._states[0], set(self._states[0]))
+        return {
+            "frames": records,
+            "variants": [json.loads(text) for text in self._variants],
+            "start": start + cameras["iso"],
+            "cameras": cameras,
+            "themes": {name: in_order(state, differing & same) for name, state in themes.items()},
+            "parts": parts,
+        }
+
+    def _hidden_by(self, result: PostureStiffness, part: str) -> list[str]:
+        """Paths that are visible with a part and not without."""
+        self._draw(result, self._state)
+        before = self.pictures.state()
+        self._draw(result, self._state.model_copy(update={part: False}))
+        after = self.pictures.state()
+        self._draw(result, self._state)
+        return [
+            path for kind, path, what in after
+            if kind == "set_property" and what == "visible"
+            and after[kind, path, what] != before.get((kind, path, what))
+        ]  # fmt: skip
+
+    def _theme(self, result: PostureStiffness, name: str) -> dict[Key, int]:
+        """The viewer's state in a theme, every variant drawn."""
+        for _, look in self._looks():
+            self._draw(result, look.model_copy(update={"theme": name}))
+        self._draw(result, self._state.model_copy(update={"theme": name}))
+        return self.pictures.state()
+
+
+def _shorten_axes(principal: dict[str, Any] | None) -> None:
+    """Directions to six digits: they are shown to three."""
+    for entry in (principal or {}).values():
+        entry["axes"] = [[round(x, 6) for x in axis] for axis in entry["axes"]]
+
+
+# -- the file ---------------------------------------------------------------------------------
+
+
+def _document(packed: bytes, title: str) -> str:
+    script, viewer = page_script(), viewer_script().decode()
+    if "</script" in script:
+        raise ValueError("the page's script must not hold its own end")
+    policy = (
+        f"default-src 'none'; script-src {_hash(script)} {_hash(viewer)}; "
+        "style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'; form-action 'none'"
+    )
+    head = (
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
+        f'<meta name="generator" content="cartstiff {__version__}">\n'
+        f"<style>\n{page_style()}</style>"
+    )
+    data = (
+        f'<script type="text/plain" id="viewer">{_zipped(viewer.encode())}</script>\n'
+        f'<script type="text/plain" id="frames">{_zipped(packed)}</script>\n'
+        f'<script type="module">{script}</script>'
+    )
+    page = page_html()
+    before, rest = page.split("<!-- assets -->")
+    _, after = rest.split("<!-- /assets -->")
+    whole = before + head + after.replace("<!-- data -->", data)
+    safe = title.replace("&", "&amp;").replace("<", "&lt;")
+    return whole.replace("<title>cartstiff</title>", f"<title>{safe}</title>", 1)
+
+
+def _hash(script: str) -> str:
+    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
+
+
+def _zipped(data: bytes) -> str:
+    return base64.b64encode(gzip.compress(data, 9, mtime=0)).decode()

@@ -1,0 +1,85 @@
+"""The files of the page: served one by one, or put together as one script."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+
+from cartstiff.errors import MissingDependencyError
+
+__all__ = ["page_files", "page_html", "page_script", "page_style", "viewer_script"]
+
+_PAGE = Path(__file__).parent / "static"
+_KINDS = {
+    ".html": "text/html; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".svg": "image/svg+xml",
+}
+#: First script of the page; the others are reached from it.
+_MAIN = "main.js"
+_IMPORT = re.compile(r'^import (?:\{[^}]*\} from )?"\./([a-z_]+\.js)";\n', re.MULTILINE)
+_EXPORT = re.compile(r"^export (?=(?:async )?(?:function|const|class|let))", re.MULTILINE)
+
+
+def viewer_script() -> bytes:
+    """The viewer of meshcat, as its package holds it.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without meshcat.
+    """
+    # Found, not imported: the package brings ZeroMQ along, which a page does not need.
+    package = find_spec("meshcat")
+    if package is None or not package.submodule_search_locations:
+        raise MissingDependencyError("meshcat", "a picture in a page", "view")
+    folder = Path(package.submodule_search_locations[0])
+    return (folder / "viewer" / "dist" / "main.min.js").read_bytes()
+
+
+def page_html() -> str:
+    """The page's markup."""
+    return (_PAGE / "index.html").read_text(encoding="utf-8")
+
+
+def page_style() -> str:
+    """The page's style sheet."""
+    return (_PAGE / "style.css").read_text(encoding="utf-8")
+
+
+def page_files() -> dict[str, tuple[str, bytes]]:
+    """Everything that is served: address to (content type, content)."""
+    files = {
+        f"/page/{path.name}": (_KINDS[path.suffix], path.read_bytes())
+        for path in sorted(_PAGE.iterdir())
+        if path.suffix in _KINDS
+    }
+    files["/"] = files.pop("/page/index.html")
+    files["/viewer.js"] = (_KINDS[".js"], viewer_script())
+    return files
+
+
+@cache
+def page_script() -> str:
+    """All modules of the page as one, each after those that it imports.
+
+    Modules import by name from "./x.js" and export declarations only, so that taking both words
+    away and putting the files in order is all there is to do.
+    """
+    done: dict[str, str] = {}
+
+    def add(name: str) -> None:
+        if name in done:
+            return
+        done[name] = ""
+        text = (_PAGE / name).read_text(encoding="utf-8")
+        for needed in _IMPORT.findall(text):
+            add(needed)
+        del done[name]
+        done[name] = _EXPORT.sub("", _IMPORT.sub("", text))
+
+    add(_MAIN)
+    return "\n".join(done.values())

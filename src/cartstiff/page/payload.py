@@ -1,0 +1,273 @@
+r"""The numbers of the page, as plain values for JSON; everything is asked of the library.
+
+A payload holds the object of ``cartstiff analyse --json`` under "result", and besides what depends
+on the tab: the matrices for another reference point or along the axes of F, principal values,
+condition, distance to singularities, legs, and the verdict in words.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cartstiff.analysis.ellipsoids import ellipsoid
+from cartstiff.analysis.indices import condition
+from cartstiff.analysis.matrices import (
+    definiteness,
+    move_compliance,
+    move_stiffness,
+    scale_lengths,
+    symmetric_part,
+)
+from cartstiff.analysis.metrics import characteristic_length
+from cartstiff.analysis.plain import plain
+from cartstiff.errors import UndefinedError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.platform import PlatformPosture
+from cartstiff.page.state import State
+from cartstiff.page.verdict import asymmetry, verdict
+from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.stiffness.compute import PostureStiffness
+
+__all__ = [
+    "compliance_in_frame",
+    "distance_to_singularity",
+    "in_frame",
+    "payload",
+    "reference_frame",
+    "series_row",
+]
+
+_Matrices = dict[str, Array | None]
+
+
+def payload(result: PostureStiffness, state: State, whole: bool = False) -> dict[str, Any]:
+    """Everything that the page shows as numbers at one posture.
+
+    Parameters
+    ----------
+    result : PostureStiffness
+        The posture.
+    state : State
+        What the tab shows.
+    whole : bool
+        Whether "result" is all that ``cartstiff analyse --json`` prints; else without the Jacobian
+        and without the matrices of the quantity that is not shown.
+
+    Returns
+    -------
+    dict
+        Keys "result", "has_compliance", "position", "angles", "frame", "stiffness", "compliance",
+        "wrench", "principal", "indices", "symmetric", "singularity", "legs", "verdict". What does
+        not exist is None.
+    """
+    T = reference_frame(result, state)
+    stiffness, wrench = in_frame(result, T), _wrench_in_frame(result, T)
+    K = stiffness[state.connection]
+    is_stiffness = state.quantity == "stiffness"
+    shown = stiffness if is_stiffness else compliance_in_frame(result, T, stiffness)
+    principal = _principal(shown, state)
+    numbers = None if K is None else _indices(K)
+    answer: dict[str, Any] = {
+        "result": result.as_dict() if whole else _part(result, state.quantity),
+        "has_compliance": K is not None or result.reduction.compliance is not None,
+        "position": result.pose[:3, 3].tolist(),
+        "angles": se3.roll_pitch_yaw(result.pose).tolist(),
+        "frame": None if T is None else T.tolist(),
+        "stiffness": None,
+        "compliance": None,
+        "wrench": None if wrench is None else wrench.tolist(),
+        "principal": principal,
+        "indices": numbers,
+        "symmetric": _asymmetries(shown),
+        "singularity": distance_to_singularity(result),
+        "legs": _legs(result),
+        "verdict": verdict(
+            result, state.connection, K, None if numbers is None else numbers["definiteness"]
+        ),
+    }
+    if T is not None:
+        answer[state.quantity] = {n: _listed(M) for n, M in shown.items() if n != "+"}
+    return answer
+
+
+def reference_frame(result: PostureStiffness, state: State) -> Array | None:
+    """``T_M_N`` of the point and axes that the numbers are for; None if N is M itself."""
+    if state.axes == "body" and not any(state.point):
+        return None
+    rotation = np.eye(3) if state.axes == "body" else result.pose[:3, :3].T
+    return se3.pose(rotation, state.point)
+
+
+def _part(result: PostureStiffness, quantity: str) -> dict[str, Any]:
+    """Of the object of `analyse` what changes with the posture and is shown."""
+    table = result.matrices if quantity == "stiffness" else result.compliances
+    return {
+        "q": result.q.tolist(),
+        "pose": result.pose.tolist(),
+        "wrench": None if result.wrench is None else result.wrench.tolist(),
+        "energy": plain(result.energy),
+        quantity: {name: _listed(matrix) for name, matrix in table.items()},
+        "notes": [note.as_dict() for note in result.notes],
+    }
+
+
+def in_frame(result: PostureStiffness, T_M_N: Array | None) -> _Matrices:
+    """Stiffness by connection, "+" included, in frame N.
+
+    K^A, K^B and K^F move as tensors; K^K is that of N's own origin.
+    """
+    found = dict(result.matrices)
+    if T_M_N is not None:
+        for name, K in found.items():
+            if K is not None and name != "K":
+                found[name] = move_stiffness(K, T_M_N)
+            elif K is not None:  # it is tied to the origin: the tensor knows the load
+                found[name] = result.tensor("K").to_frame(T_M_N).matrix
+    return _with_plus(found)
+
+
+def compliance_in_frame(
+    result: PostureStiffness, T_M_N: Array | None, stiffness: _Matrices
+) -> _Matrices:
+    """Compliance by connection, "+" included, in frame N; `stiffness` as from `in_frame`.
+
+    Where only compliances exist, C^K does not move with the point under load, and is None.
+    """
+    found = dict(result.compliances)
+    if T_M_N is not None:
+        W = result.wrench
+        tied = W is not None and bool(np.any(W)) and bool(np.any(T_M_N[:3, 3]))
+        for name, C in found.items():
+            if C is not None and not (tied and name == "K"):
+                found[name] = move_compliance(C, T_M_N)
+            elif C is not None:
+                K = stiffness[name]
+                found[name] = None if K is None else np.linalg.inv(K)
+    return _with_plus(found)
+
+
+def _with_plus(table: _Matrices) -> _Matrices:
+    minus = table["A"]
+    table["+"] = None if minus is None else minus.T
+    return table
+
+
+def _wrench_in_frame(result: PostureStiffness, T_M_N: Array | None) -> Array | None:
+    W = result.wrench
+    return W if W is None or T_M_N is None else se3.adjoint(T_M_N).T @ W
+
+
+def _principal(matrices: _Matrices, state: State) -> dict[str, Any] | None:
+    """Principal values of the diagonal blocks of the shown matrix, with their axes."""
+    matrix = matrices[state.connection]
+    if matrix is None:
+        return None
+    found = {}
+    for name, block in (("translation", matrix[3:, 3:]), ("rotation", matrix[:3, :3])):
+        e = ellipsoid(block)
+        found[name] = {
+            "values": e.eigenvalues.tolist(),
+            "axes": e.axes.T.tolist(),
+            "definiteness": e.definiteness,
+        }
+    return found
+
+
+def _indices(K: Array) -> dict[str, Any]:
+    """Of the indices those that are shown; `cartstiff.analysis.indices` has all of them."""
+    symmetric = symmetric_part(K)
+    length = characteristic_length(symmetric)
+    values = np.linalg.eigvalsh(scale_lengths(symmetric, length.value))
+    return {
+        "length": length.value,
+        "length_origin": length.origin,
+        "length_reason": length.reason,
+        "definiteness": definiteness(values),
+        "eigenvalues": values.tolist(),
+        "condition_number": plain(condition(values)),
+        "translational_condition": plain(condition(ellipsoid(symmetric[3:, 3:]).eigenvalues)),
+        "rotational_condition": plain(condition(ellipsoid(symmetric[:3, :3]).eigenvalues)),
+    }
+
+
+def distance_to_singularity(result: PostureStiffness) -> list[dict[str, Any]]:
+    """Smallest over largest singular value of the length-scaled Jacobians, per kind.
+
+    "serial" for the motions of the body, "type-2" for what the actuators hold.
+    """
+    posture, reduction = result.posture, result.reduction
+    found = []
+    if not posture.coordinates_are_pose:
+        values = reduction.singular_values
+        found.append(_ratio("serial", values, min(6, reduction.freedoms)))
+    if posture.actuation is not None:
+        rates = posture.actuation * posture.coordinate_lengths
+        if reduction.motions is not None:
+            rates = rates @ reduction.motions
+        # Fewer actuators than motions (links that give): springs hold the rest.
+        if rates.shape[0] >= rates.shape[1]:
+            values = np.linalg.svd(rates, compute_uv=False)
+            found.append(_ratio("type-2", values, rates.shape[1]))
+    for entry in found:
+        entry["length"] = posture.length
+    return found
+
+
+def _ratio(kind: str, values: Array, wanted: int) -> dict[str, Any]:
+    complete = len(values) >= wanted > 0
+    smallest = float(values[wanted - 1]) if complete else 0.0
+    largest = float(values[0]) if len(values) else 0.0
+    return {"kind": kind, "ratio": smallest / largest if largest > 0 else 0.0,
+            "smallest": smallest, "largest": largest}  # fmt: skip
+
+
+def _legs(result: PostureStiffness) -> list[dict[str, Any]] | None:
+    """Lengths, limits and tensions of a platform's lines."""
+    posture, mechanism = result.posture, result.elastic.mechanism
+    if not isinstance(posture, PlatformPosture):
+        return None
+    lengths = posture.lines.lengths
+    springs = result.elastic.springs
+    tensions = springs.tensions(lengths) if isinstance(springs, LineSprings) else None
+    limits = getattr(mechanism, "limits", None)
+    return [
+        {
+            "length": float(length),
+            "tension": None if tensions is None else plain(float(tensions[i])),
+            "lower": None if limits is None else plain(float(limits[i][0])),
+            "upper": None if limits is None else plain(float(limits[i][1])),
+        }
+        for i, length in enumerate(lengths)
+    ]
+
+
+def series_row(result: PostureStiffness, state: State) -> dict[str, Any]:
+    """One posture of a sweep or a trajectory: principal values and distance to singularity."""
+    T = reference_frame(result, state)
+    try:
+        shown = in_frame(result, T)
+        if state.quantity == "compliance":
+            shown = compliance_in_frame(result, T, shown)
+        principal = _principal(shown, state)
+    except UndefinedError:
+        principal = None
+    ratios = [entry["ratio"] for entry in distance_to_singularity(result)]
+    return {
+        "q": result.q.tolist(),
+        "position": result.pose[:3, 3].tolist(),
+        "translation": None if principal is None else principal["translation"]["values"],
+        "rotation": None if principal is None else principal["rotation"]["values"],
+        "singularity": min(ratios, default=None),
+    }
+
+
+def _asymmetries(matrices: _Matrices) -> dict[str, float | None]:
+    found = {n: None if M is None else asymmetry(M) for n, M in matrices.items() if n != "+"}
+    return {**found, "+": found["A"]}  # the transpose
+
+
+def _listed(matrix: Array | None) -> list[Any] | None:
+    return None if matrix is None else matrix.tolist()

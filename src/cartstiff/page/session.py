@@ -1,0 +1,296 @@
+"""One tab: what it asks becomes numbers and commands for its own picture.
+
+A session knows nothing of sockets. Quick questions are answered at once by `answer`; those that
+take many postures are generators, `work`, which a server can interrupt between two postures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from time import perf_counter
+from typing import Any, Protocol
+
+import numpy as np
+
+from cartstiff.analysis.posture import analyse_posture
+from cartstiff.errors import CartstiffError, InputError, UndefinedError, UnknownNameError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.page.answer import Answer
+from cartstiff.page.description import describe_mechanism, slider_ranges
+from cartstiff.page.payload import payload, series_row
+from cartstiff.page.picture import Picture
+from cartstiff.page.source import Source
+from cartstiff.page.state import (
+    Analysis,
+    Camera,
+    Draw,
+    Frame,
+    Message,
+    Numbers,
+    Result,
+    Series,
+    State,
+    Sweep,
+)
+from cartstiff.report.analysis import summary_text
+from cartstiff.stiffness.compute import PostureStiffness, analyse
+from cartstiff.version import __version__
+
+__all__ = ["Session", "refusal"]
+
+_Work = Generator[None, None, Answer]
+
+
+class PictureMaker(Protocol):
+    """What draws; `cartstiff.page.picture.Picture` unless a test brings its own."""
+
+    def __call__(self, elastic: ElasticMechanism) -> Any:
+        """A picture of a mechanism, without a posture yet."""
+
+
+def refusal(error: CartstiffError, number: int, do: str | None = None) -> Answer:
+    """What a tab is told when its message cannot be answered."""
+    code = error.code if isinstance(error, UndefinedError) else None
+    return Answer({"id": number, "do": do, "error": str(error), "code": code})
+
+
+class Session:
+    """State of one tab.
+
+    Parameters
+    ----------
+    source : Source
+        What the page was started with.
+    picture : callable
+        Makes a picture of a mechanism.
+    """
+
+    def __init__(self, source: Source, picture: PictureMaker = Picture) -> None:
+        self.source = source
+        self._make_picture = picture
+        self._start(source.elastic, source.q)
+
+    def _start(self, elastic: ElasticMechanism, q: Array | None) -> None:
+        self._elastic = elastic
+        self._q = np.array(elastic.q if q is None else q, float)
+        self._variant: tuple[list[float] | None, ElasticMechanism] = (None, elastic)
+        self._cloud_shown: tuple[str, str] | None = None
+        self._colour_bar: dict[str, Any] | None = None
+        self.picture = self._make_picture(elastic)
+
+    @property
+    def elastic(self) -> ElasticMechanism:
+        """The mechanism, with the frame of interest that the tab has chosen."""
+        return self._elastic
+
+    @property
+    def start(self) -> State:
+        """What is shown at first: the matrix that exists, stiffness where there is one."""
+        state = State(q=self._q.tolist(), load=_six(self.source.load))
+        result = self.result(state)
+        quantity = "compliance" if result.reduction.stiffness is None and \
+            result.compliances["B"] is not None else "stiffness"  # fmt: skip
+        cloud = self.source.cloud
+        return state.model_copy(
+            update={
+                "q": result.q.tolist(),
+                "quantity": quantity,
+                "quantity_of_map": None if cloud is None else next(iter(cloud.values)),
+            }
+        )
+
+    # -- answers ----------------------------------------------------------------------------
+
+    def hello(self, number: int = 0) -> Answer:
+        """Everything a new page needs, and the whole picture as it is."""
+        source, trajectory, cloud = self.source, self.source.trajectory, self.source.cloud
+        state = self.start
+        data = {
+            "id": number,
+            "do": "hello",
+            "version": __version__,
+            "mechanism": describe_mechanism(self._elastic, self._q, source.reload is not None),
+            "state": state.model_dump(),
+            "trajectory": None
+            if trajectory is None
+            else {"time": trajectory.time.tolist(), "timed": trajectory.timed},
+            "cloud": None
+            if cloud is None
+            else {
+                "quantities": [{"name": n, "unit": cloud.units[n]} for n in cloud.values],
+                "count": len(cloud.positions),
+                "thinned": cloud.thinned,
+            },
+        }
+        self._draw(self.result(state), state)
+        self.picture.camera("iso")
+        return Answer(data, self.picture.whole())
+
+    def answer(self, message: Message) -> Answer:
+        """Answer a question that takes one posture.
+
+        Raises
+        ------
+        CartstiffError
+            What is wrong with it, in one line; the picture is then as it was.
+        """
+        with np.errstate(all="ignore"):  # what is not finite is refused as a whole
+            if isinstance(message, Draw):
+                result = self.result(message.state)
+                numbers = payload(result, message.state)
+                legend = self._draw(result, message.state)
+                data = {"id": message.id, "do": "draw", "numbers": numbers, "legend": legend}
+                return Answer(data, self.picture.changes())
+            if isinstance(message, Numbers):
+                numbers = payload(self.result(message.state), message.state)
+                return Answer({"id": message.id, "do": "numbers", "numbers": numbers})
+            if isinstance(message, Result):
+                whole = self.result(message.state).as_dict()
+                return Answer({"id": message.id, "do": "result", "result": whole})
+            if isinstance(message, Camera):
+                self.picture.camera(message.preset)
+                return Answer({"id": message.id, "do": "camera"}, self.picture.changes())
+            if isinstance(message, Frame):
+                return self._other_frame(message)
+            if isinstance(message, Analysis):
+                return self._analysis(message)
+        raise InputError("this question takes many postures", expected="`work`", got=message.do)
+
+    def work(self, message: Sweep | Series) -> _Work:
+        """Answer a question that takes many postures, yielding between them.
+
+        The answer says how long that took, so that a page does not ask for it too often.
+        """
+        steps = self._sweep(message) if isinstance(message, Sweep) else self._series(message)
+        spent = 0.0
+        while True:
+            begin = perf_counter()
+            try:
+                next(steps)
+            except StopIteration as done:
+                seconds = spent + perf_counter() - begin
+                return Answer({**done.value.data, "seconds": seconds})
+            spent += perf_counter() - begin
+            yield
+
+    # -- postures ---------------------------------------------------------------------------
+
+    def result(self, state: State) -> PostureStiffness:
+        """The posture of a state, with its springs and its load."""
+        elastic = self._with_stiffness(state.stiffness)
+        mechanism = elastic.mechanism
+        q = mechanism.checked(self._q if state.q is None else state.q)
+        moved = state.moved
+        if moved is not None and moved >= len(q):
+            raise InputError("no such coordinate", where="moved", expected=f"below {len(q)}",
+                             got=moved)  # fmt: skip
+        if isinstance(mechanism, Chain) and mechanism.closures:
+            hold = None if moved is None or mechanism.actuated is not None else [moved]
+            q = mechanism.closed(q, hold=hold).q
+        return analyse(elastic, q, wrench=_wrench(elastic, q, state))
+
+    def _with_stiffness(self, stiffness: list[float] | None) -> ElasticMechanism:
+        if self._variant[0] != stiffness:
+            self._variant = (stiffness, self._elastic.with_springs(stiffness))
+        return self._variant[1]
+
+    def _draw(self, result: PostureStiffness, state: State) -> dict[str, Any]:
+        cloud, wanted = self.source.cloud, (state.quantity_of_map or "", state.theme)
+        if cloud is not None and state.quantity_of_map is not None:
+            if state.quantity_of_map not in cloud.values:
+                raise UnknownNameError("quantity", state.quantity_of_map, cloud.values)
+            if wanted != self._cloud_shown:
+                self._colour_bar = self.picture.cloud(cloud, state.quantity_of_map)
+                self._cloud_shown = wanted
+        return self.with_colour_bar(self.picture.draw(result, state))
+
+    def with_colour_bar(self, legend: dict[str, Any]) -> dict[str, Any]:
+        """A picture's legend with that of the map, if there is one."""
+        return legend if self._colour_bar is None else {**legend, "cloud": self._colour_bar}
+
+    # -- questions --------------------------------------------------------------------------
+
+    def _other_frame(self, message: Frame) -> Answer:
+        reload = self.source.reload
+        known = describe_mechanism(self._elastic, self._q)["frames"]
+        if reload is None or message.name not in known:
+            raise UnknownNameError("frame", message.name, known if reload else ())
+        if message.name != self._elastic.mechanism.frame:
+            elastic = reload(message.name)
+            same = elastic.names == self._elastic.names
+            self._start(elastic, self._q if same else None)
+        return self.hello(message.id)
+
+    def _analysis(self, message: Analysis) -> Answer:
+        result = self.result(message.state)
+        answer = analyse_posture(
+            result,
+            connection=message.state.connection,
+            at=se3.pose(np.eye(3), message.state.point),
+        )
+        text = summary_text(answer, self._elastic.units.as_dict(), "full")
+        return Answer({"id": message.id, "do": "analysis", "text": text})
+
+    def _sweep(self, message: Sweep) -> _Work:
+        i, n = message.coordinate, len(self._q)
+        if i >= n:
+            raise InputError("no such coordinate", where="sweep", expected=f"below {n}", got=i)
+        base = self.result(message.state).q
+        lower, upper = slider_ranges(self._elastic, self._q)[i]
+        values = np.linspace(lower, upper, message.steps)
+        # Outwards from where the mechanism stands: a closed chain keeps its branch.
+        order = np.argsort(np.abs(values - base[i]), kind="stable")
+        rows: list[dict[str, Any] | None] = [None] * len(values)
+        last = {-1: base, 1: base}
+        for k in order:
+            side = 1 if values[k] >= base[i] else -1
+            q = last[side].copy()
+            q[i] = values[k]
+            row = self._row(message.state, q, i)
+            if row is not None:
+                last[side] = np.array(row["q"])
+            rows[k] = row
+            yield
+        return Answer({"id": message.id, "do": "sweep", "coordinate": i,
+                       "at": values.tolist(), "rows": rows})  # fmt: skip
+
+    def _series(self, message: Series) -> _Work:
+        trajectory = self.source.trajectory
+        if trajectory is None:
+            raise InputError("this page was started without a trajectory")
+        rows = []
+        for q in trajectory.q:
+            rows.append(self._row(message.state, q, None))
+            yield
+        return Answer({"id": message.id, "do": "series", "at": trajectory.time.tolist(),
+                       "rows": rows})  # fmt: skip
+
+    def _row(self, state: State, q: Array, moved: int | None) -> dict[str, Any] | None:
+        """One posture of a series; None where it cannot be reached."""
+        at = state.model_copy(update={"q": q.tolist(), "moved": moved})
+        try:
+            with np.errstate(all="ignore"):
+                return series_row(self.result(at), at)
+        except CartstiffError:
+            return None
+
+
+def _six(values: Array | None) -> tuple[float, float, float, float, float, float] | None:
+    if values is None:
+        return None
+    mx, my, mz, fx, fy, fz = (float(x) for x in values)
+    return mx, my, mz, fx, fy, fz
+
+
+def _wrench(elastic: ElasticMechanism, q: Array, state: State) -> Array | None:
+    """The load in the body frame; None where the springs decide."""
+    if state.load is None:
+        return None
+    W = np.array(state.load)
+    if state.load_axes == "body":
+        return W
+    R = elastic.mechanism.at(q).pose[:3, :3]
+    return np.concatenate([R.T @ W[:3], R.T @ W[3:]])

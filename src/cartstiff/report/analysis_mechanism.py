@@ -1,0 +1,182 @@
+"""Text of the sections that need the mechanism: target, deflection, uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from cartstiff.report.layout import UnitNames, number, numbers, percent, row, table, vector
+
+__all__ = ["deflection_lines", "target_lines", "uncertainty_lines"]
+
+Section = Mapping[str, Any] | None
+
+
+def deflection_lines(d: Section, u: UnitNames, full: bool) -> list[str]:
+    """Deflection of the point, and each joint's or leg's share."""
+    if d is None:
+        return []
+    size = sum(x * x for x in d["displacement"]) ** 0.5
+    lines = [
+        "",
+        f"linear deflection (K^{d['connection']}) under {_wrench(d['wrench'], u)}",
+        f"  the point {vector(d['point'])} {u.length} moves {number(size)} {u.length}: "
+        f"{vector(d['displacement'], 4)}",
+        f"  the body turns {vector(d['twist'][:3], 4)} {u.angle}, "
+        f"energy {number(d['energy'])} {u.moment}",
+    ]
+    shares = d["shares"]
+    if not shares:
+        return lines
+    if d["kind"] == "joints":
+        first, meaning = "motion", "of the displacement"
+        titles = ["joint", "turns or slides", "", "share", f"displacement [{u.length}]"]
+    else:
+        first, meaning = "elongation", "of the energy"
+        titles = ["spring", "elongation", "", "share", "change of force"]
+    ranked = sorted(shares, key=lambda s: -abs(s["share"] or 0.0))
+    if not full:
+        parts = [f"{s['name']} {_share(s['share'])}" for s in ranked[:3]]
+        return [*lines, f"  largest shares {meaning}: {', '.join(parts)}"]
+    rows = []
+    for s in shares:
+        # A link turns and moves at once: its elongation has no single unit.
+        unit = "" if s["is_length"] is None else u.length if s["is_length"] else u.angle
+        if first == "motion":
+            last = row(s["displacement"], 4)
+        else:
+            of_force = u.force if s["is_length"] else u.moment
+            last = "" if s["is_length"] is None else f"{number(s['force'])} {of_force}"
+        rows.append([s["name"], number(s[first]), unit, _share(s["share"]), last])
+    lines += [f"  shares {meaning}", *table(titles, rows)]
+    if d["kind"] == "springs" and abs(d["load_share"] or 0.0) > 1e-9:
+        lines.append(
+            f"  the rest, {percent(d['load_share'])}, is what the load and other potentials "
+            "take or give"
+        )
+    return lines
+
+
+def _share(x: float | None) -> str:
+    return "-" if x is None else percent(x)
+
+
+def _wrench(w: list[float], u: UnitNames) -> str:
+    """The parts of a wrench that are not zero."""
+    parts = []
+    force, moment = w[3:], w[:3]
+    if any(force) or not any(moment):
+        parts.append(f"force {vector(force, 4)} {u.force}")
+    if max(map(abs, moment)) > 1e-12 * max(map(abs, force)):
+        parts.append(f"moment {vector(moment, 4)} {u.moment}")
+    return " and ".join(parts)
+
+
+def target_lines(t: Section, u: UnitNames, full: bool) -> list[str]:
+    """Joint stiffness that gives a desired Cartesian stiffness."""
+    if t is None:
+        return []
+    lines = ["", "joint stiffness for the target"]
+    unit = [u.force + "/" + u.length if s else f"{u.moment}/{u.angle}" for s in t["are_lengths"]]
+    fit = t["diagonal_fit"]
+    if t["is_feasible"]:
+        lines.append("  independent springs give it exactly:")
+    else:
+        made = "" if t["definiteness"] == "positive" else "; not positive definite: active control"
+        lines.append(f"  joints must be coupled, up to {percent(t['off_diagonal'])}{made}")
+        if fit is not None:
+            lines.append(
+                f"  independent springs come as close as {percent(fit['residual'])} "
+                f"(angles times {number(fit['length'])} {u.length}):"
+            )
+    if not t["stable"]:
+        lines.append("  the posture is not stable with it: the target is not positive definite")
+    if fit is not None:
+        rows = [
+            [name, number(k, 5, "locked"), "" if k is None else x, number(tau),
+             u.force if s else u.moment]
+            for name, k, x, tau, s in zip(
+                t["joints"], fit["stiffness"], unit, t["torque"], t["are_lengths"], strict=True
+            )
+        ]  # fmt: skip
+        lines += table(["joint", "stiffness", "", "carries", ""], rows)
+    if full and not t["is_diagonal"]:
+        lines.append("  matrix of joint stiffness that gives it exactly, rows and columns in order")
+        lines += [f"  {row(r)}" for r in t["matrix"]]
+    return lines
+
+
+_SHOWN = {
+    "ellipsoids.stiffness.translation.held.eigenvalues": "translation, rotation held",
+    "ellipsoids.stiffness.translation.free.eigenvalues": "translation, rotation free",
+    "ellipsoids.stiffness.rotation.held.eigenvalues": "rotation, translation held",
+    "ellipsoids.stiffness.rotation.free.eigenvalues": "rotation, translation free",
+    "centres.stiffness": "centre of stiffness",
+    "centres.compliance": "centre of compliance",
+    "centres.elasticity": "centre of elasticity",
+    "indices.condition_number": "condition number",
+    "indices.minimum_stiffness": "minimum stiffness",
+    "deflection.displacement": "displacement under the load",
+}
+
+
+def _meet(found: Mapping[str, Any], prefix: str) -> bool:
+    """Whether two sorted principal values are equal, so that they have no derivative."""
+    if not prefix.endswith("eigenvalues"):
+        return False
+    a, b, c = (found.get(f"{prefix}[{i}]", {}).get("mean", float("nan")) for i in range(3))
+    return min(b - a, c - b) <= 1e-6 * max(abs(a), abs(c))
+
+
+def uncertainty_lines(s: Section, u: UnitNames, full: bool) -> list[str]:
+    """Standard deviations of the main numbers, or of all of them."""
+    if s is None:
+        return []
+    t = s["tolerances"]
+    given = [f"stiffness {percent(t['stiffness'])}"] if t["stiffness"] else []
+    given += [f"lengths {number(t['length'])} {u.length}"] if t["length"] else []
+    given += [f"rotations {number(t['angle'])} {u.angle}"] if t["angle"] else []
+    how = "to first order" if not s["samples"] else f"{s['samples']} samples"
+    lines = ["", f"uncertainty from {', '.join(given)} ({how}; standard deviations)"]
+    if s["left_out"]:
+        lines.append(f"  {s['left_out']}")
+    if s["failures"]:
+        failed = ", ".join(f"{n} {code}" for code, n in s["failures"].items())
+        lines.append(f"  draws without a result, left out: {failed}")
+    units = {"translation,": u.stiffness["translation"], "rotation,": u.stiffness["rotation"],
+             "centre": u.length, "displacement": u.length,
+             "minimum": u.stiffness["translation"]}  # fmt: skip
+    found = s["numbers"]
+    for prefix, label in _SHOWN.items():
+        names = [n for n in found if n == prefix or n.startswith(prefix + "[")]
+        if not names:
+            continue
+        unit = units.get(label.split()[0], "")
+        label = f"  {label} [{unit}]" if unit else f"  {label}"
+        means = [found[n]["mean"] for n in names]
+        spread = [found[n]["deviation"] for n in names]
+        if prefix.startswith(("centres", "deflection")):
+            size = max(spread)
+            lines.append(f"{label:<42} {row(means, size=size)}  +- {numbers(spread, 2)}")
+        else:
+            shares = [percent(d / abs(m)) if m else "-" for d, m in zip(spread, means, strict=True)]
+            lines.append(f"{label:<42} {row(means)}  +- {', '.join(shares)}")
+    if not s["samples"] and any(_meet(found, prefix) for prefix in _SHOWN):
+        lines.append("  principal values meet here: to first order their spread is rough; draw "
+                     "samples instead")  # fmt: skip
+    softest = found.get("ellipsoids.stiffness.translation.free.eigenvalues[0]")
+    if softest is not None and "main_parameter" in softest:
+        lines.append(
+            f"  most of the softest direction's variance: {softest['main_parameter']} "
+            f"({percent(softest['main_share'])})"
+        )
+    if full:
+        rows = [
+            [name, number(e["mean"]), number(e["deviation"], 3),
+             number(e["lower"]), number(e["upper"])]
+            for name, e in found.items()
+        ]  # fmt: skip
+        level = percent(s["level"])
+        lines.append(f"  every number, in its own unit, with the interval that holds {level}")
+        lines += table(["", "mean", "deviation", "lower", "upper"], rows)
+    return lines

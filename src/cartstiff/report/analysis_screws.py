@@ -1,0 +1,121 @@
+"""Text of the screws, modes and springs of a stiffness matrix."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from cartstiff.report.layout import UnitNames, number, row, table
+
+__all__ = ["mode_lines", "screw_lines", "synthesis_lines"]
+
+
+def _line(a: Mapping[str, Any], size: float) -> list[str]:
+    point = row(a["point"], 4, size)
+    return [number(a["pitch"], 5, "infinite"), row(a["direction"], 4), point]
+
+
+def screw_lines(s: Mapping[str, Any], u: UnitNames) -> list[str]:
+    """Eigenscrews and compliant axes."""
+    lines: list[str] = []
+    size = s["length"]["value"]
+    where = [f"pitch [{u.pitch}]", "direction", f"point [{u.length}]"]
+    found = s["eigenscrews"]
+    if found is not None:
+        lines += ["", "eigenscrews: twists answered by a wrench on the same screw"]
+        lines += table(
+            [
+                f"eigenvalue [{u.screw}]",
+                f"about [{u.stiffness['rotation']}]",
+                f"along [{u.stiffness['translation']}]",
+                *where,
+            ],
+            [
+                [
+                    number(e["eigenvalue"]),
+                    number(e["rotational_stiffness"]),
+                    number(e["translational_stiffness"]),
+                    *_line(e, size),
+                ]
+                for e in found["screws"]
+            ],
+        )
+        if not found["complete"]:
+            lines.append(f"  only {len(found['screws'])} real, independent eigenscrews")
+        for z in found["complex_eigenvalues"]:
+            lines.append(f"  complex eigenvalue {number(z[0])} {z[1]:+.5g}i {u.screw}")
+    for kind, meaning, freedom in (
+        ("wrench", "translation answered by a parallel force", "translation"),
+        ("twist", "moment answered by a parallel rotation", "rotation"),
+    ):
+        key = f"{kind}_compliant_axes"
+        if s[key] is not None:
+            lines += ["", f"{kind}-compliant axes: {meaning}"]
+            lines += table(
+                [f"stiffness [{u.stiffness[freedom]}]", *where],
+                [[number(a["stiffness"]), *_line(a, size)] for a in s[key]],
+            )
+    return lines
+
+
+def mode_lines(m: Mapping[str, Any] | None, u: UnitNames) -> list[str]:
+    """Eigenvalues and twists with respect to the metric."""
+    if m is None:
+        return []
+    if m["metric"] == "inertia":
+        lines = ["", "modes with respect to the inertia of the body"]
+        title, values = "frequency [Hz]", [_frequency(x) for x in m["values"]]
+    else:
+        lines = ["", "modes with respect to the metric length^2 |omega|^2 + |v|^2"]
+        title = f"stiffness [{u.stiffness['translation']}]"
+        values = [number(x) for x in m["values"]]
+    titles = [title, f"rotation [{u.angle}]", f"translation [{u.length}]"]
+    columns = list(zip(*m["twists"], strict=True))
+    return lines + table(
+        titles,
+        [[x, row(t[:3], 4), row(t[3:], 4)] for x, t in zip(values, columns, strict=True)],
+    )
+
+
+def _frequency(eigenvalue: float) -> str:
+    if eigenvalue < 0:
+        return f"unstable ({number(-((-eigenvalue) ** 0.5))} /s)"
+    return number(eigenvalue**0.5 / 6.283185307179586)
+
+
+def synthesis_lines(
+    s: Mapping[str, Any] | None, u: UnitNames, full: bool, size: float
+) -> list[str]:
+    """Springs that realise the matrix."""
+    if s is None or "passive" not in s:
+        return []
+    trace = 0.0 if s["relative_trace"] < 1e-10 else s["trace"]
+    trace = f"trace of the coupling block {number(trace, 3)} {u.screw}"
+    if not s["passive"]:
+        text = "no unloaded springs in parallel give this matrix: it has a negative eigenvalue"
+    elif s["by_line_springs"]:
+        text = f"{s['rank']} line or torsional springs in parallel give this matrix ({trace})"
+    else:
+        text = (
+            f"{s['rank']} springs in parallel give this matrix, "
+            f"{s['screw_springs']} of them with a pitch ({trace})"
+        )
+    if not full or not s["springs"]:
+        return ["", "synthesis", f"  {text}"]
+    rows = [
+        [
+            x["kind"],
+            number(x["stiffness"]),
+            u.stiffness["rotation" if x["kind"] == "torsional" else "translation"],
+            *_line(x, size),
+        ]
+        for x in s["springs"]
+    ]
+    titles = ["kind", "stiffness", "", f"pitch [{u.pitch}]", "direction", f"point [{u.length}]"]
+    return [
+        "",
+        "synthesis",
+        f"  {text}",
+        *table(titles, rows),
+        f"  largest difference from the matrix {number(s['residual'], 2)} of its block",
+    ]

@@ -1,0 +1,137 @@
+"""Pictures of deflections: load-deflection curve, error along a path."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cartstiff.errors import InputError, MissingDependencyError
+from cartstiff.statics.compensation import CompensatedPath
+from cartstiff.statics.curves import LoadCurve
+from cartstiff.report.output import write_whole
+
+__all__ = ["draw_error_along_path", "draw_load_curve", "picture", "save_figure"]
+
+
+def _new_figure(rows: int = 1) -> tuple[Any, Any]:
+    """A figure that needs no window, and its axes."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise MissingDependencyError(
+            package="matplotlib", purpose="drawing a figure", extra="plots"
+        ) from None
+    figure = Figure(figsize=(6.4, 3.0 * rows + 1.2), layout="constrained")
+    return figure, figure.subplots(rows, 1, sharex=True)
+
+
+def draw_load_curve(curve: LoadCurve, *, rotation: bool = False) -> Any:
+    """Load factor over displacement, unstable parts dashed, critical loads and linear prediction.
+
+    Parameters
+    ----------
+    curve : LoadCurve
+        From `load_curve`.
+    rotation : bool
+        Show the rotation angle instead of the distance.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        See `save_figure`.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without matplotlib.
+    """
+    figure, axes = _new_figure()
+    part = slice(0, 3) if rotation else slice(3, 6)
+    size = np.linalg.norm(curve.displacement[:, part], axis=1)
+    unit = "rad" if rotation else curve.elastic.units.length
+    for firm, style, label in ((True, "-", "stable"), (False, "--", "unstable")):
+        shown = np.array([(s is not False) == firm for s in curve.stable])
+        # A stretch includes the points next to it, so that the line has no gaps.
+        near = shown.copy()
+        near[1:] |= shown[:-1]
+        near[:-1] |= shown[1:]
+        if shown.any():
+            axes.plot(
+                np.where(near, size, np.nan),
+                np.where(near, curve.factors, np.nan),
+                style,
+                color="C0",
+                label=label,
+            )
+    last = int(np.argmax(np.abs(curve.factors)))
+    linear = float(np.linalg.norm(curve.linear[last, part]))
+    if np.isfinite(linear):
+        # As far as the curve goes: beyond it the prediction says nothing.
+        share = min(1.0, 1.1 * float(size.max()) / max(linear, 1e-300))
+        axes.plot(
+            [0.0, share * linear], [0.0, share * curve.factors[last]], ":", color="0.4",
+            label="linear",
+        )  # fmt: skip
+    for point in curve.critical:
+        axes.axhline(point.factor, color="C3", linewidth=0.8)
+        axes.annotate(f"{point.kind} {point.factor:.6g}", (0.02, point.factor),
+                      xycoords=("axes fraction", "data"), va="bottom", color="C3")  # fmt: skip
+    axes.set_xlabel(f"{'rotation' if rotation else 'displacement'} of the body frame [{unit}]")
+    axes.set_ylabel("load factor")
+    axes.set_title(curve.elastic.name)
+    axes.legend()
+    return figure
+
+
+def draw_error_along_path(path: CompensatedPath) -> Any:
+    """Translation and rotation error of the loaded end-effector, before and after compensation.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without matplotlib.
+    """
+    figure, axes = _new_figure(2)
+    points = np.arange(1, len(path.q) + 1)
+    length = path.elastic.units.length
+    parts = ((slice(3, 6), length, "translation"), (slice(0, 3), "rad", "rotation"))
+    for axis, (part, unit, name) in zip(axes, parts, strict=True):
+        for errors, label in ((path.before, "before"), (path.after, "after")):
+            # A logarithmic axis has no zero.
+            size = np.maximum(np.linalg.norm(errors[:, part], axis=1), 1e-18)
+            axis.semilogy(points, size, "o-", markersize=3, label=label)
+        axis.set_ylabel(f"{name} error [{unit}]")
+        axis.legend()
+    axes[-1].set_xlabel("point of the path")
+    axes[0].set_title(path.elastic.name)
+    return figure
+
+
+def picture(figure: Any, ending: str) -> bytes:
+    """A figure as the content of a .png, .svg or .pdf file.
+
+    Raises
+    ------
+    InputError
+        For another ending.
+    """
+    if ending not in (".png", ".svg", ".pdf"):
+        raise InputError("unknown file ending", expected=".png, .svg or .pdf", got=ending)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=ending[1:])
+    return buffer.getvalue()
+
+
+def save_figure(figure: Any, file: str | Path) -> None:
+    """Write a figure as .png, .svg or .pdf, whole or not at all.
+
+    Raises
+    ------
+    InputError
+        For another ending, or a place that cannot be written.
+    """
+    path = Path(file)
+    write_whole(path, picture(figure, path.suffix))

@@ -1,0 +1,53 @@
+"""A map in words: its size, its states, the range of its quantities, tables of postures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from cartstiff.report.layout import number, table
+
+__all__ = ["describe_map"]
+
+
+def describe_map(answer: Mapping[str, Any]) -> str:
+    """The answer of ``cartstiff map``, for reading."""
+    parts, units = answer["parts"], answer["units"]
+    lines = [
+        f"{answer['mechanism']}: {answer['postures']} postures, body frame {answer['frame']!r}, "
+        f"K^{answer['connection']}, characteristic length "
+        f"{answer['characteristic_length']:.6g} {units['length']}",
+        f"{answer['file']}: {parts['total']} part(s), {parts['found']} found there, "
+        f"{parts['computed']} computed",
+        "",
+        "States",
+        *table(("state", "postures"), [(k, str(n)) for k, n in answer["states"].items()]),
+        "",
+        "Quantities",
+        *table(
+            ("quantity", "unit", "smallest", "mean", "largest", "undefined"),
+            [
+                (name, q["unit"], *(number(q[k]) for k in ("smallest", "mean", "largest")),
+                 str(q["undefined"]))
+                for name, q in answer["quantities"].items()
+            ],
+        ),
+    ]  # fmt: skip
+    for which in ("best", "worst"):
+        for name, rows in answer.get(which, {}).items():
+            unit = answer["quantities"][name]["unit"]
+            lines += ["", f"{which.capitalize()} of {name} [{unit}]", *_postures(rows, units)]
+    return "\n".join(lines)
+
+
+def _postures(rows: list[dict[str, Any]], units: Mapping[str, str]) -> list[str]:
+    if not rows:
+        return ["  none"]
+    titles = ["value", *rows[0]["q"], *(f"{c} [{units['length']}]" for c in "xyz")]
+    return table(
+        titles,
+        [
+            [number(x) for x in (row["value"], *row["q"].values(), *row["position"])]
+            for row in rows
+        ],
+    )  # fmt: skip

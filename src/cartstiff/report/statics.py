@@ -1,0 +1,116 @@
+"""Equilibria, load-deflection curves and compensated paths as text for people."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cartstiff.report.posture import describe
+from cartstiff.statics.compensation import CompensatedPath
+from cartstiff.statics.curves import LoadCurve
+from cartstiff.statics.rest import Equilibrium
+
+__all__ = ["describe_curve", "describe_equilibrium", "describe_path"]
+
+_STABLE = {
+    True: "stable",
+    False: "UNSTABLE",
+    None: "not decided by definiteness (see the notes)",
+}
+
+
+def _row(values: np.ndarray) -> str:
+    size = float(np.abs(values).max(initial=0.0))
+    return " ".join(f"{0.0 if abs(v) < 1e-12 * size else v:>12.6g}" for v in values)
+
+
+def describe_equilibrium(state: Equilibrium) -> str:
+    """Where the mechanism rests, and its stiffness there with the loads included."""
+    units = state.elastic.units
+    eigenvalues = np.sort(np.real(state.eigenvalues))
+    tangent = "energy's Hessian" if state.is_conservative else "tangent (real part)"
+    lines = [
+        f"Equilibrium: {_STABLE[state.stable]}, residual {state.residual:.2g} (relative) after "
+        f"{state.iterations} step(s)",
+        f"  smallest eigenvalue of the {tangent} {eigenvalues[0]:.6g} {units.moment}"
+        if eigenvalues.size
+        else "  nothing can move",
+        "",
+        "Displacement of the body frame, inertial axes",
+        f"  rotation     {_row(np.degrees(state.displacement[:3]))} deg",
+        f"  translation  {_row(state.displacement[3:])} {units.length}",
+    ]
+    elastic = state.elastic_stiffness
+    if elastic.wrench is not None:
+        lines += [
+            "",
+            "Wrench that the springs balance, in the body frame",
+            f"  moment       {_row(elastic.wrench[:3])} {units.moment}",
+            f"  force        {_row(elastic.wrench[3:])} {units.force}",
+        ]
+    for name, force in state.reactions.held.items():
+        unit = units.moment if name.startswith("r") else units.force
+        lines.append(f"  held {name}: reaction {force:.6g} {unit}")
+    for name, force in state.reactions.limits.items():
+        lines.append(f"  limit of {name}: reaction {force:.6g} {units.force} or {units.moment}")
+    lines += ["", "Stiffness there, loads included", "", describe(state.stiffness)]
+    return "\n".join(lines)
+
+
+def describe_curve(curve: LoadCurve) -> str:
+    """A load-deflection curve in at most twenty lines, with its critical points."""
+    units = curve.elastic.units
+    length = units.length
+    lines = [
+        f"Load-deflection curve of {curve.elastic.name}: {len(curve.factors)} equilibria, "
+        f"ended: {curve.reason}",
+        "",
+        f"  {'factor':>10} {'x ' + length:>12} {'y ' + length:>12} {'z ' + length:>12} "
+        f"{'off linear':>11}  stability",
+    ]
+    shown = np.unique(np.linspace(0, len(curve.factors) - 1, 16).astype(int))
+    for i in shown:
+        x, y, z = curve.displacement[i, 3:]
+        off = curve.deviation[i]
+        word = {True: "stable", False: "unstable", None: "-"}[curve.stable[i]]
+        lines.append(
+            f"  {curve.factors[i]:>10.5g} {x:>12.5g} {y:>12.5g} {z:>12.5g} "
+            f"{'-' if np.isnan(off) else f'{100 * off:.2f} %':>11}  {word}"
+        )
+    lines.append("")
+    for point in curve.critical:
+        lines.append(f"Critical load: {point.kind} at factor {point.factor:.10g}")
+    if not curve.critical:
+        lines.append("No critical load up to the end of the curve.")
+    lines.append(f"The linear prediction stays within 5 % up to factor {curve.linear_up_to():.4g}.")
+    return "\n".join(lines)
+
+
+def describe_path(path: CompensatedPath) -> str:
+    """Errors before and after compensation, and where the commands are."""
+    units = path.elastic.units
+    summary = path.summary()
+    lines = [
+        f"Deflection compensation of {path.elastic.name} along {len(path.q)} postures",
+        "",
+        f"  {'':<22} {'before':>14} {'after':>14}",
+    ]
+    rows = (
+        ("translation, largest", "translation_max", units.length, 1.0),
+        ("translation, rms", "translation_rms", units.length, 1.0),
+        ("rotation, largest", "rotation_max", "deg", 180 / np.pi),
+        ("rotation, rms", "rotation_rms", "deg", 180 / np.pi),
+    )
+    for label, key, unit, factor in rows:
+        before, after = (summary[when][key] * factor for when in ("before", "after"))
+        lines.append(f"  {label:<22} {before:>14.6g} {after:>14.6g} {unit}")
+    lines += ["", "Largest change of a command"]
+    largest = np.abs(path.offsets).max(axis=0)
+    coordinates = path.elastic.mechanism.coordinates
+    are_joints = path.elastic.spring_names == path.elastic.names
+    for i, (name, value) in enumerate(zip(path.elastic.spring_names, largest, strict=True)):
+        unit = "rad" if are_joints and not coordinates[i].is_length else units.length
+        lines.append(f"  {name:<28} {value:>12.6g} {unit}")
+    lines.append("(--csv FILE.csv writes the commands.)")
+    for note in path.notes:
+        lines.append(f"  [{note.code}] {note.message}")
+    return "\n".join(lines)

@@ -1,0 +1,99 @@
+"""Optimised paths and placements as text for people."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cartstiff.report.layout import number, table
+
+if TYPE_CHECKING:
+    from cartstiff.toolpaths.optimised import OptimisedPath
+    from cartstiff.toolpaths.placement import Placement
+
+__all__ = ["describe_optimised_path", "describe_placement"]
+
+# Points and places that are listed one by one.
+_MOST = 24
+
+
+def describe_optimised_path(result: OptimisedPath) -> str:
+    """What was optimised, what it gained, and each point."""
+    facts, units = result.summary(), result.elastic.units
+    under = "under the path's load" if result.loaded else "unloaded"
+    lines = [
+        f"{result.elastic.name}, frame {result.elastic.mechanism.frame!r}: {len(result.q)} points, "
+        f"{result.candidates} postures compared",
+        f"{result.criterion.description} [{result.unit}], {result.criterion.better} is better; "
+        f"K^{result.connection} {under}",
+        f"free: {_free(result)}",
+        "",
+    ]
+    titles = ("", "worst", "mean", "choice")
+    rows = [("optimised", number(facts["worst"]), number(facts["mean"]), "varies")]
+    if (constant := facts["constant"]) is not None and result.constant is not None:
+        words = {"angle": "rad", "position": result.joint or ""}
+        choice = ", ".join(f"{v:.4g} {words[k]}" for k, v in result.constant.choice.items())
+        rows.append(("best constant", number(constant["worst"]), number(constant["mean"]), choice))
+    lines += table(titles, rows if len(rows) > 1 else [(*rows[0][:3], "")])
+    if result.constant is None and result.angles is not None:
+        lines.append("  no constant choice follows the path")
+    lines += [
+        "",
+        f"worst at point {facts['worst_point']}; smallest over largest singular value at least "
+        f"{facts['smallest_ratio']:.3g}",
+        "",
+        "Postures",
+    ]
+    heads = ["point", *result.elastic.names]
+    if result.angles is not None:
+        heads.append("angle [deg]")
+    heads.append(result.criterion.name)
+    body = []
+    for i, q in enumerate(result.q[:_MOST]):
+        row = [str(i + 1), *(f"{v:.5f}" for v in q)]
+        if result.angles is not None:
+            row.append(f"{np.degrees(result.angles[i]):.2f}")
+        body.append((*row, number(float(result.values[i]))))
+    lines += table(heads, body)
+    if len(result.q) > _MOST:
+        lines.append(f"  ... and {len(result.q) - _MOST} more points (--csv writes all)")
+    lengths = [c.name for c in result.elastic.mechanism.coordinates if c.is_length]
+    shown = f"rad; {units.length} for {', '.join(lengths)}" if lengths else "rad"
+    return "\n".join([*lines, f"  coordinates in {shown}"])
+
+
+def _free(result: OptimisedPath) -> str:
+    words = []
+    if result.free in ("x", "y", "z"):
+        words.append(f"rotation about the body's {result.free} axis")
+    elif result.free == "rotation":
+        words.append("all of the body's rotation")
+    if result.joint is not None:
+        words.append(f"a self-motion of the joints, sampled by {result.joint}")
+    return " and ".join(words) or "only the branch of the inverse kinematics"
+
+
+def describe_placement(placement: Placement) -> str:
+    """The best place, the places compared, and the path at the best one."""
+    units = placement.path.elastic.units
+    unit = {name: "rad" if name == "yaw" else units.length for name in placement.axes}
+    shown = ", ".join(f"{n} = {v:.6g} {unit[n]}" for n, v in placement.place.items())
+    lines = [f"Best place of the workpiece: {shown}", ""]
+    heads = [*(f"{n} [{unit[n]}]" for n in placement.axes), f"worst [{placement.path.unit}]", ""]
+    values = list(placement.axes.values())
+    body = []
+    for index in np.ndindex(placement.worst.shape):
+        code, point = str(placement.codes[index]), int(placement.points[index])
+        worst = "" if code else number(float(placement.worst[index]))
+        row = [*(number(float(v[i])) for v, i in zip(values, index, strict=True)), worst]
+        body.append((*row, f"{code} at point {point}" if code else ""))
+    lines += table(heads, body[:_MOST])
+    if len(body) > _MOST:
+        lines.append(f"  ... and {len(body) - _MOST} more places (--json has all)")
+    unusable = placement.counts()
+    if unusable:
+        told = ", ".join(f"{n} {code}" for code, n in unusable.items())
+        lines.append(f"  {sum(unusable.values())} of {len(body)} places cannot be used: {told}")
+    return "\n".join([*lines, "", "The path there", "", describe_optimised_path(placement.path)])

@@ -1,0 +1,193 @@
+"""Wrenches and deflections as arrows: force straight, moment with a ring, displaced frame pale."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.analysis.checks import as_vector
+from cartstiff.analysis.deflection import displacement_of_point
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.scene import shapes, theme
+from cartstiff.scene.canvas import Node
+from cartstiff.scene.labels import Label, number
+from cartstiff.scene.scales import Linear, round_number
+
+__all__ = ["Arrow", "DeflectionPicture", "WrenchPicture", "add_wrench"]
+
+
+class Arrow:
+    """A vector at a point, with its size written at the tip."""
+
+    def __init__(
+        self, node: Node, colour: int, scale: Linear, look: theme.Theme, turning: bool = False
+    ) -> None:
+        self.scale = scale
+        self._node, self._colour, self._turning = node, colour, turning
+        self._label = Label(node["label"], look, colour)
+        self._made = False
+
+    def draw(
+        self, vector: Array, point: Array, unit: str, labels: bool = True, fixed: bool = False
+    ) -> float:
+        """Show a vector (3,) at a point by its scale, `fixed` or not; returns its drawn length."""
+        size = float(np.sqrt(vector @ vector))
+        if not fixed:
+            self.scale.fit(np.array([size]))
+        length = float(self.scale.length(np.array([size]))[0])
+        if not (length > 0.0 and np.isfinite(length)):
+            self.hide()
+            return 0.0
+        body = self._node["arrow"]
+        if not self._made:
+            self._made = True
+            (shapes.turning_arrow if self._turning else shapes.arrow)(body, self._colour)
+        T = np.eye(4)
+        T[:3, :3] = shapes.rotation_to(vector) * length
+        T[:3, 3] = point
+        body.set_transform(T)
+        self._node.show(True)
+        if labels:
+            self._label.show(number(size, unit), point + vector * (1.1 * length / size))
+        else:
+            self._label.hide()
+        return length
+
+    def hide(self) -> None:
+        """Show nothing."""
+        if self._made:
+            self._node.show(False)
+
+
+class WrenchPicture:
+    """Force and moment at a point."""
+
+    def __init__(self, node: Node, size: float, look: theme.Theme) -> None:
+        self._force = Arrow(node["force"], look.load, Linear(0.22 * size), look)
+        self._moment = Arrow(node["moment"], look.load, Linear(0.22 * size), look, turning=True)
+
+    def draw(
+        self, wrench: Array, T: Array, force: str, moment: str, labels: bool = True
+    ) -> dict[str, Any]:
+        """Show (moment, force) in the axes of a frame with pose T, at its origin."""
+        # Forces that are rounding beside the moment over the size are not shown as arrows.
+        R, p = T[:3, :3], T[:3, 3]
+        return {
+            "force": self._force.draw(R @ wrench[3:], p, force, labels),
+            "moment": self._moment.draw(R @ wrench[:3], p, moment, labels),
+            "units": {"force": force, "moment": moment},
+            "scale": {"force": self._force.scale.legend(), "moment": self._moment.scale.legend()},
+            "wrench": wrench.tolist(),
+        }
+
+    def hide(self) -> None:
+        """Show nothing."""
+        self._force.hide()
+        self._moment.hide()
+
+
+class DeflectionPicture:
+    """Where a small motion takes the body, much enlarged: a pale frame and an arrow to it."""
+
+    def __init__(self, node: Node, size: float, look: theme.Theme) -> None:
+        self._size = size
+        self._frame = node["frame"]
+        self._arrow = Arrow(node["displacement"], theme.DEFLECTION, Linear(size), look)
+        self._made = False
+        self.exaggeration = 0.0
+
+    def draw(
+        self, twist: Array, T: Array, unit: str, wanted: float | None, labels: bool = True
+    ) -> dict[str, Any]:
+        """Show a twist (6,) of the frame with pose T, enlarged by `wanted` or a round factor."""
+        factor = self._factor(twist) if wanted is None else wanted
+        if not self._made:
+            self._made = True
+            shapes.frame(self._frame, 0.12 * self._size, 0.45)
+        self._frame.show(True)
+        self._frame.set_transform(T @ se3.exp(factor * twist))
+        moved = displacement_of_point(twist, np.zeros(3))
+        # The arrow's length is the displacement enlarged; its label is the true one.
+        self._arrow.scale.per_length = 1.0 / factor if factor else 1.0
+        self._arrow.draw(T[:3, :3] @ moved, T[:3, 3], unit, labels, fixed=True)
+        turn = float(np.linalg.norm(twist[:3]))
+        return {
+            "exaggeration": factor,
+            "twist": twist.tolist(),
+            "displacement": float(np.linalg.norm(moved)),
+            "rotation": turn,
+            "unit": unit,
+        }
+
+    def _factor(self, twist: Array) -> float:
+        """A round factor that makes the motion visible and keeps it in the picture."""
+        along = float(np.linalg.norm(twist[3:])) / (0.22 * self._size)
+        turn = float(np.linalg.norm(twist[:3])) / 0.6
+        largest = max(along, turn)
+        if not 0.0 < largest < np.inf:
+            return self.exaggeration
+        if not (self.exaggeration and 0.25 < largest * self.exaggeration < 1.3):
+            self.exaggeration = round_number(1.0 / largest)
+        return self.exaggeration
+
+    def hide(self) -> None:
+        """Show nothing."""
+        if self._made:
+            self._frame.show(False)
+            self._arrow.hide()
+
+
+# Force times the size of the picture, and moments, below this share of each other.
+_ROUNDING = 1e-9
+
+
+def add_wrench(
+    visualizer: Any,
+    wrench: ArrayLike,
+    T: ArrayLike | None = None,
+    *,
+    size: float = 0.3,
+    force: str = "N",
+    moment: str = "N m",
+    labels: bool = True,
+    dark: bool = False,
+) -> dict[str, Any]:
+    """Draw a wrench in any meshcat scene: the force as an arrow, the moment with a ring.
+
+    Parameters
+    ----------
+    visualizer : meshcat.Visualizer
+        Where: ``vis["path"]``; it is drawn below, as "wrench". A later call replaces it.
+    wrench : array_like, shape (6,)
+        (moment, force) in the frame with pose T.
+    T : array_like, shape (4, 4), optional
+        ``T_F_M``; the arrows start at its origin.
+    size : float
+        Length of an arrow, about.
+    force, moment : str
+        Units for the labels.
+    labels, dark : bool
+        Whether sizes are written, and on a dark background.
+
+    Returns
+    -------
+    dict
+        Drawn lengths of "force" and "moment", and their "scale".
+
+    Raises
+    ------
+    InputError
+        For a wrong shape or numbers that are not finite.
+    """
+    node = Node.of(visualizer)["wrench"]
+    W = as_vector(wrench, "wrench", 6)
+    pose = np.eye(4) if T is None else np.asarray(T, float)
+    node.delete()
+    # Rounding beside the other part is no arrow of its own.
+    moments, forces = float(np.abs(W[:3]).max()), float(np.abs(W[3:]).max())
+    W = W * np.repeat([moments > _ROUNDING * forces * size, forces * size > _ROUNDING * moments], 3)
+    picture = WrenchPicture(node, size / 0.22, theme.DARK if dark else theme.LIGHT)
+    return picture.draw(W, pose, force, moment, labels)

@@ -1,0 +1,230 @@
+"""Ellipsoids of stiffness and compliance, with their principal axes and values.
+
+Radii and axes are those of `cartstiff.analysis.ellipsoids`; what is drawn are lengths by a stated
+scale. A matrix that is not positive definite has no ellipsoid: its axes are drawn alone, negative
+ones red and dashed, and the legend says why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.analysis.ellipsoids import Ellipsoid, Freedom, ellipsoid
+from cartstiff.errors import InputError
+from cartstiff.geometry.se3 import Array
+from cartstiff.scene import objects, shapes, theme
+from cartstiff.scene.canvas import Node
+from cartstiff.scene.labels import Label, number
+from cartstiff.scene.scales import Linear, Logarithmic, Scale
+
+__all__ = ["EllipsoidPicture", "add_ellipsoid"]
+
+_BLOCKS = {"rotation": slice(0, 3), "translation": slice(3, 6)}
+
+
+class EllipsoidPicture:
+    """One ellipsoid at a place; drawn once, then moved and stretched.
+
+    Parameters
+    ----------
+    node : Node
+        Where it is drawn.
+    colour : int
+        0xRRGGBB.
+    scale : Linear or Logarithmic
+        From values to lengths.
+    size : float
+        Of the mechanism: how thick its axes are.
+    look : Theme
+        Of the labels.
+    side : 1 or -1
+        End of the axes that has the labels: two ellipsoids at one place use both.
+    """
+
+    def __init__(
+        self, node: Node, colour: int, scale: Scale, size: float, look: theme.Theme,
+        side: float = 1.0,
+    ) -> None:  # fmt: skip
+        self.node, self.scale = node, scale
+        self._colour, self._size, self._side = colour, size, side
+        self._body = node["body"]
+        self._axes = [node[f"axis {i + 1}"] for i in range(3)]
+        self._labels = [Label(node[f"value {i + 1}"], look, colour) for i in range(3)]
+        self._negative: list[bool | None] = [None] * 3
+        self._made = False
+
+    def draw(
+        self, shape: Ellipsoid, T: Array, unit: str, axes: bool = True, labels: bool = True
+    ) -> dict[str, Any]:
+        """Show an ellipsoid whose matrix is in the frame with pose T; returns its legend."""
+        values = shape.eigenvalues
+        positive = shape.definiteness == "positive"
+        self.scale.fit(values)
+        lengths = self.scale.length(values)
+        if not self._made:
+            self._made = True
+            # Drawn from both sides, so that it is seen from within a link as well.
+            self._body.set_object(
+                objects.solid(
+                    objects.sphere(fine=True), self._colour, theme.ELLIPSOID_OPACITY, shininess=60
+                )
+            )
+        # In plain numbers from here: arrays of three take longer.
+        columns = (T[:3, :3] @ shape.axes).T.tolist()
+        centre, radii, principal = T[:3, 3].tolist(), lengths.tolist(), values.tolist()
+        self.node.show(True)
+        self._body.show(positive)
+        if positive:
+            # A flat side still is a surface to look at.
+            x, y, z = (
+                _along(column, max(radius, 1e-4 * self._size))
+                for column, radius in zip(columns, radii, strict=True)
+            )
+            self._body.set_columns(x, y, z, centre)
+        for i, (radius, value) in enumerate(zip(radii, principal, strict=True)):
+            self._axis(i, columns, radius, value < 0.0, centre, axes)
+            if labels and axes and radius > 0.0:
+                end = _along(columns[i], self._side * 1.08 * radius, centre)
+                self._labels[i].show(number(value, unit), end)
+            else:
+                self._labels[i].hide()
+        return {
+            "shown": positive,
+            "reason": None if positive else _reason(shape),
+            "definiteness": shape.definiteness,
+            "eigenvalues": principal,
+            "axes": shape.axes.tolist(),
+            "unit": unit,
+            "radii": radii,
+            "scale": self.scale.legend(),
+            "asymmetry": shape.asymmetry,
+        }
+
+    def _axis(
+        self, i: int, columns: list[list[float]], length: float, negative: bool,
+        centre: list[float], wanted: bool,
+    ) -> None:  # fmt: skip
+        node = self._axes[i]
+        shown = wanted and length > 0.0
+        node.show(shown)
+        if not shown:
+            return
+        if negative != self._negative[i]:
+            self._negative[i] = negative
+            radius = 0.0035 * self._size
+            # From one end of the axis to the other.
+            node.set_object(
+                shapes.dashed_rod(1.3 * radius, theme.NEGATIVE)
+                if negative
+                else shapes.rod(radius, _darker(self._colour))
+            )
+        node.set_columns(
+            _along(columns[i], 2.0 * length), columns[i - 2], columns[i - 1],
+            _along(columns[i], -length, centre),
+        )  # fmt: skip
+
+    def hide(self) -> None:
+        """Show nothing."""
+        if self._made:
+            self.node.show(False)
+
+
+def _along(
+    direction: Sequence[float], length: float, start: Sequence[float] = (0.0, 0.0, 0.0)
+) -> list[float]:
+    """``start + length direction``."""
+    return [s + length * d for s, d in zip(start, direction, strict=True)]
+
+
+def _reason(shape: Ellipsoid) -> str:
+    kind = shape.definiteness
+    low = number(float(shape.eigenvalues[0]))
+    if kind == "positive semidefinite":
+        return "singular: a principal value is zero, and the ellipsoid is flat"
+    if kind == "zero":
+        return "zero: there is nothing to draw"
+    return f"{kind}: the smallest principal value is {low}, and no ellipsoid belongs to it"
+
+
+def _darker(colour: int) -> int:
+    return theme.hex_of(170 * np.array(theme.fractions(colour)))
+
+
+def add_ellipsoid(
+    visualizer: Any,
+    matrix: ArrayLike,
+    T: ArrayLike | None = None,
+    *,
+    freedom: Freedom = "translation",
+    size: float = 0.3,
+    scale: Literal["log", "linear"] | Scale = "linear",
+    unit: str = "",
+    colour: int | None = None,
+    labels: bool = True,
+    dark: bool = False,
+) -> dict[str, Any]:
+    """Draw the ellipsoid of a stiffness or compliance in any meshcat scene.
+
+    Parameters
+    ----------
+    visualizer : meshcat.Visualizer
+        Where: ``vis["path"]``; it is drawn below, as "ellipsoid". A later call replaces it.
+    matrix : array_like, shape (3, 3) or (6, 6)
+        Symmetric part is drawn. Of a 6x6 matrix, in order (rotation, translation), the block of
+        `freedom`.
+    T : array_like, shape (4, 4), optional
+        Pose of the frame of the matrix in `visualizer`, ``T_F_M``; default identity.
+    freedom : {"translation", "rotation"}
+        Block of a 6x6 matrix, and the default colour.
+    size : float
+        Length that the largest principal value is drawn with, about, in units of the scene.
+    scale : "linear", "log", Linear or Logarithmic
+        From values to lengths. One made by `Linear.from_values` or `Logarithmic.from_values`
+        serves several ellipsoids, which can then be compared; `size` then plays no part but for
+        the thickness of the axes.
+    unit : str
+        Of the values, for the labels.
+    colour : int, optional
+        0xRRGGBB.
+    labels : bool
+        Write the principal values at the ends of the axes.
+    dark : bool
+        Whether the background is dark.
+
+    Returns
+    -------
+    dict
+        "shown", "reason" (why not), "definiteness", "eigenvalues" (smallest first), "axes" (the
+        columns, in the frame of the matrix), "unit", "radii" (drawn lengths), "scale", "asymmetry".
+
+    Raises
+    ------
+    InputError
+        For a wrong shape, numbers that are not finite, or an unknown freedom.
+    """
+    node = Node.of(visualizer)
+    M = np.asarray(matrix, float)
+    if freedom not in _BLOCKS:
+        raise InputError("unknown freedom", expected=", ".join(_BLOCKS), got=freedom)
+    if M.shape == (6, 6):
+        M = M[_BLOCKS[freedom], _BLOCKS[freedom]]
+    pose = np.eye(4) if T is None else np.asarray(T, float)
+    if pose.shape != (4, 4) or not np.all(np.isfinite(pose)):
+        raise InputError("T is not a pose", expected="a 4x4 matrix", got=pose.shape)
+    if not 0.0 < size < np.inf:
+        raise InputError("size cannot be used", expected="a positive length", got=size)
+    shape = ellipsoid(M)
+    if isinstance(scale, str):
+        if scale not in ("linear", "log"):
+            raise InputError("unknown scale", expected="linear, log", got=scale)
+        scale = Linear(size) if scale == "linear" else Logarithmic(size)
+    default = theme.TRANSLATION if freedom == "translation" else theme.ROTATION
+    look = theme.DARK if dark else theme.LIGHT
+    node = node["ellipsoid"]
+    node.delete()
+    picture = EllipsoidPicture(node, default if colour is None else colour, scale, 3.0 * size, look)
+    return picture.draw(shape, pose, unit, axes=True, labels=labels)

@@ -1,0 +1,87 @@
+"""What a picture shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from cartstiff.analysis.posture import CONNECTIONS
+from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.scene.theme import THEMES
+
+__all__ = ["Look"]
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a picture shows, and how.
+
+    Attributes
+    ----------
+    connection : {"A", "B", "K", "F", "+"}
+        Which stiffness; of an unsymmetric one the symmetric part is drawn.
+    quantity : {"stiffness", "compliance"}
+        Of the ellipsoids.
+    translation, rotation : bool
+        Which ellipsoids.
+    others : {"block", "held", "free"}
+        What the other three freedoms do, see `cartstiff.analysis.ellipsoids`. The block of the
+        matrix itself is "held" for a stiffness and "free" for a compliance.
+    scale : {"log", "linear"}
+        From principal values to lengths; the legend states it.
+    axes, labels : bool
+        Principal axes, and their values.
+    wrench : bool
+        The load, as arrows.
+    deflection : bool
+        Where `added` moves the body, enlarged by `exaggeration` (None: a round factor, stated).
+    added : tuple of 6 floats, optional
+        Wrench (moment, force) in M whose deflection is drawn; default the load itself.
+    screws, compliant_axes : bool
+        Eigenscrews; wrench- and twist-compliant axes.
+    centres : bool
+        Centres of stiffness, compliance, elasticity, and of least coupling.
+    ghost : tuple of floats, optional
+        Coordinates of a second posture, drawn pale.
+    point : tuple of 3 floats
+        Reference point in the frame M.
+    theme : {"light", "dark"}
+        Background.
+    grid, frames : bool
+        The ground; the axes of F and M.
+    """
+
+    connection: str = "K"
+    quantity: Literal["stiffness", "compliance"] = "stiffness"
+    translation: bool = True
+    rotation: bool = True
+    others: Literal["block", "held", "free"] = "block"
+    scale: Literal["log", "linear"] = "log"
+    axes: bool = True
+    labels: bool = True
+    wrench: bool = True
+    deflection: bool = False
+    added: tuple[float, ...] | None = None
+    exaggeration: float | None = None
+    screws: bool = False
+    compliant_axes: bool = False
+    centres: bool = False
+    ghost: tuple[float, ...] | None = None
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    theme: Literal["light", "dark"] = "light"
+    grid: bool = True
+    frames: bool = True
+
+    def __post_init__(self) -> None:
+        for name, value, known in (
+            ("connection", self.connection, CONNECTIONS),
+            ("quantity", self.quantity, ("stiffness", "compliance")),
+            ("condition of the other freedoms", self.others, ("block", "held", "free")),
+            ("scale", self.scale, ("log", "linear")),
+            ("theme", self.theme, tuple(THEMES)),
+        ):
+            if value not in known:
+                raise UnknownNameError(name, str(value), known)
+        if self.exaggeration is not None and not 0.0 < self.exaggeration < 1e30:
+            raise InputError("exaggeration cannot be used", expected="a number above zero",
+                             got=self.exaggeration)  # fmt: skip

@@ -1,0 +1,148 @@
+"""Many points in colour: maps over a workspace, and trajectories."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cartstiff.errors import InputError
+from cartstiff.geometry.se3 import Array
+from cartstiff.scene import objects, theme
+from cartstiff.scene.canvas import Node
+
+__all__ = ["add_path", "add_points", "colours_of"]
+
+# Values over more than this ratio, all of one sign, are coloured by their logarithm.
+_WIDE = 50.0
+
+
+def colours_of(values: Array) -> tuple[NDArray[np.uint8], dict[str, Any]]:
+    """Colours (n, 3) of values, and the facts of the colour bar.
+
+    Values of one sign run from dark to light, by their logarithm where they spread far; values of
+    both signs from blue over pale to orange. What is not finite is grey, and counted.
+    """
+    good = np.isfinite(values)
+    colours = np.empty((len(values), 3), np.uint8)
+    colours[:] = [theme.NO_VALUE >> s & 0xFF for s in (16, 8, 0)]
+    facts: dict[str, Any] = {
+        "without_value": int(np.sum(~good)), "lower": None, "upper": None, "kind": "none",
+        "log": False,
+    }  # fmt: skip
+    if not good.any():
+        return colours, facts
+    v = values[good]
+    low, high = float(v.min()), float(v.max())
+    if low < 0.0 < high:
+        limit = max(-low, high)
+        colours[good] = theme.diverging(v / limit)
+        facts |= {"lower": -limit, "upper": limit, "kind": "diverging"}
+        stops = theme.diverging(np.linspace(-1, 1, 9))
+    else:
+        log = low > 0.0 and high > _WIDE * low
+        x = np.log10(v) if log else v
+        spread = float(np.ptp(x))
+        share = (x - x.min()) / spread if spread > 0.0 else np.full(len(x), 0.5)
+        colours[good] = theme.sequential(share)
+        facts |= {"lower": low, "upper": high, "kind": "sequential", "log": bool(log)}
+        stops = theme.sequential(np.linspace(0, 1, 9))
+    facts["stops"] = [f"#{theme.hex_of(stop):06x}" for stop in stops]
+    return colours, facts
+
+
+def _checked(positions: ArrayLike, values: ArrayLike | None) -> tuple[Array, Array | None]:
+    p = np.asarray(positions, float)
+    if p.ndim != 2 or p.shape[1] != 3 or not np.all(np.isfinite(p)):
+        raise InputError("positions cannot be drawn", expected="finite numbers of shape (n, 3)",
+                         got=f"shape {p.shape}")  # fmt: skip
+    if values is None:
+        return p, None
+    v = np.asarray(values, float)
+    if v.shape != (len(p),):
+        raise InputError("values and positions differ in number", expected=f"({len(p)},)",
+                         got=f"{v.shape}")  # fmt: skip
+    return p, v
+
+
+def add_points(
+    visualizer: Any,
+    positions: ArrayLike,
+    values: ArrayLike,
+    *,
+    label: str = "",
+    unit: str = "",
+    size: float | None = None,
+) -> dict[str, Any]:
+    """Draw points coloured by a value in any meshcat scene.
+
+    Parameters
+    ----------
+    visualizer : meshcat.Visualizer
+        Where: ``vis["path"]``. A later call at the same path replaces them.
+    positions : array_like, shape (n, 3)
+        In units of `visualizer`.
+    values : array_like, shape (n,)
+        NaN where there is none: such points are grey.
+    label, unit : str
+        What the values are.
+    size : float, optional
+        Of a point; default from the spread of the points and their number.
+
+    Returns
+    -------
+    dict
+        "label", "unit", "count", "without_value", "lower", "upper", "kind" ("sequential" or
+        "diverging"), "log", and "stops", the bar's colours at equal steps.
+
+    Raises
+    ------
+    InputError
+        For wrong shapes or positions that are not finite.
+    """
+    p, v = _checked(positions, values)
+    node = Node.of(visualizer)
+    facts: dict[str, Any] = {"label": label, "unit": unit, "count": len(p)}
+    if v is None or not len(p):
+        node.delete()
+        return facts | colours_of(np.zeros(0))[1]
+    colours, bar = colours_of(v)
+    if size is None:
+        spread = float(np.linalg.norm(np.ptp(p, axis=0))) or 1.0
+        size = float(np.clip(0.5 * spread / np.sqrt(len(p)), 0.004 * spread, 0.03 * spread))
+    node.set_object(objects.points(p, colours, size))
+    return facts | bar
+
+
+def add_path(
+    visualizer: Any,
+    positions: ArrayLike,
+    values: ArrayLike | None = None,
+    *,
+    colour: int = theme.DEFLECTION,
+    label: str = "",
+    unit: str = "",
+) -> dict[str, Any]:
+    """Draw a line through points (n, 3), in one colour or coloured by values (n,).
+
+    Returns
+    -------
+    dict
+        As `add_points`; without values only "label", "unit" and "count".
+
+    Raises
+    ------
+    InputError
+        For wrong shapes, positions that are not finite, or fewer than two points.
+    """
+    p, v = _checked(positions, values)
+    if len(p) < 2:
+        raise InputError("a path has at least two points", got=str(len(p)))
+    facts: dict[str, Any] = {"label": label, "unit": unit, "count": len(p)}
+    if v is None:
+        Node.of(visualizer).set_object(objects.lines(p, colour, joined=True))
+        return facts
+    colours, bar = colours_of(v)
+    Node.of(visualizer).set_object(objects.lines(p, colours.astype(float), joined=True))
+    return facts | bar

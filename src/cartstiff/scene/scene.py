@@ -1,0 +1,311 @@
+"""The whole picture of a mechanism at a posture, in a meshcat viewer.
+
+Objects are sent once; a new posture moves and stretches them, some twenty-five short commands.
+`Scene.draw` returns the legend: what every length, colour and factor in the picture means.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.analysis.deflection import compliance_deflection
+from cartstiff.analysis.ellipsoids import (
+    Ellipsoid,
+    Freedom,
+    compliance_ellipsoid,
+    stiffness_ellipsoid,
+)
+from cartstiff.errors import CartstiffError, InputError, UndefinedError
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.contract import MechanismPosture
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.scene import theme
+from cartstiff.scene.arrows import DeflectionPicture, WrenchPicture
+from cartstiff.scene.canvas import Node
+from cartstiff.scene.ellipsoids import EllipsoidPicture
+from cartstiff.scene.look import Look
+from cartstiff.scene.mechanism import MechanismPicture, extent
+from cartstiff.scene.points import add_path, add_points
+from cartstiff.scene.quantities import load_at, matrices_at
+from cartstiff.scene.scales import Linear, Logarithmic
+from cartstiff.scene.screws import AxesPicture, CentresPicture, compliant_lines, eigenscrew_lines
+from cartstiff.scene.stage import Stage
+from cartstiff.stiffness.compute import PostureStiffness
+
+__all__ = ["Look", "Scene"]
+
+_FREEDOMS: tuple[Freedom, Freedom] = ("translation", "rotation")
+_COLOURS = {"translation": theme.TRANSLATION, "rotation": theme.ROTATION}
+#: Largest semi-axis of an ellipsoid, over the size of the mechanism.
+_RADIUS = 0.17
+
+
+class Scene:
+    """Draws a mechanism and what its stiffness says.
+
+    Parameters
+    ----------
+    visualizer : meshcat.Visualizer
+        Where; the picture stands below ``visualizer["cartstiff"]``, and the viewer's own grid,
+        axes, background and camera are set.
+    elastic : ElasticMechanism
+        The mechanism. Its springs may change later, its geometry may not.
+
+    Attributes
+    ----------
+    notes : list of str
+        What cannot be shown (a missing mesh), and what stands for it.
+    """
+
+    def __init__(self, visualizer: Any, elastic: ElasticMechanism) -> None:
+        self._elastic = elastic
+        self._node = Node.of(visualizer)["cartstiff"]
+        self._start = elastic.mechanism.closed(elastic.q)
+        self._stage = Stage(self._node, extent(elastic, self._start), elastic.units.length)
+        #: Place of the picture: what is added below is in F, in the mechanism's unit of length.
+        self.node = self._node
+        self._theme = ""
+        self._ghost: MechanismPicture | None = None
+        self._ghost_at: tuple[float, ...] | None = None
+        self.notes: list[str] = []
+
+    # -- the picture -------------------------------------------------------------------------
+
+    def draw(self, result: PostureStiffness, look: Look | None = None) -> dict[str, Any]:
+        """Move everything to a posture and show what a `Look` asks for.
+
+        Parameters
+        ----------
+        result : PostureStiffness
+            From `cartstiff.analyse`, of the same mechanism.
+        look : Look, optional
+            What is shown; the default shows the stiffness K^K and the load.
+
+        Returns
+        -------
+        dict
+            "length" (unit, grid, scene units), "connection", "quantity", "others", "ellipsoids" by
+            freedom, "wrench", "deflection", "screws", "compliant_axes", "centres", "tension",
+            "notes". What is not shown has a "reason".
+
+        Raises
+        ------
+        InputError
+            For coordinates of a ghost or an added wrench that do not fit.
+        """
+        look = look or Look()
+        if look.theme != self._theme:
+            self._ghost_at = None  # will be drawn anew
+        ghost = self._ghost_posture(look)
+        added = self._added(result, look)
+        if look.theme != self._theme:
+            self._build(look.theme)
+        notes = list(self.notes)
+        K, C, reason = matrices_at(result, look)
+        T = result.pose
+        if any(look.point):
+            T = T.copy()
+            T[:3, 3] += T[:3, :3] @ look.point
+        tension = self._mechanism.draw(result)
+        self._move_ghost(ghost, look, notes)
+        self._frame.set_transform(result.pose)
+        for name in ("F", "M"):
+            self._node[name].show(look.frames)
+            self._node[name]["name"].show(look.labels)
+        self._node["ground"].show(look.grid)
+        return {
+            "length": self._stage.legend(),
+            "connection": look.connection,
+            "quantity": look.quantity,
+            "others": look.others,
+            "ellipsoids": {f: self._ellipsoid(f, look, K, C, T, reason) for f in _FREEDOMS},
+            "wrench": self._wrench(result, look, T),
+            "deflection": self._deflection(result, look, added, T),
+            "screws": self._axes("screws", look.screws, look, K, T, reason),
+            "compliant_axes": self._axes("axes", look.compliant_axes, look, K, T, reason),
+            "centres": self._centres(look, K, C, T, reason),
+            "tension": tension,
+            "notes": notes,
+        }
+
+    def points(
+        self, positions: ArrayLike, values: ArrayLike, label: str = "", unit: str = ""
+    ) -> dict[str, Any]:
+        """Show a map: points (N, 3) in F, in the mechanism's unit, coloured by values (N,).
+
+        Returns the facts of the colour bar, see `add_points`. No points remove the map.
+        """
+        return add_points(self._node["map"], positions, values, label=label, unit=unit)
+
+    def path(
+        self, positions: ArrayLike, values: ArrayLike | None = None, label: str = "", unit: str = ""
+    ) -> dict[str, Any]:
+        """Show a trajectory: a line through points (N, 3) in F, coloured by values if given."""
+        return add_path(self._node["path"], positions, values, label=label, unit=unit)
+
+    def camera(self, preset: str = "iso") -> None:
+        """Look from "iso" (also "fit", "home"), "front", "side" or "top"."""
+        self._stage.camera(preset)
+
+    # -- parts -------------------------------------------------------------------------------
+
+    def _build(self, name: str) -> None:
+        """Send every object in the colours of a theme."""
+        look = theme.THEMES[name]
+        node, size = self._node, self._stage.size
+        if self._theme:  # what has been drawn in another theme
+            for part in ("mechanism", "ghost", "screws", "axes", "centres", "wrench", "deflection",
+                         *(f"{f} ellipsoid" for f in _FREEDOMS)):  # fmt: skip
+                node[part].delete()
+        first = not self._theme
+        self._theme = name
+        self._mechanism = MechanismPicture(node["mechanism"], self._elastic, size, look)
+        if first:
+            self._stage.frame_also(self._mechanism.corners(self._start))
+            self._stage.camera("iso")
+        self._stage.dress(look)
+        self._frame = self._stage.frames(look)
+        self.notes = self._mechanism.notes
+        self._ghost, self._ghost_at = None, None
+        self._ellipsoids: dict[tuple[str, str, str], EllipsoidPicture] = {}
+        self._wrenches = WrenchPicture(node["wrench"], size, look)
+        self._deflections = DeflectionPicture(node["deflection"], size, look)
+        self._lines = {name: AxesPicture(node[name], size, look) for name in ("screws", "axes")}
+        self._balls = CentresPicture(node["centres"], size, look)
+
+    def _ellipsoid(
+        self, freedom: Freedom, look: Look, K: Array | None, C: Array | None, T: Array,
+        reason: str | None,
+    ) -> dict[str, Any] | None:  # fmt: skip
+        wanted = look.translation if freedom == "translation" else look.rotation
+        key = (freedom, look.quantity, look.scale)
+        for other, picture in self._ellipsoids.items():
+            if other[0] == freedom and (other != key or not wanted):
+                picture.hide()
+        if not wanted:
+            return None
+        shape: Ellipsoid | None = None
+        try:
+            if look.quantity == "stiffness" and K is not None:
+                others = "held" if look.others == "block" else look.others
+                shape = stiffness_ellipsoid(K, freedom, others)
+            elif look.quantity == "compliance" and C is not None:
+                others = "free" if look.others == "block" else look.others
+                shape = compliance_ellipsoid(C, freedom, others)
+        except UndefinedError as error:
+            reason = str(error)
+        picture_or_none = self._ellipsoids.get(key)
+        if shape is None:
+            if picture_or_none is not None:
+                picture_or_none.hide()
+            return {"shown": False, "reason": reason or f"no {look.quantity} exists here"}
+        if picture_or_none is None:
+            scale = (Logarithmic if look.scale == "log" else Linear)(_RADIUS * self._stage.size)
+            place = self._node[f"{freedom} ellipsoid"][f"{look.quantity} {look.scale}"]
+            picture_or_none = EllipsoidPicture(
+                place, _COLOURS[freedom], scale, self._stage.size, theme.THEMES[look.theme],
+                side=1.0 if freedom == "translation" else -1.0,
+            )  # fmt: skip
+            self._ellipsoids[key] = picture_or_none
+        return picture_or_none.draw(
+            shape, T, self._unit(freedom, look.quantity), look.axes, look.labels
+        )
+
+    def _unit(self, freedom: str, quantity: str) -> str:
+        units = self._elastic.units
+        if freedom == "translation":
+            top, bottom = units.force, units.length
+        else:
+            top, bottom = units.moment, "rad"
+        if quantity == "stiffness":
+            return f"{top}/{bottom}"
+        return f"{bottom}/({top})" if " " in top else f"{bottom}/{top}"
+
+    def _wrench(self, result: PostureStiffness, look: Look, T: Array) -> dict[str, Any] | None:
+        W = load_at(result, look)
+        if not look.wrench or W is None:
+            self._wrenches.hide()
+            return None
+        units = self._elastic.units
+        return self._wrenches.draw(W, T, units.force, units.moment, look.labels)
+
+    def _added(self, result: PostureStiffness, look: Look) -> Array | None:
+        if not look.deflection:
+            return None
+        if look.added is None:
+            return result.wrench
+        added = np.asarray(look.added, float)
+        if added.shape != (6,) or not np.all(np.isfinite(added)):
+            raise InputError("added wrench cannot be used", expected="6 finite numbers",
+                             got=look.added)  # fmt: skip
+        return added
+
+    def _deflection(
+        self, result: PostureStiffness, look: Look, added: Array | None, T: Array
+    ) -> dict[str, Any] | None:
+        if not look.deflection:
+            self._deflections.hide()
+            return None
+        C = result.compliances["A" if look.connection == "+" else look.connection]
+        if C is None or added is None:
+            self._deflections.hide()
+            return {"shown": False, "reason": "no compliance or no load exists here"}
+        C = C.T if look.connection == "+" else C
+        twist = compliance_deflection(C, added).twist
+        if not np.any(twist):
+            self._deflections.hide()
+            return {"shown": False, "reason": "no load: nothing moves"}
+        # The body's motion seen from the reference point.
+        at = np.concatenate([twist[:3], twist[3:] + np.cross(twist[:3], look.point)])
+        unit = self._elastic.units.length
+        answer = self._deflections.draw(at, T, unit, look.exaggeration, look.labels)
+        return {"shown": True, "reason": None, **answer}
+
+    def _axes(
+        self, name: str, wanted: bool, look: Look, K: Array | None, T: Array, reason: str | None
+    ) -> list[dict[str, Any]] | dict[str, Any] | None:
+        picture = self._lines[name]
+        if not wanted or K is None:
+            picture.hide()
+            return {"shown": False, "reason": reason} if wanted else None
+        units = self._elastic.units
+        lines = (eigenscrew_lines if name == "screws" else compliant_lines)(K, units)
+        return picture.draw(lines, T, units.length, look.labels)
+
+    def _centres(
+        self, look: Look, K: Array | None, C: Array | None, T: Array, reason: str | None
+    ) -> dict[str, Any] | None:
+        if not look.centres or K is None:
+            self._balls.hide()
+            return {"shown": False, "reason": reason} if look.centres else None
+        return self._balls.draw(K, C, T, look.labels)
+
+    def _ghost_posture(self, look: Look) -> MechanismPosture | None:
+        if look.ghost is None or look.ghost == self._ghost_at:
+            return None
+        q = self._elastic.mechanism.checked(look.ghost, "ghost")
+        try:
+            return self._elastic.mechanism.closed(q)
+        except CartstiffError:
+            return None
+
+    def _move_ghost(self, posture: MechanismPosture | None, look: Look, notes: list[str]) -> None:
+        if look.ghost is None:
+            if self._ghost is not None:
+                self._ghost.node.show(False)
+            return
+        if posture is not None:
+            if self._ghost is None:
+                place = self._node["ghost"]
+                self._ghost = MechanismPicture(
+                    place, self._elastic, self._stage.size, theme.THEMES[look.theme], ghost=True
+                )
+            self._ghost.move(posture)
+            self._ghost_at = look.ghost
+        if self._ghost is not None:
+            self._ghost.node.show(self._ghost_at == look.ghost)
+        if self._ghost_at != look.ghost:
+            notes.append("the reference posture cannot be assembled")

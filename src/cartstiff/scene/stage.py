@@ -1,0 +1,145 @@
+"""Everything around a mechanism: unit of length, ground, background, camera."""
+
+from __future__ import annotations
+
+from math import floor, log10
+from typing import Any
+
+import numpy as np
+
+from cartstiff.errors import UnknownNameError
+from cartstiff.geometry.se3 import Array
+from cartstiff.scene import objects, shapes, theme
+from cartstiff.scene.canvas import Node
+from cartstiff.scene.labels import Label
+from cartstiff.scene.scales import round_number
+
+__all__ = ["PRESETS", "Stage", "scene_units"]
+
+#: Directions from the mechanism to the camera.
+PRESETS = {
+    "iso": (1.0, -1.05, 0.75),
+    "front": (1.0, 0.0, 0.12),
+    "side": (0.0, -1.0, 0.12),
+    "top": (0.0, -1e-3, 1.0),
+}
+_METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "in": 0.0254, "ft": 0.3048,
+           "km": 1e3}  # fmt: skip
+# What the viewer shows well: its camera sees from a hundredth to a hundred units.
+_SMALLEST, _LARGEST = 0.4, 8.0
+_FIELD_OF_VIEW = 38.0
+
+
+def scene_units(size: float, unit: str) -> float:
+    """Scene units per unit of length: metres, or a power of ten of them.
+
+    One unit of the scene is a metre where the mechanism is between 0.4 m and 8 m large; else as
+    many powers of ten more or less as bring it into that range. A unit that is not known counts
+    as one metre.
+    """
+    metres = _METRES.get(unit, 1.0)
+    actual = size * metres
+    if not 0.0 < actual < np.inf or _SMALLEST <= actual <= _LARGEST:
+        return metres
+    return metres * 10.0 ** -floor(log10(actual / _SMALLEST))
+
+
+class Stage:
+    """Ground, background and camera of a mechanism.
+
+    Parameters
+    ----------
+    node : Node
+        Place of the mechanism, in its own unit of length.
+    points : ndarray (n, 3)
+        What has to be in the picture.
+    unit : str
+        Unit of length.
+    """
+
+    def __init__(self, node: Node, points: Array, unit: str) -> None:
+        self.size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
+        self.scale = scene_units(self.size, unit)
+        self._points = points
+        self._unit = unit
+        self.node = node
+        #: Distance of the lines on the ground.
+        self.spacing = round_number(0.14 * self.size)
+        node.enlarged = self.scale
+        self.frame(points)
+        self._root = Node(node.window, "")
+        for name in ("Grid", "Axes"):
+            self._root[name].show(False)
+        self._theme: theme.Theme | None = None
+
+    def frame(self, points: Array) -> None:
+        """Put the middle of some points (n, 3) where the viewer's camera turns about."""
+        self._low, self._high = points.min(axis=0), points.max(axis=0)
+        place = np.diag([self.scale] * 3 + [1.0])
+        place[:3, 3] = -0.5 * self.scale * (self._low + self._high)
+        self.node.set_transform(place)
+
+    def frame_also(self, corners: Array) -> None:
+        """The same with what else has to be in the picture."""
+        self.frame(np.concatenate([self._points, corners]))
+
+    def dress(self, look: theme.Theme) -> None:
+        """Background and ground in the colours of a theme."""
+        if look is self._theme:
+            return
+        self._theme = look
+        background = self._root["Background"]
+        background.set_property("top_color", theme.fractions(look.top))
+        background.set_property("bottom_color", theme.fractions(look.bottom))
+        self.node["ground"].set_object(self._ground(look))
+
+    def _ground(self, look: theme.Theme) -> objects.Object:
+        step = self.spacing
+        centre = np.round(0.5 * (self._low + self._high)[:2] / step) * step
+        half = np.ceil(0.85 * self.size / step) * step
+        across = np.arange(-half, half + 0.5 * step, step)
+        level = min(0.0, float(self._low[2])) if self._low[2] > -0.05 * self.size else self._low[2]
+        ends = []
+        for x in across:
+            ends += [[x, -half, 0], [x, half, 0], [-half, x, 0], [half, x, 0]]
+        lines = np.array(ends) + np.array([centre[0], centre[1], level - 1e-3 * self.size])
+        return objects.lines(lines, look.grid, 0.8)
+
+    def camera(self, preset: str = "iso") -> None:
+        """Look from "iso", "front", "side" or "top"; "fit" is the first of them.
+
+        Raises
+        ------
+        UnknownNameError
+            For another name.
+        """
+        name = "iso" if preset in ("fit", "home") else preset
+        if name not in PRESETS:
+            raise UnknownNameError("view", preset, ("fit", "home", *PRESETS))
+        direction = np.array(PRESETS[name])
+        direction /= np.linalg.norm(direction)
+        across = float(np.linalg.norm(self._high - self._low)) or self.size
+        distance = (0.1 + 0.48 / np.tan(np.radians(_FIELD_OF_VIEW) / 2.0)) * across
+        eye = self.scale * distance * direction
+        # The viewer's camera lives in a frame with y up.
+        place = self._root["Cameras"]["default"]["rotated"]["<object>"]
+        place.set_property("fov", _FIELD_OF_VIEW)
+        place.set_property("position", [float(eye[0]), float(eye[2]), float(-eye[1])])
+
+    def frames(self, look: theme.Theme) -> Node:
+        """Draw the axes of F and M; returns the place of M."""
+        length = 0.11 * self.size
+        for name in ("F", "M"):
+            node = self.node[name]
+            shapes.frame(node, length)
+            Label(node["name"], look).show(name, np.full(3, -0.3 * length))
+        return self.node["M"]
+
+    def legend(self) -> dict[str, Any]:
+        """Lengths: the unit of the picture, and the distance of the lines on the ground."""
+        return {
+            "unit": self._unit,
+            "scene_units_per_unit": self.scale,
+            "grid": self.spacing,
+            "size": self.size,
+        }

@@ -1,0 +1,195 @@
+"""Candidates for the points of a path: every posture that a grid of the free choices leads to.
+
+From point to point the branches found are followed, and a few random starts look for new ones. What
+is found in a cell is looked for in its neighbours.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from cartstiff.geometry.se3 import Array
+from cartstiff.kinematics.joint_poses import SAME, distinct
+from cartstiff.toolpaths.choices import Choices, PathSolver
+
+__all__ = ["Layer", "layers"]
+
+# Random starts a cell has at each point but the first.
+_MORE = 2
+_NONE = np.empty(0, int)
+
+
+class Layer(NamedTuple):
+    """Candidates of one point: coordinates (c, n) and the cell (c,) of each.
+
+    A candidate between the positions of the sampled joint is in no cell: -1 less the index of its
+    angle.
+    """
+
+    q: Array
+    cell: Array
+
+
+def layers(
+    solver: PathSolver, poses: Array, grid: Choices, starts: int, seed: int,
+    tolerance: float = 1e-10,
+) -> list[Layer]:  # fmt: skip
+    """Candidates for each pose (m, 4, 4), within the limits, up to the first that has none.
+
+    At the first point each cell has `starts` random starts.
+    """
+    rng = np.random.default_rng(seed)
+    found: list[Layer] = []
+    for pose in poses:
+        cells = _Cells(solver, grid, grid.targets(pose), tolerance)
+        more = starts if not found or not grid.is_grid else _MORE
+        before = found[-1] if found else Layer(solver.start[None][:0], _NONE)
+        inside = before.cell >= 0
+        begin = Layer(before.q[inside], before.cell[inside])
+        layer = cells.solved(_joined(begin, cells.random(more, rng)))
+        # At first everything is looked for next door; later what a neighbour seems to lack.
+        frontier = cells.spread(layer, cells.lonely(layer) if found else None)
+        while len(frontier.q):
+            new = cells.new(layer, cells.solved(frontier))
+            layer = _joined(layer, new)
+            frontier = cells.spread(new)
+        found.append(cells.traced(layer, Layer(before.q[~inside], before.cell[~inside])))
+        if not len(found[-1].q):
+            break
+    return found
+
+
+def _joined(a: Layer, b: Layer) -> Layer:
+    return Layer(np.vstack([a.q, b.q]), np.concatenate([a.cell, b.cell]))
+
+
+class _Cells:
+    """The cells of one point. What is found in one is looked for in its neighbours."""
+
+    def __init__(self, solver: PathSolver, grid: Choices, targets: Array, tolerance: float) -> None:
+        self.solver, self.grid, self.targets, self.tolerance = solver, grid, targets, tolerance
+        self.shape = grid.shape
+
+    def random(self, count: int, rng: np.random.Generator) -> Layer:
+        """Random starts, and the default posture.
+
+        Where a joint is sampled, postures at the pose are found with that joint free, and start in
+        the cells on both sides of where it came to stand.
+        """
+        solver, grid = self.solver, self.grid
+        cells = np.repeat(np.arange(grid.count), count + 1)
+        q = solver.random_starts(len(cells), rng)
+        if not len(q):  # a platform: one posture at every pose
+            return Layer(np.tile(solver.start, (grid.count, 1)), np.arange(grid.count))
+        q[:: count + 1] = np.clip(solver.start, solver.lower, solver.upper)
+        if grid.joint is None or grid.positions is None:
+            return Layer(q, cells)
+        q, good = solver.solve(self.targets[cells], q, grid.task, self.tolerance)
+        q, cells = solver.within(q[good]), cells[good]
+        b = len(grid.positions)
+        after = np.searchsorted(grid.positions, q[:, grid.joint])
+        sides = [np.clip(after + side, 0, b - 1) for side in (-1, 0)]
+        return Layer(np.vstack([q, q]), np.concatenate([cells // b * b + side for side in sides]))
+
+    def solved(self, begin: Layer) -> Layer:
+        """Different solutions that starts lead to, each in its cell."""
+        solver, grid = self.solver, self.grid
+        q, cells, held = np.clip(begin.q, solver.lower, solver.upper), begin.cell, None
+        if grid.joint is not None and grid.positions is not None:
+            held = np.arange(q.shape[1]) == grid.joint
+            q[:, grid.joint] = grid.positions[cells % len(grid.positions)]
+        q, good = solver.solve(self.targets[cells], q, grid.task, self.tolerance, held)
+        q, cells = solver.within(q[good]), cells[good]
+        rows = [np.flatnonzero(cells == cell) for cell in np.unique(cells)]
+        keep = [own[distinct(q[own], solver.periodic, solver.sizes)] for own in rows]
+        kept = np.concatenate(keep) if keep else _NONE
+        return Layer(q[kept], cells[kept])
+
+    def traced(self, layer: Layer, more: Layer) -> Layer:
+        """Candidates with those between, one spacing apart along each self-motion.
+
+        Near where the sampled joint turns back on a self-motion, its positions are far apart.
+        """
+        solver, grid = self.solver, self.grid
+        if grid.positions is None or solver.redundancy("none") != 1:
+            return layer
+        b = len(grid.positions)
+        spacing = grid.position_spacing
+        angle = np.where(layer.cell >= 0, -1 - layer.cell // b, layer.cell)
+        known = frontier = Layer(layer.q, angle)
+        begin = more  # what the point before had between comes first
+        while True:
+            targets = self.targets[(-1 - begin.cell) * b]
+            q, good = solver.solve(targets, begin.q, grid.task, self.tolerance)
+            q, good = solver.within(q), good & self._inside(q)
+            found = self._apart(known, Layer(q[good], begin.cell[good]), spacing)
+            known, frontier = _joined(known, found), _joined(frontier, found)
+            if not len(frontier.q):
+                break
+            motion = spacing * solver.self_motions(frontier.q, "none", 1)[:, :, 0]
+            moved = np.vstack([frontier.q + motion, frontier.q - motion])
+            begin = Layer(np.clip(moved, solver.lower, solver.upper), np.tile(frontier.cell, 2))
+            frontier = Layer(layer.q[:0], _NONE)
+        rest = slice(len(layer.q), None)
+        return _joined(layer, Layer(known.q[rest], known.cell[rest]))
+
+    def _inside(self, q: Array) -> Array:
+        """Which postures are in the region: without limits a self-motion may have no end."""
+        low, high = self.solver.region()
+        inside: Array = ((q >= low) & (q <= high) | self.solver.periodic).all(axis=1)
+        return inside
+
+    def _apart(self, known: Layer, found: Layer, spacing: float) -> Layer:
+        """What is not near anything known, nor near what stands before it."""
+        both = _joined(known, found)
+        keep: list[int] = []
+        first = len(known.q)
+        for cell in np.unique(found.cell):
+            own = [int(i) for i in np.flatnonzero(known.cell == cell)]
+            for i in np.flatnonzero(found.cell == cell) + first:
+                step = (both.q[own] - both.q[i]) / self.solver.sizes
+                turns = np.where(self.solver.periodic, np.round(step / (2 * np.pi)), 0.0)
+                near = np.linalg.norm(step - 2 * np.pi * turns, axis=1) < 0.5 * spacing
+                if not near.any():
+                    own.append(int(i))
+                    keep.append(int(i))
+        rows = np.array(keep, int)
+        return Layer(both.q[rows], both.cell[rows])
+
+    def new(self, known: Layer, found: Layer) -> Layer:
+        """What was found and is not known."""
+        fresh = np.ones(len(found.q), bool)
+        for cell in np.unique(found.cell):
+            own = np.flatnonzero(found.cell == cell)
+            old = known.q[known.cell == cell]
+            step = (found.q[own, None, :] - old[None, :, :]) / self.solver.sizes
+            turns = np.where(self.solver.periodic, np.round(step / (2 * np.pi)), 0.0)
+            near = np.abs(step - 2 * np.pi * turns).max(axis=2) < SAME
+            fresh[own] = ~near.any(axis=1)
+        return Layer(found.q[fresh], found.cell[fresh])
+
+    def lonely(self, layer: Layer) -> list[Array]:
+        """For each direction, the solutions in cells that have more than their neighbour there."""
+        counts = np.bincount(layer.cell, minlength=self.grid.count)
+        return [counts[to] < counts[layer.cell] for to in self._neighbours(layer.cell)]
+
+    def spread(self, layer: Layer, chosen: list[Array] | None = None) -> Layer:
+        """Solutions as starts in all neighbouring cells, or those chosen for each direction."""
+        q, cells = [layer.q[:0]], [_NONE]
+        for side, to in enumerate(self._neighbours(layer.cell)):
+            rows = (to != layer.cell) if chosen is None else chosen[side]
+            q.append(layer.q[rows])
+            cells.append(to[rows])
+        return Layer(np.vstack(q), np.concatenate(cells))
+
+    def _neighbours(self, cells: Array) -> list[Array]:
+        where = np.array(np.unravel_index(cells, self.shape))
+        found = []
+        for axis in (0, 1):
+            for side in (1, -1):
+                to = where.copy()
+                to[axis] = (to[axis] + side) % self.shape[axis]
+                found.append(np.ravel_multi_index(tuple(to), self.shape))
+        return found

@@ -1,0 +1,178 @@
+"""A path with the postures found for it, as a value."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from cartstiff.geometry.se3 import Array
+from cartstiff.maps.quantities import Quantity
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.stiffness.compute import SCHEMA
+from cartstiff.toolpaths.tool_path import ToolPath
+
+__all__ = ["ConstantChoice", "OptimisedPath"]
+
+
+@dataclass(frozen=True, eq=False)
+class ConstantChoice:
+    """The best that one value of the free choices can do, held along the whole path.
+
+    Attributes
+    ----------
+    choice : dict of str to float
+        "angle": turn about the tool's axis from the path's own poses (rad); "position": of the
+        redundant joint (rad or length).
+    q : ndarray (m, n)
+        Coordinates.
+    values : ndarray (m,)
+        The criterion along the path.
+    """
+
+    choice: dict[str, float]
+    q: Array
+    values: Array
+
+
+@dataclass(frozen=True, eq=False)
+class OptimisedPath:
+    """Postures along a path, and the stiffness they have there.
+
+    Attributes
+    ----------
+    elastic : ElasticMechanism
+        The mechanism.
+    path : ToolPath
+        What was asked for.
+    q : ndarray (m, n)
+        Coordinates; joints that can turn further than once go on through whole turns.
+    poses : ndarray (m, 4, 4)
+        ``T_F_M`` that the body has.
+    angles : ndarray (m,), or None
+        Turn about the tool's axis from the path's own poses (rad), where it is free.
+    values : ndarray (m,)
+        The criterion along the path.
+    ratios : ndarray (m,)
+        Smallest over largest singular value of the length-scaled Jacobian.
+    criterion : Quantity
+        What `values` are.
+    connection, loaded
+        The stiffness that is read, and whether under the path's load.
+    free : str
+        Rotation that was left free.
+    joint : str or None
+        Redundant joint that was sampled.
+    constant : ConstantChoice or None
+        None where there is nothing to choose, or no constant choice can follow the path.
+    candidates : int
+        Postures that were compared before the refinement.
+    notes : tuple of Note
+        From loading.
+    """
+
+    elastic: ElasticMechanism
+    path: ToolPath
+    q: Array
+    poses: Array
+    angles: Array | None
+    values: Array
+    ratios: Array
+    criterion: Quantity
+    connection: str
+    loaded: bool
+    free: str
+    joint: str | None
+    constant: ConstantChoice | None
+    candidates: int
+    notes: tuple[Note, ...] = field(default=())
+
+    @property
+    def unit(self) -> str:
+        """Unit of the criterion."""
+        return self.criterion.unit_in(self.elastic.units)
+
+    @property
+    def worst(self) -> float:
+        """The worst value along the path."""
+        return self._worst(self.values)
+
+    def _worst(self, values: Array) -> float:
+        return float(values.max() if self.criterion.better == "smaller" else values.min())
+
+    @property
+    def steps(self) -> Array:
+        """Change of the coordinates from each point to the next (m - 1, n)."""
+        return np.diff(self.q, axis=0)
+
+    def summary(self) -> dict[str, Any]:
+        """Worst and mean of the criterion, with and without the free choice, and what limits."""
+        largest = np.abs(self.steps).max(axis=0, initial=0.0)
+        values: dict[str, Any] = {
+            "worst": self.worst,
+            "worst_point": int(np.flatnonzero(self.values == self.worst)[0]) + 1,
+            "mean": float(self.values.mean()),
+            "smallest_ratio": float(self.ratios.min()),
+            "largest_step": dict(zip(self.elastic.names, largest.tolist(), strict=True)),
+            "constant": None,
+        }
+        if self.constant is not None:
+            values["constant"] = {
+                **self.constant.choice,
+                "worst": self._worst(self.constant.values),
+                "mean": float(self.constant.values.mean()),
+            }
+        return values
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {
+            "schema": SCHEMA,
+            "mechanism": self.elastic.name,
+            "joints": list(self.elastic.names),
+            "units": self.elastic.units.as_dict(),
+            "criterion": {
+                "name": self.criterion.name,
+                "description": self.criterion.description,
+                "unit": self.unit,
+                "better": self.criterion.better,
+                "connection": self.connection,
+                "loaded": self.loaded,
+            },
+            "free": self.free,
+            "redundant_joint": self.joint,
+            "q": self.q.tolist(),
+            "poses": self.poses.tolist(),
+            "angles": None if self.angles is None else self.angles.tolist(),
+            "values": self.values.tolist(),
+            "ratios": self.ratios.tolist(),
+            "constant": None
+            if self.constant is None
+            else {
+                **self.constant.choice,
+                "q": self.constant.q.tolist(),
+                "values": self.constant.values.tolist(),
+            },
+            "summary": self.summary(),
+            "notes": [note.as_dict() for note in self.notes],
+        }
+
+    def as_csv(self) -> str:
+        """Coordinates, free angle, criterion and distance from singularity, one line a point."""
+        columns, names = [self.q], list(self.elastic.names)
+        if self.angles is not None:
+            columns.append(self.angles[:, None])
+            names.append("free_angle")
+        columns.append(np.column_stack([self.values, self.ratios]))
+        names += [self.criterion.name, "singular_ratio"]
+        if self.constant is not None:
+            columns.append(self.constant.values[:, None])
+            names.append(f"{self.criterion.name}_constant")
+        buffer = io.StringIO()
+        np.savetxt(
+            buffer, np.hstack(columns), delimiter=",", fmt="%.17g", header=",".join(names),
+            comments="",
+        )  # fmt: skip
+        return buffer.getvalue()

@@ -1,0 +1,241 @@
+"""Where to put the workpiece: the place from which the whole path is stiffest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cartstiff.errors import InputError, MissingDependencyError, UndefinedError, UnknownNameError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.stiffness.compute import SCHEMA
+from cartstiff.toolpaths.optimise import optimise_path
+from cartstiff.toolpaths.optimised import OptimisedPath
+from cartstiff.toolpaths.tool_path import ToolPath
+
+__all__ = ["PLACES", "Placement", "best_placement", "workpiece_pose"]
+
+#: Names of a workpiece's coordinates: translation, and rotation about F's z axis (rad).
+PLACES = ("x", "y", "z", "yaw")
+
+
+def workpiece_pose(place: Mapping[str, float]) -> Array:
+    """Pose ``T_F_P`` of a workpiece from its coordinates; those left out are zero."""
+    x, y, z, yaw = (float(place.get(name, 0.0)) for name in PLACES)
+    return se3.from_roll_pitch_yaw([x, y, z], [0.0, 0.0, yaw])
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Places of the workpiece compared, and the best one.
+
+    Attributes
+    ----------
+    axes : dict of str to ndarray
+        Values of each coordinate on the grid.
+    worst : ndarray
+        Worst value of the criterion along the path, on the grid; NaN where it cannot be followed.
+    codes : ndarray of str
+        Why it cannot be followed, on the grid; "" where it can.
+    points : ndarray of int
+        The point of the path (from 1) where it breaks; 0 where it does not.
+    place : dict of str to float
+        The best place, after the search around the best of the grid.
+    path : OptimisedPath
+        The path there.
+    """
+
+    axes: dict[str, Array]
+    worst: Array
+    codes: NDArray[np.str_]
+    points: NDArray[np.int_]
+    place: dict[str, float]
+    path: OptimisedPath
+
+    @property
+    def pose(self) -> Array:
+        """``T_F_P`` of the best place."""
+        return workpiece_pose(self.place)
+
+    def counts(self) -> dict[str, int]:
+        """How many places of the grid cannot be used, by the reason."""
+        codes, numbers = np.unique(self.codes[self.codes != ""], return_counts=True)
+        return {str(code): int(n) for code, n in zip(codes, numbers, strict=True)}
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for JSON; the grid's last axis runs fastest."""
+        return {
+            "schema": SCHEMA,
+            "axes": {name: values.tolist() for name, values in self.axes.items()},
+            "worst": [None if np.isnan(v) else float(v) for v in self.worst.ravel()],
+            "codes": [None if not c else str(c) for c in self.codes.ravel()],
+            "points": [int(p) or None for p in self.points.ravel()],
+            "unusable": self.counts(),
+            "place": self.place,
+            "path": self.path.as_dict(),
+        }
+
+    def as_dataset(self) -> Any:
+        """The grid as an xarray Dataset, with units as attributes.
+
+        Raises
+        ------
+        MissingDependencyError
+            Without xarray.
+        """
+        try:
+            import xarray
+        except ImportError:
+            raise MissingDependencyError("xarray", "labelled arrays", "maps") from None
+        dims, units = tuple(self.axes), self.path.elastic.units
+        about = {"long_name": f"worst along the path: {self.path.criterion.description}"}
+        return xarray.Dataset(
+            {
+                "worst": (dims, self.worst, {"units": self.path.unit, **about}),
+                "code": (dims, self.codes),
+                "point": (dims, self.points),
+            },
+            coords={
+                name: (name, values, {"units": "rad" if name == "yaw" else units.length})
+                for name, values in self.axes.items()
+            },
+            attrs={
+                "mechanism": self.path.elastic.name,
+                "criterion": self.path.criterion.name,
+                "connection": self.path.connection,
+                **{f"best_{name}": value for name, value in self.place.items()},
+            },
+        )
+
+
+def best_placement(
+    elastic: ElasticMechanism,
+    path: ToolPath,
+    region: Mapping[str, ArrayLike],
+    *,
+    halvings: int = 4,
+    progress: Callable[[int, int], None] | None = None,
+    **options: Any,
+) -> Placement:
+    """Place of the workpiece at which the worst stiffness along a path is best.
+
+    Every place of a grid is judged by the best path there (`optimise_path`); then the best of them
+    is moved along each coordinate, by steps that begin at half the grid's and are halved. What
+    this finds is the best of the grid's neighbourhoods, not proven to be the best of all places.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        The mechanism.
+    path : ToolPath
+        Poses in the workpiece's frame P. What is given in world axes keeps them.
+    region : mapping of {"x", "y", "z", "yaw"} to array_like
+        Values of P's coordinates in F to be tried, in order; those left out are zero.
+    halvings : int
+        Steps of the search around the best place of the grid; 0 stays there.
+    progress : callable, optional
+        Called with (done, total) places of the grid.
+    **options
+        As in `optimise_path`; the continuous refinement is left to the best place.
+
+    Raises
+    ------
+    UnknownNameError
+        For another coordinate.
+    InputError
+        For values that do not rise, or what `optimise_path` refuses.
+    UndefinedError
+        Code ``"no-placement"`` if the path can be followed from no place of the grid.
+    """
+    axes = _axes(region)
+    refine = bool(options.pop("refine", True))
+    shape = tuple(len(values) for values in axes.values())
+    worst = np.full(shape, np.nan)
+    codes = np.full(shape, "", dtype="<U24")
+    points = np.zeros(shape, int)
+
+    def at(place: Mapping[str, float], last: bool = False) -> OptimisedPath:
+        return optimise_path(
+            elastic, path.moved(workpiece_pose(place)), refine=last and refine, **options
+        )
+
+    best: tuple[float, dict[str, float]] | None = None
+    total = int(np.prod(shape))
+    for done, index in enumerate(product(*map(range, shape))):
+        place = {name: float(axes[name][i]) for name, i in zip(axes, index, strict=True)}
+        try:
+            found = at(place)
+        except UndefinedError as error:
+            codes[index], points[index] = error.code, int(str(error.values.get("point", 0)))
+        else:
+            worst[index] = found.worst
+            cost = _cost(found)
+            if best is None or cost < best[0]:
+                best = cost, place
+        if progress is not None:
+            progress(done + 1, total)
+    if best is None:
+        names, numbers = np.unique(codes, return_counts=True)
+        shown = ", ".join(f"{n} {c}" for c, n in zip(names, numbers, strict=True))
+        raise UndefinedError(
+            f"the path can be followed from none of the {total} places ({shown})",
+            code="no-placement",
+            values={"places": total, "codes": dict(zip(map(str, names), numbers.tolist(),
+                                                       strict=True))},
+        )  # fmt: skip
+    place = _around(best, axes, at, halvings)
+    return Placement(axes, worst, codes, points, place, at(place, last=True))
+
+
+def _axes(region: Mapping[str, ArrayLike]) -> dict[str, Array]:
+    if not region:
+        raise InputError("a region needs a coordinate", expected=", ".join(PLACES))
+    axes = {}
+    for name in region:
+        if name not in PLACES:
+            raise UnknownNameError("coordinate of the workpiece", str(name), PLACES)
+    for name in (n for n in PLACES if n in region):
+        try:
+            values = np.array(region[name], float)
+        except (TypeError, ValueError):
+            raise InputError(f"values of {name} are not numeric", got=region[name]) from None
+        if values.ndim != 1 or not len(values) or not np.isfinite(values).all():
+            raise InputError(f"values of {name} cannot be used", expected="a list of numbers",
+                             got=region[name])  # fmt: skip
+        if np.any(np.diff(values) <= 0):
+            raise InputError(f"values of {name} must rise", got=values.tolist())
+        axes[name] = values
+    return axes
+
+
+def _cost(found: OptimisedPath) -> float:
+    return found.worst if found.criterion.better == "smaller" else -found.worst
+
+
+def _around(
+    best: tuple[float, dict[str, float]], axes: Mapping[str, Array],
+    at: Callable[[Mapping[str, float]], OptimisedPath], halvings: int,
+) -> dict[str, float]:  # fmt: skip
+    """The best place near one, within the grid's ends."""
+    cost, place = best
+    steps = {n: float(np.diff(v).min()) for n, v in axes.items() if len(v) > 1}
+    for level in range(1, halvings + 1):
+        for name, spacing in steps.items():
+            for side in (1.0, -1.0):
+                value = place[name] + side * spacing * 0.5**level
+                if not axes[name][0] <= value <= axes[name][-1]:
+                    continue
+                try:
+                    found = _cost(at({**place, name: value}))
+                except UndefinedError:
+                    continue
+                if found < cost:
+                    cost, place = found, {**place, name: value}
+                    break
+    return place
