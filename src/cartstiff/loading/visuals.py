@@ -10,7 +10,7 @@ import copy
 import os
 import tempfile
 import xml.etree.ElementTree as ET
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,54 +19,13 @@ import numpy as np
 import pinocchio as pin
 
 from cartstiff.errors import CartstiffError, one_line
-from cartstiff.geometry.se3 import Array
 from cartstiff.loading.mjcf import ROOT, merged_worldbody
 from cartstiff.loading.robot_description import parse_xml, quiet
-from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.chain import Chain, Description
+from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Piece, Shape, Sphere
 from cartstiff.mechanisms.tree import Placement
 
-__all__ = ["Box", "Capsule", "Cylinder", "MeshFile", "Shape", "Sphere", "Visual", "visuals"]
-
-
-@dataclass(frozen=True)
-class MeshFile:
-    """A mesh in a file, scaled along its axes."""
-
-    path: Path
-    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
-
-
-@dataclass(frozen=True)
-class Box:
-    """A box with full side lengths along x, y, z."""
-
-    sides: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class Cylinder:
-    """A cylinder along z, centred."""
-
-    radius: float
-    length: float
-
-
-@dataclass(frozen=True)
-class Capsule:
-    """A cylinder along z with hemispheres on both ends, centred."""
-
-    radius: float
-    length: float
-
-
-@dataclass(frozen=True)
-class Sphere:
-    """A sphere (an ellipsoid, if its three radii differ)."""
-
-    radii: tuple[float, float, float]
-
-
-Shape = MeshFile | Box | Cylinder | Capsule | Sphere
+__all__ = ["Visual", "geometry_pieces", "visuals"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,23 +69,24 @@ def visuals(chain: Chain) -> tuple[list[Visual], list[str]]:
     missing: list[str] = []
     for description in chain.descriptions:
         try:
-            pieces, words = _pieces(description.path)
+            pieces, words = _pieces(description)
         except (CartstiffError, OSError) as error:
-            missing.append(f"no picture of {description.path.name}: {error}")
+            missing.append(f"no picture of {description.name}: {error}")
             continue
         missing += [w for w in words if w not in missing]
-        for link, T_l_v, shape, colour in pieces:
-            at = chain.tree.frames.get(description.prefix + link)
+        for piece in pieces:
+            at = chain.tree.frames.get(description.prefix + piece.link)
             if at is not None:
-                placement = Placement(at.joint, at.T_j_f @ T_l_v)
-                found.append(Visual(description.prefix + link, placement, shape, colour))
+                placement = Placement(at.joint, at.T_j_f @ piece.T_l_v)
+                link = description.prefix + piece.link
+                found.append(Visual(link, placement, piece.shape, piece.colour))
     return found, missing
 
 
-_Piece = tuple[str, Array, Shape, tuple[float, float, float, float] | None]
-
-
-def _pieces(path: Path) -> tuple[list[_Piece], list[str]]:
+def _pieces(description: Description) -> tuple[Sequence[Piece], list[str]]:
+    path = description.path
+    if description.pieces is not None or path is None:
+        return description.pieces or (), []
     root = parse_xml(path)
     files: dict[str, MeshFile] = {}
     if root.tag == "robot":
@@ -144,19 +104,43 @@ def _pieces(path: Path) -> tuple[list[_Piece], list[str]]:
             model, geometry = _read_mjcf(root)
         except Exception as error:
             return [], [f"no picture of {path.name}: {one_line(str(error))}"]
-    pieces = []
+    pieces, words = geometry_pieces(model, geometry, path.name, files, root.tag != "robot")
+    return pieces, [*missing, *words]
+
+
+def geometry_pieces(
+    model: Any,
+    geometry: Any,
+    source: str,
+    files: Mapping[str, MeshFile] | None = None,
+    coloured: bool = False,
+) -> tuple[list[Piece], list[str]]:
+    """Pieces of a Pinocchio geometry model, and in words what cannot be shown.
+
+    Parameters
+    ----------
+    model, geometry : pinocchio.Model, pinocchio.GeometryModel
+        Frames, and what hangs on them.
+    source : str
+        Where they come from, for the words.
+    files : mapping of str to MeshFile, optional
+        Meshes by the geometry's name that Pinocchio has not read.
+    coloured : bool
+        Whether the colours given for meshes count even where they are not marked as such.
+    """
+    pieces, missing = [], []
     for piece in geometry.geometryObjects:
         frame = model.frames[int(piece.parentFrame)]
         T = frame.placement.inverse() * piece.placement
-        shape = files.get(piece.name) or _shape(piece)
+        shape = (files or {}).get(piece.name) or _shape(piece)
         if shape is None:
-            missing.append(f"link {frame.name}: a shape of {path.name} that cannot be shown")
+            missing.append(f"link {frame.name}: a shape of {source} that cannot be shown")
             continue
         colour = None
-        if not isinstance(shape, MeshFile) or piece.overrideMaterial or root.tag != "robot":
+        if not isinstance(shape, MeshFile) or piece.overrideMaterial or coloured:
             r, g, b, a = (float(np.clip(x, 0.0, 1.0)) for x in piece.meshColor)
             colour = (r, g, b, a)
-        pieces.append((frame.name, np.array(T.homogeneous), shape, colour))
+        pieces.append(Piece(frame.name, np.array(T.homogeneous), shape, colour))
     return pieces, missing
 
 

@@ -22,6 +22,7 @@ from cartstiff.errors import ConvergenceError, InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
+from cartstiff.mechanisms.shapes import Piece
 from cartstiff.mechanisms.tree import WORLD, KinematicTree, Placement, TreeState
 from cartstiff.potentials.contract import Evaluation, Map
 
@@ -54,18 +55,26 @@ class Closure:
 
 @dataclass(frozen=True)
 class Description:
-    """Where part of a chain comes from: a robot description file, for pictures of its links.
+    """What part of a chain looks like: a robot description file, or the pieces themselves.
 
     Attributes
     ----------
-    path : Path
+    path : Path or None
         URDF or MJCF file.
     prefix : str
         What stands before the file's frame names in the tree.
+    pieces : tuple of Piece or None
+        Shapes on frames, where they do not come from the file.
     """
 
-    path: Path
+    path: Path | None
     prefix: str = ""
+    pieces: tuple[Piece, ...] | None = None
+
+    @property
+    def name(self) -> str:
+        """The file's name, for messages."""
+        return "the robot" if self.path is None else self.path.name
 
 
 #: The chart of a serial arm with six joints: its own coordinates.

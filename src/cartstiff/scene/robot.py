@@ -6,8 +6,9 @@ import numpy as np
 
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.visuals import Box, Capsule, Cylinder, MeshFile, Shape, Visual, visuals
+from cartstiff.loading.visuals import Visual, visuals
 from cartstiff.mechanisms.chain import Chain, ChainPosture
+from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Shape
 from cartstiff.mechanisms.skeleton import Skeleton, skeleton
 from cartstiff.mechanisms.tree import Placement
 from cartstiff.potentials.line_springs import LineSprings
