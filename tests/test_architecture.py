@@ -18,7 +18,7 @@ PACKAGE = Path(cartstiff.__file__).parent
 #: From the bottom up; a part may import itself and what stands below it.
 LAYERS = [
     {"errors", "lazy", "numerics", "version"},
-    {"parsing"},
+    {"parsing", "arrays"},
     {"geometry"},
     {"potentials"},
     {"mechanisms"},

@@ -10,7 +10,6 @@ import pytest
 from cartstiff.analysis import (
     asymmetry,
     centres,
-    checks,
     compliant_axes,
     congruence,
     deflection,
@@ -41,17 +40,16 @@ Call = Callable[[], object]
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: checks.as_matrix(np.eye(5)), r"stiffness has the wrong shape; expected \(6, 6\)"),
-        (lambda: checks.as_matrix(NAN), "stiffness must hold finite numbers"),
-        (lambda: checks.as_vector([1.0], "wrench", 6), r"wrench has the wrong shape"),
-        (lambda: checks.as_vector([np.inf] * 3, "point", 3), "point must hold finite numbers"),
-        (lambda: checks.as_unit([0, 0, 0]), "direction must not be zero"),
-        (lambda: checks.as_length(0.0), "length cannot be used; expected a positive length"),
-        (lambda: checks.as_length(float("nan")), "length cannot be used"),
         (lambda: matrices.as_symmetric(SKEW), r"not symmetric; expected .*K\^B.*asymmetry 0.5"),
-        (lambda: matrices.move_stiffness(K, np.eye(3)), "frame is not a rigid motion"),
-        (lambda: matrices.move_compliance(K, 2 * np.eye(4)), "frame is not a rigid motion"),
-        (lambda: ellipsoids.ellipsoid(np.eye(2)), r"expected \(3, 3\)"),
+        (
+            lambda: matrices.move_stiffness(K, np.eye(3)),
+            "frame (has the wrong shape|is not a rigid motion)",
+        ),
+        (
+            lambda: matrices.move_compliance(K, 2 * np.eye(4)),
+            "frame (has the wrong shape|is not a rigid motion)",
+        ),
+        (lambda: ellipsoids.ellipsoid(np.eye(2)), r"expected shape \(3, 3\)"),
         (lambda: ellipsoids.stiffness_along(K, [0, 0, 0]), "direction must not be zero"),
         (lambda: metrics.length_from_inertia(0.0, np.eye(3)), "mass cannot be used"),
         (lambda: metrics.length_from_inertia(1.0, -np.eye(3)), "inertia is not positive definite"),
@@ -63,16 +61,17 @@ Call = Callable[[], object]
         (lambda: metrics.inertia_metric(-1.0, np.eye(3)), "mass cannot be used"),
         (lambda: metrics.inertia_metric(1.0, -np.eye(3)), "inertia is not positive definite"),
         (lambda: metrics.modes(K, -np.eye(6)), "metric is not positive definite"),
-        (lambda: indices.condition_numbers(K, 1.0), "lengths must be a list"),
+        (lambda: indices.condition_numbers(K, 1.0), "list of lengths has the wrong count"),
         (lambda: asymmetry.compare_connections({"B": K}, threshold=0), "threshold cannot be used"),
         (lambda: springs.line_spring(-1.0, [0, 0, 0], [1, 0, 0]), "spring stiffness cannot be"),
-        (lambda: checks.as_jacobian(np.eye(3)), r"Jacobian has the wrong shape"),
-        (lambda: checks.as_jacobian(NAN), "Jacobian must hold finite numbers"),
         (lambda: congruence.cartesian_stiffness(J, [1, 2], np.zeros(6)), "joint stiffness has the"),
-        (lambda: congruence.cartesian_stiffness(J, NAN, np.zeros(6)), "joint stiffness must hold"),
+        (
+            lambda: congruence.cartesian_stiffness(J, NAN, np.zeros(6)),
+            "joint stiffness must be finite",
+        ),
         (
             lambda: congruence.cartesian_stiffness(J, np.ones(6), [np.nan] * 6),
-            "wrench must hold finite numbers",
+            "wrench must be finite",
         ),
         (
             lambda: congruence.joint_stiffness(K, np.eye(6, 7), null_space_stiffness=np.eye(2)),
@@ -103,9 +102,12 @@ Call = Callable[[], object]
             "other numbers from one call to the next",
         ),
         (lambda: report.summary_text({}, {"length": "m"}), "units are incomplete"),
-        (lambda: summary.summarise({"B": K}, np.zeros(5)), "wrench has the wrong shape"),
-        (lambda: summary.summarise({"B": NAN}, np.zeros(6)), "must hold finite numbers"),
-        (lambda: summary.summarise({"B": K}, np.zeros(6), compliance=NAN), "compliance must hold"),
+        (lambda: summary.summarise({"B": K}, np.zeros(5)), "wrench has the wrong count"),
+        (lambda: summary.summarise({"B": NAN}, np.zeros(6)), "must be finite"),
+        (
+            lambda: summary.summarise({"B": K}, np.zeros(6), compliance=NAN),
+            "compliance must be finite",
+        ),
         (lambda: summary.summarise({"B": K}, np.zeros(6), length=-1.0), "a positive length"),
     ],
 )

@@ -112,13 +112,13 @@ def test_other_members():
 
 def test_connections():
     with pytest.raises(
-        InputError, match=r"symbols have the wrong shape.*\(6, 6, 6\), got \(6, 6\)"
+        InputError, match=r"symbols has the wrong shape.*\(6, 6, 6\), got shape \(6, 6\)"
     ):
         from_symbols(np.zeros((6, 6)))
     with pytest.raises(InputError, match="symbols must be finite"):
         from_symbols(np.full((6, 6, 6), np.inf))
     for bad in (np.eye(5), np.full((6, 6), NAN)):
-        with pytest.raises(InputError, match="metric has the wrong shape"):
+        with pytest.raises(InputError, match="metric (has the wrong shape|must be finite)"):
             levi_civita(bad)
     lopsided = np.eye(6)
     lopsided[0, 1] = 0.1
@@ -168,7 +168,7 @@ def test_functions():
         PoseFunction(
             energy=lambda T: 0.0, wrench=lambda T: np.zeros(6), stiffness=lambda T: np.eye(3)
         ).on_pose(np.eye(4))
-    with pytest.raises(InputError, match="wrench has the wrong shape"):
+    with pytest.raises(InputError, match="wrench has the wrong count"):
         PoseFunction(
             energy=lambda T: 0.0, wrench=lambda T: np.zeros(5), stiffness=lambda T: np.eye(6)
         ).on_pose(np.eye(4))
@@ -269,21 +269,21 @@ def test_loads_that_lines_cannot_balance():
 @pytest.mark.parametrize("load", [DeadWrench, FollowerWrench])
 def test_wrenches(load):
     for bad in (np.zeros(5), np.zeros((2, 3)), [0, 0, 0, 0, 0, NAN]):
-        with pytest.raises(InputError, match="wrench cannot be used; expected 6 finite numbers"):
+        with pytest.raises(InputError, match="wrench (has the wrong count|must be finite)"):
             load(bad)
     with pytest.raises(InputError, match="wrench is not numeric; expected 6 numbers"):
         load(["a"] * 6)
 
 
 def test_forces():
-    with pytest.raises(InputError, match="force cannot be used; expected 3 finite numbers"):
+    with pytest.raises(InputError, match="force has the wrong count; expected 3 numbers, got 2"):
         DeadForce([1.0, 2.0])
-    with pytest.raises(InputError, match="point of application cannot be used"):
+    with pytest.raises(InputError, match="point of application must be finite"):
         DeadForce([1.0, 2.0, 3.0], point=[0.0, 0.0, np.inf])
     for mass in (-1.0, NAN, np.inf):
-        with pytest.raises(InputError, match="payload mass cannot be used"):
+        with pytest.raises(InputError, match="payload mass (cannot be used|must be finite)"):
             payload(mass, [0, 0, -9.81])
-    with pytest.raises(InputError, match="acceleration cannot be used"):
+    with pytest.raises(InputError, match="acceleration has the wrong count"):
         payload(1.0, [0, 0])
 
 
@@ -436,7 +436,9 @@ def test_forward_kinematics():
     legs = general_legs()
     platform = legs_as_platform(legs).mechanism
     for bad in (np.ones(5), np.full(6, NAN), np.full(6, -1.0), np.zeros(6)):
-        with pytest.raises(InputError, match="leg lengths must be positive numbers; expected 6"):
+        with pytest.raises(
+            InputError, match="leg lengths (must be positive|must be finite|has the wrong count)"
+        ):
             platform.forward_kinematics(bad, legs.q)
     five = Platform(legs.base[:5], legs.platform[:5])
     with pytest.raises(InputError, match="forward kinematics needs six legs, got 5"):
@@ -479,7 +481,7 @@ def _tensor(**changes):
     ("name", "value"), [("matrix", np.eye(5)), ("wrench", np.zeros(5)), ("pose", np.eye(3))]
 )
 def test_tensor_shapes(name, value):
-    with pytest.raises(InputError, match=f"{name} has the wrong shape; expected"):
+    with pytest.raises(InputError, match=f"{name} has the wrong (shape|count); expected"):
         _tensor(**{name: value})
 
 

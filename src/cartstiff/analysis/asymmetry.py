@@ -14,13 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.analysis.checks import as_length, as_matrix, as_vector, frozen
 from cartstiff.analysis.matrices import (
     block_scales,
     definiteness,
     scale_lengths,
     symmetric_part,
 )
+from cartstiff.arrays import checked_length, checked_matrix, checked_vector, read_only
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -77,14 +77,14 @@ def asymmetry(stiffness: ArrayLike, wrench: ArrayLike) -> Asymmetry:
     wrench : array_like, shape (6,)
         (moment, force) that the environment applies, in the frame of K.
     """
-    K = as_matrix(stiffness)
+    K = checked_matrix(stiffness)
     measured = K - K.T
-    predicted = -se3.bracket_form(as_vector(wrench, "wrench", 6))
+    predicted = -se3.bracket_form(checked_vector(wrench, 6, "wrench"))
     scales = np.kron(block_scales(K), np.ones((3, 3)))
     scales[scales == 0.0] = 1.0
     residual = float((np.abs(measured - predicted) / scales).max())
     size = float((np.abs(measured) / scales).max())
-    return Asymmetry(frozen(measured), frozen(predicted), residual, size, residual < 1e-8)
+    return Asymmetry(read_only(measured), read_only(predicted), residual, size, residual < 1e-8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,8 +188,8 @@ def compare_connections(
             f"stiffness of connection {reference!r} does not exist here: nothing to compare with",
             code="no-reference",
         )
-    K = as_matrix(base, f"stiffness {reference}")
-    scale = as_length(length)
+    K = checked_matrix(base, f"stiffness {reference}")
+    scale = checked_length(length)
     scaled = scale_lengths(K, scale)
     values = np.linalg.eigvalsh(symmetric_part(scaled))
     positive = definiteness(values) == "positive"
@@ -201,7 +201,7 @@ def compare_connections(
         if matrix is None:
             rows.append(ConnectionDifference(name, reference, None, None, None, None))
             continue
-        difference = as_matrix(matrix, f"stiffness {name}") - K
+        difference = checked_matrix(matrix, f"stiffness {name}") - K
         d_scaled = scale_lengths(difference, scale)
         if root is not None:
             relative = np.linalg.solve(root, np.linalg.solve(root, d_scaled).T)

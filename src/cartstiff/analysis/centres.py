@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.analysis.checks import frozen
 from cartstiff.analysis.matrices import (
     RANK,
     ROTATION,
@@ -22,6 +21,7 @@ from cartstiff.analysis.matrices import (
     as_symmetric,
     invert,
 )
+from cartstiff.arrays import read_only
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -168,7 +168,7 @@ def centres(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Centre
     K = as_symmetric(stiffness)
     try:
         C = invert(K) if compliance is None else as_symmetric(compliance, "compliance")
-        found["compliance"] = frozen(centre_of_compliance(C))
+        found["compliance"] = read_only(centre_of_compliance(C))
     except UndefinedError as error:
         reasons["compliance"] = error
     for name, function in (
@@ -177,7 +177,7 @@ def centres(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Centre
         ("least_coupling", point_of_least_coupling),
     ):
         try:
-            found[name] = frozen(function(K))
+            found[name] = read_only(function(K))
         except UndefinedError as error:
             reasons[name] = error
     return Centres(

@@ -16,7 +16,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.analysis.checks import frozen
 from cartstiff.analysis.matrices import (
     RANK,
     ROTATION,
@@ -26,6 +25,7 @@ from cartstiff.analysis.matrices import (
     eliminate,
 )
 from cartstiff.analysis.screws import Screw, screw_of_twist, screw_of_wrench
+from cartstiff.arrays import read_only
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 
@@ -76,11 +76,13 @@ def wrench_compliant_axes(stiffness: ArrayLike) -> tuple[CompliantAxis, ...]:
         moment = K[ROTATION, TRANSLATION] @ e
         if abs(k) > RANK * largest:
             w = np.concatenate([moment / k, e])
-            result.append(CompliantAxis("wrench", float(k), screw_of_wrench(w, length), frozen(w)))
+            result.append(
+                CompliantAxis("wrench", float(k), screw_of_wrench(w, length), read_only(w))
+            )
         else:
-            nowhere = Screw(frozen(e), frozen(np.full(3, np.nan)), float("nan"))
+            nowhere = Screw(read_only(e), read_only(np.full(3, np.nan)), float("nan"))
             w = np.concatenate([np.full(3, np.nan), e])
-            result.append(CompliantAxis("wrench", float(k), nowhere, frozen(w)))
+            result.append(CompliantAxis("wrench", float(k), nowhere, read_only(w)))
     return tuple(result)
 
 
@@ -111,7 +113,7 @@ def twist_compliant_axes(stiffness: ArrayLike) -> tuple[CompliantAxis, ...]:
     for k, g in zip(values, axes.T, strict=True):
         g = g if g[np.argmax(np.abs(g))] > 0 else -g
         t = np.concatenate([g, -np.linalg.solve(D, K[TRANSLATION, ROTATION] @ g)])
-        result.append(CompliantAxis("twist", float(k), screw_of_twist(t, length), frozen(t)))
+        result.append(CompliantAxis("twist", float(k), screw_of_twist(t, length), read_only(t)))
     return tuple(result)
 
 

@@ -21,7 +21,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.analysis.checks import as_jacobian, as_matrix, as_vector, frozen
 from cartstiff.analysis.diagonal_fit import DiagonalFit, fit_diagonal
 from cartstiff.analysis.matrices import (
     Definiteness,
@@ -31,7 +30,8 @@ from cartstiff.analysis.matrices import (
     require_full_rank,
     scale_jacobian,
 )
-from cartstiff.errors import InputError, UndefinedError
+from cartstiff.arrays import checked_array, checked_matrix, checked_vector, read_only
+from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import Evaluation, Map
@@ -49,9 +49,9 @@ def cartesian_stiffness(jacobian: ArrayLike, joint_matrix: ArrayLike, wrench: Ar
         Code ``"deficient"`` or ``"singular"`` if the Jacobian has not rank six, or if Kq - S_W has
         no inverse.
     """
-    J = as_jacobian(jacobian)
+    J = checked_array(jacobian, (6, "n"), "Jacobian", copy=False)
     Kq = _joint_matrix(joint_matrix, J.shape[1])
-    W = as_vector(wrench, "wrench", 6)
+    W = checked_vector(wrench, 6, "wrench")
     require_full_rank(J)
     output = Map(J, lambda w: se3.chain_curvature(J, w))
     energy = Evaluation(0.0, J.T @ W, Kq)
@@ -64,16 +64,8 @@ def cartesian_stiffness(jacobian: ArrayLike, joint_matrix: ArrayLike, wrench: Ar
 
 
 def _joint_matrix(value: ArrayLike, n: int) -> Array:
-    Kq = np.asarray(value, float)
-    if Kq.shape == (n,):
-        Kq = np.diag(Kq)
-    if Kq.shape != (n, n):
-        raise InputError(
-            "joint stiffness has the wrong shape", expected=f"({n}, {n}) or ({n},)", got=Kq.shape
-        )
-    if not np.all(np.isfinite(Kq)):
-        raise InputError("joint stiffness must hold finite numbers", got="NaN or infinity")
-    return Kq
+    Kq = checked_array(value, [(n, n), (n,)], "joint stiffness")
+    return np.diag(Kq) if Kq.ndim == 1 else Kq
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,25 +146,26 @@ def joint_stiffness(
     InputError
         If a shape is wrong or the desired matrix is not symmetric.
     """
-    K, J = as_symmetric(desired, "desired stiffness"), as_jacobian(jacobian)
-    W = np.zeros(6) if wrench is None else as_vector(wrench, "wrench", 6)
+    K, J = (
+        as_symmetric(desired, "desired stiffness"),
+        checked_array(jacobian, (6, "n"), "Jacobian", copy=False),
+    )
+    W = np.zeros(6) if wrench is None else checked_vector(wrench, 6, "wrench")
     require_full_rank(J)
     n = J.shape[1]
     core = J.T @ K @ J
-    S = se3.chain_curvature(J, W) if load_term is None else as_matrix(load_term, "load term", n)
+    S = (
+        se3.chain_curvature(J, W)
+        if load_term is None
+        else checked_matrix(load_term, "load term", n)
+    )
     H = core.copy()
     if n > 6:
         Z = np.linalg.svd(scale_jacobian(J, reach(J)))[2][6:].T
         if null_space_stiffness is None:
             null_space_stiffness = float(np.trace(core)) / 6.0
-        Kz = np.asarray(null_space_stiffness, float)
+        Kz = checked_array(null_space_stiffness, [(n - 6, n - 6), ()], "null-space stiffness")
         Kz = Kz * np.eye(n - 6) if Kz.ndim == 0 else Kz
-        if Kz.shape != (n - 6, n - 6) or not np.all(np.isfinite(Kz)):
-            raise InputError(
-                "null-space stiffness has the wrong shape",
-                expected=f"a number or ({n - 6}, {n - 6})",
-                got=Kz.shape,
-            )
         H = core + Z @ (0.5 * (Kz + Kz.T)) @ Z.T
     Kq = 0.5 * (H + H.T) + S
     diagonal = np.diag(Kq)
@@ -188,11 +181,11 @@ def joint_stiffness(
     root = np.sqrt(np.abs(np.diag(H)))
     stable = definiteness(np.linalg.eigvalsh(H / np.outer(root, root))) if root.all() else "zero"
     return JointStiffness(
-        frozen(Kq),
-        frozen(S),
-        frozen(J.T @ W),
+        read_only(Kq),
+        read_only(S),
+        read_only(J.T @ W),
         definiteness(values),
-        frozen(values),
+        read_only(values),
         off,
         off < 1e-9,
         None if fit is None else fit.residual < 1e-8,

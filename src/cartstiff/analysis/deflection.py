@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.analysis.checks import as_jacobian, as_matrix, as_vector, frozen
 from cartstiff.analysis.matrices import RANK, invert
+from cartstiff.arrays import checked_array, checked_matrix, checked_vector, read_only, real_array
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 
@@ -32,8 +32,8 @@ __all__ = [
 
 def displacement_of_point(twist: ArrayLike, point: ArrayLike) -> Array:
     """Small displacement (3,) of a body point: ``v + omega x p``."""
-    t = as_vector(twist, "twist", 6)
-    moved: Array = t[3:] + np.cross(t[:3], as_vector(point, "point", 3))
+    t = checked_vector(twist, 6, "twist")
+    moved: Array = t[3:] + np.cross(t[:3], checked_vector(point, 3, "point"))
     return moved
 
 
@@ -66,14 +66,14 @@ def compliance_deflection(
     compliance: ArrayLike, wrench: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0)
 ) -> Deflection:
     """Deflection ``C dW``; exists at singular postures and for fewer than six joints too."""
-    C = as_matrix(compliance, "compliance")
-    W, p = as_vector(wrench, "wrench", 6), as_vector(point, "point", 3)
+    C = checked_matrix(compliance, "compliance")
+    W, p = checked_vector(wrench, 6, "wrench"), checked_vector(point, 3, "point")
     twist = C @ W
     return Deflection(
-        frozen(W),
-        frozen(twist),
-        frozen(p),
-        frozen(displacement_of_point(twist, p)),
+        read_only(W),
+        read_only(twist),
+        read_only(p),
+        read_only(displacement_of_point(twist, p)),
         0.5 * float(W @ twist),
     )
 
@@ -145,10 +145,10 @@ def joint_shares(
     UndefinedError
         Code ``"singular"`` if H_W has no inverse: a motion of the joints has no stiffness.
     """
-    J = as_jacobian(jacobian)
+    J = checked_array(jacobian, (6, "n"), "Jacobian", copy=False)
     n = J.shape[1]
-    H = as_matrix(hessian, "joint stiffness less load term", n)
-    W, p = as_vector(wrench, "wrench", 6), as_vector(point, "point", 3)
+    H = checked_matrix(hessian, "joint stiffness less load term", n)
+    W, p = checked_vector(wrench, 6, "wrench"), checked_vector(point, 3, "point")
     # Joints may mix radians and lengths: rank is judged on a unit diagonal.
     scale = np.sqrt(np.abs(np.diag(H)))
     scale[scale == 0.0] = 1.0
@@ -168,15 +168,15 @@ def joint_shares(
     size = float(total @ total)
     share = total @ displacements / size if size > 0 else np.full(n, np.nan)
     deflection = Deflection(
-        frozen(W), frozen(twist), frozen(p), frozen(total), 0.5 * float(W @ twist)
+        read_only(W), read_only(twist), read_only(p), read_only(total), 0.5 * float(W @ twist)
     )
     return JointShares(
         deflection,
-        frozen(motion),
-        frozen(twists),
-        frozen(displacements),
-        frozen(share),
-        frozen(0.5 * motion * torque),
+        read_only(motion),
+        read_only(twists),
+        read_only(displacements),
+        read_only(share),
+        read_only(0.5 * motion * torque),
     )
 
 
@@ -220,11 +220,15 @@ def spring_shares(
     deflection : Deflection
         Of the body.
     """
-    elongation = np.asarray(elongation, float)
-    force = np.asarray(stiffness, float) * elongation
+    elongation = real_array(elongation)
+    force = real_array(stiffness) * elongation
     energy = 0.5 * force * elongation
     whole = deflection.energy
     share = energy / whole if whole != 0.0 else np.full(len(energy), np.nan)
     return SpringShares(
-        frozen(elongation), frozen(force), frozen(energy), frozen(share), 1.0 - float(share.sum())
+        read_only(elongation),
+        read_only(force),
+        read_only(energy),
+        read_only(share),
+        1.0 - float(share.sum()),
     )

@@ -7,13 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.analysis.checks import as_jacobian, as_length, as_matrix, as_vector, frozen
 from cartstiff.analysis.matrices import (
     as_symmetric,
     balancing_length,
     invert,
     require_full_rank,
     scale_jacobian,
+)
+from cartstiff.arrays import (
+    checked_array,
+    checked_length,
+    checked_matrix,
+    checked_vector,
+    read_only,
 )
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
@@ -70,18 +76,25 @@ def fit_diagonal(
         As `joint_stiffness`; code ``"singular"`` also if the desired matrix must be inverted
         (n > 6) and cannot.
     """
-    K, J = as_symmetric(desired, "desired stiffness"), as_jacobian(jacobian)
-    W = np.zeros(6) if wrench is None else as_vector(wrench, "wrench", 6)
-    scale = balancing_length(K) if length is None else as_length(length)
+    K, J = (
+        as_symmetric(desired, "desired stiffness"),
+        checked_array(jacobian, (6, "n"), "Jacobian", copy=False),
+    )
+    W = np.zeros(6) if wrench is None else checked_vector(wrench, 6, "wrench")
+    scale = balancing_length(K) if length is None else checked_length(length)
     require_full_rank(J)
     n = J.shape[1]
-    S = se3.chain_curvature(J, W) if load_term is None else as_matrix(load_term, "load term", n)
+    S = (
+        se3.chain_curvature(J, W)
+        if load_term is None
+        else checked_matrix(load_term, "load term", n)
+    )
     d = np.repeat([scale, 1.0], 3)
     K_l, J_l = K / d[:, None] / d, scale_jacobian(J, scale)
     fit = _fit_stiffness if J.shape[1] == 6 else _fit_compliance
     springs, found, residual = fit(K_l, J_l, S)
-    cartesian = None if found is None else frozen(found * d[:, None] * d)
-    return DiagonalFit(frozen(springs), cartesian, residual, scale)
+    cartesian = None if found is None else read_only(found * d[:, None] * d)
+    return DiagonalFit(read_only(springs), cartesian, residual, scale)
 
 
 def _nnls(columns: list[Array], target: Array) -> Array:

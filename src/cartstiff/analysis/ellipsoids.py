@@ -19,7 +19,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.analysis.checks import as_matrix, as_unit, frozen
 from cartstiff.analysis.matrices import (
     ROTATION,
     TRANSLATION,
@@ -31,6 +30,7 @@ from cartstiff.analysis.matrices import (
     move_stiffness,
     symmetric_part,
 )
+from cartstiff.arrays import checked_matrix, checked_unit, read_only
 from cartstiff.errors import UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 
@@ -95,7 +95,7 @@ def ellipsoid(matrix: ArrayLike) -> Ellipsoid:
     InputError
         If the matrix is not 3x3 and finite.
     """
-    m = as_matrix(matrix, "matrix", 3)
+    m = checked_matrix(matrix, "matrix", 3)
     axes, radii, values, sign = _principal(symmetric_part(m).tobytes())
     (_, xy, xz), (yx, _, yz), (zx, zy, _) = m.tolist()
     asymmetry = max(abs(xy - yx), abs(xz - zx), abs(yz - zy)) / 2.0
@@ -109,7 +109,7 @@ def _principal(matrix: bytes) -> tuple[Array, Array, Array, Definiteness]:
     # In plain numbers: arrays of three take longer.
     (a, b, c), (d, e, f) = (_upright(vector) for vector in vectors.T[:2].tolist())
     axes = [[a, d, b * f - c * e], [b, e, c * d - a * f], [c, f, a * e - b * d]]
-    return frozen(axes), frozen(np.abs(values)), frozen(values), definiteness(values)
+    return read_only(axes), read_only(np.abs(values)), read_only(values), definiteness(values)
 
 
 def _upright(vector: list[float]) -> list[float]:
@@ -153,7 +153,7 @@ def stiffness_block(
         Code ``"singular"`` if free is asked and the other freedoms have no balance.
     """
     keep, held = _choice(freedom, others)
-    K = as_matrix(stiffness) if T_m_n is None else move_stiffness(stiffness, T_m_n)
+    K = checked_matrix(stiffness) if T_m_n is None else move_stiffness(stiffness, T_m_n)
     return K[keep, keep].copy() if held else eliminate(K, keep)
 
 
@@ -174,7 +174,11 @@ def compliance_block(
         Code ``"singular"`` if held is asked and no reaction can hold the other freedoms.
     """
     keep, held = _choice(freedom, others)
-    C = as_matrix(compliance, "compliance") if T_m_n is None else move_compliance(compliance, T_m_n)
+    C = (
+        checked_matrix(compliance, "compliance")
+        if T_m_n is None
+        else move_compliance(compliance, T_m_n)
+    )
     return eliminate(C, keep) if held else C[keep, keep].copy()
 
 
@@ -202,7 +206,7 @@ def _on_axis(
     K: ArrayLike, direction: ArrayLike, point: ArrayLike, index: int, others: str
 ) -> float:
     _, held = _choice("translation", others)
-    moved = move_stiffness(K, frame_along(as_unit(direction), point))
+    moved = move_stiffness(K, frame_along(checked_unit(direction), point))
     if held:
         return float(moved[index, index])
     try:

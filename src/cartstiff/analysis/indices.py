@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.analysis.checks import as_length, frozen
 from cartstiff.analysis.matrices import (
     RANK,
     Definiteness,
@@ -20,7 +19,8 @@ from cartstiff.analysis.matrices import (
     definiteness,
     scale_lengths,
 )
-from cartstiff.errors import InputError, UndefinedError
+from cartstiff.arrays import checked_array, checked_length, read_only, real_array
+from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 
 __all__ = [
@@ -87,7 +87,7 @@ def isotropy(matrix: ArrayLike) -> float:
 
     Between 0 (singular) and 1 (all equal); NaN if an eigenvalue is negative, or all are zero.
     """
-    values = np.linalg.eigvalsh(np.asarray(matrix, float))
+    values = np.linalg.eigvalsh(real_array(matrix))
     kind = definiteness(values)
     if kind == "positive":
         return float(np.exp(np.mean(np.log(values))) / np.mean(values))
@@ -108,7 +108,7 @@ def indices(stiffness: ArrayLike, length: float) -> Indices:
         Positive; see `cartstiff.analysis.metrics`.
     """
     K = as_symmetric(stiffness)
-    scaled = scale_lengths(K, as_length(length))
+    scaled = scale_lengths(K, checked_length(length))
     values, x = np.linalg.eigh(scaled)
     low, high = int(np.argmin(np.abs(values))), int(np.argmax(np.abs(values)))
     ratio = condition(values)
@@ -118,13 +118,13 @@ def indices(stiffness: ArrayLike, length: float) -> Indices:
     twist = twist * np.sign(twist[np.argmax(np.abs(x[:, 0]))])
     return Indices(
         float(length),
-        frozen(values),
+        read_only(values),
         definiteness(np.linalg.eigvalsh(scale_lengths(K, balancing_length(K)))),
         ratio,
         exponent,
         isotropy(scaled),
         float(values[0]),
-        frozen(twist),
+        read_only(twist),
         float(np.linalg.det(K)),
         condition(np.linalg.eigvalsh(K[3:, 3:])),
         condition(np.linalg.eigvalsh(K[:3, :3])),
@@ -134,9 +134,7 @@ def indices(stiffness: ArrayLike, length: float) -> Indices:
 def condition_numbers(stiffness: ArrayLike, lengths: ArrayLike) -> Array:
     """Condition number of K_l at each of several lengths."""
     K = as_symmetric(stiffness)
-    scales = np.asarray(lengths, float)
-    if scales.ndim != 1:
-        raise InputError("lengths must be a list", expected="shape (m,)", got=scales.shape)
+    scales = checked_array(lengths, ("m",), "list of lengths", copy=False)
     return np.array([condition(np.linalg.eigvalsh(scale_lengths(K, s))) for s in scales])
 
 

@@ -15,7 +15,14 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.analysis.checks import as_length, as_matrix, as_unit, as_vector
+from cartstiff.arrays import (
+    checked_length,
+    checked_matrix,
+    checked_pose,
+    checked_unit,
+    checked_vector,
+    real_array,
+)
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -63,7 +70,7 @@ _SYMMETRY: Final = 1e-9
 
 def symmetric_part(matrix: ArrayLike) -> Array:
     """Half the sum of a matrix and its transpose; for K^A of any load this is K^B."""
-    m = np.asarray(matrix, float)
+    m = real_array(matrix)
     half: Array = 0.5 * (m + m.T)
     return half
 
@@ -75,7 +82,7 @@ def block_scales(matrix: ArrayLike) -> Array:
     geometric mean, which has the unit of the coupling block: no length has to be chosen. For a
     positive semidefinite matrix the coupling block never exceeds it.
     """
-    m = np.asarray(matrix, float)
+    m = real_array(matrix)
     rr = float(np.linalg.norm(m[ROTATION, ROTATION]))
     tt = float(np.linalg.norm(m[TRANSLATION, TRANSLATION]))
     coupling = float(np.sqrt(rr * tt))
@@ -92,7 +99,7 @@ def as_symmetric(value: ArrayLike, what: str = "stiffness") -> Array:
     InputError
         If it is not symmetric: take K^B, or `symmetric_part`.
     """
-    m = as_matrix(value, what)
+    m = checked_matrix(value, what)
     skew = np.abs(m - m.T)
     limits = block_scales(m).repeat(3, axis=0).repeat(3, axis=1)
     if np.any(skew > _SYMMETRY * limits):
@@ -107,7 +114,7 @@ def as_symmetric(value: ArrayLike, what: str = "stiffness") -> Array:
 def definiteness(eigenvalues: ArrayLike) -> Definiteness:
     """Name the signs of eigenvalues; `RANK` times the largest counts as zero."""
     # Asked for every posture of a page: on a few floats NumPy takes ten times as long.
-    values = np.asarray(eigenvalues, float).tolist()
+    values = real_array(eigenvalues).tolist()
     zero = RANK * max(map(abs, values), default=0.0)
     below, above = any(v < -zero for v in values), any(v > zero for v in values)
     null = any(abs(v) <= zero for v in values)
@@ -126,35 +133,27 @@ def move_stiffness(stiffness: ArrayLike, T_m_n: ArrayLike) -> Array:
     Holds for K^A, K^B and K^+ (tensors); the kinematic connection of another origin is another
     connection.
     """
-    K, Ad = as_matrix(stiffness), se3.adjoint(_as_pose(T_m_n))
+    K, Ad = checked_matrix(stiffness), se3.adjoint(checked_pose(T_m_n, "frame"))
     moved: Array = Ad.T @ K @ Ad
     return moved
 
 
 def move_compliance(compliance: ArrayLike, T_m_n: ArrayLike) -> Array:
     """Compliance in body frame N: ``Ad^-1 C Ad^-T`` with Ad = Ad(T_m_n)."""
-    C, back = as_matrix(compliance, "compliance"), se3.adjoint(se3.inverse(_as_pose(T_m_n)))
+    C, back = (
+        checked_matrix(compliance, "compliance"),
+        se3.adjoint(se3.inverse(checked_pose(T_m_n, "frame"))),
+    )
     return back @ C @ back.T
-
-
-def _as_pose(T: ArrayLike) -> Array:
-    pose = np.asarray(T, float)
-    if not se3.is_pose(pose) or pose.shape != (4, 4):
-        raise InputError(
-            "frame is not a rigid motion",
-            expected="a 4x4 matrix with a proper rotation",
-            got=f"shape {pose.shape}",
-        )
-    return pose
 
 
 def frame_along(direction: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
     """Pose ``T_m_n`` with origin at `point` and z axis along `direction`, both in M."""
-    z = as_unit(direction)
+    z = checked_unit(direction)
     x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
     x /= np.linalg.norm(x)
     rotation = np.column_stack([x, np.cross(z, x), z])
-    return se3.pose(rotation, as_vector(point, "point", 3))
+    return se3.pose(rotation, checked_vector(point, 3, "point"))
 
 
 def scale_lengths(stiffness: ArrayLike, length: float) -> Array:
@@ -162,14 +161,14 @@ def scale_lengths(stiffness: ArrayLike, length: float) -> Array:
 
     ``D K D`` with D = diag(1/length, 1/length, 1/length, 1, 1, 1).
     """
-    d = np.repeat([1.0 / as_length(length), 1.0], 3)
-    scaled: Array = as_matrix(stiffness) * d[:, None] * d
+    d = np.repeat([1.0 / checked_length(length), 1.0], 3)
+    scaled: Array = checked_matrix(stiffness) * d[:, None] * d
     return scaled
 
 
 def balancing_length(matrix: ArrayLike) -> float:
     """Length that makes both diagonal blocks equally large; for rounding only, never reported."""
-    m = np.asarray(matrix, float)
+    m = real_array(matrix)
     rr, tt = np.linalg.norm(m[ROTATION, ROTATION]), np.linalg.norm(m[TRANSLATION, TRANSLATION])
     return float(np.sqrt(rr / tt)) if rr > 0 and tt > 0 else 1.0
 
@@ -182,7 +181,7 @@ def invert(matrix: ArrayLike, what: str = "stiffness") -> Array:
     UndefinedError
         Code ``"singular"``, with the singular values on balanced units and the length used.
     """
-    m = as_matrix(matrix, what)
+    m = checked_matrix(matrix, what)
     length = balancing_length(m)
     d = np.repeat([1.0 / length, 1.0], 3)
     scaled = m * d[:, None] * d
@@ -207,7 +206,7 @@ def eliminate(matrix: ArrayLike, keep: slice | list[int]) -> Array:
     UndefinedError
         Code ``"singular"`` if they do: the others run away and no answer exists.
     """
-    m = np.asarray(matrix, float)
+    m = real_array(matrix)
     every = np.arange(len(m))
     kept, others = every[keep], np.delete(every, keep)
     length = balancing_length(m)

@@ -17,7 +17,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.analysis.checks import as_length, as_matrix, as_vector, frozen
 from cartstiff.analysis.matrices import (
     RANK,
     TRANSLATION,
@@ -26,6 +25,7 @@ from cartstiff.analysis.matrices import (
     definiteness,
     eliminate,
 )
+from cartstiff.arrays import checked_length, checked_matrix, checked_vector, read_only
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -122,7 +122,7 @@ def _body(mass: float, inertia: ArrayLike) -> tuple[float, Array]:
     m = float(mass)
     if not (np.isfinite(m) and m > 0):
         raise InputError("mass cannot be used", expected="a positive number", got=m)
-    I_c = as_matrix(inertia, "inertia", 3)
+    I_c = checked_matrix(inertia, "inertia", 3)
     if np.abs(I_c - I_c.T).max() > 1e-9 * np.abs(I_c).max():
         raise InputError("inertia is not symmetric", got=I_c.tolist())
     if np.linalg.eigvalsh(I_c)[0] <= 0:
@@ -151,7 +151,7 @@ def characteristic_length(
 ) -> CharacteristicLength:
     """Length to use: the given one, else from the inertia, else natural, else one unit, and why."""
     if given is not None:
-        return CharacteristicLength(as_length(given), "given", "given by the user")
+        return CharacteristicLength(checked_length(given), "given", "given by the user")
     if (mass is None) != (inertia is None):
         raise InputError("mass and inertia go together", got="only one of them")
     if mass is not None and inertia is not None:
@@ -193,7 +193,7 @@ class MetricModes:
 
 def length_metric(length: float) -> Array:
     """Metric ``length^2 |omega|^2 + |v|^2`` at the frame's origin, (6, 6)."""
-    return np.diag(np.repeat([as_length(length) ** 2, 1.0], 3))
+    return np.diag(np.repeat([checked_length(length) ** 2, 1.0], 3))
 
 
 def inertia_metric(mass: float, inertia: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
@@ -208,7 +208,7 @@ def inertia_metric(mass: float, inertia: ArrayLike, centre: ArrayLike = (0.0, 0.
         If the mass is not positive or the inertia not symmetric positive definite.
     """
     m, I_c = _body(mass, inertia)
-    c = se3.skew(as_vector(centre, "mass centre", 3))
+    c = se3.skew(checked_vector(centre, 3, "mass centre"))
     return np.block([[I_c - m * c @ c, m * c], [-m * c, m * np.eye(3)]])
 
 
@@ -241,4 +241,4 @@ def modes(stiffness: ArrayLike, metric: ArrayLike, name: str = "user") -> Metric
     twists = np.linalg.solve(L.T, y)
     largest = np.argmax(np.abs(twists), axis=0)
     twists *= np.sign(twists[largest, np.arange(6)])
-    return MetricModes(name, frozen(values), frozen(twists), definiteness(values))
+    return MetricModes(name, read_only(values), read_only(twists), definiteness(values))

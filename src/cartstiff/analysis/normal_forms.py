@@ -16,7 +16,6 @@ from cartstiff.analysis.centres import (
     centre_of_stiffness,
     point_of_least_coupling,
 )
-from cartstiff.analysis.checks import frozen
 from cartstiff.analysis.matrices import (
     ROTATION,
     TRANSLATION,
@@ -25,6 +24,7 @@ from cartstiff.analysis.matrices import (
     move_stiffness,
     symmetric_part,
 )
+from cartstiff.arrays import read_only
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 
@@ -93,7 +93,9 @@ def normal_form(stiffness: ArrayLike) -> NormalForm:
     B = _clean_coupling(K[ROTATION, TRANSLATION] - lever, K[ROTATION, TRANSLATION], lever)
     T = se3.pose(_axes(B, D), p)
     moved = symmetric_part(move_stiffness(K, T))
-    return NormalForm(frozen(T), frozen(moved), frozen(np.diag(moved[ROTATION, TRANSLATION])))
+    return NormalForm(
+        read_only(T), read_only(moved), read_only(np.diag(moved[ROTATION, TRANSLATION]))
+    )
 
 
 def normal_form_of_compliance(compliance: ArrayLike) -> NormalForm:
@@ -111,7 +113,9 @@ def normal_form_of_compliance(compliance: ArrayLike) -> NormalForm:
     B = _clean_coupling(C[TRANSLATION, ROTATION] - lever, C[TRANSLATION, ROTATION], lever)
     T = se3.pose(_axes(B, D), p)
     moved = symmetric_part(move_compliance(C, T))
-    return NormalForm(frozen(T), frozen(moved), frozen(np.diag(moved[TRANSLATION, ROTATION])))
+    return NormalForm(
+        read_only(T), read_only(moved), read_only(np.diag(moved[TRANSLATION, ROTATION]))
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,4 +160,6 @@ def decoupling_frame(stiffness: ArrayLike) -> DecouplingFrame:
         axes[:, 2] *= -1.0
     T = se3.pose(axes, p)
     moved = symmetric_part(move_stiffness(K, T))
-    return DecouplingFrame(frozen(T), frozen(moved), _coupling_index(moved), _coupling_index(K))
+    return DecouplingFrame(
+        read_only(T), read_only(moved), _coupling_index(moved), _coupling_index(K)
+    )

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.analysis import asymmetry as asymmetries
-from cartstiff.analysis.checks import as_vector
 from cartstiff.analysis.mechanism_sections import deflection_section, target_section
 from cartstiff.analysis.plain import Notes, numbers, plain
 from cartstiff.analysis.summary import summarise
@@ -23,6 +22,7 @@ from cartstiff.analysis.uncertainty import (
     propagate_first_order,
     propagate_monte_carlo,
 )
+from cartstiff.arrays import checked_pose, checked_vector
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -101,10 +101,8 @@ def analyse_posture(
         raise UnknownNameError("connection", connection, CONNECTIONS)
     if samples < 0 or samples == 1:
         raise InputError("samples cannot be used", expected="0, or 2 and more", got=samples)
-    T = np.eye(4) if at is None else np.asarray(at, float)
-    if not se3.is_pose(T) or T.shape != (4, 4):
-        raise InputError("frame of the analysis is not a rigid motion", expected="a 4x4 pose")
-    added = None if wrench is None else as_vector(wrench, "wrench", 6)
+    T = np.eye(4) if at is None else checked_pose(at, "frame of the analysis")
+    added = None if wrench is None else checked_vector(wrench, 6, "wrench")
 
     def sections(r: PostureStiffness, springs: bool) -> tuple[dict[str, Any], Notes]:
         stiffness, compliance, W = _in_frame(r, T, connection)

@@ -14,7 +14,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.analysis.checks import as_length, as_vector, frozen
 from cartstiff.analysis.matrices import (
     RANK,
     Definiteness,
@@ -23,6 +22,7 @@ from cartstiff.analysis.matrices import (
     definiteness,
     scale_lengths,
 )
+from cartstiff.arrays import checked_length, checked_vector, read_only
 from cartstiff.geometry.se3 import Array
 
 __all__ = [
@@ -73,7 +73,7 @@ def _screw(along: Array, moment: Array, length: float) -> Screw:
         point, pitch = np.cross(along, moment) / size**2, float(along @ moment) / size**2
     if np.all(np.isfinite(unit)) and unit[np.argmax(np.abs(unit))] < 0:
         unit = -unit
-    return Screw(frozen(unit), frozen(point), pitch)
+    return Screw(read_only(unit), read_only(point), pitch)
 
 
 def screw_of_twist(twist: ArrayLike, length: float = 1.0) -> Screw:
@@ -82,14 +82,14 @@ def screw_of_twist(twist: ArrayLike, length: float = 1.0) -> Screw:
     `length` is the size of the problem: omega counts as zero when ``|omega| length`` is rounding
     beside ``|v|``.
     """
-    t = as_vector(twist, "twist", 6)
-    return _screw(t[:3], t[3:], as_length(length))
+    t = checked_vector(twist, 6, "twist")
+    return _screw(t[:3], t[3:], checked_length(length))
 
 
 def screw_of_wrench(wrench: ArrayLike, length: float = 1.0) -> Screw:
     """Screw of a wrench (moment, force): axis along the force through ``f x m / |f|^2``."""
-    w = as_vector(wrench, "wrench", 6)
-    return _screw(w[3:], w[:3], as_length(length))
+    w = checked_vector(wrench, 6, "wrench")
+    return _screw(w[3:], w[:3], checked_length(length))
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,4 +190,4 @@ def _eigenscrew(mu: float, x: Array, length: float) -> Eigenscrew:
     if value != 0.0:
         rotational = value * screw.pitch
         translational = value / screw.pitch if screw.pitch != 0.0 else float("inf")
-    return Eigenscrew(screw, value, rotational, translational, frozen(twist))
+    return Eigenscrew(screw, value, rotational, translational, read_only(twist))

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.analysis.checks import as_unit, as_vector, frozen
+from cartstiff.arrays import checked_unit, checked_vector, read_only
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 
@@ -65,7 +65,13 @@ def line_spring(stiffness: float, point: ArrayLike, direction: ArrayLike) -> Spr
     k = float(stiffness)
     if not (np.isfinite(k) and k > 0):
         raise InputError("spring stiffness cannot be used", expected="a positive number", got=k)
-    return Spring("line", k, frozen(as_unit(direction)), frozen(as_vector(point, "point", 3)), 0.0)
+    return Spring(
+        "line",
+        k,
+        read_only(checked_unit(direction)),
+        read_only(checked_vector(point, 3, "point")),
+        0.0,
+    )
 
 
 def parallel_stiffness(springs: Iterable[Spring]) -> Array:

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 
 from cartstiff.analysis import asymmetry as asymmetries
 from cartstiff.analysis.centres import centres
-from cartstiff.analysis.checks import as_unit, as_vector
 from cartstiff.analysis.compliant_axes import (
     CompliantAxis,
     twist_compliant_axes,
@@ -39,6 +38,7 @@ from cartstiff.analysis.normal_forms import decoupling_frame, normal_form
 from cartstiff.analysis.plain import Notes, plain
 from cartstiff.analysis.screws import Screw, eigenscrews
 from cartstiff.analysis.synthesis import realisability, realise
+from cartstiff.arrays import checked_pose, checked_unit, checked_vector
 from cartstiff.errors import UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 
@@ -110,7 +110,7 @@ def summarise(
         If a shape is wrong or a number is not finite.
     """
     notes = Notes()
-    W = as_vector(wrench, "wrench", 6)
+    W = checked_vector(wrench, 6, "wrench")
     name = _chosen(stiffness, connection)
     base = None if name is None else stiffness[name]
     K = None if base is None else symmetric_part(base)
@@ -135,12 +135,12 @@ def summarise(
         metric = ("inertia", inertia_metric(mass, inertia, mass_centre))
     axes = {name: np.array(axis) for name, axis in _AXES.items()}
     if direction is not None:
-        axes["given"] = as_unit(direction)
+        axes["given"] = checked_unit(direction)
     result: dict[str, Any] = {
         "connection": name,
         "symmetrised": skewness > 1e-9,
         "definiteness": None,
-        "frame": np.eye(4) if T_m_n is None else np.asarray(T_m_n, float),
+        "frame": np.eye(4) if T_m_n is None else checked_pose(T_m_n, "frame"),
         "length": scale,
         "stiffness": K,
         "compliance": C,

@@ -23,7 +23,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.analysis.checks import frozen
 from cartstiff.analysis.matrices import (
     RANK,
     ROTATION,
@@ -35,6 +34,7 @@ from cartstiff.analysis.matrices import (
 )
 from cartstiff.analysis.screws import SWAP_FORM, eigenscrews, screw_of_wrench
 from cartstiff.analysis.springs import Spring, parallel_stiffness
+from cartstiff.arrays import read_only
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 
@@ -101,7 +101,7 @@ def realisability(stiffness: ArrayLike) -> Realisability:
         share,
         int(np.sum(np.abs(relative) > RANK)),
         screws,
-        frozen(relative),
+        read_only(relative),
     )
 
 
@@ -244,7 +244,7 @@ def _spring(w: Array, length: float, straight: bool) -> Spring:
     if size * length <= _TORSIONAL * float(np.linalg.norm(moment)):
         k = float(moment @ moment)
         return Spring(
-            "torsional", k, frozen(moment / np.sqrt(k)), frozen(np.zeros(3)), float("inf")
+            "torsional", k, read_only(moment / np.sqrt(k)), read_only(np.zeros(3)), float("inf")
         )
     screw = screw_of_wrench(w, length)
     return Spring(

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.analysis.checks import frozen
+from cartstiff.arrays import checked_array, read_only
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 
@@ -131,7 +131,7 @@ def _flatten(results: Results) -> tuple[tuple[str, ...], Array]:
     names: list[str] = []
     values: list[float] = []
     for key, value in items:
-        array = np.asarray(value, float)
+        array = checked_array(value, None, f"result {key}", copy=False, finite=False)
         for index in np.ndindex(array.shape):
             names.append(f"{key}[{', '.join(map(str, index))}]" if index else str(key))
             values.append(float(array[index]))
@@ -198,15 +198,15 @@ def propagate_first_order(
     z = NormalDist().inv_cdf(0.5 + 0.5 * level)
     with np.errstate(invalid="ignore", divide="ignore"):
         shares = effects.T**2 / variance
-    contributions = {name: frozen(np.where(variance > 0, 0.0, np.nan)) for name in tolerances}
-    contributions |= {name: frozen(s) for name, s in zip(moving, shares, strict=True)}
+    contributions = {name: read_only(np.where(variance > 0, 0.0, np.nan)) for name in tolerances}
+    contributions |= {name: read_only(s) for name, s in zip(moving, shares, strict=True)}
     return Propagation(
         "first order",
         names,
-        frozen(mean),
-        frozen(total),
-        frozen(mean - z * total),
-        frozen(mean + z * total),
+        read_only(mean),
+        read_only(total),
+        read_only(mean - z * total),
+        read_only(mean + z * total),
         level,
         contributions,
         0,
@@ -273,10 +273,10 @@ def propagate_monte_carlo(
     return Propagation(
         "Monte Carlo",
         names,
-        frozen(table.mean(axis=0)),
-        frozen(table.std(axis=0, ddof=1)),
-        frozen(np.quantile(table, tail, axis=0)),
-        frozen(np.quantile(table, 1.0 - tail, axis=0)),
+        read_only(table.mean(axis=0)),
+        read_only(table.std(axis=0, ddof=1)),
+        read_only(np.quantile(table, tail, axis=0)),
+        read_only(np.quantile(table, 1.0 - tail, axis=0)),
         level,
         None,
         len(rows),

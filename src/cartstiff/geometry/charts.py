@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff.arrays import is_pose, real_array
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import Connection, flat
@@ -58,7 +59,7 @@ class Chart:
         UndefinedError
             At a singularity of the chart, with the coordinates and the singular values.
         """
-        xi = np.asarray(xi, float)
+        xi = real_array(xi)
         gamma = self.basis(xi)
         values = np.linalg.svd(gamma, compute_uv=False)
         if values[-1] <= _SINGULAR * values[0]:
@@ -72,20 +73,20 @@ class Chart:
 
     def to_twist(self, xi: ArrayLike, rates: ArrayLike) -> Array:
         """Body twist of coordinate rates: gamma @ rates."""
-        return self.basis(np.asarray(xi, float)) @ np.asarray(rates, float)
+        return self.basis(real_array(xi)) @ real_array(rates)
 
     def to_wrench(self, xi: ArrayLike, force: ArrayLike) -> Array:
         """Wrench components of the one-form ``F_i d xi_i``: alpha^T @ F, [ZK]_ eq. 16 and 18."""
-        return self.inverse_basis(xi).T @ np.asarray(force, float)
+        return self.inverse_basis(xi).T @ real_array(force)
 
     def to_form(self, xi: ArrayLike, wrench: ArrayLike) -> Array:
         """Components on ``d xi`` of a wrench: gamma^T @ W; inverse of `to_wrench`."""
-        return self.basis(np.asarray(xi, float)).T @ np.asarray(wrench, float)
+        return self.basis(real_array(xi)).T @ real_array(wrench)
 
     def connection(self, xi: ArrayLike) -> Connection:
         """The chart's flat connection at a posture, [ZK]_ eq. 47."""
         self.inverse_basis(xi)
-        xi = np.asarray(xi, float)
+        xi = real_array(xi)
         return flat(self.basis(xi), self.basis_derivative(xi), name=f"flat ({self.name})")
 
     def stiffness_terms(
@@ -97,10 +98,10 @@ class Chart:
         - Gamma[i, j, k] W_k``: the first term is K_I, the second K_II ([ZK]_ eq. 52, here at any
         pose); K^A = K_I + K_II.
         """
-        xi = np.asarray(xi, float)
+        xi = real_array(xi)
         alpha = self.inverse_basis(xi)
-        wrench = alpha.T @ np.asarray(gradient, float)
-        first = alpha.T @ np.asarray(hessian, float) @ alpha
+        wrench = alpha.T @ real_array(gradient)
+        first = alpha.T @ real_array(hessian) @ alpha
         d_basis = self.basis_derivative(xi)
         second = -np.einsum("k,kml,mi,lj->ij", wrench, d_basis, alpha, alpha, optimize=True)
         return wrench, first, second
@@ -113,7 +114,7 @@ class Chart:
         ConvergenceError
             If 50 steps do not reach the pose.
         """
-        T = np.asarray(T, float)
+        T = real_array(T)
         xi = np.zeros(6) if start is None else np.array(start, float)
         for _ in range(50):
             error = se3.log(se3.inverse(self.pose(xi)) @ T)
@@ -185,18 +186,18 @@ def from_pose_function(pose: Callable[[Array], ArrayLike], name: str = "user") -
     """Chart from a function xi -> pose; its derivatives are taken by eighth-order differences."""
 
     def pose_of(xi: Array) -> Array:
-        return np.asarray(pose(np.asarray(xi, float)), float)
+        return np.asarray(pose(real_array(xi)), float)
 
     def basis(xi: Array) -> Array:
-        xi = np.asarray(xi, float)
+        xi = real_array(xi)
         T = pose_of(xi)
-        if not se3.is_pose(T):
+        if not is_pose(T):
             raise InputError(f"chart {name!r} does not return a rigid motion", got=T.tolist())
         dT = jacobian(lambda d: pose_of(xi + d), np.ones(6))
         return np.stack([se3.vee(se3.inverse(T) @ dT[..., i]) for i in range(6)], axis=-1)
 
     def basis_derivative(xi: Array) -> Array:
-        xi = np.asarray(xi, float)
+        xi = real_array(xi)
         return jacobian(lambda d: basis(xi + d), np.ones(6))
 
     return Chart(name, pose_of, basis, basis_derivative)

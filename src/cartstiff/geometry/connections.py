@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff.arrays import checked_array, checked_matrix, real_array
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.differences import STEP, derivative
@@ -73,15 +74,7 @@ class Connection:
     _flat: bool = field(default=False, repr=False)
 
     def __post_init__(self) -> None:
-        symbols = np.array(self.symbols, float)
-        if symbols.shape != (6, 6, 6):
-            raise InputError(
-                "Christoffel symbols have the wrong shape",
-                expected="an array of shape (6, 6, 6)",
-                got=str(symbols.shape),
-            )
-        if not np.all(np.isfinite(symbols)):
-            raise InputError("Christoffel symbols must be finite", got="NaN or infinity")
+        symbols = checked_array(self.symbols, (6, 6, 6), "array of Christoffel symbols")
         symbols.flags.writeable = False
         object.__setattr__(self, "symbols", symbols)
 
@@ -90,11 +83,11 @@ class Connection:
 
     def __call__(self, x: ArrayLike, y: ArrayLike) -> Array:
         """``nabla_X Y`` for left-invariant X, Y given by their twists."""
-        return np.einsum("jik,i,j->k", self.symbols, np.asarray(x, float), np.asarray(y, float))
+        return np.einsum("jik,i,j->k", self.symbols, real_array(x), real_array(y))
 
     def wrench_term(self, wrench: ArrayLike) -> Array:
         """Matrix ``T[i, j] = sum_k Gamma[i, j, k] W_k``: K = K^A - T. Batched over wrenches."""
-        w = np.asarray(wrench, float)
+        w = real_array(wrench)
         return (w @ self._symbols_by_wrench).reshape(*w.shape[:-1], 6, 6)
 
     @cached_property
@@ -205,7 +198,7 @@ def from_symbols(
     symbols: ArrayLike, name: str = "user", *, meaning: str = "", left_invariant: bool = True
 ) -> Connection:
     """Connection from any array ``symbols[j, i, k]``, the k-th component of nabla_{L_i} L_j."""
-    return Connection(name, np.asarray(symbols, float), meaning, left_invariant)
+    return Connection(name, real_array(symbols), meaning, left_invariant)
 
 
 def from_bilinear_map(
@@ -235,9 +228,7 @@ def levi_civita(metric: ArrayLike, name: str = "Levi-Civita") -> Connection:
     InputError
         If the matrix is not symmetric positive definite.
     """
-    g = np.asarray(metric, float)
-    if g.shape != (6, 6) or not np.all(np.isfinite(g)):
-        raise InputError("metric has the wrong shape", expected="a finite 6x6 matrix", got=g.shape)
+    g = checked_matrix(metric, "metric")
     if np.abs(g - g.T).max() > _LAW_TOLERANCE * np.abs(g).max():
         raise InputError("metric is not symmetric", got=f"asymmetry {np.abs(g - g.T).max():.3g}")
     eigenvalues = np.linalg.eigvalsh(g)
@@ -271,7 +262,7 @@ def flat(jacobian: ArrayLike, jacobian_derivative: ArrayLike, name: str = "F") -
     UndefinedError
         If the Jacobian is singular: the coordinates are no chart there.
     """
-    J, dJ = np.asarray(jacobian, float), np.asarray(jacobian_derivative, float)
+    J, dJ = real_array(jacobian), real_array(jacobian_derivative)
     singular_values = np.linalg.svd(J, compute_uv=False)
     if singular_values[-1] <= 1e-13 * singular_values[0]:
         raise UndefinedError(
@@ -343,11 +334,11 @@ class Field:
 
     def at(self, T: ArrayLike) -> Array:
         """Components at a pose."""
-        return np.asarray(self.components(np.asarray(T, float)), float)
+        return np.asarray(self.components(real_array(T)), float)
 
     def along(self, T: ArrayLike, twist: ArrayLike) -> Array:
         """Derivative of the components along a body twist at a pose."""
-        T, twist = np.asarray(T, float), np.asarray(twist, float)
+        T, twist = real_array(T), real_array(twist)
         if self.derivative is not None:
             return np.asarray(self.derivative(T), float) @ twist
         step = STEP / max(1.0, float(np.linalg.norm(twist)))

@@ -10,13 +10,12 @@ Every function acts on the last axes and broadcasts over leading ones.
 from __future__ import annotations
 
 from functools import cache
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-#: Any NumPy array; the stubs cannot follow dtypes through linear algebra.
-Array = NDArray[Any]
+from cartstiff.arrays import Array, is_pose, read_only, real_array
 
 __all__ = [
     "ANGULAR_LINEAR",
@@ -61,16 +60,9 @@ SWAP: Final = np.array([3, 4, 5, 0, 1, 2])
 _SMALL_ANGLE: Final = 1e-2
 
 
-def read_only(values: ArrayLike) -> Array:
-    """Copy of an array that cannot be written to, for results."""
-    array = np.array(values, float)
-    array.flags.writeable = False
-    return array
-
-
 def skew(v: ArrayLike) -> Array:
     """Cross-product matrix ``[v]x``: ``skew(a) @ b == np.cross(a, b)``; (..., 3) to (..., 3, 3)."""
-    v = np.asarray(v, float)
+    v = real_array(v)
     m = np.zeros((*v.shape[:-1], 3, 3))
     m[..., 2, 1] = v[..., 0]
     m[..., 1, 2] = -v[..., 0]
@@ -88,7 +80,7 @@ _CROSS_BACK: Final[Array] = -_CROSS
 
 def unskew(m: ArrayLike) -> Array:
     """Vector of the antisymmetric part of a 3x3 matrix; inverse of `skew`."""
-    m = np.asarray(m, float)
+    m = real_array(m)
     return 0.5 * np.stack(
         [
             m[..., 2, 1] - m[..., 1, 2],
@@ -101,7 +93,7 @@ def unskew(m: ArrayLike) -> Array:
 
 def hat(twist: ArrayLike) -> Array:
     """Matrix of a twist in se(3), [ZK]_ eq. 3; (..., 6) to (..., 4, 4)."""
-    twist = np.asarray(twist, float)
+    twist = real_array(twist)
     m = np.zeros((*twist.shape[:-1], 4, 4))
     m[..., :3, :3] = skew(twist[..., :3])
     m[..., :3, 3] = twist[..., 3:]
@@ -110,7 +102,7 @@ def hat(twist: ArrayLike) -> Array:
 
 def vee(m: ArrayLike) -> Array:
     """Twist (omega, v) of a 4x4 matrix of se(3); inverse of `hat`."""
-    m = np.asarray(m, float)
+    m = real_array(m)
     return np.concatenate([unskew(m[..., :3, :3]), m[..., :3, 3]], axis=-1)
 
 
@@ -123,8 +115,8 @@ def basis_twist(i: int) -> Array:
 
 def pose(rotation: ArrayLike | None = None, translation: ArrayLike | None = None) -> Array:
     """Pose from a rotation matrix (default identity) and a translation (default zero)."""
-    r = np.eye(3) if rotation is None else np.asarray(rotation, float)
-    p = np.zeros(3) if translation is None else np.asarray(translation, float)
+    r = np.eye(3) if rotation is None else real_array(rotation)
+    p = np.zeros(3) if translation is None else real_array(translation)
     m = _unit_poses(r.shape[:-2], p.shape[:-1])
     m[..., :3, :3] = r
     m[..., :3, 3] = p
@@ -142,32 +134,20 @@ def _unit_poses(*shapes: tuple[int, ...]) -> Array:
 
 def inverse(T_a_b: ArrayLike) -> Array:
     """Pose ``T_b_a``, exactly orthogonal where the argument is."""
-    T = np.asarray(T_a_b, float)
+    T = real_array(T_a_b)
     rt = T[..., :3, :3].swapaxes(-1, -2)
     return pose(rt, -(rt @ T[..., :3, 3, None])[..., 0])
 
 
-def is_pose(T: ArrayLike, tolerance: float = 1e-9) -> bool:
-    """Tell whether every matrix is a proper rigid motion up to `tolerance`."""
-    T = np.asarray(T, float)
-    if T.shape[-2:] != (4, 4) or not np.all(np.isfinite(T)):
-        return False
-    R = T[..., :3, :3]
-    orthogonal = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(initial=0.0) < tolerance
-    proper = bool(np.all(np.linalg.det(R) > 0))
-    last = np.abs(T[..., 3, :] - np.array([0.0, 0.0, 0.0, 1.0])).max(initial=0.0) < tolerance
-    return bool(orthogonal and proper and last)
-
-
 def bracket(x: ArrayLike, y: ArrayLike) -> Array:
     """Lie bracket [x, y] = (w1 x w2, w1 x v2 - w2 x v1), [ZK]_ eq. 5."""
-    x, y = np.asarray(x, float), np.asarray(y, float)
+    x, y = real_array(x), real_array(y)
     return (ad(x) @ y[..., None])[..., 0]
 
 
 def ad(x: ArrayLike) -> Array:
     """Matrix of y -> [x, y]; (..., 6) to (..., 6, 6)."""
-    x = np.asarray(x, float)
+    x = real_array(x)
     m = np.zeros((*x.shape[:-1], 6, 6))
     w = skew(x[..., :3])
     m[..., :3, :3] = w
@@ -178,7 +158,7 @@ def ad(x: ArrayLike) -> Array:
 
 def adjoint(T_a_b: ArrayLike) -> Array:
     """Matrix ``Ad`` that takes twists in components of frame b to components of frame a."""
-    T = np.asarray(T_a_b, float)
+    T = real_array(T_a_b)
     r, p = T[..., :3, :3], T[..., :3, 3]
     m = np.zeros((*T.shape[:-2], 6, 6))
     m[..., :3, :3] = r
@@ -189,7 +169,7 @@ def adjoint(T_a_b: ArrayLike) -> Array:
 
 def adjoint_of_inverse(T_a_b: ArrayLike) -> Array:
     """``adjoint(inverse(T_a_b))`` at once: twists in components of frame a to frame b."""
-    T = np.asarray(T_a_b, float)
+    T = real_array(T_a_b)
     rt, p = T[..., :3, :3].swapaxes(-1, -2), T[..., :3, 3]
     m = np.zeros((*T.shape[:-2], 6, 6))
     m[..., :3, :3] = m[..., 3:, 3:] = rt
@@ -199,7 +179,7 @@ def adjoint_of_inverse(T_a_b: ArrayLike) -> Array:
 
 def transport_twist(T_a_b: ArrayLike, twist_b: ArrayLike) -> Array:
     """Components in frame a of a twist given in frame b: ``Ad(T_a_b) @ twist_b``."""
-    return (adjoint(T_a_b) @ np.asarray(twist_b, float)[..., None])[..., 0]
+    return (adjoint(T_a_b) @ real_array(twist_b)[..., None])[..., 0]
 
 
 def transport_wrench(T_a_b: ArrayLike, wrench_b: ArrayLike) -> Array:
@@ -208,7 +188,7 @@ def transport_wrench(T_a_b: ArrayLike, wrench_b: ArrayLike) -> Array:
     Power does not change: ``transport_wrench(T, W) @ transport_twist(T, V) == W @ V``.
     """
     m = np.swapaxes(adjoint_of_inverse(T_a_b), -1, -2)
-    return (m @ np.asarray(wrench_b, float)[..., None])[..., 0]
+    return (m @ real_array(wrench_b)[..., None])[..., 0]
 
 
 #: ``STRUCTURE_CONSTANTS[i, j, k]``: [L_i, L_j] = sum_k C[i, j, k] L_k, [ZK]_ eq. 6 and 7.
@@ -223,7 +203,7 @@ def bracket_form(wrench: ArrayLike) -> Array:
 
     ``M = -[[ [tau]x, [f]x ], [ [f]x, 0 ]]``, hence K^A - (K^A)^T = -M, [ZK]_ eq. 50.
     """
-    w = np.asarray(wrench, float)
+    w = real_array(wrench)
     return (w @ _BRACKETS).reshape(*w.shape[:-1], 6, 6)
 
 
@@ -241,7 +221,7 @@ def _coefficients(angle: Array) -> tuple[Array, Array, Array]:
 
 def exp(twist: ArrayLike) -> Array:
     """Exponential se(3) -> SE(3): the screw motion by a constant body twist for unit time."""
-    x = np.asarray(twist, float)
+    x = real_array(twist)
     w = x[..., :3]
     a, b, c = (k[..., None, None] for k in _coefficients(np.linalg.norm(w, axis=-1)))
     W = skew(w)
@@ -287,7 +267,7 @@ def _cot_coefficient(angle: Array) -> Array:
 
 def log(T: ArrayLike) -> Array:
     """Logarithm SE(3) -> se(3), inverse of `exp`; rotation angle in [0, pi]."""
-    T = np.asarray(T, float)
+    T = real_array(T)
     w = _rotation_vector(T[..., :3, :3])
     d = _cot_coefficient(np.linalg.norm(w, axis=-1))[..., None, None]
     W = skew(w)
@@ -297,7 +277,7 @@ def log(T: ArrayLike) -> Array:
 
 def right_jacobian(twist: ArrayLike) -> Array:
     """Matrix ``D`` with ``exp(x)^-1 d(exp x) = hat(D dx)``: the sum of (-ad x)^k / (k+1)!."""
-    x = np.asarray(twist, float)
+    x = real_array(twist)
     a = -ad(x)
     t2 = np.sum(x[..., :3] ** 2, axis=-1)[..., None, None]
     # ad x is a root of a (a^2 + t^2)^2, so the series closes after the fourth power.
@@ -330,19 +310,19 @@ def right_jacobian_inverse(twist: ArrayLike) -> Array:
 
 def from_linear_angular(x: ArrayLike, axis: int = -1) -> Array:
     """Reorder components from (v, omega), as in Pinocchio, to (omega, v)."""
-    return np.take(np.asarray(x, float), SWAP, axis=axis)
+    return np.take(real_array(x), SWAP, axis=axis)
 
 
 def to_linear_angular(x: ArrayLike, axis: int = -1) -> Array:
     """Reorder components from (omega, v) to (v, omega), as in Pinocchio."""
-    return np.take(np.asarray(x, float), SWAP, axis=axis)
+    return np.take(real_array(x), SWAP, axis=axis)
 
 
 def from_roll_pitch_yaw(
     translation: ArrayLike = (0.0, 0.0, 0.0), angles: ArrayLike = (0.0, 0.0, 0.0)
 ) -> Array:
     """Pose from a translation and angles about fixed axes: R = Rz(yaw) Ry(pitch) Rx(roll)."""
-    a, p = np.asarray(angles, float), np.asarray(translation, float)
+    a, p = real_array(angles), real_array(translation)
     c, s = np.cos(a), np.sin(a)
     cr, cp, cy = c[..., 0], c[..., 1], c[..., 2]
     sr, sp, sy = s[..., 0], s[..., 1], s[..., 2]
@@ -368,7 +348,7 @@ def roll_pitch_yaw(T: ArrayLike) -> Array:
     Roll is read after yaw has been taken off: near pitch = +-pi/2, where only one combination of
     the two is determined, the three together still give the rotation to rounding.
     """
-    R = np.asarray(T, float)[..., :3, :3]
+    R = real_array(T)[..., :3, :3]
     pitch = np.arctan2(-R[..., 2, 0], np.hypot(R[..., 0, 0], R[..., 1, 0]))
     yaw = np.arctan2(R[..., 1, 0], R[..., 0, 0])
     c, s = np.cos(yaw), np.sin(yaw)
@@ -383,7 +363,7 @@ def chain_curvature(jacobian: ArrayLike, wrench: ArrayLike) -> Array:
     with one coordinate and a constant axis; then d J_a / d q_b = [J_a, J_b] for b after a, and
     S is the second derivative of w . log(pose) at the posture.
     """
-    J = np.asarray(jacobian, float)
+    J = real_array(jacobian)
     upper = (J.T @ bracket_form(wrench) @ J) * _half_strictly_upper(J.shape[1])
     S: Array = upper + upper.T
     return S

@@ -8,8 +8,8 @@ from typing import get_args, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff.arrays import checked_array, is_pose
 from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.joint_poses import SAME, JointPoses, distinct
 from cartstiff.kinematics.platform_poses import Free, PlatformPoses
@@ -86,17 +86,11 @@ def inverse_kinematics(
     """
     if free not in get_args(Free):
         raise UnknownNameError("free rotation", str(free), get_args(Free))
-    try:
-        wanted = np.array(T_F_M, float)
-    except (TypeError, ValueError):
-        raise InputError("poses are not numeric", expected="(4, 4) or (N, 4, 4)") from None
+    wanted = checked_array(T_F_M, [(4, 4), ("N", 4, 4)], "array of poses")
     single = wanted.ndim == 2
     wanted = wanted[None] if single else wanted
-    if wanted.ndim != 3 or wanted.shape[1:] != (4, 4):
-        raise InputError("poses have the wrong shape", expected="(4, 4) or (N, 4, 4)",
-                         got=np.shape(T_F_M))  # fmt: skip
     for index, T in enumerate(wanted):
-        if not se3.is_pose(T):
+        if not is_pose(T):
             raise InputError(f"pose {index + 1} is not a rigid motion", got=T.tolist())
     if isinstance(elastic.mechanism, Platform):
         q, good = PlatformPoses(elastic, limits).solve(wanted, np.empty((len(wanted), 6)))
@@ -130,12 +124,6 @@ def _starts(solver: JointPoses, starts: int | ArrayLike, seed: int) -> Array:
             raise InputError("number of starts must not be negative", got=int(starts))
         begin = solver.random_starts(int(starts), np.random.default_rng(seed))
     else:
-        try:
-            begin = np.array(starts, float)
-        except (TypeError, ValueError):
-            raise InputError("starts are not numeric", expected=f"(k, {n})") from None
-        if begin.ndim != 2 or begin.shape[1] != n or not np.isfinite(begin).all():
-            raise InputError("starts cannot be used", expected=f"finite numbers (k, {n})",
-                             got=begin.shape)  # fmt: skip
+        begin = checked_array(starts, ("N", n), "array of starts")
     begin = np.vstack([solver.start, begin])
     return np.clip(begin, solver.lower, solver.upper)

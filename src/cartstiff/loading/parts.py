@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from cartstiff.arrays import read_only
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -179,7 +180,7 @@ def add_payload(tree: KinematicTree, chain: Chain, payload: PayloadModel | None)
 
 def gravity_of(gravity: Sequence[float] | None) -> Array | None:
     """Acceleration, or None where it is absent or zero."""
-    return None if gravity is None or not any(gravity) else se3.read_only(gravity)
+    return None if gravity is None or not any(gravity) else read_only(gravity)
 
 
 def put_together(

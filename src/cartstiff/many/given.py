@@ -8,6 +8,7 @@ from math import prod
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff.arrays import checked_array, overlap
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -25,44 +26,16 @@ OUTPUTS = (
 )  # fmt: skip
 
 
-def _checked_rows(values: ArrayLike, what: str, expected: str) -> Array:
-    try:
-        array = np.asarray(values, float)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{what} is not numeric", expected=expected, got=values) from None
-    return array
-
-
-def _all_finite(array: Array) -> bool:
-    # In pieces: the mask of everything at once would be an eighth of the array.
-    return all(bool(np.isfinite(array[i : i + 65536]).all()) for i in range(0, len(array), 65536))
-
-
 def checked_q(elastic: ElasticMechanism, q: ArrayLike) -> Array:
     """Coordinates as a finite (N, n) array of doubles."""
-    n = len(elastic.mechanism.coordinates)
-    expected = f"shape (N, {n}), one posture a row"
-    array = _checked_rows(q, "q", expected)
-    if array.ndim != 2 or array.shape[1] != n:
-        raise InputError("q has the wrong shape", expected=expected, got=f"shape {array.shape}")
-    if not _all_finite(array):
-        row = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
-        raise InputError("q must be finite", where=f"posture {row}", got=array[row].tolist())
-    return array
+    return checked_array(q, ("N", len(elastic.mechanism.coordinates)), "q", copy=False)
 
 
 def checked_wrench(elastic: ElasticMechanism, wrench: ArrayLike | None, count: int) -> Array | None:
     """One wrench (6,), or one for each posture (N, 6)."""
     if wrench is None:
         return None
-    expected = f"shape (6,) or ({count}, 6)"
-    array = _checked_rows(wrench, "wrench", expected)
-    if array.shape not in ((6,), (count, 6)):
-        raise InputError(
-            "wrench has the wrong shape", expected=expected, got=f"shape {array.shape}"
-        )
-    if not np.isfinite(array).all():
-        raise InputError("wrench must be finite")
+    array = checked_array(wrench, [(6,), (count, 6)], "wrench", copy=False)
     if elastic.springs is None:
         raise InputError(
             "the load of this mechanism follows from its potentials and cannot be given",
@@ -99,14 +72,17 @@ def _shape(name: str, count: int, n: int) -> tuple[int, ...]:
 
 
 def arrays_for(
-    names: tuple[str, ...], out: Mapping[str, Array] | None, shape: tuple[int, ...]
+    names: tuple[str, ...],
+    out: Mapping[str, Array] | None,
+    shape: tuple[int, ...],
+    inputs: Mapping[str, Array | None],
 ) -> dict[str, Array]:
-    """The arrays to fill: those given in `out`, and new ones."""
+    """The arrays to fill: those given in `out`, which share no memory with others, and new ones."""
     given = dict(out or {})
     for name in given:
         if name not in names:
             raise UnknownNameError("output", str(name), names, where="out")
-    found = {}
+    found: dict[str, Array] = {}
     for name in names:
         expected = _shape(name, *shape)
         array = given.get(name)
@@ -128,6 +104,11 @@ def arrays_for(
                 "array to write into cannot be used", where=f"out, {name}",
                 expected=f"a writeable array of doubles of shape {expected}", got=got,
             )  # fmt: skip
+        others = {**inputs, **{k: found[k] for k in given if k in found}} if name in given else {}
+        for other, values in others.items():
+            if values is not None and overlap(array, values):
+                raise InputError("array to write into shares memory", where=f"out, {name}",
+                                 expected="its own", got=f"that of {other}")  # fmt: skip
         found[name] = array
     return found
 

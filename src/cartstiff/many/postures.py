@@ -142,7 +142,7 @@ def analyse_many(
     if path not in PATHS:
         raise UnknownNameError("path", str(path), PATHS)
     size = checked_count("chunk", chunk)
-    arrays = arrays_for(names, out, coordinates.shape)
+    arrays = arrays_for(names, out, coordinates.shape, {"q": coordinates, "wrench": loads})
     state = np.zeros(len(coordinates), np.uint8)
 
     codes = [REGULAR]

@@ -8,6 +8,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff.arrays import is_pose
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -90,7 +91,7 @@ class CartesianGrid(Sampling):
         self.orientation = np.array(
             posture.pose[:3, :3] if orientation is None else orientation, float
         )
-        if not se3.is_pose(se3.pose(self.orientation)):
+        if not is_pose(se3.pose(self.orientation)):
             raise InputError("orientation is not a rotation", got=self.orientation.tolist())
         self.base = np.array(posture.q)
         self.free, self.redundancy = free, redundancy

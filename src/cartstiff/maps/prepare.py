@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.analysis.metrics import characteristic_length
+from cartstiff.arrays import checked_unit, checked_vector
 from cartstiff.errors import CartstiffError, InputError, one_line
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps.cartesian import CartesianGrid
@@ -20,7 +21,6 @@ from cartstiff.maps.job import STATES, MapJob
 from cartstiff.maps.quantities import Settings, choose_quantities
 from cartstiff.maps.sampling import Sampling, dimension_name
 from cartstiff.maps.store import NOT_COMPUTED, SCHEMA, MapFile
-from cartstiff.mechanisms.contract import checked_vector
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.stiffness.compute import analyse
 from cartstiff.version import __version__
@@ -158,10 +158,8 @@ def _positive(length: float) -> float:
 
 
 def _direction(direction: ArrayLike) -> tuple[float, ...]:
-    vector = checked_vector(direction, 3, "direction")
-    if not vector.any():
-        raise InputError("direction must not be zero", got=vector.tolist())
-    return tuple(vector.tolist())
+    checked_unit(direction)
+    return tuple(checked_vector(direction, 3, "direction").tolist())
 
 
 def _versions() -> dict[str, str]:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff.arrays import checked_array, checked_vector, real_array
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import named_values
@@ -132,7 +133,7 @@ class Grid(Sampling):
         self.names = tuple(names)
         self._columns = [self.names.index(name) for name in axes]
         self._axes = {dimension_name(name): axis for name, axis in axes.items()}
-        self.base = np.array(base, float)
+        self.base = checked_vector(base, len(self.names), "base")
         self.dims = tuple(self._axes)
         self.shape = tuple(axis.count for axis in axes.values())
 
@@ -195,9 +196,8 @@ class RandomPostures(Sampling):
             raise InputError("no postures were asked for", expected="1 or more", got=count)
         if seed < 0:
             raise InputError("seed cannot be used", expected="0 or more", got=seed)
-        self.lower, self.upper = np.array(lower, float), np.array(upper, float)
-        if not np.all(np.isfinite(self.lower) & np.isfinite(self.upper)):
-            raise InputError("limits of random postures must be finite")
+        self.lower = checked_array(lower, ("n",), "lower limits of random postures")
+        self.upper = checked_vector(upper, len(self.lower), "upper limits of random postures")
         if np.any(self.upper < self.lower):
             raise InputError("limits of random postures must rise")
         self.count, self.seed = int(count), int(seed)
@@ -287,12 +287,8 @@ class Trajectory(Sampling):
     stores_q = True
 
     def __init__(self, q: ArrayLike, time: ArrayLike | None = None) -> None:
-        self.q = np.array(q, float)
-        if self.q.ndim != 2 or len(self.q) == 0:
-            raise InputError("a trajectory has no postures", expected="(N, n)", got=self.q.shape)
-        if not np.isfinite(self.q).all():
-            raise InputError("a trajectory must hold finite numbers")
-        self.time = None if time is None else np.array(time, float)
+        self.q = checked_array(q, ("m", "n"), "trajectory")
+        self.time = None if time is None else checked_vector(time, len(self.q), "time")
         self.dims, self.shape = ("posture",), (len(self.q),)
 
     @classmethod
@@ -308,17 +304,19 @@ class Trajectory(Sampling):
         InputError
             If no column is one.
         """
-        base = named_values(np.asarray(base, float), elastic.names, elastic.q, "base")
+        base = named_values(real_array(base, "base"), elastic.names, elastic.q, "base")
         found = [name for name in columns if name != "time" or "time" in elastic.names]
         for name in found:
             if name not in elastic.names:
                 raise UnknownNameError("column", name, (*elastic.names, "time"))
         if not found:
             raise InputError("a trajectory has no column of a coordinate")
-        length = len(np.atleast_1d(np.asarray(columns[found[0]])))
+        length = np.size(columns[found[0]])
         q = np.tile(base, (length, 1))
         for name in found:
-            q[:, elastic.names.index(name)] = columns[name]
+            q[:, elastic.names.index(name)] = checked_vector(
+                columns[name], length, f"column {name}"
+            )
         time = columns.get("time") if "time" not in found else None
         return cls(q, time)
 

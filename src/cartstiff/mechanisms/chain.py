@@ -18,6 +18,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff.arrays import is_pose, read_only
 from cartstiff.errors import ConvergenceError, InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -262,10 +263,10 @@ class Chain(Mechanism):
         self.is_length = np.array([c.is_length for c in tree.coordinates], bool)
         self.has_lengths = bool(self.is_length.any())
         #: Natural sizes of the coordinates of a chain of angles only.
-        self.angles = se3.read_only(np.ones(tree.n))
+        self.angles = read_only(np.ones(tree.n))
         at = tree.placement(frame)
         T = np.eye(4) if offset is None else np.asarray(offset, float)
-        if not se3.is_pose(T):
+        if not is_pose(T):
             raise InputError("frame offset is not a rigid motion", got=T.tolist())
         self.body = Placement(at.joint, at.T_j_f @ T)
         self.world = WORLD

@@ -5,14 +5,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.geometry.se3 import Array
+from cartstiff.arrays import Array, checked_number, checked_vector
+from cartstiff.errors import UnknownNameError
 from cartstiff.potentials.contract import Evaluation, Map
 
 __all__ = ["SI", "Coordinate", "Mechanism", "MechanismPosture", "Units", "named_values"]
@@ -139,24 +138,6 @@ class Mechanism(ABC):
         return checked_vector(q, len(self.coordinates), what)
 
 
-def checked_vector(values: ArrayLike, n: int, what: str) -> Array:
-    """Return `values` as a finite float array of length n, or refuse in one line."""
-    try:
-        array = np.array(values, float)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{what} is not numeric", expected=f"{n} numbers", got=values) from None
-    if array.shape != (n,):
-        raise InputError(
-            f"{what} has the wrong count",
-            expected=f"{n} numbers",
-            got=f"shape {array.shape}" if array.ndim != 1 else f"{array.size}",
-        )
-    # On a few floats this is several times as fast as NumPy's own test.
-    if not all(map(isfinite, array.tolist())):
-        raise InputError(f"{what} must be finite", got=array.tolist())
-    return array
-
-
 def named_values(
     given: float | Sequence[float] | Mapping[str, float] | ArrayLike,
     names: Sequence[str],
@@ -177,10 +158,8 @@ def named_values(
         for name, value in given.items():
             if name not in names:
                 raise UnknownNameError("joint", str(name), names, where=what)
-            values[names.index(name)] = checked_vector([value], 1, f"{what} of {name}")[0]
+            values[names.index(name)] = checked_number(value, f"{what} of {name}")
         return values
-    if isinstance(given, (int, float, np.number)) or (
-        isinstance(given, np.ndarray) and given.ndim == 0
-    ):
-        return np.full(len(names), checked_vector([float(given)], 1, what)[0])
+    if np.ndim(given) == 0:
+        return np.full(len(names), checked_number(given, what))
     return checked_vector(given, len(names), what)

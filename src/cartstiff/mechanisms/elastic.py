@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff.arrays import checked_vector
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Mechanism, MechanismPosture, Units, named_values
@@ -137,7 +138,7 @@ class ElasticMechanism:
         if self.springs is None or (self.springs.is_complete and wrench is None):
             return self
         posture = at if isinstance(at, MechanismPosture) else self.mechanism.at(at)
-        load = None if wrench is None else np.asarray(wrench, float)
+        load = None if wrench is None else checked_vector(wrench, 6, "wrench")
         springs = self._balanced_springs(posture, load, self._evaluate_others(posture))
         return self._carrying(springs)
 

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff.arrays import checked_array, checked_pose, checked_vector, real_array
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -122,9 +123,9 @@ class Platform(Mechanism):
         self.kind = kind
         self.frame = "platform"
         self.units = units
-        self.anchors = np.array(base, float)
-        self.T_P_M = np.eye(4) if T_P_M is None else np.array(T_P_M, float)
-        points_P = np.array(platform, float)
+        self.anchors = checked_array(base, None, "base points")
+        self.T_P_M = np.eye(4) if T_P_M is None else checked_pose(T_P_M, "T_P_M")
+        points_P = checked_array(platform, None, "platform points")
         if points_P.shape != self.anchors.shape or points_P.ndim != 2 or points_P.shape[1] != 3:
             raise InputError(
                 "base and platform points differ in number or are not three-dimensional",
@@ -134,9 +135,11 @@ class Platform(Mechanism):
         T_M_P = se3.inverse(self.T_P_M)
         self.points_P = points_P
         self.points = points_P @ T_M_P[:3, :3].T + T_M_P[:3, 3]
-        self.limits = None if limits is None else np.array(limits, float)
+        self.limits = (
+            None if limits is None else checked_array(limits, None, "limits", finite=False)
+        )
         self.mass = float(mass)
-        centre = np.asarray(mass_centre, float)
+        centre = checked_vector(mass_centre, 3, "mass centre")
         self.mass_centre = T_M_P[:3, :3] @ centre + T_M_P[:3, 3]
         self.coordinates = tuple(
             Coordinate(name, "prismatic" if i < 3 else "revolute") for i, name in enumerate(_POSE)
@@ -156,7 +159,8 @@ class Platform(Mechanism):
         """The same body with other anchors in F and other points of its own, in P."""
         other = copy(self)
         T_M_P = se3.inverse(self.T_P_M)
-        other.anchors, other.points_P = np.array(base, float), np.array(platform, float)
+        other.anchors = checked_array(base, None, "base points")
+        other.points_P = checked_array(platform, None, "platform points")
         other.points = other.points_P @ T_M_P[:3, :3].T + T_M_P[:3, 3]
         other._close()
         return other
@@ -171,7 +175,7 @@ class Platform(Mechanism):
 
     def coordinates_of(self, T_F_M: ArrayLike) -> Array:
         """Coordinates x, y, z, roll, pitch, yaw of P from the pose of M."""
-        T_F_P = np.asarray(T_F_M, float) @ se3.inverse(self.T_P_M)
+        T_F_P = real_array(T_F_M) @ se3.inverse(self.T_P_M)
         return np.concatenate([T_F_P[:3, 3], se3.roll_pitch_yaw(T_F_P)])
 
     def moved(self, q: Array, step: Array) -> Array:
@@ -195,9 +199,9 @@ class Platform(Mechanism):
         ConvergenceError
             If 60 steps do not reach the lengths.
         """
-        wanted = np.asarray(lengths, float)
         m = len(self.points)
-        if wanted.shape != (m,) or not np.all(np.isfinite(wanted)) or np.any(wanted <= 0):
+        wanted = checked_vector(lengths, m, "list of leg lengths")
+        if np.any(wanted <= 0):
             raise InputError("leg lengths must be positive numbers", expected=f"{m}", got=wanted)
         if m != 6:
             raise InputError("forward kinematics needs six legs", got=str(m))

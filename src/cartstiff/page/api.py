@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.errors import InputError, MissingDependencyError
+from cartstiff.arrays import checked_array, checked_vector
+from cartstiff.errors import MissingDependencyError
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.page.source import Source, Trajectory
@@ -147,7 +148,7 @@ def show(
     source = Source(
         elastic,
         first.q,
-        None if wrench is None else np.asarray(wrench, float),
+        None if wrench is None else checked_vector(wrench, 6, "wrench"),
         trajectory=None if trajectory is None else _trajectory(elastic, trajectory),
     )
     if static:
@@ -163,10 +164,7 @@ def show(
 
 
 def _trajectory(elastic: ElasticMechanism, postures: ArrayLike) -> Trajectory:
-    rows = np.asarray(postures, float)
-    if rows.ndim != 2 or not len(rows):
-        raise InputError("trajectory has the wrong shape", expected="(N, n)", got=str(rows.shape))
-    q = np.array([elastic.mechanism.checked(row, "trajectory") for row in rows])
+    q = checked_array(postures, ("m", len(elastic.mechanism.coordinates)), "trajectory")
     return Trajectory(q, np.arange(float(len(q))))
 
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff.arrays import checked_array, real_array
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.differences import STEP, gradient_and_hessian
@@ -108,9 +109,7 @@ class PoseFunction(PosePotential):
             scale = np.array([1.0] * 3 + [self.length] * 3)
             return _differentiate(lambda x: float(self.energy(T_a_b @ se3.exp(x))), scale)
         K = _symmetric(self.stiffness(T_a_b), 6, "stiffness")
-        W = np.asarray(self.wrench(T_a_b), float)
-        if W.shape != (6,):
-            raise InputError("wrench has the wrong shape", expected="(6,)", got=str(W.shape))
+        W = checked_array(self.wrench(T_a_b), (6,), "wrench", finite=False)
         return float(self.energy(T_a_b)), W, 0.5 * (K + K.T)
 
 
@@ -153,7 +152,7 @@ def taylor_check(
     direction : array_like, shape (n,)
         Direction of unit natural size.
     """
-    d, g, H = (np.asarray(a, float) for a in (direction, gradient, hessian))
+    d, g, H = (real_array(a) for a in (direction, gradient, hessian))
     steps = np.logspace(0, -7, 57)
     base = float(energy(np.zeros(d.size)))
     slope, curve = float(g @ d), float(d @ H @ d)

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cartstiff.arrays import checked_array
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -110,7 +111,7 @@ class LineSprings(PosePotential):
 
     def __post_init__(self) -> None:
         for name, width in (("anchors", 3), ("points", 3), ("stiffness", 0), ("rest_length", 0)):
-            value = np.array(getattr(self, name), float)
+            value = checked_array(getattr(self, name), None, f"line springs: {name}", finite=False)
             shape = (len(self.anchors), width) if width else (len(self.anchors),)
             finite = np.isfinite(value) | (np.isnan(value) & (name == "rest_length"))
             if value.shape != shape or not np.all(finite):

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff.arrays import checked_number, checked_vector, real_array
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -28,12 +29,7 @@ __all__ = ["DeadForce", "DeadWrench", "FollowerWrench", "Load", "Scaled", "paylo
 
 
 def _numbers(value: ArrayLike, size: int, what: str) -> Array:
-    try:
-        array = np.array(value, float)
-    except (TypeError, ValueError):
-        raise InputError(f"{what} is not numeric", expected=f"{size} numbers", got=value) from None
-    if array.shape != (size,) or not np.isfinite(array).all():
-        raise InputError(f"{what} cannot be used", expected=f"{size} finite numbers", got=value)
+    array = checked_vector(value, size, what)
     array.flags.writeable = False
     return array
 
@@ -218,7 +214,7 @@ def payload(
     InputError
         For a negative mass, a wrong count or numbers that are not finite.
     """
-    if not (np.isfinite(mass) and mass >= 0.0):
+    if not checked_number(mass, "payload mass") >= 0.0:
         raise InputError("payload mass cannot be used", expected="a number from zero", got=mass)
     weight = mass * _numbers(acceleration, 3, "acceleration")
-    return DeadForce(weight, np.asarray(point, float), frame_b)
+    return DeadForce(weight, real_array(point), frame_b)

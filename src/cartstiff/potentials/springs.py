@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from cartstiff.arrays import checked_array, real_array
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import Evaluation, Posture, Potential
@@ -100,7 +101,7 @@ class TabulatedLaw(SpringLaw):
     torques: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        x, y = np.asarray(self.deflections, float), np.asarray(self.torques, float)
+        x, y = real_array(self.deflections), real_array(self.torques)
         if x.size < 2 or x.shape != y.shape or not np.all(np.isfinite(np.append(x, y))):
             raise InputError("spring table needs two or more finite points", got=f"{x.size} points")
         if np.any(np.diff(x) <= 0):
@@ -183,7 +184,8 @@ class JointSprings(Potential):
     laws: Mapping[int, SpringLaw] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        k, r = np.array(self.stiffness, float), np.array(self.rest, float)
+        k = checked_array(self.stiffness, None, "joint stiffness", finite=False)
+        r = checked_array(self.rest, None, "rest position", finite=False)
         if k.ndim != 1 or k.shape != r.shape:
             raise InputError(
                 "joint stiffnesses and rest positions differ in number",

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.analysis.checks import as_vector
 from cartstiff.analysis.deflection import displacement_of_point
+from cartstiff.arrays import checked_pose, checked_vector
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.scene import shapes, theme
@@ -183,8 +183,8 @@ def add_wrench(
         For a wrong shape or numbers that are not finite.
     """
     node = Node.of(visualizer)["wrench"]
-    W = as_vector(wrench, "wrench", 6)
-    pose = np.eye(4) if T is None else np.asarray(T, float)
+    W = checked_vector(wrench, 6, "wrench")
+    pose = np.eye(4) if T is None else checked_pose(T, "T")
     node.delete()
     # Rounding beside the other part is no arrow of its own.
     moments, forces = float(np.abs(W[:3]).max()), float(np.abs(W[3:]).max())

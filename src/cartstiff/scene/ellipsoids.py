@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.analysis.ellipsoids import Ellipsoid, Freedom, ellipsoid
+from cartstiff.arrays import checked_pose, real_array
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.scene import objects, shapes, theme
@@ -207,14 +208,12 @@ def add_ellipsoid(
         For a wrong shape, numbers that are not finite, or an unknown freedom.
     """
     node = Node.of(visualizer)
-    M = np.asarray(matrix, float)
+    M = real_array(matrix, "matrix")
     if freedom not in _BLOCKS:
         raise InputError("unknown freedom", expected=", ".join(_BLOCKS), got=freedom)
     if M.shape == (6, 6):
         M = M[_BLOCKS[freedom], _BLOCKS[freedom]]
-    pose = np.eye(4) if T is None else np.asarray(T, float)
-    if pose.shape != (4, 4) or not np.all(np.isfinite(pose)):
-        raise InputError("T is not a pose", expected="a 4x4 matrix", got=pose.shape)
+    pose = np.eye(4) if T is None else checked_pose(T, "T")
     if not 0.0 < size < np.inf:
         raise InputError("size cannot be used", expected="a positive length", got=size)
     shape = ellipsoid(M)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cartstiff.arrays import checked_array
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.scene import objects, theme
@@ -53,17 +54,10 @@ def colours_of(values: Array) -> tuple[NDArray[np.uint8], dict[str, Any]]:
 
 
 def _checked(positions: ArrayLike, values: ArrayLike | None) -> tuple[Array, Array | None]:
-    p = np.asarray(positions, float)
-    if p.ndim != 2 or p.shape[1] != 3 or not np.all(np.isfinite(p)):
-        raise InputError("positions cannot be drawn", expected="finite numbers of shape (n, 3)",
-                         got=f"shape {p.shape}")  # fmt: skip
+    p = checked_array(positions, ("N", 3), "array of positions", copy=False)
     if values is None:
         return p, None
-    v = np.asarray(values, float)
-    if v.shape != (len(p),):
-        raise InputError("values and positions differ in number", expected=f"({len(p)},)",
-                         got=f"{v.shape}")  # fmt: skip
-    return p, v
+    return p, checked_array(values, (len(p),), "array of values", copy=False, finite=False)
 
 
 def add_points(

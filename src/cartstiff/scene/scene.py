@@ -18,7 +18,8 @@ from cartstiff.analysis.ellipsoids import (
     compliance_ellipsoid,
     stiffness_ellipsoid,
 )
-from cartstiff.errors import CartstiffError, InputError, UndefinedError
+from cartstiff.arrays import checked_vector
+from cartstiff.errors import CartstiffError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -237,11 +238,7 @@ class Scene:
             return None
         if look.added is None:
             return result.wrench
-        added = np.asarray(look.added, float)
-        if added.shape != (6,) or not np.all(np.isfinite(added)):
-            raise InputError("added wrench cannot be used", expected="6 finite numbers",
-                             got=look.added)  # fmt: skip
-        return added
+        return checked_vector(look.added, 6, "added wrench")
 
     def _deflection(
         self, result: PostureStiffness, look: Look, added: Array | None, T: Array

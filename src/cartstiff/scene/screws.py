@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from cartstiff.analysis.centres import centres
 from cartstiff.analysis.compliant_axes import twist_compliant_axes, wrench_compliant_axes
 from cartstiff.analysis.screws import Screw, eigenscrews
+from cartstiff.arrays import checked_pose
 from cartstiff.errors import CartstiffError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Units
@@ -243,7 +244,7 @@ def add_screw(
     node.delete()
     if not np.all(np.isfinite(screw.point)):
         return False
-    pose = np.eye(4) if T is None else np.asarray(T, float)
+    pose = np.eye(4) if T is None else checked_pose(T, "T")
     point = pose[:3, :3] @ screw.point + pose[:3, 3]
     half = 0.5 * size * (pose[:3, :3] @ screw.direction)
     node["axis"].set_object(shapes.rod(0.006 * size, colour, 0.9))

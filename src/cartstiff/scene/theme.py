@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cartstiff.arrays import real_array
 from cartstiff.geometry.se3 import Array
 
 __all__ = ["DARK", "LIGHT", "THEMES", "Theme", "diverging", "hex_of", "sequential"]
@@ -102,7 +103,7 @@ def fractions(colour: int) -> list[float]:
 
 
 def _between(table: Array, x: ArrayLike) -> NDArray[np.uint8]:
-    place = np.clip(np.asarray(x, float), 0.0, 1.0) * (len(table) - 1)
+    place = np.clip(real_array(x), 0.0, 1.0) * (len(table) - 1)
     knots = np.arange(len(table))
     mixed = np.stack([np.interp(place, knots, table[:, c]) for c in range(3)], axis=-1)
     return np.round(mixed).astype(np.uint8)
@@ -110,7 +111,7 @@ def _between(table: Array, x: ArrayLike) -> NDArray[np.uint8]:
 
 def diverging(x: ArrayLike) -> NDArray[np.uint8]:
     """Colours (..., 3) for values in [-1, 1]: blue below zero, orange above, pale at zero."""
-    return _between(_DIVERGING, 0.5 + 0.5 * np.asarray(x, float))
+    return _between(_DIVERGING, 0.5 + 0.5 * real_array(x))
 
 
 def sequential(x: ArrayLike) -> NDArray[np.uint8]:

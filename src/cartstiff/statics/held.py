@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff.arrays import is_pose, real_array
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -75,13 +76,13 @@ class Held:
             raise InputError("held rotation is too large", expected="below 3.1 rad", got=turned)
         if self.axes not in ("body", "world"):
             raise InputError("unknown axes", expected="body or world", got=self.axes)
-        if self.reference is not None and not se3.is_pose(self.reference):
+        if self.reference is not None and not is_pose(self.reference):
             raise InputError("reference pose is not a rigid motion", got=self.reference)
 
     @classmethod
     def from_pose(cls, T_F_f: ArrayLike, frame: str = "body") -> Held:
         """All six components held at a pose."""
-        return cls(dict.fromkeys(COMPONENTS, 0.0), np.asarray(T_F_f, float), frame=frame)
+        return cls(dict.fromkeys(COMPONENTS, 0.0), real_array(T_F_f), frame=frame)
 
     @property
     def rows(self) -> list[int]:
@@ -123,7 +124,7 @@ class Held:
 
 def displacement_between(T_F_a: ArrayLike, T_F_b: ArrayLike) -> Array:
     """Displacement (6,) from pose a to pose b: rotation vector and translation, in axes of F."""
-    return _components(np.asarray(T_F_a, float), np.asarray(T_F_b, float), "world")[0]
+    return _components(real_array(T_F_a), real_array(T_F_b), "world")[0]
 
 
 class _Second:

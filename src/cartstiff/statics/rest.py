@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from cartstiff.geometry.se3 import Array, read_only
+from cartstiff.arrays import read_only
+from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.potentials.contract import Potential

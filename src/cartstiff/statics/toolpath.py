@@ -18,8 +18,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff.arrays import checked_array, is_pose
 from cartstiff.errors import CartstiffError, ConvergenceError, InputError, UndefinedError
-from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.potentials.contract import Potential
@@ -102,20 +102,13 @@ def compensate(
 
 def _postures(elastic: ElasticMechanism, path: ArrayLike, q0: ArrayLike | None) -> Array:
     mechanism = elastic.mechanism
-    try:
-        given = np.array(path, float)
-    except (TypeError, ValueError):
-        raise InputError("path is not numeric", expected="postures or poses", got=path) from None
-    n = len(mechanism.coordinates)
-    if given.ndim == 2 and given.shape[1] == n and len(given):
-        return np.array([mechanism.checked(q, "posture on the path") for q in given])
-    if given.ndim != 3 or given.shape[1:] != (4, 4) or not len(given):
-        raise InputError("path has the wrong shape", expected=f"(m, {n}) or (m, 4, 4)",
-                         got=given.shape)  # fmt: skip
+    given = checked_array(path, [("m", len(mechanism.coordinates)), ("m", 4, 4)], "path")
+    if given.ndim == 2:
+        return given
     q = elastic.q if q0 is None else mechanism.checked(q0, "q0")
     found = []
     for index, T in enumerate(given):
-        if not se3.is_pose(T):
+        if not is_pose(T):
             raise InputError(f"pose {index + 1} is not a rigid motion", got=T.tolist())
         try:
             q = System(elastic, (), Held.from_pose(T)).retracted(q)
@@ -146,13 +139,7 @@ def _loads(
                 (p,) if isinstance(p, Potential) else tuple(p)  # type: ignore[arg-type]
                 for p in wrenches
             ]
-    try:
-        given = np.array(wrenches, float)
-    except (TypeError, ValueError):
-        raise InputError("wrenches are not numeric", expected=f"({m}, 6)") from None
-    if given.shape not in ((6,), (m, 6)):
-        raise InputError("wrenches have the wrong shape", expected=f"({m}, 6) or (6,)",
-                         got=given.shape)  # fmt: skip
+    given = checked_array(wrenches, [(m, 6), (6,)], "array of wrenches")  # type: ignore[arg-type]
     kind = DeadWrench if axes == "world" else FollowerWrench
     return [(kind(w),) for w in np.broadcast_to(given, (m, 6))]
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff.arrays import checked_matrix, checked_vector
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import (
@@ -20,7 +21,7 @@ from cartstiff.geometry.connections import (
 )
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import OWN_COORDINATES
-from cartstiff.mechanisms.contract import MechanismPosture, checked_vector, named_values
+from cartstiff.mechanisms.contract import MechanismPosture, named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.potentials.contract import Evaluation, Map
 from cartstiff.potentials.line_springs import LineSprings
@@ -252,14 +253,16 @@ class PostureStiffness:
         if posture.closure is not None:
             H = H + posture.closure.curvature(reduction.multipliers)
         if change is not None:
-            H = H + J.T @ np.asarray(change, float) @ J
+            H = H + J.T @ checked_matrix(change, "change") @ J
         free = np.diag(columns)
         if reduction.motions is not None:
             free = columns[:, None] * reduction.motions
         H_N = free.T @ H @ free
         if np.linalg.cond(H_N) > 1e14:
             raise UndefinedError("a motion costs nothing: no linear motion", code="no-shares")
-        motion: Array = free @ np.linalg.solve(H_N, (J @ free).T @ np.asarray(wrench, float))
+        motion: Array = free @ np.linalg.solve(
+            H_N, (J @ free).T @ checked_vector(wrench, 6, "wrench")
+        )
         return motion
 
     @property

@@ -17,6 +17,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff.arrays import checked_array, checked_pose, real_array
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import NAMED, Connection, Field
@@ -93,11 +94,7 @@ class StiffnessTensor:
 
     def __post_init__(self) -> None:
         for name, shape in (("matrix", (6, 6)), ("wrench", (6,)), ("pose", (4, 4))):
-            array = np.array(getattr(self, name), float)
-            if array.shape != shape:
-                raise InputError(
-                    f"{name} has the wrong shape", expected=str(shape), got=str(array.shape)
-                )
+            array = checked_array(getattr(self, name), shape, name, finite=False)
             array.flags.writeable = False
             object.__setattr__(self, name, array)
         if self.order not in (se3.ANGULAR_LINEAR, se3.LINEAR_ANGULAR):
@@ -111,7 +108,7 @@ class StiffnessTensor:
 
     def __call__(self, x: Field | ArrayLike, y: Field | ArrayLike) -> float:
         """K(X, Y): fields are evaluated at the pose, arrays are twists in the tensor's order."""
-        a, b = (v.at(self.pose) if isinstance(v, Field) else np.asarray(v, float) for v in (x, y))
+        a, b = (v.at(self.pose) if isinstance(v, Field) else real_array(v, "twist") for v in (x, y))
         if self.order != se3.ANGULAR_LINEAR:
             a, b = (
                 se3.to_linear_angular(v) if isinstance(f, Field) else v for v, f in ((a, x), (b, y))
@@ -191,9 +188,7 @@ class StiffnessTensor:
         its own origin: under the same name it is another connection for N, and K^K is recomputed
         from K^A' and W'. A connection known by its symbols is carried along.
         """
-        T = np.asarray(T_M_N, float)
-        if not se3.is_pose(T):
-            raise InputError("T_M_N is not a rigid motion", got=T.tolist())
+        T = checked_pose(T_M_N, "T_M_N")
         here = self.to_order("angular-linear")
         connection = here.connection
         if connection.tied_to_origin:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cartstiff.arrays import checked_array
 from cartstiff.errors import InputError, MissingDependencyError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -201,13 +202,7 @@ def _axes(region: Mapping[str, ArrayLike]) -> dict[str, Array]:
         if name not in PLACES:
             raise UnknownNameError("coordinate of the workpiece", str(name), PLACES)
     for name in (n for n in PLACES if n in region):
-        try:
-            values = np.array(region[name], float)
-        except (TypeError, ValueError):
-            raise InputError(f"values of {name} are not numeric", got=region[name]) from None
-        if values.ndim != 1 or not len(values) or not np.isfinite(values).all():
-            raise InputError(f"values of {name} cannot be used", expected="a list of numbers",
-                             got=region[name])  # fmt: skip
+        values = checked_array(region[name], ("m",), f"list of values of {name}")
         if np.any(np.diff(values) <= 0):
             raise InputError(f"values of {name} must rise", got=values.tolist())
         axes[name] = values

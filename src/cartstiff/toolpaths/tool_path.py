@@ -8,6 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff.arrays import checked_array, checked_pose, is_pose, read_only
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -48,18 +49,12 @@ class ToolPath:
     def __post_init__(self) -> None:
         if self.axes not in get_args(Axes):
             raise UnknownNameError("axes", str(self.axes), get_args(Axes))
-        try:
-            poses = np.array(self.poses, float)
-        except (TypeError, ValueError):
-            raise InputError("path is not numeric", expected="poses (m, 4, 4)") from None
-        if poses.ndim != 3 or poses.shape[1:] != (4, 4) or not len(poses):
-            raise InputError("path has the wrong shape", expected="(m, 4, 4), m at least 1",
-                             got=np.shape(self.poses))  # fmt: skip
+        poses = checked_array(self.poses, ("m", 4, 4), "path")
         for index, T in enumerate(poses):
-            if not se3.is_pose(T):
+            if not is_pose(T):
                 raise InputError(f"pose {index + 1} of the path is not a rigid motion",
                                  got=T.tolist())  # fmt: skip
-        object.__setattr__(self, "poses", se3.read_only(poses))
+        object.__setattr__(self, "poses", read_only(poses))
         for name, width in (("wrenches", 6), ("directions", 3)):
             if (value := getattr(self, name)) is not None:
                 object.__setattr__(self, name, _rows(value, len(poses), width, name))
@@ -89,9 +84,7 @@ class ToolPath:
         """
         if axis not in ("x", "y", "z"):
             raise UnknownNameError("axis", str(axis), ("x", "y", "z"))
-        p = np.array(positions, float)
-        if p.ndim != 2 or p.shape[1] != 3:
-            raise InputError("positions have the wrong shape", expected="(m, 3)", got=p.shape)
+        p = checked_array(positions, ("N", 3), "array of positions")
         u = _rows(tool_axes, len(p), 3, "tool axes")
         size = np.linalg.norm(u, axis=1)
         if not np.all(size > 0):
@@ -110,7 +103,7 @@ class ToolPath:
 
     def moved(self, T_F_P: ArrayLike) -> ToolPath:
         """The path of a workpiece that is put down at ``T_F_P``; what has world axes keeps them."""
-        return replace(self, poses=np.asarray(T_F_P, float) @ self.poses)
+        return replace(self, poses=checked_pose(T_F_P, "T_F_P") @ self.poses)
 
     @property
     def turns_with_body(self) -> bool:
@@ -133,14 +126,8 @@ class ToolPath:
 
 
 def _rows(value: ArrayLike, m: int, width: int, what: str) -> Array:
-    try:
-        rows = np.array(value, float)
-    except (TypeError, ValueError):
-        raise InputError(f"{what} are not numeric", expected=f"({m}, {width})") from None
-    if rows.shape not in ((width,), (m, width)) or not np.isfinite(rows).all():
-        raise InputError(f"{what} cannot be used", expected=f"finite ({width},) or ({m}, {width})",
-                         got=rows.shape)  # fmt: skip
-    return se3.read_only(np.broadcast_to(rows, (m, width)))
+    rows = checked_array(value, [(width,), (m, width)], f"array of {what}")
+    return read_only(np.broadcast_to(rows, (m, width)))
 
 
 def _least_turn(a: Array, b: Array) -> Array:

@@ -1,0 +1,271 @@
+"""Numbers that come from outside: one way to check them, whoever takes them.
+
+What NumPy would turn into doubles without a word is refused: truth values, text, dates (a missing
+one would be -9e18), complex numbers, masked numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from decimal import Decimal
+from math import isfinite
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cartstiff.errors import InputError
+
+__all__ = [
+    "Array",
+    "checked_array",
+    "checked_length",
+    "checked_matrix",
+    "checked_number",
+    "checked_pose",
+    "checked_unit",
+    "checked_vector",
+    "is_pose",
+    "overlap",
+    "read_only",
+    "real_array",
+]
+
+#: Any NumPy array; the stubs cannot follow dtypes through linear algebra.
+Array = NDArray[Any]
+Shape = tuple[int | str, ...]
+
+_DOUBLE = np.dtype(float)
+# On fewer numbers than this the test of Python is several times as fast as NumPy's.
+_FEW = 64
+# Numbers that are tested at once: the mask of everything would be an eighth of a large array.
+_PIECE = 1 << 19
+_NO_NUMBERS = (bool, np.bool_, np.datetime64, np.timedelta64)
+_NAMES = {
+    "b": "true or false", "c": "complex numbers", "m": "durations", "M": "dates", "S": "text",
+    "U": "text", "T": "text", "V": "records",
+}  # fmt: skip
+
+
+def read_only(values: ArrayLike) -> Array:
+    """Copy of an array that cannot be written to, for results."""
+    array = np.array(values, float)
+    array.flags.writeable = False
+    return array
+
+
+def real_array(
+    values: ArrayLike,
+    what: str = "array",
+    *,
+    where: str | None = None,
+    expected: Sequence[Shape] = (),
+) -> Array:
+    """Doubles of any shape, the array itself where it holds doubles already.
+
+    Parameters
+    ----------
+    values : array_like
+        Real numbers.
+    what, where : str
+        For the message: what it is, and where it was given.
+    expected : sequence of tuple
+        Shapes, for the message.
+
+    Raises
+    ------
+    InputError
+        For anything else than real numbers: truth values, text, dates, complex or masked numbers.
+    """
+    if type(values) is np.ndarray and values.dtype is _DOUBLE:
+        return values
+
+    def refused(reason: str, got: object) -> InputError:
+        return InputError(f"{what} {reason}", where=where, expected=_words(expected), got=got)
+
+    if isinstance(values, np.ma.MaskedArray):
+        if np.ma.is_masked(values):
+            raise refused("holds masked numbers", f"{int(np.ma.getmaskarray(values).sum())} masked")
+        values = values.data
+    try:
+        found = np.asarray(values)
+        kind = found.dtype.kind
+        if kind == "O" and all(
+            isinstance(v, (Real, Decimal)) and not isinstance(v, _NO_NUMBERS) for v in found.flat
+        ):
+            return np.array([float(v) for v in found.flat], float).reshape(found.shape)
+    except (TypeError, ValueError, OverflowError):
+        raise refused("is not numeric", values) from None
+    if isinstance(values, (list, tuple)) and _holds_truth(values):
+        kind = "b"
+    if kind == "f" or kind in "iu":
+        with np.errstate(over="ignore"):  # beyond doubles: infinity, which is no finite number
+            return np.asarray(found, float)
+    raise refused("is not numeric", values if kind == "O" else _NAMES.get(kind, kind))
+
+
+def _holds_truth(values: Sequence[Any]) -> bool:
+    """Whether a nested sequence holds True or False, which NumPy would make 1 and 0."""
+    for value in values:
+        kind = type(value)
+        if kind is float or kind is int:
+            continue
+        if kind is list or kind is tuple:
+            if _holds_truth(value):
+                return True
+        elif kind is bool or getattr(getattr(value, "dtype", None), "kind", "") == "b":
+            return True
+    return False
+
+
+def _is_finite(array: Array) -> bool:
+    if array.size <= _FEW:
+        return all(map(isfinite, array.ravel().tolist()))
+    if array.size <= _PIECE or not array.flags.c_contiguous:
+        return bool(np.isfinite(array).all())
+    flat = array.reshape(-1)
+    return all(bool(np.isfinite(flat[i : i + _PIECE]).all()) for i in range(0, len(flat), _PIECE))
+
+
+def _words(shapes: Sequence[Shape]) -> str:
+    if not shapes:
+        return "real numbers"
+    if len(shapes) == 1 and len(shape := shapes[0]) < 2:
+        n = shape[0] if shape else 1
+        return "one number" if n == 1 else f"{n} numbers" if isinstance(n, int) else "numbers"
+    each = ["(" + ", ".join(map(str, s)) + ("," if len(s) == 1 else "") + ")" for s in shapes]
+    return "shape " + " or ".join(each)
+
+
+def checked_array(
+    values: ArrayLike,
+    shape: Shape | list[Shape] | None,
+    what: str,
+    *,
+    where: str | None = None,
+    copy: bool = True,
+    finite: bool = True,
+) -> Array:
+    """Finite doubles of the expected shape, or one line that says what is wrong.
+
+    Parameters
+    ----------
+    values : array_like
+        Real numbers.
+    shape : tuple of int or str, list of tuples, or None
+        Expected shape, or several of which one must fit; a name stands for a length from one on
+        ("N" from zero on). None: any.
+    what, where : str
+        For the message: what it is, and where it was given.
+    copy : bool
+        Whether the result is the caller's own to write to; else it may be `values` itself.
+    finite : bool
+        Whether NaN and infinity are refused.
+
+    Returns
+    -------
+    ndarray of float64
+
+    Raises
+    ------
+    InputError
+        For what is no real number (see `real_array`), another shape, NaN or infinity.
+    """
+    shapes = shape if isinstance(shape, list) else [] if shape is None else [shape]
+    array = real_array(values, what, where=where, expected=shapes)
+    if copy and (array is values or not array.flags.owndata or not array.flags.writeable):
+        array = array.copy()
+    if shapes and array.shape != shapes[0] and not any(_fits(array.shape, s) for s in shapes):
+        count = len(shapes) == 1 and len(shapes[0]) == 1
+        raise InputError(
+            f"{what} has the wrong {'count' if count else 'shape'}", where=where,
+            expected=_words(shapes),
+            got=array.size if count and array.ndim == 1 else f"shape {array.shape}",
+        )  # fmt: skip
+    if finite and not _is_finite(array):
+        if array.ndim > 1 and array.shape not in shapes:
+            row = int(np.flatnonzero(~np.isfinite(array).all(axis=tuple(range(1, array.ndim))))[0])
+            raise InputError(f"{what} must be finite in row {row}", where=where,
+                             got=array[row].tolist())  # fmt: skip
+        raise InputError(f"{what} must be finite", where=where, got=array.tolist())
+    return array
+
+
+def _fits(found: tuple[int, ...], shape: Shape) -> bool:
+    return len(shape) == len(found) and all(
+        n == m if isinstance(m, int) else n > 0 or m == "N"
+        for m, n in zip(shape, found, strict=True)
+    )
+
+
+def checked_vector(values: ArrayLike, n: int, what: str, *, where: str | None = None) -> Array:
+    """A finite vector of length n that is the caller's own; see `checked_array`."""
+    return checked_array(values, (n,), what, where=where)
+
+
+def checked_matrix(values: ArrayLike, what: str = "stiffness", size: int = 6) -> Array:
+    """A finite square matrix; see `checked_array`."""
+    return checked_array(values, (size, size), what, copy=False)
+
+
+def checked_unit(values: ArrayLike, what: str = "direction") -> Array:
+    """A 3-vector scaled to length one; InputError if it is zero."""
+    vector = checked_array(values, (3,), what, copy=False)
+    largest = float(np.abs(vector).max())
+    if largest == 0.0:
+        raise InputError(f"{what} must not be zero", got=vector.tolist())
+    scaled = vector / largest  # squares of tiny or huge components would leave the range
+    return scaled / float(np.linalg.norm(scaled))
+
+
+def checked_number(value: object, what: str, *, where: str | None = None) -> float:
+    """One finite number."""
+    return float(checked_array(value, (), what, where=where, copy=False))  # type: ignore[arg-type]
+
+
+def checked_length(value: object, what: str = "length", *, where: str | None = None) -> float:
+    """A positive finite number."""
+    number = checked_number(value, what, where=where)
+    if not number > 0:
+        raise InputError(
+            f"{what} cannot be used", where=where, expected="a positive length", got=number
+        )
+    return number
+
+
+def is_pose(T: ArrayLike, tolerance: float = 1e-9) -> bool:
+    """Tell whether every matrix (..., 4, 4) is a proper rigid motion up to `tolerance`."""
+    T = real_array(T, "pose")
+    if T.shape[-2:] != (4, 4) or not np.isfinite(T).all():
+        return False
+    R = T[..., :3, :3]
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(initial=0.0)
+        if not off < tolerance:
+            return False
+    proper = bool(np.all(np.linalg.det(R) > 0))
+    last = np.abs(T[..., 3, :] - np.array([0.0, 0.0, 0.0, 1.0])).max(initial=0.0) < tolerance
+    return bool(proper and last)
+
+
+def checked_pose(
+    T: ArrayLike, what: str = "pose", *, where: str | None = None, tolerance: float = 1e-9
+) -> Array:
+    """A rigid motion (4, 4), or a stack (N, 4, 4) of them where the argument has three axes."""
+    stack = getattr(T, "ndim", 2) == 3
+    array = checked_array(T, ("N", 4, 4) if stack else (4, 4), what, where=where)
+    if not is_pose(array, tolerance):
+        wrong = next(t for t in array.reshape(-1, 4, 4) if not is_pose(t, tolerance))
+        raise InputError(f"{what} is not a rigid motion", where=where,
+                         expected="a rotation matrix, a position, and 0, 0, 0, 1 below",
+                         got=wrong.tolist())  # fmt: skip
+    return array
+
+
+def overlap(a: Array, b: Array) -> bool:
+    """Whether two arrays share memory; where that is hard to say, whether they may."""
+    try:
+        return bool(np.shares_memory(a, b, max_work=10_000))  # type: ignore[arg-type]
+    except np.exceptions.TooHardError:
+        return True
