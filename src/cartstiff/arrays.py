@@ -133,7 +133,13 @@ def _words(shapes: Sequence[Shape]) -> str:
         return "real numbers"
     if len(shapes) == 1 and len(shape := shapes[0]) < 2:
         n = shape[0] if shape else 1
-        return "one number" if n == 1 else f"{n} numbers" if isinstance(n, int) else "numbers"
+        return (
+            "one number"
+            if n == 1
+            else f"{n} numbers"
+            if isinstance(n, int)
+            else "one or more numbers"
+        )
     each = ["(" + ", ".join(map(str, s)) + ("," if len(s) == 1 else "") + ")" for s in shapes]
     return "shape " + " or ".join(each)
 

@@ -43,11 +43,11 @@ Call = Callable[[], object]
         (lambda: matrices.as_symmetric(SKEW), r"not symmetric; expected .*K\^B.*asymmetry 0.5"),
         (
             lambda: matrices.move_stiffness(K, np.eye(3)),
-            "frame (has the wrong shape|is not a rigid motion)",
+            "frame has the wrong shape",
         ),
         (
             lambda: matrices.move_compliance(K, 2 * np.eye(4)),
-            "frame (has the wrong shape|is not a rigid motion)",
+            "frame has the wrong shape",
         ),
         (lambda: ellipsoids.ellipsoid(np.eye(2)), r"expected shape \(3, 3\)"),
         (lambda: ellipsoids.stiffness_along(K, [0, 0, 0]), "direction must not be zero"),
@@ -67,7 +67,7 @@ Call = Callable[[], object]
         (lambda: congruence.cartesian_stiffness(J, [1, 2], np.zeros(6)), "joint stiffness has the"),
         (
             lambda: congruence.cartesian_stiffness(J, NAN, np.zeros(6)),
-            "joint stiffness must be finite",
+            "joint stiffness must be",
         ),
         (
             lambda: congruence.cartesian_stiffness(J, np.ones(6), [np.nan] * 6),
@@ -106,7 +106,7 @@ Call = Callable[[], object]
         (lambda: summary.summarise({"B": NAN}, np.zeros(6)), "must be finite"),
         (
             lambda: summary.summarise({"B": K}, np.zeros(6), compliance=NAN),
-            "compliance must be finite",
+            "compliance must be",
         ),
         (lambda: summary.summarise({"B": K}, np.zeros(6), length=-1.0), "a positive length"),
     ],

@@ -118,7 +118,7 @@ def test_connections():
     with pytest.raises(InputError, match="symbols must be finite"):
         from_symbols(np.full((6, 6, 6), np.inf))
     for bad in (np.eye(5), np.full((6, 6), NAN)):
-        with pytest.raises(InputError, match="metric (has the wrong shape|must be finite)"):
+        with pytest.raises(InputError, match=r"metric (has the wrong shape|must be finite)"):
             levi_civita(bad)
     lopsided = np.eye(6)
     lopsided[0, 1] = 0.1
@@ -269,7 +269,7 @@ def test_loads_that_lines_cannot_balance():
 @pytest.mark.parametrize("load", [DeadWrench, FollowerWrench])
 def test_wrenches(load):
     for bad in (np.zeros(5), np.zeros((2, 3)), [0, 0, 0, 0, 0, NAN]):
-        with pytest.raises(InputError, match="wrench (has the wrong count|must be finite)"):
+        with pytest.raises(InputError, match=r"wrench (has the wrong count|must be finite)"):
             load(bad)
     with pytest.raises(InputError, match="wrench is not numeric; expected 6 numbers"):
         load(["a"] * 6)
@@ -281,7 +281,7 @@ def test_forces():
     with pytest.raises(InputError, match="point of application must be finite"):
         DeadForce([1.0, 2.0, 3.0], point=[0.0, 0.0, np.inf])
     for mass in (-1.0, NAN, np.inf):
-        with pytest.raises(InputError, match="payload mass (cannot be used|must be finite)"):
+        with pytest.raises(InputError, match=r"payload mass (cannot be used|must be finite)"):
             payload(mass, [0, 0, -9.81])
     with pytest.raises(InputError, match="acceleration has the wrong count"):
         payload(1.0, [0, 0])
@@ -436,9 +436,7 @@ def test_forward_kinematics():
     legs = general_legs()
     platform = legs_as_platform(legs).mechanism
     for bad in (np.ones(5), np.full(6, NAN), np.full(6, -1.0), np.zeros(6)):
-        with pytest.raises(
-            InputError, match="leg lengths (must be positive|must be finite|has the wrong count)"
-        ):
+        with pytest.raises(InputError, match=r"leg lengths (must be|has the wrong count)"):
             platform.forward_kinematics(bad, legs.q)
     five = Platform(legs.base[:5], legs.platform[:5])
     with pytest.raises(InputError, match="forward kinematics needs six legs, got 5"):

@@ -302,13 +302,13 @@ def test_same_seed_same_answer():
     ("change", "match"),
     [
         ({"free": "w"}, "unknown free rotation"),
-        ({"T_F_M": np.eye(3)}, "poses have the wrong shape"),
+        ({"T_F_M": np.eye(3)}, "array of poses has the wrong shape"),
         ({"T_F_M": 2 * np.eye(4)}, "pose 1 is not a rigid motion"),
-        ({"T_F_M": [["a"]]}, "poses are not numeric"),
-        ({"starts": np.zeros((2, 4))}, "starts cannot be used"),
+        ({"T_F_M": [["a"]]}, "array of poses is not numeric"),
+        ({"starts": np.zeros((2, 4))}, "array of starts (has the wrong shape|must be finite)"),
         ({"starts": -1}, "must not be negative"),
-        ({"starts": [["a", "b", "c"]]}, "starts are not numeric"),
-        ({"starts": [[0.0, np.nan, 0.0]]}, "starts cannot be used"),
+        ({"starts": [["a", "b", "c"]]}, "array of starts is not numeric"),
+        ({"starts": [[0.0, np.nan, 0.0]]}, "array of starts (has the wrong shape|must be finite)"),
     ],
 )
 def test_refusals(change, match):

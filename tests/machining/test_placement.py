@@ -124,8 +124,8 @@ def test_no_place_at_all():
         ({}, "region needs a coordinate"),
         ({"roll": [0.0]}, "unknown coordinate"),
         ({"x": [1.0, 0.0]}, "must rise"),
-        ({"x": []}, "cannot be used"),
-        ({"x": [np.nan]}, "cannot be used"),
+        ({"x": []}, "wrong count; expected one or more"),
+        ({"x": [np.nan]}, "must be finite"),
         ({"x": ["a"]}, "not numeric"),
     ],
 )

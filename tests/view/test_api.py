@@ -74,7 +74,7 @@ def test_what_does_not_fit_is_refused():
         ({"q": {"height": 1.0}}, "unknown joint"),
         ({"wrench": [1.0]}, "wrench"),
         ({"trajectory": [1.0, 2.0]}, "trajectory has the wrong shape"),
-        ({"trajectory": [[1.0, 2.0]]}, "wrong count"),
+        ({"trajectory": [[1.0, 2.0]]}, r"expected shape \(m, 6\)"),
     ):
         with pytest.raises(InputError, match=words):
             cartstiff.show(arm, open_browser=False, **options)
