@@ -107,7 +107,8 @@ _ANALYSIS: dict[str, Any] = {
 }  # fmt: skip
 
 _EQUILIBRIUM: dict[str, Any] = {
-    "residual": {"type": "number", "description": "largest unbalanced force, relative"},
+    "residual": {"type": "number", "description": "largest unbalanced force over the "
+        "forces on the same motion; 0: rounding"},
     "stable": {
         "type": ["boolean", "null"],
         "description": "verdict on the equilibrium; null where definiteness decides nothing",

@@ -150,11 +150,11 @@ def branch(curve: LoadCurve, index: int = 0, direction: int = 1, points: int = 2
 
 def _linear_rate(origin: State, path: LoadPath) -> Array:
     """Displacement (6,) per unit of the factor, by the compliance at the start."""
-    posture, H = origin.point.posture, origin.balance.stiffness
-    values = np.linalg.svd(H, compute_uv=False)
+    posture, balance = origin.point.posture, origin.balance
+    values = np.linalg.svd(balance.scaled, compute_uv=False)
     if values.size and not values[-1] > 1e-12 * values[0]:
         return np.full(6, np.nan)
-    y = -np.linalg.solve(H, origin.push / path.span) if values.size else np.empty(0)
+    y = -balance.solved(origin.push / path.span, 1e-12)
     twist = posture.motion.jacobian @ (origin.balance.motion(y) * posture.coordinate_lengths)
     R = posture.pose[:3, :3]
     return np.concatenate([R @ twist[:3], R @ twist[3:]])

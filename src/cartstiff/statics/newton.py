@@ -23,6 +23,8 @@ __all__ = ["Solution", "solve"]
 
 #: Residual that ends the iteration at once, and the one that is accepted once it falls no more.
 SHARP, ENOUGH = 1e-13, 1e-9
+# Ratio of stiffnesses up to which a failure is not laid to rounding.
+_RESOLVED = 1e12
 _ITERATIONS = 200
 _HALVINGS = 30
 # Steps without the residual being halved after which forces without energy are given up.
@@ -31,7 +33,8 @@ _CAP, _LARGEST_CAP, _LARGEST_TURN = 0.3, 1e18, 1.0
 _SUFFICIENT = 1e-4
 # The energy's fall is trusted down to this share of the energies added up.
 _ROUNDING = 1e-11
-_SOFTEST = 1e-10
+# Shares of a motion's hardness: the least stiffness of a step, and a saddle's least slope away.
+_SOFTEST, _SADDLE = 1e-10, 1e-8
 
 
 @dataclass(slots=True, eq=False)
@@ -123,12 +126,23 @@ class _Iteration:
                     continue
                 break
         raise ConvergenceError(
-            "no equilibrium found: "
-            + ("the load may be beyond what the mechanism carries" if self.system.loads else
-               "the forces do not balance near this posture"),
+            "no equilibrium found: " + self._suspicion(),
             iterations=len(self.history),
             residual=best if np.isfinite(best) else self.balance.residual,
-        )  # fmt: skip
+        )
+
+    def _suspicion(self) -> str:
+        """What may be the reason why there is no equilibrium."""
+        stiff = np.diag(self.point.hardness)
+        ratio = float(stiff.max(initial=0.0)) / float(stiff.min(initial=np.inf, where=stiff > 0.0))
+        if ratio > _RESOLVED:
+            return (
+                f"stiffnesses differ by a factor {ratio:.0e}, which double precision hardly "
+                "resolves; make the stiffest rigid"
+            )
+        if self.system.loads:
+            return "the load may be beyond what the mechanism carries"
+        return "the forces do not balance near this posture"
 
     # -- steps ------------------------------------------------------------------------------
 
@@ -149,10 +163,9 @@ class _Iteration:
         """Step (n,) in natural units, and the energy's slope along it (NaN without energy)."""
         b = self.balance
         if np.isnan(self.point.evaluation.energy):
-            y = -np.linalg.lstsq(b.stiffness, b.force, rcond=_SOFTEST)[0]
-            return b.motion(y), np.nan
-        values, modes = np.linalg.eigh(b.stiffness)
-        stiff = np.maximum(np.abs(values), _SOFTEST * np.abs(values).max(initial=1e-300))
+            return b.motion(-b.solved(b.force, _SOFTEST)), np.nan
+        values, modes = b.modes()
+        stiff = np.maximum(np.abs(values), _SOFTEST)
         y = -modes @ ((modes.T @ b.force) / stiff)
         return b.motion(y), float(b.force @ y)
 
@@ -174,7 +187,7 @@ class _Iteration:
         capped = t < 1.0
         b, energy = self.balance, self.point.evaluation.energy
         fuzzy = _ROUNDING * self.point.energies
-        before = float(np.linalg.norm(b.force))
+        before = b.miss
         # At rounding level shorter steps do not help.
         for halving in range(_HALVINGS if b.residual > ENOUGH else 2):
             trial = self._trial(t * step)
@@ -188,8 +201,7 @@ class _Iteration:
                 old = self.contacts
                 self.contacts = contacts
                 balance = self._balanced(point)
-                after = float(np.linalg.norm(balance.force))
-                falls = after <= (1.0 - _SUFFICIENT * t * share) * before
+                falls = balance.miss <= (1.0 - _SUFFICIENT * t * share) * before
                 if by_energy or falls or contacts != old:
                     if halving == 0 and capped:
                         self.cap = min(2.0 * self.cap, _LARGEST_CAP)
@@ -254,7 +266,7 @@ class _Iteration:
             return False
         posture = self.point.posture
         sizes = self.system.limits.sizes(posture)
-        scale = max(self.point.forces, 1e-300)
+        scale = max(float(self.point.forces.max(initial=0.0)), 1e-300)
         pulls = [
             float(r * c.side * sizes[c.quantity]) / scale
             for r, c in zip(self.reactions(), self.contacts, strict=True)
@@ -272,12 +284,14 @@ class _Iteration:
         energy = self.point.evaluation.energy
         if np.isnan(energy) or b.stiffness.size == 0:
             return False
-        values, modes = np.linalg.eigh(b.stiffness)
-        if values[0] >= -1e-8 * np.abs(values).max():
+        values, modes = b.modes()
+        if values[0] >= -_SADDLE:
             return False
+        down = b.motion(modes[:, 0])
+        down /= np.abs(down).max()
         for size in (0.1, 0.03, 0.01, 0.001):
             for sign in (1.0, -1.0):
-                trial = self._trial(sign * size * b.motion(modes[:, 0]))
+                trial = self._trial(sign * size * down)
                 if trial is None or not trial[2] > 0.0:
                     continue
                 if trial[0].evaluation.energy < energy - _ROUNDING * self.point.energies:

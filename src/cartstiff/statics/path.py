@@ -96,14 +96,11 @@ class LoadPath:
         """Everything that acts, and the loads' gradient times the range, in natural units."""
         point = self.system.at(q)
         columns = point.posture.coordinate_lengths
-        energy, gradient, hessian = point.evaluation
         pushed = np.zeros(columns.size)
         for load in self.loads:
             e, g, h = load.evaluate(point.posture)
-            energy, hessian = energy + factor * e, hessian + factor * h
+            point.add(Evaluation(factor * e, factor * g, factor * h))
             pushed += g
-            point.forces = max(point.forces, abs(factor) * float(np.abs(g * columns).max()))
-        point.evaluation = Evaluation(energy, gradient + factor * pushed, hessian)
         return point, pushed * columns * self.span
 
     def state(self, q: Array, factor: float, direction: Array, corrections: int = 0) -> State:
@@ -113,7 +110,7 @@ class LoadPath:
         if balance.free is not None:
             push = balance.free.T @ push
         conservative = not np.isnan(point.evaluation.energy)
-        values = spectrum(balance.stiffness, conservative)
+        values = spectrum(balance, conservative)
         bordered = self._bordered(balance, push, direction)
         right = np.zeros(len(bordered))
         right[-1] = 1.0

@@ -24,6 +24,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.contract import Evaluation, Map, Potential
+from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.held import Held
 from cartstiff.statics.limits import Contact, Limits
 
@@ -33,10 +34,13 @@ __all__ = ["DEFINITE", "Balance", "Point", "System", "spectrum"]
 RANK = 1e-10
 #: Eigenvalues below this share of the largest count as zero.
 DEFINITE = 1e-11
-#: A deflection of this size, in natural units, sets the least force that residuals refer to.
-SLIGHT = 1e-4
+#: How many units of rounding the evaluation of a force may be off: Jacobians of long chains lose
+#: a few, and coordinates are rounded themselves.
+ROUNDINGS = 8.0
 #: Largest move of one step onto the constraints, in natural units, and how many are tried.
 _PULL, _PULLS = 0.2, 100
+# Stiff joints still move by this share of what soft ones do, so that ranks stay visible.
+_LEAST_EASE = 1e-7
 
 
 @dataclass(slots=True, eq=False)
@@ -45,16 +49,30 @@ class Point:
 
     Attributes
     ----------
-    energies, forces : float
-        Sum of the terms' absolute energies; largest generalised force of any one term.
+    energies : float
+        Sum of the terms' absolute energies.
+    forces : ndarray (n,)
+        Sum of the terms' absolute generalised forces, in natural units.
+    hardness : ndarray (n, n)
+        Sum of the terms' absolute stiffnesses, in natural units.
     """
 
     q: Array
     posture: MechanismPosture
     evaluation: Evaluation
     energies: float
-    forces: float
+    forces: Array
+    hardness: Array
     limited: Array
+
+    def add(self, term: Evaluation) -> None:
+        """One more term that acts here."""
+        e, g, h = self.evaluation
+        self.evaluation = Evaluation(e + term.energy, g + term.gradient, h + term.hessian)
+        columns = self.posture.coordinate_lengths
+        self.energies += abs(term.energy)
+        self.forces += np.abs(term.gradient * columns)
+        self.hardness += np.abs(term.hessian * columns[:, None] * columns)
 
 
 @dataclass(slots=True, eq=False)
@@ -71,15 +89,55 @@ class Balance:
         g_N.
     stiffness : ndarray (f, f)
         H_N, symmetric where the loads have a potential.
-    residual : float
-        Largest g_N over the largest force of any one term (or what a slight deflection takes).
+    acting : ndarray (f,)
+        Forces that act on each motion: the sum of their absolute values.
+    rounding : ndarray (f,)
+        What the rounding of coordinates and forces does to g_N.
+    hardness : ndarray (f,)
+        The size that H_N is judged against, motion by motion: stiffnesses that act there, at least
+        what the rounding of the stiffest leaves.
     """
 
     free: Array | None
     multipliers: Array
     force: Array
     stiffness: Array
-    residual: float
+    acting: Array
+    rounding: Array
+    hardness: Array
+
+    @property
+    def unbalanced(self) -> Array:
+        """g_N (f,) where it is more than rounding, else 0."""
+        return np.where(np.abs(self.force) > self.rounding, self.force, 0.0)
+
+    @property
+    def residual(self) -> float:
+        """Largest unbalanced force over the forces that act on the same motion."""
+        missed = np.abs(self.unbalanced)
+        shares = np.divide(missed, self.acting, out=np.zeros_like(missed), where=missed > 0.0)
+        return float(shares.max(initial=0.0))
+
+    @property
+    def miss(self) -> float:
+        """Size of all unbalanced forces, each measured by the stiffness of its motion."""
+        return float(np.linalg.norm(self.unbalanced / np.sqrt(self.hardness)))
+
+    @property
+    def scaled(self) -> Array:
+        """H_N over the geometric mean of its motions' hardness: springs of any ratio alike."""
+        per = 1 / np.sqrt(self.hardness)
+        return self.stiffness * per[:, None] * per
+
+    def modes(self) -> tuple[Array, Array]:
+        """Eigenvalues (f,) of `scaled` and motions (f, f): H_N between them is diagonal."""
+        values, vectors = np.linalg.eigh(0.5 * (self.scaled + self.scaled.T))
+        return values, vectors / np.sqrt(self.hardness)[:, None]
+
+    def solved(self, right: Array, softest: float) -> Array:
+        """Least-squares solution (f,) of H_N y = right, judged on `scaled`."""
+        per = 1 / np.sqrt(self.hardness)
+        return np.asarray(per * np.linalg.lstsq(self.scaled, per * right, rcond=softest)[0])
 
     def motion(self, y: Array) -> Array:
         """Natural coordinates (n,) of a free motion (f,)."""
@@ -129,18 +187,13 @@ class System:
     def at(self, q: ArrayLike) -> Point:
         """Everything that acts at coordinates q."""
         posture = self.elastic.mechanism.at(q)
-        columns = posture.coordinate_lengths
-        n = columns.size
-        energy, gradient, hessian = 0.0, np.zeros(n), np.zeros((n, n))
-        energies = forces = 0.0
-        for term in self._terms:
-            e, g, h = term.evaluate(posture)
-            energy, gradient, hessian = energy + e, gradient + g, hessian + h
-            energies += abs(e)
-            forces = max(forces, float(np.abs(g * columns).max(initial=0.0)))
+        n = posture.coordinate_lengths.size
         limited = self.limits.values(posture) if len(self.limits) else np.empty(0)
-        total = Evaluation(energy, gradient, hessian)
-        return Point(posture.q, posture, total, energies, forces, limited)
+        nothing = Evaluation(0.0, np.zeros(n), np.zeros((n, n)))
+        point = Point(posture.q, posture, nothing, 0.0, np.zeros(n), np.zeros((n, n)), limited)
+        for term in self._terms:
+            point.add(term.evaluate(posture))
+        return point
 
     def constraints(
         self, posture: MechanismPosture, contacts: Sequence[Contact]
@@ -182,20 +235,56 @@ class System:
         g = point.evaluation.gradient * columns
         H = point.evaluation.hessian * columns[:, None] * columns
         found = self.constraints(point.posture, contacts)
-        scale = max(point.forces, SLIGHT * float(np.abs(H).max(initial=0.0)), 1e-300)
-        if found is None:
-            residual = float(np.abs(g).max(initial=0.0)) / scale
-            return Balance(None, np.empty(0), g, H, residual)
-        _, to_constraints, sizes = found
-        A = to_constraints.jacobian * columns / sizes[:, None]
-        U, values, Vt = np.linalg.svd(A)
-        rank = int(np.sum(values > RANK * max(values.max(initial=0.0), 1e-300)))
-        N = Vt[rank:].T
-        lam = -(U[:, :rank] / values[:rank]) @ (Vt[:rank] @ g) / sizes
-        H = H + to_constraints.curvature(lam) * columns[:, None] * columns
-        g_N = N.T @ g
-        residual = float(np.abs(g_N).max(initial=0.0)) / scale
-        return Balance(N, lam, g_N, N.T @ H @ N, residual)
+        N, lam, forces = None, np.empty(0), point.forces
+        if found is not None:
+            _, to_constraints, sizes = found
+            A = to_constraints.jacobian * columns / sizes[:, None]
+            U, values, Vt = np.linalg.svd(A)
+            rank = int(np.sum(values > RANK * max(values.max(initial=0.0), 1e-300)))
+            N = Vt[rank:].T
+            carried = -(U[:, :rank] / values[:rank]) @ (Vt[:rank] @ g)
+            forces = forces + np.abs(A.T @ carried)
+            lam = carried / sizes
+            H = H + to_constraints.curvature(lam) * columns[:, None] * columns
+        if N is None and self._are_apart(point.posture):
+            hardness = point.hardness
+            own = np.diag(hardness)
+        else:
+            # Stiff and soft motions apart, so that none is judged by the forces of another.
+            N = np.eye(len(g)) if N is None else N
+            K = N.T @ H @ N
+            N = N @ np.linalg.eigh(0.5 * (K + K.T))[1]
+            g, H, forces = N.T @ g, N.T @ H @ N, np.abs(N.T) @ forces
+            hardness = np.abs(H)
+            lost = len(g) * np.finfo(float).eps * float(point.hardness.max(initial=0.0))
+            own = np.maximum(np.diag(hardness), lost / DEFINITE)
+        own = np.maximum(own, max(1e-30 * float(own.max(initial=0.0)), 1e-300))
+        reach = self._reach(point.posture)
+        rounding = ROUNDINGS * np.finfo(float).eps * (
+            hardness.sum(axis=1) * reach + float(point.forces.max(initial=0.0))
+        )  # fmt: skip
+        return Balance(N, lam, g, H, forces, rounding, own)
+
+    def _are_apart(self, posture: MechanismPosture) -> bool:
+        """Whether each coordinate has its own spring: then coordinates are motions to judge."""
+        return not (self.elastic.potentials or posture.coordinates_are_pose)
+
+    @staticmethod
+    def _reach(posture: MechanismPosture) -> float:
+        """Largest coordinate in natural units, at least 1: what rounding of coordinates goes by."""
+        if posture.coordinates_are_pose:
+            return 1.0 + float(np.abs(posture.pose[:3, 3]).max()) / posture.length
+        return max(1.0, float(np.abs(posture.q / posture.coordinate_lengths).max(initial=0.0)))
+
+    def _ease(self) -> Array | float:
+        """How far each coordinate moves (n,) where all are pushed alike; the softest: 1."""
+        springs = self.elastic.springs
+        if not isinstance(springs, JointSprings) or not springs.stiffness.any():
+            return 1.0
+        lengths = self.elastic.mechanism.at(self.elastic.q).coordinate_lengths
+        k = springs.stiffness * lengths**2
+        softest = float(k[k > 0.0].min())
+        return np.maximum(np.sqrt(softest / np.maximum(k, softest)), _LEAST_EASE)
 
     def turning(self, posture: MechanismPosture, step: Array) -> float:
         """Largest angle of a step in natural units."""
@@ -209,14 +298,16 @@ class System:
         return self.elastic.mechanism.moved(point.q, step * point.posture.coordinate_lengths)
 
     def retracted(self, q: Array, contacts: Sequence[Contact] = ()) -> Array:
-        """Coordinates near q that satisfy all constraints, by Newton's method with least change.
+        """Coordinates near q that satisfy all constraints, by Newton's method with least effort.
+
+        Stiff joints move least: what rounding leaves of a change is a force there.
 
         Raises
         ------
         ConvergenceError
             If they cannot be met from there.
         """
-        mechanism = self.elastic.mechanism
+        mechanism, ease = self.elastic.mechanism, self._ease()
         best = size = np.inf
         for _ in range(_PULLS):
             posture = mechanism.at(q)
@@ -231,7 +322,7 @@ class System:
             best = min(best, size)
             columns = posture.coordinate_lengths
             A = to_constraints.jacobian * columns / sizes[:, None]
-            step = -np.linalg.lstsq(A, missed, rcond=RANK)[0]
+            step = -ease * np.linalg.lstsq(A * ease, missed, rcond=RANK)[0]
             largest = float(np.abs(step).max(initial=0.0))
             if not np.isfinite(largest) or largest < 1e-16:
                 break
@@ -248,10 +339,19 @@ class System:
         )
 
 
-def spectrum(stiffness: Array, conservative: bool) -> Array:
+def spectrum(balance: Balance, conservative: bool) -> Array:
     """Eigenvalues of H_N by increasing real part; without a potential they may be complex."""
+    stiffness = balance.stiffness
     if conservative:
-        return np.linalg.eigvalsh(0.5 * (stiffness + stiffness.T))
-    values = np.linalg.eigvals(stiffness)
-    values = values[np.argsort(values.real)]
-    return values.real if np.isrealobj(values) or not values.imag.any() else values
+        values = np.linalg.eigvalsh(0.5 * (stiffness + stiffness.T))
+        per = 1 / np.sqrt(balance.hardness)
+        scaled = 0.5 * (balance.scaled + balance.scaled.T)
+        if values.size and np.linalg.eigvalsh(scaled)[0] > DEFINITE:
+            # The soft half from the compliance, where the stiff half does not drown it.
+            compliance = np.linalg.inv(scaled) * per[:, None] * per
+            soft = 1 / np.linalg.eigvalsh(compliance)[::-1]
+            values = np.where(soft < np.sqrt(soft[0] * values[-1]), soft, values)
+        return values
+    found = np.linalg.eigvals(stiffness)
+    found = found[np.argsort(found.real)]
+    return found.real if np.isrealobj(found) or not found.imag.any() else found

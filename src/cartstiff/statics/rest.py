@@ -14,13 +14,17 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.potentials.contract import Potential
+from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.held import displacement_between
 from cartstiff.statics.newton import Solution
-from cartstiff.statics.problem import DEFINITE, System, spectrum
+from cartstiff.statics.problem import DEFINITE, Point, System, spectrum
 from cartstiff.stiffness.compute import PostureStiffness, slack_notes
 from cartstiff.stiffness.reduction import reduce_to
 
 __all__ = ["Equilibrium", "Reactions", "state_of_rest"]
+
+# A force that is unsure by more than this share of the largest one is named.
+_COUNTS = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +68,8 @@ class Equilibrium:
     energy : float
         Springs, gravity, and loads; NaN where a load has no potential.
     residual : float
-        Largest unbalanced generalised force over the largest that any one term exerts (at least
-        what a deflection of 1e-4 in natural units takes).
+        Largest unbalanced generalised force over the forces that act on the same motion; 0 where
+        all that is left is the rounding of coordinates and forces.
     iterations : int
         Newton steps.
     history : tuple of float
@@ -176,24 +180,25 @@ def state_of_rest(
     point, balance = solution.point, solution.balance
     conservative = not np.isnan(point.evaluation.energy)
     H = balance.stiffness
-    values = spectrum(H, conservative)
+    values = spectrum(balance, conservative)
     notes = list(system.elastic.notes)
     stable: bool | None = None
     if conservative:
-        tiny = DEFINITE * float(np.abs(values).max(initial=0.0))
-        stable = bool(np.all(values > tiny))
-        if not stable and np.all(values >= -tiny):
+        scaled, modes = balance.modes()
+        stable = bool(np.all(scaled > DEFINITE))
+        if not stable and np.all(scaled >= -DEFINITE):
             stable = None
             notes.append(
                 Note(
                     "neutral",
-                    "a motion costs no energy to second order: definiteness does not decide "
-                    "stability here",
+                    "a motion costs no energy to second order, or too little to be seen beside "
+                    "the stiffest spring: definiteness does not decide stability here",
                     {"eigenvalues": values.tolist()},
                 )
             )
         elif not stable:
-            direction = balance.motion(np.linalg.eigh(balance.stiffness)[1][:, 0])
+            direction = balance.motion(modes[:, 0])
+            direction = direction / np.linalg.norm(direction)
             notes.append(
                 Note(
                     "unstable",
@@ -224,6 +229,7 @@ def state_of_rest(
             )
         )
     notes += slack_notes(system.elastic, point.posture)
+    notes += _drowned(system.elastic, point)
     reactions = _reactions(system, solution)
     for name, force in reactions.limits.items():
         side = "lower" if force > 0 else "upper"
@@ -245,6 +251,34 @@ def state_of_rest(
         system,
         solution,
     )
+
+
+def _drowned(elastic: ElasticMechanism, point: Point) -> list[Note]:
+    """Springs so stiff that the rounding of their joint's coordinate is a force that counts."""
+    springs = elastic.springs
+    if not isinstance(springs, JointSprings):
+        return []
+    lengths = point.posture.coordinate_lengths
+    size = np.maximum(np.abs(point.q), lengths) * lengths
+    unsure = np.finfo(float).eps * springs.stiffness * size
+    acting = float(point.forces.max(initial=0.0))
+    found = {
+        elastic.names[j]: float(unsure[j] / lengths[j])
+        for j in np.flatnonzero(unsure > _COUNTS * acting)
+        if point.forces[j] > 0.0
+    }
+    if not found:
+        return []
+    return [
+        Note(
+            "force-unresolved",
+            f"the springs of {', '.join(found)} are so stiff that double precision does not "
+            "resolve their deflection: their forces, and the wrench that follows from them, are "
+            "known to the values given here; the posture does not suffer. A rigid joint has "
+            "no such limit (stiffness: rigid)",
+            {"uncertainty": found},
+        )
+    ]
 
 
 def _reactions(system: System, solution: Solution) -> Reactions:

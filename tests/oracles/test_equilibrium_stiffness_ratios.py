@@ -1,0 +1,136 @@
+"""Equilibria of springs over fifteen decades, against a solution with forty digits."""
+
+from __future__ import annotations
+
+import mpmath as mp
+import numpy as np
+import pytest
+from tests.support import robot_file
+
+import cartstiff
+from cartstiff.potentials.loads import DeadForce
+from cartstiff.statics.equilibrium import equilibrium
+
+# Rounding of six joint angles of size 1, and what it does to a reach of one metre.
+ROUNDED = 1e-14
+
+
+def placed(T, screw, q):
+    """T exp(screw q) for a revolute joint whose axis passes through its frame's origin."""
+    axis = [mp.mpf(float(x)) for x in screw[:3]]
+    K = mp.matrix([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    R = mp.eye(3) + mp.sin(q) * K + (1 - mp.cos(q)) * K * K
+    turn = mp.eye(4)
+    for i in range(3):
+        for j in range(3):
+            turn[i, j] = R[i, j]
+    return mp.matrix(T.tolist()) * turn
+
+
+def exact(elastic, force):
+    """Joint angles at rest: k (q - rest) = (axis x arm) . F for every joint."""
+    tree, chain = elastic.mechanism.tree, elastic.mechanism
+    placements, screws = tree.placements(), tree.screws()
+    k = [mp.mpf(float(x)) for x in elastic.springs.stiffness]
+    rest = [mp.mpf(float(x)) for x in elastic.springs.rest]
+    end = mp.matrix(chain.body.T_j_f.tolist())
+    F = mp.matrix(np.asarray(force).tolist())
+
+    def deflections(*x):
+        T, axes, centres = mp.eye(4), [], []
+        for placement, screw, r, d in zip(placements, screws, rest, x, strict=True):
+            T = T * placed(placement, screw, r + d)
+            axes.append(T[:3, :3] * mp.matrix(screw[:3].tolist()))
+            centres.append(T[:3, 3])
+        tip = (T * end)[:3, 3]
+        return axes, centres, tip
+
+    def missed(*x):
+        axes, centres, tip = deflections(*x)
+        torques = []
+        for a, c in zip(axes, centres, strict=True):
+            r = tip - c
+            lever = mp.matrix(
+                [a[1] * r[2] - a[2] * r[1], a[2] * r[0] - a[0] * r[2], a[0] * r[1] - a[1] * r[0]]
+            )
+            torques.append((lever.T * F)[0])
+        return [d - t / s for d, t, s in zip(x, torques, k, strict=True)]
+
+    x = mp.findroot(missed, [mp.mpf(0)] * len(k), tol=mp.mpf(10) ** -50, maxsteps=60)
+    tip = deflections(*x)[2]
+    return np.array([float(r + d) for r, d in zip(rest, x, strict=True)]), [float(t) for t in tip]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_springs_over_fifteen_decades_come_to_rest_where_forty_digits_say(seed):
+    robot_file("ur_description/urdf/ur5_robot.urdf")
+    rng = np.random.default_rng(seed)
+    stiffness = 10 ** rng.uniform(2.5, 15.0, 6)
+    elastic = cartstiff.load("ur5").with_springs(stiffness)
+    force = rng.normal(size=3) * 30.0
+    elastic = elastic.balanced(elastic.q)
+    state = equilibrium(elastic, DeadForce(force), limits=False)
+    with mp.workdps(40):
+        q, tip = exact(elastic, force)
+    assert np.abs(state.q - q).max() < ROUNDED
+    assert np.abs(state.pose[:3, 3] - tip).max() < ROUNDED
+    assert state.stable
+    assert state.residual < 1e-12
+
+
+@pytest.mark.parametrize("rigid", [1e9, 1e15, 1e17, 1e20])
+def test_a_nearly_rigid_joint_does_not_excuse_the_others(rigid):
+    robot_file("ur_description/urdf/ur5_robot.urdf")
+    elastic = cartstiff.load("ur5").with_springs([rigid, 3e4, 2e4, 5e3, 5e3, 4e3])
+    elastic = elastic.balanced(elastic.q)
+    state = equilibrium(elastic, DeadForce([0.0, 0.0, -100.0]))
+    with mp.workdps(40):
+        _, tip = exact(elastic, [0.0, 0.0, -100.0])
+    moved = (state.pose - state.start.pose)[2, 3]
+    assert moved == pytest.approx(tip[2] - state.start.pose[2, 3], rel=1e-12)
+    assert moved == pytest.approx(-2.7656e-3, rel=1e-4)
+    assert state.stable
+
+
+def test_the_smallest_eigenvalue_beside_the_stiffest_spring():
+    robot_file("ur_description/urdf/ur5_robot.urdf")
+    soft = np.array([3e4, 2e4, 5e3, 5e3, 4e3])
+    plain = cartstiff.load("ur5").with_springs([1e6, *soft])
+    stiff = cartstiff.load("ur5").with_springs([1e15, *soft])
+    load = DeadForce([20.0, 30.0, -100.0])
+    expected = equilibrium(plain, load).eigenvalues
+    # What the base joint gives at 1e6 softens the others by the square of the coupling over 1e6.
+    assert equilibrium(stiff, load).eigenvalues[:5] == pytest.approx(expected[:5], rel=1e-6)
+
+
+def test_forces_that_rounding_hides_are_named():
+    robot_file("ur_description/urdf/ur5_robot.urdf")
+    load = DeadForce([0.0, 0.0, -100.0])
+    for stiffness, named in ((1e8, False), (1e14, True)):
+        elastic = cartstiff.load("ur5").with_springs([3e4, stiffness, 2e4, 5e3, 5e3, 4e3])
+        notes = {n.code: n for n in equilibrium(elastic, load).notes}
+        assert ("force-unresolved" in notes) == named
+    unsure = notes["force-unresolved"].values["uncertainty"]
+    assert list(unsure) == ["shoulder_lift_joint"]
+    # One unit of rounding of an angle of 1.1 rad, times the stiffness.
+    assert 0.01 < unsure["shoulder_lift_joint"] < 0.05
+
+
+@pytest.mark.parametrize("name", ["3-rrr", "delta"])
+def test_closed_chains_with_a_stiff_motor_approach_the_limit(name):
+    """What a motor gives falls as 1 / stiffness: the difference to 1e9 is predicted by 1e8."""
+    elastic = cartstiff.load(name)
+    motors = np.flatnonzero(elastic.springs.stiffness > 0.0)
+    scale = float(elastic.springs.stiffness[motors].max())
+    load = DeadForce([0.3, -0.2, 0.0])
+
+    def moved(factor):
+        k = elastic.springs.stiffness.copy()
+        k[motors[1]] = factor * scale
+        state = equilibrium(elastic.with_springs(k), load, limits=False)
+        return state.pose[:3, 3] - state.start.pose[:3, 3]
+
+    limit = 2.0 * moved(2e6) - moved(1e6)
+    size = np.abs(limit).max()
+    for factor in (1e8, 1e10):
+        assert np.abs(moved(factor) - limit).max() < 1e-6 * size
