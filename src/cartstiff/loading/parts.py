@@ -30,7 +30,7 @@ from cartstiff.loading.schema import (
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.tree import KinematicTree
-from cartstiff.mechanisms.tree_building import VIRTUAL, plain_tree
+from cartstiff.mechanisms.tree_building import VIRTUAL, find_frame, plain_tree
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
 from cartstiff.potentials.springs import (
@@ -196,7 +196,7 @@ def put_together(
 def ignored_parts(description: RobotDescription) -> list[Note]:
     """What a file's reader leaves out."""
     if not (description.mjcf and description.mjcf.ignored):
-        return []
+        return description.urdf.notes
     ignored = ", ".join(description.mjcf.ignored)
     return [Note("ignored", f"the MJCF file's {ignored} play no part", {})]
 
@@ -283,15 +283,15 @@ def tree_to(
     else:
         keep = set()
         for name in frames:
-            frame = next(f for f in model.frames if f.name == name)
+            frame = find_frame(model, name)
             keep |= {int(j) for j in model.supports[int(frame.parentJoint)]} - {0}
     names = list(model.names)
     follows = {}
-    for follower, mimic in description.mimics.items():
+    for follower, mimic in description.urdf.mimics.items():
         index = names.index(follower) if follower in names else 0
         leader, factor, offset = mimic.leader, mimic.multiplier, mimic.offset
-        while leader in description.mimics:
-            nested = description.mimics[leader]
+        while leader in description.urdf.mimics:
+            nested = description.urdf.mimics[leader]
             leader, factor, offset = (
                 nested.leader,
                 factor * nested.multiplier,
@@ -318,7 +318,8 @@ def tree_to(
     parts = description.mjcf.body_joints.values() if description.mjcf else ()
     composite = {f"Composite_{p[0]}": p for p in parts if len(p) > 1}
     soft = {name: _spring_place(entry) for name, entry in (flexible or {}).items()}
-    tree = plain_tree(model, keep, fixed, composite, soft)
+    planes = description.urdf.planar_axes
+    tree = plain_tree(model, keep, fixed, composite, soft, planes)
     if not follows:
         return tree
     all_names = [c.name for c in tree.coordinates]

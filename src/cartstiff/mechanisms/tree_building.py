@@ -7,7 +7,7 @@ locked joints become links, flexible links get six virtual joints.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Coordinate
 from cartstiff.mechanisms.tree import WORLD, KinematicTree, Placement
 
-__all__ = ["VIRTUAL", "extended", "merged", "plain_tree"]
+__all__ = ["VIRTUAL", "extended", "find_frame", "merged", "plain_tree"]
 
 # How joints with several coordinates are written as successive one-coordinate joints; the order
 # is that of Pinocchio's own configuration, translations before rotations.
@@ -100,12 +100,33 @@ def _expand(joint: Any, name: str, names: list[str]) -> list[tuple[str, str, Any
     )
 
 
+def find_frame(model: pin.Model, name: str) -> Any:
+    """Pinocchio's frame of a name: a link before a site before a joint of the same name.
+
+    Raises
+    ------
+    UnknownNameError
+        With the names that exist.
+    """
+    named = [f for f in model.frames if f.name == name]
+    if not named:
+        raise UnknownNameError("frame", name, [f.name for f in model.frames])
+    return min(named, key=_precedence)
+
+
+def _precedence(frame: Any) -> int:
+    """Links, sites, joints: a name met twice means the first of these."""
+    kinds = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
+    return kinds.index(frame.type) if frame.type in kinds else len(kinds)
+
+
 def plain_tree(
     model: pin.Model,
     keep: Collection[int] | None = None,
     locked: Mapping[int, float] | None = None,
     composite_names: Mapping[str, list[str]] | None = None,
     flexible: Mapping[str, Array] | None = None,
+    planar_axes: Mapping[str, Array] | None = None,
 ) -> KinematicTree:
     """Rewrite a Pinocchio model with one-coordinate joints only.
 
@@ -122,7 +143,10 @@ def plain_tree(
         Names of the parts of composite joints, by the composite's name.
     flexible : mapping of str to ndarray, optional
         Links that give, by frame name, with the pose of the spring in that frame: six virtual
-        joints are put there (`VIRTUAL`), and everything the link carries hangs on them.
+        joints are put there (`VIRTUAL`), and everything the link carries hangs on them; the
+        link's own frame and mass, and what it is fixed to, stay at the near side.
+    planar_axes : mapping of str to ndarray (3,), optional
+        Unit normals of the planes in which planar joints move, by joint name; default z.
 
     Raises
     ------
@@ -142,13 +166,18 @@ def plain_tree(
     plain.gravity = model.gravity
     coordinates: list[Coordinate] = []
     at: dict[int, tuple[int, Array]] = {0: (0, np.eye(4))}
-    before = dict(at)
+    near = dict(at)
     springs = _springs_by_joint(model, flexible or {})
 
+    def side(frame: int, joint: int) -> tuple[int, Array]:
+        """Where what is fixed to a joint hangs: on it, or on the spring of a link fixed to it."""
+        carried = joint in springs and frame in springs[joint].carried
+        return at[joint] if carried else near[joint]
+
     def soften(i: int) -> None:
-        before[i] = at[i]
+        near[i] = at[i]
         if i in springs:
-            name, T_i_s = springs[i]
+            name, T_i_s = springs[i].link, springs[i].T_j_s
             joint, T_j = at[i][0], at[i][1] @ T_i_s
             for suffix, kind in VIRTUAL:
                 full = f"{name}.{suffix}"
@@ -158,16 +187,24 @@ def plain_tree(
                 )
                 T_j = np.eye(4)
             at[i] = (joint, se3.inverse(T_i_s))
+        for (joint, T_j), inertia in _masses(model, i, springs, near, at):
+            if joint > 0 and inertia.mass > 0:
+                plain.appendBodyToJoint(joint, inertia, pin.SE3(T_j))
 
     soften(0)
+    frame_of = {
+        int(f.parentJoint): k for k, f in enumerate(model.frames) if f.type == pin.FrameType.JOINT
+    }
     for i in range(1, model.njoints):
-        parent, T_p = at[int(model.parents[i])]
+        parent, T_p = side(frame_of.get(i, 0), int(model.parents[i]))
         if i not in kept:
             at[i] = (parent, T_p @ data.liMi[i].homogeneous)
         else:
             T = T_p @ model.jointPlacements[i].homogeneous
             names = (composite_names or {}).get(model.names[i], [])
             parts = _expand(model.joints[i], model.names[i], names)
+            if model.names[i] in (planar_axes or {}):
+                parts = _planar(model.names[i], (planar_axes or {})[model.names[i]])
             for name, kind, joint, T_part in parts:
                 lower, upper = _limits(model, i) if len(parts) == 1 else (-np.inf, np.inf)
                 unique = _unique(name, [c.name for c in coordinates])
@@ -175,20 +212,11 @@ def plain_tree(
                 coordinates.append(Coordinate(unique, kind, lower, upper))  # type: ignore[arg-type]
                 T = np.eye(4)
             at[i] = (parent, T)
-        joint, T_j = at[i]
-        if joint > 0 and model.inertias[i].mass > 0:
-            plain.appendBodyToJoint(joint, model.inertias[i], pin.SE3(T_j))
         soften(i)
     frames: dict[str, Placement] = {"world": WORLD}
-    # Links first, then sites, then joints: a name met twice means the first of these.
-    for wanted in (pin.FrameType.BODY, pin.FrameType.OP_FRAME, None):
-        for frame in model.frames:
-            if wanted is not None and frame.type != wanted:
-                continue
-            # A flexible link's own frame stays at its near side.
-            sides = before if frame.name in (flexible or {}) else at
-            joint, T_j = sides[int(frame.parentJoint)]
-            frames.setdefault(frame.name, Placement(joint, T_j @ frame.placement.homogeneous))
+    for k, frame in sorted(enumerate(model.frames), key=lambda f: _precedence(f[1])):
+        joint, T_j = side(k, int(frame.parentJoint))
+        frames.setdefault(frame.name, Placement(joint, T_j @ frame.placement.homogeneous))
     return KinematicTree(plain, tuple(coordinates), frames)
 
 
@@ -255,23 +283,82 @@ def extended(
     return KinematicTree(model, (*tree.coordinates, *new), frames, mimic, offset)
 
 
-def _springs_by_joint(
-    model: pin.Model, flexible: Mapping[str, Array]
-) -> dict[int, tuple[str, Array]]:
-    """Joint index -> (link, pose of its spring in the joint's frame)."""
-    found: dict[int, tuple[str, Array]] = {}
-    bodies = {f.name: f for f in model.frames if f.type == pin.FrameType.BODY}
+@dataclass(frozen=True)
+class _Spring:
+    """A spring in a link: its pose in the joint's frame, and the frames that hang on it."""
+
+    link: str
+    T_j_s: Array
+    carried: frozenset[int]
+
+
+def _springs_by_joint(model: pin.Model, flexible: Mapping[str, Array]) -> dict[int, _Spring]:
+    """Springs of flexible links by the joint that their links are fixed to."""
+    found: dict[int, _Spring] = {}
+    bodies = {f.name: k for k, f in enumerate(model.frames) if f.type == pin.FrameType.BODY}
     for name, T_f_s in flexible.items():
         if name not in bodies:
             raise UnknownNameError("link", name, bodies)
-        joint = int(bodies[name].parentJoint)
+        link = model.frames[bodies[name]]
+        joint = int(link.parentJoint)
         if joint in found:
             raise InputError(
-                f"links {found[joint][0]!r} and {name!r} are fixed together: one of them can be "
+                f"links {found[joint].link!r} and {name!r} are fixed together: one of them can be "
                 "flexible"
             )
-        found[joint] = (name, bodies[name].placement.homogeneous @ T_f_s)
+        T_j_s = link.placement.homogeneous @ T_f_s
+        found[joint] = _Spring(name, T_j_s, _carried(model, bodies[name]))
     return found
+
+
+def _carried(model: pin.Model, link: int) -> frozenset[int]:
+    """Indices of the frames that hang on a link, directly or through others."""
+    frames = list(model.frames)
+    joint, base = int(frames[link].parentJoint), int(frames[link].parentFrame)
+    alone = [
+        k
+        for k, f in enumerate(frames)
+        if f.type == pin.FrameType.BODY and f.parentJoint == joint and int(f.parentFrame) == base
+    ]
+    moved = frames[base].type == pin.FrameType.JOINT or base == 0
+    if moved and alone == [link]:  # the link that the joint itself moves: all else hangs on it
+        return frozenset(range(len(frames))) - {link, base}
+    carried = {link}
+    for k, frame in enumerate(frames):  # parents stand before their children
+        if k > 0 and int(frame.parentFrame) in carried:
+            carried.add(k)
+    return frozenset(carried - {link})
+
+
+def _masses(
+    model: pin.Model,
+    joint: int,
+    springs: Mapping[int, _Spring],
+    near: Mapping[int, tuple[int, Array]],
+    at: Mapping[int, tuple[int, Array]],
+) -> list[tuple[tuple[int, Array], Any]]:
+    """What is fixed to a joint as (place, inertia): on its own side and on that of its spring."""
+    whole = model.inertias[joint]
+    if joint not in springs:
+        return [(near[joint], whole)]
+    # Pinocchio keeps the masses of fixed links with their frames, that of the moved link does not.
+    beyond = pin.Inertia.Zero()
+    for k in springs[joint].carried:
+        if model.frames[k].parentJoint == joint and model.frames[k].inertia.mass > 0:
+            beyond += model.frames[k].placement.act(model.frames[k].inertia)
+    return [(near[joint], whole - beyond), (at[joint], beyond)]
+
+
+def _planar(name: str, axis: Array) -> list[tuple[str, str, Any, Array]]:
+    """A planar joint across an axis: its x and y are those of the least turn of z to the axis."""
+    z = np.array([0.0, 0.0, 1.0])
+    R = pin.Quaternion.FromTwoVectors(z, axis).toRotationMatrix()
+    slides = [pin.JointModelPrismaticUnaligned(R[:, i]) for i in range(2)]
+    return [
+        (f"{name}.x", "prismatic", slides[0], np.eye(4)),
+        (f"{name}.y", "prismatic", slides[1], np.eye(4)),
+        (f"{name}.angle", "revolute", pin.JointModelRevoluteUnaligned(R[:, 2]), np.eye(4)),
+    ]
 
 
 def _set_position(model: pin.Model, index: int, value: float, q: Array) -> None:

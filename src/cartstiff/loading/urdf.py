@@ -1,0 +1,402 @@
+"""URDF: checked before Pinocchio sees it, and read for what Pinocchio drops.
+
+What bears on statics is understood or refused; elements and attributes that neither URDF nor its
+known extensions define are named in a note, and refused where they look like a slip of the pen.
+"""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from cartstiff.errors import InputError
+from cartstiff.geometry import se3
+from cartstiff.mechanisms.elastic import Note
+from cartstiff.loading.yaml_file import LARGEST_NUMBER
+
+__all__ = ["MOST_MOVING", "Mimic", "UrdfFacts", "prepare_urdf"]
+
+_MOST_JOINTS = 2000
+#: Pinocchio's workspace takes a second to set up for 200 joints in a row, an hour for 2000.
+MOST_MOVING = 200
+_AXIAL_TYPES = {"revolute", "continuous", "prismatic"}
+_JOINT_TYPES = {*_AXIAL_TYPES, "fixed", "floating", "planar"}
+_VERSIONS = ("1.0", "1.1", "1.2")
+# What Pinocchio is shown of a URDF; of the rest it might refuse what plays no part here.
+_SHOWN = {
+    "robot": ("link", "joint"),
+    "link": ("inertial",),
+    "inertial": ("origin", "mass"),
+    "joint": ("parent", "child", "origin", "axis", "limit", "mimic"),
+}
+# Further elements of URDF and of what is usually written into it: none bears on statics.
+_SILENT = {
+    "robot": ("material", "gazebo", "transmission", "ros2_control", "sensor", "group"),
+    "link": (
+        "visual", "collision", "material", "gazebo", "sensor", "contact", "surface", "gravity",
+        "kinematic", "self_filter", "self_collision_checking", "collision_checking",
+    ),
+    "inertial": ("inertia",),
+    "joint": ("dynamics", "calibration", "safety_controller", "gazebo"),
+}  # fmt: skip
+# All attributes of the elements that are shown, and such as are met in the wild.
+_ATTRIBUTES = {
+    "robot": ("name", "version"),
+    "link": ("name", "type"),
+    "joint": ("name", "type", "dont_collapse"),
+    "origin": ("xyz", "rpy", "quat_xyzw"),
+    "axis": ("xyz",),
+    "parent": ("link",),
+    "child": ("link",),
+    "mass": ("value",),
+    "mimic": ("joint", "multiplier", "offset"),
+    "limit": (
+        "lower", "upper", "effort", "velocity", "acceleration", "deceleration", "jerk",
+        "current", "gear_velocity", "command_effort",
+    ),
+}  # fmt: skip
+# Where nothing but these attributes makes sense: nothing else may stand there, nor inside.
+_STRICT = ("origin", "axis", "parent", "child", "mass", "mimic")
+# Likeness (difflib's ratio) from which on an unknown name is taken for a slip of the pen: one
+# letter too many, too few or exchanged in a name of four gives 0.75 and more.
+_ALIKE = 0.7
+
+
+@dataclass(frozen=True)
+class UrdfFacts:
+    """What a URDF says beside what Pinocchio reads.
+
+    Attributes
+    ----------
+    mimics : dict of str to Mimic
+        Following joints by name.
+    planar_axes : dict of str to ndarray (3,)
+        Normals of the planes in which planar joints move, where they are not z.
+    notes : list of Note
+        What plays no part, and what was assumed.
+    """
+
+    mimics: dict[str, Mimic] = field(default_factory=dict)
+    planar_axes: dict[str, se3.Array] = field(default_factory=dict)
+    notes: list[Note] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A joint that follows another: position = multiplier * leader + offset."""
+
+    leader: str
+    multiplier: float
+    offset: float
+
+
+def prepare_urdf(root: ET.Element, where: str) -> UrdfFacts:
+    """Check names, tree and numbers; give every inertia-less file what Pinocchio needs.
+
+    Raises
+    ------
+    InputError
+        One line with the file and the element that is wrong.
+    """
+
+    def refuse(what: str, **words: Any) -> InputError:
+        return InputError(what, where=where, **words)
+
+    if any(e.tag.startswith("{") and "xacro" in e.tag for e in root.iter()):
+        raise refuse("is a xacro file", expected="a URDF: expand it with the xacro command first")
+    if root.get("name") is None:
+        raise refuse("robot has no name", expected="<robot name=...>")
+    facts = UrdfFacts()
+    facts.notes.extend(_understood(root, refuse))
+    links = _names(root, "link", refuse)
+    if not links:
+        raise refuse("robot has no links")
+    joints = _names(root, "joint", refuse)
+    if len(joints) > _MOST_JOINTS:
+        raise refuse("too many joints", expected=f"at most {_MOST_JOINTS}", got=str(len(joints)))
+    moving = sum(joint.get("type") != "fixed" for joint in joints.values())
+    if moving > MOST_MOVING:
+        raise refuse("too many moving joints", expected=f"at most {MOST_MOVING}", got=str(moving))
+    parent_of: dict[str, str] = {}
+    mimics = facts.mimics
+    for name, joint in joints.items():
+        what = f"joint {name!r}"
+        kind = joint.get("type")
+        if kind not in _JOINT_TYPES:
+            raise refuse(f"{what} has an unknown type", expected=", ".join(sorted(_JOINT_TYPES)),
+                         got=kind or "none")  # fmt: skip
+        ends = []
+        for end in ("parent", "child"):
+            element = joint.find(end)
+            link = None if element is None else element.get("link")
+            if not link:
+                raise refuse(f"{what} has no {end} link")
+            if link not in links:
+                raise refuse(f"{what} names a {end} link that does not exist", got=repr(link))
+            ends.append(link)
+        parent, child = ends
+        if child in parent_of:
+            raise refuse(f"link {child!r} has two parent joints", got=f"the second is {name!r}")
+        if parent == child:
+            raise refuse(f"{what} joins link {child!r} to itself")
+        parent_of[child] = parent
+        _numbers(joint.find("origin"), ("xyz", "rpy"), 3, what, refuse)
+        axis = _numbers(joint.find("axis"), ("xyz",), 3, what, refuse)
+        if kind in (*_AXIAL_TYPES, "planar"):
+            if axis is None and joint.find("axis") is not None:
+                raise refuse(f"{what}: axis has no xyz", expected="<axis xyz=...>")
+            if axis is not None and math.hypot(*axis) < 1e-9:
+                raise refuse(f"{what} has a zero axis")
+        if kind == "planar":
+            _plane(name, axis, facts)
+        limit = joint.find("limit")
+        if kind in ("revolute", "prismatic"):
+            if limit is None:
+                limit = ET.SubElement(joint, "limit", effort="0", velocity="0")
+                limit.set("lower", "-1e9")
+                limit.set("upper", "1e9")
+            for key, default in (("effort", "0"), ("velocity", "0")):
+                limit.set(key, limit.get(key, default))
+        if limit is not None:
+            lower, upper, *_ = (
+                (_numbers(limit, (key,), 1, what, refuse, math.inf) or [0.0])[0]
+                for key in ("lower", "upper", "effort", "velocity")
+            )
+            if lower > upper and kind in ("revolute", "prismatic"):
+                raise refuse(f"{what}: limits are the wrong way round", expected="lower <= upper",
+                             got=f"{lower:g}, {upper:g}")  # fmt: skip
+        mimic = joint.find("mimic")
+        if mimic is not None:
+            joint.remove(mimic)
+            # A leader that does not exist matters only if the joint does: judged by the user.
+            leader = mimic.get("joint")
+            if not leader:
+                raise refuse(f"{what}: mimic names no joint", expected="<mimic joint=...>")
+            for follower in (name, leader):
+                if follower in joints and joints[follower].get("type") in ("floating", "planar"):
+                    raise refuse(f"{what} cannot mimic", expected="two joints with one coordinate",
+                                 got=f"joint {follower!r} of type "
+                                 f"{joints[follower].get('type')}")  # fmt: skip
+            factor = _numbers(mimic, ("multiplier",), 1, what, refuse) or [1.0]
+            offset = _numbers(mimic, ("offset",), 1, what, refuse) or [0.0]
+            if kind != "fixed":
+                mimics[name] = Mimic(leader, factor[0], offset[0])
+    _check_tree(links, parent_of, refuse)
+    for name in mimics:
+        _check_mimic(name, mimics, refuse)
+    _fix_followers(joints, mimics)
+    for name, part in links.items():
+        _check_inertial(part, f"link {name!r}", refuse)
+    return facts
+
+
+def _understood(root: ET.Element, refuse: Any) -> list[Note]:
+    """Take out what plays no part; refuse what looks like a slip of the pen, or stands twice.
+
+    Returns the note that names what is not known.
+    """
+    version = root.attrib.pop("version", "1.0").strip()
+    if version not in _VERSIONS:
+        raise refuse("unknown version of URDF", expected=", ".join(_VERSIONS), got=repr(version))
+    unknown: list[str] = []
+    pending = [(root, "")]
+    while pending:
+        element, inside = pending.pop()
+        place = f"{element.tag} {element.get('name')!r}" if element.get("name") else element.tag
+        place = place if element.get("name") else f"{inside}{place}"
+        _check_attributes(element, place, unknown, refuse)
+        shown = _SHOWN.get(element.tag, ())
+        for child in list(element):
+            if child.tag in shown:
+                pending.append((child, "" if element is root else f"{place}: "))
+                continue
+            element.remove(child)
+            if child.tag in _SILENT.get(element.tag, ()) or child.tag.startswith("{"):
+                continue  # a tag with a namespace is an extension
+            _refuse_slip(child.tag, shown, f"{place}: unknown element", f"<{child.tag}>", refuse)
+            if element.tag in _STRICT:
+                raise refuse(f"{place} holds an element", expected="attributes only",
+                             got=f"<{child.tag}>")  # fmt: skip
+            unknown.append(f"<{child.tag}> in <{element.tag}>")
+        if element.tag in _STRICT and (element.text or "").strip():
+            raise refuse(f"{place} holds text", expected="attributes only",
+                         got=repr(str(element.text).strip()[:40]))  # fmt: skip
+        tags = [child.tag for child in element]
+        for tag in set(tags):
+            if element is not root and tags.count(tag) > 1:
+                raise refuse(f"{place} has several <{tag}>", expected="one")
+        if element.tag == "origin" and element.get("quat_xyzw") is not None:
+            _quaternion_to_angles(element, version, place, refuse)
+    if not unknown:
+        return []
+    names = list(dict.fromkeys(unknown))
+    shown_names = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
+    words = f"what is not URDF plays no part: {shown_names}"
+    return [Note("ignored", words, {"elements": names})]
+
+
+def _check_attributes(element: ET.Element, place: str, unknown: list[str], refuse: Any) -> None:
+    known = _ATTRIBUTES.get(element.tag, ())
+    strange = [key for key in element.attrib if key not in known and not key.startswith("{")]
+    for key in strange:
+        what = f"{place}: unknown attribute"
+        if element.tag in _STRICT:
+            raise refuse(what, expected=", ".join(known), got=key)
+        _refuse_slip(key, known[:4], what, key, refuse)
+        unknown.append(f"{key}= in <{element.tag}>")
+    if strange and element.tag == "limit" and not {"lower", "upper"} & set(element.attrib):
+        raise refuse(f"{place}: no lower and no upper", expected="lower=... upper=...",
+                     got=", ".join(strange))  # fmt: skip
+
+
+def _refuse_slip(name: str, known: tuple[str, ...], what: str, got: str, refuse: Any) -> None:
+    close = get_close_matches(name.lower(), known, n=1, cutoff=_ALIKE)
+    if close:
+        raise refuse(what, expected=close[0], got=got)
+
+
+def _quaternion_to_angles(origin: ET.Element, version: str, place: str, refuse: Any) -> None:
+    """Write the rotation of an origin as roll, pitch, yaw; equal to rounding."""
+    if version == "1.0":
+        raise refuse(f"{place}: quat_xyzw needs URDF 1.1", expected='<robot version="1.1">')
+    if origin.get("rpy") is not None:
+        raise refuse(f"{place} has both rpy and quat_xyzw", expected="one of them")
+    quaternion = np.array(_numbers(origin, ("quat_xyzw",), 4, place.removesuffix(": origin"), refuse))
+    if np.linalg.norm(quaternion) < 1e-9:
+        raise refuse(f"{place}: quat_xyzw is zero", expected="a rotation")
+    del origin.attrib["quat_xyzw"]
+    R = pin.Quaternion(quaternion / np.linalg.norm(quaternion)).toRotationMatrix()
+    angles = se3.roll_pitch_yaw(se3.pose(R))
+    origin.set("rpy", " ".join(repr(float(x)) for x in angles))
+
+
+def _plane(name: str, axis: list[float] | None, facts: UrdfFacts) -> None:
+    """Where a planar joint moves: across its axis; Pinocchio always takes z."""
+    if axis is None:
+        words = f"planar joint {name!r} has no axis: it moves across its frame's z axis"
+        facts.notes.append(Note("planar-axis", words, {"joint": name}))
+    elif axis[0] or axis[1] or axis[2] < 0:
+        facts.planar_axes[name] = np.array(axis) / math.hypot(*axis)
+
+
+def _fix_followers(joints: dict[str, ET.Element], mimics: dict[str, Mimic]) -> None:
+    """Followers of a joint that stands still stand still at their offset."""
+    standing = {name: 0.0 for name, joint in joints.items() if joint.get("type") == "fixed"}
+    pending = dict(mimics)
+    while found := {n: m for n, m in pending.items() if m.leader in standing}:
+        for name, mimic in found.items():
+            standing[name] = mimic.multiplier * standing[mimic.leader] + mimic.offset
+            _fix(joints[name], standing[name])
+            del pending[name], mimics[name]
+
+
+def _fix(joint: ET.Element, position: float) -> None:
+    """Make a joint fixed at a position."""
+    origin, axis = joint.find("origin"), joint.find("axis")
+    if origin is None:
+        origin = ET.SubElement(joint, "origin")
+    xyz, rpy, along = (
+        np.array([float(x) for x in default.split()])
+        for default in (
+            origin.get("xyz", "0 0 0"),
+            origin.get("rpy", "0 0 0"),
+            "1 0 0" if axis is None else axis.get("xyz", "1 0 0"),
+        )
+    )
+    step = np.zeros(6)
+    step[3 * (joint.get("type") == "prismatic") :][:3] = along / np.linalg.norm(along) * position
+    T = se3.from_roll_pitch_yaw(xyz, rpy) @ se3.exp(step)
+    origin.set("xyz", " ".join(repr(float(x)) for x in T[:3, 3]))
+    origin.set("rpy", " ".join(repr(float(x)) for x in se3.roll_pitch_yaw(T)))
+    joint.set("type", "fixed")
+
+
+def _names(root: ET.Element, tag: str, refuse: Any) -> dict[str, ET.Element]:
+    found: dict[str, ET.Element] = {}
+    for element in root.findall(tag):
+        name = element.get("name")
+        if not name:
+            raise refuse(f"a {tag} has no name")
+        if name in found:
+            raise refuse(f"two {tag}s have the name {name!r}")
+        found[name] = element
+    return found
+
+
+def _numbers(
+    element: ET.Element | None,
+    keys: tuple[str, ...],
+    count: int,
+    what: str,
+    refuse: Any,
+    largest: float = LARGEST_NUMBER,
+) -> list[float] | None:
+    """Finite numbers of the last of some attributes; all that are present are checked."""
+    values = None
+    for key in keys:
+        text = None if element is None else element.get(key)
+        if text is None or element is None:
+            continue
+        try:
+            values = [float(part) for part in text.split()]
+        except ValueError:
+            values = []
+        if len(values) != count or "_" in text or not all(math.isfinite(v) for v in values):
+            raise refuse(
+                f"{what}: {element.tag} {key} is not {count} finite number(s)", got=repr(text)
+            )
+        if any(abs(v) > largest for v in values):
+            raise refuse(f"{what}: {element.tag} {key} is too large",
+                         expected=f"at most {largest:g}", got=repr(text))  # fmt: skip
+        element.set(key, " ".join(repr(v) for v in values))
+    return values
+
+
+def _check_tree(links: dict[str, ET.Element], parent_of: dict[str, str], refuse: Any) -> None:
+    """Every link must hang from one root."""
+    roots = [link for link in links if link not in parent_of]
+    if not roots:
+        raise refuse("links form a cycle: there is no root link", got=next(iter(parent_of)))
+    settled: set[str] = set(roots)
+    for link in links:
+        trail: list[str] = []
+        while link not in settled:
+            trail.append(link)
+            link = parent_of[link]
+            if link in trail:
+                raise refuse("links form a cycle", got=" -> ".join([*trail, link]))
+        settled.update(trail)
+    if len(roots) > 1:
+        raise refuse("robot is not one tree", expected="one root link", got=", ".join(roots[:5]))
+
+
+def _check_mimic(name: str, mimics: dict[str, Mimic], refuse: Any) -> None:
+    seen = [name]
+    while (leader := mimics[seen[-1]].leader) in mimics:
+        if leader in seen:
+            raise refuse("mimic joints follow each other", got=" -> ".join([*seen, leader]))
+        seen.append(leader)
+
+
+def _check_inertial(link: ET.Element, what: str, refuse: Any) -> None:
+    inertial = link.find("inertial")
+    if inertial is None:
+        return
+    _numbers(inertial.find("origin"), ("xyz", "rpy"), 3, what, refuse)
+    mass = _numbers(inertial.find("mass"), ("value",), 1, what, refuse)
+    if mass is None:
+        raise refuse(f"{what}: inertial has no mass")
+    if mass[0] < 0:
+        raise refuse(f"{what}: mass is negative", got=f"{mass[0]:g}")
+    # Statics needs masses and centres only; rotational inertia is set to zero so that files
+    # without it, or with an impossible one, serve as well.
+    zero = dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0")
+    ET.SubElement(inertial, "inertia", zero)
+
+
