@@ -139,6 +139,39 @@ BAD: dict[str, tuple[str | bytes, tuple[str, ...]]] = {
         ("link 'c' has two parent joints",),
     ),
     "two roots": (changed("</robot>", '<link name="x"/></robot>'), ("one root link", "a, x")),
+    "axis without numbers": (changed(AXIS, "<axis/>"), ("'j1'", "axis has no xyz")),
+    "axis in an element": (changed(AXIS, "<axis><xyz>0 0 1</xyz></axis>"), ("'j1'", "<xyz>")),
+    "axis as text": (changed(AXIS, "<axis>0 0 1</axis>"), ("'j1'", "axis holds text", "0 0 1")),
+    "slip in axis": (changed('<axis xyz="0 0 1"', '<axis xzy="0 0 1"'), ("'j1'", "xyz", "xzy")),
+    "slip in origin": (changed("<origin xyz", "<orgin xyz", 2), ("origin", "<orgin>")),
+    "slip in rpy": (changed('rpy="0.3', 'ryp="0.3'), ("'j1'", "unknown attribute", "ryp")),
+    "capital letter": (changed("<axis", "<Axis"), ("'j1'", "expected axis", "<Axis>")),
+    "slip in inertial": (
+        ARM.replace("inertial>", "inertail>"),
+        ("'b'", "expected inertial", "<inertail>"),
+    ),
+    "slip in limit": (changed('lower="-2"', 'lowr="-2"'), ("'j1'", "lower", "lowr")),
+    "slip in joint": (changed(J3, J3.replace("joint", "jiont")), ("expected joint", "<jiont>")),
+    "limits in other words": (
+        changed('lower="-2" upper="2"', 'min="-2" max="2"'),
+        ("'j1'", "no lower", "min, max"),
+    ),
+    "mimic of another": (mimic("j1", '<mimic joint="j2" ratio="2"/>'), ("'j1'", "ratio")),
+    "quaternion in URDF 1.0": (
+        changed('rpy="0.3 0.1 -0.2"', 'quat_xyzw="0 0 0 1"'),
+        ("'j1'", "needs URDF 1.1"),
+    ),
+    "quaternion and angles": (
+        changed(ORIGIN, f'{ORIGIN} quat_xyzw="0 0 0 1"').replace("<robot", '<robot version="1.1"'),
+        ("'j1'", "both rpy and quat_xyzw"),
+    ),
+    "quaternion of zeros": (
+        changed('rpy="0.3 0.1 -0.2"', 'quat_xyzw="0 0 0 0"').replace(
+            "<robot", '<robot version="1.1"'
+        ),
+        ("'j1'", "quat_xyzw is zero"),
+    ),
+    "unknown version": (changed("<robot ", '<robot version="2.0" '), ("version", "1.1", "'2.0'")),
     "zero axis": (changed(AXIS, '<axis xyz="0 0 0"/>'), ("'j1'", "zero axis")),
     "tiny axis": (changed(AXIS, '<axis xyz="0 0 1e-12"/>'), ("'j1'", "zero axis")),
     "axis of two": (changed(AXIS, '<axis xyz="0 1"/>'), ("axis xyz is not 3", "'0 1'")),
@@ -256,6 +289,40 @@ def test_names_of_links_and_joints(accepted: Accepted) -> None:
     data = accepted(place(text), "--q", "j 3=0.5")
     assert data["frame"] == "Greifer für 六足 & <x>"
     assert data["q"] == [0, 0, 0.5]
+
+
+def test_what_is_no_urdf_is_named(accepted: Accepted) -> None:
+    text = changed(AXIS, f"{AXIS}<friction/>").replace(
+        '"a"/>', '"a"><pose>1 0 0 0 0 0</pose></link>', 1
+    )
+    (note,) = (n for n in accepted(place(text), "--frame", "d")["notes"] if n["code"] == "ignored")
+    assert note["values"]["elements"] == ["<friction> in <joint>", "<pose> in <link>"]
+
+
+def test_frame_is_a_link_where_a_joint_elsewhere_has_its_name(accepted: Accepted) -> None:
+    at = ("--q", "0.3,-0.2,0.5", "--frame", "d", "--stiffness", "100")
+    expected = accepted(place(ARM, "plain.urdf"), *at)
+    got = accepted(place(ARM.replace('"j1"', '"d"')), *at)
+    for key in ("pose", "jacobian"):
+        assert np.allclose(got[key], expected[key], atol=1e-15)
+    assert "ambiguous-frame" in [note["code"] for note in got["notes"]]
+    assert "ambiguous-frame" not in [note["code"] for note in expected["notes"]]
+
+
+def test_planar_joint_moves_across_its_axis(accepted: Accepted) -> None:
+    axis = np.array([1.0, -2.0, 0.5])
+    text = changed('name="j3" type="revolute"', 'name="j3" type="planar"').replace(
+        '<axis xyz="1 0 0"/>', '<axis xyz="1 -2 0.5"/>'
+    )
+    got = accepted(place(text), "--frame", "d", "--q", "0,0,0.1,-0.3,0.7")
+    start = accepted(place(text), "--frame", "d", "--q", "0,0,0,0,0")
+    step = np.linalg.inv(start["pose"]) @ got["pose"]
+    assert abs(axis @ step[:3, 3]) < 1e-15
+    assert np.isclose(np.linalg.norm(step[:3, 3]), np.hypot(0.1, 0.3))
+    assert np.allclose(step[:3, :3] @ axis, axis)
+    assert np.isclose(np.trace(step[:3, :3]), 1 + 2 * np.cos(0.7))
+    without = accepted(place(text.replace('<axis xyz="1 -2 0.5"/>', "")), "--frame", "d")
+    assert "planar-axis" in [note["code"] for note in without["notes"]]
 
 
 @pytest.mark.parametrize("name", ["universe", "world", "root_joint", "c"])

@@ -100,7 +100,10 @@ def check_against_pinocchio(path: Path, rng: np.random.Generator) -> bool:
             )
             if joint.nq == 1 and name not in leaders:
                 c = next(c for c in tree.coordinates if c.name == name)
-                limits = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
+                limits = (
+                    model.lowerPositionLimit[joint.idx_q],
+                    model.upperPositionLimit[joint.idx_q],
+                )
                 assert (c.lower, c.upper) == limits
         else:  # planar: x, y, angle; floating: x, y, z and three turns
             x = [v for n, v in given.items() if n.startswith(f"{name}.")]

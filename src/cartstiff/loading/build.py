@@ -11,7 +11,7 @@ from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.parts import (
     add_payload,
-    default_frame,
+    chosen_frame,
     default_posture,
     gravity_of,
     ignored_parts,
@@ -48,13 +48,7 @@ def build_serial(file: SerialFile, beside: Path | None, where: str, name: str) -
     path = model_path(file.model, beside)
     description = read_robot_description(path)
     notes: list[Note] = []
-    frame = file.frame
-    if frame is None:
-        frame, words = default_frame(description.model)
-        notes.append(Note("default-frame", words, {"frame": frame}))
-    known = [f.name for f in description.model.frames]
-    if frame not in known:
-        raise UnknownNameError("frame", frame, known, where=where)
+    frame = chosen_frame(description, file.frame, where, notes)
     tree = tree_to(description, [frame], file.locked, where, notes, file.flexible)
     if tree.n == 0:
         raise InputError(

@@ -13,7 +13,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.loading.mjcf import MjcfClosure
 from cartstiff.loading.parts import (
     add_payload,
-    default_frame,
+    chosen_frame,
     default_posture,
     ignored_parts,
     link_springs,
@@ -94,13 +94,8 @@ def build_parallel(
     for i, leg in enumerate(file.legs):
         prefix, place = f"leg{i + 1}/", f"{where}, leg {i + 1}"
         description = read_robot_description(model_path(leg.model, beside))
-        end = leg.frame
-        if end is None:
-            end, words = default_frame(description.model)
-            notes.append(Note("default-frame", f"leg {i + 1}: {words}", {"frame": end}))
-        known = [f.name for f in description.model.frames]
-        if end not in known:
-            raise UnknownNameError("frame", end, known, where=place)
+        end = chosen_frame(description, leg.frame, place, notes, f"leg {i + 1}: ")
+        notes += ignored_parts(description)
         tree = tree_to(description, [end], leg.locked, place, notes, leg.flexible)
         if leg.contact != "rigid":
             tree = extended(tree, end, _CONTACTS[leg.contact], "contact")
@@ -153,12 +148,8 @@ def build_closed_chain(
     notes: list[Note] = []
     path = model_path(file.model, beside)
     description = read_robot_description(path, floating=file.floating)
-    frame = file.frame
-    if frame is None:
-        frame, words = default_frame(description.model)
-        notes.append(Note("default-frame", words, {"frame": frame}))
+    frame = chosen_frame(description, file.frame, where, notes)
     tree = tree_to(description, None, file.locked, where, notes, file.flexible)
-    tree.placement(frame)
     closures = _mjcf_closures(description, tree)
     q = default_posture(tree, file.q, where)
     closures += [_closure(entry, i, tree, q, where) for i, entry in enumerate(file.closures)]

@@ -45,7 +45,7 @@ from cartstiff.potentials.springs import (
 __all__ = [
     "ASSUMED_STIFFNESS",
     "add_payload",
-    "default_frame",
+    "chosen_frame",
     "default_posture",
     "gravity_of",
     "ignored_parts",
@@ -94,6 +94,29 @@ def default_frame(model: Any) -> tuple[str, str]:
         f"no frame was named: {chosen.name!r} is taken, a frame at the end of the longest chain "
         f"({longest} joints); others on the same link: {others}"
     )
+
+
+def chosen_frame(
+    description: RobotDescription, frame: str | None, where: str, notes: list[Note], who: str = ""
+) -> str:
+    """The frame that was named, or the default one; with a note where something was assumed."""
+    model = description.model
+    if frame is None:
+        frame, words = default_frame(model)
+        notes.append(Note("default-frame", f"{who}{words}", {"frame": frame}))
+        return frame
+    known = [f.name for f in model.frames]
+    if frame not in known:
+        raise UnknownNameError("frame", frame, known, where=where)
+    named = [f for f in model.frames if f.name == frame]
+    taken = find_frame(model, frame)
+    for other in named:
+        apart = not other.placement.isApprox(taken.placement)
+        if other.parentJoint != taken.parentJoint or apart:
+            words = f"{who}a link and a joint elsewhere are named {frame!r}: the link is taken"
+            notes.append(Note("ambiguous-frame", words, {"frame": frame}))
+            break
+    return frame
 
 
 def springs_of(

@@ -17,8 +17,8 @@ import pinocchio as pin
 
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
-from cartstiff.mechanisms.elastic import Note
 from cartstiff.loading.yaml_file import LARGEST_NUMBER
+from cartstiff.mechanisms.elastic import Note
 
 __all__ = ["MOST_MOVING", "Mimic", "UrdfFacts", "prepare_urdf"]
 
@@ -267,7 +267,9 @@ def _quaternion_to_angles(origin: ET.Element, version: str, place: str, refuse: 
         raise refuse(f"{place}: quat_xyzw needs URDF 1.1", expected='<robot version="1.1">')
     if origin.get("rpy") is not None:
         raise refuse(f"{place} has both rpy and quat_xyzw", expected="one of them")
-    quaternion = np.array(_numbers(origin, ("quat_xyzw",), 4, place.removesuffix(": origin"), refuse))
+    quaternion = np.array(
+        _numbers(origin, ("quat_xyzw",), 4, place.removesuffix(": origin"), refuse)
+    )
     if np.linalg.norm(quaternion) < 1e-9:
         raise refuse(f"{place}: quat_xyzw is zero", expected="a rotation")
     del origin.attrib["quat_xyzw"]
@@ -398,5 +400,3 @@ def _check_inertial(link: ET.Element, what: str, refuse: Any) -> None:
     # without it, or with an impossible one, serve as well.
     zero = dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0")
     ET.SubElement(inertial, "inertia", zero)
-
-
