@@ -87,7 +87,7 @@ def through_a_socket(name: str, count: int = 400) -> tuple[float, int]:
 
     async def run() -> tuple[float, int]:
         address = server.url.replace("http:", "ws:") + "socket"
-        request = HTTPRequest(address, headers={"Origin": server.url.rstrip("/")})
+        request = HTTPRequest(address, headers={"Origin": server.url.rsplit("/", 2)[0]})
         socket = await websocket_connect(request)
         await socket.read_message()
         start, size = time.perf_counter(), 0

@@ -7,6 +7,7 @@ import json
 import struct
 from collections.abc import Callable, Iterator
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -55,7 +56,8 @@ class Tab:
         from tornado.websocket import websocket_connect
 
         self.loop = asyncio.new_event_loop()
-        headers = {"Origin": origin or url.rstrip("/")}
+        place = urlsplit(url)
+        headers = {"Origin": origin or f"{place.scheme}://{place.netloc}"}
         if host is not None:
             headers["Host"] = host
         address = url.replace("http:", "ws:") + "socket"

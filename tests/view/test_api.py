@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import html
 import re
+from pathlib import Path
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -78,3 +80,18 @@ def test_what_does_not_fit_is_refused():
     ):
         with pytest.raises(InputError, match=words):
             cartstiff.show(arm, open_browser=False, **options)
+
+
+def test_a_browser_is_given_the_address_in_a_file_that_nobody_else_can_read(monkeypatch, tmp_path):
+    """A command line, where the token would stand, can be read by other users of the machine."""
+    opened = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / "snap").mkdir()
+    with cartstiff.show(cartstiff.load("cubic"), open_browser=True) as page:
+        (address,) = opened
+        path = Path.from_uri(address) if hasattr(Path, "from_uri") else Path(urlsplit(address).path)
+        assert path.parent == tmp_path
+        assert path.stat().st_mode & 0o777 == 0o600
+        assert f"url={page.url}" in path.read_text()
+        path.unlink()

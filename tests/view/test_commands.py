@@ -53,7 +53,7 @@ def test_view_serves_until_it_is_told_to_end(interrupt):
     try:
         assert process.stdout is not None
         line = process.stdout.readline()
-        found = re.search(r"http://127\.0\.0\.1:\d+/", line)
+        found = re.search(r"http://127\.0\.0\.1:\d+/[\w-]{32}/", line)
         assert found, line
         opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
         with opener.open(found.group(), timeout=10) as answer:

@@ -6,6 +6,7 @@ import contextlib
 import json
 import random
 import socket
+import time
 import urllib.error
 import urllib.request
 from urllib.parse import urlsplit
@@ -17,7 +18,9 @@ from tornado.websocket import WebSocketClosedError
 
 import cartstiff
 from cartstiff.errors import InputError
-from cartstiff.page import server as serving
+from cartstiff.page import gate
+from cartstiff.page import tab as tabs_of
+from cartstiff.page.answer import Answer
 from cartstiff.page.run import Background
 from cartstiff.page.source import Source
 
@@ -78,20 +81,63 @@ def test_sockets_from_other_pages_are_refused(page, origin):
 
 @pytest.mark.parametrize(
     "path",
-    ["../../../etc/passwd", "page/../server.py", "page/%2e%2e/server.py", "page/..%2fserver.py",
+    ["", "../../../etc/passwd", "page/../server.py", "page/%2e%2e/server.py", "page/..%2fserver.py",
      "..%5c..%5cwindows", "page/", "page", "%00", "page/main.js/x", "//etc/passwd"],
 )  # fmt: skip
 def test_no_path_is_a_file(page, path):
-    answer = raw(page.url, f"GET /{path} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n")
-    assert answer.split(" ")[1] in ("400", "404")
-    assert "root:" not in answer
-    assert "import" not in answer
+    token = urlsplit(page.url).path.strip("/")
+    for start in (f"/{token}/", "/"):
+        line = f"GET {start}{path} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n"
+        answer = raw(page.url, line)
+        if path or start == "/":
+            assert answer.split(" ")[1] in (("400", "404") if len(start) > 1 else ("400", "403"))
+            assert "root:" not in answer
+            assert "import" not in answer
 
 
 def test_other_methods_are_refused(page):
-    for method in ("POST", "PUT", "DELETE", "TRACE"):
-        line = f"{method} / HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 0\r\n\r\n"
-        assert raw(page.url, line).split(" ")[1] == "405"
+    for start, status in ((urlsplit(page.url).path, "405"), ("/", "403")):
+        for method in ("POST", "PUT", "DELETE", "TRACE"):
+            line = f"{method} {start} HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 0\r\n\r\n"
+            assert raw(page.url, line).split(" ")[1] == status
+
+
+@pytest.mark.parametrize("method", ["GET", "HEAD", "POST", "PUT", "DELETE", "OPTIONS", "TRACE"])
+def test_without_the_token_there_is_a_403_and_nothing_else(page, method):
+    """On loopback too: other users of this machine reach every port on it."""
+    token = urlsplit(page.url).path.strip("/")
+    assert len(token) >= 32
+    wrong = token[:-1] + ("A" if token[-1] != "A" else "B")
+    for path in ("/", "/socket", "/page/main.js", "/viewer.js", f"/{wrong}/", f"/{wrong}/socket",
+                 f"/?token={token}", f"/x/{token}/", f"/{token[:-1]}", f"//{token}/", "/%00/",
+                 f"/{token.swapcase()}/", "/\xff/"):  # fmt: skip
+        answer = raw(page.url, f"{method} {path} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        assert answer.startswith("HTTP/1.1 403 "), (path, answer)
+        head, _, body = answer.partition("\r\n\r\n")
+        assert body in ("", "403 open the whole address that cartstiff has printed\n")
+        assert token not in answer
+        assert "Server:" not in head
+        assert "Set-Cookie" not in head
+
+
+def test_a_socket_needs_the_token(page):
+    place = urlsplit(page.url)
+    origin = f"http://{place.netloc}"
+    for url in (f"{origin}/", f"{origin}/{'x' * 32}/"):
+        with pytest.raises(HTTPClientError, match="403"):
+            Tab(url, origin=origin)
+
+
+def test_two_pages_have_two_tokens(page, platform):
+    other = Background(Source(platform), picture=NoPicture)
+    assert urlsplit(other.url).path != urlsplit(page.url).path
+    other.close()
+
+
+def test_the_address_without_its_last_stroke_leads_to_the_page(page):
+    status, body, _ = get(page.url.rstrip("/").rsplit("/", 1)[0], urlsplit(page.url).path[1:-1])
+    assert status == 200
+    assert b"<title>cartstiff</title>" in body
 
 
 def test_the_next_answer_is_of_the_newest_state(tab):
@@ -176,7 +222,7 @@ def test_refused_messages_leave_the_tab_open(tab):
 
 
 def test_too_many_messages_are_dropped_and_said(tab, monkeypatch):
-    monkeypatch.setattr(serving, "MOST_MESSAGES", 20)
+    monkeypatch.setattr(tabs_of, "MOST_MESSAGES", 20)
     one = tab()
     for number in range(1, 400):
         one.send({"id": number, "do": "camera", "preset": "top"})
@@ -206,37 +252,81 @@ def test_a_fault_inside_is_said_and_survived(platform, monkeypatch):
 
 
 def test_tabs_are_counted(page, monkeypatch):
-    monkeypatch.setattr(serving, "MOST_TABS", 3)
+    monkeypatch.setattr(tabs_of, "MOST_TABS", 3)
     tabs = [Tab(page.url) for _ in range(3)]
-    with pytest.raises(HTTPClientError, match="503"):
-        Tab(page.url)
+    late = Tab(page.url)
+    assert late.read()["error"] == "too many tabs show this page; expected at most 3"
+    assert late.read() is None
+    assert late.socket.close_code == 4029  # the page does not try again
+    late.close()
     tabs.pop().close()
     for _ in range(50):
-        try:
-            tabs.append(Tab(page.url))
+        tabs.append(Tab(page.url))
+        if tabs[-1].read()["do"] == "hello":
             break
-        except HTTPClientError:
-            continue
+        tabs.pop().close()
     assert len(tabs) == 3
     for one in tabs:
         one.close()
 
 
-def test_connections_are_counted(page, monkeypatch):
-    monkeypatch.setattr(serving, "MOST_CONNECTIONS", 8)
+def test_a_crowd_without_a_word_locks_nobody_out(page, monkeypatch):
+    """Idle and slow connections give way to new ones, and never to one that has the token."""
+    monkeypatch.setattr(gate, "MOST_CONNECTIONS", 20)
     place = urlsplit(page.url)
-    held = [socket.create_connection((place.hostname, place.port), timeout=10) for _ in range(40)]
-    held[-1].settimeout(10)
-    assert held[-1].recv(10) == b""  # turned away at once
-    for connection in held:
+    one = Tab(page.url)
+    assert one.read()["do"] == "hello"
+    held = []
+    for number in range(200):
+        held.append(socket.create_connection((place.hostname, place.port), timeout=10))
+        if number % 2:
+            held[-1].sendall(f"GET {place.path} HTTP/1.1\r\nHost: 127".encode())
+        if number % 20 == 0:
+            assert get(page.url)[0] == 200
+    later = Tab(page.url)
+    assert later.read()["do"] == "hello"
+    for number in (1, 2):
+        assert later.ask({"id": number, "do": "draw"})["numbers"]
+        assert one.ask({"id": number, "do": "draw"})["numbers"]
+    held[0].settimeout(10)
+    assert held[0].recv(10) == b""  # the oldest has been let go
+    for connection in (*held, later, one):
         connection.close()
-    for _ in range(100):
+
+
+def test_files_are_made_one_at_a_time(tab, page, monkeypatch):
+    """What a file needs while it is made is held once, however many tabs ask for one."""
+    running, most = set(), [0]
+
+    def steps(*_, number, **__):
+        me = object()
+        running.add(me)
         try:
-            if get(page.url)[0] == 200:
-                return
-        except (urllib.error.URLError, OSError):
-            continue
-    pytest.fail("no answer after the others have gone")
+            for _ in range(300):
+                most[0] = max(most[0], len(running))
+                time.sleep(0.0001)
+                yield
+        finally:
+            running.discard(me)
+        return Answer({"id": number, "do": "export", "text": "a file"})
+
+    monkeypatch.setattr(tabs_of, "export_steps", steps)
+    tabs = [tab() for _ in range(4)]
+    for one in tabs:
+        one.send({"id": 1, "do": "export"})
+    for one in reversed(tabs):  # meanwhile everything else is answered
+        one.send({"id": 2, "do": "draw"})
+    for one in tabs[1:]:
+        answers = {answer["id"]: answer for answer in (one.read(), one.read())}
+        assert answers[1]["text"] == "a file"
+        assert answers[2]["numbers"]
+    assert most == [1]
+    # Who leaves while a file is made leaves the place to the next.
+    tabs[0].send({"id": 3, "do": "export"})
+    leaver = Tab(page.url)
+    leaver.send({"id": 3, "do": "export"})
+    leaver.close()
+    assert tabs[1].ask({"id": 4, "do": "export"})["text"] == "a file"
 
 
 def test_fuzzed_messages_leave_the_server_serving(tab, page):

@@ -27,17 +27,20 @@ Examples:
 )  # fmt: skip
 @click.option(
     "--host", default="127.0.0.1", show_default=True,
-    help="Address to listen on. Any other than the default lets other machines in.",
+    help="Address to listen on. Any other than the default lets in other machines that know the "
+    "printed address; what they exchange is not encrypted.",
 )  # fmt: skip
 @click.option("--no-open", is_flag=True, help="Print the address, open no browser.")
 def command(port: int, host: str, no_open: bool, **texts: Any) -> None:
     """Serve a page on which MECHANISM moves and shows its stiffness; ends with Ctrl-C.
 
-    The page needs no network and loads nothing from outside. MECHANISM is a bundled name (see
+    The page needs no network and loads nothing from outside. The address that is printed holds a
+    secret, without which nothing is answered. MECHANISM is a bundled name (see
     `cartstiff models`), a mechanism file (.yaml), a URDF or MJCF file, or an example robot's name.
     """
     source = source_from_options(**texts)
     try:
+        from cartstiff.page.opening import open_page
         from cartstiff.page.run import serve
     except ImportError as error:
         if (error.name or "").startswith("cartstiff"):
@@ -47,6 +50,6 @@ def command(port: int, host: str, no_open: bool, **texts: Any) -> None:
     def ready(url: str) -> None:
         click.echo(f"{source.elastic.name}: {url}  (Ctrl-C ends)")
         if not no_open:
-            click.launch(url)
+            open_page(url)
 
     serve(source, host=host, port=port, ready=ready, last=True)

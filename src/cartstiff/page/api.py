@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import webbrowser
 from html import escape
 from typing import Any
 
@@ -25,7 +24,7 @@ class Page:
     Attributes
     ----------
     url : str
-        Its address.
+        Its address. It holds a secret: who knows it can use the page.
     """
 
     def __init__(self, source: Source, port: int, height: int) -> None:
@@ -159,7 +158,9 @@ def show(
     if open_browser is None:
         open_browser = not _in_notebook()
     if open_browser:
-        webbrowser.open(page.url)
+        from cartstiff.page.opening import open_page
+
+        open_page(page.url)
     return page
 
 

@@ -77,7 +77,13 @@ class Background:
     """
 
     def __init__(
-        self, source: Source, *, host: str = "127.0.0.1", port: int = 0, picture: Any = None
+        self,
+        source: Source,
+        *,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        token: str | None = None,
+        picture: Any = None,
     ) -> None:
         self._loop = asyncio.new_event_loop()
         self._end = asyncio.Event()
@@ -85,17 +91,20 @@ class Background:
         self._error: BaseException | None = None
         self._server: PageServer | None = None
         self._thread = threading.Thread(
-            target=self._run, args=(source, host, port, picture), name="cartstiff page", daemon=True
+            target=self._run,
+            args=(source, {"host": host, "port": port, "token": token, "picture": picture}),
+            name="cartstiff page",
+            daemon=True,
         )
         self._thread.start()
         self._started.wait()
         if self._error is not None:
             raise self._error
 
-    def _run(self, source: Source, host: str, port: int, picture: Any) -> None:
+    def _run(self, source: Source, options: dict[str, Any]) -> None:
         async def run() -> None:
             try:
-                self._server = PageServer(source, host=host, port=port, picture=picture)
+                self._server = PageServer(source, **options)
             except BaseException as error:
                 self._error = error
                 return

@@ -1,5 +1,8 @@
 // Answers from a server over a websocket, with reconnection.
 
+// Close code of a tab that is one too many.
+const FULL = 4029;
+
 /** Split a message into its JSON object and the viewer's commands. */
 export function unpack(buffer) {
   const view = new DataView(buffer);
@@ -28,12 +31,23 @@ export class LiveSource {
       this.onstatus("connected");
       this.onanswer(...unpack(event.data));
     };
-    this.socket.onclose = () => {
+    this.socket.onclose = async (event) => {
       this.onlost();
+      if (event.code === FULL) return; // the server has said why
       this.onstatus("lost");
+      if (await this.strange()) this.onstatus("strange");
       setTimeout(() => this.start(), this.delay);
       this.delay = Math.min(5000, this.delay * 1.5);
     };
+  }
+
+  /** Whether a server answers that does not know this page's token. */
+  async strange() {
+    try {
+      return (await fetch(location.pathname, { method: "HEAD", cache: "no-store" })).status === 403;
+    } catch {
+      return false;
+    }
   }
 
   ask(message) {

@@ -45,8 +45,9 @@ function banners(store, source) {
   };
   source.onstatus = (status) => {
     if (status === "lost" && !lost) show("The server does not answer. The page shows the last posture and tries again by itself …", "warning");
+    if (status === "strange") show("The server has been started anew. Open the address that it has printed.", "warning");
     if (status === "connected" && lost) show(null);
-    lost = status === "lost";
+    lost = status !== "connected";
     document.body.classList.toggle("lost", lost);
   };
   store.on("error", (text) => show(text, "bad"));
@@ -75,5 +76,8 @@ if (byId("frames")) {
     byId("verdict-text").textContent = `This page needs a browser of 2023 or newer (${error.message})`;
   });
 } else {
-  build(new LiveSource(`ws://${location.host}/socket`));
+  const address = new URL("socket", location.href); // beside the page, behind the same token
+  address.protocol = "ws:";
+  address.hash = "";
+  build(new LiveSource(address.href));
 }

@@ -1,0 +1,243 @@
+"""One tab's socket: what it asks, in which order it is answered, and how much of it at once."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+from tornado.iostream import StreamClosedError
+from tornado.websocket import WebSocketClosedError, WebSocketHandler
+
+from cartstiff.errors import CartstiffError, InputError, one_line
+from cartstiff.page.answer import Answer
+from cartstiff.page.export import export_steps
+from cartstiff.page.gate import Guarded
+from cartstiff.page.session import Session, refusal
+from cartstiff.page.state import Draw, Export, Message, Series, Sweep, read_message
+
+if TYPE_CHECKING:
+    from cartstiff.page.server import PageServer
+
+__all__ = ["TabSocket"]
+
+#: Sockets that may be open at once; further tabs are told so.
+MOST_TABS = 24
+#: Messages per second and tab; what exceeds it is dropped.
+MOST_MESSAGES = 2000
+# Quick questions of a tab that may wait for their turn.
+_MOST_WAITING = 16
+# Longest time (s) without a look at other tabs while a long question is answered.
+_SLICE = 0.004
+# Between two looks (s) whether another tab's export has ended.
+_PATIENCE = 0.05
+# Close code of a socket that is one too many; the page knows it.
+_FULL = 4029
+
+_ID = re.compile(r'"id": ?(\d{1,15})\b')
+
+
+class TabSocket(Guarded, WebSocketHandler):
+    """One tab."""
+
+    def check_origin(self, origin: str) -> bool:
+        """Only a page of this very server."""
+        return origin == f"http://{self.request.headers.get('Host', '')}"
+
+    def prepare(self) -> None:
+        """Know the page."""
+        self._page: PageServer = self.application.settings["page"]
+
+    def open(self, *_: str) -> None:
+        """Begin to answer; a tab too many is told so."""
+        self.set_nodelay(True)
+        if len(self._page.tabs) >= MOST_TABS:
+            full = InputError("too many tabs show this page", expected=f"at most {MOST_TABS}")
+            self.write_message(refusal(full, 0).pack(), binary=True)
+            self.close(_FULL, "too many tabs")
+            return
+        self._page.tabs.add(self)
+        self._session: Session | None = None
+        self._drawing: Draw | None = None
+        self._quick: deque[Message] = deque()
+        # Long questions by kind: an export goes on while curves are asked for anew.
+        self._long: dict[str, tuple[Sweep | Series | Export, Any]] = {}
+        self._tokens, self._filled = float(MOST_MESSAGES), time.monotonic()
+        self._warned = 0.0
+        self._pushed: deque[Answer] = deque(maxlen=4 * _MOST_WAITING)
+        self._task = asyncio.ensure_future(self._serve())
+        self._awake = asyncio.Event()
+        self._awake.set()
+
+    def on_close(self) -> None:
+        """End what is being answered."""
+        self._page.tabs.discard(self)
+        self._stop_exporting()
+        if hasattr(self, "_task"):
+            self._task.cancel()
+
+    async def ended(self) -> None:
+        """Wait until nothing is answered any more."""
+        self._task.cancel()
+        await asyncio.wait([self._task])
+
+    def push(self, answer: Answer) -> None:
+        """Tell the tab something that it did not ask."""
+        self._pushed.append(answer)
+        self._awake.set()
+
+    def on_message(self, text: str | bytes) -> None:
+        """Keep what the tab asks; of questions of a kind the newest wins."""
+        if self not in self._page.tabs:
+            return
+        now = time.monotonic()
+        self._tokens = min(MOST_MESSAGES, self._tokens + (now - self._filled) * MOST_MESSAGES) - 1
+        self._filled = now
+        if self._tokens < 0:
+            self._tokens = 0.0
+            if now - self._warned > 1.0:
+                self._warned = now
+                slower = InputError("too many messages", expected="a slower pace")
+                self.push(refusal(slower, _number(text)))
+            return
+        try:
+            message = read_message(text)
+        except InputError as error:
+            self.push(refusal(error, _number(text)))
+            return
+        if isinstance(message, Draw):
+            self._drawing = message
+        elif isinstance(message, (Sweep, Series, Export)):
+            kind = "export" if isinstance(message, Export) else "curves"
+            if kind in self._long:
+                older = self._long[kind][0]
+                newer = InputError("a newer question took the place of this one")
+                self.push(refusal(newer, older.id, older.do))
+            self._long[kind] = message, None
+        elif len(self._quick) < _MOST_WAITING:
+            self._quick.append(message)
+        else:
+            late = InputError("too many questions wait", expected="a slower pace")
+            self.push(refusal(late, message.id, message.do))
+        self._awake.set()
+
+    # -- answering --------------------------------------------------------------------------
+
+    async def _serve(self) -> None:
+        """Answer until the socket closes: what is quick first, slices of what is long."""
+        try:
+            await asyncio.sleep(0)
+            self._session = Session(self._page.source, self._page.picture)
+            await self._send(self._session.hello())
+            while True:
+                await self._awake.wait()
+                answer = self._next(self._session)
+                if answer is not None:
+                    await self._send(answer)
+                elif self._waits():
+                    self._awake.clear()
+                    with suppress(TimeoutError):
+                        await asyncio.wait_for(self._awake.wait(), _PATIENCE)
+                    self._awake.set()
+                else:
+                    await asyncio.sleep(0)
+        except (StreamClosedError, WebSocketClosedError, asyncio.CancelledError):
+            pass
+        except CartstiffError as error:  # a mechanism that cannot be drawn at all
+            await self._send(refusal(error, 0))
+
+    async def _send(self, answer: Answer) -> None:
+        try:
+            packed = answer.pack()
+        except InputError as error:
+            packed = refusal(error, answer.data.get("id", 0), answer.data.get("do")).pack()
+        await self.write_message(packed, binary=True)
+
+    def _next(self, session: Session) -> Answer | None:
+        """The next answer, or None after a slice of a long one, or if nothing is asked."""
+        if self._pushed:
+            return self._pushed.popleft()
+        message: Message
+        if self._drawing is not None:
+            message, self._drawing = self._drawing, None
+        elif self._quick:
+            message = self._quick.popleft()
+        elif self._long:
+            return self._slice(session)
+        else:
+            self._awake.clear()
+            return None
+        return _answered(message, lambda: session.answer(message))
+
+    def _waits(self) -> bool:
+        """Whether all that is asked is a file, and another tab's is being made.
+
+        A file's frames are held until it is complete: one at a time bounds what all take.
+        """
+        if self._pushed or self._drawing or self._quick or list(self._long) != ["export"]:
+            return False
+        return self._page.exporting not in (None, self)
+
+    def _stop_exporting(self) -> None:
+        if self._page.exporting is self:
+            self._page.exporting = None
+
+    def _slice(self, session: Session) -> Answer | None:
+        """A little of a long question, curves before a file; its answer at the end."""
+        kind = "curves" if "curves" in self._long else "export"
+        message, steps = self._long[kind]
+        if kind == "export":
+            if self._page.exporting not in (None, self):
+                return None
+            self._page.exporting = self
+        end = time.monotonic() + _SLICE
+
+        def proceed() -> Answer | None:
+            nonlocal steps
+            if steps is None:
+                steps = self._begin(session, message)
+                self._long[kind] = message, steps
+            while time.monotonic() < end:
+                try:
+                    next(steps)
+                except StopIteration as done:
+                    answer: Answer = done.value
+                    return answer
+            return None
+
+        answer = _answered(message, proceed)
+        if answer is not None:
+            del self._long[kind]
+            if kind == "export":
+                self._stop_exporting()
+        return answer
+
+    def _begin(self, session: Session, message: Sweep | Series | Export) -> Any:
+        if not isinstance(message, Export):
+            return session.work(message)
+        return export_steps(
+            self._page.source, session.elastic, message.state, message.frames,
+            picture=self._page.picture, number=message.id,
+        )  # fmt: skip
+
+
+def _number(text: str | bytes) -> int:
+    """The number of a message that could not be read, 0 if even that is not to be found."""
+    start = text[:200] if isinstance(text, str) else text[:200].decode("latin-1")
+    found = _ID.search(start)
+    return 0 if found is None else int(found.group(1))
+
+
+def _answered(message: Message, answer: Callable[[], Answer | None]) -> Answer | None:
+    """An answer, or the refusal that explains why there is none; a tab outlives any fault."""
+    try:
+        return answer()
+    except CartstiffError as error:
+        return refusal(error, message.id, message.do)
+    except Exception as error:
+        words = f"internal error: {type(error).__name__}: {one_line(str(error), 200)}"
+        return refusal(CartstiffError(words), message.id, message.do)
