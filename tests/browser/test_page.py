@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -359,7 +360,7 @@ def test_the_page_comes_back_when_the_server_does(pages):
 
     source = Source(cartstiff.load("cubic"))
     server = Background(source)
-    port = server.server.port
+    port, token = server.server.port, urlsplit(server.url).path.strip("/")
     page = pages.open(server.url)
     page.focus("#slider-2")
     page.keyboard.press("PageUp")
@@ -369,12 +370,35 @@ def test_the_page_comes_back_when_the_server_does(pages):
     page.wait_for_selector("#banner:has-text('does not answer')")
     page.watch.console.clear()
     server = Background(source, port=port)
+    page.wait_for_selector("#banner:has-text('started anew')")
+    server.close()
+    server = Background(source, port=port, token=token)
     page.wait_for_selector("#banner", state="hidden")
     settled(page)
     assert page.evaluate("() => window.cartstiff.numbers.result.q") == q
     server.close()
     page.close()
     page.watch.console.clear()  # refused connections are reported by the browser itself
+
+
+def test_a_tab_too_many_says_so_and_does_not_try_again(pages, monkeypatch):
+    from cartstiff.page import tab
+    from cartstiff.page.run import Background
+    from cartstiff.page.source import Source
+
+    monkeypatch.setattr(tab, "MOST_TABS", 1)
+    server = Background(Source(cartstiff.load("cubic")))
+    first, second = pages.open(server.url), pages.blank()
+    second.goto(server.url)
+    second.wait_for_selector("#banner:has-text('too many tabs')")
+    second.wait_for_timeout(800)  # longer than the first of the page's pauses
+    assert second.evaluate("() => window.cartstiff.source.socket.readyState") == 3
+    assert "too many tabs" in second.inner_text("#banner")
+    first.close()
+    second.reload()
+    second.wait_for_function("() => window.cartstiff?.numbers")
+    second.close()
+    server.close()
 
 
 @pytest.mark.parametrize(
