@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.support import body_jacobian, frame_pose, loaded_arm
+from tests.support import adjoint_reference, body_jacobian, frame_pose, loaded_arm
 
 import cartstiff
 from cartstiff.analysis.deflection import joint_shares
@@ -30,7 +30,7 @@ KEYS = {
     "connection", "symmetrised", "definiteness", "frame", "length", "stiffness", "compliance",
     "ellipsoids", "directions", "centres", "normal_form", "decoupling_frame", "eigenscrews",
     "wrench_compliant_axes", "twist_compliant_axes", "indices", "modes", "synthesis",
-    "asymmetry", "connections", "deflection", "uncertainty", "notes",
+    "asymmetry", "connections", "deflection", "load", "uncertainty", "notes",
 }  # fmt: skip
 #: Bundled mechanisms that need nothing but the package, with every kind of state.
 BUNDLED = ("stewart-gough", "cubic", "cable-robot", "five-bar", "grasp", "6-ups", "3-rrr", "delta")
@@ -94,14 +94,18 @@ def test_without_a_load_no_force_is_invented() -> None:
 
 
 @pytest.mark.parametrize("n", [6, 7])
-@pytest.mark.parametrize("connection", ["A", "B", "K", "+"])
+@pytest.mark.parametrize("connection", ["A", "B", "K", "+", "load"])
 def test_joint_shares_add_up_under_every_connection(n: int, connection: str) -> None:
     result = arm(n)
-    added, p = LOAD[::-1].copy(), np.array([0.1, -0.2, 0.3])
+    added, p = LOAD[::-1].copy(), np.array([0.3, 0.1, -0.2])
     d = analyse_posture(result, connection=connection, wrench=added, at=se3.pose(translation=p))[
         "deflection"
     ]
-    expected = np.linalg.solve(result.tensor(connection).matrix, added)
+    # The force acts at the point, so it has a moment about M's origin.
+    about_origin = added + np.array([*np.cross(p, added[3:]), 0.0, 0.0, 0.0])
+    expected = np.linalg.solve(result.tensor(connection).matrix, about_origin)
+    assert d["acts_at"] == p.tolist()
+    assert d["wrench"] == added.tolist()
     assert np.allclose(d["twist"], expected, rtol=1e-9)
     assert np.allclose(sum(np.array(s["twist"]) for s in d["shares"]), expected, rtol=1e-9)
     moved = expected[3:] + np.cross(expected[:3], p)
@@ -151,18 +155,35 @@ def test_deflection_is_the_linear_limit_of_the_equilibrium() -> None:
     assert np.allclose(d["displacement"], moved, rtol=1e-6, atol=1e-6 * np.abs(moved).max())
 
 
-@pytest.mark.parametrize("connection", ["A", "B", "K"])
+def test_an_added_force_acts_where_it_is_said() -> None:
+    """With the force at M's origin and the point elsewhere, and the two exchanged: Maxwell."""
+    result, p = arm(6, wrench=None), [0.0, 0.0, 0.25]
+    at = se3.pose(translation=p)
+    force = [0.0, 0.0, 0.0, 300.0, 0.0, 0.0]
+    origin = analyse_posture(result, wrench=force, wrench_at=[0, 0, 0], at=at)["deflection"]
+    here = analyse_posture(result, wrench=force, wrench_at=p)["deflection"]
+    both = analyse_posture(result, wrench=force, at=at, direction=[1, 0, 0])
+    assert origin["displacement"][0] == pytest.approx(here["displacement"][0], rel=1e-12)
+    # With the force at the point, its displacement is the force over the free stiffness there.
+    free = both["directions"][3]["along"]["free"]
+    assert both["deflection"]["displacement"][0] == pytest.approx(300.0 / free, rel=1e-9)
+    assert abs(origin["displacement"][0] - both["deflection"]["displacement"][0]) > 1e-4
+    with pytest.raises(InputError, match="point of an added wrench needs the wrench"):
+        analyse_posture(result, wrench_at=p)
+
+
+@pytest.mark.parametrize("connection", ["A", "B", "K", "load"])
 def test_at_moves_the_analysis(connection: str) -> None:
     result = arm(6)
     T = se3.pose(Rotation.from_euler("xyz", [0.3, -0.2, 0.9]).as_matrix(), [0.1, 0.2, -0.3])
     there = analyse_posture(result, connection=connection, at=T)
-    tensor = result.tensor(connection).to_frame(T)
-    assert np.allclose(there["stiffness"], 0.5 * (tensor.matrix + tensor.matrix.T), rtol=1e-12)
+    K, Ad = result.tensor(connection).matrix, adjoint_reference(T)
+    moved = Ad.T @ K @ Ad  # K^K too: another origin's would belong to no load
+    assert np.allclose(there["stiffness"], 0.5 * (moved + moved.T), rtol=1e-12)
     assert there["frame"] == T.tolist()
-    if connection != "K":  # the kinematic connection of another origin is another one
-        here = analyse_posture(result, connection=connection)
-        p = np.append(there["centres"]["stiffness"], 1.0)
-        assert np.allclose((T @ p)[:3], here["centres"]["stiffness"], rtol=1e-8)
+    here = analyse_posture(result, connection=connection)
+    p = np.append(there["centres"]["stiffness"], 1.0)
+    assert np.allclose((T @ p)[:3], here["centres"]["stiffness"], rtol=1e-8)
 
 
 @pytest.mark.parametrize("n", [6, 7])

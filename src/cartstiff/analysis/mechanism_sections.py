@@ -1,8 +1,9 @@
 r"""What an added wrench does to a mechanism at a posture, and joint springs for a wanted stiffness.
 
 Deflection, under any connection X: ``dq = (H_W + J^T D J)^-1 J^T dW`` with D = K^X - K^B gives
-``J dq = (K^X)^-1 dW``. The connection says what the present load does meanwhile: A, it follows the
-body; K, its force keeps its direction; B, half of each. Without load all are one.
+``J dq = (K^X)^-1 dW``. The connection says what the present load does meanwhile: "load", what it
+was said to do; A, it follows the body; K, its force at M's origin keeps its direction. Without load
+all are one.
 """
 
 from __future__ import annotations
@@ -31,22 +32,10 @@ from cartstiff.stiffness.compute import PostureStiffness
 
 __all__ = ["deflection_section", "target_section"]
 
-# A load below what the springs exert over this turn (rad) is rounding.
-_ROUNDING = 1e-12
-
-
-def _is_loaded(r: PostureStiffness) -> bool:
-    """Whether the load is more than the rounding of the springs' forces."""
-    if r.wrench is None:
-        return False
-    sizes = r.posture.coordinate_lengths
-    torque = (r.posture.motion.jacobian.T @ r.wrench) * sizes
-    stiffest = np.abs(r.evaluation.hessian * np.outer(sizes, sizes)).max(initial=0.0)
-    return bool(np.abs(torque).max(initial=0.0) > _ROUNDING * stiffest)
-
-
 def _difference(r: PostureStiffness, name: str) -> Array:
     """K^X - K^B: what the connection adds under the load; zero without one."""
+    if name == "load":
+        return r.change_by_load
     base, K = r.matrices["B"], r.matrices.get(name)
     if base is not None and K is not None:
         return K - base
@@ -56,21 +45,49 @@ def _difference(r: PostureStiffness, name: str) -> Array:
 
 
 def deflection_section(
-    r: PostureStiffness, name: str, added: Array | None, point: Array, notes: Notes
+    r: PostureStiffness, name: str, added: Array | None, acts_at: Array, point: Array, notes: Notes
 ) -> dict[str, Any] | None:
-    """Linear deflection ``(K^X)^-1 dW`` under a wrench in M, at a point of the body."""
+    """Linear deflection ``(K^X)^-1 dW`` at a point of the body, under a wrench at another.
+
+    Parameters
+    ----------
+    r : PostureStiffness
+        The posture.
+    name : str
+        The connection X.
+    added : ndarray (6,) or None
+        Wrench in the axes of M about `acts_at`; None for the load, at its own point.
+    acts_at, point : ndarray (3,)
+        In M.
+    notes : Notes
+        Takes the reason why there is none.
+    """
     if added is None:
-        if r.wrench is None or not _is_loaded(r):
+        if r.wrench is None or not r.is_loaded:
             return None
-        added = r.wrench
-    C = r.compliances["A" if name == "+" else name]
+        whole_wrench, acts_at = r.wrench, np.array(r.load.at)
+        added = whole_wrench - _about_origin(acts_at, whole_wrench[3:])
+    else:
+        whole_wrench = added + _about_origin(acts_at, added[3:])
+    C = r.at().compliances[name]
     if C is None:
         reason = UndefinedError("no compliance exists here", code="no-compliance")
         notes.add(reason, "deflection")
         return None
-    whole = compliance_deflection(C.T if name == "+" else C, added, point)
+    whole = compliance_deflection(C, whole_wrench, point)
     shares = notes.attempt("shares of the deflection", _shares, r, name, whole)
-    return {**plain(whole), "connection": name, **(shares or {"kind": None, "shares": None})}
+    return {
+        **plain(whole),
+        "wrench": added,
+        "acts_at": acts_at,
+        "connection": name,
+        **(shares or {"kind": None, "shares": None}),
+    }
+
+
+def _about_origin(point: Array, force: Array) -> Array:
+    """Wrench (6,) that a force at a point adds to its moment about the origin."""
+    return np.concatenate([np.cross(point, force), np.zeros(3)])
 
 
 def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]:

@@ -27,11 +27,12 @@ from cartstiff.errors import CartstiffError, InputError, UndefinedError, Unknown
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.stiffness.compute import PostureStiffness
+from cartstiff.stiffness.in_frame import StiffnessInFrame
 
 __all__ = ["CONNECTIONS", "analyse_posture"]
 
-#: Connections that can be analysed.
-CONNECTIONS = ("A", "B", "K", "F", "+")
+#: Matrices that can be analysed: of the connections, and the tangent under the load.
+CONNECTIONS = ("A", "B", "K", "F", "+", "load")
 
 
 def analyse_posture(
@@ -45,6 +46,7 @@ def analyse_posture(
     at: ArrayLike | None = None,
     direction: ArrayLike | None = None,
     wrench: ArrayLike | None = None,
+    wrench_at: ArrayLike | None = None,
     target: ArrayLike | None = None,
     tolerances: Tolerances | None = None,
     samples: int = 0,
@@ -58,7 +60,8 @@ def analyse_posture(
     result : PostureStiffness
         From `cartstiff.analyse`.
     connection : str, optional
-        One of `CONNECTIONS`: the matrix that is analysed. Default the first that exists of B, K, F.
+        One of `CONNECTIONS`: the matrix that is analysed. Default "load", the tangent under the
+        load, where there is one; without a load all are the same and the default is B.
     length : float, optional
         Characteristic length in the mechanism's unit; see `summarise`.
     mass, inertia, mass_centre : float, array_like (3, 3), array_like (3,), optional
@@ -66,13 +69,15 @@ def analyse_posture(
         force time^2 per length.
     at : array_like, shape (4, 4), optional
         ``T_M_N``: the frame N fixed to the body in which everything but "deflection" is given;
-        the point of "deflection" is its origin. Under the kinematic connection the matrix is that
-        of N's own origin.
+        the point of "deflection" is its origin. Every matrix moves there as a tensor: K^K stays
+        that of M's origin, and the load acts where it does.
     direction : array_like, shape (3,), optional
         Direction in N along and about which the stiffness is given, besides x, y, z.
     wrench : array_like, shape (6,), optional
-        Wrench (moment, force) in M added to the load, whose linear deflection is given; default
-        the load itself, if there is one.
+        Wrench (moment, force) in the axes of M added to the load, whose linear deflection is
+        given; default the load itself, if there is one.
+    wrench_at : array_like, shape (3,), optional
+        Point in M at which the wrench acts; default the origin of N.
     target : array_like, shape (6, 6), optional
         Desired K^B in M, for which joint (or leg) stiffnesses are given.
     tolerances : Tolerances, optional
@@ -101,21 +106,28 @@ def analyse_posture(
         raise UnknownNameError("connection", connection, CONNECTIONS)
     if samples < 0 or samples == 1:
         raise InputError("samples cannot be used", expected="0, or 2 and more", got=samples)
-    T = np.eye(4) if at is None else checked_pose(at, "frame of the analysis")
     added = None if wrench is None else checked_vector(wrench, 6, "wrench")
+    acts_at = None if wrench_at is None else checked_vector(wrench_at, 3, "point of the wrench")
+    if acts_at is not None and added is None:
+        raise InputError("the point of an added wrench needs the wrench", expected="both, or none")
 
     def sections(r: PostureStiffness, springs: bool) -> tuple[dict[str, Any], Notes]:
-        stiffness, compliance, W = _in_frame(r, T, connection)
+        here = r.at(at)
+        name, stiffness, compliance = _matrices(r, here, connection)
+        W = np.zeros(6) if here.wrench is None else here.wrench
         answer = summarise(
-            stiffness, W, length, connection=connection, compliance=compliance, mass=mass,
+            stiffness, W, length, connection=name, compliance=compliance, mass=mass,
             inertia=inertia, mass_centre=mass_centre, direction=direction, threshold=threshold,
             springs=springs,
         )  # fmt: skip
         notes = Notes()
         notes.entries = answer.pop("notes")
-        answer["frame"] = T.tolist()
+        answer["frame"] = here.T_M_N.tolist()
+        answer["load"] = _load(r, here)
+        point = here.T_M_N[:3, 3]
+        force_at = point if acts_at is None else acts_at
         answer["deflection"] = plain(
-            deflection_section(r, answer["connection"] or connection or "B", added, T[:3, 3], notes)
+            deflection_section(r, name, added, force_at, point, notes)
         )
         return answer, notes
 
@@ -143,27 +155,31 @@ def analyse_posture(
     return answer
 
 
-def _in_frame(
-    r: PostureStiffness, T: Array, connection: str | None
-) -> tuple[dict[str, Array | None], Array | None, Array]:
-    """Matrices by connection, compliance where no matrix exists, and load, in frame N."""
-    W = np.zeros(6) if r.wrench is None else r.wrench
-    matrices = dict(r.matrices)
-    names = [*matrices] if connection != "+" else [*matrices, "+"]
-    if all(K is None for K in matrices.values()):
-        C = r.compliances["K" if connection == "K" else "B"]
-        if connection == "F" or C is None:
-            return dict.fromkeys(names), None, W
-        back = se3.adjoint(se3.inverse(T))
-        return dict.fromkeys(names), back @ C @ back.T, se3.adjoint(T).T @ W
-    if not np.array_equal(T, np.eye(4)):
-        for name, K in matrices.items():
-            if K is not None:
-                matrices[name] = r.tensor(name).to_frame(T).matrix
-        W = se3.adjoint(T).T @ W
-    if connection == "+" and (K_A := matrices["A"]) is not None:
-        matrices["+"] = K_A.T
-    return matrices, None, W
+def _matrices(
+    r: PostureStiffness, here: StiffnessInFrame, connection: str | None
+) -> tuple[str, dict[str, Array | None], Array | None]:
+    """What is analysed, the matrices that it is compared with, and the compliance."""
+    if connection is None:
+        connection = "load" if r.is_loaded else "B"
+    names = ["A", "B", "K", "F", *(["load"] if r.is_loaded else [])]
+    if connection not in names:
+        names.append(connection)
+    return connection, {n: here.matrices[n] for n in names}, here.compliances[connection]
+
+
+def _load(r: PostureStiffness, here: StiffnessInFrame) -> dict[str, Any] | None:
+    """The load in N: about its own point, and what it does while the body moves."""
+    if here.wrench is None or not r.is_loaded:
+        return None
+    W, at = here.wrench, np.array(here.load.at)
+    moment = W[:3] - np.cross(at, W[3:])
+    return {
+        "kind": here.load.kind,
+        "meaning": here.load.words,
+        "at": at.tolist(),
+        "moment": moment.tolist(),
+        "force": W[3:].tolist(),
+    }
 
 
 def _uncertainty(

@@ -172,6 +172,9 @@ class Parameters:
         CartstiffError
             Where those parameters make no mechanism, or the chain cannot be closed.
         """
+        return replace(self._analysed(values), load=self.result.load)
+
+    def _analysed(self, values: Mapping[str, float]) -> PostureStiffness:
         elastic, q = self.result.elastic, self.result.q
         if elastic.springs is not None:
             k = np.array(elastic.springs.stiffness)

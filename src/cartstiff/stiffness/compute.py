@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +25,8 @@ from cartstiff.mechanisms.contract import MechanismPosture, named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.potentials.contract import Evaluation, Map
 from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
+from cartstiff.stiffness.in_frame import StiffnessInFrame, stiffness_in_frame
 from cartstiff.stiffness.reduction import RANK, Reduction, reduce_to
 from cartstiff.stiffness.tensor import StiffnessTensor
 
@@ -32,7 +34,7 @@ __all__ = ["SCHEMA", "PostureStiffness", "analyse", "slack_notes"]
 
 SCHEMA = "cartstiff/1"
 
-_EYE = np.eye(6)
+_EYE, _EYE_4 = np.eye(6), np.eye(4)
 # K^X = K^B - (W @ _FROM_B)[X] for X = A, B, K at once: K^A = K^B - 1/2 M with the M of
 # `se3.bracket_form`, and K^X = K^A less the wrench term of the connection.
 _FROM_B = np.concatenate(
@@ -43,6 +45,10 @@ _FROM_B = np.concatenate(
     axis=1,
 )
 
+_DEAD_AT_ORIGIN = LoadKind()
+
+#: A load below what the springs exert over this turn (rad) is rounding.
+LOADED = 1e-12
 #: A singularity is called near below this ratio of length-scaled singular values: stiffness, which
 #: goes with the square, then differs by more than 400 between directions.
 NEAR = 0.05
@@ -53,6 +59,9 @@ def analyse(
     q: ArrayLike | Mapping[str, float] | None = None,
     *,
     wrench: ArrayLike | None = None,
+    load_kind: Literal["dead", "follower", "conservative"] = "dead",
+    load_at: ArrayLike = (0.0, 0.0, 0.0),
+    load_axes: Literal["body", "world"] = "body",
     strict: bool = False,
 ) -> PostureStiffness:
     r"""Stiffness of a mechanism at a posture, under every connection.
@@ -65,21 +74,32 @@ def analyse(
         Coordinates in rad and length units, in joint order or by name; default the file's posture.
         For a platform: x, y, z, roll, pitch, yaw. A closed chain is assembled from there.
     wrench : array_like (6,), optional
-        W = (moment, force) in the body frame that the environment applies. All rest positions are
-        then chosen so that the springs balance it at q. Without it, springs with a rest position
-        exert what they exert, and those without carry gravity.
+        (moment, force) that the environment applies to the body at `load_at`; there it is W. All
+        rest positions are then chosen so that the springs balance it at q. Without it, springs
+        with a rest position exert what they exert, and those without carry gravity.
+    load_kind : {"dead", "follower", "conservative"}
+        What the load does while the body moves, on which the `tangent` depends: keeps its direction
+        in the room, turns with the body, or keeps its force's direction while its moment turns by
+        half. See `cartstiff.stiffness.applied_load`.
+    load_at : array_like (3,)
+        The point of the body at which the load acts, in the frame M.
+    load_axes : {"body", "world"}
+        Axes of the wrench's components: those of M or of F.
     strict : bool
         Raise where a stiffness matrix does not exist, instead of returning None with a note.
 
     Returns
     -------
     PostureStiffness
-        Pose, Jacobian, wrench, energy, K^A, K^B, K^K, K^F, compliances, notes.
+        Pose, Jacobian, wrench, energy, K^A, K^B, K^K, K^F, the tangent under the load,
+        compliances, notes.
 
     Raises
     ------
     InputError
         For a wrong count, an unknown name, or numbers that are not finite.
+    UnknownNameError
+        For an unknown kind or axes of the load.
     ConvergenceError
         If a closed chain cannot be assembled near q.
     UndefinedError
@@ -92,6 +112,9 @@ def analyse(
     else:
         values = elastic.mechanism.checked(q)
     notes = list(elastic.notes)
+    kind = _DEAD_AT_ORIGIN
+    if load_kind != "dead" or any(np.ravel(np.asarray(load_at))):
+        kind = LoadKind(load_kind, load_at)  # type: ignore[arg-type]
     given = None
     if wrench is not None:
         given = checked_vector(wrench, 6, "wrench")
@@ -101,6 +124,8 @@ def analyse(
                 expected="no wrench here",
             )
     posture = elastic.mechanism.closed(values)
+    if given is not None:
+        given = wrench_in_body(given, posture.pose, kind.at, load_axes)
     elastic, energy = elastic._balanced_with_evaluation(posture, given)
     reduction = reduce_to(
         posture.motion,
@@ -113,7 +138,7 @@ def analyse(
     notes += [Note(*state) for state in reduction.states]
     notes += _near_singular(posture, reduction)
     notes += slack_notes(elastic, posture)
-    result = PostureStiffness(elastic, posture.q, posture, energy, reduction, tuple(notes))
+    result = PostureStiffness(elastic, posture.q, posture, energy, reduction, tuple(notes), kind)
     if strict and reduction.stiffness is None:
         state = reduction.states[-1]
         raise UndefinedError(state.message, code=state.code, values=state.values)
@@ -202,6 +227,8 @@ class PostureStiffness:
         Energy, gradient, Hessian in the coordinates.
     reduction : Reduction
         The reduction to the end-effector.
+    load : LoadKind
+        What the load does while the body moves, and where it acts.
     """
 
     elastic: ElasticMechanism
@@ -210,6 +237,7 @@ class PostureStiffness:
     evaluation: Evaluation
     reduction: Reduction
     _notes: tuple[Note, ...]
+    load: LoadKind = _DEAD_AT_ORIGIN
 
     @property
     def pose(self) -> Array:
@@ -298,6 +326,65 @@ class PostureStiffness:
             found.append(None if factor is None else C @ factor)
         return dict(zip("ABKF", [*found, None], strict=True))
 
+    @property
+    def is_loaded(self) -> bool:
+        """Whether W is more than the rounding of the springs' forces."""
+        if self.wrench is None:
+            return False
+        sizes = self.posture.coordinate_lengths
+        torque = (self.posture.motion.jacobian.T @ self.wrench) * sizes
+        stiffest = np.abs(self.evaluation.hessian * np.outer(sizes, sizes)).max(initial=0.0)
+        return bool(np.abs(torque).max(initial=0.0) > LOADED * stiffest)
+
+    @cached_property
+    def change_by_load(self) -> Array:
+        """``K^load - K^B`` (6, 6), zero without a load: exists where no stiffness does, too."""
+        W = self.wrench
+        if W is None:
+            return np.zeros((6, 6))
+        return self.load.change(W) - 0.5 * se3.bracket_form(W)
+
+    @cached_property
+    def tangent(self) -> Array | None:
+        """K^load (6, 6): change of the wrench that must be added, per motion, under the load.
+
+        The derivative of the elastic wrench less that of the load, which behaves as `load` says;
+        what `equilibrium` gives as the linear limit of an added load. None where no stiffness
+        exists.
+        """
+        K = self.reduction.stiffness
+        return None if K is None or self.wrench is None else K + self.change_by_load
+
+    @cached_property
+    def tangent_compliance(self) -> Array | None:
+        """Inverse of `tangent`; exists at kinematic singularities too: C (I + D C)^-1."""
+        if self.wrench is None:
+            return None
+        C = self.compliances["B"]
+        if C is None:
+            K = self.tangent
+            return None if K is None else _inverses([K])[0]
+        factor = _inverses([_EYE + self.change_by_load @ C])[0]
+        return None if factor is None else C @ factor
+
+    def at(self, T_M_N: ArrayLike | None = None) -> StiffnessInFrame:
+        """Matrices, compliances, wrench and tangent in a frame N of the body.
+
+        Parameters
+        ----------
+        T_M_N : array_like (4, 4), optional
+            N in the frame M; default M itself.
+
+        Raises
+        ------
+        InputError
+            If it is not a rigid motion.
+        """
+        T = _EYE_4 if T_M_N is None else np.asarray(T_M_N, float)
+        if T.shape != (4, 4) or not se3.is_pose(T):
+            raise InputError("frame is not a rigid motion", expected="a 4x4 pose", got=T.tolist())
+        return stiffness_in_frame(self, T)
+
     @cached_property
     def _flat(self) -> tuple[Array | None, Array | None, Note | None]:
         """K^F, d(chart coordinates)/d(twist), and the reason if there is none."""
@@ -384,6 +471,8 @@ class PostureStiffness:
     def tensor(self, connection: str | Connection = "B") -> StiffnessTensor:
         """Stiffness tensor under a named connection ("A", "B", "K", "+", "F") or any other.
 
+        "load" is the tangent under the load.
+
         Raises
         ------
         UndefinedError
@@ -403,7 +492,7 @@ class PostureStiffness:
                 message = note.message if note else "K^F does not exist here"
                 raise UndefinedError(message, code=note.code if note else "no-chart")
             return StiffnessTensor(F, self.flat_connection(), W, self.pose, frame, units)
-        return base.to_connection(connection)
+        return base.to_connection(self.load.connection if connection == "load" else connection)
 
     def flat_connection(self) -> Connection:
         """The flat connection of the chart at this posture, [ZK]_ eq. 47, from six probe wrenches.
@@ -467,6 +556,13 @@ class PostureStiffness:
             "pose": self.pose.tolist(),
             "jacobian": plain(self.jacobian),
             "wrench": plain(self.wrench),
+            "load": {
+                "kind": self.load.kind,
+                "at": list(self.load.at),
+                "meaning": self.load.words,
+                "stiffness": plain(self.tangent),
+                "compliance": plain(self.tangent_compliance),
+            },
             "energy": None if np.isnan(self.energy) else self.energy,
             "stiffness": {name: plain(K) for name, K in self.matrices.items()},
             "compliance": {name: plain(C) for name, C in self.compliances.items()},

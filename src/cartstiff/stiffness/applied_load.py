@@ -1,0 +1,139 @@
+r"""What a load does while the body moves, and the tangent stiffness that follows from it.
+
+With W = (m, f) the load about its point P, in the body's axes, a small rotation of the body changes
+the components of the load in the body by ``-R w``, and the tangent is ``K^A - R`` in the frame at P:
+
+    follower       R = 0                            moment and force turn with the body
+    dead           R = [[ [m]x, 0 ], [ [f]x, 0 ]]   both keep their direction in the room
+    conservative   R = [[ 1/2 [m]x, 0 ], [ [f]x, 0 ]]   the force does, the moment follows by half
+
+In the frame M the tangent is ``Ad^T (K^A - R) Ad``, Ad of M in P: it moves as a tensor. Each kind is
+thereby a left-invariant affine connection on SE(3), one for each point; "conservative" at M's
+origin is the kinematic one. A force alone has a symmetric tangent under "dead" and "conservative";
+a dead moment has none, and no potential. A moment that follows by half is Argyris' semitangential
+moment: the one of dead forces on crossed bars, which has a potential.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.geometry import se3
+from cartstiff.geometry.connections import CARTAN_MINUS, Connection, from_bilinear_map
+from cartstiff.geometry.se3 import Array
+
+__all__ = ["LOAD_KINDS", "LoadKind", "wrench_in_body"]
+
+#: Kinds of load and what each says, in words.
+LOAD_KINDS: Final = {
+    "dead": "its force and moment keep their direction in the room",
+    "follower": "it turns with the body",
+    "conservative": "its force keeps its direction in the room, its moment turns by half",
+}
+
+
+@dataclass(frozen=True)
+class LoadKind:
+    """How a load behaves while the body moves.
+
+    Attributes
+    ----------
+    kind : {"dead", "follower", "conservative"}
+        See `LOAD_KINDS`.
+    at : tuple of 3 floats
+        The point of the body at which the force acts, in the frame M.
+
+    Raises
+    ------
+    UnknownNameError
+        For another kind.
+    InputError
+        For a point that is not three finite numbers.
+    """
+
+    kind: Literal["dead", "follower", "conservative"] = "dead"
+    at: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if self.kind not in LOAD_KINDS:
+            raise UnknownNameError("kind of load", self.kind, LOAD_KINDS)
+        object.__setattr__(self, "at", _point(self.at))
+
+    @property
+    def connection(self) -> Connection:
+        """The affine connection on SE(3) whose stiffness is the tangent under this load, in M."""
+        return _connection(self.kind, self.at)
+
+    @property
+    def words(self) -> str:
+        """What the load does, for people: "its force and moment keep their direction ..."."""
+        return LOAD_KINDS[self.kind]
+
+    def change(self, wrench: ArrayLike) -> Array:
+        """``K^load - K^A`` (6, 6) in M under a wrench W (6,) about M's origin: ``-Ad^T R Ad``."""
+        return -self.connection.wrench_term(wrench)
+
+
+def wrench_in_body(
+    wrench: ArrayLike, pose: Array, at: Sequence[float], axes: Literal["body", "world"]
+) -> Array:
+    """W about M's origin in the axes of M.
+
+    Parameters
+    ----------
+    wrench : array_like, shape (6,)
+        Moment about and force at the point.
+    pose : ndarray, shape (4, 4)
+        ``T_F_M``.
+    at : sequence of 3 floats
+        The point, in M.
+    axes : {"body", "world"}
+        Whose axes the components are along: those of M or those of F.
+
+    Raises
+    ------
+    UnknownNameError
+        For other axes.
+    """
+    if axes not in ("body", "world"):
+        raise UnknownNameError("axes", axes, ("body", "world"))
+    W = np.array(wrench, float)
+    if axes == "world":
+        W = (pose[:3, :3].T @ W.reshape(2, 3).T).T.reshape(6)
+    if any(at):
+        W[:3] += np.cross(at, W[3:])
+    return W
+
+
+def _point(value: ArrayLike) -> tuple[float, float, float]:
+    try:
+        point = np.array(value, float)
+    except (TypeError, ValueError):
+        point = np.empty(0)
+    if point.shape != (3,) or not np.isfinite(point).all():
+        raise InputError("point of the load cannot be used", expected="3 finite numbers", got=value)
+    x, y, z = point.tolist()
+    return x, y, z
+
+
+@lru_cache(maxsize=64)
+def _connection(kind: str, at: tuple[float, float, float]) -> Connection:
+    if kind == "follower":
+        return CARTAN_MINUS
+    share = 1.0 if kind == "dead" else 0.5
+
+    def nabla(x: Array, y: Array) -> Array:
+        return np.concatenate([share * np.cross(x[:3], y[:3]), np.cross(x[:3], y[3:])])
+
+    name = f"{kind} load"
+    if any(at):
+        name += f" at ({', '.join(f'{x:g}' for x in at)})"
+    there = from_bilinear_map(nabla, name, meaning=f"tangent: {LOAD_KINDS[kind]}")
+    return there.carried_to(se3.pose(translation=np.negative(at)))

@@ -1,0 +1,88 @@
+r"""One posture's stiffness in any frame of the body: what is printed, listed and drawn.
+
+With Ad = Ad(T_M_N), everything moves as a tensor:
+
+    K' = Ad^T K Ad,     C' = Ad^-1 C Ad^-T,     W' = Ad^T W
+
+The connections stay what they are in M: K^K is that of M's origin, and the tangent under a load is
+that of the point at which the load acts. K^K *recomputed* for N's origin would belong to no load;
+`StiffnessTensor.to_frame` gives it for comparison.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array, read_only
+from cartstiff.stiffness.applied_load import LoadKind
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from cartstiff.stiffness.compute import PostureStiffness
+
+__all__ = ["StiffnessInFrame", "stiffness_in_frame"]
+
+
+@dataclass(frozen=True, eq=False)
+class StiffnessInFrame:
+    """Stiffness, compliance and load in a frame N of the body; arrays are read-only.
+
+    Attributes
+    ----------
+    T_M_N : ndarray (4, 4)
+        The frame N in the frame M.
+    pose : ndarray (4, 4)
+        ``T_F_N``.
+    wrench : ndarray (6,) or None
+        W about N's origin in N's axes; None in an unbalanced posture.
+    load : LoadKind
+        How the load behaves, and where it acts, in N.
+    matrices, compliances : mapping of str to ndarray (6, 6) or None
+        By name: "A", "B", "K", "F", "+", and "load", the tangent under the load.
+    """
+
+    T_M_N: Array
+    pose: Array
+    wrench: Array | None
+    load: LoadKind
+    matrices: Mapping[str, Array | None]
+    compliances: Mapping[str, Array | None]
+
+    @property
+    def is_body_frame(self) -> bool:
+        """Whether N is M itself."""
+        return bool(np.array_equal(self.T_M_N, np.eye(4)))
+
+
+def stiffness_in_frame(result: PostureStiffness, T_M_N: Array) -> StiffnessInFrame:
+    """The stiffness of a posture in the frame N; see `PostureStiffness.at`."""
+    matrices = {**result.matrices, "load": result.tangent}
+    compliances = {**result.compliances, "load": result.tangent_compliance}
+    W, at = result.wrench, np.array(result.load.at)
+    if not np.array_equal(T_M_N, np.eye(4)):
+        forth, back = se3.adjoint(T_M_N), se3.adjoint(se3.inverse(T_M_N))
+        matrices = {n: None if K is None else forth.T @ K @ forth for n, K in matrices.items()}
+        compliances = {n: None if C is None else back @ C @ back.T for n, C in compliances.items()}
+        W = None if W is None else forth.T @ W
+        at = T_M_N[:3, :3].T @ (at - T_M_N[:3, 3])
+    for table in (matrices, compliances):
+        minus = table["A"]
+        table["+"] = None if minus is None else minus.T
+    return StiffnessInFrame(
+        read_only(T_M_N),
+        read_only(result.pose @ T_M_N),
+        None if W is None else read_only(W),
+        LoadKind(result.load.kind, tuple(at)),
+        _fixed(matrices),
+        _fixed(compliances),
+    )
+
+
+def _fixed(table: dict[str, Array | None]) -> Mapping[str, Array | None]:
+    return MappingProxyType({n: None if M is None else read_only(M) for n, M in table.items()})
