@@ -32,6 +32,7 @@ from cartstiff.stiffness.compute import PostureStiffness
 
 __all__ = ["deflection_section", "target_section"]
 
+
 def _difference(r: PostureStiffness, name: str) -> Array:
     """K^X - K^B: what the connection adds under the load; zero without one."""
     if name == "load":

@@ -24,7 +24,6 @@ from cartstiff.analysis.uncertainty import (
 )
 from cartstiff.arrays import checked_pose, checked_vector
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, UnknownNameError
-from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.in_frame import StiffnessInFrame
@@ -126,9 +125,7 @@ def analyse_posture(
         answer["load"] = _load(r, here)
         point = here.T_M_N[:3, 3]
         force_at = point if acts_at is None else acts_at
-        answer["deflection"] = plain(
-            deflection_section(r, name, added, force_at, point, notes)
-        )
+        answer["deflection"] = plain(deflection_section(r, name, added, force_at, point, notes))
         return answer, notes
 
     answer, notes = sections(result, springs=True)

@@ -1,17 +1,17 @@
 r"""What a load does while the body moves, and the tangent stiffness that follows from it.
 
-With W = (m, f) the load about its point P, in the body's axes, a small rotation of the body changes
-the components of the load in the body by ``-R w``, and the tangent is ``K^A - R`` in the frame at P:
+With W = (m, f) the load about its point P, along the body's axes, a small motion t = (w, v) of the
+body changes these components by ``R t``, and the tangent in the frame at P is ``K^A - R``:
 
-    follower       R = 0                            moment and force turn with the body
-    dead           R = [[ [m]x, 0 ], [ [f]x, 0 ]]   both keep their direction in the room
-    conservative   R = [[ 1/2 [m]x, 0 ], [ [f]x, 0 ]]   the force does, the moment follows by half
+    follower       R = 0                                moment and force turn with the body
+    dead           R = [[ [m]x, 0 ], [ [f]x, 0 ]]       both keep their direction in the room
+    conservative   R = [[ 1/2 [m]x, 0 ], [ [f]x, 0 ]]   the force does, the moment turns by half
 
-In the frame M the tangent is ``Ad^T (K^A - R) Ad``, Ad of M in P: it moves as a tensor. Each kind is
-thereby a left-invariant affine connection on SE(3), one for each point; "conservative" at M's
-origin is the kinematic one. A force alone has a symmetric tangent under "dead" and "conservative";
-a dead moment has none, and no potential. A moment that follows by half is Argyris' semitangential
-moment: the one of dead forces on crossed bars, which has a potential.
+In the frame M the tangent is ``Ad^T (K^A - R) Ad``, Ad that of M in P: it moves as a tensor. Each
+kind is thereby a left-invariant affine connection on SE(3), one for each point; "conservative" at
+M's origin is the kinematic one. A force alone has a symmetric tangent under "dead" and
+"conservative"; a dead moment has none, and no potential. A moment that turns by half is the
+semitangential one, as of dead forces on crossed bars: it has a potential.
 """
 
 from __future__ import annotations

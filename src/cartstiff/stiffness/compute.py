@@ -10,7 +10,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_matrix, checked_vector
+from cartstiff import numerics
+from cartstiff.arrays import checked_matrix, checked_pose, checked_vector
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import (
@@ -47,8 +48,6 @@ _FROM_B = np.concatenate(
 
 _DEAD_AT_ORIGIN = LoadKind()
 
-#: A load below what the springs exert over this turn (rad) is rounding.
-LOADED = 1e-12
 #: A singularity is called near below this ratio of length-scaled singular values: stiffness, which
 #: goes with the square, then differs by more than 400 between directions.
 NEAR = 0.05
@@ -138,7 +137,10 @@ def analyse(
     notes += [Note(*state) for state in reduction.states]
     notes += _near_singular(posture, reduction)
     notes += slack_notes(elastic, posture)
-    result = PostureStiffness(elastic, posture.q, posture, energy, reduction, tuple(notes), kind)
+    result = PostureStiffness(
+        elastic, posture.q, posture, energy, reduction, tuple(notes), kind,
+        given is not None and bool(given.any()),
+    )  # fmt: skip
     if strict and reduction.stiffness is None:
         state = reduction.states[-1]
         raise UndefinedError(state.message, code=state.code, values=state.values)
@@ -238,6 +240,7 @@ class PostureStiffness:
     reduction: Reduction
     _notes: tuple[Note, ...]
     load: LoadKind = _DEAD_AT_ORIGIN
+    _load_is_given: bool = False
 
     @property
     def pose(self) -> Array:
@@ -326,15 +329,18 @@ class PostureStiffness:
             found.append(None if factor is None else C @ factor)
         return dict(zip("ABKF", [*found, None], strict=True))
 
-    @property
+    @cached_property
     def is_loaded(self) -> bool:
-        """Whether W is more than the rounding of the springs' forces."""
-        if self.wrench is None:
-            return False
+        """Whether there is a load: one was given, or the springs exert more than rounding."""
+        if self.wrench is None or self._load_is_given:
+            return self.wrench is not None
         sizes = self.posture.coordinate_lengths
-        torque = (self.posture.motion.jacobian.T @ self.wrench) * sizes
-        stiffest = np.abs(self.evaluation.hessian * np.outer(sizes, sizes)).max(initial=0.0)
-        return bool(np.abs(torque).max(initial=0.0) > LOADED * stiffest)
+        torque = np.abs(self.posture.motion.jacobian.T @ self.wrench) * sizes
+        stiffness = np.abs(self.evaluation.hessian * np.outer(sizes, sizes)).max(
+            axis=0, initial=0.0
+        )
+        stiffness[stiffness == 0.0] = stiffness.max(initial=0.0)  # passive: the others' rounding
+        return bool(np.any(torque > numerics.ROUNDING * stiffness))
 
     @cached_property
     def change_by_load(self) -> Array:
@@ -363,9 +369,10 @@ class PostureStiffness:
         C = self.compliances["B"]
         if C is None:
             K = self.tangent
-            return None if K is None else _inverses([K])[0]
-        factor = _inverses([_EYE + self.change_by_load @ C])[0]
-        return None if factor is None else C @ factor
+            inverse = None if K is None else numerics.invert(K)
+            return None if inverse is None else inverse.matrix
+        factor = numerics.invert(_EYE + self.change_by_load @ C)
+        return None if factor is None else C @ factor.matrix
 
     def at(self, T_M_N: ArrayLike | None = None) -> StiffnessInFrame:
         """Matrices, compliances, wrench and tangent in a frame N of the body.
