@@ -30,10 +30,10 @@ from cartstiff.potentials.line_springs import LineSprings, second_derivative
 from cartstiff.potentials.springs import CoupledSprings, JointSprings
 from cartstiff.stiffness.compute import PostureStiffness
 
-__all__ = ["deflection_section", "target_section"]
+__all__ = ["change_from_symmetric", "deflection_section", "target_section"]
 
 
-def _difference(r: PostureStiffness, name: str) -> Array:
+def change_from_symmetric(r: PostureStiffness, name: str) -> Array:
     """K^X - K^B: what the connection adds under the load; zero without one."""
     if name == "load":
         return r.change_by_load
@@ -111,7 +111,7 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
         W = np.zeros(6) if r.wrench is None else r.wrench
         H = r.evaluation.hessian - posture.motion.curvature(W)
         # The same change of connection in the joints: J (H_W + J^T D J)^-1 J^T = (K^B + D)^-1.
-        H = H + J.T @ _difference(r, name) @ J
+        H = H + J.T @ change_from_symmetric(r, name) @ J
         found = joint_shares(J, H, whole.wrench, whole.point)
         rows = [
             {
@@ -126,7 +126,7 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
             for i, c in enumerate(coordinates)
         ]
         return {"kind": "joints", "shares": rows, "load_share": 0.0}
-    motion = r.motion_under(whole.wrench, _difference(r, name))
+    motion = r.motion_under(whole.wrench, change_from_symmetric(r, name))
     rows, stiffness, elongations = [], [], []
     if isinstance(springs, JointSprings):
         k = np.diag(springs.evaluate(posture).hessian)

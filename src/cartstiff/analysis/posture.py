@@ -12,8 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.analysis import asymmetry as asymmetries
-from cartstiff.analysis.mechanism_sections import deflection_section, target_section
+from cartstiff.analysis.mechanism_sections import (
+    change_from_symmetric,
+    deflection_section,
+    target_section,
+)
 from cartstiff.analysis.plain import Notes, numbers, plain
 from cartstiff.analysis.summary import summarise
 from cartstiff.analysis.tolerances import Parameters, Tolerances
@@ -122,7 +127,7 @@ def analyse_posture(
         notes = Notes()
         notes.entries = answer.pop("notes")
         answer["frame"] = here.T_M_N.tolist()
-        answer["load"] = _load(r, here)
+        answer["load"] = plain(_load(r, name))
         point = here.T_M_N[:3, 3]
         force_at = point if acts_at is None else acts_at
         answer["deflection"] = plain(deflection_section(r, name, added, force_at, point, notes))
@@ -164,18 +169,19 @@ def _matrices(
     return connection, {n: here.matrices[n] for n in names}, here.compliances[connection]
 
 
-def _load(r: PostureStiffness, here: StiffnessInFrame) -> dict[str, Any] | None:
-    """The load in N: about its own point, and what it does while the body moves."""
-    if here.wrench is None or not r.is_loaded:
+def _load(r: PostureStiffness, connection: str) -> dict[str, Any] | None:
+    """The load about its own point, in M, and what it does while the body moves."""
+    if r.wrench is None or not r.is_loaded:
         return None
-    W, at = here.wrench, np.array(here.load.at)
-    moment = W[:3] - np.cross(at, W[3:])
+    moment, force = r.wrench[:3] - np.cross(r.load.at, r.wrench[3:]), r.wrench[3:]
+    missed = np.abs(r.change_by_load - change_from_symmetric(r, connection)).max()
     return {
-        "kind": here.load.kind,
-        "meaning": here.load.words,
-        "at": at.tolist(),
-        "moment": moment.tolist(),
-        "force": W[3:].tolist(),
+        "kind": r.load.kind,
+        "meaning": r.load.words,
+        "at": r.load.at,
+        "moment": moment,
+        "force": force,
+        "is_tangent": missed <= numerics.SYMMETRY * np.abs(r.change_by_load).max(),
     }
 
 

@@ -9,7 +9,12 @@ from typing import Any
 import click
 
 from cartstiff.cli.analysis_options import AnalysisRequest, analysis_options
-from cartstiff.cli.options import MechanismRequest, mechanism_options
+from cartstiff.cli.options import (
+    LoadRequest,
+    MechanismRequest,
+    load_options,
+    mechanism_options,
+)
 from cartstiff.cli.output import json_text
 from cartstiff.errors import InputError
 
@@ -24,14 +29,18 @@ Examples:
   cartstiff analyse panda --rest 0,-0.8,0.1,-2.3,0,1.6,0.8 --relax
 
   cartstiff analyse ur5 --analysis full --at 0,0,0.1 --length 0.2
-  cartstiff analyse ur5 --load 0,0,0,0,0,-100 --connection K --deflect 0,0,0,10,0,0
+  cartstiff analyse ur5 --load 0,0,0,0,0,-100 --world --load-at 0,0,0.1 --deflect 0,0,0,10,0,0
   cartstiff analyse cubic --tolerance 0.05,0.0001 --samples 500
   cartstiff analyse ur5 --target wanted.csv --inertia 2,0.01,0.01,0.005
 """
 
 
 @click.command(name="analyse", epilog=_EPILOG)
-@mechanism_options()
+@mechanism_options(
+    load_help="Wrench on the body: moment about and force at the point --load-at, in the body's "
+    "axes; rest positions are chosen so that the springs balance it."
+)
+@load_options(kinds=True)
 @analysis_options
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @click.option(
@@ -48,6 +57,7 @@ Examples:
 @click.option("--strict", is_flag=True, help="Exit with code 3 if a quantity does not exist.")
 def command(
     request: MechanismRequest,
+    applied: LoadRequest,
     as_json: bool,
     output: Path | None,
     relax: bool,
@@ -60,6 +70,8 @@ def command(
     file, or an example robot's name.
     """
     wrench = request.balanced_wrench
+    if applied.axes == "world" and wrench is None:
+        raise InputError("is for --load", where="--world")
     if output is not None and output.suffix not in (".json", ".npz"):
         raise InputError("unknown file ending", where="--output", expected=".json or .npz",
                          got=output.name)  # fmt: skip
@@ -71,11 +83,13 @@ def command(
     from cartstiff.stiffness.compute import analyse
 
     with np.errstate(all="ignore"):  # what is not finite is refused as a whole
-        result = analyse(elastic, q, wrench=wrench)
+        load: Any = {"wrench": wrench, "load_kind": applied.kind, "load_at": applied.at,
+                     "load_axes": applied.axes}  # fmt: skip
+        result = analyse(elastic, q, **load)
         if relax and any(note.code == "unbalanced" for note in result.notes):
             from cartstiff.statics.relax import relaxed
 
-            result = analyse(elastic, relaxed(elastic, result.q), wrench=wrench)
+            result = analyse(elastic, relaxed(elastic, result.q), **load)
         data = result.as_dict()
     text = json_text(data, request.mechanism)
     if analysis.level != "none":

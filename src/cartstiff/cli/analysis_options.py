@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["AnalysisRequest", "analysis_options"]
 
 LEVELS = ("full", "short", "none")
-CONNECTIONS = ("A", "B", "K", "F", "+")
+CONNECTIONS = ("A", "B", "K", "F", "+", "load")
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 
@@ -34,7 +34,8 @@ def analysis_options(command: _Command) -> _Command:
         ),
         click.option(
             "--connection", type=click.Choice(CONNECTIONS),
-            help="The matrix that is analysed; default the first that exists of B, K, F.",
+            help="The matrix that is analysed; default under a load: load, the tangent stiffness "
+            "under it (see --load-kind, --load-at). Without a load all are the same.",
         ),
         click.option(
             "--at", metavar="X,Y,Z", multiple=True, callback=once,
@@ -46,8 +47,13 @@ def analysis_options(command: _Command) -> _Command:
         ),
         click.option(
             "--deflect", metavar="MX,MY,MZ,FX,FY,FZ", multiple=True, callback=once,
-            help="Linear deflection under this wrench, in the body frame, added to the load; "
+            help="Linear deflection under this wrench, along the body's axes, added to the load; "
             "default the load itself.",
+        ),
+        click.option(
+            "--deflect-at", metavar="X,Y,Z", multiple=True, callback=once,
+            help="Point of the body, in its frame, at which the wrench of --deflect acts; default "
+            "the point of --at.",
         ),
         click.option(
             "--length", metavar="L", multiple=True, callback=once,
@@ -94,6 +100,7 @@ class AnalysisRequest:
         at: str | None,
         direction: str | None,
         deflect: str | None,
+        deflect_at: str | None,
         length: str | None,
         inertia: str | None,
         tolerance: str | None,
@@ -110,6 +117,10 @@ class AnalysisRequest:
                 raise InputError("must not be zero", where="--direction", got=direction)
         if deflect is not None:
             keywords["wrench"] = parse_numbers(deflect, "--deflect", 6)
+        if deflect_at is not None:
+            if deflect is None:
+                raise InputError("is for --deflect", where="--deflect-at")
+            keywords["wrench_at"] = parse_numbers(deflect_at, "--deflect-at", 3)
         if length is not None:
             keywords["length"] = parse_numbers(length, "--length", 1)[0]
             _positive([keywords["length"]], "--length")

@@ -13,7 +13,11 @@ import click
 from cartstiff.errors import InputError, UnknownNameError, one_line
 from cartstiff.parsing import LARGEST, parse_numbers
 
-__all__ = ["MechanismRequest", "mechanism_options", "once", "parse_values"]
+__all__ = ["LoadRequest", "MechanismRequest", "load_options", "mechanism_options", "once",
+           "parse_values"]  # fmt: skip
+
+#: As `cartstiff.stiffness.applied_load.LOAD_KINDS`, which would load NumPy for --help.
+LOAD_KINDS = ("dead", "follower", "conservative")
 
 _BALANCED = (
     "Wrench on the body in its own frame; rest positions are chosen so that the springs balance it."
@@ -106,6 +110,58 @@ def mechanism_options(load_help: str = _BALANCED) -> Callable[..., Callable[...,
         return with_request
 
     return decorate
+
+
+def load_options(*, kinds: bool) -> Callable[..., Callable[..., Any]]:
+    """Where the load acts and along which axes, as a `LoadRequest` in the keyword ``applied``.
+
+    With `kinds` also what it does while the body moves.
+    """
+    options = [
+        click.option(
+            "--load-at", "load_at_text", metavar="X,Y,Z", multiple=True, callback=once,
+            help="Point of the body, in its frame, at which the load acts; default its origin.",
+        ),
+        click.option(
+            "--world", is_flag=True,
+            help="The load's components are along the inertial axes, not those of the body.",
+        ),
+    ]  # fmt: skip
+    if kinds:
+        options.append(
+            click.option(
+                "--load-kind", type=click.Choice(LOAD_KINDS), default="dead", show_default=True,
+                help="What the load does while the body moves. dead: force and moment keep their "
+                "direction in the room; follower: they turn with the body; conservative: the force "
+                "keeps its direction, the moment turns by half.",
+            )
+        )  # fmt: skip
+
+    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        @wraps(command)
+        def with_load(*arguments: Any, **texts: Any) -> Any:
+            at, world = texts.pop("load_at_text"), texts.pop("world")
+            applied = LoadRequest(
+                (0.0, 0.0, 0.0) if at is None else tuple(parse_numbers(at, "--load-at", 3)),
+                "world" if world else "body",
+                texts.pop("load_kind", "dead"),
+            )
+            return command(*arguments, applied=applied, **texts)
+
+        for option in reversed(options):
+            with_load = option(with_load)
+        return with_load
+
+    return decorate
+
+
+@dataclass(frozen=True)
+class LoadRequest:
+    """The texts of `load_options`: point in M, axes "body" or "world", kind."""
+
+    at: tuple[float, ...]
+    axes: str
+    kind: str
 
 
 @dataclass(frozen=True)

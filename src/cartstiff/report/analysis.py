@@ -87,8 +87,21 @@ def _heading(s: Mapping[str, Any], u: UnitNames) -> list[str]:
         at += ", in other axes" if turned else ", along its axes"
     return [
         f"analysis of {what}, at {at}",
+        *_load(s, u),
         f"  characteristic length {number(length['value'])} {u.length} ({length['reason']})",
     ]
+
+
+def _load(s: Mapping[str, Any], u: UnitNames) -> list[str]:
+    """What the load is taken to do, and whether the analysed matrix is the tangent under it."""
+    load = s.get("load")
+    if load is None:
+        return []
+    what = "the tangent" if load["is_tangent"] else "NOT the tangent (that is K^load)"
+    at = f"{vector(load['at'])} {u.length}"
+    if not any(load["at"]):
+        at = "the origin of the body frame"
+    return [f"  {what} under a {load['kind']} load at {at}: {load['meaning']}"]
 
 
 def _principal(ellipsoids: Mapping[str, Any], u: UnitNames, full: bool) -> list[str]:

@@ -19,7 +19,8 @@ def deflection_lines(d: Section, u: UnitNames, full: bool) -> list[str]:
     size = sum(x * x for x in d["displacement"]) ** 0.5
     lines = [
         "",
-        f"linear deflection (K^{d['connection']}) under {_wrench(d['wrench'], u)}",
+        f"linear deflection (K^{d['connection']}) under {_wrench(d['wrench'], u)} at the point "
+        f"{vector(d['acts_at'])} {u.length}",
         f"  the point {vector(d['point'])} {u.length} moves {number(size)} {u.length}: "
         f"{vector(d['displacement'], 4)}",
         f"  the body turns {vector(d['twist'][:3], 4)} {u.angle}, "

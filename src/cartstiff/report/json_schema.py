@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from cartstiff.stiffness.applied_load import LOAD_KINDS
 from cartstiff.stiffness.compute import SCHEMA
 
 __all__ = ["json_schema"]
@@ -87,6 +88,22 @@ _ANALYSIS: dict[str, Any] = {
     ),
     "wrench": _WRENCH
     | {"description": "W: moment, force on the body, in M; null in an unbalanced posture"},
+    "load": _object(
+        {
+            "kind": {
+                "enum": list(LOAD_KINDS),
+                "description": "what the load is taken to do while the body moves",
+            },
+            "at": _NUMBERS
+            | {"minItems": 3, "maxItems": 3, "description": "point at which it acts, in M"},
+            "meaning": _text("the kind, for people"),
+            "stiffness": _matrix(
+                6, 6, "6x6, K^load: the tangent under the load, in M", "where it does not exist"
+            ),
+            "compliance": _matrix(6, 6, "its inverse", "where it does not exist"),
+        },
+        "the load's behaviour and the tangent stiffness that follows from it",
+    ),
     "energy": {
         "type": ["number", "null"],
         "description": "stored energy; null if a load has no potential",

@@ -15,6 +15,7 @@ _MEANINGS = {
     "B": "symmetric part of K^A, independent of both frames (bi-invariant)",
     "K": "force components in inertial directions (kinematic; depends on the frame's origin)",
     "F": "Hessian in the joint coordinates, carried to the body (flat)",
+    "load": "tangent under the load: what an added wrench meets",
 }
 
 
@@ -49,6 +50,10 @@ def describe(result: PostureStiffness, analysis: str = "") -> str:
             f"  moment  {_row(result.wrench[:3])} {units.moment}",
             f"  force   {_row(result.wrench[3:])} {units.force}",
         ]
+        if result.is_loaded:
+            x, y, z = result.load.at
+            at = f"({x:g}, {y:g}, {z:g}) {units.length}" if any(result.load.at) else "the origin"
+            lines.append(f"  taken as a {result.load.kind} load at {at}: {result.load.words}")
     if np.isfinite(result.energy):
         lines.append(f"  stored energy {result.energy:.6g} {units.moment}")
     lines.append("")
@@ -59,7 +64,10 @@ def describe(result: PostureStiffness, analysis: str = "") -> str:
             f"[{units.force}/rad, {units.force}/{units.length}]]",
             "",
         ]
-    for name, K in result.matrices.items():
+    matrices = dict(result.matrices)
+    if result.is_loaded:
+        matrices["load"] = result.tangent
+    for name, K in matrices.items():
         if K is None:
             continue
         asymmetry = float(np.abs(K - K.T).max())

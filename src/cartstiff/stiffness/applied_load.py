@@ -24,7 +24,8 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.arrays import checked_vector
+from cartstiff.errors import UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import CARTAN_MINUS, Connection, from_bilinear_map
 from cartstiff.geometry.se3 import Array
@@ -64,7 +65,8 @@ class LoadKind:
     def __post_init__(self) -> None:
         if self.kind not in LOAD_KINDS:
             raise UnknownNameError("kind of load", self.kind, LOAD_KINDS)
-        object.__setattr__(self, "at", _point(self.at))
+        point = checked_vector(self.at, 3, "point of the load")
+        object.__setattr__(self, "at", tuple(point.tolist()))
 
     @property
     def connection(self) -> Connection:
@@ -110,17 +112,6 @@ def wrench_in_body(
     if any(at):
         W[:3] += np.cross(at, W[3:])
     return W
-
-
-def _point(value: ArrayLike) -> tuple[float, float, float]:
-    try:
-        point = np.array(value, float)
-    except (TypeError, ValueError):
-        point = np.empty(0)
-    if point.shape != (3,) or not np.isfinite(point).all():
-        raise InputError("point of the load cannot be used", expected="3 finite numbers", got=value)
-    x, y, z = point.tolist()
-    return x, y, z
 
 
 @lru_cache(maxsize=64)

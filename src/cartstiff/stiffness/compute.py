@@ -387,10 +387,9 @@ class PostureStiffness:
         InputError
             If it is not a rigid motion.
         """
-        T = _EYE_4 if T_M_N is None else np.asarray(T_M_N, float)
-        if T.shape != (4, 4) or not se3.is_pose(T):
-            raise InputError("frame is not a rigid motion", expected="a 4x4 pose", got=T.tolist())
-        return stiffness_in_frame(self, T)
+        return stiffness_in_frame(
+            self, _EYE_4 if T_M_N is None else checked_pose(T_M_N, "frame of the body")
+        )
 
     @cached_property
     def _flat(self) -> tuple[Array | None, Array | None, Note | None]:
