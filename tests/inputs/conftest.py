@@ -22,6 +22,7 @@ KEYS = {
     "pose",
     "jacobian",
     "wrench",
+    "load",
     "energy",
     "stiffness",
     "compliance",

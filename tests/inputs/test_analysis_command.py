@@ -126,7 +126,7 @@ def test_options_are_those_of_the_function(analysis: Callable[..., dict[str, Any
 
 
 def test_inertia_is_in_si_whatever_the_units(analysis: Callable[..., dict[str, Any]]) -> None:
-    found = analysis("stewart-gough", "--inertia", "2,0.01,0.02,0.015")
+    found = analysis("stewart-gough", "--inertia", "2,0.01,0.02,0.015", "--connection", "B")
     result = cartstiff.analyse(cartstiff.load("stewart-gough"))
     K_si = result.B.to_units("m", "N").matrix
     M = np.diag([0.01, 0.02, 0.015, 2.0, 2.0, 2.0])

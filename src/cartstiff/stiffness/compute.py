@@ -59,7 +59,7 @@ def analyse(
     *,
     wrench: ArrayLike | None = None,
     load_kind: Literal["dead", "follower", "conservative"] = "dead",
-    load_at: ArrayLike = (0.0, 0.0, 0.0),
+    load_at: ArrayLike = _DEAD_AT_ORIGIN.at,
     load_axes: Literal["body", "world"] = "body",
     strict: bool = False,
 ) -> PostureStiffness:
@@ -112,7 +112,7 @@ def analyse(
         values = elastic.mechanism.checked(q)
     notes = list(elastic.notes)
     kind = _DEAD_AT_ORIGIN
-    if load_kind != "dead" or any(np.ravel(np.asarray(load_at))):
+    if load_kind != "dead" or load_at is not kind.at:
         kind = LoadKind(load_kind, load_at)  # type: ignore[arg-type]
     given = None
     if wrench is not None:
