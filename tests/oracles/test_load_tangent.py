@@ -246,7 +246,9 @@ def test_mujoco_gives_the_same_motion_under_a_force_off_the_origin(tmp_path):
             return k * (q - rest) - torque(q, loads, extra_moment)
 
         for _ in range(30):
-            J = np.column_stack([slope(lambda t, e=e: left(q + t * e), 1e-3) for e in np.eye(6)])
+            J = np.column_stack(
+                [slope(lambda t, e=e, q=q: left(q + t * e), 1e-3) for e in np.eye(6)]
+            )
             step = np.linalg.solve(J, left(q))
             q = q - step
             if np.abs(step).max() < 1e-14:
