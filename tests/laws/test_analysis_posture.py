@@ -350,7 +350,7 @@ def test_refusals() -> None:
         analyse_posture(result, at=2.0 * np.eye(4))
     with pytest.raises(InputError, match="samples cannot be used"):
         analyse_posture(result, samples=1)
-    with pytest.raises(InputError, match="wrench has the wrong shape"):
+    with pytest.raises(InputError, match="wrench has the wrong count"):
         analyse_posture(result, wrench=[1.0, 2.0])
     with pytest.raises(InputError, match="target stiffness is not symmetric"):
         analyse_posture(result, target=np.triu(np.ones((6, 6))))

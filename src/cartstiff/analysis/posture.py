@@ -27,7 +27,7 @@ from cartstiff.analysis.uncertainty import (
     propagate_first_order,
     propagate_monte_carlo,
 )
-from cartstiff.arrays import checked_pose, checked_vector
+from cartstiff.arrays import checked_vector
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.stiffness.compute import PostureStiffness

@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cartstiff.arrays import read_only
 from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array, read_only
+from cartstiff.geometry.se3 import Array
 from cartstiff.stiffness.applied_load import LoadKind
 
 if TYPE_CHECKING:
