@@ -158,6 +158,10 @@ class ChainPosture(MechanismPosture):
         """Potential energy of the masses in a uniform field."""
         return self._state.gravity(acceleration)
 
+    def mass_matrix(self) -> Array:
+        """Masses' matrix (n, n)."""
+        return self._state.mass_matrix()
+
     @cached_property
     def _closures(self) -> list[tuple[Closure, Array, Map]]:
         return [(c, *self.relative(c.frame_a, c.frame_b)) for c in self._chain.closures]

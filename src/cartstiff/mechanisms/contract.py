@@ -83,6 +83,10 @@ class MechanismPosture(ABC):
     def gravity(self, acceleration: Array) -> Evaluation:
         """Potential energy of the masses in a uniform field."""
 
+    def mass_matrix(self) -> Array | None:
+        """Masses' matrix (n, n), kg and length units: kinetic energy ``1/2 dq^T M dq``; or None."""
+        return None
+
     @abstractmethod
     def chart(self) -> Map | str:
         """Map to the six coordinates that make K^F, or the reason why there is no such chart."""

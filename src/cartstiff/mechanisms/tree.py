@@ -227,6 +227,13 @@ class TreeState:
             gradient, hessian = M.T @ gradient, M.T @ hessian @ M
         return Evaluation(float(energy), gradient, hessian)
 
+    def mass_matrix(self) -> Array:
+        """Masses' matrix (n, n): kinetic energy ``1/2 dq^T M dq``."""
+        model = self.tree.model
+        upper = np.triu(pin.crba(model, model.createData(), self.q))
+        full = upper + np.triu(upper, 1).T
+        return full if (M := self.tree.mimic) is None else np.asarray(M.T @ full @ M)
+
     def _with_gravity(self, acceleration: Array) -> Any:
         model = self.tree.model
         if not np.array_equal(model.gravity.linear, acceleration):

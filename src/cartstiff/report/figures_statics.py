@@ -52,8 +52,9 @@ def draw_load_curve(curve: LoadCurve, *, rotation: bool = False) -> Any:
     part = slice(0, 3) if rotation else slice(3, 6)
     size = np.linalg.norm(curve.displacement[:, part], axis=1)
     unit = "rad" if rotation else curve.elastic.units.length
-    for firm, style, label in ((True, "-", "stable"), (False, "--", "unstable")):
-        shown = np.array([(s is not False) == firm for s in curve.stable])
+    kinds = ((True, "-", "stable"), (False, "--", "unstable"), (None, "-.", "not decided"))
+    for verdict, style, label in kinds:
+        shown = np.array([s is verdict for s in curve.stable])
         # A stretch includes the points next to it, so that the line has no gaps.
         near = shown.copy()
         near[1:] |= shown[:-1]

@@ -137,7 +137,9 @@ _EQUILIBRIUM: dict[str, Any] = {
         "items": {
             "anyOf": [{"type": "number"}, _NUMBERS | {"minItems": 2, "maxItems": 2}],
         },
-        "description": "what the verdict rests on; pairs of real and imaginary part where complex",
+        "description": "what the verdict rests on: of the energy's Hessian, or "
+        "omega^2 [rad^2/s^2] where a load has no potential (none without masses); pairs of real "
+        "and imaginary part where complex",
     },
     "displacement": _NUMBERS
     | {

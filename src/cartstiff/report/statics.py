@@ -26,14 +26,10 @@ def _row(values: np.ndarray) -> str:
 def describe_equilibrium(state: Equilibrium) -> str:
     """Where the mechanism rests, and its stiffness there with the loads included."""
     units = state.elastic.units
-    eigenvalues = np.sort(np.real(state.eigenvalues))
-    tangent = "energy's Hessian" if state.is_conservative else "tangent (real part)"
     lines = [
         f"Equilibrium: {_STABLE[state.stable]}, residual {state.residual:.2g} (relative) after "
         f"{state.iterations} step(s)",
-        f"  smallest eigenvalue of the {tangent} {eigenvalues[0]:.6g} {units.moment}"
-        if eigenvalues.size
-        else "  nothing can move",
+        _softest(state),
         "",
         "Displacement of the body frame, inertial axes",
         f"  rotation     {_row(np.degrees(state.displacement[:3]))} deg",
@@ -54,6 +50,21 @@ def describe_equilibrium(state: Equilibrium) -> str:
         lines.append(f"  limit of {name}: reaction {force:.6g} {units.force} or {units.moment}")
     lines += ["", "Stiffness there, loads included", "", describe(state.stiffness)]
     return "\n".join(lines)
+
+
+def _softest(state: Equilibrium) -> str:
+    """What the verdict on stability rests on, in a line."""
+    values = state.eigenvalues
+    if not state.is_conservative:
+        if values.size == 0:
+            return "  flutter and divergence are not examined: motions without mass are left"
+        turning = np.sqrt(np.abs(values[0])) / (2 * np.pi)
+        if np.iscomplexobj(values) or values[0] < 0.0:
+            return "  undamped vibrations grow (see the notes)"
+        return f"  lowest undamped frequency {turning:.6g} Hz"
+    if values.size == 0:
+        return "  nothing can move"
+    return f"  smallest eigenvalue of the energy's Hessian {values[0]:.6g} {state.elastic.units.moment}"
 
 
 def describe_curve(curve: LoadCurve) -> str:
@@ -78,10 +89,17 @@ def describe_curve(curve: LoadCurve) -> str:
         )
     lines.append("")
     for point in curve.critical:
-        lines.append(f"Critical load: {point.kind} at factor {point.factor:.10g}")
+        beating = "" if point.frequency is None else f", {point.frequency:.6g} Hz"
+        lines.append(f"Critical load: {point.kind} at factor {point.factor:.10g}{beating}")
     if not curve.critical:
-        lines.append("No critical load up to the end of the curve.")
+        massless = any(note.code == "masses-missing" for note in curve.notes)
+        lines.append(
+            "No limit point and no branch up to the end of the curve; flutter is not examined."
+            if massless
+            else "No critical load up to the end of the curve."
+        )
     lines.append(f"The linear prediction stays within 5 % up to factor {curve.linear_up_to():.4g}.")
+    lines += [f"  [{note.code}] {note.message}" for note in curve.notes]
     return "\n".join(lines)
 
 

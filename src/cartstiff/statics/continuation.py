@@ -16,14 +16,16 @@ from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.numerics import IDLE
 from cartstiff.potentials.contract import Potential
 from cartstiff.statics.critical import CriticalPoint, crossings
 from cartstiff.statics.curves import LoadCurve, Reason
+from cartstiff.statics.flutter import MASSLESS, UNDAMPED
 from cartstiff.statics.held import Held, displacement_between
 from cartstiff.statics.limits import Limits
 from cartstiff.statics.newton import solve
 from cartstiff.statics.path import LoadPath, State
-from cartstiff.statics.problem import DEFINITE, System
+from cartstiff.statics.problem import System
 
 __all__ = ["LoadCurve", "branch", "load_curve"]
 
@@ -96,7 +98,7 @@ def load_curve(
     origin = path.state(start.point.q, 0.0, upwards)
     seed = LoadCurve(
         elastic, np.zeros(1), origin.point.q[None], np.zeros((1, 6)), np.zeros((1, 6)),
-        np.zeros(1), (None,), (), "lost", path, limits, origin.point.posture.pose,
+        np.zeros(1), (None,), (), "lost", elastic.notes, path, limits, origin.point.posture.pose,
         _linear_rate(origin, path), to, back, resolution,
     )  # fmt: skip
     return _trace(seed, [origin], points)
@@ -121,7 +123,7 @@ def branch(curve: LoadCurve, index: int = 0, direction: int = 1, points: int = 2
     InputError
         If there is no such critical point.
     UndefinedError
-        Code ``"no-branch"`` at a limit point.
+        Code ``"no-branch"`` at a limit point or the onset of flutter.
     ConvergenceError
         If the branch cannot be entered.
     """
@@ -132,7 +134,8 @@ def branch(curve: LoadCurve, index: int = 0, direction: int = 1, points: int = 2
     critical = curve.critical[index]
     if critical.kind != "bifurcation":
         raise UndefinedError(
-            "no branch starts at a limit point: the curve itself goes on", code="no-branch",
+            "no branch starts at a limit point or the onset of flutter: the curve itself goes on",
+            code="no-branch",
             values={"factor": critical.factor},
         )  # fmt: skip
     along = np.append(np.sign(direction) * critical.mode, 0.0)
@@ -234,27 +237,38 @@ def _land(path: LoadPath, here: State, there: State, goal: float, size: float) -
     return landed
 
 
+def _verdict(state: State) -> bool | None:
+    """Whether an equilibrium is stable; None where that is not decided."""
+    if not state.is_conservative:
+        moving = state.vibrations
+        return False if moving is not None and moving.growing else None
+    scaled = state.balance.modes()[0]
+    if np.abs(scaled).min(initial=np.inf) <= IDLE:
+        return None
+    return bool(np.all(scaled > 0.0))
+
+
 def _collected(
     seed: LoadCurve, states: list[State], critical: list[CriticalPoint], reason: Reason
 ) -> LoadCurve:
     factors = np.array([s.factor for s in states])
-    stable: list[bool | None] = []
-    for s in states:
-        tiny = DEFINITE * float(np.abs(s.eigenvalues).max(initial=0.0))
-        if not s.is_conservative or np.abs(s.eigenvalues).min(initial=np.inf) <= tiny:
-            stable.append(None)
-        else:
-            stable.append(bool(np.all(s.eigenvalues > 0.0)))
+    conservative = all(s.is_conservative for s in states)
+    notes = list(seed.notes)
+    if not conservative:
+        notes.append(UNDAMPED if all(s.vibrations for s in states) else MASSLESS)
     return LoadCurve(
         seed.elastic,
         factors,
         np.array([s.point.q for s in states]),
         np.array([displacement_between(seed._origin, s.point.posture.pose) for s in states]),
         factors[:, None] * seed._rate,
-        np.array([float(np.min(s.eigenvalues.real, initial=np.inf)) for s in states]),
-        tuple(stable),
+        np.array(
+            [s.eigenvalues.min(initial=np.inf) if s.is_conservative else np.nan for s in states]
+        ),
+        tuple(_verdict(s) for s in states),
         tuple(critical),
         reason,
+        tuple(notes),
         seed._path,
         seed._limits,
         seed._origin,

@@ -18,6 +18,8 @@ __all__ = ["CriticalPoint", "crossings"]
 _UNFELT = 1e-6
 _BISECTIONS = 100
 
+Kind = Literal["limit", "bifurcation", "flutter"]
+
 
 @dataclass(frozen=True, eq=False)
 class CriticalPoint:
@@ -29,20 +31,26 @@ class CriticalPoint:
         Load factor.
     q : ndarray (n,)
         Coordinates.
-    kind : {"limit", "bifurcation"}
+    kind : {"limit", "bifurcation", "flutter"}
         "limit": the load is stationary along the curve, the mechanism snaps through.
-        "bifurcation": another curve of equilibria starts here.
+        "bifurcation": another curve of equilibria starts here, as where a load that has no
+        potential leads to divergence.
+        "flutter": two frequencies meet, and vibrations grow beyond.
     mode : ndarray (n,)
         The motion, in natural units, of length 1.
     eigenvalue : float
-        What is left of the stiffness along it, as a share of the largest one just before.
+        What is left of the stiffness along it, as a share of the largest one just before; NaN for
+        flutter.
+    frequency : float or None
+        In Hz, of the motion that flutters.
     """
 
     factor: float
     q: Array
-    kind: Literal["limit", "bifurcation"]
+    kind: Kind
     mode: Array
     eigenvalue: float
+    frequency: float | None
     _state: State
 
 
@@ -72,7 +80,34 @@ def crossings(path: LoadPath, start: State, end: State, size: float) -> list[Cri
     for index in range(min(before, after), max(before, after)):
         state = _located(path, start, end, size, _measure(index))
         found.append(_named(state, float(np.abs(start.eigenvalues).max())))
+    if not _flutters(start) and _flutters(end):
+        found.append(_onset(path, start, end, size))
     return sorted(found, key=lambda c: float((c.q - start.point.q) @ (c.q - start.point.q)))
+
+
+def _flutters(state: State) -> bool:
+    return state.vibrations is not None and state.vibrations.growing == "flutter"
+
+
+def _onset(path: LoadPath, start: State, end: State, size: float) -> CriticalPoint:
+    """Where vibrations begin to grow, by halving."""
+    a, b = 0.0, size
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (a + b)
+        if b - a <= 1e-15 * size or middle in (a, b):
+            break
+        try:
+            state = path.step(start, middle)
+        except ConvergenceError:
+            break
+        if _flutters(state):
+            b, end = middle, state
+        else:
+            a = middle
+    found = end.vibrations
+    mode = np.zeros(end.point.q.size) if found is None else found.mode
+    frequency = None if found is None else found.frequency
+    return CriticalPoint(end.factor, end.point.q, "flutter", mode, np.nan, frequency, end)
 
 
 def _located(
@@ -113,7 +148,7 @@ def _named(state: State, stiffest: float) -> CriticalPoint:
     left, mode = U[:, -1], Vt[-1]
     felt = abs(float(left @ state.push))
     scale = max(float(np.linalg.norm(state.push)), stiffest, 1e-300)
-    kind: Literal["limit", "bifurcation"] = "limit" if felt > _UNFELT * scale else "bifurcation"
+    kind: Kind = "limit" if felt > _UNFELT * scale else "bifurcation"
     motion = state.balance.motion(mode)
     return CriticalPoint(
         state.factor,
@@ -121,5 +156,6 @@ def _named(state: State, stiffest: float) -> CriticalPoint:
         kind,
         motion,
         float(values[-1] / max(stiffest, 1e-300)),
+        None,
         state,
     )

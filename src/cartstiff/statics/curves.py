@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.statics.critical import CriticalPoint
 from cartstiff.statics.held import COMPONENTS
 from cartstiff.statics.limits import Limits
@@ -38,14 +38,17 @@ class LoadCurve:
     linear : ndarray (m, 6)
         What the compliance at the start predicts; NaN if there is none.
     eigenvalue : ndarray (m,)
-        Smallest eigenvalue of H_N (real part, without an energy).
+        Smallest eigenvalue of H_N; NaN without an energy, where it depends on the coordinates.
     stable : tuple of bool or None
-        Whether H_N is positive definite; None without an energy or at a zero eigenvalue.
+        Whether H_N is positive definite; None at a zero eigenvalue. Without an energy False where
+        vibrations grow, else None.
     critical : tuple of CriticalPoint
         In the order in which the curve meets them.
     reason : str
         "factor-reached"; "factor-left": the load fell below what was asked for; "points-reached";
         "limit-contact": a joint limit was met; "lost": no next point was found.
+    notes : tuple of Note
+        What was assumed.
     """
 
     elastic: ElasticMechanism
@@ -57,6 +60,7 @@ class LoadCurve:
     stable: tuple[bool | None, ...]
     critical: tuple[CriticalPoint, ...]
     reason: Reason
+    notes: tuple[Note, ...]
     _path: LoadPath
     _limits: Limits
     _origin: Array
@@ -99,13 +103,20 @@ class LoadCurve:
             "q": self.q.tolist(),
             "displacement": self.displacement.tolist(),
             "linear": [None if np.isnan(row).any() else row.tolist() for row in self.linear],
-            "eigenvalue": self.eigenvalue.tolist(),
+            "eigenvalue": [None if np.isnan(x) else x for x in self.eigenvalue.tolist()],
             "stable": list(self.stable),
             "critical": [
-                {"factor": c.factor, "kind": c.kind, "q": c.q.tolist(), "mode": c.mode.tolist()}
+                {
+                    "factor": c.factor,
+                    "kind": c.kind,
+                    "q": c.q.tolist(),
+                    "mode": c.mode.tolist(),
+                    "frequency": c.frequency,
+                }
                 for c in self.critical
             ],
             "reason": self.reason,
+            "notes": [note.as_dict() for note in self.notes],
         }
 
     def as_csv(self) -> str:

@@ -21,6 +21,7 @@ from cartstiff.errors import ConvergenceError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.contract import Evaluation, Potential
+from cartstiff.statics.flutter import Vibrations, vibrations
 from cartstiff.statics.held import Held
 from cartstiff.statics.newton import ENOUGH, SHARP
 from cartstiff.statics.problem import Balance, Point, System, spectrum
@@ -42,7 +43,9 @@ class State:
     direction : ndarray (n + 1,)
         (t, t_p / range), a unit vector, in natural units.
     eigenvalues : ndarray
-        Of H_N.
+        Of H_N; where it is unsymmetric they depend on the choice of coordinates.
+    vibrations : Vibrations or None
+        Where the loads have no potential and every motion has a mass.
     push : ndarray (f,)
         f_N times the range.
     corrections : int
@@ -54,6 +57,7 @@ class State:
     factor: float
     direction: Array
     eigenvalues: Array
+    vibrations: Vibrations | None
     push: Array
     corrections: int
 
@@ -117,7 +121,8 @@ class LoadPath:
         solved = np.linalg.lstsq(bordered, right, rcond=1e-14)[0]
         along = np.append(balance.motion(solved[:-1]), solved[-1])
         along /= np.linalg.norm(along)
-        return State(point, balance, factor, along, values, push, corrections)
+        moving = None if conservative else vibrations(point, balance, self.system.elastic.units)
+        return State(point, balance, factor, along, values, moving, push, corrections)
 
     def _bordered(self, balance: Balance, push: Array, direction: Array) -> Array:
         N = balance.free

@@ -23,17 +23,14 @@ from cartstiff.errors import ConvergenceError, InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.numerics import EPSILON, IDLE, RANK, eigenvalues, invert
 from cartstiff.potentials.contract import Evaluation, Map, Potential
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.held import Held
 from cartstiff.statics.limits import Contact, Limits
 
-__all__ = ["DEFINITE", "Balance", "Point", "System", "spectrum"]
+__all__ = ["Balance", "Point", "System", "spectrum"]
 
-#: Singular values below this share of the largest count as zero.
-RANK = 1e-10
-#: Eigenvalues below this share of the largest count as zero.
-DEFINITE = 1e-11
 #: How many units of rounding the evaluation of a force may be off: Jacobians of long chains lose
 #: a few, and coordinates are rounded themselves.
 ROUNDINGS = 8.0
@@ -256,11 +253,11 @@ class System:
             N = N @ np.linalg.eigh(0.5 * (K + K.T))[1]
             g, H, forces = N.T @ g, N.T @ H @ N, np.abs(N.T) @ forces
             hardness = np.abs(H)
-            lost = len(g) * np.finfo(float).eps * float(point.hardness.max(initial=0.0))
-            own = np.maximum(np.diag(hardness), lost / DEFINITE)
+            lost = len(g) * EPSILON * float(point.hardness.max(initial=0.0))
+            own = np.maximum(np.diag(hardness), lost / IDLE)
         own = np.maximum(own, max(1e-30 * float(own.max(initial=0.0)), 1e-300))
         reach = self._reach(point.posture)
-        rounding = ROUNDINGS * np.finfo(float).eps * (
+        rounding = ROUNDINGS * EPSILON * (
             hardness.sum(axis=1) * reach + float(point.forces.max(initial=0.0))
         )  # fmt: skip
         return Balance(N, lam, g, H, forces, rounding, own)
@@ -343,15 +340,8 @@ def spectrum(balance: Balance, conservative: bool) -> Array:
     """Eigenvalues of H_N by increasing real part; without a potential they may be complex."""
     stiffness = balance.stiffness
     if conservative:
-        values = np.linalg.eigvalsh(0.5 * (stiffness + stiffness.T))
-        per = 1 / np.sqrt(balance.hardness)
-        scaled = 0.5 * (balance.scaled + balance.scaled.T)
-        if values.size and np.linalg.eigvalsh(scaled)[0] > DEFINITE:
-            # The soft half from the compliance, where the stiff half does not drown it.
-            compliance = np.linalg.inv(scaled) * per[:, None] * per
-            soft = 1 / np.linalg.eigvalsh(compliance)[::-1]
-            values = np.where(soft < np.sqrt(soft[0] * values[-1]), soft, values)
-        return values
+        inverse = invert(0.5 * (stiffness + stiffness.T), np.sqrt(balance.hardness))
+        return eigenvalues(stiffness, None if inverse is None else inverse.matrix)
     found = np.linalg.eigvals(stiffness)
     found = found[np.argsort(found.real)]
     return found.real if np.isrealobj(found) or not found.imag.any() else found

@@ -11,13 +11,15 @@ import numpy as np
 
 from cartstiff.arrays import read_only
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.contract import MechanismPosture
+from cartstiff.mechanisms.contract import MechanismPosture, Units
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.numerics import EPSILON, IDLE
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.springs import JointSprings
+from cartstiff.statics.flutter import MASSLESS, UNDAMPED, vibrations
 from cartstiff.statics.held import displacement_between
 from cartstiff.statics.newton import Solution
-from cartstiff.statics.problem import DEFINITE, Point, System, spectrum
+from cartstiff.statics.problem import Balance, Point, System, spectrum
 from cartstiff.stiffness.compute import PostureStiffness, slack_notes
 from cartstiff.stiffness.reduction import reduce_to
 
@@ -75,11 +77,12 @@ class Equilibrium:
     history : tuple of float
         Residual before each of them.
     stable : bool or None
-        Whether H_N is positive definite. None where that decides nothing: without an energy
-        (``notes`` holds "non-conservative"), or at a zero eigenvalue ("neutral").
+        Whether H_N is positive definite. None where that decides nothing: at a zero eigenvalue
+        ("neutral"), and without an energy unless vibrations grow; see `cartstiff.statics.flutter`.
     eigenvalues : ndarray
         Of H_N in natural units (angles in rad, distances in the characteristic length): energies.
-        Without an energy those of the unsymmetric tangent, which may be complex.
+        Without an energy omega^2 of the vibrations (rad^2/s^2), which may be complex; none where
+        masses are missing.
     reactions : Reactions
         Of held components, limits, closures.
     notes : tuple of Note
@@ -178,48 +181,14 @@ def state_of_rest(
 ) -> Equilibrium:
     """The result of a solution: verdict on its stability, reactions, notes."""
     point, balance = solution.point, solution.balance
-    conservative = not np.isnan(point.evaluation.energy)
-    H = balance.stiffness
-    values = spectrum(balance, conservative)
     notes = list(system.elastic.notes)
-    stable: bool | None = None
-    if conservative:
-        scaled, modes = balance.modes()
-        stable = bool(np.all(scaled > DEFINITE))
-        if not stable and np.all(scaled >= -DEFINITE):
-            stable = None
-            notes.append(
-                Note(
-                    "neutral",
-                    "a motion costs no energy to second order, or too little to be seen beside "
-                    "the stiffest spring: definiteness does not decide stability here",
-                    {"eigenvalues": values.tolist()},
-                )
-            )
-        elif not stable:
-            direction = balance.motion(modes[:, 0])
-            direction = direction / np.linalg.norm(direction)
-            notes.append(
-                Note(
-                    "unstable",
-                    "the equilibrium is unstable: the mechanism leaves it by itself",
-                    {"eigenvalues": values.tolist(), "direction": direction.tolist()},
-                )
-            )
-    else:
-        notes.append(
-            Note(
-                "non-conservative",
-                "a load has no potential: the tangent is unsymmetric, and its definiteness proves "
-                "nothing about stability; its eigenvalues are given instead (a real one at zero "
-                "is a buckling load, a complex pair may be flutter, which depends on the masses)",
-                {
-                    "real": values.real.tolist(),
-                    "imaginary": values.imag.tolist(),
-                    "asymmetry": float(np.abs(H - H.T).max(initial=0.0)),
-                },
-            )
-        )
+    conservative = not np.isnan(point.evaluation.energy)
+    stable, values, found = (
+        _by_energy(balance)
+        if conservative
+        else _by_vibrations(point, balance, system.elastic.units)
+    )
+    notes += found
     if stages > 1:
         notes.append(
             Note(
@@ -253,6 +222,43 @@ def state_of_rest(
     )
 
 
+def _by_energy(balance: Balance) -> tuple[bool | None, Array, list[Note]]:
+    """Verdict by the energy's second derivative, its eigenvalues, and notes."""
+    values = spectrum(balance, conservative=True)
+    scaled, modes = balance.modes()
+    if np.all(scaled > IDLE):
+        return True, values, []
+    facts: dict[str, object] = {"eigenvalues": values.tolist()}
+    if np.all(scaled >= -IDLE):
+        words = (
+            "a motion costs no energy to second order, or too little to be seen beside the "
+            "stiffest spring: definiteness does not decide stability here"
+        )
+        return None, values, [Note("neutral", words, facts)]
+    direction = balance.motion(modes[:, 0])
+    facts["direction"] = (direction / np.linalg.norm(direction)).tolist()
+    words = "the equilibrium is unstable: the mechanism leaves it by itself"
+    return False, values, [Note("unstable", words, facts)]
+
+
+def _by_vibrations(
+    point: Point, balance: Balance, units: Units
+) -> tuple[bool | None, Array, list[Note]]:
+    """Verdict by small vibrations, where a load has no potential."""
+    found = vibrations(point, balance, units)
+    words = "a load has no potential: the definiteness of its tangent proves nothing"
+    notes = [Note("non-conservative", words)]
+    if found is None:
+        return None, np.empty(0), [*notes, MASSLESS]
+    if found.growing is None:
+        return None, found.squares, [*notes, UNDAMPED]
+    words = "vibrations about the equilibrium grow (flutter)"
+    if found.growing == "divergence":
+        words = "the mechanism leaves the equilibrium in one sense (divergence)"
+    facts = {"frequency": found.frequency, "mode": found.mode.tolist()}
+    return False, found.squares, [*notes, Note(found.growing, words, facts)]
+
+
 def _drowned(elastic: ElasticMechanism, point: Point) -> list[Note]:
     """Springs so stiff that the rounding of their joint's coordinate is a force that counts."""
     springs = elastic.springs
@@ -260,7 +266,7 @@ def _drowned(elastic: ElasticMechanism, point: Point) -> list[Note]:
         return []
     lengths = point.posture.coordinate_lengths
     size = np.maximum(np.abs(point.q), lengths) * lengths
-    unsure = np.finfo(float).eps * springs.stiffness * size
+    unsure = EPSILON * springs.stiffness * size
     acting = float(point.forces.max(initial=0.0))
     found = {
         elastic.names[j]: float(unsure[j] / lengths[j])

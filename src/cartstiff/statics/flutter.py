@@ -1,0 +1,104 @@
+r"""Small vibrations about an equilibrium whose loads have no potential, and where they grow.
+
+A load that turns with the body makes the tangent K_t unsymmetric, and its definiteness then proves
+nothing. With the masses' matrix M, both on the motions that the constraints leave, motions
+``exp(i omega t) x`` obey
+
+    K_t x = omega^2 M x
+
+and the equilibrium is left by oscillations that grow (flutter) where a pair of omega^2 is complex,
+or in one sense (divergence) where one is real and negative. Both depend on M: without a mass on
+every motion no statement is made. Damping is not modelled, and may lower the load of flutter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.contract import Units
+from cartstiff.mechanisms.elastic import Note
+from cartstiff.numerics import IDLE, RANK
+from cartstiff.statics.problem import Balance, Point
+from cartstiff.stiffness.tensor import convert_length
+
+__all__ = ["MASSLESS", "UNDAMPED", "Vibrations", "vibrations"]
+
+#: Imaginary part of omega^2 over its size above which a pair is complex: where two meet their
+#: difference goes with the root of the load, so that the rounding there is 1e-8, and this share is
+#: met at 1e-12 of the load.
+_COMPLEX = 1e-6
+
+#: Why there is no statement.
+MASSLESS = Note(
+    "masses-missing",
+    "motions without mass or inertia are left: whether a load without a potential leads to flutter "
+    "or divergence depends on them, and no statement is made (give every moving link both)",
+)
+#: What a statement rests on.
+UNDAMPED = Note(
+    "undamped",
+    "flutter and divergence, under a load without a potential, are those of undamped vibrations "
+    "with the masses given; damping may lower the load of flutter",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Vibrations:
+    """Small undamped vibrations about an equilibrium.
+
+    Attributes
+    ----------
+    squares : ndarray (f,)
+        omega^2 in rad^2/s^2 by increasing real part, complex in pairs where the motion flutters.
+    mode : ndarray (n,)
+        The motion that grows first, or the slowest, in natural units, of length 1; of a complex
+        one the real part.
+    growing : {"flutter", "divergence"} or None
+        How the equilibrium is left; None where all omega^2 are real and positive.
+    frequency : float or None
+        In Hz, of the motion that flutters.
+    """
+
+    squares: Array
+    mode: Array
+    growing: Literal["flutter", "divergence"] | None
+    frequency: float | None
+
+
+def vibrations(point: Point, balance: Balance, units: Units) -> Vibrations | None:
+    """Vibrations about an equilibrium; None where a motion that is left has no mass."""
+    mass = point.posture.mass_matrix()
+    if mass is None or balance.force.size == 0:
+        return None
+    columns = point.posture.coordinate_lengths
+    mass = mass * columns[:, None] * columns
+    if balance.free is not None:
+        mass = balance.free.T @ mass @ balance.free
+    own = np.sqrt(np.diag(mass))
+    if not own.all():
+        return None
+    inertias, axes = np.linalg.eigh(mass / own[:, None] / own)
+    if not inertias[0] > RANK * inertias[-1]:
+        return None
+    # Coordinates in which M is the identity.
+    to_motion = (axes / np.sqrt(inertias)) / own[:, None]
+    squares, modes = np.linalg.eig(to_motion.T @ balance.stiffness @ to_motion)
+    order = np.argsort(squares.real)
+    squares, modes = squares[order], modes[:, order]
+    is_complex = np.abs(squares.imag) > _COMPLEX * np.abs(squares)
+    growing: Literal["flutter", "divergence"] | None = None
+    first, frequency = 0, None
+    length, force = convert_length(Units(), units)  # energies F L over kg L^2
+    if is_complex.any():
+        growing, first = "flutter", int(np.flatnonzero(is_complex)[0])
+        frequency = float(np.sqrt(squares[first] * length / force).real / (2 * np.pi))
+    else:
+        squares, modes = squares.real, modes.real
+        if squares[0] < -IDLE * float(np.abs(squares).max()):
+            growing = "divergence"
+    mode = balance.motion(to_motion @ modes[:, first].real)
+    return Vibrations(squares * length / force, mode / np.linalg.norm(mode), growing, frequency)
