@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from unicodedata import category
 
 __all__ = [
     "CartstiffError",
@@ -13,6 +14,7 @@ __all__ = [
     "UndefinedError",
     "UnknownNameError",
     "one_line",
+    "printable",
 ]
 
 _LONGEST_SHOWN = 120
@@ -24,6 +26,26 @@ def one_line(value: object, longest: int = _LONGEST_SHOWN) -> str:
     text = "".join(c if c.isprintable() else " " for c in text)
     text = " ".join(text.split())
     return text if len(text) <= longest else text[: longest - 3] + "..."
+
+
+def printable(text: str) -> str:
+    r"""Show what would command a terminal, or turn the direction of text, as its escape.
+
+    Names come from files of strangers: "\x1b]0;..." would reach the terminal as a command, and
+    "\u202e" reverse what stands after it. Ends of lines and tabs stay. Everything that leaves as
+    text, in a table, a picture or a page passes here once.
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c in "\n\t" or category(c) not in _UNSEEN else _escaped(c) for c in text)
+
+
+# Control, format (direction, joining), surrogates, ends of lines and paragraphs.
+_UNSEEN = {"Cc", "Cf", "Cs", "Zl", "Zp"}
+
+
+def _escaped(character: str) -> str:
+    return character.encode("unicode_escape").decode("ascii")
 
 
 class CartstiffError(Exception):

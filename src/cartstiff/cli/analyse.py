@@ -15,7 +15,7 @@ from cartstiff.cli.options import (
     load_options,
     mechanism_options,
 )
-from cartstiff.cli.output import json_text
+from cartstiff.cli.output import json_text, say
 from cartstiff.errors import InputError
 
 __all__ = ["command"]
@@ -100,7 +100,7 @@ def command(
 
         write_result(result, output, data)
     if as_json:
-        click.echo(text)
+        say(text)
     else:
         from cartstiff.report.posture import describe
 
@@ -109,11 +109,11 @@ def command(
             from cartstiff.report.analysis import summary_text
 
             shown = summary_text(data["analysis"], elastic.units.as_dict(), analysis.level)
-        click.echo(describe(result, shown))
+        say(describe(result, shown))
     missing = [name for name, K in data["stiffness"].items() if K is None]
     if strict and missing:
         reasons = ", ".join(note.code for note in result.notes) or "undefined"
         names = ", ".join(f"K^{name}" for name in missing)
-        click.echo(f"cartstiff: {names} does not exist here ({reasons})", err=True)
+        say(f"cartstiff: {names} does not exist here ({reasons})", error=True)
         sys.stdout.flush()
         raise click.exceptions.Exit(3)

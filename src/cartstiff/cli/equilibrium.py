@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from cartstiff.cli.options import MechanismRequest, mechanism_options, once
-from cartstiff.cli.output import output_file, print_json
+from cartstiff.cli.output import output_file, print_json, say
 from cartstiff.cli.path_file import WRENCH
 from cartstiff.errors import InputError, one_line
 from cartstiff.parsing import parse_numbers
@@ -205,7 +205,7 @@ def _rest(
     if as_json:
         print_json(state.as_dict(), elastic.name)
     else:
-        click.echo(describe_equilibrium(state))
+        say(describe_equilibrium(state))
 
 
 def _save(result: Any, csv: Path | None, plot: Path | None, draw: Any) -> None:
@@ -239,7 +239,7 @@ def _curve(
     if as_json:
         print_json(curve.as_dict(), elastic.name)
     else:
-        click.echo(describe_curve(curve))
+        say(describe_curve(curve))
 
 
 def _compensate(
@@ -269,4 +269,4 @@ def _compensate(
     if as_json:
         print_json(result.as_dict(), elastic.name)
     else:
-        click.echo(describe_path(result))
+        say(describe_path(result))

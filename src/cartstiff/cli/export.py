@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from cartstiff.cli.output import say
 from cartstiff.cli.view_options import needs_view, page_options, source_from_options
 from cartstiff.errors import InputError, one_line
 
@@ -52,4 +53,4 @@ def command(output: Path, frames: int, **texts: Any) -> None:
 
     text = export_page(source, frames=frames).encode()
     write_whole(output, text)
-    click.echo(f"{where}: {len(text) / 1e6:.1f} MB")
+    say(f"{where}: {len(text) / 1e6:.1f} MB")

@@ -9,6 +9,7 @@ from importlib import import_module
 
 import click
 
+from cartstiff.cli.output import say
 from cartstiff.errors import CartstiffError, UndefinedError, one_line
 from cartstiff.version import __version__
 
@@ -134,7 +135,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _say(message: str) -> None:
-    click.echo(f"cartstiff: {message}", err=True)
+    say(f"cartstiff: {message}", error=True)
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ import click
 
 from cartstiff.cli.map_options import sampling_from_options, sampling_options
 from cartstiff.cli.options import MechanismRequest, mechanism_options, once
+from cartstiff.cli.output import say
 from cartstiff.errors import InputError, one_line
 from cartstiff.parsing import parse_numbers
 
@@ -42,8 +43,8 @@ def _list_quantities(context: click.Context, _: click.Parameter, asked: bool) ->
     for name, quantity in QUANTITIES.items():
         needs = {"direction": "; --direction", "deflect": "; --deflect or --load",
                  "length": "; --length"}.get(quantity.asks or "", "")  # fmt: skip
-        click.echo(f"{name:<{width}}  {units[name]:<12} {quantity.description}{needs}")
-    click.echo("\nAny other number of the analysis by its path, such as indices.best_length.")
+        say(f"{name:<{width}}  {units[name]:<12} {quantity.description}{needs}")
+    say("\nAny other number of the analysis by its path, such as indices.best_length.")
     context.exit()
 
 
@@ -229,10 +230,10 @@ def command(
             progress=progress,
         )  # fmt: skip
     except KeyboardInterrupt:
-        click.echo(
+        say(
             f"cartstiff: interrupted: {len(file.done())} of {len(file.boxes)} parts are in "
             f"{one_line(str(output))}; the same command goes on from there",
-            err=True,
+            error=True,
         )
         raise click.exceptions.Exit(130) from None
     seconds = time.perf_counter() - start
@@ -250,11 +251,11 @@ def command(
 
         save_figure(draw_map(dataset, quantities[0], kind, by=by), picture)
     if as_json:
-        click.echo(json.dumps(answer, allow_nan=False))
+        say(json.dumps(answer, allow_nan=False))
     else:
         from cartstiff.report.maps import describe_map
 
-        click.echo(describe_map(answer))
+        say(describe_map(answer))
 
 
 def _as_typed(context: click.Context) -> str:

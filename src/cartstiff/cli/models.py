@@ -6,6 +6,8 @@ import json
 
 import click
 
+from cartstiff.cli.output import say
+
 __all__ = ["command"]
 
 
@@ -26,17 +28,17 @@ def command(as_json: bool) -> None:
             },
             "example_robots": [n for n, r in robots.items() if r.path is not None],
         }
-        click.echo(json.dumps(data))
+        say(json.dumps(data))
         return
-    click.echo("Bundled mechanisms:")
+    say("Bundled mechanisms:")
     for name, file in bundled.items():
-        click.echo(f"  {name:<16} {file.get('kind', ''):<14} {file.get('description', '')}")
-    click.echo("")
+        say(f"  {name:<16} {file.get('kind', ''):<14} {file.get('description', '')}")
+    say("")
     if robots:
         names = [n for n, r in robots.items() if r.path is not None]
-        click.echo("Robots of example-robot-data:")
-        click.echo(click.wrap_text(", ".join(names), 98, "  ", "  ", preserve_paragraphs=False))
+        say("Robots of example-robot-data:")
+        say(click.wrap_text(", ".join(names), 98, "  ", "  ", preserve_paragraphs=False))
     else:
-        click.echo("Robots of example-robot-data: none; pip install 'cartstiff[robots]' adds them.")
-    click.echo("")
-    click.echo("Or a path: a mechanism file (.yaml), a URDF (.urdf), an MJCF file (.xml).")
+        say("Robots of example-robot-data: none; pip install 'cartstiff[robots]' adds them.")
+    say("")
+    say("Or a path: a mechanism file (.yaml), a URDF (.urdf), an MJCF file (.xml).")

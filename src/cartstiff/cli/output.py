@@ -9,9 +9,9 @@ from typing import Any
 
 import click
 
-from cartstiff.errors import InputError, one_line
+from cartstiff.errors import InputError, one_line, printable
 
-__all__ = ["json_text", "output_file", "print_json"]
+__all__ = ["json_text", "output_file", "print_json", "say"]
 
 
 def output_file(text: str, endings: tuple[str, ...], option: str) -> Path:
@@ -26,7 +26,7 @@ def output_file(text: str, endings: tuple[str, ...], option: str) -> Path:
 def json_text(data: Mapping[str, Any], mechanism: str) -> str:
     """One JSON object; refused where a number has left the range of double precision."""
     try:
-        return json.dumps(data, allow_nan=False)
+        return json.dumps(data, allow_nan=False).replace("\x7f", "\\u007f")
     except ValueError:
         raise InputError(
             "the result leaves the range of double precision", where=one_line(mechanism),
@@ -36,4 +36,9 @@ def json_text(data: Mapping[str, Any], mechanism: str) -> str:
 
 def print_json(data: Mapping[str, Any], mechanism: str) -> None:
     """`json_text` on standard output."""
-    click.echo(json_text(data, mechanism))
+    say(json_text(data, mechanism))
+
+
+def say(text: str = "", *, error: bool = False) -> None:
+    """Text on standard output, or standard error; every command writes through here."""
+    click.echo(printable(text), err=error)

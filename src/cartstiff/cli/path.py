@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import click
 
 from cartstiff.cli.options import MechanismRequest, once, parse_values
-from cartstiff.cli.output import output_file, print_json
+from cartstiff.cli.output import output_file, print_json, say
 from cartstiff.errors import InputError, UnknownNameError, one_line
 from cartstiff.parsing import parse_numbers
 
@@ -206,7 +206,7 @@ def command(
     if as_json:
         print_json(answer, elastic.name)
     else:
-        click.echo(text)
+        say(text)
 
 
 def _region(texts: tuple[str, ...]) -> dict[str, Any] | None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from cartstiff.cli.output import say
 from cartstiff.cli.view_options import needs_view, page_options, source_from_options
 
 __all__ = ["command"]
@@ -48,7 +49,7 @@ def command(port: int, host: str, no_open: bool, **texts: Any) -> None:
         raise needs_view("a page in the browser") from None
 
     def ready(url: str) -> None:
-        click.echo(f"{source.elastic.name}: {url}  (Ctrl-C ends)")
+        say(f"{source.elastic.name}: {url}  (Ctrl-C ends)")
         if not no_open:
             open_page(url)
 

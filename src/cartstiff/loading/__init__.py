@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cartstiff.errors import InputError, UnknownNameError, one_line
+from cartstiff.errors import InputError, UnknownNameError, one_line, printable
 from cartstiff.loading.catalogue import (
     bundled,
     bundled_files,
@@ -54,7 +54,7 @@ def load(source: str | Path, *, frame: str | None = None) -> ElasticMechanism:
     if suffix in (".yaml", ".yml"):
         return _from_file(path, frame)
     if suffix in _ROBOT_FILES:
-        return _from_robot(str(path), path.stem, frame)
+        return _from_robot(str(path), _shown(path.stem), frame)
     robots = example_robots()
     if text in robots:
         return _from_robot(text, text, frame)
@@ -67,6 +67,11 @@ def load(source: str | Path, *, frame: str | None = None) -> ElasticMechanism:
     if not robots and text.isidentifier():
         example_robot(text)  # says how to install the robots that this name may be one of
     raise UnknownNameError("mechanism", text, [*bundled_files(), *robots])
+
+
+def _shown(name: str) -> str:
+    """A name for people, on one line."""
+    return " ".join(printable(name).split())
 
 
 def _from_robot(model: str, name: str, frame: str | None) -> ElasticMechanism:
@@ -97,7 +102,7 @@ def _from_file(path: Path, frame: str | None) -> ElasticMechanism:
 
     file, lines = read_mechanism_file(path)
     where = one_line(str(path))
-    name = file.name or path.stem
+    name = _shown(file.name or path.stem)
     try:
         file = build.with_frame(file, frame, where)
         if isinstance(file, SerialFile):

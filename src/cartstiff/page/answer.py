@@ -3,13 +3,27 @@
 from __future__ import annotations
 
 import json
+import re
 import struct
 from dataclasses import dataclass, field
 from typing import Any
 
-from cartstiff.errors import InputError
+from cartstiff.errors import InputError, printable
 
 __all__ = ["Answer"]
+
+
+# Characters as JSON writes them: in two halves, as \uXXXX, behind a backslash.
+_UNSEEN = re.compile(r"\\ud[89ab]..\\ud[c-f]..|\\u([0-9a-f]{4})|\\.|\x7f")
+
+
+def _shown(found: re.Match[str]) -> str:
+    """What `printable` makes of an escaped character."""
+    code = found.group(1)
+    if code is None:
+        return r"\\x7f" if found.group() == "\x7f" else found.group()
+    shown = printable(chr(int(code, 16)))
+    return found.group() if len(shown) == 1 else shown.replace("\\", r"\\")
 
 
 @dataclass(frozen=True)
@@ -38,7 +52,8 @@ class Answer:
             If a number is not finite.
         """
         try:
-            text = json.dumps(self.data, allow_nan=False, separators=(",", ":")).encode()
+            plain = json.dumps(self.data, allow_nan=False, separators=(",", ":"))
+            text = _UNSEEN.sub(_shown, plain).encode()
         except ValueError:
             raise InputError(
                 "the result leaves the range of double precision",

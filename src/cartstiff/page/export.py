@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from cartstiff.analysis.posture import analyse_posture
-from cartstiff.errors import CartstiffError, InputError
+from cartstiff.errors import CartstiffError, InputError, printable
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.page.answer import Answer
@@ -339,7 +339,7 @@ def _document(packed: bytes, title: str) -> str:
     before, rest = page.split("<!-- assets -->")
     _, after = rest.split("<!-- /assets -->")
     whole = before + head + after.replace("<!-- data -->", data)
-    safe = title.replace("&", "&amp;").replace("<", "&lt;")
+    safe = printable(title).replace("&", "&amp;").replace("<", "&lt;")
     return whole.replace("<title>cartstiff</title>", f"<title>{safe}</title>", 1)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cartstiff.errors import InputError, MissingDependencyError
+from cartstiff.errors import InputError, MissingDependencyError, printable
 from cartstiff.statics.compensation import CompensatedPath
 from cartstiff.statics.curves import LoadCurve
 from cartstiff.report.output import write_whole
@@ -121,7 +121,12 @@ def picture(figure: Any, ending: str) -> bytes:
     """
     if ending not in (".png", ".svg", ".pdf"):
         raise InputError("unknown file ending", expected=".png, .svg or .pdf", got=ending)
+    from matplotlib.text import Text
+
     buffer = io.BytesIO()
+    for text in figure.findobj(Text):  # names are no formulas, and no commands
+        text.set_text(printable(text.get_text()))
+        text.set_parse_math(False)
     figure.savefig(buffer, format=ending[1:])
     return buffer.getvalue()
 

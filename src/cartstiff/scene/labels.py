@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from cartstiff.errors import MissingDependencyError
+from cartstiff.errors import MissingDependencyError, printable
 from cartstiff.scene import theme as themes
 from cartstiff.scene.canvas import Node
 from cartstiff.scene.objects import sprite
@@ -122,6 +122,7 @@ class Label:
 
     def show(self, text: str, point: Iterable[float]) -> None:
         """Write a text at a point (3,) of the node's parent."""
+        text = printable(text)
         if text != self._text:
             self._text = text
             png, aspect = text_png(text, self._letters, self._paper)

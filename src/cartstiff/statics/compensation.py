@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from cartstiff.errors import printable
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.statics.held import COMPONENTS
@@ -102,4 +103,4 @@ class CompensatedPath:
         table = np.column_stack([self.commands, self.before, self.after])
         buffer = io.StringIO()
         np.savetxt(buffer, table, delimiter=",", fmt="%.17g", header=header, comments="")
-        return buffer.getvalue()
+        return printable(buffer.getvalue())

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from cartstiff.errors import printable
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.statics.critical import CriticalPoint
@@ -131,4 +132,4 @@ class LoadCurve:
         )
         buffer = io.StringIO()
         np.savetxt(buffer, table, delimiter=",", fmt="%.17g", header=header, comments="")
-        return buffer.getvalue()
+        return printable(buffer.getvalue())

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.arrays import checked_array, checked_pose, real_array
-from cartstiff.errors import InputError, UndefinedError
+from cartstiff.errors import InputError, UndefinedError, printable
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import NAMED, Connection, Field
 from cartstiff.geometry.se3 import Array
@@ -319,7 +319,7 @@ class StiffnessTensor:
             f"blocks [[{a}, {b}], [{c}, {d}]]"
         )
         np.savetxt(buffer, self.matrix, delimiter=",", fmt="%.17g", header=header)
-        return buffer.getvalue()
+        return printable(buffer.getvalue())
 
     def save(self, path: str | Path) -> None:
         """Write to .json, .csv or .npz (matrix, wrench, pose), by the file's ending.

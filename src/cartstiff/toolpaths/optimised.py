@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from cartstiff.errors import printable
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps.quantities import Quantity
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
@@ -175,4 +176,4 @@ class OptimisedPath:
             buffer, np.hstack(columns), delimiter=",", fmt="%.17g", header=",".join(names),
             comments="",
         )  # fmt: skip
-        return buffer.getvalue()
+        return printable(buffer.getvalue())

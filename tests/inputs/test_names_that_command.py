@@ -1,0 +1,137 @@
+"""Names that command a terminal or turn the direction of text are shown as their escapes."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import unicodedata
+from pathlib import Path
+
+import pytest
+
+import cartstiff
+from cartstiff.cli.main import main
+from cartstiff.errors import printable
+from cartstiff.page.answer import Answer
+
+TITLE, TURN, CSI = "\x1b]0;owned\x07", "\u202e", "\x9b31m"
+NAME = f"arm{TITLE}{TURN}{CSI}$\\frac$\u2028"
+JOINT = f"j{TURN}1{CSI}"
+URDF = f"""<robot name="r"><link name="a"/><link name="b"/><link name="c"/>
+<joint name="{JOINT}" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<joint name="j2" type="revolute"><parent link="b"/><child link="c"/><axis xyz="1 0 0"/>
+<origin xyz="0.3 0 0.2"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+
+
+@pytest.fixture
+def arm(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("arm.urdf").write_text(URDF, encoding="utf-8")
+    keys = {"kind": "serial", "model": "arm.urdf", "name": NAME, "gravity": [0, 0, -9.81],
+            "springs": {JOINT: {"stiffness": 3e4}, "j2": {"stiffness": 2e4}}}  # fmt: skip
+    Path("arm.yaml").write_text(json.dumps(keys))
+    return "arm.yaml"
+
+
+def harmless(text: str) -> bool:
+    """Nothing that a terminal obeys, nothing that turns the direction of text."""
+    return not [c for c in text if c not in "\n\t" and unicodedata.category(c) in ("Cc", "Cf")]
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("shoulder_pan é 关节 🦾\n\tx", "shoulder_pan é 关节 🦾\n\tx"),
+        ("\x1b]0;x\x07", r"\x1b]0;x\x07"),
+        ("a\u202eb\u2066c\x9b", r"a\u202eb\u2066c\x9b"),
+        ("\x7f\r\udcff", r"\x7f\r\udcff"),
+    ],
+)
+def test_escapes(text, shown):
+    assert printable(text) == shown
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["analyse", "arm.yaml"],
+        ["analyse", "arm.yaml", "--full"],
+        ["analyse", "arm.yaml", "--q", "1,2,3"],
+        ["analyse", "arm.yaml", "--frame", f"x{TITLE}"],
+        ["analyse", f"x{TITLE}"],
+        ["analyse", "arm.yaml", "--json"],
+        ["equilibrium", "arm.yaml", "--load", "0,0,0,0,0,1"],
+        ["equilibrium", "arm.yaml", "--load", "0,0,0,0,0,1", "--curve"],
+        ["map", "arm.yaml", "--random", "3"],
+        ["models"],
+    ],
+)
+def test_no_command_reaches_a_terminal(arm, words, capfd):
+    with pytest.raises(SystemExit) as exit_:
+        main(words)
+    out, line = capfd.readouterr()
+    assert exit_.value.code in (0, 2), line
+    assert harmless(out + line)
+    assert out + line
+
+
+def test_json_holds_the_names_themselves(arm, capfd):
+    Path("arm.urdf").write_text(URDF.replace(JOINT, "j\x7f1"))
+    Path("arm.yaml").write_text("kind: serial\nmodel: arm.urdf\n")
+    with pytest.raises(SystemExit):
+        main(["analyse", arm, "--json"])
+    assert json.loads(capfd.readouterr().out)["mechanism"]["joints"][0] == "j\x7f1"
+
+
+def test_tables_and_pictures(arm):
+    from cartstiff.potentials.loads import DeadForce
+    from cartstiff.report.figures_statics import draw_load_curve, save_figure
+    from cartstiff.statics.continuation import load_curve
+
+    elastic = cartstiff.load(arm)
+    curve = load_curve(elastic, DeadForce([0, 0, -1.0]))
+    assert harmless(curve.as_csv())
+    assert r"j\u202e1\x9b31m" in curve.as_csv().splitlines()[0]
+    for ending in ("svg", "png", "pdf"):  # a name is no formula either
+        save_figure(draw_load_curve(curve), f"curve.{ending}")
+    assert harmless(Path("curve.svg").read_text(encoding="utf-8"))
+
+
+def test_the_page_is_told_escapes():
+    data = {"a": [JOINT, "\x7f", "\\u202e", "\\", "🦾", '"', "é\n", "\\\u202e"]}
+    packed = Answer(data).pack()[4:]
+    told = json.loads(packed)["a"]
+    assert told == [printable(JOINT), r"\x7f", "\\u202e", "\\", "🦾", '"', "é\n", "\\\\u202e"]
+
+
+def test_an_exported_page_has_a_harmless_title(arm, capfd):
+    with pytest.raises(SystemExit) as exit_:
+        main(["export", arm, "--frames", "2", "-o", "page.html"])
+    assert exit_.value.code == 0, capfd.readouterr()
+    text = Path("page.html").read_text(encoding="utf-8")
+    (title,) = re.findall("<title>(.*?)</title>", text)
+    assert harmless(title)
+    assert "owned" in title
+
+
+def test_a_file_whose_name_is_no_text(arm, capfd):
+    """A name of a file is bytes, of which some are no UTF-8."""
+    name = b"\xff\x1b[1m.urdf".decode("utf-8", "surrogateescape")
+    Path(name).write_text(URDF, encoding="utf-8")
+    for words in (["analyse", name], ["export", name, "--frames", "2", "-o", "page.html"]):
+        with pytest.raises(SystemExit) as exit_:
+            main(words)
+        out, line = capfd.readouterr()
+        assert exit_.value.code == 0, line
+        assert harmless(out)
+
+
+def test_every_command_writes_through_one_place():
+    folder = Path(cartstiff.__file__).parent / "cli"
+    for path in folder.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and path.name != "output.py":
+                called = ast.unparse(node.func)
+                assert called not in ("print", "click.echo", "click.secho"), f"{path}: {called}"
