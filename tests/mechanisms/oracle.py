@@ -26,7 +26,7 @@ ROBOTS = Path(__file__).resolve().parents[2] / "robots"
 GRAVITY = np.array([0.9, -1.4, -9.7])
 # A pose away from the file's, rad and m, in which a body is held.
 DISPLACED = np.array([0.02, -0.03, 0.025, 0.004, -0.003, 0.005])
-_VIRTUAL = {"px", "py", "pz", "rx", "ry", "rz"}
+_VIRTUAL = {"near_ry", "near_rz", "px", "rx", "far_rz", "far_ry"}
 
 
 def _small_twist(T: np.ndarray) -> np.ndarray:

@@ -22,9 +22,10 @@ from tests.support import (
 
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.flexible_links import VIRTUAL, Give
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree import KinematicTree
-from cartstiff.mechanisms.tree_building import VIRTUAL, extended, merged, plain_tree
+from cartstiff.mechanisms.tree_building import extended, merged, plain_tree
 from cartstiff.potentials.loads import DeadForce, DeadWrench, FollowerWrench, Scaled, payload
 from cartstiff.potentials.springs import CoupledSprings, JointSprings, beam_stiffness
 from cartstiff.stiffness.compute import analyse
@@ -204,7 +205,7 @@ def test_flexible_link_adds_its_compliance():
     model = arm.model
     model.addBodyFrame("link", 6, pin.SE3.Identity(), 0)
     C_link = np.diag([1e-3, 2e-3, 3e-3, 1e-5, 2e-5, 3e-5])
-    tree = plain_tree(model, flexible={"link": np.eye(4)})
+    tree = plain_tree(model, flexible={"link": Give(np.eye(4))})
     # The frame "tip" is on the same joint: beyond the spring.
     chain = Chain(tree, "tip")
     names = [c.name for c in tree.coordinates]

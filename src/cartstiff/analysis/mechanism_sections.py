@@ -26,6 +26,7 @@ from cartstiff.errors import UndefinedError
 from cartstiff.geometry.connections import NAMED
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.platform import PlatformPosture
+from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.line_springs import LineSprings, second_derivative
 from cartstiff.potentials.springs import CoupledSprings, JointSprings
 from cartstiff.stiffness.compute import PostureStiffness
@@ -134,13 +135,17 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
             rows.append({"name": coordinates[j].name, "is_length": coordinates[j].is_length})
             stiffness.append(k[j])
             elongations.append(motion[j])
-    for link in (term for term in r.elastic.potentials if isinstance(term, CoupledSprings)):
+    for link in r.elastic.potentials:
+        if not isinstance(link, (CoupledSprings, Beam)):
+            continue
         # Along its own deflection a link is one spring, of that much turn and displacement.
-        x = motion[link.indices]
+        at = link.indices.ravel()
+        x = motion[at]
         size = float(np.linalg.norm(x)) or 1.0
-        name_of_link = coordinates[link.indices[0]].name.rsplit(".", 1)[0]
+        name_of_link = coordinates[at[0]].name.rsplit(".", 1)[0]
+        hessian = link.evaluate(posture).hessian[np.ix_(at, at)]
         rows.append({"name": f"{name_of_link} (link)", "is_length": None})
-        stiffness.append(float(x @ link.matrix @ x) / size**2)
+        stiffness.append(float(x @ hessian @ x) / size**2)
         elongations.append(size)
     if not rows:
         raise UndefinedError("no springs share the deflection", code="no-shares")

@@ -21,6 +21,7 @@ from cartstiff.loading.parts import (
     put_together,
     springs_of,
     tree_to,
+    virtual_joints,
 )
 from cartstiff.loading.robot_description import (
     read_robot_description,
@@ -37,7 +38,6 @@ from cartstiff.mechanisms.chain import Chain, Description
 from cartstiff.mechanisms.contract import Units
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.mechanisms.tree_building import VIRTUAL
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
 
 __all__ = ["build_platform", "build_serial", "with_frame"]
@@ -59,9 +59,8 @@ def build_serial(file: SerialFile, beside: Path | None, where: str, name: str) -
     )
     add_payload(tree, chain, file.payload)
     soft = link_springs(file.flexible, tree, where)
-    virtual = [f"{link}.{suffix}" for link in file.flexible for suffix, _ in VIRTUAL]
     springs, assumed = springs_of(
-        file.springs, file.passive, tree, description, where, virtual=virtual
+        file.springs, file.passive, tree, description, where, virtual=virtual_joints(file.flexible)
     )
     q = default_posture(tree, file.q, where)
     notes += [*ignored_parts(description), *assumed]

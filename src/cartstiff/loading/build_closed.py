@@ -22,6 +22,7 @@ from cartstiff.loading.parts import (
     put_together,
     springs_of,
     tree_to,
+    virtual_joints,
 )
 from cartstiff.loading.robot_description import (
     RobotDescription,
@@ -37,7 +38,7 @@ from cartstiff.loading.schema import (
 from cartstiff.mechanisms.chain import Chain, Closure, Description
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.tree import KinematicTree, Placement, TreeState
-from cartstiff.mechanisms.tree_building import VIRTUAL, extended, merged
+from cartstiff.mechanisms.tree_building import extended, merged
 
 __all__ = ["build_closed_chain", "build_parallel"]
 
@@ -109,7 +110,7 @@ def build_parallel(
         springs |= {prefix + joint: entry for joint, entry in leg.springs.items()}
         passive += [prefix + joint for joint in leg.passive]
         posture |= {prefix + joint: value for joint, value in leg.q.items()}
-        virtual += [f"{prefix}{link}.{suffix}" for link in leg.flexible for suffix, _ in VIRTUAL]
+        virtual += virtual_joints(leg.flexible, prefix)
         soft.append((i, leg))
         parts.append((prefix, tree, pose_of(leg.base)))
         descriptions.append(Description(description.path, prefix))
@@ -153,7 +154,7 @@ def build_closed_chain(
     closures = _mjcf_closures(description, tree)
     q = default_posture(tree, file.q, where)
     closures += [_closure(entry, i, tree, q, where) for i, entry in enumerate(file.closures)]
-    virtual = [f"{link}.{suffix}" for link in file.flexible for suffix, _ in VIRTUAL]
+    virtual = virtual_joints(file.flexible)
     chain = Chain(
         tree,
         frame,

@@ -18,6 +18,7 @@ from cartstiff.loading.robot_description import (
     RobotDescription,
 )
 from cartstiff.loading.schema import (
+    BeamModel,
     ClosedChainFile,
     FlexibleModel,
     JointSpringModel,
@@ -29,8 +30,10 @@ from cartstiff.loading.schema import (
 )
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.flexible_links import Give
 from cartstiff.mechanisms.tree import KinematicTree
-from cartstiff.mechanisms.tree_building import VIRTUAL, find_frame, plain_tree
+from cartstiff.mechanisms.tree_building import find_frame, plain_tree
+from cartstiff.potentials.beams import Beam, Section
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
 from cartstiff.potentials.springs import (
@@ -39,7 +42,6 @@ from cartstiff.potentials.springs import (
     PolynomialLaw,
     SpringLaw,
     TabulatedLaw,
-    beam_stiffness,
 )
 
 __all__ = [
@@ -235,31 +237,51 @@ def joint_indices(model: Any, names: Mapping[str, float], where: str) -> dict[in
     return found
 
 
-def _spring_place(entry: FlexibleModel) -> Array:
-    place = pose_of(entry.offset)
-    if entry.beam is not None:
-        place = place @ se3.pose(translation=(entry.beam.length, 0.0, 0.0))
-    return place
+def _give(entry: FlexibleModel) -> Give:
+    start = pose_of(entry.offset)
+    if entry.beam is None:
+        return Give(start)
+    return Give(start, entry.beam.length, entry.beam.segments)
+
+
+def virtual_joints(flexible: Mapping[str, FlexibleModel], prefix: str = "") -> list[str]:
+    """Names of the virtual joints of flexible links."""
+    return [
+        f"{prefix}{link}.{suffix}"
+        for link, entry in flexible.items()
+        for suffix, _, _ in _give(entry).joints
+    ]
 
 
 def link_springs(
     flexible: Mapping[str, FlexibleModel], tree: KinematicTree, where: str, prefix: str = ""
-) -> list[CoupledSprings]:
-    """Springs over the virtual joints of flexible links."""
+) -> list[Potential]:
+    """Springs over the virtual joints of flexible links, and beams."""
     names = [c.name for c in tree.coordinates]
-    springs = []
+    springs: list[Potential] = []
     for link, entry in flexible.items():
+        indices = np.array([names.index(name) for name in virtual_joints({link: entry}, prefix)])
         if entry.beam is not None:
-            K = beam_stiffness(**entry.beam.model_dump())
-        else:
-            K = np.array(entry.stiffness, float)
-            if np.abs(K - K.T).max() > 1e-9 * np.abs(K).max():
-                raise InputError(
-                    "stiffness of a link must be symmetric", where=f"{where}, flexible {link}"
-                )
-        indices = np.array([names.index(f"{prefix}{link}.{suffix}") for suffix, _ in VIRTUAL])
+            springs.append(_beam(entry.beam, indices))
+            continue
+        K = np.array(entry.stiffness, float)
+        if np.abs(K - K.T).max() > 1e-9 * np.abs(K).max():
+            raise InputError(
+                "stiffness of a link must be symmetric", where=f"{where}, flexible {link}"
+            )
         springs.append(CoupledSprings(indices, K[se3.SWAP][:, se3.SWAP]))
     return springs
+
+
+def _beam(beam: BeamModel, indices: Array) -> Beam:
+    along_y, along_z = (
+        np.inf if area is None else beam.G * area for area in (beam.shear_area_y, beam.shear_area_z)
+    )
+    section = Section(
+        beam.E * beam.area, beam.G * beam.J, (beam.E * beam.Iy, beam.E * beam.Iz),
+        (along_z, along_y),
+    )  # fmt: skip
+    return Beam(indices, beam.length / beam.segments, section)
 
 
 def _extra_lines(lines: Sequence[LineModel], mechanism: Chain, q: Array) -> list[LineSprings]:
@@ -340,7 +362,7 @@ def tree_to(
             del follows[follower]
     parts = description.mjcf.body_joints.values() if description.mjcf else ()
     composite = {f"Composite_{p[0]}": p for p in parts if len(p) > 1}
-    soft = {name: _spring_place(entry) for name, entry in (flexible or {}).items()}
+    soft = {name: _give(entry) for name, entry in (flexible or {}).items()}
     planes = description.urdf.planar_axes
     tree = plain_tree(model, keep, fixed, composite, soft, planes)
     if not follows:

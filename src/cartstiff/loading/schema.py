@@ -119,7 +119,7 @@ class JointSpringModel(_Model):
 
 
 class BeamModel(_Model):
-    """A straight beam along the link's x axis, clamped at its near end."""
+    """A straight beam along the link's x axis, clamped at its near end; it feels its axial force."""
 
     E: Annotated[Positive, Field(description="Young's modulus")]
     G: Annotated[Positive, Field(description="shear modulus")]
@@ -128,6 +128,17 @@ class BeamModel(_Model):
     Iy: Annotated[Positive, Field(description="second moment of area about y")]
     Iz: Annotated[Positive, Field(description="second moment of area about z")]
     J: Annotated[Positive, Field(description="torsion constant")]
+    segments: Annotated[
+        int,
+        Field(
+            strict=True, ge=1, le=1000,
+            description="equal parts with six coordinates each: more for large deflections",
+        ),
+    ] = 1  # fmt: skip
+    shear_area_y: Annotated[
+        Positive | None, Field(description="area times shear factor, along y; rigid if absent")
+    ] = None
+    shear_area_z: Annotated[Positive | None, Field(description="the same along z")] = None
 
 
 class FlexibleModel(_Model):

@@ -7,7 +7,7 @@ locked joints become links, flexible links get six virtual joints.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,9 +17,10 @@ from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Coordinate
+from cartstiff.mechanisms.flexible_links import Give, masses_by_side, springs_by_joint
 from cartstiff.mechanisms.tree import WORLD, KinematicTree, Placement
 
-__all__ = ["VIRTUAL", "extended", "find_frame", "merged", "plain_tree"]
+__all__ = ["extended", "find_frame", "merged", "plain_tree"]
 
 # How joints with several coordinates are written as successive one-coordinate joints; the order
 # is that of Pinocchio's own configuration, translations before rotations.
@@ -40,8 +41,6 @@ _PLAIN = {
     "JointModelHX": "helical", "JointModelHY": "helical", "JointModelHZ": "helical",
     "JointModelHelicalUnaligned": "helical",
 }  # fmt: skip
-#: Virtual joints of a flexible link, in order: name suffix and kind.
-VIRTUAL = (("px", "PX"), ("py", "PY"), ("pz", "PZ"), ("rx", "RX"), ("ry", "RY"), ("rz", "RZ"))
 _UNBOUNDED = {"JointModelRUBX": "RX", "JointModelRUBY": "RY", "JointModelRUBZ": "RZ"}
 
 
@@ -125,7 +124,7 @@ def plain_tree(
     keep: Collection[int] | None = None,
     locked: Mapping[int, float] | None = None,
     composite_names: Mapping[str, list[str]] | None = None,
-    flexible: Mapping[str, Array] | None = None,
+    flexible: Mapping[str, Give] | None = None,
     planar_axes: Mapping[str, Array] | None = None,
 ) -> KinematicTree:
     """Rewrite a Pinocchio model with one-coordinate joints only.
@@ -141,10 +140,10 @@ def plain_tree(
         Positions of one-coordinate joints that become links.
     composite_names : mapping of str to list of str, optional
         Names of the parts of composite joints, by the composite's name.
-    flexible : mapping of str to ndarray, optional
-        Links that give, by frame name, with the pose of the spring in that frame: six virtual
-        joints are put there (`VIRTUAL`), and everything the link carries hangs on them; the
-        link's own frame and mass, and what it is fixed to, stay at the near side.
+    flexible : mapping of str to Give, optional
+        Links that give, by frame name: virtual joints are put there, and everything the link
+        carries hangs on them; the link's own frame and mass, and what it is fixed to, stay at the
+        near side.
     planar_axes : mapping of str to ndarray (3,), optional
         Unit normals of the planes in which planar joints move, by joint name; default z.
 
@@ -167,7 +166,7 @@ def plain_tree(
     coordinates: list[Coordinate] = []
     at: dict[int, tuple[int, Array]] = {0: (0, np.eye(4))}
     near = dict(at)
-    springs = _springs_by_joint(model, flexible or {})
+    springs = springs_by_joint(model, flexible or {})
 
     def side(frame: int, joint: int) -> tuple[int, Array]:
         """Where what is fixed to a joint hangs: on it, or on the spring of a link fixed to it."""
@@ -177,17 +176,18 @@ def plain_tree(
     def soften(i: int) -> None:
         near[i] = at[i]
         if i in springs:
-            name, T_i_s = springs[i].link, springs[i].T_j_s
-            joint, T_j = at[i][0], at[i][1] @ T_i_s
-            for suffix, kind in VIRTUAL:
+            name, give = springs[i].link, springs[i].give
+            joint, T_j = at[i][0], at[i][1] @ give.start
+            for suffix, kind, along in give.joints:
                 full = f"{name}.{suffix}"
+                T_j = T_j @ se3.pose(translation=(along, 0.0, 0.0))
                 joint = plain.addJoint(joint, _primitive(kind), pin.SE3(T_j), full)
                 coordinates.append(
                     Coordinate(full, "prismatic" if kind.startswith("P") else "revolute")
                 )
                 T_j = np.eye(4)
-            at[i] = (joint, se3.inverse(T_i_s))
-        for (joint, T_j), inertia in _masses(model, i, springs, near, at):
+            at[i] = (joint, se3.inverse(give.end))
+        for (joint, T_j), inertia in masses_by_side(model, i, springs, near, at):
             if joint > 0 and inertia.mass > 0:
                 plain.appendBodyToJoint(joint, inertia, pin.SE3(T_j))
 
@@ -281,72 +281,6 @@ def extended(
     )
     offset = np.concatenate([np.asarray(tree.offset, float), np.zeros(k)])
     return KinematicTree(model, (*tree.coordinates, *new), frames, mimic, offset)
-
-
-@dataclass(frozen=True)
-class _Spring:
-    """A spring in a link: its pose in the joint's frame, and the frames that hang on it."""
-
-    link: str
-    T_j_s: Array
-    carried: frozenset[int]
-
-
-def _springs_by_joint(model: pin.Model, flexible: Mapping[str, Array]) -> dict[int, _Spring]:
-    """Springs of flexible links by the joint that their links are fixed to."""
-    found: dict[int, _Spring] = {}
-    bodies = {f.name: k for k, f in enumerate(model.frames) if f.type == pin.FrameType.BODY}
-    for name, T_f_s in flexible.items():
-        if name not in bodies:
-            raise UnknownNameError("link", name, bodies)
-        link = model.frames[bodies[name]]
-        joint = int(link.parentJoint)
-        if joint in found:
-            raise InputError(
-                f"links {found[joint].link!r} and {name!r} are fixed together: one of them can be "
-                "flexible"
-            )
-        T_j_s = link.placement.homogeneous @ T_f_s
-        found[joint] = _Spring(name, T_j_s, _carried(model, bodies[name]))
-    return found
-
-
-def _carried(model: pin.Model, link: int) -> frozenset[int]:
-    """Indices of the frames that hang on a link, directly or through others."""
-    frames = list(model.frames)
-    joint, base = int(frames[link].parentJoint), int(frames[link].parentFrame)
-    alone = [
-        k
-        for k, f in enumerate(frames)
-        if f.type == pin.FrameType.BODY and f.parentJoint == joint and int(f.parentFrame) == base
-    ]
-    moved = frames[base].type == pin.FrameType.JOINT or base == 0
-    if moved and alone == [link]:  # the link that the joint itself moves: all else hangs on it
-        return frozenset(range(len(frames))) - {link, base}
-    carried = {link}
-    for k, frame in enumerate(frames):  # parents stand before their children
-        if k > 0 and int(frame.parentFrame) in carried:
-            carried.add(k)
-    return frozenset(carried - {link})
-
-
-def _masses(
-    model: pin.Model,
-    joint: int,
-    springs: Mapping[int, _Spring],
-    near: Mapping[int, tuple[int, Array]],
-    at: Mapping[int, tuple[int, Array]],
-) -> list[tuple[tuple[int, Array], Any]]:
-    """What is fixed to a joint as (place, inertia): on its own side and on that of its spring."""
-    whole = model.inertias[joint]
-    if joint not in springs:
-        return [(near[joint], whole)]
-    # Pinocchio keeps the masses of fixed links with their frames, that of the moved link does not.
-    beyond = pin.Inertia.Zero()
-    for k in springs[joint].carried:
-        if model.frames[k].parentJoint == joint and model.frames[k].inertia.mass > 0:
-            beyond += model.frames[k].placement.act(model.frames[k].inertia)
-    return [(near[joint], whole - beyond), (at[joint], beyond)]
 
 
 def _planar(name: str, axis: Array) -> list[tuple[str, str, Any, Array]]:

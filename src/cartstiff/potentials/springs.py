@@ -23,7 +23,6 @@ __all__ = [
     "PolynomialLaw",
     "SpringLaw",
     "TabulatedLaw",
-    "beam_stiffness",
 ]
 
 
@@ -318,21 +317,3 @@ class CoupledSprings(Potential):
         gradient[at] = force
         hessian[np.ix_(at, at)] = self.matrix
         return Evaluation(0.5 * float(force @ q[at]), gradient, hessian)
-
-
-def beam_stiffness(
-    E: float, G: float, length: float, area: float, Iy: float, Iz: float, J: float
-) -> Array:
-    """Stiffness (6, 6), order (angular, linear), at the free end of a clamped straight beam.
-
-    Euler-Bernoulli beam along x: the tip load's compliances are L/EA, L/GJ, and in each bending
-    plane L^3/3EI, L^2/2EI, L/EI [Timoshenko]_.
-    """
-    k = np.zeros((6, 6))
-    k[0, 0] = G * J / length
-    k[3, 3] = E * area / length
-    for bend, across, I, sign in ((2, 4, Iz, -1.0), (1, 5, Iy, 1.0)):  # noqa: E741
-        k[bend, bend] = 4 * E * I / length
-        k[across, across] = 12 * E * I / length**3
-        k[bend, across] = k[across, bend] = sign * 6 * E * I / length**2
-    return k

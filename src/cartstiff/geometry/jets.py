@@ -1,0 +1,92 @@
+"""Numbers that carry their first and second derivatives, for energies in a few variables."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cartstiff.geometry.se3 import Array
+
+__all__ = ["Jet", "variables"]
+
+
+class Jet:
+    """Values (...,) of a function of n variables, with gradients (..., n), Hessians (..., n, n).
+
+    Sums, products and functions of jets are jets: the derivatives are exact.
+    """
+
+    __slots__ = ("gradient", "hessian", "value")
+    __array_ufunc__ = None  # arrays leave the arithmetic to the jet
+
+    def __init__(self, value: Array, gradient: Array, hessian: Array) -> None:
+        self.value = value
+        self.gradient = gradient
+        self.hessian = hessian
+
+    def apply(self, value: Array, slope: Array, curvature: Array) -> Jet:
+        """Function of this jet with the given value and derivatives there."""
+        g = self.gradient
+        H = slope[..., None, None] * self.hessian
+        H += curvature[..., None, None] * (g[..., :, None] * g[..., None, :])
+        return Jet(value, slope[..., None] * g, H)
+
+    def __add__(self, other: Jet | Array | float) -> Jet:
+        if isinstance(other, Jet):
+            return Jet(
+                self.value + other.value,
+                self.gradient + other.gradient,
+                self.hessian + other.hessian,
+            )
+        return Jet(self.value + other, self.gradient, self.hessian)
+
+    __radd__ = __add__
+
+    def __neg__(self) -> Jet:
+        return Jet(-self.value, -self.gradient, -self.hessian)
+
+    def __sub__(self, other: Jet | Array | float) -> Jet:
+        return self + (-other)
+
+    def __rsub__(self, other: Array | float) -> Jet:
+        return -self + other
+
+    def __mul__(self, other: Jet | Array | float) -> Jet:
+        if isinstance(other, Jet):
+            a, b = self.value, other.value
+            cross = self.gradient[..., :, None] * other.gradient[..., None, :]
+            H = a[..., None, None] * other.hessian + b[..., None, None] * self.hessian
+            H += cross
+            H += cross.swapaxes(-1, -2)
+            return Jet(a * b, a[..., None] * other.gradient + b[..., None] * self.gradient, H)
+        k = np.asarray(other, float)
+        return Jet(k * self.value, k[..., None] * self.gradient, k[..., None, None] * self.hessian)
+
+    __rmul__ = __mul__
+
+    def sin(self) -> Jet:
+        """Sine."""
+        s, c = np.sin(self.value), np.cos(self.value)
+        return self.apply(s, c, -s)
+
+    def cos(self) -> Jet:
+        """Cosine."""
+        s, c = np.sin(self.value), np.cos(self.value)
+        return self.apply(c, -s, -c)
+
+    def tan(self) -> Jet:
+        """Tangent."""
+        t = np.tan(self.value)
+        return self.apply(t, 1 + t * t, 2 * t * (1 + t * t))
+
+    def atan(self) -> Jet:
+        """Arc tangent."""
+        slope = 1 / (1 + self.value**2)
+        return self.apply(np.arctan(self.value), slope, -2 * self.value * slope**2)
+
+
+def variables(values: Array) -> list[Jet]:
+    """The n variables themselves as jets, from their values (..., n)."""
+    n = values.shape[-1]
+    zero = np.zeros((*values.shape[:-1], n, n))
+    eye = np.broadcast_to(np.eye(n), zero.shape)
+    return [Jet(values[..., i], eye[..., i, :], zero) for i in range(n)]

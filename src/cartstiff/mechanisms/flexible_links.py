@@ -1,0 +1,129 @@
+"""Links that give: their virtual joints, and what hangs on which side of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import pinocchio as pin
+
+from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+
+__all__ = ["SEGMENT", "VIRTUAL", "Give", "LinkSpring", "masses_by_side", "springs_by_joint"]
+
+#: Virtual joints of a link with a spring, in order: name suffix and kind.
+VIRTUAL = (("px", "PX"), ("py", "PY"), ("pz", "PZ"), ("rx", "RX"), ("ry", "RY"), ("rz", "RZ"))
+#: Those of a beam's segment: section to chord, along and about the chord, chord to section.
+SEGMENT = (
+    ("near_ry", "RY"), ("near_rz", "RZ"), ("px", "PX"), ("rx", "RX"), ("far_rz", "RZ"),
+    ("far_ry", "RY"),
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Give:
+    """Virtual joints of a link that gives: those of a spring, or of a beam along x.
+
+    Attributes
+    ----------
+    start : ndarray, shape (4, 4)
+        Pose of the spring, or of the beam's near end, in the link's frame.
+    length : float
+        Of the beam; 0 for a spring.
+    segments : int
+        Equal parts of the beam.
+    """
+
+    start: Array
+    length: float = 0.0
+    segments: int = 0
+
+    @property
+    def joints(self) -> list[tuple[str, str, float]]:
+        """Name suffix, kind, and distance along x from the joint before."""
+        if not self.segments:
+            return [(suffix, kind, 0.0) for suffix, kind in VIRTUAL]
+        step = self.length / self.segments
+        return [
+            (
+                suffix if self.segments == 1 else f"{suffix}_{i}",
+                kind,
+                step if suffix == "px" else 0.0,
+            )
+            for i in range(1, self.segments + 1)
+            for suffix, kind in SEGMENT
+        ]
+
+    @property
+    def end(self) -> Array:
+        """Pose of the far side in the link's frame, at rest."""
+        return self.start @ se3.pose(translation=(self.length, 0.0, 0.0))
+
+
+@dataclass(frozen=True)
+class LinkSpring:
+    """Virtual joints of a link, placed in the joint's frame, and the frames that hang on them."""
+
+    link: str
+    give: Give
+    carried: frozenset[int]
+
+
+def springs_by_joint(model: pin.Model, flexible: Mapping[str, Give]) -> dict[int, LinkSpring]:
+    """Virtual joints of flexible links by the joint that their links are fixed to."""
+    found: dict[int, LinkSpring] = {}
+    bodies = {f.name: k for k, f in enumerate(model.frames) if f.type == pin.FrameType.BODY}
+    for name, give in flexible.items():
+        if name not in bodies:
+            raise UnknownNameError("link", name, bodies)
+        link = model.frames[bodies[name]]
+        joint = int(link.parentJoint)
+        if joint in found:
+            raise InputError(
+                f"links {found[joint].link!r} and {name!r} are fixed together: one of them can be "
+                "flexible"
+            )
+        start = link.placement.homogeneous @ give.start
+        found[joint] = LinkSpring(name, replace(give, start=start), _carried(model, bodies[name]))
+    return found
+
+
+def _carried(model: pin.Model, link: int) -> frozenset[int]:
+    """Indices of the frames that hang on a link, directly or through others."""
+    frames = list(model.frames)
+    joint, base = int(frames[link].parentJoint), int(frames[link].parentFrame)
+    alone = [
+        k
+        for k, f in enumerate(frames)
+        if f.type == pin.FrameType.BODY and f.parentJoint == joint and int(f.parentFrame) == base
+    ]
+    moved = frames[base].type == pin.FrameType.JOINT or base == 0
+    if moved and alone == [link]:  # the link that the joint itself moves: all else hangs on it
+        return frozenset(range(len(frames))) - {link, base}
+    carried = {link}
+    for k, frame in enumerate(frames):  # parents stand before their children
+        if k > 0 and int(frame.parentFrame) in carried:
+            carried.add(k)
+    return frozenset(carried - {link})
+
+
+def masses_by_side(
+    model: pin.Model,
+    joint: int,
+    springs: Mapping[int, LinkSpring],
+    near: Mapping[int, tuple[int, Array]],
+    at: Mapping[int, tuple[int, Array]],
+) -> list[tuple[tuple[int, Array], Any]]:
+    """What is fixed to a joint as (place, inertia): on its own side and on that of its spring."""
+    whole = model.inertias[joint]
+    if joint not in springs:
+        return [(near[joint], whole)]
+    # Pinocchio keeps the masses of fixed links with their frames, that of the moved link does not.
+    beyond = pin.Inertia.Zero()
+    for k in springs[joint].carried:
+        if model.frames[k].parentJoint == joint and model.frames[k].inertia.mass > 0:
+            beyond += model.frames[k].placement.act(model.frames[k].inertia)
+    return [(near[joint], whole - beyond), (at[joint], beyond)]

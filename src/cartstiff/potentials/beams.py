@@ -1,0 +1,298 @@
+r"""Beams that feel their own axial force: segments with exact stability functions.
+
+A segment of length h is seen from its chord, the straight line between its ends. What is left of
+the motion is small: the elongation u of the chord, a twist phi, and at each end the rotation of
+the section against the chord. In each plane of bending the two rotations are taken apart into
+theta_s = (theta_1 - theta_2) / 2, a bow, and theta_a = (theta_1 + theta_2) / 2, an S. The
+differential equation of a beam under an axial force N (tension positive) is solved exactly:
+
+    U = G J phi^2 / 2h + max_N [ N u - N^2 h / 2EA + sum (s_s(N) theta_s^2 + s_a(N) theta_a^2) ] ,
+    s_s = (2EI/h) y ,  s_a = (EI/2h) b / (b^2 z + f y) ,
+    y = m coth m ,  z = (y - 1) / 4m^2 ,  4 m^2 = N b h^2 / EI ,
+
+with b = 1 - N / GA_s and f = EI / (GA_s h^2) for a section that yields to shear (b = 1, f = 0 for
+one that does not). What is maximised is concave in N; at the maximum elongation and bowing
+together make up u. So the energy is one of the relative pose of the ends, and the axial force, the
+end moments and the tangent stiffness are its derivatives.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import pi
+from typing import NamedTuple
+
+import numpy as np
+
+from cartstiff.geometry.jets import Jet, variables
+from cartstiff.geometry.se3 import Array, read_only
+from cartstiff.potentials.contract import Evaluation, Posture, Potential
+
+__all__ = ["Beam", "Section", "stability_functions"]
+
+# Below this |x| the series of z(x) is exact to rounding with the terms kept (it converges up to
+# 4 pi^2); above it the closed forms, and their derivatives by recursion, lose hardly a digit.
+_SERIES = 4.0
+_TERMS = 20
+# Below this w, 0.6 rad, the series of asin(sqrt w) / sqrt(w (1 - w)) is exact to rounding.
+_SMALL_TURN = 0.09
+_TURN_TERMS = np.cumprod([1.0, *((2 * k + 2) / (2 * k + 3) for k in range(18))])
+#: Share of its clamped buckling load up to which a segment follows its axial force; beyond it the
+#: force stays, as that of a buckled bar does.
+_FLOOR = 0.999
+_STEPS = 100
+
+
+def _series() -> Array:
+    """Coefficients (terms, 3) of z(x) and its derivatives, from 2 x z' = 1/4 - 3 z - x z^2."""
+    c = [1 / 12]
+    for k in range(1, _TERMS):
+        c.append(-sum(c[i] * c[k - 1 - i] for i in range(k)) / (2 * k + 3))
+    return _with_derivatives(np.array(c))
+
+
+def _with_derivatives(c: Array) -> Array:
+    """Coefficients (terms, 3) of a power series and its first two derivatives."""
+    k = np.arange(c.size)
+    columns = np.zeros((c.size, 3))
+    columns[:, 0], columns[:-1, 1], columns[:-2, 2] = c, (k * c)[1:], (k * (k - 1) * c)[2:]
+    return columns
+
+
+def _sum(coefficients: Array, x: Array) -> list[Array]:
+    """The three power series at x."""
+    found = x[..., None] ** np.arange(len(coefficients)) @ coefficients
+    return [found[..., k] for k in range(3)]
+
+
+_Z = _series()
+_STRETCH = _with_derivatives(_TURN_TERMS)
+
+
+def stability_functions(x: Array) -> tuple[Array, Array, Array]:
+    """z(x) = (m coth m - 1) / x with 4 m^2 = x, and its first two derivatives.
+
+    x = N h^2 / EI is positive under tension, and above -4 pi^2, where a clamped segment buckles.
+    """
+    small = np.abs(x) < _SERIES
+    z, z1, z2 = _sum(_Z, np.where(small, x, 0.0))
+    if small.all():
+        return z, z1, z2
+    far = np.where(small, _SERIES, x)
+    m = 0.5 * np.sqrt(np.abs(far))
+    # (m / sinh m)^2, which is nothing long before its parts overflow.
+    r = np.where(far > 0, m / np.sinh(np.minimum(m, 300.0)), m / np.sin(m)) ** 2
+    y = np.where(far > 0, m / np.tanh(m), m / np.tan(m))
+    f = (y - 1) / far
+    f1 = (2 - y - r) / (2 * far * far)
+    f2 = ((r * f - (y - r) / (2 * far)) / (2 * far) - 2 * f1) / far
+    return np.where(small, z, f), np.where(small, z1, f1), np.where(small, z2, f2)
+
+
+class Section(NamedTuple):
+    """Stiffnesses of a beam's section.
+
+    Attributes
+    ----------
+    axial, torsion : float
+        EA (force) and GJ (force length^2).
+    bending : tuple of float
+        EI about y and about z (force length^2).
+    shear : tuple of float
+        GA_s for the force along z, which bends about y, and along y, which bends about z; infinite
+        where the section does not yield to shear (Euler-Bernoulli).
+    """
+
+    axial: float
+    torsion: float
+    bending: tuple[float, float]
+    shear: tuple[float, float] = (np.inf, np.inf)
+
+
+@dataclass(frozen=True, eq=False)
+class Beam(Potential):
+    """A straight beam in equal segments, each with six coordinates.
+
+    Per segment, in the order of the chain: rotations about y and z from the near section to the
+    chord, elongation, twist, rotations about z and y from the chord to the far section (the joints
+    of `cartstiff.mechanisms.tree_building.SEGMENT`).
+
+    Attributes
+    ----------
+    indices : ndarray of int, shape (m, 6)
+        Coordinates of the m segments.
+    length : float
+        Of one segment.
+    section : Section
+        Stiffnesses of the section.
+    """
+
+    indices: Array
+    length: float
+    section: Section
+
+    def __post_init__(self) -> None:
+        indices = np.array(self.indices, int).reshape(-1, 6)
+        indices.flags.writeable = False
+        object.__setattr__(self, "indices", indices)
+
+    @cached_property
+    def _straight(self) -> Array:
+        """Hessian (m, 6, 6) where nothing is bent or stretched."""
+        return read_only(self._segments(np.zeros(self.indices.shape))[2])
+
+    def evaluate(self, posture: Posture) -> Evaluation:
+        """Energy, gradient and Hessian."""
+        x = posture.q[self.indices]
+        n, at = posture.q.size, self.indices
+        gradient, hessian = np.zeros(n), np.zeros((n, n))
+        if not x.any():
+            hessian[at[:, :, None], at[:, None, :]] = self._straight
+            return Evaluation(0.0, gradient, hessian)
+        energies, gradients, hessians, _ = self._segments(x)
+        gradient[at] = gradients
+        hessian[at[:, :, None], at[:, None, :]] = hessians
+        return Evaluation(float(energies.sum()), gradient, hessian)
+
+    def axial_forces(self, q: Array) -> Array:
+        """Tension (m,) of the segments."""
+        return self._segments(q[self.indices])[3]
+
+    @property
+    def clamped_load(self) -> float:
+        """Compression at which one segment buckles between clamped ends."""
+        return -self._lowest
+
+    @cached_property
+    def _lowest(self) -> float:
+        # Haringx: P (1 + P / GA_s) = 4 pi^2 EI / h^2.
+        euler = 4 * (pi / self.length) ** 2 * np.array(self.section.bending)
+        return float(
+            (-2 * euler / (1 + np.sqrt(1 + 4 * euler / np.array(self.section.shear)))).max()
+        )
+
+    def _segments(self, x: Array) -> tuple[Array, Array, Array, Array]:
+        """Energies (m,), gradients (m, 6), Hessians (m, 6, 6), axial forces (m,)."""
+        h = self.length
+        phi, turns = _deformations(x)
+        u = x[:, 2]
+        # (m, 4): bow about y and z, S about y and z.
+        theta = np.stack([t.value for t in turns], axis=-1)
+        N, s, s1, s2 = self._axial_force(u, theta)
+        squares = theta * theta
+        torsion = self.section.torsion / h
+        energy = N * u - N * N * h / (2 * self.section.axial) + (s * squares).sum(axis=-1)
+        energy += 0.5 * torsion * phi.value**2
+        gradient = torsion * phi.value[:, None] * phi.gradient
+        hessian = torsion * (
+            phi.gradient[:, :, None] * phi.gradient[:, None, :]
+            + phi.value[:, None, None] * phi.hessian
+        )
+        mixed = np.zeros(x.shape)  # d^2 U / dN dx
+        mixed[:, 2] = 1.0
+        gradient[:, 2] += N
+        for k, turn in enumerate(turns):
+            moment = 2 * s[:, k] * turn.value
+            gradient += moment[:, None] * turn.gradient
+            mixed += (2 * s1[:, k] * turn.value)[:, None] * turn.gradient
+            hessian += moment[:, None, None] * turn.hessian
+            hessian += (2 * s[:, k])[:, None, None] * (
+                turn.gradient[:, :, None] * turn.gradient[:, None, :]
+            )
+        # Along the equation of N, which is at its maximum unless it stands at its bound.
+        softness = h / self.section.axial - (s2 * squares).sum(axis=-1)
+        answers = np.where(_FLOOR * self._lowest < N, 1 / softness, 0.0)
+        hessian += answers[:, None, None] * mixed[:, :, None] * mixed[:, None, :]
+        return energy, gradient, hessian, N
+
+    def _axial_force(self, u: Array, theta: Array) -> tuple[Array, Array, Array, Array]:
+        """Tension at which elongation and bowing make up u, by Newton's method in a bracket.
+
+        And there s (m, 4) with its first two derivatives by N.
+        """
+        squares, softness = theta * theta, self.length / self.section.axial
+        low = np.full(u.shape, _FLOOR * self._lowest)
+        high = np.full(u.shape, _FLOOR * min(self.section.shear))
+        N = np.zeros(u.shape)
+        for _ in range(_STEPS):
+            s, s1, s2 = self._rotational(N)
+            missing = u - N * softness + (s1 * squares).sum(axis=-1)
+            low, high = np.where(missing > 0, N, low), np.where(missing < 0, N, high)
+            step = missing / (softness - (s2 * squares).sum(axis=-1))
+            # Rounding of the sum, and of N itself.
+            if (np.abs(step) <= 4e-16 * (np.abs(N) + np.abs(u) / softness)).all():
+                break
+            following = N + step
+            outside = (following < low) | (following > high)
+            middle = np.where(np.isfinite(high), 0.5 * (low + high), 2 * np.abs(low) + low)
+            N = np.where(outside, middle, following)
+        return N, s, s1, s2
+
+    def _rotational(self, N: Array) -> tuple[Array, Array, Array]:
+        """s_s about y and z, s_a about y and z (m, 4), and their first two derivatives by N."""
+        h = self.length
+        EI, GA = np.array(self.section.bending), np.array(self.section.shear)
+        b, b1, f = 1 - N[:, None] / GA, -1 / GA, EI / (GA * h * h)
+        c = h * h / EI
+        x, x1, x2 = c * N[:, None] * b, c * (1 - 2 * N[:, None] / GA), -2 * c / GA
+        z, dz, ddz = stability_functions(x)
+        z1, z2 = dz * x1, ddz * x1 * x1 + dz * x2
+        y, y1, y2 = 1 + x * z, x1 * z + x * z1, x2 * z + 2 * x1 * z1 + x * z2
+        d = b * b * z + f * y
+        d1 = 2 * b * b1 * z + b * b * z1 + f * y1
+        d2 = 2 * b1 * b1 * z + 4 * b * b1 * z1 + b * b * z2 + f * y2
+        a = b / d
+        a1 = (b1 - a * d1) / d
+        a2 = -(2 * a1 * d1 + a * d2) / d
+        bow, double = 2 * EI / h, EI / (2 * h)
+        pairs = ((bow * y, double * a), (bow * y1, double * a1), (bow * y2, double * a2))
+        s, s1, s2 = (np.concatenate(pair, axis=-1) for pair in pairs)
+        return s, s1, s2
+
+
+def _deformations(x: Array) -> tuple[Jet, list[Jet]]:
+    """Twist, bow about y and z, and S about y and z, of segments with coordinates x (m, 6)."""
+    near_y, near_z, _, along, far_z, far_y = variables(x)
+    a_y, a_z, near_twist = _swing(near_y, near_z)
+    b_y, b_z, far_twist = _swing(far_y, far_z)
+    phi = along + near_twist - far_twist
+    # The rotations against the chord are -a and b; each turned by half the twist, so that they
+    # stand on the axes of the section half way.
+    c, s = (0.5 * phi).cos(), (0.5 * phi).sin()
+    one_y, one_z = -(a_y * c + a_z * s), a_y * s - a_z * c
+    two_y, two_z = b_y * c - b_z * s, b_z * c + b_y * s
+    bow_y, double_y = 0.5 * (one_y - two_y), 0.5 * (one_y + two_y)
+    bow_z, double_z = 0.5 * (one_z - two_z), 0.5 * (one_z + two_z)
+    # A line that bends in two planes winds: so much of the turn is no strain.
+    twist = phi - (double_y * bow_z - bow_y * double_z)
+    return twist, [bow_y, bow_z, double_y, double_z]
+
+
+def _swing(about_y: Jet, about_z: Jet) -> tuple[Jet, Jet, Jet]:
+    """Ry(b) Rz(g) as the rotation vector (0, y, z) that turns e_x, after or before a twist about e_x.
+
+    The angle of the vector is acos(cos b cos g); the twist is 2 atan(tan(b/2) tan(g/2)).
+    """
+    half_b, half_g = 0.5 * about_y, 0.5 * about_z
+    p, q = half_b.sin() * half_b.sin(), half_g.sin() * half_g.sin()
+    w = p + q - 2 * (p * q)
+    stretch = w.apply(*_turn(w.value))
+    y = stretch * (about_y.sin() * about_z.cos())
+    z = stretch * about_z.sin()
+    twist = 2 * (half_b.tan() * half_g.tan()).atan()
+    return y, z, twist
+
+
+def _turn(w: Array) -> tuple[Array, Array, Array]:
+    """Angle over sine of an angle, by w = sin^2 of its half, with two derivatives."""
+    small = w < _SMALL_TURN
+    h, h1, h2 = _sum(_STRETCH, np.where(small, w, 0.0))
+    if small.all():
+        return h, h1, h2
+    v = np.where(small, 0.5, w)
+    r = 2 * v * (1 - v)
+    f = np.arcsin(np.sqrt(v)) / np.sqrt(v * (1 - v))
+    f1 = (1 - (1 - 2 * v) * f) / r
+    f2 = (2 * f - 3 * (1 - 2 * v) * f1) / r
+    return np.where(small, h, f), np.where(small, h1, f1), np.where(small, h2, f2)
