@@ -33,7 +33,7 @@ from cartstiff.mechanisms.chain import OWN_COORDINATES, Chain, Closure
 from cartstiff.mechanisms.contract import Units, checked_vector, named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.mechanisms.tree_building import plain_tree
+from cartstiff.mechanisms.tree_building import Give, plain_tree
 from cartstiff.potentials.functions import JointFunction, PoseFunction
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
 from cartstiff.potentials.loads import DeadForce, DeadWrench, FollowerWrench, payload
@@ -399,9 +399,9 @@ def test_flexible_links():
     for name in ("link", "cover"):
         model.addBodyFrame(name, joint, pin.SE3.Identity(), 0)
     with pytest.raises(UnknownNameError, match=r"unknown link.*'lnk'"):
-        plain_tree(model, flexible={"lnk": np.eye(4)})
+        plain_tree(model, flexible={"lnk": Give(np.eye(4))})
     with pytest.raises(InputError, match="'link' and 'cover' are fixed together"):
-        plain_tree(model, flexible={"link": np.eye(4), "cover": np.eye(4)})
+        plain_tree(model, flexible={"link": Give(np.eye(4)), "cover": Give(np.eye(4))})
 
 
 def test_closures_that_cannot_be_met():

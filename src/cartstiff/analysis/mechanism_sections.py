@@ -142,9 +142,8 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
         at = link.indices.ravel()
         x = motion[at]
         size = float(np.linalg.norm(x)) or 1.0
-        name_of_link = coordinates[at[0]].name.rsplit(".", 1)[0]
         hessian = link.evaluate(posture).hessian[np.ix_(at, at)]
-        rows.append({"name": f"{name_of_link} (link)", "is_length": None})
+        rows.append({"name": f"{link.link or coordinates[at[0]].name} (link)", "is_length": None})
         stiffness.append(float(x @ hessian @ x) / size**2)
         elongations.append(size)
     if not rows:

@@ -262,18 +262,18 @@ def link_springs(
     for link, entry in flexible.items():
         indices = np.array([names.index(name) for name in virtual_joints({link: entry}, prefix)])
         if entry.beam is not None:
-            springs.append(_beam(entry.beam, indices))
+            springs.append(_beam(entry.beam, indices, prefix + link))
             continue
         K = np.array(entry.stiffness, float)
         if np.abs(K - K.T).max() > 1e-9 * np.abs(K).max():
             raise InputError(
                 "stiffness of a link must be symmetric", where=f"{where}, flexible {link}"
             )
-        springs.append(CoupledSprings(indices, K[se3.SWAP][:, se3.SWAP]))
+        springs.append(CoupledSprings(indices, K[se3.SWAP][:, se3.SWAP], prefix + link))
     return springs
 
 
-def _beam(beam: BeamModel, indices: Array) -> Beam:
+def _beam(beam: BeamModel, indices: Array, link: str) -> Beam:
     along_y, along_z = (
         np.inf if area is None else beam.G * area for area in (beam.shear_area_y, beam.shear_area_z)
     )
@@ -281,7 +281,7 @@ def _beam(beam: BeamModel, indices: Array) -> Beam:
         beam.E * beam.area, beam.G * beam.J, (beam.E * beam.Iy, beam.E * beam.Iz),
         (along_z, along_y),
     )  # fmt: skip
-    return Beam(indices, beam.length / beam.segments, section)
+    return Beam(indices, beam.length / beam.segments, section, link)
 
 
 def _extra_lines(lines: Sequence[LineModel], mechanism: Chain, q: Array) -> list[LineSprings]:

@@ -119,7 +119,7 @@ class JointSpringModel(_Model):
 
 
 class BeamModel(_Model):
-    """A straight beam along the link's x axis, clamped at its near end; it feels its axial force."""
+    """A straight beam along the link's x axis, from clamp to clamp; it feels its axial force."""
 
     E: Annotated[Positive, Field(description="Young's modulus")]
     G: Annotated[Positive, Field(description="shear modulus")]

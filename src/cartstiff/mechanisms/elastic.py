@@ -211,6 +211,10 @@ class ElasticMechanism:
             terms.append(Gravity(self.gravity))
         return tuple(terms)
 
+    def remarks(self, posture: MechanismPosture) -> list[Note]:
+        """What limits the answer at a posture: slack cables, beams beyond their theory."""
+        return [Note(*remark) for term in self.terms() for remark in term.remarks(posture)]
+
     def evaluate(self, posture: MechanismPosture) -> Evaluation:
         """Energy, gradient and Hessian of everything at a posture."""
         return self._with_springs_added(posture, self._evaluate_others(posture))

@@ -27,7 +27,7 @@ import numpy as np
 
 from cartstiff.geometry.jets import Jet, variables
 from cartstiff.geometry.se3 import Array, read_only
-from cartstiff.potentials.contract import Evaluation, Posture, Potential
+from cartstiff.potentials.contract import Evaluation, Posture, Potential, Remark
 
 __all__ = ["Beam", "Section", "stability_functions"]
 
@@ -38,10 +38,14 @@ _TERMS = 20
 # Below this w, 0.6 rad, the series of asin(sqrt w) / sqrt(w (1 - w)) is exact to rounding.
 _SMALL_TURN = 0.09
 _TURN_TERMS = np.cumprod([1.0, *((2 * k + 2) / (2 * k + 3) for k in range(18))])
-#: Share of its clamped buckling load up to which a segment follows its axial force; beyond it the
-#: force stays, as that of a buckled bar does.
-_FLOOR = 0.999
+# Share of its clamped buckling load (under tension: of the shear stiffness) up to which a segment
+# follows its axial force; beyond it the force stays, as that of a buckled bar does. Forces nearer
+# to a bound than _NEAR stand on it: bisection has brought them there.
+_FLOOR, _NEAR = 0.999, 1e-12
 _STEPS = 100
+# From which share of the clamped buckling load, and which turn against the chord (rad), on remarks
+# ask for more segments.
+_COMPRESSED, _BENT = 0.75, 0.4
 
 
 def _series() -> Array:
@@ -126,11 +130,14 @@ class Beam(Potential):
         Of one segment.
     section : Section
         Stiffnesses of the section.
+    link : str
+        Name of the link, for remarks.
     """
 
     indices: Array
     length: float
     section: Section
+    link: str = ""
 
     def __post_init__(self) -> None:
         indices = np.array(self.indices, int).reshape(-1, 6)
@@ -159,6 +166,33 @@ class Beam(Potential):
         """Tension (m,) of the segments."""
         return self._segments(q[self.indices])[3]
 
+    def remarks(self, posture: Posture) -> list[Remark]:
+        """Segments that are compressed or bent beyond what six coordinates can follow."""
+        x = posture.q[self.indices]
+        found: list[Remark] = []
+        if not x.any():
+            return found
+        twist, turns = _deformations(x)
+        share = -float(self.axial_forces(posture.q).min()) / self.clamped_load
+        bent = max(float(np.abs(jet.value).max()) for jet in (twist, *turns))
+        count = len(self.indices)
+        many = f"beam {self.link!r} with {count} segment{'s' if count > 1 else ''}"
+        if share > _COMPRESSED:
+            message = (
+                f"{many}: one carries {100 * share:.0f} % of the load at which it buckles between "
+                "clamped ends, which its six coordinates do not show: give more segments"
+            )
+            values = {"link": self.link, "share": share, "segments": count}
+            found.append(Remark("beam-compressed", message, values))
+        if bent > _BENT:
+            message = (
+                f"{many}: one turns by {bent:.2g} rad against its chord, beyond the theory of "
+                "small turns: give more segments"
+            )
+            values = {"link": self.link, "turn": bent, "segments": count}
+            found.append(Remark("beam-bent", message, values))
+        return found
+
     @property
     def clamped_load(self) -> float:
         """Compression at which one segment buckles between clamped ends."""
@@ -168,9 +202,13 @@ class Beam(Potential):
     def _lowest(self) -> float:
         # Haringx: P (1 + P / GA_s) = 4 pi^2 EI / h^2.
         euler = 4 * (pi / self.length) ** 2 * np.array(self.section.bending)
-        return float(
-            (-2 * euler / (1 + np.sqrt(1 + 4 * euler / np.array(self.section.shear)))).max()
-        )
+        limits = 2 * euler / (1 + np.sqrt(1 + 4 * euler / np.array(self.section.shear)))
+        return -float(limits.min())
+
+    @cached_property
+    def _bounds(self) -> tuple[float, float]:
+        """Axial forces between which a segment is followed."""
+        return _FLOOR * self._lowest, _FLOOR * min(self.section.shear)
 
     def _segments(self, x: Array) -> tuple[Array, Array, Array, Array]:
         """Energies (m,), gradients (m, 6), Hessians (m, 6, 6), axial forces (m,)."""
@@ -200,9 +238,11 @@ class Beam(Potential):
             hessian += (2 * s[:, k])[:, None, None] * (
                 turn.gradient[:, :, None] * turn.gradient[:, None, :]
             )
-        # Along the equation of N, which is at its maximum unless it stands at its bound.
+        # Along the equation of N, which is at its maximum unless it stands at a bound.
         softness = h / self.section.axial - (s2 * squares).sum(axis=-1)
-        answers = np.where(_FLOOR * self._lowest < N, 1 / softness, 0.0)
+        low, high = self._bounds
+        at_bound = ((1 - _NEAR) * low >= N) | ((1 - _NEAR) * high <= N)
+        answers = np.where(at_bound, 0.0, 1 / softness)
         hessian += answers[:, None, None] * mixed[:, :, None] * mixed[:, None, :]
         return energy, gradient, hessian, N
 
@@ -212,8 +252,7 @@ class Beam(Potential):
         And there s (m, 4) with its first two derivatives by N.
         """
         squares, softness = theta * theta, self.length / self.section.axial
-        low = np.full(u.shape, _FLOOR * self._lowest)
-        high = np.full(u.shape, _FLOOR * min(self.section.shear))
+        low, high = (np.full(u.shape, bound) for bound in self._bounds)
         N = np.zeros(u.shape)
         for _ in range(_STEPS):
             s, s1, s2 = self._rotational(N)
@@ -270,7 +309,7 @@ def _deformations(x: Array) -> tuple[Jet, list[Jet]]:
 
 
 def _swing(about_y: Jet, about_z: Jet) -> tuple[Jet, Jet, Jet]:
-    """Ry(b) Rz(g) as the rotation vector (0, y, z) that turns e_x, after or before a twist about e_x.
+    """Ry(b) Rz(g) as a rotation vector (0, y, z), after or before a twist about e_x.
 
     The angle of the vector is acos(cos b cos g); the twist is 2 atan(tan(b/2) tan(g/2)).
     """

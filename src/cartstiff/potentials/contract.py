@@ -14,7 +14,7 @@ from typing import NamedTuple, Protocol
 
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["Evaluation", "Map", "PosePotential", "Posture", "Potential"]
+__all__ = ["Evaluation", "Map", "PosePotential", "Posture", "Potential", "Remark"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +47,14 @@ class Evaluation(NamedTuple):
     hessian: Array
 
 
+class Remark(NamedTuple):
+    """What a reader must know about an energy at a posture: a code, words, numbers."""
+
+    code: str
+    message: str
+    values: dict[str, object]
+
+
 class Posture(Protocol):
     """What a potential may ask of a mechanism at given coordinates."""
 
@@ -67,6 +75,10 @@ class Potential(ABC):
     @abstractmethod
     def evaluate(self, posture: Posture) -> Evaluation:
         """Energy, gradient and Hessian at a posture."""
+
+    def remarks(self, posture: Posture) -> list[Remark]:  # noqa: ARG002
+        """What limits the answer at a posture; nothing by default."""
+        return []
 
 
 @dataclass(frozen=True)

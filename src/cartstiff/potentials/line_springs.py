@@ -19,7 +19,7 @@ from cartstiff.arrays import checked_array
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.potentials.contract import PosePotential, Posture
+from cartstiff.potentials.contract import PosePotential, Posture, Remark
 
 __all__ = ["LineGeometry", "LineSprings", "line_geometry"]
 
@@ -141,6 +141,13 @@ class LineSprings(PosePotential):
         T, _ = posture.relative(self.frame_a, self.frame_b)
         lengths = line_geometry(T, self.anchors, self.points).lengths
         return [int(i) + 1 for i in np.flatnonzero(lengths < self.rest_length)]
+
+    def remarks(self, posture: Posture) -> list[Remark]:
+        """The cables that carry nothing, by their numbers from 1."""
+        slack = self.slack(posture)
+        numbers = ", ".join(str(i) for i in slack)
+        message = f"cables {numbers} are slack and carry nothing"
+        return [Remark("slack", message, {"slack": slack})] if slack else []
 
     @property
     def rest(self) -> Array:

@@ -9,13 +9,15 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import pi
 
 import numpy as np
 
 from cartstiff.arrays import checked_array, real_array
 from cartstiff.errors import InputError
+from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.potentials.contract import Evaluation, Posture, Potential
+from cartstiff.potentials.contract import Evaluation, Posture, Potential, Remark
 
 __all__ = [
     "CoupledSprings",
@@ -24,6 +26,11 @@ __all__ = [
     "SpringLaw",
     "TabulatedLaw",
 ]
+
+
+# Share of a link's Euler load from which on a note says that a 6x6 spring does not feel it: the
+# deflection is then too small by about as much.
+_FELT = 0.05
 
 
 class SpringLaw(ABC):
@@ -298,10 +305,13 @@ class CoupledSprings(Potential):
         The coordinates x.
     matrix : ndarray, shape (m, m)
         Symmetric K.
+    link : str
+        Name of the link that gives: x is then (translation, rotation) of its far side.
     """
 
     indices: Array
     matrix: Array
+    link: str = ""
 
     def __post_init__(self) -> None:
         for name, kind in (("indices", int), ("matrix", float)):
@@ -317,3 +327,31 @@ class CoupledSprings(Potential):
         gradient[at] = force
         hessian[np.ix_(at, at)] = self.matrix
         return Evaluation(0.5 * float(force @ q[at]), gradient, hessian)
+
+    def remarks(self, posture: Posture) -> list[Remark]:
+        """Compression that would matter in a cantilever with the same compliance.
+
+        Its length l and its axis follow from where a pure force turns the far side: the cross
+        products of l/2 with the forces.
+        """
+        if not self.link or self.indices.size != 6:
+            return []
+        force = (self.matrix @ posture.q[self.indices])[:3]
+        flexibility = np.linalg.pinv(self.matrix)
+        turning = flexibility[3:, 3:]
+        half = se3.unskew(np.linalg.pinv(turning) @ flexibility[3:, :3])
+        distance = float(np.linalg.norm(half))
+        if distance == 0.0:
+            return []
+        axis = half / distance
+        bending = np.eye(3) - np.outer(axis, axis)
+        softest = float(np.linalg.eigvalsh(bending @ turning @ bending)[-1])  # l / EI
+        # Against pi^2 EI / 4 l^2.
+        share = -float(force @ axis) * 8.0 * distance * softest / pi**2
+        if not share >= _FELT:
+            return []
+        message = (
+            f"link {self.link!r} carries {100 * share:.0f} % of the Euler load of a cantilever "
+            "with its compliance; a 6x6 spring does not feel its own axial force: give it as beam"
+        )
+        return [Remark("link-compressed", message, {"link": self.link, "share": share})]

@@ -253,7 +253,8 @@ def _collected(
 ) -> LoadCurve:
     factors = np.array([s.factor for s in states])
     conservative = all(s.is_conservative for s in states)
-    notes = list(seed.notes)
+    notes = list(seed.elastic.notes)
+    notes += seed.elastic.remarks(max(states, key=lambda s: abs(s.factor)).point.posture)
     if not conservative:
         notes.append(UNDAMPED if all(s.vibrations for s in states) else MASSLESS)
     return LoadCurve(

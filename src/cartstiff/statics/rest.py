@@ -20,7 +20,7 @@ from cartstiff.statics.flutter import MASSLESS, UNDAMPED, vibrations
 from cartstiff.statics.held import displacement_between
 from cartstiff.statics.newton import Solution
 from cartstiff.statics.problem import Balance, Point, System, spectrum
-from cartstiff.stiffness.compute import PostureStiffness, slack_notes
+from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.reduction import reduce_to
 
 __all__ = ["Equilibrium", "Reactions", "state_of_rest"]
@@ -197,7 +197,7 @@ def state_of_rest(
                 {"stages": stages},
             )
         )
-    notes += slack_notes(system.elastic, point.posture)
+    notes += system.elastic.remarks(point.posture)
     notes += _drowned(system.elastic, point)
     reactions = _reactions(system, solution)
     for name, force in reactions.limits.items():

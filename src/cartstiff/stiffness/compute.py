@@ -25,13 +25,12 @@ from cartstiff.mechanisms.chain import OWN_COORDINATES
 from cartstiff.mechanisms.contract import MechanismPosture, named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.potentials.contract import Evaluation, Map
-from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 from cartstiff.stiffness.in_frame import StiffnessInFrame, stiffness_in_frame
 from cartstiff.stiffness.reduction import RANK, Reduction, reduce_to
 from cartstiff.stiffness.tensor import StiffnessTensor
 
-__all__ = ["SCHEMA", "PostureStiffness", "analyse", "slack_notes"]
+__all__ = ["SCHEMA", "PostureStiffness", "analyse"]
 
 SCHEMA = "cartstiff/1"
 
@@ -136,7 +135,7 @@ def analyse(
     )
     notes += [Note(*state) for state in reduction.states]
     notes += _near_singular(posture, reduction)
-    notes += slack_notes(elastic, posture)
+    notes += elastic.remarks(posture)
     result = PostureStiffness(
         elastic, posture.q, posture, energy, reduction, tuple(notes), kind,
         given is not None and bool(given.any()),
@@ -145,17 +144,6 @@ def analyse(
         state = reduction.states[-1]
         raise UndefinedError(state.message, code=state.code, values=state.values)
     return result
-
-
-def slack_notes(elastic: ElasticMechanism, posture: MechanismPosture) -> list[Note]:
-    """A note with the numbers (from 1) of the cables that carry nothing, if there are any."""
-    notes = []
-    for term in elastic.terms():
-        if isinstance(term, LineSprings) and (slack := term.slack(posture)):
-            numbers = ", ".join(str(i) for i in slack)
-            notes.append(Note("slack", f"cables {numbers} are slack and carry nothing",
-                              {"slack": slack}))  # fmt: skip
-    return notes
 
 
 def _near_singular(posture: MechanismPosture, reduction: Reduction) -> list[Note]:

@@ -1,0 +1,319 @@
+"""Beams that feel their own axial force, against textbooks, mpmath and shooting."""
+
+from __future__ import annotations
+
+import mpmath as mp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+from tests.mechanisms.bars import EI, SECTION, bar, load_bar
+from tests.mechanisms.machines import codes
+from tests.support import cross_matrix, relative_error
+
+from cartstiff import analyse, equilibrium
+from cartstiff.potentials.beams import Beam, Section, stability_functions
+from cartstiff.potentials.functions import taylor_check
+from cartstiff.potentials.loads import DeadForce, FollowerWrench
+from cartstiff.statics.continuation import load_curve
+
+# Linear algebra of condition 1e6, and sums of the same compliances.
+SUM = 1e-10
+# Critical loads of a bar whose axial stiffness is finite: off by P / EA and a little more.
+COMPRESSED = 1e-5
+# Eighth-order differences of equilibria that are solved to 1e-13.
+DIFFERENCES = 1e-7
+
+
+class Coordinates:
+    """The part of a posture that a beam asks for."""
+
+    def __init__(self, q):
+        self.q = np.asarray(q, float)
+
+
+# -- the segment ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("x", [-39.0, -10.0, -4.01, -3.99, -1e-7, 1e-9, 3.99, 4.01, 50.0, 1e8])
+def test_stability_functions(x):
+    def z(x):
+        m = mp.sqrt(mp.mpf(x)) / 2
+        return ((m * mp.coth(m) - 1) / x).real
+
+    with mp.workdps(50):
+        expected = [mp.diff(z, mp.mpf(x), k) for k in range(3)]
+        for got, value in zip(stability_functions(np.array([x])), expected, strict=True):
+            assert abs(got[0] / value - 1) <= 3e-13  # next to the change of formula; else 1e-15
+
+
+SECTIONS = [
+    Section(7e7, 500.0, (300.0, 300.0)),
+    Section(7e7, 500.0, (300.0, 200.0)),
+    Section(7e4, 500.0, (300.0, 900.0), (2e3, 3e3)),
+]
+
+
+@pytest.mark.parametrize("section", SECTIONS)
+@pytest.mark.parametrize("size", [1e-3, 0.1, 0.5])
+def test_derivatives_are_those_of_the_energy(section, size):
+    rng = np.random.default_rng(3)
+    beam = Beam(np.arange(12), 0.5, section)
+    q = rng.normal(size=12) * size
+    q[2::6] *= 1e-3
+    got = beam.evaluate(Coordinates(q))
+    assert np.abs(got.hessian - got.hessian.T).max() <= 1e-14 * np.abs(got.hessian).max()
+    for _ in range(3):
+        d = rng.normal(size=12)
+        d[2::6] *= 1e-2
+        check = taylor_check(
+            lambda o: beam.evaluate(Coordinates(q + o)).energy, got.gradient, got.hessian, 0.1 * d
+        )
+        assert check.ok, check
+
+
+@pytest.mark.parametrize("section", SECTIONS)
+def test_either_end_may_be_the_near_one(section):
+    """Seen from its far end a segment has the same energy: coordinates backwards, z turned."""
+    beam = Beam(np.arange(6), 0.5, section)
+    b, g, u, t, g2, b2 = q = np.array([0.2, -0.1, 1e-3, 0.15, 0.3, -0.25])
+    other = np.array([b2, -g2, u, t, -g, b])
+    energies = [beam.evaluate(Coordinates(x)).energy for x in (q, other)]
+    assert energies[0] == pytest.approx(energies[1], rel=1e-13)
+
+
+def test_compressed_beyond_its_buckling_load_a_segment_keeps_its_force():
+    beam = Beam(np.arange(6), 0.5, SECTIONS[0])
+    clamped = 4 * np.pi**2 * 300.0 / 0.25
+    shortenings = np.array([0.5, 2.0, 20.0]) * clamped * 0.5 / 7e7
+    forces = [beam.evaluate(Coordinates([0, 0, -u, 0, 0, 0])).gradient[2] for u in shortenings]
+    assert forces == pytest.approx([-0.5 * clamped, -0.999 * clamped, -0.999 * clamped])
+
+
+# -- small deflections ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("segments", [None, 1, 4])
+@pytest.mark.parametrize("shear", [{}, {"shear_area_y": 2e-6, "shear_area_z": 3e-6}])
+def test_unloaded_a_beam_is_the_sum_of_its_slices(tmp_path, segments, shear):
+    """Compliance of the tip: each slice gives under the tip's wrench moved to it."""
+    s = SECTION
+    nodes, weights = np.polynomial.legendre.leggauss(3)  # exact: the integrand is quadratic
+    give = [1 / (s["G"] * s["J"]), 1 / (s["E"] * s["Iy"]), 1 / (s["E"] * s["Iz"])]
+    slide = [1 / (s["G"] * area) for area in shear.values()] or [0.0, 0.0]
+    slices = np.diag([*give, 1 / (s["E"] * s["area"]), *slide])
+    C = np.zeros((6, 6))
+    for x, w in zip(0.5 * (nodes + 1), 0.5 * weights, strict=True):
+        carry = np.eye(6)
+        carry[:3, 3:] = cross_matrix([1 - x, 0, 0])
+        C += w * carry.T @ slices @ carry
+    result = analyse(bar(tmp_path, segments, **shear))
+    for name in "ABK":
+        assert relative_error(result.compliances[name], C) <= SUM
+    assert codes(result) == []
+
+
+def _tangent_root():
+    return brentq(lambda k: np.tan(k) - k, 4.4, 4.6, xtol=1e-15)
+
+
+#: Hinges, what is held at the tip, and k l at the critical load P = k^2 EI.
+ENDS = {
+    "free": ((), None, np.pi / 2),
+    "hinged": (("foot",), {"y": 0.0, "z": 0.0}, np.pi),
+    "clamped and hinged": ((), {"y": 0.0, "z": 0.0}, _tangent_root()),
+    "clamped": ((), {"y": 0.0, "z": 0.0, "ry": 0.0, "rz": 0.0}, 2 * np.pi),
+}
+
+
+@pytest.mark.parametrize("segments", [1, 2, 4])
+@pytest.mark.parametrize("ends", ENDS)
+def test_euler_columns(tmp_path, ends, segments):
+    hinged, held, kl = ENDS[ends]
+    if ends == "clamped" and segments == 1:
+        pytest.skip("cannot be shown by one segment; see below")
+    elastic = bar(tmp_path, segments, hinged=hinged, Iz=5e-9)
+    euler = kl**2 * EI
+    curve = load_curve(elastic, DeadForce([-euler, 0, 0]), to=1.2, held=held)
+    assert [c.kind for c in curve.critical] == ["bifurcation"]
+    assert curve.critical[0].factor == pytest.approx(1.0, abs=COMPRESSED)
+
+
+def test_one_segment_between_clamps_says_that_it_cannot_show_its_buckling(tmp_path):
+    _, held, kl = ENDS["clamped"]
+    curve = load_curve(bar(tmp_path, 1), DeadForce([-(kl**2) * EI, 0, 0]), to=0.9, held=held)
+    assert curve.critical == ()
+    assert [n.code for n in curve.notes] == ["beam-compressed"]
+    assert curve.notes[0].values["share"] == pytest.approx(0.9, rel=1e-4)
+    assert (
+        load_curve(bar(tmp_path, 2), DeadForce([-(kl**2) * EI, 0, 0]), to=0.9, held=held).notes
+        == ()
+    )
+
+
+def test_column_that_yields_to_shear(tmp_path):
+    """Haringx: P (1 + P / GA) = P_E, the buckling of a beam whose shear acts in its sections."""
+    shear = 5e3
+    elastic = bar(tmp_path, 2, hinged=("foot",), Iz=5e-9, shear_area_z=shear / SECTION["G"])
+    euler = np.pi**2 * EI
+    expected = 0.5 * shear * (np.sqrt(1 + 4 * euler / shear) - 1)
+    held = {"y": 0.0, "z": 0.0}
+    curve = load_curve(elastic, DeadForce([-expected, 0, 0]), to=1.1, held=held)
+    assert curve.critical[0].factor == pytest.approx(1.0, abs=COMPRESSED)
+    assert expected < 0.8 * euler
+
+
+@pytest.mark.parametrize("segments", [1, 4])
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9, -1.0])
+def test_deflection_under_thrust(tmp_path, segments, share):
+    """Tip of a beam-column: F / P (tan k / k - 1), and with tanh under tension."""
+    euler = np.pi**2 * EI / 4
+    F, P = 1e-4, share * euler
+    state = equilibrium(bar(tmp_path, segments), DeadForce([-P, 0, F]))
+    k = np.sqrt(abs(P) / EI)
+    expected = F / P * ((np.tan(k) if P > 0 else np.tanh(k)) / k - 1)
+    assert state.stable
+    assert state.displacement[5] == pytest.approx(expected, rel=COMPRESSED)
+
+
+def test_beyond_its_critical_load_a_column_is_unstable(tmp_path):
+    euler = np.pi**2 * EI / 4
+    state = equilibrium(bar(tmp_path), DeadForce([-1.5 * euler, 0, 0]), settle=False)
+    assert state.stable is False
+    assert np.sum(state.eigenvalues < 0) == 1
+
+
+def test_a_single_spring_says_that_it_does_not_feel_its_thrust(tmp_path):
+    K = analyse(bar(tmp_path)).matrices["B"]
+    K = 0.5 * (K + K.T)
+    elastic = load_bar(tmp_path, {"stiffness": K.tolist(), "offset": {"xyz": [1.0, 0.0, 0.0]}})
+    euler = np.pi**2 * EI / 4
+    for share, expected in ((0.9, ["link-compressed"]), (0.01, []), (-2.0, [])):
+        state = equilibrium(elastic, DeadForce([-share * euler, 0, 0]))
+        assert [n.code for n in state.notes] == expected
+        if expected:
+            assert state.notes[0].values["share"] == pytest.approx(share, rel=1e-3)
+
+
+# -- large deflections ---------------------------------------------------------------------
+
+
+def _elastica(force):
+    """Tip (x, z) of a clamped inextensible bar under a dead force across it, by shooting."""
+
+    def tip(moment):
+        def rates(_, y):
+            return [y[1], -force / EI * np.cos(y[0]), np.cos(y[0]), np.sin(y[0])]
+
+        return solve_ivp(rates, (0, 1), [0, moment, 0, 0], rtol=1e-12, atol=1e-13).y[:, -1]
+
+    root = brentq(lambda m: tip(m)[1], 0.0, force / EI, xtol=1e-14)
+    return tip(root)[2:]
+
+
+def test_elastica_converges_with_the_fourth_power(tmp_path):
+    force = 10 * EI
+    x, z = _elastica(force)
+    assert (1 - x, z) == pytest.approx((0.55500, 0.81061), abs=1e-5)  # published tables
+    errors = []
+    for segments in (2, 4, 8, 16):
+        # In tension P reaches 2000: an axial stiffness of 2e11 makes 1e-8 of it.
+        state = equilibrium(bar(tmp_path, segments, area=1.0), DeadForce([0, 0, force]))
+        errors.append(np.hypot(*(state.pose[[0, 2], 3] - [x, z])))
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert errors[1] < 1e-3
+    assert errors[-1] < 3e-6
+    assert orders[0] > 2.5
+    assert orders[-1] == pytest.approx(4.0, abs=0.3)
+
+
+def test_an_end_moment_rolls_a_bar_into_a_circle(tmp_path):
+    elastic = bar(tmp_path, 6, area=1e-4)
+    curve = load_curve(elastic, FollowerWrench([0, -2 * np.pi * EI, 0, 0, 0, 0]))
+    assert curve.reason == "factor-reached"
+    for q, factor in zip(curve.q, curve.factors, strict=True):
+        angle = 2 * np.pi * factor
+        x, z = np.sinc(angle / np.pi), angle / 2 * np.sinc(angle / 2 / np.pi) ** 2
+        tip = elastic.mechanism.at(q).pose[:3, 3]
+        # The chord of a segment is taken to the fourth power of half its angle, 1/12 of the circle.
+        assert np.abs(tip - [x, 0, z]).max() <= (angle / 12) ** 4 / 120 * 2 + 1e-12
+    assert np.abs(tip).max() <= 1e-12
+    assert [n.code for n in curve.notes] == ["beam-bent"]
+
+
+def test_bending_in_two_planes_with_twist(tmp_path):
+    """A round bar under a force at an arm: order four, towards a rod integrated by shooting."""
+    force, arm = np.array([-300.0, 400.0, 500.0]), np.array([0.1, 0.3, 0.2])
+    section = {"Iz": 1e-9, "area": 1e-3}
+    expected = _rod(force, arm, np.array([160.0, EI, EI]), SECTION["E"] * section["area"])
+    errors = []
+    for segments in (2, 4, 8):
+        state = equilibrium(bar(tmp_path, segments, **section), DeadForce(force, arm))
+        errors.append(np.abs(state.pose[:3, 3] - expected).max())
+    assert errors[1] < 2e-4
+    assert errors[2] < 1e-5
+    assert np.log2(errors[1] / errors[2]) > 3.5
+
+
+def _rod(force, arm, stiffness, axial):
+    """Tip of a Kirchhoff rod that stretches, clamped at the origin, with a dead force at an arm."""
+    from scipy.optimize import root
+
+    def rates(_, y):
+        R, moment = y[:9].reshape(3, 3), y[12:]
+        kappa = (R.T @ moment) / stiffness
+        along = R[:, 0] * (1 + force @ R[:, 0] / axial)
+        return [*(R @ cross_matrix(kappa)).ravel(), *along, *-np.cross(along, force)]
+
+    def end(m0):
+        start = [*np.eye(3).ravel(), 0, 0, 0, *m0]
+        return solve_ivp(rates, (0, 1), start, rtol=1e-11, atol=1e-12).y[:, -1]
+
+    def missed(m0):
+        y = end(m0)
+        return y[12:] - np.cross(y[:9].reshape(3, 3) @ arm, force)
+
+    # Loaded in steps, so that the search stays on the branch of the unloaded bar.
+    full, m0 = force, np.zeros(3)
+    for share in np.linspace(0.1, 1, 10):
+        force = share * full
+        found = root(missed, m0, tol=1e-13)
+        m0 = found.x
+    assert np.abs(missed(m0)).max() < 1e-8
+    return end(m0)[9:12]
+
+
+def test_lateral_buckling_of_a_strip(tmp_path):
+    """A deep cantilever turns over at 4.01259934 sqrt(EI GJ) / l^2; order two."""
+    weak, twist = 200.0, SECTION["G"] * 2.5e-9
+    critical = 4.01259934 * np.sqrt(weak * twist)
+    errors = []
+    for segments in (4, 8, 16):
+        strip = bar(tmp_path, segments, Iy=1e-4, Iz=1e-9, J=2.5e-9)
+        curve = load_curve(strip, DeadForce([0, 0, critical]), to=1.1)
+        errors.append(abs(curve.critical[0].factor - 1))
+    assert errors[0] < 0.02
+    assert errors[-1] < 2e-3
+    assert np.log2(errors[1] / errors[2]) == pytest.approx(2.0, abs=0.2)
+
+
+# -- the tangent ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("segments", [1, 3])
+def test_tangent_under_load_against_differences(tmp_path, segments):
+    """The compliance at a loaded state is the derivative of the state by the load."""
+    elastic = bar(tmp_path, segments)
+    base = np.array([-300.0, 20.0, 30.0])
+    state = equilibrium(elastic, DeadForce(base))
+    steps, weights = np.array([1.0, 2, 3, 4]), np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])
+    C = state.stiffness.compliances["K"]
+    R = state.pose[:3, :3]
+    for axis in np.eye(3):
+        moved = np.zeros(3)
+        for k, w in zip(steps, weights, strict=True):
+            for sign in (1, -1):
+                load = DeadForce(base + sign * k * 0.05 * axis)
+                moved += sign * w * equilibrium(elastic, load).pose[:3, 3] / 0.05
+        expected = R @ C[3:, 3:] @ R.T @ axis
+        assert relative_error(expected, moved) <= DIFFERENCES
