@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
+
+from numpy.typing import ArrayLike
 
 from cartstiff.errors import InputError, UnknownNameError, one_line, printable
 from cartstiff.loading.catalogue import (
@@ -18,16 +22,32 @@ __all__ = ["load"]
 _ROBOT_FILES = (".urdf", ".xml", ".mjcf")
 
 
-def load(source: str | Path, *, frame: str | None = None) -> ElasticMechanism:
+def load(
+    source: Any,
+    *,
+    frame: str | None = None,
+    locked: Mapping[str, float] | None = None,
+    stiffness: float | Mapping[str, float] | ArrayLike | None = None,
+    rest: float | Mapping[str, float] | ArrayLike | None = None,
+    **given: Any,
+) -> ElasticMechanism:
     """Load a mechanism.
 
     Parameters
     ----------
-    source : str or Path
+    source : str, Path, pinocchio.Model, pinocchio.RobotWrapper or tuple
         A bundled mechanism ("stewart-gough"), a mechanism file (.yaml), a URDF or MJCF file, or
-        the name of an example robot ("panda"), looked up in this order.
+        the name of an example robot ("panda"), looked up in this order; or what Pinocchio has in
+        hand: a model, a wrapper, or a tuple (model, collision model, visual model).
     frame : str, optional
         The frame of interest, instead of the file's.
+    locked : mapping of str to float, optional
+        Positions (rad, m) of joints that do not move; for serial arms and closed chains.
+    stiffness, rest : float, mapping of str to float, or array_like, optional
+        Of the joint springs, as in `ElasticMechanism.with_springs`.
+    **given
+        For Pinocchio's models, see `cartstiff.loading.pinocchio_model.from_pinocchio`: `visual`,
+        `q`, `closures`, `actuated`, `name`.
 
     Returns
     -------
@@ -39,6 +59,29 @@ def load(source: str | Path, *, frame: str | None = None) -> ElasticMechanism:
     InputError
         What is wrong, where, what was expected, what was got.
     """
+    if isinstance(source, (str, Path)):
+        if given:
+            raise InputError(
+                f"{min(given)!r} belongs to Pinocchio's models only",
+                where=one_line(str(source)),
+                expected="frame, locked, stiffness, rest",
+            )
+        loaded = _from_name(source, frame, dict(locked or {}))
+    else:
+        from cartstiff.loading.pinocchio_model import from_pinocchio, is_pinocchio
+
+        if not is_pinocchio(source):
+            raise InputError(
+                "mechanism is neither a name nor a path nor a Pinocchio model",
+                expected="str, Path, pinocchio.Model, RobotWrapper or a tuple of models",
+                got=type(source).__name__,
+            )
+        loaded = from_pinocchio(source, frame=frame, locked=locked, **given)
+    return loaded.with_springs(stiffness, rest)
+
+
+def _from_name(source: str | Path, frame: str | None, locked: dict[str, float]) -> ElasticMechanism:
+    """A mechanism by its name or path."""
     text = str(source)
     if not text.strip() or "\0" in text:
         raise InputError("mechanism has no name", expected="a name or a path", got=repr(text))
@@ -49,15 +92,15 @@ def load(source: str | Path, *, frame: str | None = None) -> ElasticMechanism:
         raise InputError("not a usable path", where=one_line(text), got=str(error)) from None
     file = bundled(text)
     if file is not None:
-        return _from_file(file, frame)
+        return _from_file(file, frame, locked)
     suffix = path.suffix.lower()
     if suffix in (".yaml", ".yml"):
-        return _from_file(path, frame)
+        return _from_file(path, frame, locked)
     if suffix in _ROBOT_FILES:
-        return _from_robot(str(path), _shown(path.stem), frame)
+        return _from_robot(str(path), _shown(path.stem), frame, locked)
     robots = example_robots()
     if text in robots:
-        return _from_robot(text, text, frame)
+        return _from_robot(text, text, frame, locked)
     if exists:
         raise InputError(
             "is a directory" if path.is_dir() else "unknown kind of file",
@@ -74,24 +117,29 @@ def _shown(name: str) -> str:
     return " ".join(printable(name).split())
 
 
-def _from_robot(model: str, name: str, frame: str | None) -> ElasticMechanism:
+def _from_robot(
+    model: str, name: str, frame: str | None, locked: dict[str, float]
+) -> ElasticMechanism:
     from cartstiff.loading.build import build_serial
     from cartstiff.loading.build_closed import build_closed_chain
     from cartstiff.loading.robot_description import read_robot_description
     from cartstiff.loading.schema import ClosedChainFile, SerialFile
 
-    file = SerialFile.model_construct(kind="serial", model=model, frame=frame)
+    file = SerialFile.model_construct(kind="serial", model=model, frame=frame, locked=locked)
     if model.lower().endswith((".xml", ".mjcf")):
         description = read_robot_description(Path(model).expanduser())
         if description.mjcf is not None and description.mjcf.closures:
-            closed = ClosedChainFile.model_construct(kind="closed-chain", model=model, frame=frame)
+            closed = ClosedChainFile.model_construct(
+                kind="closed-chain", model=model, frame=frame, locked=locked
+            )
             return build_closed_chain(closed, None, one_line(model), name)
     return build_serial(file, None, one_line(model), name)
 
 
-def _from_file(path: Path, frame: str | None) -> ElasticMechanism:
+def _from_file(path: Path, frame: str | None, locked: dict[str, float]) -> ElasticMechanism:
     from cartstiff.loading import build, build_closed
     from cartstiff.loading.schema import (
+        ClosedChainFile,
         ParallelFile,
         PlatformFile,
         SerialFile,
@@ -105,6 +153,11 @@ def _from_file(path: Path, frame: str | None) -> ElasticMechanism:
     name = _shown(file.name or path.stem)
     try:
         file = build.with_frame(file, frame, where)
+        if locked:
+            if not isinstance(file, (SerialFile, ClosedChainFile)):
+                raise InputError(f"kind {file.kind} has no joints to lock", where=where,
+                                 expected="kind serial or closed-chain")  # fmt: skip
+            file = file.model_copy(update={"locked": {**file.locked, **locked}})
         if isinstance(file, SerialFile):
             return build.build_serial(file, path.parent, where, name)
         if isinstance(file, (PlatformFile, SpringsFile)):

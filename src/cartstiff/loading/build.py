@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +24,7 @@ from cartstiff.loading.parts import (
     tree_to,
     virtual_joints,
 )
-from cartstiff.loading.robot_description import (
-    read_robot_description,
-)
+from cartstiff.loading.robot_description import RobotDescription, read_robot_description
 from cartstiff.loading.schema import (
     ParallelFile,
     PayloadModel,
@@ -40,14 +39,40 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
 
-__all__ = ["build_platform", "build_serial", "with_frame"]
+__all__ = ["build_platform", "build_serial", "serial_of", "with_frame"]
 
 
 def build_serial(file: SerialFile, beside: Path | None, where: str, name: str) -> ElasticMechanism:
     """Elastic mechanism of a serial arm."""
-    path = model_path(file.model, beside)
-    description = read_robot_description(path)
-    notes: list[Note] = []
+    description = read_robot_description(model_path(file.model, beside))
+    return serial_of(description, file, where, name)
+
+
+def serial_of(
+    description: RobotDescription,
+    file: SerialFile,
+    where: str,
+    name: str,
+    posture: Mapping[str, float] | None = None,
+    said: Sequence[Note] = (),
+) -> ElasticMechanism:
+    """Elastic mechanism of a serial arm whose robot description has been read.
+
+    Parameters
+    ----------
+    description : RobotDescription
+        The robot.
+    file : SerialFile
+        What else is known about it.
+    where, name : str
+        Where messages say that something stands, and the mechanism's name.
+    posture : mapping of str to float, optional
+        Default positions by coordinate, for those that `file` does not give; names that are no
+        coordinates of the chain play no part.
+    said : sequence of Note
+        Notes of the reader.
+    """
+    notes = [*said]
     frame = chosen_frame(description, file.frame, where, notes)
     tree = tree_to(description, [frame], file.locked, where, notes, file.flexible)
     if tree.n == 0:
@@ -55,14 +80,17 @@ def build_serial(file: SerialFile, beside: Path | None, where: str, name: str) -
             f"no joint moves frame {frame!r}", where=where, expected="a frame on a moving link"
         )
     chain = Chain(
-        tree, frame, offset=pose_of(file.offset), descriptions=[Description(description.path)]
+        tree,
+        frame,
+        offset=pose_of(file.offset),
+        descriptions=[Description(description.path, pieces=description.pieces)],
     )
     add_payload(tree, chain, file.payload)
     soft = link_springs(file.flexible, tree, where)
     springs, assumed = springs_of(
         file.springs, file.passive, tree, description, where, virtual=virtual_joints(file.flexible)
     )
-    q = default_posture(tree, file.q, where)
+    q = default_posture(tree, file.q, where, posture)
     notes += [*ignored_parts(description), *assumed]
     return put_together(file, name, chain, q, springs, soft, notes)
 

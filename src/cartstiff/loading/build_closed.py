@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -40,7 +40,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.tree import KinematicTree, Placement, TreeState
 from cartstiff.mechanisms.tree_building import extended, merged
 
-__all__ = ["build_closed_chain", "build_parallel"]
+__all__ = ["build_closed_chain", "build_parallel", "closed_chain_of"]
 
 _CONTACTS = {
     "rigid": (),
@@ -146,13 +146,25 @@ def build_closed_chain(
     file: ClosedChainFile, beside: Path | None, where: str, name: str
 ) -> ElasticMechanism:
     """A tree whose frames are tied by closures, from a file or from MJCF equalities."""
-    notes: list[Note] = []
     path = model_path(file.model, beside)
     description = read_robot_description(path, floating=file.floating)
+    return closed_chain_of(description, file, where, name)
+
+
+def closed_chain_of(
+    description: RobotDescription,
+    file: ClosedChainFile,
+    where: str,
+    name: str,
+    posture: Mapping[str, float] | None = None,
+    said: Sequence[Note] = (),
+) -> ElasticMechanism:
+    """`build_closed_chain` for a robot description that has been read; see `serial_of`."""
+    notes = [*said]
     frame = chosen_frame(description, file.frame, where, notes)
     tree = tree_to(description, None, file.locked, where, notes, file.flexible)
     closures = _mjcf_closures(description, tree)
-    q = default_posture(tree, file.q, where)
+    q = default_posture(tree, file.q, where, posture)
     closures += [_closure(entry, i, tree, q, where) for i, entry in enumerate(file.closures)]
     virtual = virtual_joints(file.flexible)
     chain = Chain(
@@ -163,7 +175,7 @@ def build_closed_chain(
         actuated=_actuated(file.actuated, tree, where),
         virtual=_indices(virtual, tree),
         kind="closed-chain",
-        descriptions=[Description(path)],
+        descriptions=[Description(description.path, pieces=description.pieces)],
     )
     add_payload(tree, chain, file.payload)
     q = _assembled(chain, q, where)

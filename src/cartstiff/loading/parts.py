@@ -331,6 +331,7 @@ def tree_to(
             frame = find_frame(model, name)
             keep |= {int(j) for j in model.supports[int(frame.parentJoint)]} - {0}
     names = list(model.names)
+    keep -= {names.index(name) for name in description.held}
     follows = {}
     for follower, mimic in description.urdf.mimics.items():
         index = names.index(follower) if follower in names else 0
@@ -377,8 +378,16 @@ def tree_to(
     return KinematicTree(tree.model, tuple(free), tree.frames, matrix, offsets)
 
 
-def default_posture(tree: KinematicTree, given: Mapping[str, float], where: str) -> Array:
-    """Given positions, the others at zero, or in the middle of limits that exclude zero."""
+def default_posture(
+    tree: KinematicTree,
+    given: Mapping[str, float],
+    where: str,
+    otherwise: Mapping[str, float] | None = None,
+) -> Array:
+    """Given positions, the others at zero, or in the middle of limits that exclude zero.
+
+    Positions of `otherwise` come before zero; its names need not be coordinates of the tree.
+    """
     names = [c.name for c in tree.coordinates]
     q = np.array(
         [
@@ -386,6 +395,9 @@ def default_posture(tree: KinematicTree, given: Mapping[str, float], where: str)
             for c in tree.coordinates
         ]
     )
+    for name, value in (otherwise or {}).items():
+        if name in names:
+            q[names.index(name)] = value
     for name, value in given.items():
         if name not in names:
             raise UnknownNameError("joint", name, names, where=f"{where}, key q")

@@ -22,6 +22,7 @@ from cartstiff.errors import InputError, one_line
 from cartstiff.loading.mjcf import MjcfFacts, prepare_mjcf
 from cartstiff.loading.urdf import MOST_MOVING, UrdfFacts, prepare_urdf
 from cartstiff.loading.yaml_file import read_text
+from cartstiff.mechanisms.shapes import Piece
 
 __all__ = ["RobotDescription", "parse_xml", "quiet", "read_robot_description"]
 
@@ -34,20 +35,26 @@ class RobotDescription:
 
     Attributes
     ----------
-    path : Path
-        The file.
+    path : Path or None
+        The file, if there is one.
     model : pinocchio.Model
         As Pinocchio reads it, all joints free.
     urdf : UrdfFacts
         Following joints, planes and notes of a URDF.
     mjcf : MjcfFacts or None
         Springs, closures and composite joint names of an MJCF file.
+    pieces : tuple of Piece or None
+        What the links look like, where that is not read from the file.
+    held : frozenset of str
+        Joints that stay at their neutral position.
     """
 
-    path: Path
+    path: Path | None
     model: Any
     urdf: UrdfFacts = field(default_factory=UrdfFacts)
     mjcf: MjcfFacts | None = None
+    pieces: tuple[Piece, ...] | None = None
+    held: frozenset[str] = frozenset()
 
 
 def read_robot_description(path: Path, floating: bool = False) -> RobotDescription:

@@ -20,7 +20,7 @@ from cartstiff.mechanisms.contract import Coordinate
 from cartstiff.mechanisms.flexible_links import Give, masses_by_side, springs_by_joint
 from cartstiff.mechanisms.tree import WORLD, KinematicTree, Placement
 
-__all__ = ["extended", "find_frame", "merged", "plain_tree"]
+__all__ = ["expansion", "extended", "find_frame", "merged", "plain_tree"]
 
 # How joints with several coordinates are written as successive one-coordinate joints; the order
 # is that of Pinocchio's own configuration, translations before rotations.
@@ -58,8 +58,16 @@ def _primitive(kind: str) -> Any:
     return getattr(pin, f"JointModel{kind}")()
 
 
-def _expand(joint: Any, name: str, names: list[str]) -> list[tuple[str, str, Any, Array]]:
-    """One-coordinate joints (name, type, model, placement) that together make `joint`."""
+def expansion(
+    joint: Any, name: str, names: Sequence[str] = ()
+) -> list[tuple[str, str, Any, Array]]:
+    """One-coordinate joints (name, type, model, placement) that together make `joint`.
+
+    Raises
+    ------
+    InputError
+        For a joint type that cannot be expanded.
+    """
     short = joint.shortname()
     if short in _PLAIN:
         return [(name, _PLAIN[short], joint, np.eye(4))]
@@ -88,7 +96,7 @@ def _expand(joint: Any, name: str, names: list[str]) -> list[tuple[str, str, Any
         parts: list[tuple[str, str, Any, Array]] = []
         for i, (part, at) in enumerate(zip(concrete.joints, concrete.jointPlacements, strict=True)):
             part_name = names[i] if i < len(names) else f"{name}.{i + 1}"
-            for j, (sub_name, kind, sub, T) in enumerate(_expand(part, part_name, [])):
+            for j, (sub_name, kind, sub, T) in enumerate(expansion(part, part_name)):
                 parts.append((sub_name, kind, sub, at.homogeneous @ T if j == 0 else T))
         return parts
     raise InputError(
@@ -201,8 +209,8 @@ def plain_tree(
             at[i] = (parent, T_p @ data.liMi[i].homogeneous)
         else:
             T = T_p @ model.jointPlacements[i].homogeneous
-            names = (composite_names or {}).get(model.names[i], [])
-            parts = _expand(model.joints[i], model.names[i], names)
+            names = (composite_names or {}).get(model.names[i], ())
+            parts = expansion(model.joints[i], model.names[i], names)
             if model.names[i] in (planar_axes or {}):
                 parts = _planar(model.names[i], (planar_axes or {})[model.names[i]])
             for name, kind, joint, T_part in parts:

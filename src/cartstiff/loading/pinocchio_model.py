@@ -1,0 +1,273 @@
+"""A Pinocchio model in hand becomes an elastic mechanism.
+
+The model is copied and never changed; the order of its joints and their names are kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from cartstiff.errors import InputError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.loading.build import serial_of
+from cartstiff.loading.build_closed import closed_chain_of
+from cartstiff.loading.robot_description import RobotDescription
+from cartstiff.loading.schema import ClosedChainFile, ClosureModel, SerialFile
+from cartstiff.loading.urdf import Mimic, UrdfFacts
+from cartstiff.loading.visuals import geometry_pieces
+from cartstiff.mechanisms.contract import checked_vector
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.tree_building import expansion
+
+__all__ = ["from_pinocchio", "is_pinocchio"]
+
+_TYPES = {pin.ContactType.CONTACT_3D: "point", pin.ContactType.CONTACT_6D: "weld"}
+#: Reference configurations that are taken for the posture where none is given, in this order.
+_HOMES = ("home", "half_sitting", "standing", "default")
+#: How near to the closure a configuration of Pinocchio has to be a rotation (unit quaternion).
+_UNIT = 1e-6
+
+
+def is_pinocchio(source: object) -> bool:
+    """Whether this is what `from_pinocchio` takes as its first argument."""
+    if isinstance(source, tuple):
+        return bool(source) and isinstance(source[0], pin.Model)
+    return isinstance(source, (pin.Model, pin.RobotWrapper))
+
+
+def from_pinocchio(
+    model: Any,
+    visual: Any = None,
+    *,
+    frame: str | None = None,
+    q: ArrayLike | None = None,
+    locked: Mapping[str, float] | None = None,
+    closures: Sequence[Any] = (),
+    actuated: Sequence[str] = (),
+    floating: bool = False,
+    name: str | None = None,
+) -> ElasticMechanism:
+    """Elastic mechanism of a Pinocchio model.
+
+    Joint stiffnesses are assumed, as for a URDF; give them with `ElasticMechanism.with_springs`.
+
+    Parameters
+    ----------
+    model : pinocchio.Model, pinocchio.RobotWrapper or tuple
+        A tuple is (model, collision model, visual model), as Pinocchio's loaders return it,
+        or (model, visual model). Not changed.
+    visual : pinocchio.GeometryModel, optional
+        What the links look like; default that of the wrapper or the tuple.
+    frame : str, optional
+        Frame of interest M, by the name of a frame of the model; default the one at the end of
+        the longest chain.
+    q : array_like, shape (nq,), optional
+        Default posture as a configuration of the model; default the wrapper's ``q0``, or a
+        reference configuration of the model ("home", "half_sitting", ..., else the only one).
+    locked : mapping of str to float, optional
+        Positions (rad, m) of joints that do not move.
+    closures : sequence of pinocchio.RigidConstraintModel
+        Loops: ``CONTACT_3D`` ties two points, ``CONTACT_6D`` two frames.
+    actuated : sequence of str
+        Joints with motors, where there are closures.
+    floating : bool
+        Whether a free-flying root moves; by default it is held where `q` has it.
+    name : str, optional
+        Name of the mechanism; default the model's.
+
+    Raises
+    ------
+    InputError
+        For joints, constraints or arguments that cannot be used.
+    UnknownNameError
+        For a frame or joint that the model does not have.
+    """
+    given, wrapper = model, None
+    if isinstance(model, pin.RobotWrapper):
+        wrapper, given, visual = model, model.model, visual or model.visual_model
+    elif isinstance(model, tuple):
+        given, visual = model[0], visual or (model[-1] if len(model) > 1 else None)
+    if not isinstance(given, pin.Model):
+        raise InputError(
+            "not a Pinocchio model", expected="pinocchio.Model, RobotWrapper or a tuple of models",
+            got=type(given).__name__,
+        )  # fmt: skip
+    if visual is not None and not isinstance(visual, pin.GeometryModel):
+        raise InputError("not a geometry model", expected="pinocchio.GeometryModel",
+                         got=type(visual).__name__)  # fmt: skip
+    name = name or given.name or "pinocchio model"
+    where = f"Pinocchio model {name!r}"
+    configuration, notes = _configuration(given, wrapper, q)
+    own, mimics = _with_plain_joints(given)
+    ties = [_tie(own, closure, i, where) for i, closure in enumerate(closures)]
+    pieces, words = ([], []) if visual is None else geometry_pieces(given, visual, name, None, True)
+    notes += [Note("not-shown", word) for word in words]
+    held = frozenset() if floating else _hold_root(own, given, configuration, notes)
+    description = RobotDescription(None, own, UrdfFacts(mimics), pieces=tuple(pieces), held=held)
+    posture = {} if configuration is None else _positions(given, configuration, mimics)
+    posture = {joint: value for joint, value in posture.items() if joint not in (locked or {})}
+    if not ties and actuated:
+        raise InputError("actuated joints are named, but there are no closures", where=where,
+                         expected="closures=[pinocchio.RigidConstraintModel(...)]")  # fmt: skip
+    common: dict[str, Any] = {"model": name, "frame": frame, "locked": dict(locked or {})}
+    if ties:
+        closed = ClosedChainFile.model_construct(
+            kind="closed-chain", closures=ties, actuated=list(actuated), **common
+        )
+        return closed_chain_of(description, closed, where, name, posture, notes)
+    serial = SerialFile.model_construct(kind="serial", **common)
+    return serial_of(description, serial, where, name, posture, notes)
+
+
+def _configuration(
+    model: Any, wrapper: Any, q: ArrayLike | None
+) -> tuple[Array | None, list[Note]]:
+    """The posture that was given, or that comes with the model, and a note that says which."""
+    if q is not None:
+        return checked_vector(q, model.nq, "q (a configuration of the Pinocchio model)"), []
+    if wrapper is not None and np.asarray(wrapper.q0).shape == (model.nq,):
+        note = Note("default-posture", "no posture was given: the wrapper's q0 is taken")
+        return np.array(wrapper.q0, float), [note]
+    kept = {entry.key(): np.array(entry.data(), float) for entry in model.referenceConfigurations}
+    chosen = next((home for home in _HOMES if home in kept), None)
+    if chosen is None and len(kept) == 1:
+        chosen = next(iter(kept))
+    if chosen is None or kept[chosen].shape != (model.nq,):
+        return None, []
+    words = f"no posture was given: the model's reference configuration {chosen!r} is taken"
+    return kept[chosen], [Note("default-posture", words)]
+
+
+def _hold_root(own: Any, model: Any, q: Array | None, notes: list[Note]) -> frozenset[str]:
+    """Put a free-flying root where the configuration has it, and name it as held."""
+    roots = [
+        i
+        for i in range(1, model.njoints)
+        if int(model.parents[i]) == 0 and model.joints[i].shortname() == "JointModelFreeFlyer"
+    ]
+    data = model.createData()
+    pin.forwardKinematics(model, data, pin.neutral(model) if q is None else q)
+    for i in roots:
+        own.jointPlacements[i] = data.oMi[i]
+        words = f"the free-flying joint {model.names[i]!r} is held; floating=True lets it move"
+        notes.append(Note("root-held", words, {"pose": data.oMi[i].homogeneous.tolist()}))
+    return frozenset(model.names[i] for i in roots)
+
+
+def _with_plain_joints(model: Any) -> tuple[Any, dict[str, Mimic]]:
+    """Copy of a model in which following joints are joints of their own, and whom they follow."""
+    followers = [int(j) for j in model.mimicking_joints]
+    if not followers:
+        return model.copy(), {}
+    leaders = [int(j) for j in model.mimicked_joints]
+    plain = pin.Model()
+    plain.name, plain.gravity = model.name, model.gravity
+    mimics = {}
+    data = model.createData()
+    for i in range(1, model.njoints):
+        joint = model.joints[i]
+        lower, upper = -np.inf, np.inf
+        if i in followers:
+            concrete = joint.extract()
+            leader = leaders[followers.index(i)]
+            factor, offset = float(concrete.scaling), float(concrete.offset)
+            joint = _follower(model, data, i, leader, factor, offset)
+            mimics[model.names[i]] = Mimic(model.names[leader], factor, offset)
+            index = plain.addJoint(int(model.parents[i]), joint, model.jointPlacements[i],
+                                   model.names[i])  # fmt: skip
+        else:
+            start, end = joint.idx_q, joint.idx_q + joint.nq
+            lower, upper = (
+                m[start:end] for m in (model.lowerPositionLimit, model.upperPositionLimit)
+            )
+            effort = np.full(joint.nv, np.inf)
+            index = plain.addJoint(int(model.parents[i]), joint, model.jointPlacements[i],
+                                   model.names[i], effort, effort, lower, upper)  # fmt: skip
+        plain.appendBodyToJoint(index, model.inertias[i], pin.SE3.Identity())
+    for entry in list(model.frames)[1:]:
+        plain.addFrame(entry, False)
+    return plain, mimics
+
+
+def _follower(model: Any, data: Any, i: int, leader: int, factor: float, offset: float) -> Any:
+    """The joint inside a mimic joint, which has no attribute for it: seen from how it moves."""
+    if factor == 0.0:
+        raise InputError(
+            f"joint {model.names[i]!r} follows {model.names[leader]!r} with the factor zero",
+            expected="a fixed joint",
+        )
+    q = pin.neutral(model)
+    poses = []
+    for position in (0.0, 1.0):
+        q[model.joints[leader].idx_q] = (position - offset) / factor
+        pin.forwardKinematics(model, data, q)
+        poses.append((model.jointPlacements[i].inverse() * data.liMi[i]).homogeneous)
+    twist = se3.log(se3.inverse(poses[0]) @ poses[1])
+    if np.abs(twist[:3]).max() > _UNIT:
+        return pin.JointModelRevoluteUnaligned(twist[:3] / np.linalg.norm(twist[:3]))
+    return pin.JointModelPrismaticUnaligned(twist[3:] / np.linalg.norm(twist[3:]))
+
+
+def _tie(model: Any, closure: Any, i: int, where: str) -> ClosureModel:
+    """A constraint as two frames of the model that are tied; the frames are added to the model."""
+    if not isinstance(closure, pin.RigidConstraintModel) or closure.type not in _TYPES:
+        raise InputError(
+            f"closure {i + 1} cannot be used", where=where,
+            expected="pinocchio.RigidConstraintModel of type CONTACT_3D or CONTACT_6D",
+            got=type(closure).__name__,
+        )  # fmt: skip
+    names: list[str] = []
+    for joint, T in (
+        (closure.joint1_id, closure.joint1_placement),
+        (closure.joint2_id, closure.joint2_placement),
+    ):
+        if not 0 <= joint < model.njoints:
+            raise InputError(f"closure {i + 1} names a joint that does not exist", where=where,
+                             expected=f"0 to {model.njoints - 1}", got=joint)  # fmt: skip
+        name = f"{model.names[joint]} (closure {i + 1}, side {len(names) + 1})"
+        model.addFrame(pin.Frame(name, joint, T, pin.FrameType.OP_FRAME))
+        names.append(name)
+    return ClosureModel.model_construct(frames=names, type=_TYPES[closure.type], points=None)
+
+
+def _positions(model: Any, q: Array, mimics: Mapping[str, Mimic]) -> dict[str, float]:
+    """Positions of the coordinates that a configuration means, by the names they get here."""
+    found: dict[str, float] = {}
+    for i in range(1, model.njoints):
+        joint, name = model.joints[i], model.names[i]
+        if name in mimics:
+            continue
+        part = q[joint.idx_q : joint.idx_q + joint.nq]
+        for (coordinate, *_), value in zip(
+            expansion(joint, name), _split(joint, part), strict=True
+        ):
+            found[coordinate] = float(value)
+    return found
+
+
+def _split(joint: Any, q: Array) -> list[float]:
+    """Positions of the one-coordinate joints that stand for a joint at a configuration."""
+    kind = joint.shortname()
+    if kind == "JointModelComposite":
+        values = []
+        for part in joint.extract().joints:
+            start = part.idx_q - joint.idx_q
+            values += _split(part, q[start : start + part.nq])
+        return values
+    if kind == "JointModelPlanar":
+        return [q[0], q[1], np.arctan2(q[3], q[2])]
+    if kind in ("JointModelSpherical", "JointModelFreeFlyer"):
+        if abs(np.linalg.norm(q[-4:]) - 1.0) > _UNIT:
+            raise InputError("the configuration's quaternion is not of unit length",
+                             where=f"joint {kind}", got=q[-4:].tolist())  # fmt: skip
+        return [*q[:-4], *Rotation.from_quat(q[-4:]).as_euler("XYZ")]
+    if joint.nq == 2 and joint.nv == 1:  # cosine and sine of an unbounded angle
+        return [np.arctan2(q[1], q[0])]
+    return list(q)

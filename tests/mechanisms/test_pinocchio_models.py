@@ -1,0 +1,224 @@
+"""A Pinocchio model in hand: the same robot as its file, its joints where Pinocchio has them."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.spatial.transform import Rotation
+
+import cartstiff
+from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.loading.catalogue import example_robot
+from cartstiff.loading.visuals import visuals
+
+ROBOTS = Path(__file__).resolve().parents[2] / "robots"
+POINTS = {
+    2: [0.23823, 0.259469, -0.0028],
+    3: [0.098573, 0.330142, 0.0091],
+    4: [-0.348704, 0.081173, -0.0056],
+    5: [-0.333304, -0.093073, 0.0042],
+    6: [0.093673, -0.331542, -0.0077],
+}
+
+
+def _urdf(body: str, count: int) -> str:
+    links = "".join(f'<link name="l{i}"/>' for i in range(count))
+    return f'<robot name="r">{links}{body}</robot>'
+
+
+def _joint(i: int, kind: str = "revolute", more: str = "", axis: str = "0 0 1") -> str:
+    return (
+        f'<joint name="j{i}" type="{kind}"><parent link="l{i - 1}"/><child link="l{i}"/>'
+        f'<origin xyz="0.3 0.1 0.2" rpy="0.4 {0.3 * i} -0.2"/><axis xyz="{axis}"/>'
+        f'<limit lower="-2" upper="2" effort="0" velocity="0"/>{more}</joint>'
+    )
+
+
+@pytest.mark.parametrize("name", ["ur3_limited", "talos_arm", "kinova", "panda_collision"])
+def test_the_model_and_its_file_give_the_same_matrices(name):
+    path = example_robot(name)
+    from_file = cartstiff.load(path)
+    frame = from_file.mechanism.frame
+    in_hand = cartstiff.load(pin.buildModelFromUrdf(str(path)), frame=frame)
+    assert in_hand.names == from_file.names
+    q = np.random.default_rng(5).uniform(-1.5, 1.5, len(from_file.names))
+    load = [1.0, -2.0, 3.0, 40.0, -50.0, 60.0] if len(q) == 6 else None
+    a, b = (cartstiff.analyse(arm, q, wrench=load) for arm in (from_file, in_hand))
+    assert np.array_equal(a.pose, b.pose)
+    for connection in "ABK":
+        K = a.tensor(connection).matrix
+        assert np.abs(b.tensor(connection).matrix - K).max() <= 1e-15 * np.abs(K).max()
+
+
+def test_the_model_is_not_changed():
+    model = pin.buildModelFromUrdf(str(example_robot("ur5")))
+    before = model.copy()
+    arm = cartstiff.load(model, frame="tool0", stiffness=3e4)
+    cartstiff.analyse(arm, [0.1, -0.9, 1.2, 0.3, 0.4, 0.5])
+    assert model == before
+    assert arm.springs.stiffness.tolist() == [3e4] * 6
+
+
+def test_a_wrapper_brings_posture_and_pictures():
+    path = example_robot("ur5")
+    wrapper = pin.RobotWrapper(
+        pin.buildModelFromUrdf(str(path)), None, None
+    )  # no meshes are read here
+    wrapper.q0 = np.array([0.1, -1.0, 1.3, 0.4, 0.5, 0.6])
+    arm = cartstiff.load(wrapper)
+    assert np.array_equal(arm.q, wrapper.q0)
+    assert "default-posture" in [note.code for note in arm.notes]
+
+
+def test_a_tuple_brings_what_the_links_look_like():
+    model = pin.buildModelFromXML(_urdf("".join(_joint(i) for i in range(1, 4)), 4))
+    geometry = pin.GeometryModel()
+    box = coal.Box(0.1, 0.2, 0.3)
+    frame = model.getFrameId("l2")
+    T = pin.SE3(Rotation.from_rotvec([0.1, 0.2, 0.3]).as_matrix(), np.array([0.4, 0.5, 0.6]))
+    at = model.frames[frame].placement * T
+    geometry.addGeometryObject(
+        pin.GeometryObject("box", model.frames[frame].parentJoint, frame, at, box)
+    )
+    arm = cartstiff.load((model, None, geometry), frame="l3")
+    ((piece,), missing) = visuals(arm.mechanism)
+    assert missing == []
+    assert piece.link == "l2"
+    assert piece.shape.sides == pytest.approx((0.1, 0.2, 0.3))
+    q = np.array([0.3, -0.4, 0.5])
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    seen = arm.mechanism.at(q).pose_at(piece.at)
+    np.testing.assert_allclose(seen, (data.oMf[frame] * T).homogeneous, atol=1e-14)
+    again = pickle.loads(pickle.dumps(arm))
+    assert len(visuals(again.mechanism)[0]) == 1
+
+
+def test_configurations_of_every_kind_of_joint():
+    """The default posture puts the frame where Pinocchio's own kinematics has it."""
+    composite = pin.JointModelComposite()
+    composite.addJoint(pin.JointModelRX(), pin.SE3.Identity())
+    composite.addJoint(pin.JointModelPY(), pin.SE3.Random())
+    model = pin.Model()
+    model.name = "zoo"
+    parent = 0
+    for i, joint in enumerate(
+        [
+            pin.JointModelRUBZ(),
+            pin.JointModelSpherical(),
+            pin.JointModelPlanar(),
+            pin.JointModelTranslation(),
+            pin.JointModelSphericalZYX(),
+            composite,
+            pin.JointModelRevoluteUnaligned(np.array([0.6, 0.0, 0.8])),
+        ]
+    ):
+        parent = model.addJoint(parent, joint, pin.SE3.Random(), f"joint{i}")
+        model.appendBodyToJoint(parent, pin.Inertia.Random(), pin.SE3.Identity())
+    frame = model.addFrame(pin.Frame("tip", parent, pin.SE3.Random(), pin.FrameType.OP_FRAME))
+    high = np.full(model.nq, 2.0)
+    q = pin.randomConfiguration(model, -high, high)
+    q[:2] = np.cos(2.0), np.sin(2.0)
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    arm = cartstiff.load(model, frame="tip", q=q)
+    pose = arm.mechanism.at(arm.q).pose
+    np.testing.assert_allclose(pose, data.oMf[frame].homogeneous, atol=1e-13)
+
+
+def test_following_joints():
+    """A model with mimic joints and the URDF that it was read from agree."""
+    mimic = '<mimic joint="j1" multiplier="-1.5" offset="0.2"/>'
+    slide = '<mimic joint="j2" multiplier="0.1" offset="0.05"/>'
+    text = _urdf(
+        _joint(1) + _joint(2, "revolute", "", "1 0 0") + _joint(3, "revolute", mimic, "0 0.6 0.8")
+        + _joint(4, "prismatic", slide, "0 1 0"), 5
+    )  # fmt: skip
+    model = pin.buildModelFromXML(text, True)
+    assert model.nq == 2
+    arm = cartstiff.load(model, frame="l4")
+    assert arm.names == ("j1", "j2")
+    q = np.array([0.7, -0.3])
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    seen = arm.mechanism.at(q).pose
+    np.testing.assert_allclose(seen, data.oMf[model.getFrameId("l4")].homogeneous, atol=1e-13)
+
+
+def test_a_free_root_is_held_unless_it_is_let_go():
+    text = _urdf("".join(_joint(i) for i in range(1, 3)), 3)
+    model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
+    q = pin.randomConfiguration(model, np.full(model.nq, -1.0), np.full(model.nq, 1.0))
+    held = cartstiff.load(model, frame="l2", q=q)
+    assert held.names == ("j1", "j2")
+    assert "root-held" in [note.code for note in held.notes]
+    free = cartstiff.load(model, frame="l2", q=q, floating=True)
+    assert len(free.names) == 8
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    pose = data.oMf[model.getFrameId("l2")].homogeneous
+    for arm in (held, free):
+        np.testing.assert_allclose(arm.mechanism.at(arm.q).pose, pose, atol=1e-13)
+
+
+def test_loops_as_pinocchio_names_them():
+    """The bundled 6-UPS, its closures as constraint models instead of a mechanism file."""
+    model = pin.buildModelFromUrdf(str(ROBOTS / "6-ups.urdf"))
+    platform = model.frames[model.getFrameId("platform")]
+    closures = []
+    for leg, point in POINTS.items():
+        rod = model.frames[model.getFrameId(f"rod{leg}")]
+        closures.append(
+            pin.RigidConstraintModel(
+                pin.ContactType.CONTACT_3D, model,
+                platform.parentJoint, platform.placement * pin.SE3(np.eye(3), np.array(point)),
+                rod.parentJoint, rod.placement,
+            )
+        )  # fmt: skip
+    motors = [f"leg{i}_slide" for i in range(1, 7)]
+    passive = {name: 0.0 for name in list(model.names)[1:] if name not in motors}
+    machine = cartstiff.load(
+        model, frame="platform", closures=closures, actuated=motors,
+        stiffness=passive | dict.fromkeys(motors, 2e6),
+    )  # fmt: skip
+    K = cartstiff.analyse(machine).B.matrix
+    expected = cartstiff.analyse(cartstiff.load("6-ups")).B.matrix
+    np.testing.assert_allclose(K, expected, atol=1e-12 * np.abs(expected).max())
+
+
+def test_locked_joints_and_files():
+    path = example_robot("panda_collision")
+    model = pin.buildModelFromUrdf(str(path))
+    locked = {"panda_joint3": 0.4}
+    a = cartstiff.load(model, frame="panda_link8", locked=locked)
+    b = cartstiff.load(path, frame="panda_link8", locked=locked)
+    assert len(a.names) == 6
+    q = [0.1, 0.2, -1.2, 0.4, 1.3, 0.6]
+    assert np.array_equal(cartstiff.analyse(a, q).B.matrix, cartstiff.analyse(b, q).B.matrix)
+
+
+def test_what_cannot_be_used():
+    model = pin.buildModelFromXML(_urdf(_joint(1) + _joint(2), 3))
+    with pytest.raises(InputError, match="neither a name nor a path nor a Pinocchio model"):
+        cartstiff.load(42)
+    with pytest.raises(UnknownNameError, match="unknown frame"):
+        cartstiff.load(model, frame="hand")
+    with pytest.raises(UnknownNameError, match="joint"):
+        cartstiff.load(model, locked={"elbow": 1.0})
+    with pytest.raises(InputError, match="configuration of the Pinocchio model"):
+        cartstiff.load(model, q=[0.0] * 7)
+    with pytest.raises(InputError, match="there are no closures"):
+        cartstiff.load(model, actuated=["j1"])
+    with pytest.raises(InputError, match="closure 1 cannot be used"):
+        cartstiff.load(model, closures=["j1"])
+    with pytest.raises(InputError, match="'closures' belongs to Pinocchio's models"):
+        cartstiff.load("ur5", closures=[])
+    with pytest.raises(InputError, match="not a geometry model"):
+        cartstiff.load(model, visual=3)
+    with pytest.raises(InputError, match="no joints to lock"):
+        cartstiff.load("stewart-gough", locked={"x": 1.0})
