@@ -13,6 +13,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from cartstiff.arrays import checked_vector
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -22,7 +23,6 @@ from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.schema import ClosedChainFile, ClosureModel, SerialFile
 from cartstiff.loading.urdf import Mimic, UrdfFacts
 from cartstiff.loading.visuals import geometry_pieces
-from cartstiff.mechanisms.contract import checked_vector
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.tree_building import expansion
 
