@@ -193,7 +193,7 @@ def test_a_cell_says_all_its_digits(ur5):
     ur5.hover('.cell[data-row="3"][data-column="1"]')
     K = cartstiff.analyse(cartstiff.load("ur5")).matrices["K"]
     words = ur5.inner_text(".readout").replace("\u2212", "-")
-    assert float(words.split(" ")[0]) == K[3, 1]
+    assert float(words.split(" ")[0]) == pytest.approx(K[3, 1], rel=1e-12)
     assert words.endswith("N/rad force along x per rotation about y")
     ur5.focus('.cell[data-row="0"][data-column="0"]')
     ur5.keyboard.press("ArrowDown")
@@ -223,14 +223,14 @@ def test_load_springs_and_reference_point(ur5):
     settled(ur5)
     arm = cartstiff.load("ur5")
     load = [0, 0, 0, 0, 0, -250]
-    assert close(matrix(ur5), cartstiff.analyse(arm, wrench=load).matrices["K"])
+    assert close(matrix(ur5), cartstiff.analyse(arm, wrench=load).tangent)
     ur5.click("summary:has-text('Stiffness of the springs')")
     ur5.fill("input[aria-label^='elbow_joint N']", "50000")
     ur5.keyboard.press("Tab")
     settled(ur5)
     arm = arm.with_springs({"elbow_joint": 5e4})
     result = cartstiff.analyse(arm, wrench=load)
-    assert close(matrix(ur5), result.matrices["K"])
+    assert close(matrix(ur5), result.tangent)
     ur5.click("summary:has-text('Reference point')")
     ur5.fill("input[aria-label='z m']", "0.1")
     ur5.keyboard.press("Tab")

@@ -9,14 +9,13 @@ import pytest
 
 import cartstiff
 from cartstiff.geometry import se3
-from cartstiff.page.payload import (
-    compliance_in_frame,
-    in_frame,
-    payload,
-    reference_frame,
-    series_row,
-)
+from cartstiff.page.payload import payload, reference_frame, series_row
+from cartstiff.page.session import Session
+from cartstiff.page.source import Source
 from cartstiff.page.state import State
+from cartstiff.potentials.loads import DeadForce
+from cartstiff.scene.look import Look
+from cartstiff.statics.equilibrium import equilibrium
 
 #: Two orders of operations on numbers of size one.
 ROUNDING = 1e-11
@@ -41,7 +40,7 @@ def test_the_payload_holds_the_object_of_analyse(loaded):
         again = json.loads(json.dumps(numbers, allow_nan=False))["result"]
         assert again == {key: whole[key] for key in again}
         assert quantity in again
-        assert len(again) == 6
+        assert len(again) == 7
 
 
 @pytest.mark.parametrize("name", ["A", "B", "K", "F", "+"])
@@ -67,29 +66,56 @@ def test_another_point_and_axes_are_another_frame_of_the_same_body(arm, loaded):
     state = State(point=(0.05, -0.02, 0.1), axes="inertial")
     T = reference_frame(loaded, state)
     assert np.allclose((loaded.pose @ T)[:3, :3], np.eye(3), atol=1e-12)
-    stiffness = in_frame(loaded, T)
-    compliance = compliance_in_frame(loaded, T, stiffness)
-    shown = payload(loaded, state)
-    for name in ("A", "B", "K", "+"):
-        moved = loaded.tensor(name).to_frame(T)
-        assert np.allclose(stiffness[name], moved.matrix, rtol=1e-9, atol=1e-6), name
-        assert np.allclose(stiffness[name] @ compliance[name], np.eye(6), atol=1e-9), name
-        assert np.allclose(shown["wrench"], moved.wrench, atol=1e-9)
-    # The translational block of K^K does not depend on the point, only on the axes.
-    R = T[:3, :3]
-    assert np.allclose(stiffness["K"][3:, 3:], R.T @ loaded.matrices["K"][3:, 3:] @ R, atol=1e-6)
-    assert np.array_equal(shown["stiffness"]["K"], stiffness["K"])
+    here, shown, Ad = loaded.at(T), payload(loaded, state), se3.adjoint(T)
+    for name in ("A", "B", "K", "F", "+", "load"):
+        moved = Ad.T @ loaded.tensor(name).matrix @ Ad
+        assert np.allclose(here.matrices[name], moved, rtol=1e-9, atol=1e-6), name
+        assert np.allclose(here.matrices[name] @ here.compliances[name], np.eye(6), atol=1e-9)
+    assert np.allclose(shown["wrench"], Ad.T @ loaded.wrench, atol=1e-9)
+    assert np.array_equal(shown["stiffness"]["K"], here.matrices["K"])
     assert payload(loaded, State())["stiffness"] is None
 
 
 def test_compliance_at_another_point_without_a_stiffness():
     chain = cartstiff.analyse(cartstiff.load("five-bar"))
     T = se3.pose(translation=(0.0, 0.0, 0.1))
-    stiffness = in_frame(chain, T)
-    compliance = compliance_in_frame(chain, T, stiffness)
-    assert stiffness["K"] is None
+    here = chain.at(T)
+    assert here.matrices["K"] is None
     back = se3.adjoint(se3.inverse(T))
-    assert np.allclose(compliance["K"], back @ chain.compliances["K"] @ back.T, atol=1e-15)
+    assert np.allclose(here.compliances["K"], back @ chain.compliances["K"] @ back.T, atol=1e-15)
+
+
+@pytest.mark.parametrize("point", [(0.0, 0.0, 0.0), (0.0, 0.0, 0.25)])
+def test_the_load_acts_at_the_reference_point_and_the_picture_shows_its_motion(arm, point):
+    """Against the equilibrium under that dead force, which is not linear, at a small force."""
+    session = Session(Source(arm))
+    force = np.array([0.3, 0.0, 0.0])
+    state = State(point=point, load=(0, 0, 0, *force), deflection=True)
+    result = session.result(state)
+    assert result.load.at == point
+    legend = session.picture._scene.draw(result, Look(point=point, deflection=True))
+    moved = legend["deflection"]
+    assert moved["acts_at"] == list(point)
+    free = cartstiff.analyse(arm)
+    R = free.pose[:3, :3]
+    settled = equilibrium(free.elastic, DeadForce(R @ force, point), q0=free.q, limits=False)
+    p = np.append(point, 1.0)
+    expected = np.linalg.norm((settled.pose @ p - free.pose @ p)[:3])
+    assert moved["displacement"] == pytest.approx(expected, rel=1e-4)
+    assert payload(result, state)["result"]["load"]["at"] == list(point)
+    # Numbers and picture read one object.
+    T = reference_frame(result, state)
+    assert result.at(T) is result.at(T)
+
+
+def test_the_load_acts_where_it_is_put(arm):
+    session, at = Session(Source(arm)), (0.1, 0.0, 0.0)
+    state = State(point=(0, 0, 0.25), load=(0, 0, 0, 30.0, 20.0, 0), load_at=at)
+    result = session.result(state)
+    assert np.allclose(result.wrench, [*np.cross(at, [30.0, 20.0, 0]), 30.0, 20.0, 0], atol=1e-9)
+    follower = session.result(state.model_copy(update={"load_kind": "follower"}))
+    assert np.allclose(follower.tangent, follower.matrices["A"])
+    assert session.result(State(point=(0, 0, 0.25))).load.at == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -18,9 +18,13 @@ __all__ = ["CONNECTION_WORDS", "describe_mechanism", "slider_coordinates", "slid
 
 #: Title and one line for each connection.
 CONNECTION_WORDS = {
+    "load": (
+        "under the load",
+        "What a small added force meets, the load going on as stated.",
+    ),
     "A": ("Cartan minus", "The load turns with the tool: wrench components on the moving axes."),
     "B": ("bi-invariant", "Second derivative along screw motions: the symmetric part of A."),
-    "K": ("kinematic", "The force keeps its direction in the room while the tool turns."),
+    "K": ("kinematic", "A force at M's origin keeps its direction in the room."),
     "F": ("flat", "Hessian in the joint coordinates: the classical J^-T K_q J^-1."),
     "+": ("Cartan plus", "The transpose of A: derivatives along axes fixed in the room."),
 }

@@ -97,8 +97,9 @@ def export_steps(
     here = replace(source, elastic=elastic, reload=None, cloud=source.cloud)
     session = Session(here, picture)
     first = session.start if state is None else state
+    # The load stays where it acts.
     first = first.model_copy(
-        update={"moved": None, "axes": "body", "point": (0.0, 0.0, 0.0)}
+        update={"moved": None, "axes": "body", "point": (0.0, 0.0, 0.0), "load_at": first.acts_at}
         | dict.fromkeys(_PARTS, True)
     )
     hello = session.hello().data

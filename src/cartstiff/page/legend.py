@@ -39,7 +39,9 @@ def legend_lines(legend: Mapping[str, Any]) -> list[dict[str, str]]:
     moved = legend["deflection"]
     if moved is not None:
         if moved["shown"]:
-            text = f"deflection enlarged {_n(moved['exaggeration'])} times"
+            at = ", ".join(_n(x) for x in moved["acts_at"])
+            place = f"at ({at}) {length} of M" if any(moved["acts_at"]) else "at the origin of M"
+            text = f"deflection enlarged {_n(moved['exaggeration'])} times, under the load {place}"
         else:
             text = f"deflection: {moved['reason']}"
         lines.append({"mark": "deflection", "text": text})

@@ -7,6 +7,7 @@ condition, distance to singularities, legs, and the verdict in words.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,6 @@ from cartstiff.analysis.ellipsoids import ellipsoid
 from cartstiff.analysis.indices import condition
 from cartstiff.analysis.matrices import (
     definiteness,
-    move_compliance,
-    move_stiffness,
     scale_lengths,
     symmetric_part,
 )
@@ -32,15 +31,13 @@ from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.stiffness.compute import PostureStiffness
 
 __all__ = [
-    "compliance_in_frame",
     "distance_to_singularity",
-    "in_frame",
     "payload",
     "reference_frame",
     "series_row",
 ]
 
-_Matrices = dict[str, Array | None]
+_Matrices = Mapping[str, Array | None]
 
 
 def payload(result: PostureStiffness, state: State, whole: bool = False) -> dict[str, Any]:
@@ -64,10 +61,9 @@ def payload(result: PostureStiffness, state: State, whole: bool = False) -> dict
         not exist is None.
     """
     T = reference_frame(result, state)
-    stiffness, wrench = in_frame(result, T), _wrench_in_frame(result, T)
-    K = stiffness[state.connection]
-    is_stiffness = state.quantity == "stiffness"
-    shown = stiffness if is_stiffness else compliance_in_frame(result, T, stiffness)
+    here = result.at(T)
+    K = here.matrices[state.connection]
+    shown = here.matrices if state.quantity == "stiffness" else here.compliances
     principal = _principal(shown, state)
     numbers = None if K is None else _indices(K)
     answer: dict[str, Any] = {
@@ -78,7 +74,7 @@ def payload(result: PostureStiffness, state: State, whole: bool = False) -> dict
         "frame": None if T is None else T.tolist(),
         "stiffness": None,
         "compliance": None,
-        "wrench": None if wrench is None else wrench.tolist(),
+        "wrench": _listed(here.wrench),
         "principal": principal,
         "indices": numbers,
         "symmetric": _asymmetries(shown),
@@ -110,54 +106,9 @@ def _part(result: PostureStiffness, quantity: str) -> dict[str, Any]:
         "wrench": None if result.wrench is None else result.wrench.tolist(),
         "energy": plain(result.energy),
         quantity: {name: _listed(matrix) for name, matrix in table.items()},
+        "load": result.load_as_dict(),
         "notes": [note.as_dict() for note in result.notes],
     }
-
-
-def in_frame(result: PostureStiffness, T_M_N: Array | None) -> _Matrices:
-    """Stiffness by connection, "+" included, in frame N.
-
-    K^A, K^B and K^F move as tensors; K^K is that of N's own origin.
-    """
-    found = dict(result.matrices)
-    if T_M_N is not None:
-        for name, K in found.items():
-            if K is not None and name != "K":
-                found[name] = move_stiffness(K, T_M_N)
-            elif K is not None:  # it is tied to the origin: the tensor knows the load
-                found[name] = result.tensor("K").to_frame(T_M_N).matrix
-    return _with_plus(found)
-
-
-def compliance_in_frame(
-    result: PostureStiffness, T_M_N: Array | None, stiffness: _Matrices
-) -> _Matrices:
-    """Compliance by connection, "+" included, in frame N; `stiffness` as from `in_frame`.
-
-    Where only compliances exist, C^K does not move with the point under load, and is None.
-    """
-    found = dict(result.compliances)
-    if T_M_N is not None:
-        W = result.wrench
-        tied = W is not None and bool(np.any(W)) and bool(np.any(T_M_N[:3, 3]))
-        for name, C in found.items():
-            if C is not None and not (tied and name == "K"):
-                found[name] = move_compliance(C, T_M_N)
-            elif C is not None:
-                K = stiffness[name]
-                found[name] = None if K is None else np.linalg.inv(K)
-    return _with_plus(found)
-
-
-def _with_plus(table: _Matrices) -> _Matrices:
-    minus = table["A"]
-    table["+"] = None if minus is None else minus.T
-    return table
-
-
-def _wrench_in_frame(result: PostureStiffness, T_M_N: Array | None) -> Array | None:
-    W = result.wrench
-    return W if W is None or T_M_N is None else se3.adjoint(T_M_N).T @ W
 
 
 def _principal(matrices: _Matrices, state: State) -> dict[str, Any] | None:
@@ -248,10 +199,10 @@ def series_row(result: PostureStiffness, state: State) -> dict[str, Any]:
     """One posture of a sweep or a trajectory: principal values and distance to singularity."""
     T = reference_frame(result, state)
     try:
-        shown = in_frame(result, T)
-        if state.quantity == "compliance":
-            shown = compliance_in_frame(result, T, shown)
-        principal = _principal(shown, state)
+        here = result.at(T)
+        principal = _principal(
+            here.matrices if state.quantity == "stiffness" else here.compliances, state
+        )
     except UndefinedError:
         principal = None
     ratios = [entry["ratio"] for entry in distance_to_singularity(result)]

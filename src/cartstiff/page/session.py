@@ -190,7 +190,10 @@ class Session:
         if isinstance(mechanism, Chain) and mechanism.closures:
             hold = None if moved is None or mechanism.actuated is not None else [moved]
             q = mechanism.closed(q, hold=hold).q
-        return analyse(elastic, q, wrench=_wrench(elastic, q, state))
+        return analyse(
+            elastic, q, wrench=state.load, load_kind=state.load_kind, load_at=state.acts_at,
+            load_axes="body" if state.load_axes == "body" else "world",
+        )  # fmt: skip
 
     def _with_stiffness(self, stiffness: list[float] | None) -> ElasticMechanism:
         if self._variant[0] != stiffness:
@@ -283,14 +286,3 @@ def _six(values: Array | None) -> tuple[float, float, float, float, float, float
         return None
     mx, my, mz, fx, fy, fz = (float(x) for x in values)
     return mx, my, mz, fx, fy, fz
-
-
-def _wrench(elastic: ElasticMechanism, q: Array, state: State) -> Array | None:
-    """The load in the body frame; None where the springs decide."""
-    if state.load is None:
-        return None
-    W = np.array(state.load)
-    if state.load_axes == "body":
-        return W
-    R = elastic.mechanism.at(q).pose[:3, :3]
-    return np.concatenate([R.T @ W[:3], R.T @ W[3:]])

@@ -32,8 +32,8 @@ __all__ = [
 
 #: Bytes of a message that are read; a longer one is refused.
 LARGEST_MESSAGE = 64 * 1024
-#: Names of the connections that can be shown.
-CONNECTIONS = ("A", "B", "K", "F", "+")
+#: Names of the connections that can be shown; "load" is the tangent under the load.
+CONNECTIONS = ("load", "A", "B", "K", "F", "+")
 
 # As in mechanism files: beyond this the products leave the range of double precision.
 _LARGEST = 1e30
@@ -44,7 +44,7 @@ _Vector = Annotated[list[_Number], Field(min_length=1, max_length=500)]
 _Three = tuple[_Number, _Number, _Number]
 _Six = tuple[_Number, _Number, _Number, _Number, _Number, _Number]
 _Axes = Literal["body", "inertial"]
-_Connection = Literal["A", "B", "K", "F", "+"]
+_Connection = Literal["load", "A", "B", "K", "F", "+"]
 
 
 class _Strict(BaseModel):
@@ -68,7 +68,12 @@ class State(_Strict):
     stiffness : list of float or None
         Of the joints or legs; None for the mechanism's own.
     load : (6,) or None
-        Wrench (moment, force) that the environment applies at the frame M, along `load_axes`.
+        Wrench (moment, force) that the environment applies, along `load_axes`.
+    load_kind : {"dead", "follower", "conservative"}
+        What the load does while the body moves.
+    load_at : (3,) or None
+        Point in M at which the load acts; None for the reference point, and for the origin of M
+        where the springs decide what the load is.
     ghost : list of float or None
         A second posture, drawn pale.
     quantity_of_map : str or None
@@ -79,13 +84,15 @@ class State(_Strict):
 
     q: _Vector | None = None
     moved: Annotated[int, Field(ge=0, le=500)] | None = None
-    connection: _Connection = "K"
+    connection: _Connection = "load"
     quantity: Literal["stiffness", "compliance"] = "stiffness"
     axes: _Axes = "body"
     point: _Three = (0.0, 0.0, 0.0)
     stiffness: Annotated[list[_NotNegative], Field(min_length=1, max_length=500)] | None = None
     load: _Six | None = None
     load_axes: _Axes = "body"
+    load_kind: Literal["dead", "follower", "conservative"] = "dead"
+    load_at: _Three | None = None
     ghost: _Vector | None = None
     quantity_of_map: _Short | None = None
     theme: Literal["light", "dark"] = "light"
@@ -97,6 +104,13 @@ class State(_Strict):
     deflection: bool = False
     screws: bool = False
     centres: bool = False
+
+    @property
+    def acts_at(self) -> tuple[float, float, float]:
+        """The point in M at which the load acts."""
+        if self.load_at is not None:
+            return self.load_at
+        return (0.0, 0.0, 0.0) if self.load is None else self.point
 
 
 class _Asked(_Strict):

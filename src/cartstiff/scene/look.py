@@ -18,8 +18,9 @@ class Look:
 
     Attributes
     ----------
-    connection : {"A", "B", "K", "F", "+"}
-        Which stiffness; of an unsymmetric one the symmetric part is drawn.
+    connection : {"A", "B", "K", "F", "+", "load"}
+        Which stiffness, "load" the tangent under the load; of an unsymmetric one the symmetric part
+        is drawn.
     quantity : {"stiffness", "compliance"}
         Of the ellipsoids.
     translation, rotation : bool
@@ -36,7 +37,10 @@ class Look:
     deflection : bool
         Where `added` moves the body, enlarged by `exaggeration` (None: a round factor, stated).
     added : tuple of 6 floats, optional
-        Wrench (moment, force) in M whose deflection is drawn; default the load itself.
+        Wrench (moment, force) along the axes of M whose deflection is drawn; default the load
+        itself.
+    added_at : tuple of 3 floats, optional
+        Point in M at which `added` acts; default the reference point.
     screws, compliant_axes : bool
         Eigenscrews; wrench- and twist-compliant axes.
     centres : bool
@@ -51,7 +55,7 @@ class Look:
         The ground; the axes of F and M.
     """
 
-    connection: str = "K"
+    connection: str = "load"
     quantity: Literal["stiffness", "compliance"] = "stiffness"
     translation: bool = True
     rotation: bool = True
@@ -62,6 +66,7 @@ class Look:
     wrench: bool = True
     deflection: bool = False
     added: tuple[float, ...] | None = None
+    added_at: tuple[float, float, float] | None = None
     exaggeration: float | None = None
     screws: bool = False
     compliant_axes: bool = False

@@ -1,51 +1,39 @@
-"""Which matrices a picture is drawn from, at its reference point, and which load."""
+"""What a picture is drawn from: the stiffness in the frame of its reference point, and the load."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from cartstiff.analysis.matrices import move_compliance, symmetric_part
+from cartstiff.analysis.matrices import symmetric_part
+from cartstiff.arrays import Array
 from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
 from cartstiff.scene.look import Look
 from cartstiff.stiffness.compute import PostureStiffness
+from cartstiff.stiffness.in_frame import StiffnessInFrame
 
-__all__ = ["load_at", "matrices_at"]
+__all__ = ["load_at", "matrices_at", "reference"]
+
+
+def reference(result: PostureStiffness, look: Look) -> StiffnessInFrame:
+    """The stiffness at the reference point, along the axes of M."""
+    return result.at(se3.pose(translation=look.point) if any(look.point) else None)
 
 
 def matrices_at(
     result: PostureStiffness, look: Look
 ) -> tuple[Array | None, Array | None, str | None]:
     """Symmetric parts of stiffness and compliance at the reference point, or why there are none."""
-    name = look.connection
-    base = "A" if name == "+" else name
-    K = result.matrices[base]
+    name, here = look.connection, reference(result, look)
+    K, C = here.matrices[name], here.compliances[name]
     reason = None
     if K is None:
         states = [note.message for note in result.notes if note.code in _STATES]
         reason = states[-1] if states else f"K^{name} does not exist here"
-    if any(look.point):
-        T = se3.pose(translation=look.point)
-        if K is not None:
-            K = result.tensor(base).to_frame(T).matrix
-            C = _inverse(K)
-        else:
-            C = result.compliances[base]
-            C = None if C is None else move_compliance(C, T)
-    else:
-        C = result.compliances[base]
     return (
         None if K is None else symmetric_part(K),
         None if C is None else symmetric_part(C),
         reason,
     )
-
-
-def _inverse(K: Array) -> Array | None:
-    if np.linalg.cond(K) > 1e14:
-        return None
-    inverse: Array = np.linalg.inv(K)
-    return inverse
 
 
 #: Notes that say why a stiffness does not exist.
@@ -60,12 +48,10 @@ def load_at(result: PostureStiffness, look: Look) -> Array | None:
 
     Force or moment is zero where it is rounding beside what the springs' stiffness would exert.
     """
-    W, posture = result.wrench, result.posture
-    if W is None:
+    here, posture = reference(result, look), result.posture
+    if here.wrench is None:
         return None
-    at = np.array(W)
-    if any(look.point):
-        at[:3] -= np.cross(look.point, W[3:])
+    at = np.array(here.wrench)
     sizes = posture.coordinate_lengths
     stiffest = np.abs(result.evaluation.hessian * sizes * sizes[:, None]).max(initial=0.0)
     small = _ROUNDING * float(stiffest)

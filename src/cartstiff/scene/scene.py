@@ -30,7 +30,7 @@ from cartstiff.scene.ellipsoids import EllipsoidPicture
 from cartstiff.scene.look import Look
 from cartstiff.scene.mechanism import MechanismPicture, extent
 from cartstiff.scene.points import add_path, add_points
-from cartstiff.scene.quantities import load_at, matrices_at
+from cartstiff.scene.quantities import load_at, matrices_at, reference
 from cartstiff.scene.scales import Linear, Logarithmic
 from cartstiff.scene.screws import AxesPicture, CentresPicture, compliant_lines, eigenscrew_lines
 from cartstiff.scene.stage import Stage
@@ -83,7 +83,7 @@ class Scene:
         result : PostureStiffness
             From `cartstiff.analyse`, of the same mechanism.
         look : Look, optional
-            What is shown; the default shows the stiffness K^K and the load.
+            What is shown; the default shows the tangent stiffness under the load, and the load.
 
         Returns
         -------
@@ -106,10 +106,7 @@ class Scene:
             self._build(look.theme)
         notes = list(self.notes)
         K, C, reason = matrices_at(result, look)
-        T = result.pose
-        if any(look.point):
-            T = T.copy()
-            T[:3, 3] += T[:3, :3] @ look.point
+        T = reference(result, look).pose
         tension = self._mechanism.draw(result)
         self._move_ghost(ghost, look, notes)
         self._frame.set_transform(result.pose)
@@ -234,11 +231,16 @@ class Scene:
         return self._wrenches.draw(W, T, units.force, units.moment, look.labels)
 
     def _added(self, result: PostureStiffness, look: Look) -> Array | None:
+        """The wrench whose deflection is drawn, about the reference point."""
         if not look.deflection:
             return None
         if look.added is None:
-            return result.wrench
-        return checked_vector(look.added, 6, "added wrench")
+            return reference(result, look).wrench
+        added = checked_vector(look.added, 6, "added wrench")
+        if look.added_at is None:
+            return added
+        away = np.subtract(look.added_at, look.point)
+        return added + np.concatenate([np.cross(away, added[3:]), np.zeros(3)])
 
     def _deflection(
         self, result: PostureStiffness, look: Look, added: Array | None, T: Array
@@ -246,20 +248,20 @@ class Scene:
         if not look.deflection:
             self._deflections.hide()
             return None
-        C = result.compliances["A" if look.connection == "+" else look.connection]
+        C = reference(result, look).compliances[look.connection]
         if C is None or added is None:
             self._deflections.hide()
             return {"shown": False, "reason": "no compliance or no load exists here"}
-        C = C.T if look.connection == "+" else C
-        twist = compliance_deflection(C, added).twist
+        twist = compliance_deflection(C, added).twist  # of the frame at the reference point
         if not np.any(twist):
             self._deflections.hide()
             return {"shown": False, "reason": "no load: nothing moves"}
-        # The body's motion seen from the reference point.
-        at = np.concatenate([twist[:3], twist[3:] + np.cross(twist[:3], look.point)])
         unit = self._elastic.units.length
-        answer = self._deflections.draw(at, T, unit, look.exaggeration, look.labels)
-        return {"shown": True, "reason": None, **answer}
+        answer = self._deflections.draw(twist, T, unit, look.exaggeration, look.labels)
+        acts_at = look.added_at or look.point
+        if look.added is None:
+            acts_at = result.load.at
+        return {"shown": True, "reason": None, "acts_at": list(acts_at), **answer}
 
     def _axes(
         self, name: str, wanted: bool, look: Look, K: Array | None, T: Array, reason: str | None

@@ -375,9 +375,16 @@ class PostureStiffness:
         InputError
             If it is not a rigid motion.
         """
-        return stiffness_in_frame(
-            self, _EYE_4 if T_M_N is None else checked_pose(T_M_N, "frame of the body")
-        )
+        T = _EYE_4 if T_M_N is None else checked_pose(T_M_N, "frame of the body")
+        key = T.tobytes()
+        if key not in self._frames:
+            self._frames[key] = stiffness_in_frame(self, T)
+        return self._frames[key]
+
+    @cached_property
+    def _frames(self) -> dict[bytes, StiffnessInFrame]:
+        """Frames that have been asked for: numbers and picture read the same object."""
+        return {}
 
     @cached_property
     def _flat(self) -> tuple[Array | None, Array | None, Note | None]:
@@ -530,6 +537,17 @@ class PostureStiffness:
         """K^F: flat connection of the joint coordinates, J^-T (Hess Phi) J^-1."""
         return self.tensor("F")
 
+    def load_as_dict(self) -> dict[str, Any]:
+        """What the load does, where it acts, and the tangent that follows, as plain data."""
+        K, C = self.tangent, self.tangent_compliance
+        return {
+            "kind": self.load.kind,
+            "at": list(self.load.at),
+            "meaning": self.load.words,
+            "stiffness": None if K is None else K.tolist(),
+            "compliance": None if C is None else C.tolist(),
+        }
+
     def as_dict(self) -> dict[str, Any]:
         """The object printed by ``cartstiff analyse --json``."""
 
@@ -550,13 +568,7 @@ class PostureStiffness:
             "pose": self.pose.tolist(),
             "jacobian": plain(self.jacobian),
             "wrench": plain(self.wrench),
-            "load": {
-                "kind": self.load.kind,
-                "at": list(self.load.at),
-                "meaning": self.load.words,
-                "stiffness": plain(self.tangent),
-                "compliance": plain(self.tangent_compliance),
-            },
+            "load": self.load_as_dict(),
             "energy": None if np.isnan(self.energy) else self.energy,
             "stiffness": {name: plain(K) for name, K in self.matrices.items()},
             "compliance": {name: plain(C) for name, C in self.compliances.items()},

@@ -31,7 +31,7 @@ export function controls(store) {
   const pointSection = section("Reference point");
   left.append(loadSection.node, springSection.node, pointSection.node);
 
-  let load, springs, point, axes, frameSelect, given, loadAxes;
+  let load, springs, point, axes, frameSelect, given, loadAxes, loadKind, loadPlace;
 
   function build(hello) {
     const { mechanism } = hello;
@@ -48,10 +48,19 @@ export function controls(store) {
       ["body", "tool axes", "Components along the axes of the body frame M"],
       ["inertial", "room axes", "Components along the axes of the inertial frame F"]],
     (value) => store.change({ load_axes: value }));
+    loadKind = choice("While the tool moves the load", [
+      ["dead", "stays", "dead: force and moment keep their direction in the room"],
+      ["follower", "turns along", "follower: force and moment turn with the tool"],
+      ["conservative", "conservative", "the force keeps its direction in the room, the moment turns by half"]],
+    (value) => store.change({ load_kind: value }));
+    loadPlace = choice("The load acts at", [
+      ["point", "at the point", "The load acts at the reference point, about which its moment is"],
+      ["origin", "at M", "The load acts at the origin of M, about which its moment is"]],
+    (value) => store.change({ load_at: value === "point" ? null : [0, 0, 0] }));
     loadSection.node.replaceChildren(loadSection.node.firstChild,
       el("label", { class: "check" }, given, "held by a given wrench"),
       el("p", { class: "dim small" }, `Moment in ${moment}, force in ${units.force}. The springs' rest positions are chosen so that they balance it. Unticked: the load that the springs exert.`),
-      load.node, loadAxes[0]);
+      load.node, loadAxes[0], loadPlace[0], loadKind[0]);
 
     // -- springs
     springs = mechanism.springs.length ? fields(mechanism.springs.map(({ name, unit }) => [name, unit]),
@@ -93,6 +102,8 @@ export function controls(store) {
     const { state, hello } = store;
     given.checked = state.load !== null;
     load.set(state.load ?? store.numbers?.result.wrench?.map((x) => Number(x.toPrecision(6))) ?? ["", "", "", "", "", ""]);
+    loadPlace[1](state.load_at !== null || state.load === null ? "origin" : "point");
+    loadKind[1](state.load_kind);
     load.disable(state.load === null || !store.source.live);
     loadAxes[1](state.load_axes);
     springs?.set(state.stiffness ?? hello.mechanism.springs.map(({ stiffness }) => stiffness));

@@ -31,6 +31,7 @@ export function shortcuts(store, parts) {
     ["3", "connection K", connection("K")],
     ["4", "connection F", connection("F")],
     ["5", "connection +", connection("+")],
+    ["6", "tangent under the load", connection("load")],
     ["s", "stiffness or compliance", () => store.change({ quantity: store.state.quantity === "stiffness" ? "compliance" : "stiffness" })],
     ["l", "logarithmic or linear radii", () => store.source.live && store.change({ scale: store.state.scale === "log" ? "linear" : "log" })],
     ["c", "copy the matrix as NumPy array", () => parts.matrix.copyNumpy()],

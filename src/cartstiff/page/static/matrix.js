@@ -17,7 +17,7 @@ export function connectionPanel(store) {
   const meaning = el("p", { class: "meaning" });
   const badge = el("span", { class: "badge" });
   const [connections, choose] = choice("Connection",
-    [["A", "A"], ["B", "B"], ["K", "K"], ["F", "F"], ["+", "+"]],
+    [["load", "load"], ["A", "A"], ["B", "B"], ["K", "K"], ["F", "F"], ["+", "+"]],
     (value) => store.change({ connection: value }));
   connections.classList.add("connections");
   const [quantities, chooseQuantity] = choice("Quantity",
@@ -170,7 +170,7 @@ export function matrixPanel(store) {
     chooseView(view);
     views.firstChild.textContent = quantity === "stiffness" ? "K" : "C";
     select.hidden = view !== "difference";
-    const options = [...["A", "B", "K", "F", "+"].filter((name) => name !== connection), ...(store.pinned ? ["posture"] : [])];
+    const options = [...["load", "A", "B", "K", "F", "+"].filter((name) => name !== connection), ...(store.pinned ? ["posture"] : [])];
     if (!options.includes(other)) other = options[0];
     select.replaceChildren(...options.map((name) => el("option", { value: name, selected: name === other },
       name === "posture" ? "posture A" : `${quantity === "stiffness" ? "K" : "C"}${sup(name)}`)));

@@ -132,7 +132,7 @@ export async function showReport(store) {
   const dialog = byId("report");
   if (dialog.open) return dialog.close();
   const text = el("pre", {}, "…");
-  dialog.replaceChildren(el("div", { class: "row" }, el("h2", {}, `Analysis of K under connection ${store.state.connection}`),
+  dialog.replaceChildren(el("div", { class: "row" }, el("h2", {}, `Analysis of K^${store.state.connection}`),
     el("span", { class: "grow" }), el("button", { type: "button", onclick: () => dialog.close() }, "Close")), text);
   dialog.showModal();
   try {

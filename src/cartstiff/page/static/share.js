@@ -3,16 +3,17 @@
 import { byId, copy, download, el, toast } from "./dom.js";
 
 // Of the state, what an address holds; the kind of each is that of the first state.
-const KEYS = ["q", "connection", "quantity", "axes", "point", "stiffness", "load", "load_axes", "ghost",
+const KEYS = ["q", "connection", "quantity", "axes", "point", "stiffness", "load", "load_axes",
+  "load_kind", "load_at", "ghost",
   "scale", "translation", "rotation", "labels", "wrench", "deflection", "screws", "centres", "quantity_of_map"];
-const NUMBERS = new Set(["q", "point", "stiffness", "load", "ghost"]);
+const NUMBERS = new Set(["q", "point", "stiffness", "load", "load_at", "ghost"]);
 const FLAGS = new Set(["translation", "rotation", "labels", "wrench", "deflection", "screws", "centres"]);
 
 const WORDS = {
-  connection: ["A", "B", "K", "F", "+"], quantity: ["stiffness", "compliance"], axes: ["body", "inertial"],
-  load_axes: ["body", "inertial"], scale: ["log", "linear"],
+  connection: ["load", "A", "B", "K", "F", "+"], quantity: ["stiffness", "compliance"], axes: ["body", "inertial"],
+  load_axes: ["body", "inertial"], load_kind: ["dead", "follower", "conservative"], scale: ["log", "linear"],
 };
-const COUNTS = { point: 3, load: 6 };
+const COUNTS = { point: 3, load: 6, load_at: 3 };
 
 /** What differs from the first state, as the part of an address after #. */
 export function toHash(store) {

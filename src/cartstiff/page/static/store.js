@@ -176,6 +176,7 @@ export class Store {
   matrix(name, numbers = this.numbers, quantity = this.state.quantity) {
     const table = numbers && (numbers[quantity] ?? numbers.result[quantity]);
     if (!table) return null;
+    if (name === "load" && !("load" in table)) return numbers.result.load[quantity] ?? null;
     if (name !== "+") return table[name];
     return table.A && table.A.map((_, i) => table.A.map((row) => row[i]));
   }
@@ -195,7 +196,8 @@ export class Store {
 }
 
 // What changes the numbers of a posture without moving it.
-const SHOWN = new Set(["connection", "quantity", "axes", "point", "stiffness", "load", "load_axes"]);
+const SHOWN = new Set(["connection", "quantity", "axes", "point", "stiffness", "load", "load_axes",
+  "load_kind", "load_at"]);
 
 const LOOKS = ({ theme, translation, rotation, scale, labels, wrench, deflection, screws, centres,
   connection }) =>

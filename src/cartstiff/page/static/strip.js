@@ -122,9 +122,9 @@ export function strip(store) {
   function key() {
     const { state } = store;
     const [kind, index] = what.value.split(":");
-    const { connection, quantity, point, axes, stiffness, load, load_axes: loadAxes } = state;
+    const { connection, quantity, point, axes, stiffness, load, load_axes: loadAxes, load_kind: loadKind, load_at: loadAt } = state;
     const others = kind === "series" ? [] : store.hello.mechanism.sliders.filter((i) => i !== Number(index)).map((i) => state.q[i]);
-    return JSON.stringify([what.value, others, connection, quantity, point, axes, stiffness, load, loadAxes]);
+    return JSON.stringify([what.value, others, connection, quantity, point, axes, stiffness, load, loadAxes, loadKind, loadAt]);
   }
 
   function request(now = false) {
