@@ -11,6 +11,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.chain_kinematics import Kinematics
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.platform import Platform
 
 __all__ = ["Free", "PlatformPoses"]
@@ -41,7 +42,7 @@ class PlatformPoses:
         self.lower, self.upper = np.full(6, -np.inf), np.full(6, np.inf)
         self.movable = np.ones(len(self.platform.points), bool)  # columns of its Jacobian: legs
         self.periodic = np.array([False] * 3 + [True] * 3)
-        self.legs = self.platform.limits if limits else None
+        self.limits = Limits(self.platform, ignore=not limits)
 
     def region(self) -> tuple[Array, Array]:
         """No bounds."""
@@ -75,12 +76,11 @@ class PlatformPoses:
 
     def _excess(self, q: Array) -> tuple[int, float]:
         """The leg that is beyond its limits most, and by how much."""
-        if self.legs is None:
+        if not len(self.limits):
             return 0, 0.0
-        lengths = self.platform.leg_lengths(q)
-        beyond = np.maximum(np.maximum(self.legs[:, 0] - lengths, lengths - self.legs[:, 1]), 0.0)
+        beyond = self.limits.excess(self.limits.values(q, self.platform.pose_of(q)))
         leg = int(np.argmax(beyond))
-        return leg, float(beyond[leg])
+        return int(self.limits.columns[leg]), float(beyond[leg])
 
     def beyond_limits(self, poses: Array, free: Free) -> tuple[str, float] | None:
         """The leg that is beyond its limits most, at the pose where that is least."""

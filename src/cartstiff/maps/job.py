@@ -21,16 +21,19 @@ from cartstiff.maps.quantities import Quantity, Settings, choose_quantities, eva
 from cartstiff.maps.sampling import Grid, Sampling
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.limits import Limits
 
-__all__ = ["STATES", "UNREACHABLE", "MapJob"]
+__all__ = ["BEYOND", "STATES", "UNREACHABLE", "MapJob"]
 
 #: State of a place that no posture reaches.
 UNREACHABLE = "unreachable"
+#: State of a posture that joints or legs cannot take.
+BEYOND = "beyond-limits"
 #: Names of the states that ``state`` counts from 0.
 STATES = (
     REGULAR, "deficient", "serial-singularity", "type-2-singularity", "singular-stiffness",
     "unbalanced", "buckled", "idle-self-motion", "constraint-singularity",
-    "non-regular-redundancy", "wrench-ignored", NOT_ASSEMBLED, UNREACHABLE, "other",
+    "non-regular-redundancy", "wrench-ignored", NOT_ASSEMBLED, UNREACHABLE, "other", BEYOND,
 )  # fmt: skip
 
 # Postures at once: as few as are worth compiling for, so that their matrices stay in the cache.
@@ -179,10 +182,18 @@ class MapJob:
             to_own = np.array([_code(c) for c in result.codes], np.uint8)
             state[there] = to_own[result.state]
             values = evaluate(self.quantities, result.arrays, self.settings, self._lengths)
+            beyond = self._beyond(result.q, result.arrays["pose"])
+            state[np.flatnonzero(there)[beyond]] = STATES.index(BEYOND)
             for name, value in values.items():
-                arrays[name][rows][there] = value
+                arrays[name][rows][there] = np.where(beyond, np.nan, value)
             arrays["position"][rows][there] = result.arrays["pose"][:, :3, 3]
         arrays["state"][rows] = state
+
+    def _beyond(self, q: Array, poses: Array) -> Array:
+        """Which postures (N,) are beyond limits."""
+        limits = self._limits
+        sides = limits.side(limits.values(q, poses))
+        return np.asarray(sides.any(axis=-1))
 
     def _cost(self, q: Array) -> Array:
         """The first quantity, turned so that less is better."""
@@ -206,6 +217,10 @@ class MapJob:
             )
             _THREAD.buffers = own
         return {name: array[:count] for name, array in own[1].items()}
+
+    @cached_property
+    def _limits(self) -> Limits:
+        return Limits(self.elastic.mechanism)
 
     @cached_property
     def _lengths(self) -> Array:

@@ -16,13 +16,13 @@ from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.limits import Limits, limit_notes
 from cartstiff.numerics import IDLE
 from cartstiff.potentials.contract import Potential
 from cartstiff.statics.critical import CriticalPoint, crossings
 from cartstiff.statics.curves import LoadCurve, Reason
 from cartstiff.statics.flutter import MASSLESS, UNDAMPED
 from cartstiff.statics.held import Held, displacement_between
-from cartstiff.statics.limits import Limits
 from cartstiff.statics.newton import solve
 from cartstiff.statics.path import LoadPath, State
 from cartstiff.statics.problem import System
@@ -30,6 +30,7 @@ from cartstiff.statics.problem import System
 __all__ = ["LoadCurve", "branch", "load_curve"]
 
 _SMALLEST = 1e-6
+_START = "at the start: "
 # Neighbouring directions must agree to this cosine, or the step is halved.
 _COSINE = 0.9
 
@@ -96,9 +97,10 @@ def load_curve(
     upwards = np.zeros(start.point.posture.coordinate_lengths.size + 1)
     upwards[-1] = np.sign(to)
     origin = path.state(start.point.q, 0.0, upwards)
+    notes = (*elastic.notes, *limit_notes(elastic.mechanism, elastic.mechanism.at(q), _START))
     seed = LoadCurve(
         elastic, np.zeros(1), origin.point.q[None], np.zeros((1, 6)), np.zeros((1, 6)),
-        np.zeros(1), (None,), (), "lost", elastic.notes, path, limits, origin.point.posture.pose,
+        np.zeros(1), (None,), (), "lost", notes, path, limits, origin.point.posture.pose,
         _linear_rate(origin, path), to, back, resolution,
     )  # fmt: skip
     return _trace(seed, [origin], points)
@@ -182,8 +184,8 @@ def _trace(seed: LoadCurve, states: list[State], points: int) -> LoadCurve:
             if landed is not None:
                 there = landed
         limits = seed._limits
-        values = limits.values(there.point.posture) if len(limits) else np.empty(0)
-        if np.any(values < limits.lower) or np.any(values > limits.upper):
+        at = there.point.posture
+        if limits.side(limits.values(at.q, at.pose)).any():
             reason = "limit-contact"
             break
         if len(states) > 1 or not _is_singular(here):

@@ -12,9 +12,9 @@ import numpy as np
 from cartstiff.errors import printable
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.limits import Limits
 from cartstiff.statics.critical import CriticalPoint
 from cartstiff.statics.held import COMPONENTS
-from cartstiff.statics.limits import Limits
 from cartstiff.statics.path import LoadPath
 from cartstiff.stiffness.compute import SCHEMA
 

@@ -16,10 +16,11 @@ from cartstiff.errors import ConvergenceError, InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.limits import Limits
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import Scaled
 from cartstiff.statics.held import Held
-from cartstiff.statics.limits import Contact, Limits
+from cartstiff.statics.limits import Contact
 from cartstiff.statics.newton import Solution, solve
 from cartstiff.statics.problem import System
 from cartstiff.statics.rest import Equilibrium, Reactions, state_of_rest

@@ -16,7 +16,7 @@ import numpy as np
 
 from cartstiff.errors import ConvergenceError, UndefinedError
 from cartstiff.geometry.se3 import Array
-from cartstiff.statics.limits import Contact
+from cartstiff.statics.limits import Contact, bound, sizes
 from cartstiff.statics.problem import Balance, Point, System
 
 __all__ = ["Solution", "solve"]
@@ -242,17 +242,15 @@ class _Iteration:
         if not len(limits):
             return []
         taken = {c.quantity for c in (self.contacts if contacts is None else contacts)}
-        slack = 1e-13 * np.maximum(limits.sizes(point.posture), np.abs(point.limited))
-        below = np.flatnonzero(point.limited < limits.lower - slack)
-        above = np.flatnonzero(point.limited > limits.upper + slack)
-        found = [Contact(int(i), -1) for i in below] + [Contact(int(i), 1) for i in above]
+        sides = limits.side(point.limited, sizes(limits, point.posture))
+        found = [Contact(int(i), int(sides[i])) for i in np.flatnonzero(sides)]
         return [c for c in found if c.quantity not in taken]
 
     def _fraction(self, point: Point, contact: Contact) -> float:
         """Share of the way from the present point at which a limit is met."""
         start = float(self.point.limited[contact.quantity])
         end = float(point.limited[contact.quantity])
-        share = (self.system.limits.bound(contact) - start) / (end - start)
+        share = (bound(self.system.limits, contact) - start) / (end - start)
         return float(min(max(share, 0.0), 1.0))
 
     def reactions(self) -> Array:
@@ -265,10 +263,10 @@ class _Iteration:
         if not self.contacts:
             return False
         posture = self.point.posture
-        sizes = self.system.limits.sizes(posture)
+        units = sizes(self.system.limits, posture)
         scale = max(float(self.point.forces.max(initial=0.0)), 1e-300)
         pulls = [
-            float(r * c.side * sizes[c.quantity]) / scale
+            float(r * c.side * units[c.quantity]) / scale
             for r, c in zip(self.reactions(), self.contacts, strict=True)
         ]
         worst = int(np.argmax(pulls))

@@ -23,11 +23,12 @@ from cartstiff.errors import ConvergenceError, InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.limits import Limits
 from cartstiff.numerics import EPSILON, IDLE, RANK, eigenvalues, invert
 from cartstiff.potentials.contract import Evaluation, Map, Potential
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.held import Held
-from cartstiff.statics.limits import Contact, Limits
+from cartstiff.statics.limits import Contact, constraint, sizes
 
 __all__ = ["Balance", "Point", "System", "spectrum"]
 
@@ -185,7 +186,7 @@ class System:
         """Everything that acts at coordinates q."""
         posture = self.elastic.mechanism.at(q)
         n = posture.coordinate_lengths.size
-        limited = self.limits.values(posture) if len(self.limits) else np.empty(0)
+        limited = self.limits.values(posture.q, posture.pose) if len(self.limits) else np.empty(0)
         nothing = Evaluation(0.0, np.zeros(n), np.zeros((n, n)))
         point = Point(posture.q, posture, nothing, 0.0, np.zeros(n), np.zeros((n, n)), limited)
         for term in self._terms:
@@ -197,21 +198,21 @@ class System:
     ) -> tuple[Array, Map, Array] | None:
         """Residual (m,), map, and natural size (m,) of closures, held components, contacts."""
         parts: list[tuple[Array, Map]] = []
-        sizes: list[Array] = []
+        units: list[Array] = []
         if posture.closure is not None and posture.residual is not None:
             parts.append((posture.residual, posture.closure))
-            sizes.append(np.full(len(posture.residual), max(1.0, posture.length)))
+            units.append(np.full(len(posture.residual), max(1.0, posture.length)))
         if self.held is not None:
             residual, to_held, _ = self.held.constraint(posture)
             parts.append((residual, to_held))
-            sizes.append(np.array([1.0 if i < 3 else posture.length for i in self.held.rows]))
+            units.append(np.array([1.0 if i < 3 else posture.length for i in self.held.rows]))
         if contacts:
-            parts.append(self.limits.constraint(posture, contacts))
-            sizes.append(self.limits.sizes(posture)[[c.quantity for c in contacts]])
+            parts.append(constraint(self.limits, posture, contacts))
+            units.append(sizes(self.limits, posture)[[c.quantity for c in contacts]])
         if not parts:
             return None
         if len(parts) == 1:
-            return (*parts[0], sizes[0])
+            return (*parts[0], units[0])
         counts = np.cumsum([len(residual) for residual, _ in parts])[:-1]
 
         def curvature(multipliers: Array) -> Array:
@@ -224,7 +225,7 @@ class System:
 
         jacobian = np.concatenate([m.jacobian for _, m in parts])
         residuals = np.concatenate([residual for residual, _ in parts])
-        return residuals, Map(jacobian, curvature), np.concatenate(sizes)
+        return residuals, Map(jacobian, curvature), np.concatenate(units)
 
     def balance(self, point: Point, contacts: Sequence[Contact] = ()) -> Balance:
         """Forces and stiffness on the motions that keep the constraints."""
@@ -234,14 +235,14 @@ class System:
         found = self.constraints(point.posture, contacts)
         N, lam, forces = None, np.empty(0), point.forces
         if found is not None:
-            _, to_constraints, sizes = found
-            A = to_constraints.jacobian * columns / sizes[:, None]
+            _, to_constraints, units = found
+            A = to_constraints.jacobian * columns / units[:, None]
             U, values, Vt = np.linalg.svd(A)
             rank = int(np.sum(values > RANK * max(values.max(initial=0.0), 1e-300)))
             N = Vt[rank:].T
             carried = -(U[:, :rank] / values[:rank]) @ (Vt[:rank] @ g)
             forces = forces + np.abs(A.T @ carried)
-            lam = carried / sizes
+            lam = carried / units
             H = H + to_constraints.curvature(lam) * columns[:, None] * columns
         if N is None and self._are_apart(point.posture):
             hardness = point.hardness
@@ -311,14 +312,14 @@ class System:
             found = self.constraints(posture, contacts)
             if found is None:
                 return q
-            residual, to_constraints, sizes = found
-            missed = residual / sizes
+            residual, to_constraints, units = found
+            missed = residual / units
             size = float(np.abs(missed).max(initial=0.0))
             if size <= 1e-15 or (size <= 1e-12 and size >= 0.5 * best):
                 return q
             best = min(best, size)
             columns = posture.coordinate_lengths
-            A = to_constraints.jacobian * columns / sizes[:, None]
+            A = to_constraints.jacobian * columns / units[:, None]
             step = -ease * np.linalg.lstsq(A * ease, missed, rcond=RANK)[0]
             largest = float(np.abs(step).max(initial=0.0))
             if not np.isfinite(largest) or largest < 1e-16:

@@ -13,6 +13,7 @@ from cartstiff.arrays import read_only
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture, Units
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.limits import limit_notes
 from cartstiff.numerics import EPSILON, IDLE
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.springs import JointSprings
@@ -197,6 +198,13 @@ def state_of_rest(
                 {"stages": stages},
             )
         )
+    beyond = limit_notes(system.elastic.mechanism, start, "at the start: ")
+    if beyond and len(system.limits):
+        words = ". The limits act from there on: the displacement begins with the way back to them"
+        beyond = [Note(n.code, n.message + words, n.values) for n in beyond]
+    notes += beyond
+    if not len(system.limits):
+        notes += limit_notes(system.elastic.mechanism, point.posture, "at rest: ")
     notes += system.elastic.remarks(point.posture)
     notes += _drowned(system.elastic, point)
     reactions = _reactions(system, solution)

@@ -22,6 +22,7 @@ from cartstiff.arrays import checked_array, is_pose
 from cartstiff.errors import CartstiffError, ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.limits import Limits, finite, limit_notes
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import DeadWrench, FollowerWrench
 from cartstiff.statics.compensation import CompensatedPath
@@ -94,6 +95,7 @@ def compensate(
         after.append(error)
         stable.append(_verdict(elastic, rest, acting, q, index, notes))
         _note_limits(elastic, rest, index, notes)
+        notes += limit_notes(elastic.mechanism, elastic.mechanism.at(q), f"point {index + 1}: ")
     return CompensatedPath(
         elastic, np.array(poses), postures, np.array(commands), np.array(unloaded),
         np.array(before), np.array(after), tuple(stable), tuple(notes),
@@ -241,14 +243,11 @@ def _verdict(
 
 
 def _note_limits(elastic: ElasticMechanism, rest: Array, index: int, notes: list[Note]) -> None:
-    if elastic.spring_names != elastic.names:
-        return
-    for c, r in zip(elastic.mechanism.coordinates, rest.tolist(), strict=True):
-        if not c.lower <= r <= c.upper:
-            notes.append(
-                Note(
-                    "command-beyond-limit",
-                    f"point {index + 1}: the command of {c.name} is beyond its limit",
-                    {"point": index + 1, "command": r, "lower": c.lower, "upper": c.upper},
-                )
-            )
+    """Commands that the joints, or the legs of a platform, cannot take."""
+    limits = Limits(elastic.mechanism)
+    commands = rest[limits.columns]
+    for i in np.flatnonzero(limits.side(commands)):
+        name, r = limits.names[i], float(commands[i])
+        facts = {"command": r, "lower": float(limits.lower[i]), "upper": float(limits.upper[i])}
+        message = f"point {index + 1}: the command of {name} is beyond its limit"
+        notes.append(Note("command-beyond-limit", message, {"point": index + 1, **finite(facts)}))

@@ -24,6 +24,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import OWN_COORDINATES
 from cartstiff.mechanisms.contract import MechanismPosture, named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.limits import limit_notes
 from cartstiff.potentials.contract import Evaluation, Map
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 from cartstiff.stiffness.in_frame import StiffnessInFrame, stiffness_in_frame
@@ -136,6 +137,7 @@ def analyse(
     notes += [Note(*state) for state in reduction.states]
     notes += _near_singular(posture, reduction)
     notes += elastic.remarks(posture)
+    notes += limit_notes(elastic.mechanism, posture)
     result = PostureStiffness(
         elastic, posture.q, posture, energy, reduction, tuple(notes), kind,
         given is not None and bool(given.any()),

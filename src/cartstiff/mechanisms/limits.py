@@ -1,0 +1,131 @@
+r"""What is within limits: decided here, for joints and for the legs of platforms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
+from cartstiff.mechanisms.elastic import Note
+from cartstiff.mechanisms.platform import Platform
+
+__all__ = ["Limits", "finite", "limit_notes"]
+
+#: A limit is kept to within this share of the quantity, or of its natural size: rounding.
+_SLACK = 1e-13
+# Angles beyond their limits by this much, or beyond twice this where there is no limit, look like
+# degrees.
+_TURN = 2.0 * np.pi
+_DEGREES = ". Degrees? Angles are in radians"
+
+
+class Limits:
+    """The limits of a mechanism: of its coordinates, or of a platform's leg lengths.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        Its infinite limits are left out.
+    ignore : bool
+        Leave all limits out.
+
+    Attributes
+    ----------
+    names : tuple of str
+        What is limited.
+    lower, upper : ndarray (m,)
+        Bounds, in rad or length units.
+    columns : ndarray of int (m,)
+        Coordinates, or legs, that are limited.
+    legs : Platform or None
+        Whose legs are limited.
+    """
+
+    def __init__(self, mechanism: Mechanism, ignore: bool = False) -> None:
+        self.legs = mechanism if isinstance(mechanism, Platform) else None
+        if self.legs is not None:  # its legs are limited, not its pose
+            bounds = self.legs.limits
+            pairs = np.empty((0, 2)) if bounds is None else np.asarray(bounds, float)
+            names = [f"leg{s + 1}" for s in range(len(pairs))]
+        else:
+            pairs = np.array([(c.lower, c.upper) for c in mechanism.coordinates], float)
+            names = list(mechanism.names)
+        finite = np.isfinite(pairs).any(axis=1)
+        self.columns = np.flatnonzero(finite & (not ignore))
+        self.names = tuple(names[j] for j in self.columns)
+        self.lower = pairs[self.columns, 0]
+        self.upper = pairs[self.columns, 1]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def values(self, q: Array, pose: Array) -> Array:
+        """The limited quantities (..., m) at coordinates q (..., n) and poses (..., 4, 4) of M."""
+        if self.legs is None:
+            return np.asarray(q[..., self.columns])
+        ends = self.legs.points[self.columns] @ pose[..., :3, :3].swapaxes(-1, -2)
+        lines = ends + pose[..., None, :3, 3] - self.legs.anchors[self.columns]
+        return np.asarray(np.linalg.norm(lines, axis=-1))
+
+    def side(self, values: Array, sizes: Array | float = 1.0) -> Array:
+        """-1 where a quantity (..., m) is below its limit, 1 above, 0 within (to rounding)."""
+        slack = _SLACK * np.maximum(sizes, np.abs(values))
+        below, above = values < self.lower - slack, values > self.upper + slack
+        return np.where(below, -1, np.where(above, 1, 0))
+
+    def excess(self, values: Array) -> Array:
+        """How far quantities (..., m) are beyond their limits; 0 within."""
+        beyond = np.maximum(self.lower - values, values - self.upper)
+        return np.where(self.side(values) == 0, 0.0, beyond)
+
+
+def finite(numbers: Mapping[str, float]) -> dict[str, float | None]:
+    """Numbers for JSON: None where a limit is infinite."""
+    return {name: x if np.isfinite(x) else None for name, x in numbers.items()}
+
+
+def limit_notes(mechanism: Mechanism, posture: MechanismPosture, what: str = "") -> list[Note]:
+    """Notes of what is beyond its limits at a posture, and of angles that look like degrees.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        The mechanism.
+    posture : MechanismPosture
+        At its coordinates.
+    what : str
+        Words before the message: which posture is meant.
+    """
+    limits = Limits(mechanism)
+    angles = {c.name: c.type == "revolute" for c in mechanism.coordinates}
+    turned: dict[str, float] = {}
+    if limits.legs is None:
+        turned = {
+            c.name: x
+            for c, x in zip(mechanism.coordinates, posture.q.tolist(), strict=True)
+            if angles[c.name] and abs(x) > 2.0 * _TURN and not np.isfinite([c.lower, c.upper]).any()
+        }
+    notes = []
+    values = limits.values(posture.q, posture.pose)
+    sides = limits.side(values)
+    if sides.any():
+        found: dict[str, Mapping[str, float | None]] = {}
+        words = []
+        degrees = False
+        for i in np.flatnonzero(sides):
+            name, x = limits.names[i], float(values[i])
+            low, high = float(limits.lower[i]), float(limits.upper[i])
+            unit = "rad" if angles.get(name, False) else mechanism.units.length
+            words.append(f"{name} is at {x:.6g} {unit}, its limits are {low:.6g} and {high:.6g}")
+            degrees |= unit == "rad" and abs(x) > _TURN
+            found[name] = finite({"value": x, "lower": low, "upper": high})
+        message = f"{what}beyond limits: {'; '.join(words)}{_DEGREES if degrees else ''}"
+        notes.append(Note("beyond-limits", message, found))
+    if turned:
+        words = [f"{name} is at {x:.6g} rad" for name, x in turned.items()]
+        notes.append(
+            Note("many-turns", f"{what}several turns: {'; '.join(words)}{_DEGREES}", turned)
+        )
+    return notes
