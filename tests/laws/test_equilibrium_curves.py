@@ -305,7 +305,7 @@ def unsprung():
         (
             lambda: compensate(column(2), [[0.3, 0.4]], np.zeros(5)),
             InputError,
-            "wrenches have the wrong shape",
+            "wrenches has the wrong shape",
         ),
         (
             lambda: compensate(column(2), [[0.3, 0.4]], [DeadForce([1, 0, 0])] * 2),

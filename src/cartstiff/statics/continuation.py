@@ -255,10 +255,10 @@ def _collected(
 ) -> LoadCurve:
     factors = np.array([s.factor for s in states])
     conservative = all(s.is_conservative for s in states)
-    notes = list(seed.elastic.notes)
-    notes += seed.elastic.remarks(max(states, key=lambda s: abs(s.factor)).point.posture)
+    new = seed.elastic.remarks(max(states, key=lambda s: abs(s.factor)).point.posture)
     if not conservative:
-        notes.append(UNDAMPED if all(s.vibrations for s in states) else MASSLESS)
+        new = [*new, UNDAMPED if all(s.vibrations for s in states) else MASSLESS]
+    notes = [*(n for n in seed.notes if n.code not in {m.code for m in new}), *new]
     return LoadCurve(
         seed.elastic,
         factors,
