@@ -47,7 +47,7 @@ Call = Callable[[], object]
         ),
         (
             lambda: matrices.move_compliance(K, 2 * np.eye(4)),
-            "frame has the wrong shape",
+            "frame is not a rigid motion",
         ),
         (lambda: ellipsoids.ellipsoid(np.eye(2)), r"expected shape \(3, 3\)"),
         (lambda: ellipsoids.stiffness_along(K, [0, 0, 0]), "direction must not be zero"),

@@ -52,7 +52,7 @@ def test_grid_to_file_table_and_picture(run: Run) -> None:
     assert Path("m.png").read_bytes()[:4] == b"\x89PNG"
 
     answer = _answer(run(*CUBIC, *GRID, "-o", "m.zarr", "--worst", "2", "--json"))
-    assert answer["schema"] == "cartstiff-map/1"
+    assert answer["schema"] == "cartstiff-map/2"
     assert answer["postures"] == 12
     assert answer["parts"] == {"total": 1, "computed": 0, "found": 1}
     assert answer["states"] == {"regular": 12}

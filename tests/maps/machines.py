@@ -45,6 +45,7 @@ def start(*words: str, **environment: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [sys.executable, *words],
         env={**os.environ, "PYTHONPATH": source, "OMP_NUM_THREADS": "1", **environment},
+        stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -54,6 +55,52 @@ def start(*words: str, **environment: str) -> subprocess.Popen[str]:
 def start_map(file: Path, *more: str, **environment: str) -> subprocess.Popen[str]:
     """Start to compute the map of `COMMAND`."""
     return start("-m", "cartstiff", *COMMAND, "-o", str(file), *more, **environment)
+
+
+# The command, held at the N-th part: it says so, and waits for a line before it goes on.
+_HELD = """
+import sys
+from cartstiff.maps import run
+from cartstiff.cli.main import main
+
+bar, seen = run._bar, []
+
+def held(total, done, progress):
+    context = bar(total, done, progress)
+    class Held:
+        def __enter__(self):
+            advance = context.__enter__()
+
+            def count(postures):
+                advance(postures)
+                seen.append(postures)
+                if len(seen) == PARTS:
+                    print("held", file=sys.stderr, flush=True)
+                    sys.stdin.readline()
+
+            return count
+
+        def __exit__(self, *error):
+            return context.__exit__(*error)
+
+    return Held()
+
+run._bar = held
+if __name__ == "__main__":
+    main(sys.argv[1:])
+"""
+
+
+def start_held_map(file: Path, parts: int, *more: str, **environment: str) -> subprocess.Popen[str]:
+    """Start to compute the map of `COMMAND`, and wait until it stands still at a part."""
+    script = file.parent / "held.py"
+    script.write_text(_HELD.replace("PARTS", str(parts)), encoding="utf-8")
+    process = start(str(script), *COMMAND, "-o", str(file), *more, **environment)
+    assert process.stderr is not None
+    for line in process.stderr:
+        if line == "held\n":
+            return process
+    raise AssertionError(f"it ended before part {parts}: {process.communicate()}")
 
 
 def marks(file: Path) -> dict[str, tuple[int, int]]:

@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
-from tests.maps.machines import marks, start, start_map
+from tests.maps.machines import arm, marks, start, start_held_map, start_map
 
 from cartstiff.errors import InputError
-from cartstiff.maps import open_map
+from cartstiff.maps import RandomPostures, compute_map, open_map
 from cartstiff.maps.cluster import _require_folder
+from cartstiff.potentials.functions import JointFunction
 
 
 def _end(process):
@@ -24,8 +25,8 @@ def _end(process):
     process.communicate(timeout=60)
 
 
-def _finished(process):
-    out, error = process.communicate(timeout=180)
+def _finished(process, answer=None):
+    out, error = process.communicate(answer, timeout=180)
     assert process.returncode == 0, error
     return json.loads(out)
 
@@ -77,14 +78,11 @@ def _same(file, expected):
 def test_a_killed_worker_costs_its_chunks_only(whole, scheduler, worker, tmp_path):
     first, second = worker(), worker()
     file = tmp_path / "m.zarr"
-    process = start_map(file, "--scheduler", scheduler)
-    while len(marks(file)) < 4:
-        assert process.poll() is None, process.communicate()[1]
-        time.sleep(0.02)
+    process = start_held_map(file, 4, "--scheduler", scheduler)
     first.send_signal(signal.SIGKILL)
     first.wait(timeout=30)
     kept = marks(file)
-    answer = _finished(process)
+    answer = _finished(process, "\n")
     assert second.poll() is None
     assert answer["parts"]["computed"] == answer["parts"]["total"]
     # What the dead worker had finished was not done again.
@@ -92,22 +90,49 @@ def test_a_killed_worker_costs_its_chunks_only(whole, scheduler, worker, tmp_pat
     _same(file, whole[0])
 
 
-def test_processes_of_this_machine_listen_to_it_alone(whole, tmp_path):
+def test_processes_of_this_machine_listen_to_nobody(whole, tmp_path):
     file = tmp_path / "m.zarr"
-    process = start_map(file, "--workers", "1")
-    addresses = set()
+    process = start_held_map(file, 2, "--workers", "2")
     own = psutil.Process(process.pid)
-    while process.poll() is None and len(marks(file)) < whole[0].attrs["chunks"]:
-        with contextlib.suppress(psutil.Error):
-            for one in [own, *own.children(recursive=True)]:
-                with contextlib.suppress(psutil.Error):
-                    addresses |= {
-                        c.laddr.ip for c in one.net_connections("inet") if c.status == "LISTEN"
-                    }
-        time.sleep(0.2)
-    _finished(process)
-    assert addresses == {"127.0.0.1"}
+    everyone = [own, *own.children(recursive=True)]
+    listening = [
+        c for one in everyone for c in one.net_connections("all")
+        if c.status == "LISTEN" or (c.family.name == "AF_UNIX" and c.laddr)
+    ]  # fmt: skip
+    _finished(process, "\n")
+    assert len(everyone) >= 3
+    assert listening == []
     _same(file, whole[0])
+
+
+def test_a_killed_process_of_this_machine_costs_its_chunk_only(whole, tmp_path):
+    file = tmp_path / "m.zarr"
+    process = start_held_map(file, 2, "--workers", "1")
+    for one in psutil.Process(process.pid).children():
+        if "spawn_main" in " ".join(one.cmdline()):
+            one.kill()
+    kept = marks(file)
+    answer = _finished(process, "\n")
+    assert answer["parts"]["computed"] == answer["parts"]["total"]
+    assert len(kept) >= 2
+    _same(file, whole[0])
+
+
+def test_processes_end_with_the_one_that_started_them(tmp_path):
+    process = start_held_map(tmp_path / "m.zarr", 2, "--workers", "1")
+    workers = psutil.Process(process.pid).children(recursive=True)
+    assert workers
+    process.send_signal(signal.SIGKILL)
+    process.communicate(timeout=60)
+    _, alive = psutil.wait_procs(workers, timeout=60)
+    assert not alive
+
+
+def test_what_cannot_be_sent(tmp_path):
+    elastic = arm().with_potential(JointFunction(energy=lambda q: 0.0))
+    sampling = RandomPostures(8, 1, elastic.q - 0.1, elastic.q + 0.1)
+    with pytest.raises(InputError, match="cannot be sent to other processes; expected functions"):
+        compute_map(elastic, sampling, ["condition"], tmp_path / "m.zarr", workers=1)
 
 
 def test_a_scheduler_that_does_not_answer(tmp_path):

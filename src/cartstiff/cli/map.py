@@ -214,10 +214,10 @@ def command(
     if best is not None or worst is not None:
         _check_ranked(quantities)
 
+    from cartstiff.maps.opening import open_map
     from cartstiff.maps.prepare import prepare_map
     from cartstiff.maps.reading import slice_map
     from cartstiff.maps.run import run_map
-    from cartstiff.maps.store import open_map
 
     job, file = prepare_map(
         elastic, sampling, quantities, output, connection=connection, world=world, single=single,
@@ -225,7 +225,7 @@ def command(
     )  # fmt: skip
     start = time.perf_counter()
     try:
-        computed = run_map(
+        computed, damaged = run_map(
             job, file, threads=threads, workers=workers or 0, scheduler=scheduler,
             progress=progress,
         )  # fmt: skip
@@ -237,6 +237,12 @@ def command(
         )
         raise click.exceptions.Exit(130) from None
     seconds = time.perf_counter() - start
+    if damaged:
+        click.echo(
+            f"cartstiff: {one_line(str(output))}: {len(damaged)} of its files were damaged and "
+            f"have been made anew: {one_line('; '.join(damaged), 300)}",
+            err=True,
+        )
     dataset = slice_map(open_map(output), **cuts) if cuts else open_map(output)
     answer = _answer(dataset, file, output, computed, seconds)
     lists = {"best": best, "worst": worst}

@@ -18,7 +18,7 @@ from cartstiff.many.given import OUTPUTS, aligned_empty
 from cartstiff.many.plans import Case, Plan, plan, program_for
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["PATHS", "Path", "chosen", "run"]
+__all__ = ["PATHS", "Path", "chosen", "lasting_path", "run"]
 
 Path = Literal["auto", "compiled", "portable", "engine"]
 PATHS = ("auto", "compiled", "portable", "engine")
@@ -93,6 +93,20 @@ def chosen(
     if reason:
         return found, _portable_kernel(found.case, ordered), reason
     return found, _compiled_kernel(found.case, ordered), ""
+
+
+def lasting_path(
+    elastic: ElasticMechanism, has_wrench: bool, names: tuple[str, ...], count: int
+) -> Path:
+    """The path that serves `count` postures, whatever was compiled in this process before."""
+    found = plan(elastic, "shared" if has_wrench else "none")
+    if isinstance(found, str):
+        return "engine"
+    ordered = tuple(name for name in OUTPUTS if name in names)
+    compiles = _has("llvmlite") and count >= WORTH_COMPILING
+    if compiles and program_for(found.case, ordered).size <= LARGEST_PROGRAM:
+        return "compiled"
+    return "portable"
 
 
 def run(

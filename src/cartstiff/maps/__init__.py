@@ -11,6 +11,7 @@ from cartstiff.lazy import lazy_names
 
 if TYPE_CHECKING:
     from cartstiff.maps.cartesian import CartesianGrid as CartesianGrid
+    from cartstiff.maps.opening import open_map as open_map
     from cartstiff.maps.pictures import draw_map as draw_map
     from cartstiff.maps.reading import best as best
     from cartstiff.maps.reading import slice_map as slice_map
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from cartstiff.maps.sampling import Grid as Grid
     from cartstiff.maps.sampling import RandomPostures as RandomPostures
     from cartstiff.maps.sampling import Trajectory as Trajectory
-    from cartstiff.maps.store import open_map as open_map
 
 _HOMES = {
     "Axis": "cartstiff.maps.sampling",
@@ -32,7 +32,7 @@ _HOMES = {
     "best": "cartstiff.maps.reading",
     "compute_map": "cartstiff.maps.run",
     "draw_map": "cartstiff.maps.pictures",
-    "open_map": "cartstiff.maps.store",
+    "open_map": "cartstiff.maps.opening",
     "slice_map": "cartstiff.maps.reading",
     "summary": "cartstiff.maps.reading",
     "worst": "cartstiff.maps.reading",

@@ -20,6 +20,7 @@ from typing import Any
 
 from cartstiff.errors import CartstiffError, InputError, MissingDependencyError, one_line
 from cartstiff.maps.job import MapJob
+from cartstiff.maps.processes import packed
 from cartstiff.maps.store import MapFile
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
@@ -37,11 +38,9 @@ def run_on_cluster(
     file: MapFile,
     todo: Sequence[int],
     advance: Callable[[int], None],
-    *,
-    workers: int = 0,
-    scheduler: str | None = None,
+    scheduler: str,
 ) -> None:
-    """Compute chunks on a running scheduler's workers, or on processes of this machine.
+    """Compute chunks on a running scheduler's workers.
 
     Parameters
     ----------
@@ -53,10 +52,8 @@ def run_on_cluster(
         Chunks.
     advance : callable
         Called with the number of postures of each finished chunk.
-    workers : int
-        Processes to start on this machine; they listen on 127.0.0.1 only.
-    scheduler : str, optional
-        Address of a running scheduler instead, such as "tcp://10.0.0.5:8786".
+    scheduler : str
+        Its address, such as "tls://10.0.0.5:8786". Certificates are those of Dask's configuration.
 
     Raises
     ------
@@ -66,9 +63,9 @@ def run_on_cluster(
         If one chunk's workers die again and again.
     """
     path = file.path.resolve()
-    elastic = pickle.dumps(job.elastic)
+    elastic = packed(job.elastic)
     rest = {f.name: getattr(job, f.name) for f in fields(job) if f.name != "elastic"}
-    with _client(workers, scheduler) as client, client.as_current():
+    with _client(scheduler) as client, client.as_current():
         distributed = _distributed()
         _require_folder(client, path)
         run, waiting = uuid.uuid4().hex, iter(todo)
@@ -113,11 +110,17 @@ def _elastic_from(data: bytes) -> ElasticMechanism:
     return elastic
 
 
+@lru_cache(maxsize=4)
+def _file(path: str) -> MapFile:
+    """The map, checked once for each worker."""
+    return MapFile.at(path)
+
+
 def _compute_chunk(
     elastic: bytes, rest: dict[str, Any], path: str, chunk: int, box: tuple[slice, ...]
 ) -> int:
     """On a worker: compute a chunk and write it; returns its number."""
-    file = MapFile.at(path)
+    file = _file(path)
     if file.is_done(chunk):  # by a worker that died before it could say so
         return chunk
     with _LOADING:
@@ -138,31 +141,20 @@ def _distributed() -> Any:
 
 
 @contextmanager
-def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
-    """A client of a running scheduler, or of one that ends with this block."""
-    distributed = _distributed()
-    if scheduler is not None:
-        try:
-            client = distributed.Client(scheduler, set_as_default=False)
-        except (OSError, ValueError, TypeError) as error:
-            raise InputError(
-                "no scheduler answers", where=one_line(scheduler),
-                expected="the address of a running Dask scheduler, such as tcp://10.0.0.5:8786",
-                got=type(error).__name__,
-            ) from None  # fmt: skip
-        with client:
-            if not client.nthreads():
-                raise InputError("the scheduler has no workers", where=one_line(scheduler),
-                                 expected="at least one")  # fmt: skip
-            yield client
-        return
-    with (
-        distributed.LocalCluster(
-            n_workers=workers, threads_per_worker=1, processes=True, host="127.0.0.1",
-            scheduler_port=0, dashboard_address="127.0.0.1:0",
-        ) as cluster,
-        distributed.Client(cluster, set_as_default=False) as client,
-    ):  # fmt: skip
+def _client(scheduler: str) -> Iterator[Any]:
+    """A client of a running scheduler."""
+    try:
+        client = _distributed().Client(scheduler, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        raise InputError(
+            "no scheduler answers", where=one_line(scheduler),
+            expected="the address of a running Dask scheduler, such as tls://10.0.0.5:8786",
+            got=type(error).__name__,
+        ) from None  # fmt: skip
+    with client:
+        if not client.nthreads():
+            raise InputError("the scheduler has no workers", where=one_line(scheduler),
+                             expected="at least one")  # fmt: skip
         yield client
 
 

@@ -16,6 +16,7 @@ from cartstiff.errors import ConvergenceError
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.engine import NOT_ASSEMBLED, REGULAR
 from cartstiff.many.postures import analyse_many
+from cartstiff.many.running import Path
 from cartstiff.maps.cartesian import PLACES, CartesianGrid
 from cartstiff.maps.quantities import Quantity, Settings, choose_quantities, evaluate
 from cartstiff.maps.sampling import Grid, Sampling
@@ -60,6 +61,9 @@ class MapJob:
         What they refer to.
     wrench : tuple of float, optional
         Load (moment, force) in the body frame, as in `cartstiff.analyse`.
+    path : {"compiled", "portable", "engine"}
+        What computes every posture of the map, as in `analyse_many`: who goes on with the map takes
+        the same, so that its numbers do not depend on where it was interrupted.
     """
 
     elastic: ElasticMechanism
@@ -67,6 +71,7 @@ class MapJob:
     names: tuple[str, ...]
     settings: Settings
     wrench: tuple[float, ...] | None
+    path: Path = "auto"
 
     @cached_property
     def quantities(self) -> tuple[Quantity, ...]:
@@ -177,7 +182,7 @@ class MapJob:
             present = part if whole else part[there]
             result = analyse_many(
                 self.elastic, present, wrench=self.wrench, outputs=self.outputs,
-                out=self._buffers(len(present)), threads=1,
+                out=self._buffers(len(present)), threads=1, path=self.path,
             )  # fmt: skip
             to_own = np.array([_code(c) for c in result.codes], np.uint8)
             state[there] = to_own[result.state]
@@ -200,7 +205,7 @@ class MapJob:
         quantity = self.quantities[0]
         outputs = tuple({"pose", *quantity.outputs(self.settings)})
         arrays = analyse_many(
-            self.elastic, q, wrench=self.wrench, outputs=outputs, threads=1
+            self.elastic, q, wrench=self.wrench, outputs=outputs, threads=1, path=self.path
         ).arrays
         value = evaluate([quantity], arrays, self.settings, self._lengths)[quantity.name]
         return value if quantity.better == "smaller" else -value

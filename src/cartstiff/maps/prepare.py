@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import platform
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from cartstiff.analysis.metrics import characteristic_length
 from cartstiff.arrays import checked_unit, checked_vector
 from cartstiff.errors import CartstiffError, InputError, one_line
 from cartstiff.geometry.se3 import Array
+from cartstiff.many.running import lasting_path
 from cartstiff.maps.cartesian import CartesianGrid
 from cartstiff.maps.job import STATES, MapJob
 from cartstiff.maps.quantities import Settings, choose_quantities
@@ -110,8 +112,12 @@ def prepare_map(
     description = json.loads(json.dumps(description))
     if path.exists():
         existing = MapFile.at(path)
-        _require_same(json.loads(existing.attributes["description"]), description, path)
-        return job, existing
+        there = json.loads(existing.attributes["description"])
+        _require_same(there, description, path)
+        return replace(job, path=there["path"]), existing
+    postures = int(np.prod(sampling.shape, dtype=object))
+    job = replace(job, path=lasting_path(elastic, load is not None, job.outputs, postures))
+    description["path"] = job.path
     units, mechanism = elastic.units, elastic.mechanism
     attributes = {
         "schema": SCHEMA,
@@ -125,6 +131,7 @@ def prepare_map(
         "force_unit": units.force,
         "angle_unit": "rad",
         "order": "angular-linear",
+        "numerical_path": job.path,
         "command": command,
         **_versions(),
         "description": json.dumps(description),

@@ -7,22 +7,38 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from os import cpu_count
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.errors import InputError, MissingDependencyError
 from cartstiff.maps.job import MapJob
+from cartstiff.maps.opening import open_map
 from cartstiff.maps.prepare import prepare_map
 from cartstiff.maps.sampling import Sampling
-from cartstiff.maps.store import MapFile, open_map
+from cartstiff.maps.store import MapFile
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["compute_map", "run_map"]
+__all__ = ["Run", "compute_map", "run_map"]
+
+
+class Run(NamedTuple):
+    """What was done for a map.
+
+    Attributes
+    ----------
+    computed : int
+        Chunks that were computed.
+    damaged : tuple of str
+        Files that were missing or did not agree with their checksums; they were made anew.
+    """
+
+    computed: int
+    damaged: tuple[str, ...]
 
 
 def compute_map(
@@ -78,7 +94,7 @@ def compute_map(
     threads : int, optional
         In this process; default one for every core.
     workers : int
-        Processes on this machine instead, which listen on 127.0.0.1 only.
+        Processes on this machine instead; they talk through pipes.
     scheduler : str, optional
         Address of a running Dask scheduler, whose workers see the file under the same path.
     progress : bool or None
@@ -115,8 +131,8 @@ def run_map(
     workers: int = 0,
     scheduler: str | None = None,
     progress: bool | None = False,
-) -> int:
-    """Compute the chunks that are missing; how many they were.
+) -> Run:
+    """Compute the chunks that are missing or damaged.
 
     Arguments as in `compute_map`.
     """
@@ -126,14 +142,22 @@ def run_map(
         raise InputError("give workers or a scheduler, not both")
     with file.locked():
         file.remove_leftovers()
+        damaged = file.damaged()
+        for chunk in damaged:
+            file.forget(chunk)
+        axes = file.mend_axes(job.sampling)
         todo = file.missing()
         total = int(np.prod(file.shape, dtype=object))
         done = total - sum(file.count(i) for i in todo)
         with _bar(total, done, progress) as advance:
-            if todo and (workers or scheduler is not None):
+            if todo and scheduler is not None:
                 from cartstiff.maps.cluster import run_on_cluster
 
-                run_on_cluster(job, file, todo, advance, workers=workers, scheduler=scheduler)
+                run_on_cluster(job, file, todo, advance, scheduler)
+            elif todo and workers:
+                from cartstiff.maps.processes import run_in_processes
+
+                run_in_processes(job, file, todo, advance, workers)
             else:
                 boxes = [file.boxes[chunk] for chunk in todo]
                 for chunk, solved in zip(todo, job.solved(boxes), strict=True):
@@ -141,7 +165,7 @@ def run_map(
                         file.boxes[chunk], threads or cpu_count() or 1, advance, solved
                     )
                     file.write(chunk, arrays)
-    return len(todo)
+    return Run(len(todo), tuple(damaged.values()) + tuple(f"axis {name}" for name in axes))
 
 
 def _bar(

@@ -1,7 +1,8 @@
 """Maps in files: Zarr folders of labelled arrays that say what they are.
 
 A map is cut into chunks. A chunk's arrays are written one file each, whole or not at all, and last
-a mark that it is done. Whoever computes the map later begins where marks are missing.
+a mark that it is done. Every file carries a checksum. Whoever computes the map later begins where
+marks are missing or files are damaged.
 """
 
 from __future__ import annotations
@@ -16,20 +17,24 @@ from functools import cached_property
 from itertools import product
 from math import ceil
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from cartstiff.errors import InputError, MissingDependencyError, one_line
 from cartstiff.geometry.se3 import Array
-from cartstiff.maps.sampling import Sampling, from_dict
+from cartstiff.maps.damage import (
+    CHECKSUM,
+    described,
+    description_checksum,
+    file_damage,
+    require_plain_files,
+)
+from cartstiff.maps.sampling import Sampling
 
-if TYPE_CHECKING:
-    import xarray
+__all__ = ["NOT_COMPUTED", "SCHEMA", "MapFile", "chunk_shape"]
 
-__all__ = ["SCHEMA", "MapFile", "chunk_shape", "open_map"]
-
-SCHEMA = "cartstiff-map/1"
+SCHEMA = "cartstiff-map/2"
 
 #: Value of ``state`` where nothing has been computed yet.
 NOT_COMPUTED = 255
@@ -97,19 +102,23 @@ class MapFile:
         InputError
             If there is no map.
         """
-        place = Path(path)
-        zarr, where = _zarr(), one_line(str(path))
-        if not (place / "zarr.json").is_file():
-            raise InputError("is no map", where=where, expected="a folder made by 'cartstiff map'")
+        place, where = Path(path), one_line(str(path))
         try:
-            group = zarr.open_group(place, mode="r")
-            schema, state = group.attrs.get("schema"), group["state"]
-        except (KeyError, ValueError, OSError, zarr.errors.BaseZarrError) as error:
+            if not (place / "zarr.json").is_file():
+                raise InputError(
+                    "is no map", where=where, expected="a folder made by 'cartstiff map'"
+                )
+            require_plain_files(place)
+            described(place, SCHEMA)
+            state = json.loads((place / "state" / "zarr.json").read_text(encoding="utf-8"))
+            shape, chunk = state["shape"], state["chunk_grid"]["configuration"]["chunk_shape"]
+        except OSError as error:
+            raise InputError("map cannot be read", where=where, got=error.strerror) from None
+        except (KeyError, TypeError, ValueError) as error:
+            if isinstance(error, InputError):
+                raise
             raise InputError("is no map that can be read", where=where, got=str(error)) from None
-        if schema != SCHEMA:
-            raise InputError("is no map", where=where, expected=f"schema {SCHEMA}",
-                             got=str(schema))  # fmt: skip
-        return cls(place, tuple(state.shape), tuple(state.chunks))
+        return cls(place, tuple(shape), tuple(chunk))
 
     @classmethod
     def create(
@@ -157,15 +166,18 @@ class MapFile:
         shape, dims = sampling.shape, sampling.dims
         kind = np.float32 if single else np.float64
         try:
+            parts: list[str] = []
             shutil.rmtree(new, ignore_errors=True)
             new.mkdir()
             group = zarr.create_group(new, attributes=dict(attributes), zarr_format=3)
 
             def array(name: str, tail: tuple[int, ...], names: tuple[str, ...], dtype: Any,
                       fill: float, **more: Any) -> None:  # fmt: skip
+                parts.append(name)
                 group.create_array(
                     name, shape=(*shape, *tail), chunks=(*chunk, *tail), dtype=dtype,
                     fill_value=fill, dimension_names=(*dims, *names), attributes=more,
+                    compressors=_compressors(),
                 )  # fmt: skip
 
             for name, more in variables.items():
@@ -177,23 +189,30 @@ class MapFile:
                 array("q", (q[0],), ("joint",), np.float64, np.nan,
                       long_name="coordinates of the posture")  # fmt: skip
             if "branch" in dims:
+                parts.append("branches")
                 group.create_array(
                     "branches", shape=shape[:-1], chunks=chunk[:-1], dtype=np.uint16,
-                    fill_value=0, dimension_names=dims[:-1],
+                    fill_value=0, dimension_names=dims[:-1], compressors=_compressors(),
                     attributes={"long_name": "number of branches found at the place"},
                 )  # fmt: skip
-            for name, axis in sampling.axes.items():
-                cls._whole(group, name, axis.values, (name,), units=units[name])
-            if (time := getattr(sampling, "time", None)) is not None:
-                cls._whole(group, "time", time, ("posture",), units="s")
+            for name, (values, dim) in _whole(sampling).items():
+                array_of_axis = group.create_array(
+                    name, shape=values.shape, chunks=values.shape, dtype=values.dtype,
+                    dimension_names=(dim,), compressors=_compressors(),
+                    attributes={"units": units.get(name, "s")},
+                )  # fmt: skip
+                _writeable(array_of_axis)[:] = values
             if sampling.stores_q and "branch" not in dims:
                 box = tuple(slice(0, n) for n in shape)
-                group["q"][:] = sampling.postures(box, None)
+                _writeable(group["q"])[:] = sampling.postures(box, None)
             count = int(np.prod([ceil(n / c) for n, c in zip(shape, chunk, strict=True)]))
             group.create_array(
                 "done", shape=(count,), chunks=(1,), dtype=np.uint8, fill_value=0,
                 dimension_names=("chunk",), attributes={"long_name": "whether a chunk is done"},
+                compressors=_compressors(),
             )  # fmt: skip
+            group.attrs["parts"] = parts
+            group.attrs[CHECKSUM] = description_checksum(new)
             new.rename(place)
         except OSError as error:
             shutil.rmtree(new, ignore_errors=True)
@@ -204,14 +223,6 @@ class MapFile:
             shutil.rmtree(new, ignore_errors=True)
             raise
         return cls(place, tuple(shape), chunk)
-
-    @staticmethod
-    def _whole(group: Any, name: str, values: Array, dims: tuple[str, ...], **more: Any) -> None:
-        array = group.create_array(
-            name, shape=values.shape, chunks=values.shape, dtype=values.dtype,
-            dimension_names=dims, attributes=more,
-        )  # fmt: skip
-        array[:] = values
 
     @cached_property
     def boxes(self) -> list[tuple[slice, ...]]:
@@ -228,11 +239,12 @@ class MapFile:
 
     def done(self) -> set[int]:
         """Chunks that are complete."""
-        folder = self.path / "done" / "c"
+        folder, count = self.path / "done" / "c", len(self.boxes)
         try:
-            return {int(p.name) for p in folder.iterdir() if p.name.isdigit()}
+            found = {int(p.name) for p in folder.iterdir() if p.name.isdecimal()}
         except FileNotFoundError:
             return set()
+        return {i for i in found if i < count}
 
     def is_done(self, chunk: int) -> bool:
         """Whether a chunk is complete."""
@@ -243,10 +255,70 @@ class MapFile:
         done = self.done()
         return [i for i in range(len(self.boxes)) if i not in done]
 
-    @property
+    def damaged(self) -> dict[int, str]:
+        """Complete chunks of which a file is missing or does not agree with its checksum."""
+        found = ((i, self.damage(i)) for i in sorted(self.done()))
+        return {i: what for i, what in found if what is not None}
+
+    def damage(self, chunk: int) -> str | None:
+        """What is wrong with a complete chunk: the first such file, and what it is."""
+        files: list[tuple[str, tuple[int, ...]]] = [("done", (chunk,))]
+        place = tuple(int(k) for k in np.unravel_index(chunk, self.cuts))  # as `boxes` are
+        for name in self.attributes["parts"]:
+            ndim = self.arrays[name].ndim
+            files.append((name, (*place, *[0] * ndim)[:ndim]))
+        return next(filter(None, (self.damage_of(name, key) for name, key in files)), None)
+
+    def chunk_at(self, place: tuple[int, ...]) -> int:
+        """Number of the chunk that a file of an array, by its place in it, belongs to."""
+        cell = (*place, *[0] * len(self.cuts))[: len(self.cuts)]
+        return int(np.ravel_multi_index(cell, self.cuts))
+
+    def damage_of(self, name: str, key: tuple[int, ...]) -> str | None:
+        """What is wrong with one file of an array."""
+        array = self.arrays[name]
+        file = f"{name}/{array.metadata.encode_chunk_key(key)}"
+        largest = int(np.prod(array.chunks, dtype=object)) * array.dtype.itemsize
+        what = file_damage(self.path / file, largest)
+        return None if what is None else f"{file} {what}"
+
+    def refused(self, chunk: int, what: str) -> InputError:
+        """The line about a damaged chunk."""
+        return InputError(
+            f"part {chunk + 1} of {len(self.boxes)} is damaged: {what}",
+            where=one_line(str(self.path)), expected="to be computed anew by the same command",
+        )  # fmt: skip
+
+    def forget(self, chunk: int) -> None:
+        """Take away the mark of a chunk, so that it is computed anew."""
+        (self.path / "done" / "c" / str(chunk)).unlink(missing_ok=True)
+
+    def mend_axes(self, sampling: Sampling) -> list[str]:
+        """Write the axes anew whose files are damaged; their names."""
+        damaged = [n for n in _whole(sampling) if self.damage_of(n, (0,)) is not None]
+        for name in damaged:
+            _writeable(self.arrays[name])[:] = _whole(sampling)[name][0]
+        return damaged
+
+    @cached_property
+    def cuts(self) -> tuple[int, ...]:
+        """Number of chunks along each dimension."""
+        return tuple(ceil(n / c) for n, c in zip(self.shape, self.chunk, strict=True))
+
+    @cached_property
     def attributes(self) -> dict[str, Any]:
         """Attributes of the whole map."""
         return dict(self._group.attrs)
+
+    @cached_property
+    def arrays(self) -> dict[str, Any]:
+        """The arrays by name, as Zarr reads them."""
+        return dict(self._group.arrays())
+
+    @property
+    def axes(self) -> list[str]:
+        """Names of the arrays in one piece."""
+        return [n for n in self.arrays if n != "done" and n not in self.attributes["parts"]]
 
     @cached_property
     def _group(self) -> Any:
@@ -256,8 +328,9 @@ class MapFile:
         """Put the arrays of a chunk in the file and mark it as done."""
         box = self.boxes[chunk]
         for name, values in arrays.items():
-            self._group[name][box[: values.ndim] if values.ndim < len(box) else box] = values
-        self._group["done"][chunk] = 1
+            array = _writeable(self.arrays[name])
+            array[box[: values.ndim] if values.ndim < len(box) else box] = values
+        self.arrays["done"][chunk] = 1
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -290,79 +363,21 @@ class MapFile:
             path.unlink(missing_ok=True)
 
 
-class _Postures:
-    """The coordinates of a sampling as an array that is computed when it is read."""
+def _compressors() -> tuple[Any, ...]:
+    """What the bytes of a chunk go through; the checksum is of what is stored."""
+    from zarr.codecs import Crc32cCodec, ZstdCodec
 
-    def __init__(self, sampling: Sampling, n: int) -> None:
-        self.sampling = sampling
-        self.shape = (*sampling.shape, n)
-        self.dtype = np.dtype(float)
-        self.ndim = len(self.shape)
-
-    def __getitem__(self, key: tuple[slice | int, ...]) -> Array:
-        box: list[slice] = []
-        inner: list[slice | int] = []
-        for k, n in zip(key[:-1], self.sampling.shape, strict=True):
-            if isinstance(k, slice):
-                start, stop, step = k.indices(n)
-                box.append(slice(start, stop))
-                inner.append(slice(None, None, step))
-            else:
-                box.append(slice(int(k), int(k) + 1))
-                inner.append(0)
-        q = self.sampling.postures(tuple(box), None)
-        return q.reshape(*(s.stop - s.start for s in box), -1)[(*inner, key[-1])]
+    return ZstdCodec(level=0), Crc32cCodec()
 
 
-def open_map(path: str | Path) -> xarray.Dataset:
-    """A map as labelled arrays, read when they are used.
+def _writeable(array: Any) -> Any:
+    """An array that writes chunks of nothing but its fill value too: their absence is damage."""
+    return array.with_config({"write_empty_chunks": True})
 
-    Parameters
-    ----------
-    path : path
-        Written by `compute_map`, complete or not.
 
-    Returns
-    -------
-    xarray.Dataset
-        Variables: every quantity over the map's dimensions; ``state`` (0 is regular; the attribute
-        ``flag_meanings`` names the others, 255 is not computed); ``position`` (..., xyz) of the
-        body frame's origin in F; ``q`` (..., joint). Attributes: mechanism, frame, units, versions,
-        the command; ``chunks_done`` of ``chunks``. Arrays are split as the file is, so that
-        reductions of a large map need little memory.
-
-    Raises
-    ------
-    InputError
-        If there is no map.
-    MissingDependencyError
-        Without xarray, zarr or dask.
-    """
-    file = MapFile.at(path)
-    try:
-        import dask.array
-        import xarray
-    except ImportError as error:
-        raise MissingDependencyError(
-            package=error.name or "xarray", purpose="reading a map", extra="maps"
-        ) from None
-    dataset = xarray.open_zarr(file.path, consolidated=False, chunks={})
-    description = json.loads(dataset.attrs["description"])
-    joints = description["joints"]
-    if "q" not in dataset:
-        sampling = from_dict(description["sampling"])
-        if sampling is None:
-            raise InputError("the map does not say where it looked", where=one_line(str(path)))
-        lazy = _Postures(sampling, len(joints))
-        chunks = (*file.chunk, len(joints))
-        dataset["q"] = (
-            (*sampling.dims, "joint"),
-            dask.array.from_array(lazy, chunks=chunks, asarray=False, meta=np.empty(0)),  # type: ignore[no-untyped-call]
-            {"long_name": "coordinates of the posture"},
-        )
-    names = [*description["quantities"], "state", "position", "q", "branches"]
-    more = dataset[["time"]].variables if "time" in dataset else {}
-    dataset = dataset[[name for name in names if name in dataset]].assign_coords(more)
-    dataset = dataset.assign_coords(joint=joints, xyz=["x", "y", "z"])
-    dataset.attrs["chunks_done"], dataset.attrs["chunks"] = len(file.done()), len(file.boxes)
-    return dataset
+def _whole(sampling: Sampling) -> dict[str, tuple[Array, str]]:
+    """Arrays in one piece, by name: values, and the dimension they belong to."""
+    found = {name: (axis.values, name) for name, axis in sampling.axes.items()}
+    if (time := getattr(sampling, "time", None)) is not None:
+        found["time"] = (time, "posture")
+    return found

@@ -124,7 +124,7 @@ def read_cloud(path: Path) -> Cloud:
     InputError
         If the file holds no positions or no quantity over them.
     """
-    from cartstiff.maps.store import open_map
+    from cartstiff.maps.opening import open_map
 
     data = open_map(path)
     where = one_line(str(path))

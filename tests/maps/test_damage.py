@@ -1,0 +1,288 @@
+"""Damaged maps: every damage is named or mended, and no other number is read."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+from tests.maps.machines import arm
+
+from cartstiff.errors import CartstiffError, InputError
+from cartstiff.maps import Axis, Grid, RandomPostures, Trajectory, compute_map, open_map
+from cartstiff.maps.store import MapFile
+
+QUANTITIES = ["translation_free_min", "condition"]
+#: Damages of each kind that are tried; "170,34,17" for each sampling takes some minutes.
+FLIPS, DELETIONS, KILLS = (int(n) for n in os.environ.get("MAP_DAMAGES", "12,6,4").split(","))
+
+
+@pytest.fixture(scope="module")
+def elastic():
+    return arm()
+
+
+def _grid(elastic):
+    a, b = elastic.names[1], elastic.names[3]
+    return Grid({a: Axis(-0.5, 0.7, 4), b: Axis(0.0, 1.1, 5)}, elastic.names, elastic.q)
+
+
+def _trajectory(elastic):
+    q = elastic.q + np.linspace(-0.2, 0.3, 18)[:, None]
+    return Trajectory(q, np.linspace(0.0, 1.0, 18))
+
+
+def _random(elastic):
+    return RandomPostures(20, 5, elastic.q - 0.3, elastic.q + 0.3)
+
+
+def _computed(elastic, sampling, file):
+    return compute_map(elastic, sampling, QUANTITIES, file, chunk=4, length=0.2)
+
+
+def _files(folder):
+    return sorted(p for p in folder.rglob("*") if p.is_file())
+
+
+def _require_true(dataset, expected):
+    """Every number that is read is the right one, or says that it has not been computed."""
+    dataset = dataset.load()
+    missing = dataset["state"].values == 255
+    assert dict(dataset.attrs) | {"chunks_done": 0} == dict(expected.attrs) | {"chunks_done": 0}
+    for name in expected.variables:
+        found, true = dataset[name], expected[name]
+        assert found.dims == true.dims
+        assert found.attrs == true.attrs
+        there = np.ones(true.shape, bool)
+        if name in expected.data_vars and name != "q":
+            there = np.broadcast_to(
+                missing.reshape(missing.shape + (1,) * (true.ndim - missing.ndim)), true.shape
+            )
+            if true.dtype.kind == "f":
+                assert np.isnan(found.values[there]).all()
+            there = ~there
+        np.testing.assert_array_equal(found.values[there], true.values[there])
+
+
+@pytest.fixture(
+    scope="module", params=[_grid, _trajectory, _random], ids=["grid", "path", "random"]
+)
+def whole(request, elastic, tmp_path_factory):
+    """A sampling, its map on disk, and its numbers."""
+    sampling = request.param(elastic)
+    file = tmp_path_factory.mktemp("whole") / "m.zarr"
+    return sampling, file, _computed(elastic, sampling, file).load()
+
+
+def _damaged_and_mended(elastic, whole, copy, damage):
+    sampling, original, expected = whole
+    shutil.copytree(original, copy)
+    damage(copy)
+    try:
+        _require_true(open_map(copy), expected)
+    except InputError as error:
+        message = str(error)
+        assert "damaged" in message or "is no map" in message or "another version" in message
+        assert "same command" in message or "schema" in message or "folder made by" in message
+    try:
+        mended = _computed(elastic, sampling, copy)
+    except InputError as error:  # the folder does not even say what map it is
+        if not any(words in str(error) for words in ("zarr.json", "version", "is no map")):
+            raise
+        shutil.rmtree(copy)
+        mended = _computed(elastic, sampling, copy)
+    assert mended.attrs["chunks_done"] == mended.attrs["chunks"]
+    _require_true(mended, expected)
+    shutil.rmtree(copy)
+
+
+def test_flipped_bits(elastic, whole, tmp_path):
+    rng = np.random.default_rng(7)
+
+    def flip(folder):
+        files = _files(folder)
+        path = files[rng.integers(len(files))]
+        data = bytearray(path.read_bytes())
+        data[rng.integers(len(data))] ^= 1 << int(rng.integers(8))
+        path.write_bytes(bytes(data))
+
+    for _ in range(FLIPS):
+        _damaged_and_mended(elastic, whole, tmp_path / "m.zarr", flip)
+
+
+def test_deleted_and_cut_files(elastic, whole, tmp_path):
+    rng = np.random.default_rng(8)
+
+    def cut(folder):
+        files = _files(folder)
+        path = files[rng.integers(len(files))]
+        if rng.integers(2):
+            path.unlink()
+        else:
+            path.write_bytes(path.read_bytes()[: -int(rng.integers(1, 5))])
+
+    for _ in range(DELETIONS):
+        _damaged_and_mended(elastic, whole, tmp_path / "m.zarr", cut)
+
+
+class _Killed(BaseException):
+    pass
+
+
+def _killed_after(monkeypatch, files):
+    """The process ends when it has written so many files."""
+    from zarr.storage import LocalStore
+
+    put, left = LocalStore.set, [files]
+
+    async def end(self, key, value):
+        if not left[0]:
+            raise _Killed
+        left[0] -= 1
+        await put(self, key, value)
+
+    monkeypatch.setattr(LocalStore, "set", end)
+
+
+def test_killed_anywhere(elastic, whole, tmp_path, monkeypatch):
+    sampling, _, expected = whole
+    rng = np.random.default_rng(9)
+    for _ in range(KILLS):
+        file = tmp_path / "m.zarr"
+        with monkeypatch.context() as patch:
+            _killed_after(patch, int(rng.integers(2, 60)))
+            with contextlib.suppress(_Killed):  # else it was whole before
+                _computed(elastic, sampling, file)
+        if file.exists():
+            _require_true(open_map(file), expected)
+        _require_true(_computed(elastic, sampling, file), expected)
+        shutil.rmtree(file)
+        for path in tmp_path.iterdir():
+            shutil.rmtree(path)
+
+
+def test_each_damage_has_its_line(elastic, whole, tmp_path):
+    _, original, _ = whole
+    file = tmp_path / "m.zarr"
+    shutil.copytree(original, file)
+    part = next(p for p in _files(file / "condition" / "c") if p.name == "1")
+    part.unlink()
+    with pytest.raises(InputError, match=r"part \d+ of \d+ is damaged: condition/c/.* is missing"):
+        open_map(file)["condition"].load()
+    (file / "state" / "zarr.json").write_text("{}")
+    with pytest.raises(InputError, match=r"a zarr.json in it does not agree.*same command"):
+        open_map(file)
+    (file / "zarr.json").write_text("[" * 5000)
+    with pytest.raises(InputError, match=r"is no map, or its zarr.json is damaged"):
+        open_map(file)
+
+
+def test_links_and_devices(whole, tmp_path):
+    _, original, _ = whole
+    for target in ("/dev/zero", str(original / "state")):
+        file = tmp_path / "m.zarr"
+        shutil.copytree(original, file)
+        inside = next(p for p in _files(file / "position") if p.name != "zarr.json")
+        inside.unlink()
+        inside.symlink_to(target)
+        with pytest.raises(InputError, match="is a link; expected files and folders only"):
+            open_map(file)
+        shutil.rmtree(file)
+    shutil.copytree(original, file)
+    os.mkfifo(file / "state" / "pipe")
+    with pytest.raises(InputError, match="is no file; expected files and folders only"):
+        open_map(file)
+
+
+def test_resuming_says_what_was_damaged(elastic, whole, tmp_path):
+    from cartstiff.maps.prepare import prepare_map
+    from cartstiff.maps.run import run_map
+
+    sampling, original, _ = whole
+    file = tmp_path / "m.zarr"
+    shutil.copytree(original, file)
+    inside = next(p for p in _files(file / "state" / "c"))
+    inside.write_bytes(b"")
+    job, map_file = prepare_map(elastic, sampling, QUANTITIES, file, chunk=4, length=0.2)
+    found = run_map(job, map_file)
+    name = inside.relative_to(file).as_posix()
+    assert found == (1, (f"{name} does not agree with its checksum",))
+    assert run_map(job, MapFile.at(file)) == (0, ())
+
+
+class Life(RuleBasedStateMachine):
+    """Write, kill, flip, delete, resume and read, in any order."""
+
+    expected = None
+
+    def __init__(self):
+        super().__init__()
+        self.folder = Path(tempfile.mkdtemp())
+        self.file = self.folder / "m.zarr"
+        self.elastic = arm()
+        self.sampling = _random(self.elastic)
+        if Life.expected is None:
+            whole = self.folder / "whole.zarr"
+            Life.expected = _computed(self.elastic, self.sampling, whole).load()
+
+    def teardown(self):
+        shutil.rmtree(self.folder)
+
+    def _compute(self):
+        try:
+            return _computed(self.elastic, self.sampling, self.file)
+        except InputError:
+            shutil.rmtree(self.file)
+            return _computed(self.elastic, self.sampling, self.file)
+
+    @initialize()
+    def write(self):
+        self._compute()
+
+    @rule(files=st.integers(0, 50))
+    def kill(self, files):
+        with pytest.MonkeyPatch.context() as patch:
+            _killed_after(patch, files)
+            with contextlib.suppress(_Killed):
+                self._compute()
+
+    @rule(which=st.integers(0, 10**6), place=st.integers(0, 10**6), bit=st.integers(0, 7))
+    def flip(self, which, place, bit):
+        files = [p for p in _files(self.folder) if p.stat().st_size]
+        if files:
+            path = files[which % len(files)]
+            data = bytearray(path.read_bytes())
+            data[place % len(data)] ^= 1 << bit
+            path.write_bytes(bytes(data))
+
+    @rule(which=st.integers(0, 10**6))
+    def delete(self, which):
+        if files := _files(self.file):
+            files[which % len(files)].unlink()
+
+    @rule()
+    def resume(self):
+        found = self._compute()
+        assert found.attrs["chunks_done"] == found.attrs["chunks"]
+        _require_true(found, Life.expected)
+
+    @invariant()
+    def read(self):
+        if not self.file.exists():
+            return
+        with contextlib.suppress(CartstiffError):
+            _require_true(open_map(self.file), Life.expected)
+
+
+TestLife = Life.TestCase
+TestLife.settings = settings(
+    max_examples=5, stateful_step_count=8, deadline=None,
+    suppress_health_check=list(HealthCheck), derandomize=True,
+)  # fmt: skip
