@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from typing import Any
 from unicodedata import category
 
 __all__ = [
@@ -49,7 +50,22 @@ def _escaped(character: str) -> str:
 
 
 class CartstiffError(Exception):
-    """Base class of every error that cartstiff raises on purpose."""
+    """Base class of every error that cartstiff raises on purpose.
+
+    It can be sent between processes with all its numbers.
+    """
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Python would call the class with the message alone, which is not what it takes.
+        return _restored, (type(self), self.args, self.__dict__.copy())
+
+
+def _restored(
+    kind: type[CartstiffError], arguments: tuple[Any, ...], state: dict[str, Any]
+) -> CartstiffError:
+    error = kind.__new__(kind, *arguments)
+    error.__dict__.update(state)
+    return error
 
 
 class InputError(CartstiffError, ValueError):

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import pinocchio as pin
@@ -127,18 +128,45 @@ def parse_xml(path: Path) -> ET.Element:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keep the C++ parsers' own messages off the terminal; errors come as exceptions."""
-    saved: list[tuple[int, int]] = []
-    for target in (1, 2):
-        with suppress(OSError):  # a stream that the caller has closed
-            saved.append((target, os.dup(target)))
-    null = os.open(os.devnull, os.O_WRONLY)
+    """Keep the C++ parsers' own messages off the terminal; errors come as exceptions.
+
+    The streams belong to the process: the first thread in turns them off, the last one out on.
+    """
+    with _QUIET.lock:
+        if not _QUIET.threads:
+            _QUIET.begin()
+        _QUIET.threads += 1
     try:
-        for target, _ in saved:
-            os.dup2(null, target)
         yield
     finally:
-        for target, copy in saved:
+        with _QUIET.lock:
+            _QUIET.threads -= 1
+            if not _QUIET.threads:
+                _QUIET.end()
+
+
+class _Quiet:
+    """Standard output and error of the process on the null device, and where they were."""
+
+    def __init__(self) -> None:
+        self.lock, self.threads = Lock(), 0
+        self.saved: list[tuple[int, int]] = []
+
+    def begin(self) -> None:
+        null = os.open(os.devnull, os.O_WRONLY)
+        try:
+            for target in (1, 2):
+                with suppress(OSError):  # a stream that the caller has closed
+                    self.saved.append((target, os.dup(target)))
+                    os.dup2(null, target)
+        finally:
+            os.close(null)
+
+    def end(self) -> None:
+        while self.saved:
+            target, copy = self.saved.pop()
             os.dup2(copy, target)
             os.close(copy)
-        os.close(null)
+
+
+_QUIET = _Quiet()

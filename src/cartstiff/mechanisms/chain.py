@@ -180,19 +180,18 @@ class ChainPosture(MechanismPosture):
             return None
         parts = self._closures
         jacobian = np.concatenate([_residual_jacobian(c, T, m.jacobian) for c, T, m in parts])
+        return Map(jacobian, self._closure_curvature)
 
-        def curvature(multipliers: Array) -> Array:
-            total = np.zeros((self.q.size, self.q.size))
-            start = 0
-            for c, _, to_pose in parts:
-                w = np.zeros(6)
-                count = c.rows.stop - c.rows.start
-                w[c.rows] = multipliers[start : start + count]
-                total += to_pose.curvature(w)
-                start += count
-            return total
-
-        return Map(jacobian, curvature)
+    def _closure_curvature(self, multipliers: Array) -> Array:
+        total = np.zeros((self.q.size, self.q.size))
+        start = 0
+        for c, _, to_pose in self._closures:
+            w = np.zeros(6)
+            count = c.rows.stop - c.rows.start
+            w[c.rows] = multipliers[start : start + count]
+            total += to_pose.curvature(w)
+            start += count
+        return total
 
     @property
     def actuation(self) -> Array | None:  # type: ignore[override]
