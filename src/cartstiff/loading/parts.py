@@ -199,6 +199,7 @@ def add_payload(tree: KinematicTree, chain: Chain, payload: PayloadModel | None)
     """Hang a point mass on the body frame."""
     if payload is not None and payload.mass > 0 and chain.body.joint > 0:
         centre = chain.body.T_j_f @ np.append(payload.com, 1.0)
+        chain.payload = payload.mass, float(tree.model.inertias[chain.body.joint].mass)
         inertia = pin.Inertia(payload.mass, centre[:3], np.zeros((3, 3)))
         tree.model.appendBodyToJoint(chain.body.joint, inertia, pin.SE3.Identity())
 

@@ -32,9 +32,10 @@ _VERSIONS = ("1.0", "1.1", "1.2")
 _SHOWN = {
     "robot": ("link", "joint"),
     "link": ("inertial",),
-    "inertial": ("origin", "mass"),
+    "inertial": ("origin", "mass", "inertia"),
     "joint": ("parent", "child", "origin", "axis", "limit", "mimic"),
 }
+_INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 # Further elements of URDF and of what is usually written into it: none bears on statics.
 _SILENT = {
     "robot": ("material", "gazebo", "transmission", "ros2_control", "sensor", "group"),
@@ -42,7 +43,6 @@ _SILENT = {
         "visual", "collision", "material", "gazebo", "sensor", "contact", "surface", "gravity",
         "kinematic", "self_filter", "self_collision_checking", "collision_checking",
     ),
-    "inertial": ("inertia",),
     "joint": ("dynamics", "calibration", "safety_controller", "gazebo"),
 }  # fmt: skip
 # All attributes of the elements that are shown, and such as are met in the wild.
@@ -396,7 +396,25 @@ def _check_inertial(link: ET.Element, what: str, refuse: Any) -> None:
         raise refuse(f"{what}: inertial has no mass")
     if mass[0] < 0:
         raise refuse(f"{what}: mass is negative", got=f"{mass[0]:g}")
-    # Statics needs masses and centres only; rotational inertia is set to zero so that files
-    # without it, or with an impossible one, serve as well.
-    zero = dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0")
-    ET.SubElement(inertial, "inertia", zero)
+    # Statics needs masses and centres only: a file without rotational inertia, or with an
+    # impossible one, serves as well, with none.
+    inertia = inertial.find("inertia")
+    if inertia is not None and _is_possible(inertia):
+        return
+    if inertia is not None:
+        inertial.remove(inertia)
+    ET.SubElement(inertial, "inertia", dict.fromkeys(_INERTIA, "0"))
+
+
+def _is_possible(inertia: ET.Element) -> bool:
+    """Whether six numbers are the inertia of some body: principal ones keep the triangle rule."""
+    try:
+        xx, xy, xz, yy, yz, zz = (float(inertia.get(key, "")) for key in _INERTIA)
+    except ValueError:
+        return False
+    matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    if not np.isfinite(matrix).all() or np.abs(matrix).max() > LARGEST_NUMBER:
+        return False
+    small, middle, large = np.linalg.eigvalsh(matrix)
+    # Printed digits: thin plates meet the rule with equality.
+    return bool(small >= 0.0 and small + middle >= (1.0 - 1e-3) * large)

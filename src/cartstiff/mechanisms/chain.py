@@ -272,6 +272,8 @@ class Chain(Mechanism):
         if not is_pose(T):
             raise InputError("frame offset is not a rigid motion", got=T.tolist())
         self.body = Placement(at.joint, at.T_j_f @ T)
+        #: Mass [kg] of what hangs on the body and is no link, and that of the links there.
+        self.payload: tuple[float, float] | None = None
         self.world = WORLD
         for closure in self.closures:
             for name in (closure.frame_a, closure.frame_b):
@@ -294,6 +296,16 @@ class Chain(Mechanism):
         other.tree = self.tree.with_placements(placements)
         other.body = Placement(self.body.joint, np.array(T_j_M, float))
         return other
+
+    def masses(self) -> dict[str, float]:
+        """Masses [kg] of what each joint carries, by its first link, and of the payload."""
+        own, _ = self.tree.masses()
+        found = {name: float(own[j - 1]) for j, name in sorted(self.tree.links().items())}
+        if self.payload is None:
+            return found
+        hung, bare = self.payload
+        carrier = self.tree.links().get(self.body.joint)
+        return found | ({} if carrier is None else {carrier: bare}) | {"payload": hung}
 
     def at(self, q: ArrayLike) -> ChainPosture:
         """Posture at coordinates q (n,)."""

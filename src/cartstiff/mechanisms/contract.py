@@ -122,6 +122,10 @@ class Mechanism(ABC):
         """Coordinates near `q_start` that satisfy the closures."""
         return self.closed(q_start).q
 
+    def masses(self) -> dict[str, float]:
+        """Masses [kg] of what the coordinates move, by link, and of the "payload"."""
+        return {}
+
     def moved(self, q: Array, step: Array) -> Array:
         """Coordinates after a small step in the coordinates that derivatives are taken in."""
         return q + step

@@ -182,6 +182,10 @@ class Platform(Mechanism):
         """Coordinates after a small body twist `step`."""
         return self.coordinates_of(self.pose_of(q) @ se3.exp(step))
 
+    def masses(self) -> dict[str, float]:
+        """Mass [kg] of the platform with its payload."""
+        return {self.frame: self.mass}
+
     def leg_lengths(self, q: ArrayLike) -> Array:
         """Lengths of the legs at a pose."""
         return self.at(q).lines.lengths

@@ -174,6 +174,14 @@ class KinematicTree:
         centres = np.array([np.array(body.lever) for body in inertias]).reshape(-1, 3)
         return np.array([body.mass for body in inertias]), centres
 
+    def links(self) -> dict[int, str]:
+        """Name of the (first) link or site on each joint that carries one, by index from 1."""
+        names: dict[int, str] = {}
+        for name, placement in self.frames.items():
+            if placement.joint > 0:
+                names.setdefault(placement.joint, name)
+        return names
+
     def at(self, q: Array) -> TreeState:
         """Kinematics at coordinates q (n,)."""
         return TreeState(self, q)

@@ -82,6 +82,8 @@ class DeadForce(Load):
         Point of application in frame b.
     frame_b : str
         Frame that carries the point.
+    mass : float
+        Of what the force is the weight, for reports; 0 for any other force.
 
     Raises
     ------
@@ -92,6 +94,7 @@ class DeadForce(Load):
     force: Array
     point: Array | Sequence[float] = (0.0, 0.0, 0.0)
     frame_b: str = "body"
+    mass: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "force", _numbers(self.force, 3, "force"))
@@ -217,4 +220,4 @@ def payload(
     if not checked_number(mass, "payload mass") >= 0.0:
         raise InputError("payload mass cannot be used", expected="a number from zero", got=mass)
     weight = mass * _numbers(acceleration, 3, "acceleration")
-    return DeadForce(weight, real_array(point), frame_b)
+    return DeadForce(weight, real_array(point), frame_b, float(mass))

@@ -104,6 +104,16 @@ _ANALYSIS: dict[str, Any] = {
         },
         "the load's behaviour and the tangent stiffness that follows from it",
     ),
+    "gravity": {
+        "type": ["array", "null"], "items": {"type": "number"},
+        "description": "acceleration in F; null without gravity",
+    },
+    "weighed": {
+        "type": "array",
+        "description": "what gravity acts on: links that joints carry (by the first of each), the "
+        "payload, and payloads among the loads, which have a weight of their own",
+        "items": _object({"name": _text("link"), "mass": {"type": "number", "description": "kg"}}),
+    },
     "energy": {
         "type": ["number", "null"],
         "description": "stored energy; null if a load has no potential",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cartstiff.geometry import se3
+from cartstiff.mechanisms.weighed import weighed
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.tensor import format_matrix
 
@@ -54,6 +55,7 @@ def describe(result: PostureStiffness, analysis: str = "") -> str:
             x, y, z = result.load.at
             at = f"({x:g}, {y:g}, {z:g}) {units.length}" if any(result.load.at) else "the origin"
             lines.append(f"  taken as a {result.load.kind} load at {at}: {result.load.words}")
+    lines.append(weighed(elastic).text)
     if np.isfinite(result.energy):
         lines.append(f"  stored energy {result.energy:.6g} {units.moment}")
     lines.append("")

@@ -74,6 +74,7 @@ def describe_curve(curve: LoadCurve) -> str:
     lines = [
         f"Load-deflection curve of {curve.elastic.name}: {len(curve.factors)} equilibria, "
         f"ended: {curve.reason}",
+        curve.weighed.text,
         "",
         f"  {'factor':>10} {'x ' + length:>12} {'y ' + length:>12} {'z ' + length:>12} "
         f"{'off linear':>11}  stability",
@@ -103,12 +104,25 @@ def describe_curve(curve: LoadCurve) -> str:
     return "\n".join(lines)
 
 
+def _carried(path: CompensatedPath) -> str:
+    """What commands without compensation carry already."""
+    springs = path.elastic.springs
+    if path.weighed.acceleration is None or springs is None:
+        return ""
+    return (
+        "; part of the error before compensation"
+        if springs.is_complete
+        else "; carried by the commands before compensation as well (open rest positions)"
+    )
+
+
 def describe_path(path: CompensatedPath) -> str:
     """Errors before and after compensation, and where the commands are."""
     units = path.elastic.units
     summary = path.summary()
     lines = [
         f"Deflection compensation of {path.elastic.name} along {len(path.q)} postures",
+        path.weighed.text + _carried(path),
         "",
         f"  {'':<22} {'before':>14} {'after':>14}",
     ]

@@ -11,6 +11,7 @@ import numpy as np
 from cartstiff.errors import printable
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.weighed import Weighed
 from cartstiff.statics.held import COMPONENTS
 from cartstiff.stiffness.compute import SCHEMA
 
@@ -30,12 +31,16 @@ class CompensatedPath:
     commands : ndarray (m, k)
         Rest positions to command, in spring order (joints; legs of a platform).
     naive : ndarray (m, k)
-        Rest positions without compensation: those at which the springs carry nothing.
+        Rest positions without compensation: those at which the mechanism is at rest at the posture
+        without the loads, as for `equilibrium`; of springs whose rest position the file gives,
+        those at which they carry nothing.
     before, after : ndarray (m, 6)
         Error of the loaded end-effector, rotation vector and translation in axes of F, with the
         naive and with the compensated commands; NaN where no equilibrium was found.
     stable : tuple of bool or None
         Whether the compensated equilibrium is stable.
+    weighed : Weighed
+        What gravity acts on, and payloads among the loads of the first point.
     notes : tuple of Note
         Commands beyond limits, points without an equilibrium or with an unstable one.
     """
@@ -48,6 +53,7 @@ class CompensatedPath:
     before: Array
     after: Array
     stable: tuple[bool | None, ...]
+    weighed: Weighed
     notes: tuple[Note, ...]
 
     @property
@@ -82,6 +88,7 @@ class CompensatedPath:
         return {
             "schema": SCHEMA,
             "units": self.elastic.units.as_dict(),
+            **self.weighed.as_dict(),
             "springs": list(self.elastic.spring_names),
             "poses": self.poses.tolist(),
             "q": self.q.tolist(),

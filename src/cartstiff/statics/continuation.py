@@ -17,6 +17,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits, limit_notes
+from cartstiff.mechanisms.weighed import weighed
 from cartstiff.numerics import IDLE
 from cartstiff.potentials.contract import Potential
 from cartstiff.statics.critical import CriticalPoint, crossings
@@ -97,7 +98,11 @@ def load_curve(
     upwards = np.zeros(start.point.posture.coordinate_lengths.size + 1)
     upwards[-1] = np.sign(to)
     origin = path.state(start.point.q, 0.0, upwards)
-    notes = (*elastic.notes, *limit_notes(elastic.mechanism, elastic.mechanism.at(q), _START))
+    notes = (
+        *elastic.notes,
+        *limit_notes(elastic.mechanism, elastic.mechanism.at(q), _START),
+        *weighed(elastic).notes,
+    )
     seed = LoadCurve(
         elastic, np.zeros(1), origin.point.q[None], np.zeros((1, 6)), np.zeros((1, 6)),
         np.zeros(1), (None,), (), "lost", notes, path, limits, origin.point.posture.pose,

@@ -13,6 +13,7 @@ from cartstiff.errors import printable
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.limits import Limits
+from cartstiff.mechanisms.weighed import Weighed, weighed
 from cartstiff.statics.critical import CriticalPoint
 from cartstiff.statics.held import COMPONENTS
 from cartstiff.statics.path import LoadPath
@@ -70,6 +71,11 @@ class LoadCurve:
     _back: float
     _resolution: float
 
+    @property
+    def weighed(self) -> Weighed:
+        """What gravity acts on, and payloads among the loads (at factor 1)."""
+        return weighed(self.elastic, (*self._path.system.loads, *self._path.loads))
+
     @cached_property
     def deviation(self) -> Array:
         """Distance of the linear prediction from the curve over the displacement, (m,).
@@ -100,6 +106,7 @@ class LoadCurve:
             "schema": SCHEMA,
             "units": self.elastic.units.as_dict(),
             "joints": list(self.elastic.names),
+            **self.weighed.as_dict(),
             "factor": self.factors.tolist(),
             "q": self.q.tolist(),
             "displacement": self.displacement.tolist(),

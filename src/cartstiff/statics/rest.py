@@ -14,6 +14,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture, Units
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.limits import limit_notes
+from cartstiff.mechanisms.weighed import weighed
 from cartstiff.numerics import EPSILON, IDLE
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.springs import JointSprings
@@ -206,6 +207,7 @@ def state_of_rest(
     if not len(system.limits):
         notes += limit_notes(system.elastic.mechanism, point.posture, "at rest: ")
     notes += system.elastic.remarks(point.posture)
+    notes += weighed(system.elastic).notes
     notes += _drowned(system.elastic, point)
     reactions = _reactions(system, solution)
     for name, force in reactions.limits.items():

@@ -21,8 +21,10 @@ from numpy.typing import ArrayLike
 from cartstiff.arrays import checked_array, is_pose
 from cartstiff.errors import CartstiffError, ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.limits import Limits, finite, limit_notes
+from cartstiff.mechanisms.weighed import weighed
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import DeadWrench, FollowerWrench
 from cartstiff.statics.compensation import CompensatedPath
@@ -96,9 +98,11 @@ def compensate(
         stable.append(_verdict(elastic, rest, acting, q, index, notes))
         _note_limits(elastic, rest, index, notes)
         notes += limit_notes(elastic.mechanism, elastic.mechanism.at(q), f"point {index + 1}: ")
+    mass = weighed(elastic, loads[0])
+    notes += mass.notes
     return CompensatedPath(
         elastic, np.array(poses), postures, np.array(commands), np.array(unloaded),
-        np.array(before), np.array(after), tuple(stable), tuple(notes),
+        np.array(before), np.array(after), tuple(stable), mass, tuple(notes),
     )  # fmt: skip
 
 
@@ -147,10 +151,21 @@ def _loads(
 
 
 def _naive_rest(elastic: ElasticMechanism, q: Array) -> Array:
-    """Rest positions at which the springs carry nothing at q."""
+    """Rest positions that put the mechanism at q without the loads, as `equilibrium` begins.
+
+    Springs whose rest position is open carry gravity there; the others are at rest themselves.
+    """
+    posture = elastic.mechanism.at(q)
+    rest, balanced = _idle_rest(elastic, posture), elastic.balanced(posture).springs
+    if elastic.springs is None or balanced is None:  # refused at the start
+        raise InputError(f"{elastic.name} has no springs")
+    return np.where(np.isnan(elastic.springs.rest), balanced.rest, rest)
+
+
+def _idle_rest(elastic: ElasticMechanism, posture: MechanismPosture) -> Array:
+    """Rest positions at which the springs carry nothing."""
     if elastic.springs is None:  # refused at the start
         raise InputError(f"{elastic.name} has no springs")
-    posture = elastic.mechanism.at(q)
     n = posture.motion.jacobian.shape[1]
     return elastic.springs.balanced(posture, np.zeros(n), every=True).rest
 
@@ -166,10 +181,10 @@ def _balancing_rest(
     torque = np.zeros(columns.size)
     for term in (*elastic.terms(springs=False), *loads):
         torque -= term.evaluate(posture).gradient
-    naive = _commanded(elastic, _naive_rest(elastic, q)).springs
+    idle = _commanded(elastic, _idle_rest(elastic, posture)).springs
     # Rows that the springs reach: what their stiffness acts on.
-    reach = np.zeros((columns.size, columns.size)) if naive is None else (
-        naive.evaluate(posture).hessian * columns[:, None] * columns
+    reach = np.zeros((columns.size, columns.size)) if idle is None else (
+        idle.evaluate(posture).hessian * columns[:, None] * columns
     )  # fmt: skip
     U, values, _ = np.linalg.svd(reach)
     deaf = U[:, values <= 1e-12 * values.max(initial=1e-300)]

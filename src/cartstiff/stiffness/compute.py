@@ -25,6 +25,7 @@ from cartstiff.mechanisms.chain import OWN_COORDINATES
 from cartstiff.mechanisms.contract import MechanismPosture, named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.limits import limit_notes
+from cartstiff.mechanisms.weighed import weighed
 from cartstiff.potentials.contract import Evaluation, Map
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 from cartstiff.stiffness.in_frame import StiffnessInFrame, stiffness_in_frame
@@ -138,6 +139,7 @@ def analyse(
     notes += _near_singular(posture, reduction)
     notes += elastic.remarks(posture)
     notes += limit_notes(elastic.mechanism, posture)
+    notes += weighed(elastic).notes
     result = PostureStiffness(
         elastic, posture.q, posture, energy, reduction, tuple(notes), kind,
         given is not None and bool(given.any()),
@@ -571,6 +573,7 @@ class PostureStiffness:
             "jacobian": plain(self.jacobian),
             "wrench": plain(self.wrench),
             "load": self.load_as_dict(),
+            **weighed(self.elastic).as_dict(),
             "energy": None if np.isnan(self.energy) else self.energy,
             "stiffness": {name: plain(K) for name, K in self.matrices.items()},
             "compliance": {name: plain(C) for name, C in self.compliances.items()},

@@ -1,0 +1,81 @@
+"""What gravity acts on: said in one place for every report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.potentials.contract import Potential
+from cartstiff.potentials.loads import DeadForce
+
+__all__ = ["Weighed", "weighed"]
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """What was weighed.
+
+    Attributes
+    ----------
+    acceleration : tuple of float or None
+        Of the uniform field, in F; None without gravity.
+    bodies : mapping of str to float
+        Mass of what each joint carries [kg], by the name of the (first) link; the payload of the
+        mechanism's file under "payload". Empty without gravity.
+    massless : tuple of str
+        Links that move and have no mass, if there is gravity.
+    payload : float
+        Mass [kg] of the payloads among the loads, which have a weight of their own.
+    """
+
+    acceleration: tuple[float, ...] | None
+    bodies: Mapping[str, float]
+    massless: tuple[str, ...]
+    payload: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON: keys "gravity" and "weighed"."""
+        parts = [{"name": name, "mass": mass} for name, mass in self.bodies.items()]
+        if self.payload:
+            parts.append({"name": "payload among the loads", "mass": self.payload})
+        return {
+            "gravity": None if self.acceleration is None else list(self.acceleration),
+            "weighed": parts,
+        }
+
+    @property
+    def text(self) -> str:
+        """One line for people."""
+        if self.acceleration is None:
+            words = "Gravity: none"
+        else:
+            field = ", ".join(f"{a:g}" for a in self.acceleration)
+            each = ", ".join(f"{name} {mass:.6g}" for name, mass in self.bodies.items())
+            total = sum(self.bodies.values())
+            words = f"Gravity: ({field}) on {total:.6g} kg" + (f" ({each})" if each else "")
+        return words + (f"; load: payload of {self.payload:.6g} kg" if self.payload else "")
+
+    @property
+    def notes(self) -> list[Note]:
+        """Names links without mass, where gravity acts."""
+        if not self.massless:
+            return []
+        words = f"gravity acts, and these have no mass: {', '.join(self.massless)}"
+        return [Note("massless", words, {"links": list(self.massless)})]
+
+
+def weighed(elastic: ElasticMechanism, loads: Sequence[Potential] = ()) -> Weighed:
+    """What gravity acts on in a mechanism, and the payloads among its loads."""
+    acting = (*elastic.potentials, *loads)
+    payload = sum(load.mass for load in acting if isinstance(load, DeadForce))
+    if elastic.gravity is None:
+        return Weighed(None, {}, (), payload)
+    masses = elastic.mechanism.masses()
+    return Weighed(
+        tuple(map(float, elastic.gravity)),
+        {name: mass for name, mass in masses.items() if mass > 0.0},
+        tuple(name for name, mass in masses.items() if not mass > 0.0),
+        payload,
+    )

@@ -1,0 +1,147 @@
+"""What gravity acts on is said by every report, and the same in all modes of a command."""
+
+from __future__ import annotations
+
+import json
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from tests.support import robot_file
+
+import cartstiff
+from cartstiff.mechanisms.weighed import weighed
+from cartstiff.potentials.loads import DeadForce, payload
+from cartstiff.report.posture import describe
+from cartstiff.report.statics import describe_curve, describe_equilibrium, describe_path
+from cartstiff.statics.continuation import load_curve
+from cartstiff.statics.equilibrium import equilibrium
+from cartstiff.statics.toolpath import compensate
+
+GRAVITY = np.array([0.0, 0.0, -9.81])
+Q = [0.3, -1.1, 1.4, -0.7, 0.9, 0.2]
+LOAD = DeadForce([10.0, 0.0, -50.0])
+
+
+def masses_of_urdf():
+    """Masses of the UR5's file, those of its fixed base left out."""
+    links = ET.parse(robot_file("ur_description/urdf/ur5_robot.urdf")).getroot().findall("link")
+    found = {k.get("name"): k.find("inertial/mass") for k in links}
+    return {
+        name: float(mass.get("value"))
+        for name, mass in found.items()
+        if mass is not None and name != "base_link" and float(mass.get("value")) > 0.0
+    }
+
+
+def heavy(**file):
+    text = {"kind": "serial", "model": "ur5", "frame": "tool0", "gravity": GRAVITY.tolist(), **file}
+    robot_file("ur_description/urdf/ur5_robot.urdf")
+    return text
+
+
+@pytest.fixture
+def arm(tmp_path):
+    path = tmp_path / "arm.yaml"
+    path.write_text(json.dumps(heavy(payload={"mass": 5.0, "com": [0.0, 0.0, 0.1]})))
+    return cartstiff.load(path)
+
+
+def test_links_and_payload_by_their_file(arm):
+    found = weighed(arm)
+    assert found.bodies == masses_of_urdf() | {"payload": 5.0}
+    assert found.massless == ()
+    assert found.as_dict()["gravity"] == GRAVITY.tolist()
+    assert weighed(replace(arm, gravity=None)).text == "Gravity: none"
+
+
+def test_the_weight_itself(arm):
+    """What is said to be weighed is what pulls: the base joint's posture moved up by one metre."""
+    mechanism = arm.mechanism
+    energy = mechanism.at(Q).gravity(GRAVITY).energy
+    model = mechanism.tree.model.copy()
+    model.jointPlacements[1] = pin.SE3(np.eye(3), np.array([0.0, 0.0, 1.0])) * pin.SE3(
+        model.jointPlacements[1]
+    )
+    data = model.createData()
+    model.gravity = pin.Motion(np.concatenate([GRAVITY, np.zeros(3)]))
+    raised = pin.computePotentialEnergy(model, data, np.array(Q))
+    total = sum(weighed(arm).bodies.values())
+    assert raised - energy == pytest.approx(9.81 * total, rel=1e-12)
+
+
+def test_gravity_is_the_same_for_one_posture_and_for_a_path(arm):
+    """Open rest positions carry gravity in both: only the load moves the body."""
+    state = equilibrium(arm, LOAD, q0=Q, limits=False)
+    path = compensate(arm, [Q], [LOAD])
+    assert path.before[0] == pytest.approx(state.displacement, rel=1e-9, abs=1e-14)
+    assert np.abs(path.after).max() < 1e-12
+    # The change of the command balances the load alone.
+    posture = arm.mechanism.at(Q)
+    slope = LOAD.evaluate(posture).gradient
+    assert path.offsets[0] == pytest.approx(slope / arm.springs.stiffness, rel=1e-9, abs=1e-13)
+    without = compensate(replace(arm, gravity=None), [Q], [LOAD])
+    assert np.linalg.norm(without.before - path.before) < 0.05 * np.linalg.norm(path.before)
+
+
+def test_springs_with_rest_positions_sag_under_gravity_in_both(arm):
+    """With the rest positions at the posture, gravity is part of the way in both modes."""
+    given = arm.with_springs(rest=Q)
+    state = equilibrium(given, LOAD, q0=Q, limits=False)
+    path = compensate(given, [Q], [LOAD])
+    assert path.before[0] == pytest.approx(state.displacement, rel=1e-9)
+    assert np.linalg.norm(path.before[0, 3:]) > 0.005
+
+
+def test_every_report_says_what_was_weighed(arm):
+    hung = payload(2.0, GRAVITY)
+    results = [
+        (cartstiff.analyse(arm, Q), describe),
+        (equilibrium(arm, hung, q0=Q), describe_equilibrium),
+        (load_curve(arm, hung, q0=Q), describe_curve),
+        (compensate(arm, [Q], [hung]), describe_path),
+    ]
+    for result, text in results:
+        data = json.loads(json.dumps(result.as_dict()))
+        names = {part["name"]: part["mass"] for part in data["weighed"]}
+        assert names["upper_arm_link"] == masses_of_urdf()["upper_arm_link"]
+        assert names["payload"] == 5.0
+        assert data["gravity"] == GRAVITY.tolist()
+        assert "Gravity: (0, 0, -9.81) on 21.9939 kg" in text(result)
+        if text is not describe:
+            assert names["payload among the loads"] == 2.0
+            assert "payload of 2 kg" in text(result)
+    light = cartstiff.analyse(replace(arm, gravity=None), Q)
+    assert light.as_dict()["gravity"] is None
+    assert light.as_dict()["weighed"] == []
+    assert "Gravity: none" in describe(light)
+
+
+def test_links_without_mass_are_named():
+    elastic = replace(cartstiff.load("3-rrr"), gravity=GRAVITY)
+    found = weighed(elastic)
+    notes = {n.code: n for n in cartstiff.analyse(elastic).notes}
+    assert found.massless
+    assert notes["massless"].values["links"] == list(found.massless)
+    assert "massless" not in {n.code for n in cartstiff.analyse(cartstiff.load("3-rrr")).notes}
+
+
+def test_a_platform_weighs_its_payload():
+    elastic = replace(cartstiff.load("hexapod"), gravity=GRAVITY)
+    assert weighed(elastic).massless == ("platform",)
+
+
+def test_rotational_inertia_of_a_file_is_kept():
+    """Mass matrix by Pinocchio's own reading of the same file."""
+    path = robot_file("panda_description/urdf/panda.urdf")
+    elastic = cartstiff.load("panda")
+    own = pin.buildModelFromUrdf(path)
+    n = len(elastic.q)
+    q = pin.neutral(own)
+    q[:n] = elastic.q
+    full = pin.crba(own, own.createData(), q)
+    full = np.triu(full) + np.triu(full, 1).T
+    # The fingers lie still in both: what they carry moves with the hand.
+    assert elastic.mechanism.at(elastic.q).mass_matrix() == pytest.approx(full[:n, :n], rel=1e-9)
