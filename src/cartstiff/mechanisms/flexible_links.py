@@ -12,7 +12,15 @@ from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["SEGMENT", "VIRTUAL", "Give", "LinkSpring", "masses_by_side", "springs_by_joint"]
+__all__ = [
+    "SEGMENT",
+    "UNFRAMED",
+    "VIRTUAL",
+    "Give",
+    "LinkSpring",
+    "masses_by_side",
+    "springs_by_joint",
+]
 
 #: Virtual joints of a link with a spring, in order: name suffix and kind.
 VIRTUAL = (("px", "PX"), ("py", "PY"), ("pz", "PZ"), ("rx", "RX"), ("ry", "RY"), ("rz", "RZ"))
@@ -21,6 +29,10 @@ SEGMENT = (
     ("near_ry", "RY"), ("near_rz", "RZ"), ("px", "PX"), ("rx", "RX"), ("far_rz", "RZ"),
     ("far_ry", "RY"),
 )  # fmt: skip
+
+
+#: Stands for a joint without a frame, as models put together by hand have: links carry it.
+UNFRAMED = -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +104,7 @@ def springs_by_joint(model: pin.Model, flexible: Mapping[str, Give]) -> dict[int
 
 
 def _carried(model: pin.Model, link: int) -> frozenset[int]:
-    """Indices of the frames that hang on a link, directly or through others."""
+    """Indices of the frames that hang on a link, directly or through others; and `UNFRAMED`."""
     frames = list(model.frames)
     joint, base = int(frames[link].parentJoint), int(frames[link].parentFrame)
     alone = [
@@ -102,12 +114,12 @@ def _carried(model: pin.Model, link: int) -> frozenset[int]:
     ]
     moved = frames[base].type == pin.FrameType.JOINT or base == 0
     if moved and alone == [link]:  # the link that the joint itself moves: all else hangs on it
-        return frozenset(range(len(frames))) - {link, base}
+        return frozenset(range(UNFRAMED, len(frames))) - {link, base}
     carried = {link}
     for k, frame in enumerate(frames):  # parents stand before their children
         if k > 0 and int(frame.parentFrame) in carried:
             carried.add(k)
-    return frozenset(carried - {link})
+    return frozenset(carried - {link} | {UNFRAMED})
 
 
 def masses_by_side(
@@ -123,7 +135,7 @@ def masses_by_side(
         return [(near[joint], whole)]
     # Pinocchio keeps the masses of fixed links with their frames, that of the moved link does not.
     beyond = pin.Inertia.Zero()
-    for k in springs[joint].carried:
+    for k in springs[joint].carried - {UNFRAMED}:
         if model.frames[k].parentJoint == joint and model.frames[k].inertia.mass > 0:
             beyond += model.frames[k].placement.act(model.frames[k].inertia)
     return [(near[joint], whole - beyond), (at[joint], beyond)]

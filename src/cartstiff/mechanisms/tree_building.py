@@ -17,7 +17,7 @@ from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Coordinate
-from cartstiff.mechanisms.flexible_links import Give, masses_by_side, springs_by_joint
+from cartstiff.mechanisms.flexible_links import UNFRAMED, Give, masses_by_side, springs_by_joint
 from cartstiff.mechanisms.tree import WORLD, KinematicTree, Placement
 
 __all__ = ["expansion", "extended", "find_frame", "merged", "plain_tree"]
@@ -204,7 +204,7 @@ def plain_tree(
         int(f.parentJoint): k for k, f in enumerate(model.frames) if f.type == pin.FrameType.JOINT
     }
     for i in range(1, model.njoints):
-        parent, T_p = side(frame_of.get(i, 0), int(model.parents[i]))
+        parent, T_p = side(frame_of.get(i, UNFRAMED), int(model.parents[i]))
         if i not in kept:
             at[i] = (parent, T_p @ data.liMi[i].homogeneous)
         else:
