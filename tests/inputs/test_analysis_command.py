@@ -146,6 +146,55 @@ def test_tolerances(run: Callable[..., str], analysis: Callable[..., dict[str, A
     assert "Uncertainty from stiffness 5 % (20 samples; standard deviations)" in text
 
 
+def wanted(**keys: Any) -> str:
+    """A target for the cubic platform, as JSON."""
+    return json.dumps({"matrix": np.diag([1e5, 1e5, 2e5, 1e6, 2e6, 1e6]).tolist()} | keys)
+
+
+def test_a_target_says_its_order_units_and_frame(
+    analysis: Callable[..., dict[str, Any]], workplace: Path
+) -> None:
+    """The same target in SI, in mm and kN, and with translation first: the same legs."""
+    K = np.array(json.loads(wanted())["matrix"])
+    swap = [3, 4, 5, 0, 1, 2]
+    # 1 N m/rad is 1 kN mm/rad, 1 N/m is 1e-6 kN/mm.
+    in_mm = K * np.diag([1.0, 1, 1, 1e-6, 1e-6, 1e-6])
+    files = {
+        "plain.json": wanted(),
+        "frame.json": wanted(frame="platform", order="angular-linear"),
+        "swapped.json": wanted(matrix=K[swap][:, swap].tolist(), order="linear-angular"),
+        "mm.json": wanted(matrix=in_mm.tolist(), units={"length": "mm", "force": "kN"}),
+    }
+    found = []
+    for name, text in files.items():
+        (workplace / name).write_text(text)
+        found.append(analysis("cubic", "--target", name)["synthesis"]["target"])
+    np.savetxt(workplace / "swapped.csv", K[swap][:, swap], delimiter=",")
+    by_option = ("--target", "swapped.csv", "--target-order", "linear-angular")
+    found.append(analysis("cubic", *by_option)["synthesis"]["target"])
+    for other in found[1:]:
+        np.testing.assert_allclose(other["matrix"], found[0]["matrix"], rtol=1e-12)
+    assert [f["order_from"] for f in found] == ["default", "file", "file", "default", "option"]
+    assert {f["order"] for f in found[:2]} == {"angular-linear"}
+
+
+def test_a_target_with_translation_first_is_noticed(
+    refused: Callable[..., str], run: Callable[..., str], workplace: Path
+) -> None:
+    K = np.diag([5e6, 5e6, 2e6, 2e2, 2e2, 1e2])
+    np.savetxt(workplace / "a.csv", K, delimiter=",")
+    words = ("--target a.csv", "translation came before rotation", "--target-order linear-angular")
+    refused("analyse", "cubic", "--target", "a.csv", words=words)
+    out = run("cubic", "--target", "a.csv", "--target-order", "linear-angular")
+    assert "(linear-angular by option)" in out
+    assert run("cubic", "--target", "a.csv", "--target-order", "angular-linear")
+    np.savetxt(workplace / "b.csv", K[::-1, ::-1], delimiter=",")
+    assert "(angular-linear by default)" in run("cubic", "--target", "b.csv")
+    (workplace / "c.json").write_text(wanted(order="linear-angular"))
+    option = ("--target", "c.json", "--target-order", "angular-linear")
+    refused("analyse", "cubic", *option, words=("--target-order", "expected linear-angular"))
+
+
 @pytest.mark.parametrize("suffix", [".json", ".csv", ".npy"])
 def test_target_files(
     analysis: Callable[..., dict[str, Any]], run: Callable[..., str], tmp_path: Path, suffix: str
@@ -195,6 +244,7 @@ def test_output_file_holds_the_analysis(run: Callable[..., str], workplace: Path
         (("--tolerance", "0.1", "--samples", "-1"), ("--samples",)),
         (("--target", "missing.csv"), ("--target missing.csv", "cannot be read")),
         (("--target", "matrix.txt"), ("--target", "unknown file ending")),
+        (("--target-order", "angular-linear"), ("--target-order", "is for --target")),
     ],
 )
 def test_refusals(
@@ -214,6 +264,12 @@ def test_refusals(
         ("a.npy", "text", "does not hold a matrix"),
         ("a.csv", "\n".join(["1,2,3,4,5,6"] * 6), "matrix is not symmetric"),
         ("a.csv", "\n".join(["inf,2,3,4,5,6"] * 6), "does not hold a matrix"),
+        ("a.json", wanted(order="moment first"), "unknown order"),
+        ("a.json", wanted(units={"length": "cubit"}), "unknown length unit"),
+        ("a.json", wanted(units={"angle": "deg"}), "unknown unit of angles"),
+        ("a.json", wanted(units="mm"), "units cannot be used"),
+        ("a.json", wanted(frame="tool7"), "another frame"),
+        ("a.json", wanted(frame=3), "frame is not a name"),
     ],
 )
 def test_refused_targets(

@@ -275,3 +275,21 @@ def test_process_where_text_is_ascii() -> None:
     done = process("analyse", "Größe.urdf", env={"PYTHONIOENCODING": "ascii"})
     assert (done.returncode, done.stderr) == (0, "")
     assert "serial, body frame" in done.stdout
+
+
+def test_joints_that_are_still_assumed_are_named(accepted: Accepted) -> None:
+    Path("arm.urdf").write_text(ARM, encoding="utf-8")
+
+    def note(*options: str) -> dict[str, Any] | None:
+        notes = accepted("arm.urdf", *options)["notes"]
+        return next((n for n in notes if n["code"] == "stiffness-assumed"), None)
+
+    every, one = note(), note("--stiffness", "j2=50")
+    assert every is not None
+    assert every["values"]["joints"] == ["j1", "j2"]
+    assert one is not None
+    assert one["values"]["joints"] == ["j1"]
+    assert "10000 N m/rad" in one["message"]
+    assert "taken for j1 and" in one["message"]
+    assert note("--stiffness", "j2=50,j1=40") is None
+    assert note("--stiffness", "50") is None

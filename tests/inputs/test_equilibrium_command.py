@@ -223,13 +223,24 @@ def test_other_pictures(ending: str, start: bytes, run: Run) -> None:
     assert Path(f"a.{ending}").read_bytes().startswith(start)
 
 
-def test_a_curve_keeps_what_is_held(answer: Any) -> None:
-    push = ["five-bar", "--load", "0,0,0,0,-100,0", "--world", "--curve", "1"]
+@pytest.mark.parametrize("axes", ["body", "world"])
+def test_a_curve_keeps_what_is_held(answer: Any, axes: str) -> None:
+    push = ["five-bar", "--load", "0,0,0,0,-100,0", "--curve", "1"]
+    push += ["--world"] if axes == "world" else []
     free, held = answer(*push), answer(*push, "--hold", "x=0")
     R = cartstiff.analyse(cartstiff.load("five-bar")).pose[:3, :3]
-    along = np.array(held["displacement"])[:, 3:] @ R[:, 0]
-    np.testing.assert_allclose(along, 0, atol=1e-12)
-    assert np.abs(np.array(free["displacement"])[:, 3:] @ R[:, 0]).max() > 1e-4
+    x, other = (R[:, 0], np.eye(3)[0]) if axes == "body" else (np.eye(3)[0], R[:, 0])
+    np.testing.assert_allclose(np.array(held["displacement"])[:, 3:] @ x, 0, atol=1e-12)
+    assert np.abs(np.array(free["displacement"])[:, 3:] @ x).max() > 1e-5
+    assert np.abs(np.array(held["displacement"])[:, 3:] @ other).max() > 1e-4
+
+
+def test_hold_is_along_the_world_where_the_load_is(answer: Any) -> None:
+    """The tool of the UR5 is turned: held along z of the world, along no axis of its own."""
+    found = answer("ur5", "--hold", "z=-0.002", "--world")["displacement"]
+    assert found[5] == pytest.approx(-0.002, rel=1e-9)
+    own = answer("ur5", "--hold", "z=-0.002")["displacement"]
+    assert abs(own[5] + 0.002) > 1e-4
 
 
 POSES = [[0.0, 0.0, 0.75, 0.0, 0.0, 0.0], [0.02, 0.01, 0.76, 0.05, 0.1, 0.1]]

@@ -30,7 +30,7 @@ from cartstiff.errors import (
 from cartstiff.geometry.charts import from_pose_function, paper, product_of_exponentials
 from cartstiff.geometry.connections import flat, from_symbols, levi_civita
 from cartstiff.mechanisms.chain import OWN_COORDINATES, Chain, Closure
-from cartstiff.mechanisms.contract import Units, checked_vector, named_values
+from cartstiff.mechanisms.contract import Units, checked_vector, convert_length, named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree_building import Give, plain_tree
@@ -40,7 +40,7 @@ from cartstiff.potentials.loads import DeadForce, DeadWrench, FollowerWrench, pa
 from cartstiff.potentials.springs import JointSprings, PolynomialLaw, TabulatedLaw
 from cartstiff.report.output import write_result, write_whole
 from cartstiff.stiffness.compute import analyse
-from cartstiff.stiffness.tensor import StiffnessTensor, convert_length
+from cartstiff.stiffness.tensor import StiffnessTensor
 
 NAN = float("nan")
 

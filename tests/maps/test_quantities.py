@@ -107,7 +107,7 @@ def _single(result, connection, world):
         "asymmetry": asymmetries.asymmetry(result.matrices["A"], result.wrench).size,
         "connection_change": max(changes),
         "singular_value_ratio": singular[0] / singular[1],
-        "manipulability": np.sqrt(np.linalg.det((J * columns) @ (J * columns).T)),
+        "manipulability": np.sqrt(np.linalg.det(J @ J.T)),
         "moment": np.linalg.norm(result.wrench[:3]),
         "force": np.linalg.norm(result.wrench[3:]),
         "energy": result.energy,
@@ -263,3 +263,15 @@ def test_every_state_has_a_number():
     assert len(codes) >= 6
     assert codes | {"deficient", "serial-singularity"} <= set(STATES)
     assert len(STATES) < 255
+
+
+def test_manipulability_depends_on_no_length_that_is_chosen():
+    found = {}
+    for length in (0.1, 1.0, 7.0):
+        settings = Settings(length=length)
+        for name, (elastic, *_) in MACHINES.items():
+            (quantity,) = choose_quantities(["manipulability"], settings, elastic)
+            arrays = {"jacobian": cartstiff.analyse(elastic).jacobian[None]}
+            (value,) = evaluate((quantity,), arrays, settings)["manipulability"]
+            found.setdefault(name, set()).add((float(value), quantity.unit))
+    assert all(len(values) == 1 for values in found.values())

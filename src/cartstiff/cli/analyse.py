@@ -110,6 +110,8 @@ def command(
 
             shown = summary_text(data["analysis"], elastic.units.as_dict(), analysis.level)
         say(describe(result, shown))
+        if not relax and any(note.code == "unbalanced" for note in result.notes):
+            say("  --relax lets the self-motion settle, with the body held where it is")
     missing = [name for name, K in data["stiffness"].items() if K is None]
     if strict and missing:
         reasons = ", ".join(note.code for note in result.notes) or "undefined"

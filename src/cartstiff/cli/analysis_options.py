@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from cartstiff.cli.options import once
-from cartstiff.errors import InputError, one_line
+from cartstiff.cli.target_file import ORDERS, Target, read_target
+from cartstiff.errors import InputError
 from cartstiff.parsing import parse_numbers
 
 if TYPE_CHECKING:
@@ -76,7 +77,12 @@ def analysis_options(command: _Command) -> _Command:
         click.option(
             "--target", type=click.Path(path_type=Path), metavar="FILE",
             help="Desired stiffness (6x6, symmetric, body frame; .json, .csv or .npy): the joint "
-            "stiffness that gives it under the load.",
+            "stiffness that gives it under the load. A .json may name its order, units and frame.",
+        ),
+        click.option(
+            "--target-order", type=click.Choice(ORDERS),
+            help="Order of the target's rows and columns; default what its file says, else "
+            f"{ORDERS[0]} (rotation before translation).",
         ),
     ]  # fmt: skip
     for option in reversed(options):
@@ -91,6 +97,7 @@ class AnalysisRequest:
     level: str
     keywords: dict[str, Any]
     inertia: list[float] | None
+    target: Target | None = None
 
     @classmethod
     def parse(
@@ -106,6 +113,7 @@ class AnalysisRequest:
         tolerance: str | None,
         samples: int | None,
         target: Path | None,
+        target_order: str | None,
     ) -> AnalysisRequest:
         """Numbers from the options' text; InputError naming the option."""
         keywords: dict[str, Any] = {"connection": connection, "samples": samples or 0}
@@ -144,9 +152,10 @@ class AnalysisRequest:
         if samples == 1:
             raise InputError("cannot be used", where="--samples", expected="0, or 2 and more",
                              got="1")  # fmt: skip
-        if target is not None:
-            keywords["target"] = _matrix(target)
-        return cls(analysis, keywords, body)
+        if target is None and target_order is not None:
+            raise InputError("is for --target", where="--target-order")
+        wanted = None if target is None else read_target(target, target_order)
+        return cls(analysis, keywords, body, wanted)
 
     def run(self, result: PostureStiffness) -> dict[str, Any]:
         """The analysis; with a progress bar on a terminal while tolerances are propagated."""
@@ -155,10 +164,11 @@ class AnalysisRequest:
         from cartstiff.analysis.posture import analyse_posture
         from cartstiff.analysis.tolerances import Tolerances
         from cartstiff.geometry.se3 import pose
-        from cartstiff.mechanisms.contract import SI
-        from cartstiff.stiffness.tensor import convert_length
+        from cartstiff.mechanisms.contract import SI, convert_length
 
         keywords = dict(self.keywords)
+        if self.target is not None:
+            keywords["target"] = self.target.in_body_frame(result)
         if "at" in keywords:
             keywords["at"] = pose(translation=keywords["at"])
         if "tolerances" in keywords:
@@ -178,6 +188,8 @@ class AnalysisRequest:
                     "the analysis leaves the range of double precision",
                     expected="numbers of moderate size, or --analysis none",
                 ) from None
+        if self.target is not None and (found := answer["synthesis"]["target"]) is not None:
+            found |= {"order": self.target.order, "order_from": self.target.order_from}
         return answer
 
 
@@ -205,35 +217,3 @@ class _Progress:
 def _positive(numbers: list[float], option: str) -> None:
     if min(numbers) <= 0:
         raise InputError("cannot be used", where=option, expected="above zero", got=min(numbers))
-
-
-def _matrix(path: Path) -> Any:
-    """A 6x6 matrix from a file: .json (rows, or an object with "matrix"), .csv or .npy."""
-    import numpy as np
-
-    where = f"--target {one_line(str(path))}"
-    expected = "a 6x6 matrix of numbers"
-    if path.suffix not in (".json", ".csv", ".npy"):
-        raise InputError("unknown file ending", where=where, expected=".json, .csv or .npy")
-    try:
-        if path.suffix == ".npy":
-            found = np.load(path, allow_pickle=False)
-        elif path.suffix == ".csv":
-            found = np.loadtxt(path, delimiter=",", ndmin=2)
-        else:
-            found = json.loads(path.read_text(encoding="utf-8"))
-            found = found.get("matrix") if isinstance(found, dict) else found
-        matrix = np.array(found, float)
-    except OSError as error:
-        raise InputError("file cannot be read", where=where, got=error.strerror) from None
-    except (ValueError, TypeError, EOFError, RecursionError) as error:
-        raise InputError(
-            "does not hold a matrix", where=where, expected=expected, got=str(error)
-        ) from None
-    if matrix.shape != (6, 6) or not np.isfinite(matrix).all():
-        raise InputError("does not hold a matrix", where=where, expected=expected,
-                         got=f"shape {matrix.shape}")  # fmt: skip
-    if np.abs(matrix - matrix.T).max() > 1e-6 * np.abs(matrix).max():
-        raise InputError("matrix is not symmetric", where=where,
-                         expected="a symmetric stiffness (K^B)")  # fmt: skip
-    return 0.5 * (matrix + matrix.T)

@@ -34,7 +34,11 @@ Examples:
     load_help="Wrench on the body at its origin, in the axes of the unloaded body frame; it keeps "
     "its direction in the world."
 )
-@click.option("--world", is_flag=True, help="The load's components are in the inertial axes.")
+@click.option(
+    "--world",
+    is_flag=True,
+    help="The components of --load and --hold are in the inertial axes.",
+)
 @click.option("--follower", is_flag=True, help="The load turns with the body.")
 @click.option(
     "--payload",
@@ -42,7 +46,8 @@ Examples:
     multiple=True,
     callback=once,
     metavar="MASS[,X,Y,Z]",
-    help="Weight of a mass at a point of the body frame, under the file's gravity or 9.81 m/s^2.",
+    help="Weight of a mass (kg, whatever the units of lengths and forces) at a point of the body "
+    "frame, under the file's gravity or 9.81 m/s^2.",
 )
 @click.option(
     "--hold",
@@ -50,7 +55,8 @@ Examples:
     multiple=True,
     callback=once,
     metavar="NAME=VALUE,...",
-    help="Displacement of the body prescribed in rx, ry, rz, x, y, z (rad, length).",
+    help="Displacement of the body prescribed in rx, ry, rz, x, y, z (rad, length), along the axes "
+    "of the unloaded body; with --world along the inertial axes.",
 )
 @click.option("--no-limits", is_flag=True, help="Ignore joint and leg limits.")
 @click.option(
@@ -135,6 +141,7 @@ def command(
     elastic, q = request.load()
 
     from cartstiff.mechanisms.contract import named_values
+    from cartstiff.statics.held import Held
 
     if isinstance(q, dict):
         q = named_values(q, elastic.names, elastic.q, "--q")
@@ -144,15 +151,16 @@ def command(
     def loads_at(q: Any, wrench: Any) -> tuple[Any, ...]:
         return (*_wrench(elastic, q, wrench, world, follower), *weight)
 
+    hold = None if held is None else Held(held, axes="world" if world else "body")
     loads = loads_at(q, wrench)
     if path_text is not None:
         _compensate(elastic, Path(path_text), wrench, loads_at, csv, plot, as_json)
     elif curve_to is not None:
         if not loads:
             raise InputError("a curve needs a load", expected="--load or --payload")
-        _curve(elastic, loads, curve_to, q, held, csv, plot, as_json)
+        _curve(elastic, loads, curve_to, q, hold, csv, plot, as_json)
     else:
-        _rest(elastic, loads, q, held, not no_limits, as_json)
+        _rest(elastic, loads, q, hold, not no_limits, as_json)
 
 
 def _held(text: str) -> dict[str, float]:
@@ -192,7 +200,8 @@ def _payload(elastic: Any, text: str | None) -> tuple[Any, ...]:
         raise InputError("wrong count", where="--payload", expected="MASS or MASS,X,Y,Z",
                          got=str(len(numbers)))  # fmt: skip
     gravity = (0.0, 0.0, -9.81) if elastic.gravity is None else elastic.gravity
-    return (payload(numbers[0], gravity, numbers[1:] or (0.0, 0.0, 0.0)),)
+    mass = numbers[0] / elastic.units.newtons  # weights are in the unit of force
+    return (payload(mass, gravity, numbers[1:] or (0.0, 0.0, 0.0)),)
 
 
 def _rest(

@@ -23,6 +23,7 @@ from cartstiff.loading.parts import (
     springs_of,
     tree_to,
     virtual_joints,
+    weightless,
 )
 from cartstiff.loading.robot_description import RobotDescription, read_robot_description
 from cartstiff.loading.schema import (
@@ -92,7 +93,7 @@ def serial_of(
     )
     q = default_posture(tree, file.q, where, posture)
     notes += [*ignored_parts(description), *assumed]
-    return put_together(file, name, chain, q, springs, soft, notes)
+    return put_together(file, name, chain, q, springs, soft, notes, where)
 
 
 def _per_leg(value: float | list[float] | None, m: int, key: str, where: str) -> Array | None:
@@ -159,7 +160,9 @@ def build_platform(file: PlatformFile | SpringsFile, where: str, name: str) -> E
         unilateral=isinstance(file, SpringsFile) and file.unilateral,
     )
     q = np.concatenate([file.pose.xyz, file.pose.rpy])
-    return ElasticMechanism(name, platform, q, springs, gravity=gravity_of(file.gravity))
+    gravity = gravity_of(file.gravity, where, platform.units)
+    notes = tuple(weightless(gravity, platform.mass))
+    return ElasticMechanism(name, platform, q, springs, gravity=gravity, notes=notes)
 
 
 def with_frame(file: Any, frame: str | None, where: str) -> Any:

@@ -139,7 +139,7 @@ def build_parallel(
         for i, leg in soft
         for spring in link_springs(leg.flexible, tree, where, f"leg{i + 1}/")
     ]
-    return put_together(file, name, chain, q, joint_springs, links, [*notes, *assumed])
+    return put_together(file, name, chain, q, joint_springs, links, [*notes, *assumed], where)
 
 
 def build_closed_chain(
@@ -190,7 +190,7 @@ def closed_chain_of(
     )
     links = link_springs(file.flexible, tree, where)
     notes += [*ignored_parts(description), *assumed]
-    return put_together(file, name, chain, q, springs, links, notes)
+    return put_together(file, name, chain, q, springs, links, notes, where)
 
 
 def _closure(entry: ClosureModel, i: int, tree: KinematicTree, q: Array, where: str) -> Closure:

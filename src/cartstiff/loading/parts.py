@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from cartstiff.arrays import read_only
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -29,7 +28,8 @@ from cartstiff.loading.schema import (
     SerialFile,
 )
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.contract import SI, Units, convert_length
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note, assumed_stiffness
 from cartstiff.mechanisms.flexible_links import Give
 from cartstiff.mechanisms.tree import KinematicTree
 from cartstiff.mechanisms.tree_building import find_frame, plain_tree
@@ -57,10 +57,14 @@ __all__ = [
     "put_together",
     "springs_of",
     "tree_to",
+    "weightless",
 ]
 
 #: N m/rad (N/m) taken where nobody gave a joint stiffness; said in the notes.
 ASSUMED_STIFFNESS = 1.0e4
+# m/s^2: on the earth, and beyond any planet and machine in motion; 386 in/s^2 and 981 cm/s^2
+# are beyond it.
+_EARTH, _STRONGEST = 9.81, 300.0
 
 
 def pose_of(model: PoseModel) -> Array:
@@ -182,16 +186,7 @@ def springs_of(
         else:
             stiffness[j] = ASSUMED_STIFFNESS
             assumed.append(name)
-    notes = []
-    if assumed:
-        notes.append(
-            Note(
-                "stiffness-assumed",
-                f"no joint stiffness was given: {ASSUMED_STIFFNESS:g} N m/rad (N/m for prismatic "
-                "joints) is taken for every joint and says nothing about the real robot",
-                {"stiffness": ASSUMED_STIFFNESS, "joints": assumed},
-            )
-        )
+    notes = [assumed_stiffness(ASSUMED_STIFFNESS, assumed, assumed)] if assumed else []
     return JointSprings(stiffness, rest, laws), notes
 
 
@@ -204,19 +199,44 @@ def add_payload(tree: KinematicTree, chain: Chain, payload: PayloadModel | None)
         tree.model.appendBodyToJoint(chain.body.joint, inertia, pin.SE3.Identity())
 
 
-def gravity_of(gravity: Sequence[float] | None) -> Array | None:
-    """Acceleration, or None where it is absent or zero."""
-    return None if gravity is None or not any(gravity) else read_only(gravity)
+def gravity_of(gravity: Sequence[float] | None, where: str, units: Units = SI) -> Array | None:
+    """Acceleration in m/s^2, or None where it is absent or zero.
+
+    Raises
+    ------
+    InputError
+        For a field that is meant in other units, or too strong to be meant.
+    """
+    if gravity is None or not any(gravity):
+        return None
+    size = float(np.linalg.norm(gravity))
+    in_units = _EARTH * convert_length(SI, units)[0]
+    other = units.length != SI.length and abs(size - in_units) < 0.02 * in_units
+    if size > _STRONGEST or other:
+        raise InputError(
+            "gravity is in m/s^2 in every file, whatever its units", where=f"{where}, key gravity",
+            expected=f"at most {_STRONGEST:g}; {_EARTH:g} on the earth", got=f"{size:g}",
+        )  # fmt: skip
+    return se3.read_only(gravity)
+
+
+def weightless(gravity: Array | None, mass: float) -> list[Note]:
+    """Note on gravity that acts on nothing."""
+    if gravity is None or mass > 0:
+        return []
+    words = "the file's gravity acts on no mass: no moving link has one, and there is no payload"
+    return [Note("weightless", words, {"gravity": gravity.tolist()})]
 
 
 def put_together(
     file: SerialFile | ParallelFile | ClosedChainFile, name: str, chain: Chain, q: Array,
-    springs: JointSprings, soft: Sequence[Potential], notes: Sequence[Note],
+    springs: JointSprings, soft: Sequence[Potential], notes: Sequence[Note], where: str,
 ) -> ElasticMechanism:  # fmt: skip
     """A chain with its springs, soft links, and what else the file puts on it."""
     potentials = (*soft, *_extra_lines(file.lines, chain, q))
-    gravity = gravity_of(file.gravity)
-    return ElasticMechanism(name, chain, q, springs, potentials, gravity, tuple(notes))
+    gravity = gravity_of(file.gravity, where)
+    heavy = weightless(gravity, float(chain.tree.masses()[0].sum()))
+    return ElasticMechanism(name, chain, q, springs, potentials, gravity, (*notes, *heavy))
 
 
 def ignored_parts(description: RobotDescription) -> list[Note]:

@@ -78,7 +78,7 @@ class PoseModel(_Model):
 
 
 class UnitsModel(_Model):
-    """Units of all numbers in the file; angles are radians."""
+    """Units of lengths and forces; angles are rad, masses kg, gravity m/s^2 in every file."""
 
     length: Literal["m", "dm", "cm", "mm", "um", "in", "ft"] = "m"
     force: Literal["N", "kN", "mN", "daN", "lbf", "kgf"] = "N"
@@ -87,7 +87,7 @@ class UnitsModel(_Model):
 class PayloadModel(_Model):
     """A point mass carried by the body."""
 
-    mass: NotNegative
+    mass: Annotated[NotNegative, Field(description="kg, whatever the units")]
     com: Annotated[Vector, Field(description="mass centre in the body frame M")] = [0.0, 0.0, 0.0]
 
 
@@ -205,7 +205,10 @@ class _File(_Model):
     name: Annotated[Text | None, Field(description="name shown to people")] = None
     description: Annotated[Text | None, Field(description="what the mechanism is")] = None
     source: Annotated[Text | None, Field(description="where its numbers come from")] = None
-    gravity: Annotated[Vector | None, Field(description="acceleration in F; none if absent")] = None
+    gravity: Annotated[
+        Vector | None,
+        Field(description="acceleration in F, m/s^2 whatever the units; none if absent"),
+    ] = None
     payload: PayloadModel | None = None
 
 

@@ -245,7 +245,7 @@ def _platform_plan(elastic: ElasticMechanism, platform: Platform, wrench: str) -
         return "some rest lengths are given and others are found posture by posture"
     forces, points, loose = [], [], []
     if elastic.gravity is not None and platform.mass:
-        forces.append(platform.mass * elastic.gravity)
+        forces.append(platform.weight(elastic.gravity))
         points.append(_numbers(platform.mass_centre))
     for potential in elastic.potentials:
         if type(potential) is DeadForce and potential.frame_b == "body":

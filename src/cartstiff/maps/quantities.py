@@ -12,6 +12,7 @@ hundred times slower.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.maps import stacks
 from cartstiff.maps.quantity import CONNECTIONS, Quantity, Settings, Stacks
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.platform import Platform
 
 __all__ = ["QUANTITIES", "Quantity", "Settings", "Stacks", "choose_quantities", "evaluate"]
 
@@ -184,10 +186,8 @@ def _ratio(s: Stacks) -> Array:
 
 
 def _manipulability(s: Stacks) -> Array:
-    J = s.arrays["jacobian"]
-    columns = np.where(s._is_length(J.shape[2]), s.settings.length, 1.0)
     return stacks.on_finite(
-        lambda m: np.prod(np.linalg.svd(m * columns, compute_uv=False), axis=1), J
+        lambda m: np.prod(np.linalg.svd(m, compute_uv=False), axis=1), s.arrays["jacobian"]
     )
 
 
@@ -240,7 +240,8 @@ QUANTITIES: dict[str, Quantity] = {
                  _connection_change, _EVERY, "length", "smaller"),
         Quantity("singular_value_ratio", "smallest over largest singular value of the Jacobian",
                  "1", _ratio, ("jacobian",), "length"),
-        Quantity("manipulability", "product of the singular values of the Jacobian", "{length}^3",
+        Quantity("manipulability", "product of the Jacobian's singular values, each joint in "
+                 "its own unit", "{length}^3",
                  _manipulability, ("jacobian",)),
         Quantity("moment", "size of the load's moment", "{force} {length}",
                  lambda s: np.linalg.norm(s.arrays["wrench"][:, :3], axis=1), ("wrench",),
@@ -292,8 +293,21 @@ def choose_quantities(
                 f"the quantity {name} is not defined for a mechanism with closures",
                 expected="a serial chain or a platform",
             )
+        if name == "manipulability":
+            quantity = replace(quantity, unit=_manipulability_unit(elastic))
         found.append(quantity)
     return tuple(found)
+
+
+def _manipulability_unit(elastic: ElasticMechanism) -> str:
+    """Unit of the product of singular values: each joint counts in its own unit."""
+    mechanism = elastic.mechanism
+    slides = sum(c.is_length for c in mechanism.coordinates)
+    if isinstance(mechanism, Platform):
+        slides = 6  # what moves are the legs
+    elif len(mechanism.coordinates) < 6 or (slides and len(mechanism.coordinates) > 6):
+        return "mixed, of rad and {length}"
+    return f"{{length}}^{3 - slides}"
 
 
 def evaluate(

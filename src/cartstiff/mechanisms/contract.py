@@ -11,10 +11,22 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.arrays import Array, checked_number, checked_vector
-from cartstiff.errors import UnknownNameError
+from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.potentials.contract import Evaluation, Map
 
-__all__ = ["SI", "Coordinate", "Mechanism", "MechanismPosture", "Units", "named_values"]
+__all__ = [
+    "SI",
+    "Coordinate",
+    "Mechanism",
+    "MechanismPosture",
+    "Units",
+    "convert_length",
+    "named_values",
+]
+
+
+_LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
+_FORCES = {"N": 1.0, "kN": 1e3, "mN": 1e-3, "daN": 10.0, "lbf": 4.4482216152605, "kgf": 9.80665}
 
 
 @dataclass(frozen=True)
@@ -29,12 +41,35 @@ class Units:
         """Unit of moments and energies."""
         return f"{self.force} {self.length}"
 
+    @property
+    def newtons(self) -> float:
+        """Newtons in the unit of force; masses are kg and accelerations m/s^2 in all units."""
+        return _FORCES[self.force]
+
     def as_dict(self) -> dict[str, str]:
         """For JSON."""
         return {"length": self.length, "force": self.force, "angle": "rad"}
 
 
 SI = Units()
+
+
+def convert_length(unit_from: Units, unit_to: Units) -> tuple[float, float]:
+    """Factors (length, force) that take numbers in one unit system to another.
+
+    Raises
+    ------
+    InputError
+        For a unit that is not known.
+    """
+    for units in (unit_from, unit_to):
+        if units.length not in _LENGTHS:
+            raise InputError("unknown length unit", expected=", ".join(_LENGTHS), got=units.length)
+        if units.force not in _FORCES:
+            raise InputError("unknown force unit", expected=", ".join(_FORCES), got=units.force)
+    length = _LENGTHS[unit_from.length] / _LENGTHS[unit_to.length]
+    force = _FORCES[unit_from.force] / _FORCES[unit_to.force]
+    return length, force
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +18,7 @@ from cartstiff.potentials.gravity import Gravity
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
 
-__all__ = ["ElasticMechanism", "Note"]
+__all__ = ["ElasticMechanism", "Note", "assumed_stiffness"]
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class ElasticMechanism:
     potentials : tuple of Potential
         Everything else that stores energy.
     gravity : ndarray (3,) or None
-        Acceleration of the uniform field in F.
+        Acceleration of the uniform field in F, in m/s^2 whatever the units.
     notes : tuple of Note
         What was assumed in loading.
     """
@@ -112,7 +113,7 @@ class ElasticMechanism:
             given = set(stiffness) if isinstance(stiffness, Mapping) else set(names)
             laws = {j: law for j, law in springs.laws.items() if names[j] not in given}
             springs = replace(springs, laws=laws)
-        notes = tuple(n for n in self.notes if stiffness is None or n.code != "stiffness-assumed")
+        notes = self.notes if stiffness is None else _still_assumed(self.notes, stiffness)
         return replace(self, springs=springs.replaced(k, rests), notes=notes)
 
     @property
@@ -237,6 +238,33 @@ class ElasticMechanism:
             return others
         n = posture.motion.jacobian.shape[1]
         return Evaluation(0.0, np.zeros(n), np.zeros((n, n)))
+
+
+def assumed_stiffness(value: float, joints: Sequence[str], of: Sequence[str]) -> Note:
+    """Note on joints, of all of them, whose stiffness nobody gave."""
+    every = len(joints) == len(of)
+    who = "every joint" if every else ", ".join(joints)
+    return Note(
+        "stiffness-assumed",
+        f"no {'joint ' if every else ''}stiffness was given"
+        f"{'' if every else ' for some joints'}: {value:g} N m/rad (N/m for prismatic joints) is "
+        f"taken for {who} and says nothing about the real robot",
+        {"stiffness": value, "joints": list(joints), "all_joints": list(of)},
+    )
+
+
+def _still_assumed(notes: tuple[Note, ...], given: object) -> tuple[Note, ...]:
+    """Notes after stiffnesses were given: to all joints, or to those that a mapping names."""
+    found = []
+    for note in notes:
+        if note.code != "stiffness-assumed":
+            found.append(note)
+        elif isinstance(given, Mapping):
+            values: Any = note.values
+            left = [name for name in values.get("joints", ()) if name not in given]
+            if left:
+                found.append(assumed_stiffness(values["stiffness"], left, values["all_joints"]))
+    return tuple(found)
 
 
 def _sum(a: Evaluation, b: Evaluation) -> Evaluation:

@@ -20,7 +20,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import SI, Coordinate, Mechanism, MechanismPosture, Units
 from cartstiff.potentials.contract import Evaluation, Map
 from cartstiff.potentials.line_springs import LineGeometry, line_geometry, second_derivative
-from cartstiff.potentials.loads import payload
+from cartstiff.potentials.loads import DeadForce
 
 __all__ = ["Platform", "PlatformPosture"]
 
@@ -62,7 +62,7 @@ class PlatformPosture(MechanismPosture):
     def gravity(self, acceleration: Array) -> Evaluation:
         """Potential energy of the platform's mass in a uniform field."""
         platform = self._platform
-        return payload(platform.mass, acceleration, platform.mass_centre).evaluate(self)
+        return DeadForce(platform.weight(acceleration), platform.mass_centre).evaluate(self)
 
     @cached_property
     def lines(self) -> LineGeometry:
@@ -103,7 +103,7 @@ class Platform(Mechanism):
     limits : sequence of (min, max), optional
         Leg length limits.
     mass : float
-        Of the body, for gravity.
+        Of the body, for gravity, in kg whatever the units.
     mass_centre : array_like, shape (3,)
         Its mass centre in P.
     """
@@ -154,6 +154,10 @@ class Platform(Mechanism):
         """What is kept of a platform elsewhere stays true: its arrays cannot be written to."""
         for name in ("anchors", "points", "points_P", "T_P_M", "mass_centre"):
             getattr(self, name).flags.writeable = False
+
+    def weight(self, acceleration: Array) -> Array:
+        """Weight (3,) of the body in F, in the unit of force, under a field in m/s^2."""
+        return self.mass / self.units.newtons * acceleration
 
     def with_points(self, base: ArrayLike, platform: ArrayLike) -> Platform:
         """The same body with other anchors in F and other points of its own, in P."""

@@ -77,7 +77,10 @@ def target_lines(t: Section, u: UnitNames, full: bool) -> list[str]:
     """Joint stiffness that gives a desired Cartesian stiffness."""
     if t is None:
         return []
-    lines = ["", "joint stiffness for the target"]
+    order = ""
+    if "order" in t:
+        order = f" ({t['order']} by {t['order_from'].replace('file', 'its file')})"
+    lines = ["", f"joint stiffness for the target{order}"]
     unit = [u.force + "/" + u.length if s else f"{u.moment}/{u.angle}" for s in t["are_lengths"]]
     fit = t["diagonal_fit"]
     if t["is_feasible"]:

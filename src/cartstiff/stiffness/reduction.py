@@ -223,7 +223,7 @@ def _general(
                 "unbalanced",
                 f"no wrench at the {what} balances this posture: a torque acts along the "
                 "self-motion and the mechanism would move; choose rest positions that balance it, "
-                "or relax the posture (--relax)",
+                "or let the self-motion settle",
                 {"unbalanced_torque": torque.tolist(), "largest": float(np.abs(torque).max())},
             )
         )

@@ -22,32 +22,11 @@ from cartstiff.errors import InputError, UndefinedError, printable
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import NAMED, Connection, Field
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.contract import SI, Units
+from cartstiff.mechanisms.contract import SI, Units, convert_length
 
-__all__ = ["Compliance", "StiffnessTensor", "convert_length", "format_matrix"]
+__all__ = ["Compliance", "StiffnessTensor", "format_matrix"]
 
 Order = Literal["angular-linear", "linear-angular"]
-
-_LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
-_FORCES = {"N": 1.0, "kN": 1e3, "mN": 1e-3, "daN": 10.0, "lbf": 4.4482216152605, "kgf": 9.80665}
-
-
-def convert_length(unit_from: Units, unit_to: Units) -> tuple[float, float]:
-    """Factors (length, force) that take numbers in one unit system to another.
-
-    Raises
-    ------
-    InputError
-        For a unit that is not known.
-    """
-    for units in (unit_from, unit_to):
-        if units.length not in _LENGTHS:
-            raise InputError("unknown length unit", expected=", ".join(_LENGTHS), got=units.length)
-        if units.force not in _FORCES:
-            raise InputError("unknown force unit", expected=", ".join(_FORCES), got=units.force)
-    length = _LENGTHS[unit_from.length] / _LENGTHS[unit_to.length]
-    force = _FORCES[unit_from.force] / _FORCES[unit_to.force]
-    return length, force
 
 
 def format_matrix(matrix: Array, row_units: Sequence[str], title: str = "", digits: int = 6) -> str:

@@ -1,0 +1,160 @@
+"""The file of ``--target``: a desired stiffness, with the order, units and frame it is in."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cartstiff.errors import InputError, one_line
+
+if TYPE_CHECKING:
+    from cartstiff.stiffness.compute import PostureStiffness
+
+__all__ = ["ORDERS", "Target", "read_target"]
+
+#: Orders of rows and columns: rotation before translation, and the other way round.
+ORDERS = ("angular-linear", "linear-angular")
+# In the order that is meant, the translation block over the squared length of the mechanism is
+# about as stiff as the rotation block; the other order is off by the fourth power of the length.
+# Where the ratio is worse by this factor than with the blocks exchanged, the order must be named.
+_EXCHANGED = 100.0
+
+
+@dataclass(frozen=True)
+class Target:
+    """A desired stiffness as its file has it.
+
+    Attributes
+    ----------
+    matrix : ndarray (6, 6)
+        Symmetric, in the file's order and units.
+    order : str
+        One of `ORDERS`.
+    order_from : {"file", "option", "default"}
+        Who said so.
+    units : tuple of str, or None
+        Length and force of the file; None: the mechanism's.
+    frame : str or None
+        Name of the frame that the file is for.
+    where : str
+        For messages.
+    """
+
+    matrix: Any
+    order: str
+    order_from: str
+    units: tuple[str, str] | None
+    frame: str | None
+    where: str
+
+    def in_body_frame(self, result: PostureStiffness) -> Any:
+        """The matrix in the order and units of the mechanism.
+
+        Raises
+        ------
+        InputError
+            For another frame than the body's, unknown units, or numbers that fit only with rotation
+            and translation exchanged.
+        """
+        import numpy as np
+
+        from cartstiff.geometry.se3 import SWAP
+        from cartstiff.mechanisms.contract import Units, convert_length
+
+        mechanism = result.elastic.mechanism
+        if self.frame not in (None, "body", mechanism.frame):
+            raise InputError("is for another frame", where=self.where,
+                             expected=f"{mechanism.frame} or body", got=self.frame)  # fmt: skip
+        K = self.matrix if self.order == ORDERS[0] else self.matrix[SWAP][:, SWAP]
+        if self.units is not None:
+            try:
+                a, f = convert_length(Units(*self.units), mechanism.units)
+            except InputError as error:
+                raise error.at(self.where) from None
+            by_length = np.array([a, a, a, 1.0, 1.0, 1.0])
+            K = K * f * np.outer(by_length, by_length / a)
+        turn, move = np.trace(K[:3, :3]), np.trace(K[3:, 3:]) * result.posture.length**2
+        if self.order_from == "default" and turn > 0 and move > 0:
+            exchanged = np.trace(K[3:, 3:]), np.trace(K[:3, :3]) * result.posture.length**2
+            if _unlike(turn, move) > _EXCHANGED * _unlike(*exchanged):
+                raise InputError(
+                    "the matrix looks as if translation came before rotation", where=self.where,
+                    expected=f"--target-order {ORDERS[1]}, or {ORDERS[0]} if it is meant so",
+                )  # fmt: skip
+        return K
+
+
+def _unlike(a: float, b: float) -> float:
+    return max(a / b, b / a)
+
+
+def read_target(path: Path, order: str | None) -> Target:
+    """A 6x6 matrix from a file: .json (rows, or an object with "matrix"), .csv or .npy."""
+    import numpy as np
+
+    where = f"--target {one_line(str(path))}"
+    expected = "a 6x6 matrix of numbers"
+    if path.suffix not in (".json", ".csv", ".npy"):
+        raise InputError("unknown file ending", where=where, expected=".json, .csv or .npy")
+    said: dict[str, Any] = {}
+    try:
+        if path.suffix == ".npy":
+            found = np.load(path, allow_pickle=False)
+        elif path.suffix == ".csv":
+            text = path.read_text(encoding="utf-8")
+            # The comment that our own files begin with names the order.
+            named = [o for o in ORDERS if f"order {o}" in text.partition("\n")[0]]
+            said = {"order": named[0]} if text.startswith("#") and named else {}
+            found = np.loadtxt(text.splitlines(), delimiter=",", ndmin=2)
+        else:
+            found = json.loads(path.read_text(encoding="utf-8"))
+            if isinstance(found, dict):
+                said, found = found, found.get("matrix")
+        matrix = np.array(found, float)
+    except OSError as error:
+        raise InputError("file cannot be read", where=where, got=error.strerror) from None
+    except (ValueError, TypeError, EOFError, RecursionError) as error:
+        raise InputError(
+            "does not hold a matrix", where=where, expected=expected, got=str(error)
+        ) from None
+    if matrix.shape != (6, 6) or not np.isfinite(matrix).all():
+        raise InputError("does not hold a matrix", where=where, expected=expected,
+                         got=f"shape {matrix.shape}")  # fmt: skip
+    if np.abs(matrix - matrix.T).max() > 1e-6 * np.abs(matrix).max():
+        raise InputError("matrix is not symmetric", where=where,
+                         expected="a symmetric stiffness (K^B)")  # fmt: skip
+    own = said.get("order")
+    if own is not None and own not in ORDERS:
+        raise InputError("unknown order", where=where, expected=" or ".join(ORDERS), got=repr(own))
+    if own is not None and order is not None and own != order:
+        raise InputError("the file names another order", where="--target-order", expected=own,
+                         got=order)  # fmt: skip
+    source = "option" if order is not None else "file" if own is not None else "default"
+    return Target(
+        0.5 * (matrix + matrix.T),
+        order or own or ORDERS[0],
+        source,
+        _units(said.get("units"), where),
+        _frame(said.get("frame"), where),
+        where,
+    )
+
+
+def _units(units: Any, where: str) -> tuple[str, str] | None:
+    if units is None:
+        return None
+    if not isinstance(units, dict) or not set(units) <= {"length", "force", "angle"}:
+        raise InputError("units cannot be used", where=where,
+                         expected='{"length": "m", "force": "N"}', got=repr(units))  # fmt: skip
+    if units.get("angle", "rad") != "rad":
+        raise InputError("unknown unit of angles", where=where, expected="rad",
+                         got=repr(units["angle"]))  # fmt: skip
+    return str(units.get("length", "m")), str(units.get("force", "N"))
+
+
+def _frame(frame: Any, where: str) -> str | None:
+    if frame is not None and not isinstance(frame, str):
+        raise InputError("frame is not a name", where=where, got=repr(frame))
+    return frame

@@ -1,0 +1,107 @@
+"""Masses in kg and gravity in m/s^2 in every file: weights in the file's units of force."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cartstiff
+from cartstiff.potentials.loads import DeadForce
+from cartstiff.statics.equilibrium import equilibrium
+
+# Newtons in a unit, metres in a unit, by their definitions.
+FORCES = {"N": 1.0, "kN": 1000.0, "mN": 0.001, "daN": 10.0, "lbf": 0.45359237 * 9.80665}
+LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+G = 9.81
+# Newton's method ends on a residual.
+EQUILIBRIUM = 1e-7
+BASE = np.array([[np.cos(a), np.sin(a), 0] for a in np.deg2rad([0, 10, 120, 130, 240, 250])])
+TOP = 0.5 * np.array([[np.cos(a), np.sin(a), 0] for a in np.deg2rad([310, 60, 70, 180, 190, 300])])
+
+
+def platform(length: str, force: str, **more: Any) -> Path:
+    metre, newton = 1 / LENGTHS[length], 1 / FORCES[force]
+    keys = {
+        "kind": "stewart-gough",
+        "units": f"{{length: {length}, force: {force}}}",
+        "base": (metre * BASE).tolist(),
+        "platform": (metre * TOP).tolist(),
+        "pose": f"{{xyz: [0, 0, {0.8 * metre}]}}",
+        "legs": f"{{stiffness: {1e5 * newton / metre}}}",
+    } | more
+    path = Path("platform.yaml")
+    path.write_text("".join(f"{key}: {value}\n" for key, value in keys.items()))
+    return path
+
+
+@pytest.mark.parametrize("length", LENGTHS)
+@pytest.mark.parametrize("force", FORCES)
+def test_a_payload_sinks_as_far_in_all_units(length: str, force: str) -> None:
+    """Twenty kg on a platform, by the file's payload, by the command's, and by a force in N."""
+    metre = 1 / LENGTHS[length]
+    si = cartstiff.load(platform("m", "N"))
+    expected = equilibrium(si, DeadForce([0, 0, -20 * G])).displacement[5]
+    start = cartstiff.load(platform(length, force))
+    heavy = cartstiff.load(
+        platform(length, force, gravity=[0, 0, -G], payload="{mass: 20, com: [0, 0, 0]}")
+    )
+    lengths = start.mechanism.leg_lengths(start.q)  # the weight comes upon resting springs
+    sunk = equilibrium(heavy.with_springs(rest=lengths)).displacement[5]
+    assert sunk / metre == pytest.approx(expected, rel=EQUILIBRIUM)
+    many = cartstiff.analyse_many(
+        heavy.with_springs(rest=lengths), heavy.q[None], outputs=["wrench"]
+    )
+    one = cartstiff.analyse(heavy.with_springs(rest=lengths))
+    assert np.allclose(many["wrench"][0], one.wrench, rtol=1e-9, atol=1e-9 * abs(one.wrench).max())
+
+
+@pytest.mark.parametrize(("length", "force"), [("mm", "kN"), ("in", "lbf")])
+def test_payload_of_the_command(length: str, force: str, capfd: pytest.CaptureFixture[str]) -> None:
+    import json
+
+    from cartstiff.cli.main import main
+
+    found = []
+    for units in (("m", "N"), (length, force)):
+        with pytest.raises(SystemExit) as end:
+            main(["equilibrium", str(platform(*units)), "--payload", "20", "--json"])
+        out, _ = capfd.readouterr()
+        assert end.value.code == 0
+        found.append(json.loads(out)["displacement"][5])
+    assert found[1] * LENGTHS[length] == pytest.approx(found[0], rel=EQUILIBRIUM)
+
+
+@pytest.mark.parametrize(
+    ("length", "gravity"),
+    [("mm", 9810), ("cm", 981), ("in", 386.1), ("ft", 32.2), ("m", 9810), ("mm", 400)],
+)
+def test_gravity_in_other_units_is_refused(
+    length: str, gravity: float, refused: Callable[..., str]
+) -> None:
+    file = platform(length, "N", gravity=[0, 0, -gravity], payload="{mass: 1}")
+    refused("analyse", str(file), words=("platform.yaml, line", "gravity", "m/s^2 in every file"))
+
+
+@pytest.mark.parametrize("gravity", [9.81, 1.62, 24.8, 98.1])
+def test_gravity_of_other_places_is_taken(
+    gravity: float, accepted: Callable[..., dict[str, Any]]
+) -> None:
+    accepted(str(platform("mm", "N", gravity=[0, 0, -gravity], payload="{mass: 1}")))
+
+
+def test_gravity_without_mass_is_said(accepted: Callable[..., dict[str, Any]]) -> None:
+    def codes(**more: Any) -> list[str]:
+        return [n["code"] for n in accepted(str(platform("m", "N", **more)))["notes"]]
+
+    assert "weightless" in codes(gravity=[0, 0, -G])
+    assert "weightless" not in codes(gravity=[0, 0, -G], payload="{mass: 1}")
+    assert "weightless" not in codes()
+    arm = '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="continuous">'
+    arm += '<parent link="a"/><child link="b"/></joint></robot>'
+    Path("arm.urdf").write_text(arm)
+    Path("arm.yaml").write_text("kind: serial\nmodel: arm.urdf\nframe: b\ngravity: [0, 0, -9.81]\n")
+    assert "weightless" in [n["code"] for n in accepted("arm.yaml")["notes"]]
