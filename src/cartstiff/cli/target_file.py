@@ -19,7 +19,7 @@ ORDERS = ("angular-linear", "linear-angular")
 # In the order that is meant, the translation block over the squared length of the mechanism is
 # about as stiff as the rotation block; the other order is off by the fourth power of the length.
 # Where the ratio is worse by this factor than with the blocks exchanged, the order must be named.
-_EXCHANGED = 100.0
+_EXCHANGED = 5.0
 
 
 @dataclass(frozen=True)
