@@ -10,10 +10,9 @@ import numpy as np
 
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
+from cartstiff.loading.defaults import chosen_frame, default_posture
 from cartstiff.loading.parts import (
     add_payload,
-    chosen_frame,
-    default_posture,
     gravity_of,
     ignored_parts,
     link_springs,

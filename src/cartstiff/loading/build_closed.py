@@ -10,11 +10,10 @@ import numpy as np
 from cartstiff.errors import ConvergenceError, InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.loading.defaults import chosen_frame, default_posture
 from cartstiff.loading.mjcf import MjcfClosure
 from cartstiff.loading.parts import (
     add_payload,
-    chosen_frame,
-    default_posture,
     ignored_parts,
     link_springs,
     model_path,

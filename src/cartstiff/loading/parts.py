@@ -47,8 +47,6 @@ from cartstiff.potentials.springs import (
 __all__ = [
     "ASSUMED_STIFFNESS",
     "add_payload",
-    "chosen_frame",
-    "default_posture",
     "gravity_of",
     "ignored_parts",
     "link_springs",
@@ -80,49 +78,6 @@ def model_path(model: str, beside: Path | None) -> Path:
     if candidate.suffix.lower() in (".urdf", ".xml", ".mjcf") or candidate.is_file():
         return candidate
     return example_robot(model)
-
-
-def default_frame(model: Any) -> tuple[str, str]:
-    """Leaf frame at the end of the longest chain, and the words that say so."""
-    supports = {j: len(model.supports[j]) - 1 for j in range(model.njoints)}
-    bodies = [f for f in model.frames if f.type in (pin.FrameType.BODY, pin.FrameType.OP_FRAME)]
-    longest = max((supports[int(f.parentJoint)] for f in bodies), default=0)
-    if longest == 0:
-        raise InputError("robot has no movable joints")
-    ends = [f for f in bodies if supports[int(f.parentJoint)] == longest]
-    # Among the frames on the last joint, the one deepest in the file's tree of fixed joints.
-    joint = int(ends[0].parentJoint)
-    same = [f for f in ends if int(f.parentJoint) == joint]
-    names = [f.name for f in same]
-    chosen = same[-1]
-    others = ", ".join(n for n in names if n != chosen.name) or "none"
-    return chosen.name, (
-        f"no frame was named: {chosen.name!r} is taken, a frame at the end of the longest chain "
-        f"({longest} joints); others on the same link: {others}"
-    )
-
-
-def chosen_frame(
-    description: RobotDescription, frame: str | None, where: str, notes: list[Note], who: str = ""
-) -> str:
-    """The frame that was named, or the default one; with a note where something was assumed."""
-    model = description.model
-    if frame is None:
-        frame, words = default_frame(model)
-        notes.append(Note("default-frame", f"{who}{words}", {"frame": frame}))
-        return frame
-    known = [f.name for f in model.frames]
-    if frame not in known:
-        raise UnknownNameError("frame", frame, known, where=where)
-    named = [f for f in model.frames if f.name == frame]
-    taken = find_frame(model, frame)
-    for other in named:
-        apart = not other.placement.isApprox(taken.placement)
-        if other.parentJoint != taken.parentJoint or apart:
-            words = f"{who}a link and a joint elsewhere are named {frame!r}: the link is taken"
-            notes.append(Note("ambiguous-frame", words, {"frame": frame}))
-            break
-    return frame
 
 
 def springs_of(
@@ -397,30 +352,3 @@ def tree_to(
         matrix[i, [c.name for c in free].index(leader)] = factor
         offsets[i] = offset
     return KinematicTree(tree.model, tuple(free), tree.frames, matrix, offsets)
-
-
-def default_posture(
-    tree: KinematicTree,
-    given: Mapping[str, float],
-    where: str,
-    otherwise: Mapping[str, float] | None = None,
-) -> Array:
-    """Given positions, the others at zero, or in the middle of limits that exclude zero.
-
-    Positions of `otherwise` come before zero; its names need not be coordinates of the tree.
-    """
-    names = [c.name for c in tree.coordinates]
-    q = np.array(
-        [
-            0.0 if c.lower <= 0 <= c.upper else float(np.clip(0.5 * (c.lower + c.upper), -1e9, 1e9))
-            for c in tree.coordinates
-        ]
-    )
-    for name, value in (otherwise or {}).items():
-        if name in names:
-            q[names.index(name)] = value
-    for name, value in given.items():
-        if name not in names:
-            raise UnknownNameError("joint", name, names, where=f"{where}, key q")
-        q[names.index(name)] = value
-    return q
