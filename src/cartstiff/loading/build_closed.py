@@ -10,6 +10,7 @@ import numpy as np
 from cartstiff.errors import ConvergenceError, InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.loading.assembly import legs_at_pose
 from cartstiff.loading.defaults import chosen_frame, default_posture
 from cartstiff.loading.mjcf import MjcfClosure
 from cartstiff.loading.parts import (
@@ -129,7 +130,10 @@ def build_parallel(
     )
     chain.frame = "body"
     add_payload(tree, chain, file.payload)
-    q = _assembled(chain, default_posture(tree, posture, where), where)
+    q = default_posture(tree, posture, where)
+    if file.pose is not None:
+        q = legs_at_pose(tree, body, pose_of(file.pose), q, chain.virtual, where)
+    q = _assembled(chain, q, where)
     joint_springs, assumed = springs_of(
         springs, passive, tree, None, where, virtual=virtual, actuated=file.actuated
     )

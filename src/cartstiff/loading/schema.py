@@ -280,9 +280,10 @@ class ParallelFile(_File):
 
     kind: Literal["parallel"]
     legs: Annotated[list[LegModel], Field(min_length=1, max_length=100)]
-    pose: Annotated[PoseModel, Field(description="body frame in F, where assembly starts")] = (
-        PoseModel()
-    )
+    pose: Annotated[
+        PoseModel | None,
+        Field(description="body frame in F: the legs are put together there, starting from q"),
+    ] = None
     actuated: Annotated[list[Text], Field(description="joints as leg1/joint_name")] = []
     lines: list[LineModel] = []
 

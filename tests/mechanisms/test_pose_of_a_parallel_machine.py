@@ -1,0 +1,82 @@
+"""`pose:` of a body that several legs carry: the machine is put together there, or refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from tests.mechanisms.machines import joint, write_file, write_urdf
+
+import cartstiff
+from cartstiff.errors import InputError
+
+# Newton's method on the closures ends at rounding.
+CLOSED = 1e-10
+CRANK, ROD = 0.12, 0.34
+RADIUS = 0.25, 0.15
+
+
+def six_rus(folder: Path, **keys: Any) -> Path:
+    """Six cranks on a ring, a rod on each by a universal joint, a ball at the platform."""
+    leg = [
+        joint("crank", "base", "arm", axis=(0, 1, 0)),
+        joint("u1", "arm", "cross", at=(CRANK, 0, 0), axis=(0, 1, 0)),
+        joint("u2", "cross", "rod", axis=(1, 0, 0)),
+        joint("s1", "rod", "s_a", at=(0, 0, ROD), axis=(1, 0, 0)),
+        joint("s2", "s_a", "s_b", axis=(0, 1, 0)),
+        joint("s3", "s_b", "tip", axis=(0, 0, 1)),
+    ]
+    write_urdf(folder, *leg, name="leg")
+    legs = []
+    for k in range(6):
+        a = np.deg2rad(60 * k + (8 if k % 2 else -8))
+        b = np.deg2rad(60 * k + (-20 if k % 2 else 20))
+        legs.append(
+            {
+                "model": "leg.urdf",
+                "frame": "tip",
+                "base": {"xyz": [RADIUS[0] * np.cos(a), RADIUS[0] * np.sin(a), 0],
+                         "rpy": [0, 0, a + np.pi / 2 * (-1) ** k]},
+                "grip": {"xyz": [RADIUS[1] * np.cos(b), RADIUS[1] * np.sin(b), 0]},
+                "springs": {"crank": {"stiffness": 2e3}},
+                "passive": ["u1", "u2", "s1", "s2", "s3"],
+            }
+        )  # fmt: skip
+    actuated = [f"leg{k + 1}/crank" for k in range(6)]
+    return write_file(folder, "rus", kind="parallel", legs=legs, actuated=actuated, **keys)
+
+
+@pytest.mark.parametrize(
+    ("xyz", "rpy"),
+    [((0, 0, 0.35), (0, 0, 0)), ((0.02, -0.01, 0.33), (0.05, -0.1, 0.15)), ((0, 0, 0.3), (0,) * 3)],
+)
+def test_six_rus_is_put_together_at_its_pose(xyz: Any, rpy: Any, tmp_path: Path) -> None:
+    file = six_rus(tmp_path, pose={"xyz": list(xyz), "rpy": list(rpy)})
+    machine = cartstiff.load(file)
+    result = cartstiff.analyse(machine)
+    assert np.abs(result.pose[:3, 3] - xyz).max() < CLOSED
+    assert np.abs(result.pose[:3, :3] - Rotation.from_euler("xyz", rpy).as_matrix()).max() < CLOSED
+    # Every rod has its length: from the crank's end to the ball, by their own coordinates.
+    for k in range(6):
+        a = np.deg2rad(60 * k + (8 if k % 2 else -8))
+        b = np.deg2rad(60 * k + (-20 if k % 2 else 20))
+        t = a + np.pi / 2 * (-1) ** k
+        turn = machine.q[machine.names.index(f"leg{k + 1}/crank")]
+        along = np.array([np.cos(t) * np.cos(turn), np.sin(t) * np.cos(turn), -np.sin(turn)])
+        knee = RADIUS[0] * np.array([np.cos(a), np.sin(a), 0]) + CRANK * along
+        ball = result.pose[:3, :3] @ [RADIUS[1] * np.cos(b), RADIUS[1] * np.sin(b), 0] + xyz
+        assert np.linalg.norm(ball - knee) == pytest.approx(ROD, abs=CLOSED)
+
+
+def test_the_same_file_gives_the_same_machine(tmp_path: Path) -> None:
+    file = six_rus(tmp_path, pose={"xyz": [0, 0, 0.35]})
+    assert np.array_equal(cartstiff.load(file).q, cartstiff.load(file).q)
+
+
+def test_a_pose_out_of_reach_is_refused(tmp_path: Path) -> None:
+    file = six_rus(tmp_path, pose={"xyz": [0, 0, 0.6]})
+    with pytest.raises(InputError, match=r"line \d+, key pose: the pose cannot be reached.*leg 1"):
+        cartstiff.load(file)
