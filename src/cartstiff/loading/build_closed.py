@@ -10,7 +10,7 @@ import numpy as np
 from cartstiff.errors import ConvergenceError, InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.assembly import legs_at_pose
+from cartstiff.loading.assembly import leg_at_pose
 from cartstiff.loading.defaults import chosen_frame, default_posture
 from cartstiff.loading.mjcf import MjcfClosure
 from cartstiff.loading.parts import (
@@ -132,7 +132,16 @@ def build_parallel(
     add_payload(tree, chain, file.payload)
     q = default_posture(tree, posture, where)
     if file.pose is not None:
-        q = legs_at_pose(tree, body, pose_of(file.pose), q, chain.virtual, where)
+        start = 0
+        for i, (leg, (prefix, part, T_F_root)) in enumerate(zip(file.legs, parts, strict=True)):
+            own = slice(start, start + part.n)
+            q[own] = leg_at_pose(
+                part, ends[i].removeprefix(prefix), se3.inverse(pose_of(leg.grip)),
+                se3.inverse(T_F_root) @ pose_of(file.pose), q[own],
+                [j for j, c in enumerate(part.coordinates) if prefix + c.name in virtual],
+                where, f"leg {i + 1}",
+            )  # fmt: skip
+            start += part.n
     q = _assembled(chain, q, where)
     joint_springs, assumed = springs_of(
         springs, passive, tree, None, where, virtual=virtual, actuated=file.actuated
