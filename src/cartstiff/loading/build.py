@@ -37,6 +37,7 @@ from cartstiff.mechanisms.chain import Chain, Description
 from cartstiff.mechanisms.contract import Units
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.mechanisms.tree_building import merged
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
 
 __all__ = ["build_platform", "build_serial", "serial_of", "with_frame"]
@@ -79,6 +80,7 @@ def serial_of(
         raise InputError(
             f"no joint moves frame {frame!r}", where=where, expected="a frame on a moving link"
         )
+    tree = merged([("", tree, pose_of(file.base))])
     chain = Chain(
         tree,
         frame,

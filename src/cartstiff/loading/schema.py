@@ -203,8 +203,12 @@ class LineModel(_Model):
 
 class _File(_Model):
     name: Annotated[Text | None, Field(description="name shown to people")] = None
-    description: Annotated[Text | None, Field(description="what the mechanism is")] = None
-    source: Annotated[Text | None, Field(description="where its numbers come from")] = None
+    description: Annotated[Text | None, Field(description="what the mechanism is, for readers")] = (
+        None
+    )
+    source: Annotated[
+        Text | None, Field(description="where its numbers come from, for readers")
+    ] = None
     gravity: Annotated[
         Vector | None,
         Field(description="acceleration in F, m/s^2 whatever the units; none if absent"),
@@ -220,6 +224,7 @@ class SerialFile(_File):
         FileName, Field(description="example-robot-data name, or path of URDF or MJCF")
     ]
     frame: Annotated[Text | None, Field(description="link or site that is the body frame M")] = None
+    base: Annotated[PoseModel, Field(description="the robot's root in F")] = PoseModel()
     offset: Annotated[PoseModel, Field(description="M in that frame")] = PoseModel()
     locked: Annotated[dict[str, Number], Field(description="joints held fixed")] = {}
     q: Annotated[dict[str, Number], Field(description="default posture")] = {}

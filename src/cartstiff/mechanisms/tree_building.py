@@ -249,7 +249,8 @@ def merged(parts: Sequence[tuple[str, KinematicTree, Array]]) -> KinematicTree:
         coordinates += [replace(c, name=prefix + c.name) for c in tree.coordinates]
         for name, p in tree.frames.items():
             T = T_F_root @ p.T_j_f if p.joint == 0 else p.T_j_f
-            frames[prefix + name] = Placement(at[p.joint], T)
+            if prefix or name != "world":
+                frames[prefix + name] = Placement(at[p.joint], T)
         m = tree.model.nv
         matrix = np.eye(m) if tree.mimic is None else tree.mimic
         blocks.append((matrix, np.broadcast_to(np.asarray(tree.offset, float), (m,))))

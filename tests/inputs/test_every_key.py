@@ -1,0 +1,322 @@
+"""Every key of the mechanism file acts: another value gives another result, or is refused.
+
+The keys are those of the models in `cartstiff.loading.schema`; one without a case here fails.
+"""
+
+from __future__ import annotations
+
+import copy
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import BaseModel
+from tests.mechanisms.machines import joint, masses, write_file, write_urdf
+
+import cartstiff
+from cartstiff.errors import InputError
+from cartstiff.loading import schema
+
+#: Keys for people who read the file; their descriptions say so.
+FOR_READERS = {"description", "source"}
+K6 = np.diag([3e3, 4e3, 5e3, 2e5, 3e5, 4e5])
+BEAM = {"E": 7e10, "G": 2.6e10, "length": 0.2, "area": 6e-4, "Iy": 4.5e-8, "Iz": 2e-8, "J": 5e-8}
+HEX = [[np.cos(a), np.sin(a), 0] for a in np.deg2rad([0, 10, 120, 130, 240, 250])]
+TOP = [[np.cos(a) / 2, np.sin(a) / 2, 0] for a in np.deg2rad([310, 60, 70, 180, 190, 300])]
+PLATFORM = {
+    "kind": "stewart-gough",
+    "base": HEX,
+    "platform": TOP,
+    "pose": {"xyz": [0, 0, 0.8], "rpy": [0.05, 0.02, 0.1]},
+    "legs": {"stiffness": 1e5, "rest_length": 0.9},
+}
+SPRINGS = PLATFORM | {"kind": "springs", "legs": {"stiffness": 1e5, "rest_length": 1.1}}
+POSTURE = dict(zip((f"j{i}" for i in range(1, 7)), (0.3, -1.1, 1.4, -0.7, 0.9, 0.2), strict=True))
+ARM = {
+    "kind": "serial",
+    "model": "arm.urdf",
+    "frame": "hand",
+    "q": POSTURE,
+    "springs": {f"j{i}": {"stiffness": 1e4 * i, "rest": 0.1 * i} for i in range(1, 7)},
+}
+ELASTIC = ARM | {"springs": {f"j{i}": {"stiffness": 1e4 * i} for i in range(1, 7)}}
+BALL = {"xyz": [0.4, 0.1, 0.5], "rpy": [0, 0.1, 0]}
+LEG = {
+    "model": "arm.urdf",
+    "frame": "hand",
+    "springs": {f"j{i}": {"stiffness": 1e4 * i} for i in range(1, 7)},
+    "q": POSTURE,
+}
+PAIR = {
+    "kind": "parallel",
+    "legs": [LEG, LEG | {"base": {"xyz": [0.1, 0, 0]}, "grip": {"xyz": [-0.05, 0, 0]}}],
+    "pose": BALL,
+}
+FIVE_BAR = {
+    "kind": "closed-chain",
+    "model": "bars.urdf",
+    "frame": "tip",
+    "closures": [{"frames": ["tip", "right_tip"], "type": "point"}],
+    "actuated": ["left", "right"],
+    "q": {"left": 2.2, "left_elbow": -1.35, "right": 0.95, "right_elbow": 1.35},
+    "springs": {"left": {"stiffness": 800}, "right": {"stiffness": 700}},
+}
+LINE = {"frames": ["world", "hand"], "points": [[0, 0, 1], [0, 0, 0]], "stiffness": 1e4}
+TAUT = {"lines": [LINE | {"rest_length": 0.4}]}
+
+KINDS = {
+    "SerialFile": ARM,
+    "PlatformFile": PLATFORM,
+    "SpringsFile": SPRINGS,
+    "ParallelFile": PAIR,
+    "ClosedChainFile": FIVE_BAR,
+}
+
+# Model.key: (file, path of the key in it, another value, further keys of both files).
+CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = {
+    "PoseModel.xyz": (PLATFORM, ("pose", "xyz"), [0, 0.1, 0.8], {}),
+    "PoseModel.rpy": (PLATFORM, ("pose", "rpy"), [0, 0, 0], {}),
+    "UnitsModel.length": (PLATFORM, ("units", "length"), "mm", {}),
+    "UnitsModel.force": (PLATFORM, ("units", "force"), "kN", {}),
+    "PayloadModel.mass": (ARM, ("payload", "mass"), 4, {"gravity": [0, 0, -9.81]}),
+    "PayloadModel.com": (
+        ARM, ("payload", "com"), [0, 0.1, 0], {"gravity": [0, 0, -9.81], "payload": {"mass": 4}},
+    ),
+    "JointSpringModel.stiffness": (ARM, ("springs", "j2", "stiffness"), 3e4, {}),
+    "JointSpringModel.rest": (ARM, ("springs", "j2", "rest"), 0.3, {}),
+    "JointSpringModel.polynomial": (ARM, ("springs", "j2"), {"polynomial": [2e4, 0, 1e5]}, {}),
+    "JointSpringModel.table": (
+        ARM, ("springs", "j2"), {"table": [[-4, -5e4], [0, 0], [4, 5e4]], "rest": 0.2}, {},
+    ),
+    "FlexibleModel.stiffness": (
+        ELASTIC, ("flexible", "upper", "stiffness"), (2 * K6).tolist(),
+        {"flexible": {"upper": {"stiffness": K6.tolist()}}},
+    ),
+    "FlexibleModel.beam": (ELASTIC, ("flexible",), {"upper": {"beam": BEAM}}, {}),
+    "FlexibleModel.offset": (
+        ELASTIC, ("flexible", "upper", "offset"), {"xyz": [0.1, 0, 0]},
+        {"flexible": {"upper": {"stiffness": K6.tolist()}}},
+    ),
+    **{
+        f"BeamModel.{key}": (
+            ELASTIC, ("flexible", "upper", "beam", key), 2 * value,
+            {"flexible": {"upper": {"beam": BEAM}}},
+        )
+        for key, value in (BEAM | {"segments": 1}).items()
+    },
+    **{
+        f"BeamModel.shear_area_{axis}": (
+            ELASTIC, ("flexible", "upper", "beam", f"shear_area_{axis}"), 5e-4,
+            {"flexible": {"upper": {"beam": BEAM}}},
+        )
+        for axis in "yz"
+    },
+    "LinesLegs.stiffness": (PLATFORM, ("legs", "stiffness"), [1e5, 2e5, 1e5, 1e5, 1e5, 1e5], {}),
+    "LinesLegs.rest_length": (PLATFORM, ("legs", "rest_length"), 0.8, {}),
+    "LinesLegs.preload": (PLATFORM, ("legs",), {"stiffness": 1e5, "preload": 300}, {}),
+    "LinesLegs.limits": (PLATFORM, ("legs", "limits"), [[0.1, 0.2]] * 6, {}),
+    "LineModel.frames": (ARM, ("lines", 0, "frames"), ["world", "fore"], TAUT),
+    "LineModel.points": (ARM, ("lines", 0, "points"), [[0, 0, 2], [0, 0, 0]], TAUT),
+    "LineModel.stiffness": (ARM, ("lines", 0, "stiffness"), 2e4, TAUT),
+    "LineModel.rest_length": (ARM, ("lines", 0, "rest_length"), 0.5, TAUT),
+    "LineModel.preload": (ARM, ("lines",), [LINE | {"preload": 200}], {"lines": [LINE]}),
+    "LineModel.unilateral": (
+        ARM, ("lines", 0, "unilateral"), True, {"lines": [LINE | {"rest_length": 9}]},
+    ),
+    "LegModel.kind": (PAIR, ("legs", 0, "kind"), "parallel", {}),
+    "LegModel.model": (PAIR, ("legs", 0, "model"), "other.urdf", {}),
+    "LegModel.frame": (PAIR, ("legs", 0, "frame"), "fore", {}),
+    "LegModel.base": (PAIR, ("legs", 0, "base"), {"xyz": [0, 0, 0.1]}, {}),
+    "LegModel.grip": (PAIR, ("legs", 0, "grip"), {"xyz": [0, 0, 0.1]}, {}),
+    "LegModel.contact": (PAIR, ("legs", 0, "contact"), "point", {}),
+    "LegModel.passive": (
+        PAIR, ("legs", 0), LEG | {"springs": {"j1": {"stiffness": 1e4}},
+                                  "passive": ["j2", "j3", "j4", "j5", "j6"]}, {},
+    ),
+    "LegModel.locked": (PAIR, ("legs", 0, "locked"), {"j3": 1.0}, {}),
+    "LegModel.q": (PAIR | {"pose": None, "legs": [LEG]}, ("legs", 0, "q", "j3"), 1.0, {}),
+    "LegModel.springs": (PAIR, ("legs", 0, "springs", "j3", "stiffness"), 1e3, {}),
+    "LegModel.flexible": (PAIR, ("legs", 0, "flexible"), {"upper": {"beam": BEAM}}, {}),
+    "ClosureModel.frames": (FIVE_BAR, ("closures", 0, "frames"), ["tip", "right_bar"], {}),
+    "ClosureModel.type": (FIVE_BAR, ("closures", 0, "type"), "weld", {}),
+    "ClosureModel.points": (
+        FIVE_BAR, ("closures", 0, "points"), [[0.02, 0, 0], [0, 0.01, 0]], {},
+    ),
+    **{
+        f"{name}.name": (file, ("name",), "another", {})
+        for name, file in KINDS.items()
+    },
+    **{
+        f"{name}.kind": (file, ("kind",), other, {})
+        for name, file, other in (
+            ("SerialFile", ARM, "closed-chain"), ("PlatformFile", PLATFORM, "springs"),
+            ("SpringsFile", SPRINGS, "stewart-gough"), ("ParallelFile", PAIR, "serial"),
+            ("ClosedChainFile", FIVE_BAR, "serial"),
+        )
+    },
+    **{
+        f"{name}.gravity": (file, ("gravity",), [0, 0.1, -9.81], {"payload": {"mass": 3}})
+        for name, file in KINDS.items()
+    },
+    **{
+        f"{name}.payload": (file, ("payload",), {"mass": 5}, {"gravity": [0.5, -3, -9.81]})
+        for name, file in KINDS.items()
+    },
+    **{
+        f"{name}.{key}": (file, (key,), value, {})
+        for name, file in (("PlatformFile", PLATFORM), ("SpringsFile", SPRINGS))
+        for key, value in {
+            "units": {"length": "cm"},
+            "base": [[1.1 * x for x in p] for p in HEX],
+            "platform": [[1.1 * x for x in p] for p in TOP],
+            "pose": {"xyz": [0, 0, 0.7]},
+            "frame": {"xyz": [0, 0, 0.1]},
+            "legs": {"stiffness": 2e5},
+        }.items()
+    },
+    "SpringsFile.unilateral": (SPRINGS, ("unilateral",), True, {}),
+    "SerialFile.model": (ARM, ("model",), "other.urdf", {}),
+    "SerialFile.frame": (ARM, ("frame",), "fore", {}),
+    "SerialFile.base": (ARM, ("base",), {"xyz": [0, 0, 1], "rpy": [0, 3.1, 0]}, {}),
+    "SerialFile.offset": (ARM, ("offset",), {"xyz": [0, 0, 0.1]}, {}),
+    "SerialFile.locked": (ARM, ("locked",), {"j6": 0.4}, {"springs": {}, "q": {}}),
+    "SerialFile.q": (ARM, ("q", "j3"), 1.0, {}),
+    "SerialFile.springs": (ARM, ("springs",), {}, {}),
+    "SerialFile.passive": (ARM, ("passive",), ["j6"], {"springs": {}}),
+    "SerialFile.flexible": (ELASTIC, ("flexible",), {"upper": {"beam": BEAM}}, {}),
+    "SerialFile.lines": (ARM, ("lines",), [LINE], {}),
+    "ParallelFile.legs": (PAIR, ("legs",), [LEG], {}),
+    "ParallelFile.pose": (PAIR, ("pose",), {"xyz": [0.35, 0.1, 0.5]}, {}),
+    "ParallelFile.actuated": (PAIR, ("actuated",), [f"leg1/j{i}" for i in range(1, 7)], {}),
+    "ParallelFile.lines": (
+        PAIR, ("lines",), [LINE | {"frames": ["world", "leg1/hand"], "rest_length": 0.4}], {},
+    ),
+    "ClosedChainFile.model": (FIVE_BAR, ("model",), "arm.urdf", {}),
+    "ClosedChainFile.frame": (FIVE_BAR, ("frame",), "right_bar", {}),
+    "ClosedChainFile.offset": (FIVE_BAR, ("offset",), {"xyz": [0, 0.1, 0]}, {}),
+    "ClosedChainFile.closures": (FIVE_BAR, ("closures",), [], {}),
+    "ClosedChainFile.floating": (FIVE_BAR, ("floating",), True, {}),
+    "ClosedChainFile.actuated": (
+        FIVE_BAR, ("actuated",), ["left_elbow", "right"], {},
+    ),
+    "ClosedChainFile.locked": (
+        FIVE_BAR, ("locked",), {"left_elbow": -1.3}, {"q": {}, "closures": []},
+    ),
+    "ClosedChainFile.q": (FIVE_BAR, ("q", "left"), 2.0, {}),
+    "ClosedChainFile.springs": (FIVE_BAR, ("springs", "left", "stiffness"), 900, {}),
+    "ClosedChainFile.passive": (
+        FIVE_BAR, ("passive",), ["left"], {"springs": {}, "actuated": []},
+    ),
+    "ClosedChainFile.flexible": (FIVE_BAR, ("flexible",), {"left_bar": {"beam": BEAM}}, {}),
+    "ClosedChainFile.lines": (
+        FIVE_BAR, ("lines",), [LINE | {"frames": ["world", "tip"], "rest_length": 0.4}], {},
+    ),
+}  # fmt: skip
+
+
+def keys() -> list[str]:
+    """All keys of all models that stand in files, as Model.key."""
+    models: list[type[BaseModel]] = [schema._Model]
+    found = []
+    while models:
+        model = models.pop()
+        models += model.__subclasses__()
+        if not model.__name__.startswith("_"):
+            found += [f"{model.__name__}.{key}" for key in model.model_fields]
+    return sorted(found)
+
+
+def write_robots(folder: Path) -> None:
+    arm = [
+        joint("j1", "base", "shoulder", at=(0, 0, 0.2), axis=(0, 0, 1)),
+        joint("j2", "shoulder", "upper", axis=(0, 1, 0)),
+        joint("j3", "upper", "fore", at=(0.4, 0, 0), axis=(0, 1, 0)),
+        joint("j4", "fore", "w1", at=(0.35, 0, 0), axis=(0, 1, 0)),
+        joint("j5", "w1", "w2", at=(0, 0.1, 0), axis=(0, 0, 1)),
+        joint("j6", "w2", "hand", at=(0.1, 0, 0), axis=(1, 0, 0)),
+    ]
+    for name, mass in (("arm", 2.0), ("other", 2.0)):
+        path = write_urdf(folder, *arm, name=name)
+        text = masses(path.read_text(encoding="utf-8"), upper=mass, fore=mass)
+        path.write_text(text.replace("0.35", "0.36") if name == "other" else text)
+    bars = [
+        joint("left", "base", "left_bar", at=(-0.1, 0, 0)),
+        joint("left_elbow", "left_bar", "left_rod", at=(0.25, 0, 0)),
+        joint("left_end", "left_rod", "tip", at=(0.3, 0, 0), kind="fixed"),
+        joint("right", "base", "right_bar", at=(0.1, 0, 0)),
+        joint("right_elbow", "right_bar", "right_rod", at=(0.25, 0, 0)),
+        joint("right_end", "right_rod", "right_tip", at=(0.3, 0, 0), kind="fixed"),
+    ]
+    path = write_urdf(folder, *bars, name="bars")
+    path.write_text(masses(path.read_text(encoding="utf-8"), left_rod=1, right_rod=1.5))
+
+
+def answer(folder: Path, content: dict[str, Any]) -> str:
+    """Everything that comes out, or the refusal."""
+    content = {key: value for key, value in content.items() if value is not None}
+    try:
+        name = content.pop("name", None)
+        file = write_file(folder, "file", **content)
+        if name is not None:
+            file.write_text(f"name: {name}\n{file.read_text(encoding='utf-8')}")
+        elastic = cartstiff.load(file)
+        result = cartstiff.analyse(elastic).as_dict()
+    except InputError as error:
+        return f"refused: {error}"
+    limits = [(c.lower, c.upper) for c in elastic.mechanism.coordinates]
+    lengths = getattr(elastic.mechanism, "limits", None)
+    own = [limits, None if lengths is None else np.array(lengths).tolist()]
+    return json.dumps([result, own, np.array(elastic.springs.stiffness).tolist()], default=str)
+
+
+def changed(content: dict[str, Any], path: tuple[Any, ...], value: Any) -> dict[str, Any]:
+    content = copy.deepcopy(content)
+    place: Any = content
+    for step in path[:-1]:
+        place = place.setdefault(step, {}) if isinstance(place, dict) else place[step]
+    place[path[-1]] = value
+    return content
+
+
+@pytest.mark.parametrize("key", keys())
+def test_every_key_acts(key: str, tmp_path: Path) -> None:
+    model, _, name = key.partition(".")
+    if name in FOR_READERS:
+        field = getattr(schema, model).model_fields[name]
+        assert "for readers" in str(field.description)
+        return
+    file, path, value, more = CASES[key]
+    write_robots(tmp_path)
+    before = file | more
+    was = answer(tmp_path, before)
+    if key != "PayloadModel.mass":  # a payload without a mass is refused
+        assert not was.startswith("refused"), was
+    now = answer(tmp_path, changed(before, path, value))
+    assert now != was
+    if now.startswith("refused") and name != "kind":
+        assert "unknown key" not in now
+
+
+def test_no_case_is_left_over() -> None:
+    assert set(CASES) <= set(keys())
+
+
+def test_base_of_a_serial_arm(tmp_path: Path) -> None:
+    """An arm on the ceiling: as on the floor, seen in turned axes, under turned gravity."""
+    write_robots(tmp_path)
+    g = np.array([0.3, -0.2, -9.81])
+    T = np.diag([1.0, -1.0, -1.0, 1.0])  # half a turn about x
+    T[:3, 3] = 0.5, 0.4, 2.0
+    base = {"xyz": T[:3, 3].tolist(), "rpy": [np.pi, 0, 0]}
+    hanging = cartstiff.load(write_file(tmp_path, **ARM, base=base, gravity=g.tolist()))
+    turned = (T[:3, :3] @ g).tolist()
+    standing = cartstiff.load(write_file(tmp_path, **ARM, gravity=turned))
+    for q in (hanging.q, hanging.q + 0.1):
+        a, b = cartstiff.analyse(hanging, q), cartstiff.analyse(standing, q)
+        assert np.abs(a.pose - T @ b.pose).max() < 1e-12
+        assert np.abs(a.B.matrix - b.B.matrix).max() < 1e-9 * np.abs(b.B.matrix).max()
+        assert np.abs(a.wrench - b.wrench).max() < 1e-9 * np.abs(b.wrench).max()
+    world, _ = hanging.mechanism.at(hanging.q).relative("world", "base")
+    assert np.abs(world - T).max() < 1e-12
