@@ -19,11 +19,10 @@ from typing import Literal
 import numpy as np
 
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.contract import Units
+from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.elastic import Note
 from cartstiff.numerics import IDLE, RANK
 from cartstiff.statics.problem import Balance, Point
-from cartstiff.stiffness.tensor import convert_length
 
 __all__ = ["MASSLESS", "UNDAMPED", "Vibrations", "vibrations"]
 
