@@ -12,7 +12,9 @@ __all__ = ["LARGEST", "parse_numbers"]
 LARGEST = 1e30
 
 
-def parse_numbers(text: str, where: str, count: int | None = None) -> list[float]:
+def parse_numbers(
+    text: str, where: str, count: int | None = None, *, rigid: bool = False
+) -> list[float]:
     """Comma-separated finite numbers.
 
     Parameters
@@ -23,6 +25,8 @@ def parse_numbers(text: str, where: str, count: int | None = None) -> list[float
         What they were given as: an option, a line of a file.
     count : int, optional
         How many there must be.
+    rigid : bool
+        Whether "rigid", "inf" and ".inf" may stand for infinity.
 
     Raises
     ------
@@ -32,6 +36,9 @@ def parse_numbers(text: str, where: str, count: int | None = None) -> list[float
     parts = [part.strip() for part in text.split(",")]
     numbers = []
     for part in parts:
+        if rigid and part in ("rigid", "inf", ".inf"):
+            numbers.append(math.inf)
+            continue
         try:
             number = float(part)
         except ValueError:

@@ -23,6 +23,8 @@ KEYS = {
     "jacobian",
     "wrench",
     "load",
+    "gravity",
+    "weighed",
     "energy",
     "stiffness",
     "compliance",

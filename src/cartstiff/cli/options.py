@@ -25,11 +25,11 @@ _BALANCED = (
 
 
 def parse_values(
-    text: str, option: str, names: tuple[str, ...], broadcast: bool = False
+    text: str, option: str, names: tuple[str, ...], broadcast: bool = False, rigid: bool = False
 ) -> float | list[float] | dict[str, float]:
     """Values for joints: numbers in joint order, ``name=value`` pairs, or one number for all."""
     if "=" not in text:
-        numbers = parse_numbers(text, option)
+        numbers = parse_numbers(text, option, rigid=rigid)
         if broadcast and len(numbers) == 1:
             return numbers[0]
         if len(numbers) != len(names):
@@ -51,7 +51,7 @@ def parse_values(
             raise UnknownNameError("joint", name, names, where=option)
         if name in values:
             raise InputError("joint given twice", where=option, got=repr(name))
-        values[name] = parse_numbers(number, f"{option} {name}", 1)[0]
+        values[name] = parse_numbers(number, f"{option} {name}", 1, rigid=rigid)[0]
     return values
 
 
@@ -87,7 +87,8 @@ def mechanism_options(load_help: str = _BALANCED) -> Callable[..., Callable[...,
         ),
         click.option(
             "--stiffness", "stiffness_text", metavar="VALUES", multiple=True, callback=once,
-            help="Joint (or leg) stiffnesses: one number for all, one each, or name=value pairs.",
+            help="Joint (or leg) stiffnesses: one number for all, one each, or name=value pairs; "
+            "joints may be rigid.",
         ),
         click.option(
             "--rest", "rest_text", metavar="VALUES", multiple=True, callback=once,
@@ -208,7 +209,9 @@ class MechanismRequest:
         are_lines = names != elastic.names
         stiffness = rest = None
         if self.stiffness_text is not None:
-            stiffness = parse_values(self.stiffness_text, "--stiffness", names, broadcast=True)
+            stiffness = parse_values(
+                self.stiffness_text, "--stiffness", names, broadcast=True, rigid=not are_lines
+            )
             _check_range(stiffness, "--stiffness", "above zero" if are_lines else "zero or more")
         if self.rest_text is not None:
             rest = parse_values(self.rest_text, "--rest", names)

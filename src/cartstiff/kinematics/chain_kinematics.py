@@ -78,12 +78,15 @@ class Kinematics:
         postures = [self.mechanism.at(row) for row in q]
         pose = np.array([p.pose for p in postures]).reshape(-1, 4, 4)
         jacobian = np.array([p.motion.jacobian for p in postures]).reshape(len(q), 6, self.n)
-        if not postures or postures[0].closure is None:
+        closures = getattr(self.mechanism, "closures", ())
+        if not postures or not closures:
             return ManyPoses(
                 pose, jacobian, np.empty((len(q), 0)), np.empty((len(q), 0, jacobian.shape[2]))
             )
-        residual = np.array([p.residual for p in postures])
-        closure = np.array([p.closure.jacobian for p in postures if p.closure is not None])
+        # Rigid joints, whose rows come last, go where they are told.
+        m = sum(c.rows.stop - c.rows.start for c in closures)
+        residual = np.array([p.residual[:m] for p in postures if p.residual is not None])
+        closure = np.array([p.closure.jacobian[:m] for p in postures if p.closure is not None])
         return ManyPoses(pose, jacobian, residual, closure)
 
     def _product(self, q: Array) -> ManyPoses:

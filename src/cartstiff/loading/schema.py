@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from difflib import get_close_matches
 from pathlib import Path
@@ -15,6 +16,7 @@ from pydantic import (
     TypeAdapter,
     ValidationError,
     WithJsonSchema,
+    WrapValidator,
     model_validator,
 )
 from pydantic_core import PydanticCustomError
@@ -91,11 +93,16 @@ class PayloadModel(_Model):
     com: Annotated[Vector, Field(description="mass centre in the body frame M")] = [0.0, 0.0, 0.0]
 
 
+_RIGID = ("rigid", math.inf)
+
+
 class JointSpringModel(_Model):
     """A spring in a joint: one of stiffness, polynomial, table."""
 
     stiffness: Annotated[
-        NotNegative | None, Field(description="N m/rad, N/m for a prismatic joint")
+        NotNegative | None,
+        WrapValidator(lambda value, check: math.inf if value in _RIGID else check(value)),
+        Field(description="N m/rad, N/m for a prismatic joint; or rigid"),
     ] = None
     polynomial: Annotated[
         list[Number] | None,
@@ -115,6 +122,8 @@ class JointSpringModel(_Model):
         given = [n for n in ("stiffness", "polynomial", "table") if getattr(self, n) is not None]
         if len(given) != 1:
             raise ValueError("give exactly one of stiffness, polynomial, table")
+        if self.stiffness == math.inf and self.rest is not None:
+            raise ValueError("a rigid joint has no rest position: it stays where it is")
         return self
 
 

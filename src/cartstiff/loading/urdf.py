@@ -55,6 +55,7 @@ _ATTRIBUTES = {
     "parent": ("link",),
     "child": ("link",),
     "mass": ("value",),
+    "inertia": _INERTIA,
     "mimic": ("joint", "multiplier", "offset"),
     "limit": (
         "lower", "upper", "effort", "velocity", "acceleration", "deceleration", "jerk",

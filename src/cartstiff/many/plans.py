@@ -150,7 +150,7 @@ def chain_constants(chain: Chain) -> ChainConstants | str:
 
 def _read_chain(chain: Chain) -> ChainConstants | str:
     tree = chain.tree
-    if chain.closures:
+    if chain.closures or chain.rigid:
         return "a closed chain is assembled posture by posture"
     if chain.actuated is not None:
         return "a chain with chosen actuated joints has no arithmetic of its own"

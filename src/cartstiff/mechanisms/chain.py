@@ -169,17 +169,21 @@ class ChainPosture(MechanismPosture):
     @cached_property
     def residual(self) -> Array | None:  # type: ignore[override]
         """Closure residual (m,), lengths and angles mixed; None without closures."""
-        if not self._chain.closures:
+        chain = self._chain
+        if not (chain.closures or chain.rigid):
             return None
-        return np.concatenate([_residual(c, T) for c, T, _ in self._closures])
+        held = np.zeros(len(chain.rigid))  # where they are
+        return np.concatenate([*(_residual(c, T) for c, T, _ in self._closures), held])
 
     @cached_property
     def closure(self) -> Map | None:  # type: ignore[override]
-        """Map to the closure residual."""
-        if not self._chain.closures:
+        """Map to the closure residual; last come the rigid coordinates, in order."""
+        if not (self._chain.closures or self._chain.rigid):
             return None
         parts = self._closures
-        jacobian = np.concatenate([_residual_jacobian(c, T, m.jacobian) for c, T, m in parts])
+        loops = [_residual_jacobian(c, T, m.jacobian) for c, T, m in parts]
+        held = np.eye(self.q.size)[sorted(self._chain.rigid)]
+        jacobian = np.concatenate([*loops, held])
         return Map(jacobian, self._closure_curvature)
 
     def _closure_curvature(self, multipliers: Array) -> Array:
@@ -278,6 +282,12 @@ class Chain(Mechanism):
         for closure in self.closures:
             for name in (closure.frame_a, closure.frame_b):
                 self.placement(name)
+
+    def with_rigid(self, rigid: frozenset[int]) -> Chain:
+        """The same chain with other coordinates held."""
+        other = copy(self)
+        other.rigid = rigid
+        return other
 
     def placement(self, name: str) -> Placement:
         """Placement of "world", "body" or a named frame of the tree."""

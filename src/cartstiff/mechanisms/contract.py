@@ -144,6 +144,18 @@ class Mechanism(ABC):
     frame: str
     coordinates: tuple[Coordinate, ...]
     units: Units = SI
+    #: Coordinates that do not give: held where they are, whatever acts.
+    rigid: frozenset[int] = frozenset()
+
+    def with_rigid(self, rigid: frozenset[int]) -> Mechanism:
+        """The same mechanism with other coordinates held.
+
+        Raises
+        ------
+        InputError
+            If its coordinates are no joints.
+        """
+        raise InputError(f"coordinates of kind {self.kind} cannot be rigid", got=sorted(rigid))
 
     @abstractmethod
     def at(self, q: ArrayLike) -> MechanismPosture:
@@ -186,8 +198,12 @@ def named_values(
     names: Sequence[str],
     default: ArrayLike,
     what: str,
+    *,
+    infinite: bool = False,
 ) -> Array:
     """Values for named coordinates from one number, a sequence, or a mapping of some of them.
+
+    With `infinite`, infinity is a value too.
 
     Raises
     ------
@@ -201,8 +217,20 @@ def named_values(
         for name, value in given.items():
             if name not in names:
                 raise UnknownNameError("joint", str(name), names, where=what)
-            values[names.index(name)] = checked_number(value, f"{what} of {name}")
+            values[names.index(name)] = (
+                np.inf if infinite and _is_infinite(value)
+                else checked_number(value, f"{what} of {name}")
+            )  # fmt: skip
         return values
     if np.ndim(given) == 0:
-        return np.full(len(names), checked_number(given, what))
+        one = np.inf if infinite and _is_infinite(given) else checked_number(given, what)
+        return np.full(len(names), one)
+    if infinite and isinstance(given, (Sequence, np.ndarray)):
+        rigid = np.array([_is_infinite(value) for value in given], bool)
+        known = [0.0 if r else value for r, value in zip(rigid, given, strict=True)]
+        return np.where(rigid, np.inf, checked_vector(known, len(names), what))
     return checked_vector(given, len(names), what)
+
+
+def _is_infinite(value: object) -> bool:
+    return isinstance(value, float) and value == np.inf

@@ -64,6 +64,11 @@ class ElasticMechanism:
     gravity: Array | None = None
     notes: tuple[Note, ...] = ()
 
+    def __post_init__(self) -> None:
+        rigid = self.springs.rigid if isinstance(self.springs, JointSprings) else frozenset()
+        if rigid != self.mechanism.rigid:
+            object.__setattr__(self, "mechanism", self.mechanism.with_rigid(rigid))
+
     @property
     def units(self) -> Units:
         """Units of every number."""
@@ -100,15 +105,32 @@ class ElasticMechanism:
             )
         names = self.spring_names
         k = self.springs.stiffness
+        springs = self.springs
         if stiffness is not None:
-            k = named_values(stiffness, names, k, "stiffness")
+            if isinstance(springs, JointSprings):
+                k = k.copy()
+                k[list(springs.rigid)] = np.inf
+                springs = replace(springs, rigid=frozenset())
+            k = named_values(stiffness, names, k, "stiffness", infinite=True)
             if np.any(k < 0):
                 raise InputError("stiffness must not be negative", got=k.tolist())
         rests = self.springs.rest
         if rest is not None:
             rests = named_values(rest, names, rests, "rest")
+            for j in springs.rigid if isinstance(springs, JointSprings) else ():
+                if not isinstance(rest, Mapping) or names[j] in rest:
+                    raise InputError(
+                        f"joint {names[j]!r} is rigid and has no rest position",
+                        expected="rest positions by name, of the others",
+                    )
+        # What was at rest anywhere, or rigid, has no rest position yet.
+        rests = np.where(np.isinf(k), np.nan, rests)
+        if isinstance(self.springs, JointSprings):
+            eased = [j for j in self.springs.rigid if np.isfinite(k[j])]
+            if stiffness is not None and rest is None:
+                rests = rests.copy()
+                rests[eased] = np.nan
         # A number given for every joint replaces nonlinear laws as well.
-        springs = self.springs
         if isinstance(springs, JointSprings) and stiffness is not None:
             given = set(stiffness) if isinstance(stiffness, Mapping) else set(names)
             laws = {j: law for j, law in springs.laws.items() if names[j] not in given}

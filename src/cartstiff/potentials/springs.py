@@ -183,11 +183,15 @@ class JointSprings(Potential):
         the posture (see `balanced`).
     laws : mapping of int to SpringLaw
         Nonlinear springs by coordinate index.
+    rigid : frozenset of int
+        Coordinates that do not give at all: those given with infinite stiffness. They store no
+        energy, and `stiffness` is 0 there; the mechanism holds them where they are.
     """
 
     stiffness: Array
     rest: Array
     laws: Mapping[int, SpringLaw] = field(default_factory=dict)
+    rigid: frozenset[int] = frozenset()
 
     def __post_init__(self) -> None:
         k = checked_array(self.stiffness, None, "joint stiffness", finite=False)
@@ -198,8 +202,13 @@ class JointSprings(Potential):
                 expected=f"{k.shape}",
                 got=f"{r.shape}",
             )
-        if not np.all(np.isfinite(k)) or np.any(k < 0):
-            raise InputError("joint stiffness must be finite and not negative", got=k.tolist())
+        if np.isnan(k).any() or np.any(k < 0):
+            raise InputError("joint stiffness must be a number from zero", got=k.tolist())
+        rigid = self.rigid | frozenset(np.flatnonzero(np.isinf(k)).tolist())
+        if any(np.isfinite(r[j]) and np.isinf(k[j]) for j in rigid):
+            raise InputError("a rigid joint stays where it is", expected="no rest position for it")
+        k[list(rigid)], r[list(rigid)] = 0.0, 0.0
+        object.__setattr__(self, "rigid", rigid)
         passive = k == 0.0
         passive[list(self.laws)] = False
         r[passive & np.isnan(r)] = 0.0  # a joint without a spring is at rest anywhere
@@ -251,7 +260,7 @@ class JointSprings(Potential):
 
     def replaced(self, stiffness: Array, rest: Array) -> JointSprings:
         """The same springs with other stiffnesses and rest positions."""
-        return JointSprings(stiffness, rest, self.laws)
+        return JointSprings(stiffness, rest, self.laws, self.rigid)
 
     def balanced(self, posture: Posture, gradient: Array, every: bool = False) -> JointSprings:
         """The same springs with rest positions at which they exert torques at a posture.

@@ -163,6 +163,7 @@ _EQUILIBRIUM: dict[str, Any] = {
             "wrench": _WRENCH | {"description": "the same as a wrench; null if nothing is held"},
             "limits": {"type": "object", "description": "by joint or leg on a limit"},
             "closures": _NUMBERS | {"description": "forces of the closures"},
+            "rigid": {"type": "object", "description": "torque of each rigid joint"},
         },
         "what holds the mechanism",
     ),

@@ -48,6 +48,8 @@ def describe_equilibrium(state: Equilibrium) -> str:
         lines.append(f"  held {name}: reaction {force:.6g} {unit}")
     for name, force in state.reactions.limits.items():
         lines.append(f"  limit of {name}: reaction {force:.6g} {units.force} or {units.moment}")
+    for name, torque in state.reactions.rigid.items():
+        lines.append(f"  rigid {name}: reaction {torque:.6g} {units.moment} or {units.force}")
     lines += ["", "Stiffness there, loads included", "", describe(state.stiffness)]
     return "\n".join(lines)
 

@@ -47,12 +47,15 @@ class Reactions:
         upper one.
     closures : ndarray
         Forces of the closures, frame b on frame a per component of the residual.
+    rigid : mapping of str to float
+        Torque (force) of each rigid joint on what it moves.
     """
 
     held: Mapping[str, float]
     wrench: Array | None
     limits: Mapping[str, float]
     closures: Array
+    rigid: Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,6 +173,7 @@ class Equilibrium:
                 "wrench": _plain(wrench),
                 "limits": dict(self.reactions.limits),
                 "closures": self.reactions.closures.tolist(),
+                "rigid": dict(self.reactions.rigid),
             },
         }
 
@@ -301,19 +305,25 @@ def _reactions(system: System, solution: Solution) -> Reactions:
     posture, lam = solution.point.posture, solution.balance.multipliers
     touched = len(solution.contacts)
     rows = 0 if system.held is None else len(system.held.rows)
-    closures = read_only(lam[: len(lam) - rows - touched])
+    stiff = sorted(system.elastic.mechanism.rigid)
+    loops = len(lam) - rows - touched
+    closures = read_only(lam[: loops - len(stiff)])
+    names = system.elastic.names
+    torques = (-lam[loops - len(stiff) : loops]).tolist()
+    rigid = {names[j]: torque for j, torque in zip(stiff, torques, strict=True)}
     stops = -lam[len(lam) - touched :]
     limits = {
         system.limits.names[c.quantity]: float(force)
         for c, force in zip(solution.contacts, stops, strict=True)
     }
     if system.held is None:
-        return Reactions({}, None, limits, closures)
-    forces = -lam[len(closures) : len(closures) + rows]
+        return Reactions({}, None, limits, closures, rigid)
+    forces = -lam[loops : loops + rows]
     _, _, to_components = system.held.constraint(posture)
     return Reactions(
         dict(zip(system.held.names, forces.tolist(), strict=True)),
         read_only(to_components.T @ forces),
         limits,
         closures,
+        rigid,
     )
