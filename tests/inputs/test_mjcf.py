@@ -6,11 +6,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
+from tests.inputs.mjcf_tool import verdict
 
 from cartstiff import load
-from cartstiff.loading.robot_description import read_robot_description
 
 Refused = Callable[..., str]
 Accepted = Callable[..., dict[str, Any]]
@@ -46,128 +47,126 @@ def place(text: str | bytes, name: str = "arm.xml") -> str:
     return name
 
 
-NUMBERS = ["a b c", "0 0", "0 0 0 0", "nan 0 0", "0 inf 0", "", "0 0 1e200", "0x1 0 0", "0,0,1"]
+MALFORMED = ["a b c", "0 0", "0 0 0 0", "nan 0 0", "0 inf 0", "0 0 1e200", "0,0,1"]
 PLACES = {
-    "body pos": ('<body name="a" pos="0 0 1">', '<body name="a" pos="{}">', "body 'a': pos"),
-    "body euler": ('<body name="a"', '<body name="a" euler="{}"', "body 'a': euler"),
-    "body zaxis": ('<body name="a"', '<body name="a" zaxis="{}"', "body 'a': zaxis"),
-    "joint axis": ('axis="0 0 1" range', 'axis="{}" range', "joint 'j1': axis"),
-    "joint pos": ('name="j1"', 'name="j1" pos="{}"', "joint 'j1': pos"),
-    "default axis": ('stiffness="7" axis="0 1 0"', 'axis="{}"', "joint: axis"),
-    "site pos": ('name="tip" pos="0 0 1"', 'name="tip" pos="{}"', "site 'tip': pos"),
-    "inertial pos": ('inertial pos="0 0 0"', 'inertial pos="{}"', "inertial: pos"),
-    "inertia": ('diaginertia="1 1 1"', 'diaginertia="{}"', "inertial: diaginertia"),
+    "body pos": ('<body name="a" pos="0 0 1">', '<body name="a" pos="{}">'),
+    "body euler": ('<body name="a"', '<body name="a" euler="{}"'),
+    "body zaxis": ('<body name="a"', '<body name="a" zaxis="{}"'),
+    "joint axis": ('axis="0 0 1" range', 'axis="{}" range'),
+    "joint pos": ('name="j1"', 'name="j1" pos="{}"'),
+    "default axis": ('stiffness="7" axis="0 1 0"', 'axis="{}"'),
+    "site pos": ('name="tip" pos="0 0 1"', 'name="tip" pos="{}"'),
+    "inertial pos": ('inertial pos="0 0 0"', 'inertial pos="{}"'),
+    "inertia": ('diaginertia="1 1 1"', 'diaginertia="{}"'),
 }
 
 
-@pytest.mark.parametrize("text", NUMBERS)
+def in_mujoco(text: str) -> tuple[Any, Any, Any]:
+    model = mujoco.MjModel.from_xml_string(text)
+    return mujoco, model, mujoco.MjData(model)
+
+
+@pytest.mark.parametrize("text", MALFORMED)
 @pytest.mark.parametrize("where", PLACES)
-def test_bad_numbers_are_refused(where: str, text: str, refused: Refused) -> None:
-    # Pinocchio itself takes all of them, and goes on with what happens to stand in memory.
-    old, new, words = PLACES[where]
-    refused(
-        "analyse",
-        place(changed(old, new.format(text))),
-        words=("arm.xml", words, "3 finite number", repr(text)),
-    )
+def test_malformed_numbers_are_refused_or_are_what_mujoco_makes_of_them(
+    where: str, text: str, request: pytest.FixtureRequest
+) -> None:
+    old, new = PLACES[where]
+    path = Path(place(changed(old, new.format(text))))
+    kind, words = verdict(path)
+    assert kind in ("same", "refused", "refused by both"), words
+    if kind != "same":
+        request.getfixturevalue("refused")("analyse", str(path), words=("arm.xml",))
 
 
 BODY_A, JOINT_1, TIP = '<body name="a" pos="0 0 1"', 'name="j1"', '<site name="tip" pos="0 0 1"/>'
 END = "</worldbody>"
+# What MuJoCo refuses comes with its own words; the rest is what it lets pass.
 BAD: dict[str, tuple[str | bytes, tuple[str, ...]]] = {
     "empty": ("", ("file is empty",)),
-    "nothing in it": ("<mujoco/>", ("no bodies",)),
-    "no bodies": ("<mujoco><worldbody/></mujoco>", ("no bodies",)),
+    "nothing in it": ("<mujoco/>", ("no movable joints",)),
     "only a floor": (
-        '<mujoco><worldbody><geom type="plane"/></worldbody></mujoco>',
-        ("no bodies",),
+        '<mujoco><worldbody><geom type="plane" size="1 1 1"/></worldbody></mujoco>',
+        ("no movable joints",),
     ),
     "no joints": (
         '<mujoco><worldbody><body name="a"/></worldbody></mujoco>',
         ("no movable joints",),
     ),
-    "include": (changed("<worldbody>", '<include file="x.xml"/><worldbody>'), ("includes",)),
-    "include of itself": (changed(TIP, '<include file="arm.xml"/>'), ("includes",)),
+    "include of nothing": (
+        changed("<worldbody>", '<include file="x.xml"/><worldbody>'),
+        ("x.xml",),
+    ),
+    "include of itself": (changed(TIP, '<include file="arm.xml"/>'), ("arm.xml", "include")),
     "DOCTYPE": ("<!DOCTYPE mujoco>" + ARM, ("document types",)),
     "namespace": (changed("<mujoco ", '<mujoco xmlns="http://x" '), ("not a robot description",)),
     "cut off": (ARM[:200], ("not valid XML", "line")),
-    "zero quaternion": (changed(BODY_A, BODY_A + ' quat="0 0 0 0"'), ("'a'", "zero quat")),
-    "quaternion of three": (changed(BODY_A, BODY_A + ' quat="1 0 0"'), ("quat is not 4",)),
-    "zero axis": (changed('axis="0 0 1"', 'axis="0 0 0"'), ("'j1'", "zero axis")),
-    "zero z axis": (changed(BODY_A, BODY_A + ' zaxis="0 0 0"'), ("'a'", "zero zaxis")),
-    "axis of no angle": (changed(BODY_A, BODY_A + ' axisangle="0 0 0 1"'), ("'a'", "zero axis")),
-    "parallel axes": (changed(BODY_A, BODY_A + ' xyaxes="1 0 0 2 0 0"'), ("'a'", "parallel")),
-    "two orientations": (changed(BODY_A, BODY_A + ' euler="1 0 0" zaxis="1 0 0"'), ("several",)),
-    "range of one": (changed('"-1 1"', '"1"'), ("'j1': range is not 2", "'1'")),
-    "range NaN": (changed('"-1 1"', '"nan 1"'), ("'j1': range",)),
-    "range reversed": (changed('"-1 1"', '"1 -1"'), ("'j1': range is the wrong way round",)),
-    "unknown joint type": (
-        changed(JOINT_1, JOINT_1 + ' type="screw"'),
-        ("'j1'", "hinge", "'screw'"),
-    ),
-    "stiffness text": (
-        changed(JOINT_1, JOINT_1 + ' stiffness="soft"'),
-        ("'j1': stiffness", "'soft'"),
-    ),
+    "unknown joint type": (changed(JOINT_1, JOINT_1 + ' type="screw"'), ("screw",)),
+    "zero quaternion": (changed(BODY_A, BODY_A + ' quat="0 0 0 0"'), ("quaternion",)),
+    "zero axis": (changed('axis="0 0 1"', 'axis="0 0 0"'), ("axis",)),
+    "huge axis": (changed('axis="0 0 1"', 'axis="0 0 1e200"'), ("axis has no direction",)),
+    "unknown class": (changed('class="soft"/>', 'class="hard"/>'), ("class",)),
+    "unknown attribute": (changed(JOINT_1, JOINT_1 + ' stifness="3"'), ("stifness",)),
     "stiffness NaN": (changed(JOINT_1, JOINT_1 + ' stiffness="nan"'), ("'j1': stiffness",)),
-    "stiffness negative": (
-        changed(JOINT_1, JOINT_1 + ' stiffness="-1"'),
-        ("stiffness is negative",),
+    "stiffness too large": (changed(JOINT_1, JOINT_1 + ' stiffness="1e300"'), ("'j1': stiffness",)),
+    "stiffness negative": (changed(JOINT_1, JOINT_1 + ' stiffness="-1"'), ("'j1'", "negative")),
+    "range NaN": (changed('"-1 1"', '"nan 1"'), ("range",)),
+    "range reversed": (changed('"-1 1"', '"1 -1"'), ("range",)),
+    "ref infinite": (changed(JOINT_1, JOINT_1 + ' ref="inf"'), ("position",)),
+    "keyframe of another model": (
+        changed(END, END + '<keyframe><key qpos="1 2 3"/></keyframe>'),
+        ("keyframe",),
     ),
-    "stiffness too large": (changed(JOINT_1, JOINT_1 + ' stiffness="1e300"'), ("stiffness",)),
-    "default stiffness text": (changed('"7"', '"soft"'), ("stiffness", "'soft'")),
-    "springref text": (changed(JOINT_1, JOINT_1 + ' springref="x"'), ("'j1': springref", "'x'")),
-    "springref of two": (changed(JOINT_1, JOINT_1 + ' springref="1 2"'), ("'j1': springref",)),
-    "ref infinite": (changed(JOINT_1, JOINT_1 + ' ref="inf"'), ("'j1': ref",)),
-    "ref of several joints": (
-        changed('<joint name="j1"', '<joint name="j0" ref="1"/><joint name="j1"'),
-        ("'j0'", "ref"),
+    "two bodies of a name": (changed('name="b"', 'name="a"'), ("repeated name", "'a'")),
+    "two joints of a name": (changed('"j2"', '"j1"'), ("repeated name", "'j1'")),
+    "joint of the world": (changed("<worldbody>", '<worldbody><joint name="w"/>'), ("joint",)),
+    "spring of a ball": (
+        changed(JOINT_1, JOINT_1 + ' type="ball"').replace('range="-1 1"', ""),
+        ("spring of the ball joint 'j1'", "cannot be expressed"),
     ),
-    "unknown class": (changed('class="soft"/>', 'class="hard"/>'), ("default class", "'hard'")),
-    "unknown childclass": (changed(BODY_A, BODY_A + ' childclass="hard"'), ("class", "'hard'")),
-    "class without name": (changed('<default class="soft">', "<default>"), ("class has no name",)),
-    "two bodies of a name": (changed('name="b"', 'name="a"'), ("two bodies", "'a'")),
-    "body named world": (changed('name="b"', 'name="world"'), ("two bodies", "'world'")),
-    "two joints of a name": (changed('"j2"', '"j1"'), ("two joints", "'j1'")),
-    "joint of the world": (changed("<worldbody>", '<worldbody><joint name="w"/>'), ("worldbody",)),
-    "free and hinged": (
-        changed('<joint name="j1"', '<freejoint/><joint name="j1"'),
-        ("free joint",),
+    "spring of a tendon": (
+        changed(
+            END,
+            END + '<tendon><fixed name="t" stiffness="3"><joint joint="j1" coef="1"/></fixed>'
+            "</tendon>",
+        ),
+        ("stiffness of tendon 't'", "'j1'"),
     ),
-    "mass negative": (changed('mass="1"', 'mass="-1"'), ("mass is negative",)),
-    "mass NaN": (changed('mass="1"', 'mass="nan"'), ("mass", "'nan'")),
-    "mass missing": (changed(' mass="1"', ""), ("body a", "no mass")),
-    "size text": (changed('size=".1"', 'size="big"'), ("geom: size", "'big'")),
-    "frames": (changed(TIP, '<frame pos="1 0 0"><body/></frame>'), ("<frame> is not supported",)),
-    "replicate": (changed(TIP, '<replicate count="3"><body/></replicate>'), ("<replicate>",)),
-    "composite": (changed(TIP, '<composite type="cable"/>'), ("<composite>",)),
-    "attach": (changed(TIP, '<attach model="x" body="y" prefix="z"/>'), ("<attach>",)),
-    "unknown angle": (changed('"radian"', '"gon"'), ("compiler angle", "'gon'")),
-    "global coordinates": (changed('"radian"', '"radian" coordinate="global"'), ("coordinate",)),
-    "unknown sequence": (changed('"radian"', '"radian" eulerseq="xyw"'), ("eulerseq", "'xyw'")),
+    "coupled by a curve": (
+        changed(
+            END, END + '<equality><joint joint1="j1" joint2="j2" polycoef="0 1 2 0 0"/></equality>'
+        ),
+        ("'j1'", "'j2'", "curve"),
+    ),
+    "coupled to itself": (
+        changed(
+            END,
+            END + '<equality><joint joint1="j1" joint2="j2"/><joint joint1="j2" joint2="j1"/>'
+            "</equality>",
+        ),
+        ("coupled to itself",),
+    ),
     "tie to nobody": (
         changed(END, END + '<equality><weld body1="a" body2="x"/></equality>'),
-        ("weld", "body", "'x'"),
+        ("'x'",),
     ),
-    "tie at two numbers": (
-        changed(END, END + '<equality><connect body1="a" body2="b" anchor="0 0"/></equality>'),
-        ("connect", "anchor"),
-    ),
-    "deep classes": (
-        changed(
-            END, END + "".join(f'<default class="c{i}">' for i in range(2000)) + "</default>" * 2000
-        ),
-        ("classes are nested too deeply",),
-    ),
-    "deep bodies": (
-        changed(TIP, "<body>" * 3000 + "</body>" * 3000),
-        ("bodies are nested too deeply",),
-    ),
+    "deep bodies": (changed(TIP, "<body>" * 3000 + "</body>" * 3000), ()),
     "5000 joints": (
-        changed(TIP, "".join(f'<body><joint name="q{i}"/></body>' for i in range(5000))),
-        ("too many joints", "5002"),
+        changed(
+            TIP, "".join(f'<body><joint name="q{i}"/><geom size="1"/></body>' for i in range(5000))
+        ),
+        ("too many coordinates", "200", "5002"),
     ),
-}
+    "1000 ties": (
+        changed(END, END + "<equality>" + '<connect body1="b" anchor="0 0 0"/>' * 1000
+                + "</equality>"),
+        ("too many equality constraints", "1000"),
+    ),
+    "a thousand million copies": (
+        changed(TIP, '<replicate count="1000000000"><geom size="1"/></replicate>'),
+        ("arm.xml",),
+    ),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", BAD)
@@ -183,22 +182,40 @@ SAME: dict[str, str | bytes] = {
     "carriage returns": ARM.replace("\n", "\r\n").encode(),
     "no names of bodies": changed(' name="a"', ""),
     "meshes that are not there": changed(END, END + '<asset><mesh file="none.stl"/></asset>'),
-    "mesh shape": changed('type="sphere" size=".1"', 'type="mesh" mesh="none"'),
-    "texture that is not there": changed(END, END + '<asset><texture file="x.png"/></asset>'),
-    "keyframe of another model": changed(END, END + '<keyframe><key qpos="1 2 3"/></keyframe>'),
-    "actuators and sensors": changed(END, END + '<actuator><motor joint="x"/></actuator><sensor/>'),
-    "damping text": changed(JOINT_1, JOINT_1 + ' damping="some" armature="x"'),
-    "two worldbodies": changed(BODY_A, "</worldbody><worldbody>" + BODY_A.replace("\n", "")),
-    "options": changed(END, END + '<option gravity="0 0"/><size/><visual/><statistic/>'),
-    "lights and cameras": changed(
-        "<worldbody>", "<worldbody><light/><camera/><geom type='plane'/>"
+    "mesh shape": changed(
+        '<geom type="sphere" size=".1"/>',
+        '<geom type="sphere" size=".1"/><geom type="mesh" mesh="none" mass="0"/>',
+    ).replace(END, END + '<asset><mesh file="none.stl"/></asset>'),
+    "texture that is not there": changed(
+        END, END + '<asset><texture name="t" type="2d" file="x.png"/></asset>'
     ),
-    "deep and strange": changed(TIP, TIP + "<x>" * 3000 + "</x>" * 3000),
+    "two worldbodies": changed(BODY_A, "</worldbody><worldbody>" + BODY_A.replace("\n", "")),
+    "lights and cameras": changed(
+        "<worldbody>", "<worldbody><light/><camera/><geom type='plane' size='1 1 1'/>"
+    ),
     "inactive tie": changed(
         END, END + '<equality><weld body1="a" body2="b" active="false"/></equality>'
     ),
     "quaternion not of unit length": changed(BODY_A, BODY_A + ' quat="3 0 0 0"'),
-}
+    "frame": changed(TIP, f'<frame pos="1 0 0"><frame pos="-1 0 0">{TIP}</frame></frame>'),
+    "a joint named universe": changed('"j1"', '"universe"'),
+    "a body named universe": changed('name="a"', 'name="universe"'),
+    "a joint named like a body": changed('"j1"', '"b"'),
+    "a joint named like a site": changed('"j1"', '"tip"'),
+    "spring of a tendon elsewhere": changed(
+        END,
+        '<body name="c" pos="5 0 0"><joint name="j9"/><geom size="1"/></body></worldbody><tendon>'
+        '<fixed name="t" stiffness="3"><joint joint="j9" coef="1"/></fixed></tendon>',
+    ),
+    "spring on a bystander": changed(
+        END,
+        '<body name="c" pos="5 0 0"><joint name="j9" stiffness="9"/><geom size="1"/></body>'
+        "</worldbody>",
+    ),
+    "stiffness switched on": changed(
+        "<worldbody>", '<option><flag gravity="enable" spring="enable"/></option><worldbody>'
+    ),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", SAME)
@@ -208,6 +225,19 @@ def test_the_same_arm_in_other_words(case: str, accepted: Accepted) -> None:
     got, expected = accepted(place(SAME[case]), *options), accepted("plain.xml", *options)
     assert np.allclose(got["pose"], expected["pose"], atol=1e-14)
     assert np.allclose(got["compliance"]["B"], expected["compliance"]["B"], rtol=1e-12, atol=1e-14)
+
+
+def test_includes_and_their_defaults(accepted: Accepted) -> None:
+    place(ARM, "plain.xml")
+    head, _ = ARM.split("<worldbody>")
+    default = head[head.index("<default>") : head.rindex("</default>") + 10]
+    place(f"<mujocoinclude>{default}</mujocoinclude>", "defaults.xml")
+    Path("parts").mkdir()
+    text = ARM.replace(default, '<include file="defaults.xml"/>')
+    options = ("--q", "0.3,-0.2", "--frame", "tip")
+    got, expected = accepted(place(text), *options), accepted("plain.xml", *options)
+    assert got["pose"] == expected["pose"]
+    assert got["compliance"]["B"] == expected["compliance"]["B"]
 
 
 def test_joints_without_names_get_some(accepted: Accepted) -> None:
@@ -256,12 +286,6 @@ ORIENTATIONS = {
 }
 
 
-def in_mujoco(text: str) -> tuple[Any, Any, Any]:
-    mujoco = pytest.importorskip("mujoco")
-    model = mujoco.MjModel.from_xml_string(text)
-    return mujoco, model, mujoco.MjData(model)
-
-
 @pytest.mark.parametrize("joints", JOINTS)
 @pytest.mark.parametrize("orientation", ["degrees", "radians"])
 def test_kinematics_and_springs_as_in_mujoco(joints: str, orientation: str) -> None:
@@ -282,7 +306,8 @@ def test_kinematics_and_springs_as_in_mujoco(joints: str, orientation: str) -> N
     assert np.allclose(posture.motion.jacobian, expected, atol=1e-14)
     if "stiffness" in JOINTS[joints]:
         torque = elastic.balanced(q).springs.evaluate(posture).gradient
-        assert np.allclose(torque, -data.qfrc_spring, atol=1e-13)
+        held = model.jnt_stiffness > 0
+        assert np.allclose(torque[held], -data.qfrc_spring[held], atol=1e-13)
 
 
 @pytest.mark.parametrize("orientation", ORIENTATIONS)
@@ -319,27 +344,10 @@ def test_ball_and_free_joints_reach_what_mujoco_reaches(kind: str) -> None:
     data.qpos[-5:-1], data.qpos[-1] = quaternion, q[-1]
     posture = elastic.mechanism.at(q)
     if kind == "free":
-        # MuJoCo counts a free body's position from the world's origin.
-        zero = elastic.mechanism.at(np.zeros(len(q)))
-        offset = np.array([0.1, 0.2, 1.0])
-        if np.allclose(zero.pose[:3, 3], [1, 0, 0.5], atol=1e-12):
-            offset = np.zeros(3)
-        data.qpos[:3] = q[:3] + offset
+        data.qpos[:3] = q[:3]
     mujoco.mj_forward(model, data)
     assert np.allclose(posture.pose[:3, :3].ravel(), data.body("e").xmat, atol=1e-14)
     assert np.allclose(posture.pose[:3, 3], data.body("e").xpos, atol=1e-14)
-
-
-def test_spring_of_a_ball_joint_is_said_to_play_no_part() -> None:
-    text = TWO.format(
-        compiler="",
-        default="",
-        orientation="",
-        joints='<joint name="j" type="ball" stiffness="3"/>',
-    )
-    facts = read_robot_description(Path(place(text))).mjcf
-    assert facts is not None
-    assert facts.ignored == ("stiffness of the ball joint 'j'",)
 
 
 def test_springref_is_in_degrees_unless_the_file_says_radians() -> None:

@@ -15,7 +15,7 @@ from cartstiff.loading.catalogue import (
     example_robot,
     example_robots,
 )
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 
 __all__ = ["load"]
 
@@ -120,20 +120,29 @@ def _shown(name: str) -> str:
 def _from_robot(
     model: str, name: str, frame: str | None, locked: dict[str, float]
 ) -> ElasticMechanism:
-    from cartstiff.loading.build import build_serial
-    from cartstiff.loading.build_closed import build_closed_chain
+    from cartstiff.loading.build import serial_of
+    from cartstiff.loading.build_closed import closed_chain_of
+    from cartstiff.loading.defaults import default_frame
+    from cartstiff.loading.parts import joints_that_move, model_path
     from cartstiff.loading.robot_description import read_robot_description
     from cartstiff.loading.schema import ClosedChainFile, SerialFile
 
-    file = SerialFile.model_construct(kind="serial", model=model, frame=frame, locked=locked)
-    if model.lower().endswith((".xml", ".mjcf")):
-        description = read_robot_description(Path(model).expanduser())
-        if description.mjcf is not None and description.mjcf.closures:
-            closed = ClosedChainFile.model_construct(
-                kind="closed-chain", model=model, frame=frame, locked=locked
-            )
-            return build_closed_chain(closed, None, one_line(model), name)
-    return build_serial(file, None, one_line(model), name)
+    description = read_robot_description(model_path(model, None))
+    facts, where = description.facts, one_line(model)
+    keys: dict[str, Any] = {"model": model, "frame": frame, "locked": locked}
+    said = []
+    if facts.gravity is not None:
+        keys["gravity"] = facts.gravity.tolist()
+        shown = ", ".join(f"{g:g}" for g in facts.gravity)
+        words = f"gravity ({shown}) m/s^2 acts, as the MJCF file says"
+        said.append(Note("gravity-of-file", words, {"gravity": keys["gravity"]}))
+    if facts.closures:
+        moving = joints_that_move(description, frame or default_frame(description.model)[0])
+        if any(tie.joints & moving for tie in facts.closures):
+            closed = ClosedChainFile.model_construct(kind="closed-chain", **keys)
+            return closed_chain_of(description, closed, where, name, said=said, alone=True)
+    serial = SerialFile.model_construct(kind="serial", **keys)
+    return serial_of(description, serial, where, name, said=said)
 
 
 def _from_file(path: Path, frame: str | None, locked: dict[str, float]) -> ElasticMechanism:

@@ -13,8 +13,9 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.loading.defaults import chosen_frame, default_posture
 from cartstiff.loading.parts import (
     add_payload,
+    description_notes,
+    gravity_left_out,
     gravity_of,
-    ignored_parts,
     link_springs,
     model_path,
     pose_of,
@@ -46,7 +47,8 @@ __all__ = ["build_platform", "build_serial", "serial_of", "with_frame"]
 def build_serial(file: SerialFile, beside: Path | None, where: str, name: str) -> ElasticMechanism:
     """Elastic mechanism of a serial arm."""
     description = read_robot_description(model_path(file.model, beside))
-    return serial_of(description, file, where, name)
+    said = gravity_left_out(file, description)
+    return serial_of(description, file, where, name, said=said)
 
 
 def serial_of(
@@ -73,7 +75,7 @@ def serial_of(
     said : sequence of Note
         Notes of the reader.
     """
-    notes = [*said]
+    notes, facts = [*said], description.facts
     frame = chosen_frame(description, file.frame, where, notes)
     tree = tree_to(description, [frame], file.locked, where, notes, file.flexible)
     if tree.n == 0:
@@ -90,11 +92,11 @@ def serial_of(
     add_payload(tree, chain, file.payload)
     soft = link_springs(file.flexible, tree, where)
     springs, assumed = springs_of(
-        file.springs, file.passive, tree, description, where, virtual=virtual_joints(file.flexible)
+        file.springs, file.passive, tree, facts, where, virtual=virtual_joints(file.flexible)
     )
-    q = default_posture(tree, file.q, where, posture)
-    notes += [*ignored_parts(description), *assumed]
-    return put_together(file, name, chain, q, springs, soft, notes, where)
+    q = default_posture(tree, file.q, where, posture, facts)
+    notes += [*description_notes(description, tree), *assumed]
+    return put_together(file, name, chain, q, springs, soft, notes, where, facts.lifted)
 
 
 def _per_leg(value: float | list[float] | None, m: int, key: str, where: str) -> Array | None:

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-
-import numpy as np
 
 from cartstiff.errors import ConvergenceError, InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.assembly import leg_at_pose
 from cartstiff.loading.defaults import chosen_frame, default_posture
-from cartstiff.loading.mjcf import MjcfClosure
+from cartstiff.loading.mjcf_facts import Lifted, MjcfClosure, MjcfFacts, MjcfSpring
 from cartstiff.loading.parts import (
     add_payload,
-    ignored_parts,
+    description_notes,
+    gravity_left_out,
+    joints_that_move,
     link_springs,
     model_path,
     pose_of,
@@ -37,7 +38,7 @@ from cartstiff.loading.schema import (
 )
 from cartstiff.mechanisms.chain import Chain, Closure, Description
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
-from cartstiff.mechanisms.tree import KinematicTree, Placement, TreeState
+from cartstiff.mechanisms.tree import KinematicTree, Placement
 from cartstiff.mechanisms.tree_building import extended, merged
 
 __all__ = ["build_closed_chain", "build_parallel", "closed_chain_of"]
@@ -92,12 +93,16 @@ def build_parallel(
     posture: dict[str, float] = {}
     soft: list[tuple[int, LegModel]] = []
     descriptions: list[Description] = []
+    file_springs: dict[str, MjcfSpring] = {}
+    file_passive: list[str] = []
+    drawn: dict[str, float] = {}
+    lifted: list[Lifted] = []
     for i, leg in enumerate(file.legs):
         prefix, place = f"leg{i + 1}/", f"{where}, leg {i + 1}"
         description = read_robot_description(model_path(leg.model, beside))
         end = chosen_frame(description, leg.frame, place, notes, f"leg {i + 1}: ")
-        notes += ignored_parts(description)
         tree = tree_to(description, [end], leg.locked, place, notes, leg.flexible)
+        notes += description_notes(description, tree)
         if leg.contact != "rigid":
             tree = extended(tree, end, _CONTACTS[leg.contact], "contact")
             end = "contact"
@@ -113,7 +118,12 @@ def build_parallel(
         virtual += virtual_joints(leg.flexible, prefix)
         soft.append((i, leg))
         parts.append((prefix, tree, pose_of(leg.base)))
-        descriptions.append(Description(description.path, prefix))
+        facts = description.facts
+        file_springs |= {prefix + joint: spring for joint, spring in facts.springs.items()}
+        file_passive += [prefix + joint for joint in facts.passive]
+        drawn |= {prefix + joint: value for joint, value in facts.posture.items()}
+        lifted += [replace(part, body=prefix + part.body) for part in facts.lifted]
+        descriptions.append(Description(description.path, prefix, description.pieces))
         ends.append(prefix + end)
     tree = merged(parts)
     body = [f"body of leg {i + 1}" for i in range(len(ends))]
@@ -130,7 +140,8 @@ def build_parallel(
     )
     chain.frame = "body"
     add_payload(tree, chain, file.payload)
-    q = default_posture(tree, posture, where)
+    facts = MjcfFacts(file_springs, tuple(file_passive), posture=drawn)
+    q = default_posture(tree, posture, where, facts=facts)
     if file.pose is not None:
         start = 0
         for i, (leg, (prefix, part, T_F_root)) in enumerate(zip(file.legs, parts, strict=True)):
@@ -144,14 +155,15 @@ def build_parallel(
             start += part.n
     q = _assembled(chain, q, where)
     joint_springs, assumed = springs_of(
-        springs, passive, tree, None, where, virtual=virtual, actuated=file.actuated
+        springs, passive, tree, facts, where, virtual=virtual, actuated=file.actuated
     )
     links = [
         spring
         for i, leg in soft
         for spring in link_springs(leg.flexible, tree, where, f"leg{i + 1}/")
     ]
-    return put_together(file, name, chain, q, joint_springs, links, [*notes, *assumed], where)
+    notes += assumed
+    return put_together(file, name, chain, q, joint_springs, links, notes, where, lifted)
 
 
 def build_closed_chain(
@@ -160,7 +172,8 @@ def build_closed_chain(
     """A tree whose frames are tied by closures, from a file or from MJCF equalities."""
     path = model_path(file.model, beside)
     description = read_robot_description(path, floating=file.floating)
-    return closed_chain_of(description, file, where, name)
+    said = gravity_left_out(file, description)
+    return closed_chain_of(description, file, where, name, said=said)
 
 
 def closed_chain_of(
@@ -170,13 +183,23 @@ def closed_chain_of(
     name: str,
     posture: Mapping[str, float] | None = None,
     said: Sequence[Note] = (),
+    alone: bool = False,
 ) -> ElasticMechanism:
-    """`build_closed_chain` for a robot description that has been read; see `serial_of`."""
-    notes = [*said]
+    """`build_closed_chain` for a robot description that has been read; see `serial_of`.
+
+    With `alone` there is only the description: joints that do not move the frame are left out, and
+    its own actuators drive the chain.
+    """
+    notes, facts = [*said], description.facts
     frame = chosen_frame(description, file.frame, where, notes)
-    tree = tree_to(description, None, file.locked, where, notes, file.flexible)
-    closures = _mjcf_closures(description, tree)
-    q = default_posture(tree, file.q, where, posture)
+    moving = joints_that_move(description, frame) if alone else set(description.model.names)
+    ends = [frame] if alone else None
+    tree = tree_to(description, ends, file.locked, where, notes, file.flexible, moving)
+    left = {c.name for c in tree.coordinates}
+    ties = [tie for tie in facts.closures if tie.joints & moving]
+    closures = [_mjcf_closure(tie, i, tree) for i, tie in enumerate(ties)]
+    actuated = [n for n in facts.actuated if n in left] if alone else file.actuated
+    q = default_posture(tree, file.q, where, posture, facts)
     closures += [_closure(entry, i, tree, q, where) for i, entry in enumerate(file.closures)]
     virtual = virtual_joints(file.flexible)
     chain = Chain(
@@ -184,7 +207,7 @@ def closed_chain_of(
         frame,
         offset=pose_of(file.offset),
         closures=closures,
-        actuated=_actuated(file.actuated, tree, where),
+        actuated=_actuated(actuated, tree, where),
         virtual=_indices(virtual, tree),
         kind="closed-chain",
         descriptions=[Description(description.path, pieces=description.pieces)],
@@ -195,14 +218,14 @@ def closed_chain_of(
         file.springs,
         file.passive,
         tree,
-        description,
+        facts,
         where,
         virtual=virtual,
         actuated=file.actuated,
     )
     links = link_springs(file.flexible, tree, where)
-    notes += [*ignored_parts(description), *assumed]
-    return put_together(file, name, chain, q, springs, links, notes, where)
+    notes += [*description_notes(description, tree, closed=True), *assumed]
+    return put_together(file, name, chain, q, springs, links, notes, where, facts.lifted)
 
 
 def _closure(entry: ClosureModel, i: int, tree: KinematicTree, q: Array, where: str) -> Closure:
@@ -230,36 +253,8 @@ def _closure(entry: ClosureModel, i: int, tree: KinematicTree, q: Array, where: 
     return Closure(a, b, entry.type)
 
 
-def _mjcf_closures(description: RobotDescription, tree: KinematicTree) -> list[Closure]:
-    """Closures of MJCF equalities, placed as MuJoCo does: by the reference posture q = 0."""
-    if description.mjcf is None:
-        return []
-    state = tree.at(np.zeros(tree.n))
-    return [
-        _mjcf_closure(entry, i, tree, state) for i, entry in enumerate(description.mjcf.closures)
-    ]
-
-
-def _mjcf_closure(entry: MjcfClosure, i: int, tree: KinematicTree, state: TreeState) -> Closure:
-    a, b = f"{entry.body_a} (equality {i + 1})", f"{entry.body_b} (equality {i + 1})"
-    T_F_a = state.pose(tree.placement(entry.body_a))
-    T_F_b = state.pose(tree.placement(entry.body_b))
-    if entry.type == "point":
-        T_a_c = se3.pose(translation=entry.anchor)
-    elif entry.relative_pose is not None and any(entry.relative_pose[3:]):
-        T_a_c = _from_quaternion(entry.relative_pose)
-    else:
-        T_a_c = se3.inverse(T_F_a) @ T_F_b
-    _with_frame(tree, a, entry.body_a, T_a_c)
-    # A weld's own relative pose need not hold at q = 0; a common point does by definition.
-    at_b = np.eye(4) if entry.type == "weld" else se3.inverse(T_F_b) @ T_F_a @ T_a_c
-    _with_frame(tree, b, entry.body_b, at_b)
-    return Closure(a, b, "point" if entry.type == "point" else "weld")
-
-
-def _from_quaternion(values: Sequence[float]) -> Array:
-    """Pose from position and quaternion (w, x, y, z)."""
-    quaternion = np.array(values[3:], float)
-    w, *v = quaternion / np.linalg.norm(quaternion)
-    V = se3.skew(v)
-    return se3.pose(np.eye(3) + 2 * w * V + 2 * V @ V, values[:3])
+def _mjcf_closure(tie: MjcfClosure, i: int, tree: KinematicTree) -> Closure:
+    a, b = f"{tie.body_a} (equality {i + 1})", f"{tie.body_b} (equality {i + 1})"
+    _with_frame(tree, a, tie.body_a, tie.T_a)
+    _with_frame(tree, b, tie.body_b, tie.T_b)
+    return Closure(a, b, tie.type)

@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
+from cartstiff.loading.mjcf_facts import MjcfFacts
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.mechanisms.elastic import Note
 from cartstiff.mechanisms.tree import KinematicTree
@@ -66,18 +67,20 @@ def default_posture(
     given: Mapping[str, float],
     where: str,
     otherwise: Mapping[str, float] | None = None,
+    facts: MjcfFacts | None = None,
 ) -> Array:
-    """Given positions, the others at zero, or in the middle of limits that exclude zero.
+    """Given positions; the others as `otherwise`, as a keyframe, or as the file is drawn.
 
-    Positions of `otherwise` come before zero; its names need not be coordinates of the tree.
+    A URDF is drawn at zero. Limits that exclude that position are met in their middle. Names of
+    `otherwise` need not be coordinates of the tree.
     """
     names = [c.name for c in tree.coordinates]
-    q = np.array(
-        [
-            0.0 if c.lower <= 0 <= c.upper else float(np.clip(0.5 * (c.lower + c.upper), -1e9, 1e9))
-            for c in tree.coordinates
-        ]
-    )
+    drawn = {} if facts is None else facts.posture
+    q = np.array([drawn.get(name, 0.0) for name in names])
+    if facts is None or facts.keyframe is None:
+        for j, c in enumerate(tree.coordinates):
+            if not c.lower <= q[j] <= c.upper:
+                q[j] = float(np.clip(0.5 * (c.lower + c.upper), -1e9, 1e9))
     for name, value in (otherwise or {}).items():
         if name in names:
             q[names.index(name)] = value

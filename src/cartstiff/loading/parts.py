@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from cartstiff.errors import InputError, UndefinedError, UnknownNameError
+from cartstiff.errors import InputError, UndefinedError, UnknownNameError, one_line
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.catalogue import example_robot
+from cartstiff.loading.mjcf_facts import Lifted, MjcfFacts, Obstacle
 from cartstiff.loading.robot_description import (
     RobotDescription,
 )
@@ -36,6 +37,7 @@ from cartstiff.mechanisms.tree_building import find_frame, plain_tree
 from cartstiff.potentials.beams import Beam, Section
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
+from cartstiff.potentials.loads import DeadForce
 from cartstiff.potentials.springs import (
     CoupledSprings,
     JointSprings,
@@ -47,8 +49,10 @@ from cartstiff.potentials.springs import (
 __all__ = [
     "ASSUMED_STIFFNESS",
     "add_payload",
+    "description_notes",
+    "gravity_left_out",
     "gravity_of",
-    "ignored_parts",
+    "joints_that_move",
     "link_springs",
     "model_path",
     "pose_of",
@@ -84,18 +88,19 @@ def springs_of(
     springs: Mapping[str, JointSpringModel],
     passive: Sequence[str],
     tree: KinematicTree,
-    description: RobotDescription | None,
+    facts: MjcfFacts,
     where: str,
     *,
     virtual: Sequence[str] = (),
     actuated: Sequence[str] | None = None,
 ) -> tuple[JointSprings, list[Note]]:
-    """Joint springs of a file's entries; what is not given comes from MJCF or is assumed.
+    """Joint springs of a file's entries; what is not given the MJCF file says, or is assumed.
 
     In a closed chain (`actuated` is a sequence) joints that are not named are passive; virtual
     joints of flexible links always are.
     """
     names = [c.name for c in tree.coordinates]
+    named_passive = set(passive)
     if actuated is not None:
         moved = set(springs) or set(actuated) or set(names)
         passive = [*passive, *(n for n in names if n not in moved and n not in passive)]
@@ -110,8 +115,7 @@ def springs_of(
     stiffness, rest = np.zeros(len(names)), np.full(len(names), np.nan)
     laws: dict[int, SpringLaw] = {}
     assumed: list[str] = []
-    facts = description.mjcf.joints if description and description.mjcf else {}
-    in_file = {name: f for name, f in facts.items() if f.stiffness > 0 and name in names}
+    unsprung: list[str] = []
     for j, name in enumerate(names):
         entry = springs.get(name)
         if entry is not None:
@@ -126,22 +130,33 @@ def springs_of(
                 laws[j] = TabulatedLaw(tuple(x.tolist()), tuple(y.tolist()))
             if stiffness[j] == 0.0 and j not in laws:
                 rest[j] = 0.0 if entry.rest is None else entry.rest
-        elif name in in_file:
-            stiffness[j], rest[j] = in_file[name].stiffness, in_file[name].rest
+        elif name in facts.springs and name not in named_passive:
+            spring = facts.springs[name]
+            rest[j] = spring.rest
+            if len(spring.coefficients) > 1:
+                laws[j] = PolynomialLaw(spring.coefficients)
+            else:
+                stiffness[j] = spring.coefficients[0]
         elif name in passive:
             rest[j] = 0.0
-        elif springs or in_file or passive:
+        elif name in facts.passive:
+            rest[j] = 0.0
+            unsprung.append(name)
+        elif springs or passive:
             if springs:
                 raise InputError(
                     f"joint {name!r} has no spring",
                     where=where,
                     expected="an entry under springs, passive or locked",
                 )
-            rest[j] = 0.0  # MJCF with springs in some joints: the others are free
+            rest[j] = 0.0
         else:
             stiffness[j] = ASSUMED_STIFFNESS
             assumed.append(name)
-    notes = [assumed_stiffness(ASSUMED_STIFFNESS, assumed, assumed)] if assumed else []
+    notes = [assumed_stiffness(ASSUMED_STIFFNESS, assumed, names)] if assumed else []
+    if unsprung:
+        words = f"joints without a spring in the file move freely: {', '.join(unsprung)}"
+        notes.append(Note("passive-joints", words, {"joints": unsprung}))
     return JointSprings(stiffness, rest, laws), notes
 
 
@@ -186,20 +201,90 @@ def weightless(gravity: Array | None, mass: float) -> list[Note]:
 def put_together(
     file: SerialFile | ParallelFile | ClosedChainFile, name: str, chain: Chain, q: Array,
     springs: JointSprings, soft: Sequence[Potential], notes: Sequence[Note], where: str,
+    lifted: Sequence[Lifted] = (),
 ) -> ElasticMechanism:  # fmt: skip
     """A chain with its springs, soft links, and what else the file puts on it."""
-    potentials = (*soft, *_extra_lines(file.lines, chain, q))
     gravity = gravity_of(file.gravity, where)
     heavy = weightless(gravity, float(chain.tree.masses()[0].sum()))
-    return ElasticMechanism(name, chain, q, springs, potentials, gravity, (*notes, *heavy))
+    potentials = [*soft, *_extra_lines(file.lines, chain, q)]
+    if gravity is not None:
+        potentials += [
+            DeadForce(-part.mass * gravity, part.point, part.body)
+            for part in lifted
+            if chain.tree.placement(part.body).joint > 0
+        ]
+    return ElasticMechanism(name, chain, q, springs, tuple(potentials), gravity, (*notes, *heavy))
 
 
-def ignored_parts(description: RobotDescription) -> list[Note]:
-    """What a file's reader leaves out."""
-    if not (description.mjcf and description.mjcf.ignored):
-        return description.urdf.notes
-    ignored = ", ".join(description.mjcf.ignored)
-    return [Note("ignored", f"the MJCF file's {ignored} play no part", {})]
+def joints_that_move(description: RobotDescription, frame: str) -> set[str]:
+    """Joints on the way to a frame, and those that closures and couplings tie to them."""
+    model, facts = description.model, description.facts
+    names = list(model.names)
+    joint = int(find_frame(model, frame).parentJoint)
+    found = {names[int(j)] for j in model.supports[joint]} - {names[0]}
+    groups = [closure.joints for closure in facts.closures]
+    groups += [frozenset({follower, rule[0]}) for follower, rule in facts.followers.items()]
+    while any(group & found and not group <= found for group in groups):
+        for group in groups:
+            if group & found:
+                found |= group
+    return found
+
+
+def description_notes(
+    description: RobotDescription, tree: KinematicTree, closed: bool = False
+) -> list[Note]:
+    """What a file says that plays no part, and where its posture and masses come from.
+
+    Parameters
+    ----------
+    closed : bool
+        Whether the closures of the file are kept.
+
+    Raises
+    ------
+    InputError
+        If something that the engine cannot express acts on a joint of the tree.
+    """
+    facts = description.facts
+    notes = [*description.urdf.notes]
+    moving = {c.name for c in tree.coordinates}
+    obstacles = list(facts.obstacles)
+    for tie in facts.closures:
+        if not (closed and tie.joints & moving):
+            words = f"the {tie.type} tie of bodies {tie.body_a!r} and {tie.body_b!r}"
+            obstacles.append(Obstacle(words, tie.joints))
+    for obstacle in obstacles:
+        if felt := sorted(obstacle.joints & moving):
+            raise InputError(
+                f"{obstacle.what} acts on joint {felt[0]!r} and cannot be expressed here",
+                where=one_line(str(description.path)),
+                expected="springs of hinges and slides; connect, weld and joint equalities in a "
+                "closed chain",
+            )
+    ignored = [*facts.ignored, *(o.what for o in obstacles)]
+    if ignored:
+        words = "; ".join(ignored)
+        notes.append(Note("ignored", f"parts of the MJCF file play no part: {words}"))
+    if facts.keyframe is not None:
+        words = f"the default posture is keyframe {facts.keyframe!r} of the MJCF file"
+        notes.append(Note("keyframe", words))
+    if facts.weightless:
+        words = "; ".join(facts.weightless)
+        notes.append(Note("masses-unknown", f"taken as zero, since it is not known: {words}"))
+    return notes
+
+
+def gravity_left_out(
+    file: SerialFile | ClosedChainFile, description: RobotDescription
+) -> list[Note]:
+    """That a mechanism file, which says itself what acts, leaves an MJCF file's gravity out."""
+    gravity = description.facts.gravity
+    if gravity is None or file.gravity is not None:
+        return []
+    shown = ", ".join(f"{g:g}" for g in gravity)
+    words = f"the mechanism file names no gravity: that of the MJCF file ({shown}) is left out"
+    return [Note("gravity-left-out", words, {"gravity": gravity.tolist()})]
 
 
 def joint_indices(model: Any, names: Mapping[str, float], where: str) -> dict[int, float]:
@@ -295,25 +380,29 @@ def tree_to(
     where: str,
     notes: list[Note],
     flexible: Mapping[str, FlexibleModel] | None = None,
+    joints: Collection[str] = (),
 ) -> KinematicTree:
-    """Plain tree of the joints that move some frames (all joints if None), mimics resolved."""
-    model = description.model
-    fixed = joint_indices(model, locked, f"{where}, key locked")
+    """Plain tree of the joints that move some frames (all joints if None), mimics resolved.
+
+    The named `joints` are kept as well.
+    """
+    model, facts = description.model, description.facts
+    fixed = joint_indices(model, facts.locked | dict(locked), f"{where}, key locked")
     if frames is None:
         keep = set(range(1, model.njoints))
     else:
-        keep = set()
+        keep = {j for j, name in enumerate(model.names) if j and name in joints}
         for name in frames:
             frame = find_frame(model, name)
             keep |= {int(j) for j in model.supports[int(frame.parentJoint)]} - {0}
     names = list(model.names)
     keep -= {names.index(name) for name in description.held}
     follows = {}
-    for follower, mimic in description.urdf.mimics.items():
+    for follower, mimic in description.mimics.items():
         index = names.index(follower) if follower in names else 0
         leader, factor, offset = mimic.leader, mimic.multiplier, mimic.offset
-        while leader in description.urdf.mimics:
-            nested = description.urdf.mimics[leader]
+        while leader in description.mimics:
+            nested = description.mimics[leader]
             leader, factor, offset = (
                 nested.leader,
                 factor * nested.multiplier,
@@ -337,11 +426,13 @@ def tree_to(
         if index in fixed:  # a locked leader locks its followers
             fixed[names.index(follower)] = factor * fixed[index] + offset
             del follows[follower]
-    parts = description.mjcf.body_joints.values() if description.mjcf else ()
-    composite = {f"Composite_{p[0]}": p for p in parts if len(p) > 1}
+    # Joints off the way stand where the file's posture has them: their masses are carried.
+    for index, joint in enumerate(names):
+        if index not in keep and joint in facts.posture:
+            fixed.setdefault(index, facts.posture[joint])
     soft = {name: _give(entry) for name, entry in (flexible or {}).items()}
     planes = description.urdf.planar_axes
-    tree = plain_tree(model, keep, fixed, composite, soft, planes)
+    tree = plain_tree(model, keep, fixed, soft, planes)
     if not follows:
         return tree
     all_names = [c.name for c in tree.coordinates]

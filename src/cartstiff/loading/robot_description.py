@@ -1,14 +1,12 @@
-"""URDF and MJCF files: checked before Pinocchio sees them, and read for what Pinocchio drops.
+"""Robot descriptions: a Pinocchio model and the facts beside it.
 
 Pinocchio's parsers answer some malformed files with messages on the terminal, silence, or worse.
-Every file is therefore checked here first; what is returned is a Pinocchio model and the facts
-beside it: mimic joints of a URDF, springs and loop closures of an MJCF file.
+A URDF is therefore checked before Pinocchio sees it (`urdf`); MJCF is MuJoCo's to read (`mjcf`).
 """
 
 from __future__ import annotations
 
 import os
-import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -20,8 +18,9 @@ from typing import Any
 import pinocchio as pin
 
 from cartstiff.errors import InputError, one_line
-from cartstiff.loading.mjcf import MjcfFacts, prepare_mjcf
-from cartstiff.loading.urdf import MOST_MOVING, UrdfFacts, prepare_urdf
+from cartstiff.loading.mjcf import read_mjcf
+from cartstiff.loading.mjcf_facts import MjcfFacts
+from cartstiff.loading.urdf import Mimic, UrdfFacts, prepare_urdf
 from cartstiff.loading.yaml_file import read_text
 from cartstiff.mechanisms.shapes import Piece
 
@@ -43,7 +42,7 @@ class RobotDescription:
     urdf : UrdfFacts
         Following joints, planes and notes of a URDF.
     mjcf : MjcfFacts or None
-        Springs, closures and composite joint names of an MJCF file.
+        Springs, closures, couplings, gravity, posture of an MJCF file.
     pieces : tuple of Piece or None
         What the links look like, where that is not read from the file.
     held : frozenset of str
@@ -56,6 +55,16 @@ class RobotDescription:
     mjcf: MjcfFacts | None = None
     pieces: tuple[Piece, ...] | None = None
     held: frozenset[str] = frozenset()
+
+    @property
+    def facts(self) -> MjcfFacts:
+        """What an MJCF file says; nothing for other sources."""
+        return self.mjcf or MjcfFacts()
+
+    @property
+    def mimics(self) -> dict[str, Mimic]:
+        """Joints that follow others."""
+        return self.urdf.mimics | {n: Mimic(*rule) for n, rule in self.facts.followers.items()}
 
 
 def read_robot_description(path: Path, floating: bool = False) -> RobotDescription:
@@ -79,31 +88,8 @@ def read_robot_description(path: Path, floating: bool = False) -> RobotDescripti
                 raise InputError("not a usable URDF", where=where, got=str(error)) from None
         return RobotDescription(path, model, facts)
     if root.tag == "mujoco":
-        mjcf = prepare_mjcf(root, where)
-        if mjcf.joint_count > MOST_MOVING:
-            raise InputError(
-                "too many joints", where=where, expected=f"at most {MOST_MOVING}",
-                got=str(mjcf.joint_count),
-            )  # fmt: skip
-        # Pinocchio reads MJCF from a file only; beside the original, so that includes resolve.
-        try:
-            handle, name = tempfile.mkstemp(suffix=".xml", prefix="cartstiff-")
-        except OSError as error:
-            raise InputError(
-                "MJCF needs a temporary file", where=where, got=error.strerror
-            ) from None
-        try:
-            with os.fdopen(handle, "wb") as file:
-                ET.ElementTree(root).write(file)
-            with quiet():
-                try:
-                    model = pin.buildModelFromMJCF(name)
-                except Exception as error:
-                    message = str(error).split("message:\n")[-1].replace(name, where)
-                    raise InputError("not a usable MJCF", where=where, got=message) from None
-        finally:
-            Path(name).unlink(missing_ok=True)
-        return RobotDescription(path, model, mjcf=mjcf)
+        model, mjcf, pieces = read_mjcf(path)
+        return RobotDescription(path, model, mjcf=mjcf, pieces=pieces)
     hint = " (SDF is not supported: convert it to URDF)" if root.tag == "sdf" else ""
     raise InputError(
         f"not a robot description{hint}", where=where, expected="<robot> (URDF) or <mujoco> (MJCF)",

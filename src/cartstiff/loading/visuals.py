@@ -1,14 +1,13 @@
 """What the links of a robot look like, as its URDF or MJCF file says.
 
-The file's visual geometry is read by Pinocchio and hung on the frames of the plain tree by name, so
-that it follows whatever joints are left there. A mesh file that is missing is named, not fatal.
+A URDF's visual geometry is read by Pinocchio; other sources bring theirs along. It hangs on the
+frames of the plain tree by name, so that it follows whatever joints are left there. A missing mesh
+file is named, not fatal.
 """
 
 from __future__ import annotations
 
-import copy
 import os
-import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +18,6 @@ import numpy as np
 import pinocchio as pin
 
 from cartstiff.errors import CartstiffError, one_line
-from cartstiff.loading.mjcf import ROOT, merged_worldbody
 from cartstiff.loading.robot_description import parse_xml, quiet
 from cartstiff.mechanisms.chain import Chain, Description
 from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Piece, Shape, Sphere
@@ -86,26 +84,30 @@ def visuals(chain: Chain) -> tuple[list[Visual], list[str]]:
 def _pieces(description: Description) -> tuple[Sequence[Piece], list[str]]:
     path = description.path
     if description.pieces is not None or path is None:
-        return description.pieces or (), []
+        return _present(description.pieces or ())
     root = parse_xml(path)
-    files: dict[str, MeshFile] = {}
-    if root.tag == "robot":
-        files, missing = _resolve_urdf(root, path)
-        text = ET.tostring(root, encoding="unicode")
-        with quiet():
-            try:
-                model = pin.buildModelFromXML(text)
-                geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.VISUAL)
-            except Exception as error:
-                return [], [f"no picture of {path.name}: {one_line(str(error))}"]
-    else:
-        missing = _resolve_mjcf(root, path)
+    files, missing = _resolve_urdf(root, path)
+    text = ET.tostring(root, encoding="unicode")
+    with quiet():
         try:
-            model, geometry = _read_mjcf(root)
+            model = pin.buildModelFromXML(text)
+            geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.VISUAL)
         except Exception as error:
             return [], [f"no picture of {path.name}: {one_line(str(error))}"]
-    pieces, words = geometry_pieces(model, geometry, path.name, files, root.tag != "robot")
+    pieces, words = geometry_pieces(model, geometry, path.name, files)
     return pieces, [*missing, *words]
+
+
+def _present(pieces: Sequence[Piece]) -> tuple[list[Piece], list[str]]:
+    """Pieces whose mesh files exist, and the names of those that do not."""
+    found, missing = [], []
+    for piece in pieces:
+        if isinstance(piece.shape, MeshFile) and not piece.shape.path.is_file():
+            mesh = one_line(piece.shape.path.name)
+            missing.append(f"body {piece.link}: mesh {mesh} is missing")
+        else:
+            found.append(piece)
+    return found, missing
 
 
 def geometry_pieces(
@@ -208,69 +210,6 @@ def _mesh_file(name: str, path: Path) -> Path | None:
     else:
         places = [path.resolve().parent / name]
     return next((p for p in places if p.is_file()), None)
-
-
-def _resolve_mjcf(root: ET.Element, path: Path) -> list[str]:
-    """Leave bodies, geoms and meshes; name mesh files, drop geoms whose mesh is missing."""
-    for tag in ("equality", "tendon", "actuator", "sensor", "keyframe", "contact", "custom"):
-        for element in root.findall(tag):
-            root.remove(element)
-    folder = path.resolve().parent
-    meshes = folder
-    for compiler in root.findall("compiler"):
-        where = compiler.get("meshdir", compiler.get("assetdir"))
-        meshes = folder / where if where else meshes
-        for key in ("meshdir", "assetdir", "texturedir"):
-            compiler.attrib.pop(key, None)
-    lost: dict[str, str] = {}
-    missing = []
-    for asset in root.findall("asset"):
-        for child in list(asset):
-            if child.tag in ("texture", "hfield"):
-                asset.remove(child)
-            elif child.tag == "material":
-                child.attrib.pop("texture", None)
-            elif child.tag == "mesh":
-                file = meshes / child.get("file", "-")
-                child.set("name", child.get("name", file.stem))
-                if file.is_file():
-                    child.set("file", str(file))
-                else:
-                    asset.remove(child)
-                    lost[child.get("name", "")] = one_line(file.name)
-    worldbody = merged_worldbody(root)
-    if worldbody is not None:
-        for body in worldbody.iter():
-            for geom in body.findall("geom"):
-                mesh = geom.get("mesh", "")
-                if mesh in lost or geom.get("type") in ("plane", "hfield"):
-                    body.remove(geom)
-                if mesh in lost:
-                    missing.append(f"body {body.get('name')}: mesh {lost[mesh]} is missing")
-        wrapper = ET.Element("body", name=ROOT)
-        for child in list(worldbody):
-            worldbody.remove(child)
-            if child.tag in ("body", "geom"):
-                wrapper.append(copy.deepcopy(child))
-        worldbody.append(wrapper)
-    return missing
-
-
-def _read_mjcf(root: ET.Element) -> tuple[Any, Any]:
-    handle, name = tempfile.mkstemp(suffix=".xml", prefix="cartstiff-")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            ET.ElementTree(root).write(file)
-        with quiet():
-            model = pin.buildModelFromMJCF(name)
-            # What collides is drawn where nothing is marked as visual only.
-            for kind in (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION):
-                geometry = pin.buildGeomFromMJCF(model, name, kind)
-                if geometry.ngeoms:
-                    break
-    finally:
-        Path(name).unlink(missing_ok=True)
-    return model, geometry
 
 
 _SHAPES: dict[str, Callable[[Any], Shape]] = {

@@ -58,9 +58,7 @@ def _primitive(kind: str) -> Any:
     return getattr(pin, f"JointModel{kind}")()
 
 
-def expansion(
-    joint: Any, name: str, names: Sequence[str] = ()
-) -> list[tuple[str, str, Any, Array]]:
+def expansion(joint: Any, name: str) -> list[tuple[str, str, Any, Array]]:
     """One-coordinate joints (name, type, model, placement) that together make `joint`.
 
     Raises
@@ -95,8 +93,7 @@ def expansion(
         concrete = joint.extract()
         parts: list[tuple[str, str, Any, Array]] = []
         for i, (part, at) in enumerate(zip(concrete.joints, concrete.jointPlacements, strict=True)):
-            part_name = names[i] if i < len(names) else f"{name}.{i + 1}"
-            for j, (sub_name, kind, sub, T) in enumerate(expansion(part, part_name)):
+            for j, (sub_name, kind, sub, T) in enumerate(expansion(part, f"{name}.{i + 1}")):
                 parts.append((sub_name, kind, sub, at.homogeneous @ T if j == 0 else T))
         return parts
     raise InputError(
@@ -131,7 +128,6 @@ def plain_tree(
     model: pin.Model,
     keep: Collection[int] | None = None,
     locked: Mapping[int, float] | None = None,
-    composite_names: Mapping[str, list[str]] | None = None,
     flexible: Mapping[str, Give] | None = None,
     planar_axes: Mapping[str, Array] | None = None,
 ) -> KinematicTree:
@@ -146,8 +142,6 @@ def plain_tree(
         Default: all.
     locked : mapping of int to float, optional
         Positions of one-coordinate joints that become links.
-    composite_names : mapping of str to list of str, optional
-        Names of the parts of composite joints, by the composite's name.
     flexible : mapping of str to Give, optional
         Links that give, by frame name: virtual joints are put there, and everything the link
         carries hangs on them; the link's own frame and mass, and what it is fixed to, stay at the
@@ -209,8 +203,7 @@ def plain_tree(
             at[i] = (parent, T_p @ data.liMi[i].homogeneous)
         else:
             T = T_p @ model.jointPlacements[i].homogeneous
-            names = (composite_names or {}).get(model.names[i], ())
-            parts = expansion(model.joints[i], model.names[i], names)
+            parts = expansion(model.joints[i], model.names[i])
             if model.names[i] in (planar_axes or {}):
                 parts = _planar(model.names[i], (planar_axes or {})[model.names[i]])
             for name, kind, joint, T_part in parts:

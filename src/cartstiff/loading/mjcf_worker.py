@@ -1,0 +1,194 @@
+"""Compiles one MJCF file with MuJoCo and prints the compiled model as data.
+
+Run as a script in a process of its own (`cartstiff.loading.mjcf` starts it): whatever a stranger's
+file does to the compiler stays in that process, whose time and memory are limited. It prints one
+JSON object: the model, or one line under "error".
+
+Only what statics needs is compiled: pictures of surfaces are left out, and a mesh is read only
+where a mass depends on it. A unit tetrahedron stands for every other mesh. MuJoCo places a mesh by
+its own centre and says where that is, so the pose of the file's mesh follows without reading it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import sys
+from pathlib import Path
+from typing import Any
+
+# What the process may take: bytes of address space, seconds of processor time.
+_MEMORY = 2 * 1024**3
+_SECONDS = 20
+_ARENA = 64 * 1024**2
+_TETRAHEDRON = [1.0, 1, 1, 1, -1, -1, -1, 1, -1, -1, -1, 1]
+_FACES = [0, 1, 2, 0, 3, 1, 0, 2, 3, 1, 3, 2]
+#: Stands for "no mass", which MuJoCo refuses for bodies that move.
+NO_MASS = 1e-14
+
+_FIELDS = """
+qpos0 qpos_spring key_qpos opt.gravity opt.disableflags
+body_parentid body_pos body_quat body_mass body_ipos body_iquat body_inertia body_gravcomp
+body_mocapid body_plugin
+jnt_type jnt_bodyid jnt_qposadr jnt_pos jnt_axis jnt_limited jnt_range jnt_stiffness
+jnt_stiffnesspoly
+site_bodyid site_pos site_quat
+geom_bodyid geom_type geom_group geom_dataid geom_matid geom_pos geom_quat geom_size geom_rgba
+mat_rgba mesh_pos mesh_quat
+eq_type eq_objtype eq_obj1id eq_obj2id eq_active0 eq_data
+tendon_adr tendon_num tendon_stiffness tendon_stiffnesspoly wrap_type wrap_objid
+actuator_trntype actuator_trnid flex_vertadr flex_vertnum flex_vertbodyid
+"""
+_NAMED = {
+    "body": "body", "jnt": "joint", "site": "site", "mesh": "mesh", "key": "key", "eq": "equality",
+    "tendon": "tendon", "actuator": "actuator", "flex": "flex", "pair": "pair",
+}  # fmt: skip
+
+
+def compiled(path: str, largest: dict[str, int]) -> dict[str, Any]:
+    """Data of the compiled model; at most `largest` of each count (``nv``, ``nbody``, ...)."""
+    import mujoco
+
+    spec = mujoco.MjSpec.from_file(path)
+    spec.compiler.fusestatic = False  # keeps the names of bodies that do not move
+    spec.compiler.discardvisual = False
+    # Compiling sets up a simulation: nothing collides here, so that it needs little.
+    spec.memory = _ARENA
+    spec.njmax = spec.nconmax = spec.nstack = -1
+    meshes, lost = _thin(mujoco, spec)
+    massless = False
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        if "mass and inertia of moving bodies" not in str(error):
+            raise
+        massless = True
+        spec.compiler.boundmass = spec.compiler.boundinertia = NO_MASS
+        model = spec.compile()
+    for key, most in largest.items():
+        if (count := int(getattr(model, key))) > most:
+            return {"error": "too large", "count": key, "most": most, "got": count}
+    data: dict[str, Any] = {"version": mujoco.__version__, "name": spec.modelname}
+    for field in _FIELDS.split():
+        value: Any = model
+        for part in field.split("."):
+            value = getattr(value, part, None)
+        data[field] = value.tolist() if hasattr(value, "tolist") else value
+    for key, kind in _NAMED.items():
+        addresses = getattr(model, f"name_{key}adr", [])
+        data[f"{kind}_names"] = [_name(model.names, int(a)) for a in addresses]
+    data["enums"] = {
+        kind: {int(v): k for k, v in getattr(mujoco, kind).__members__.items()}
+        for kind in ("mjtJoint", "mjtGeom", "mjtEq", "mjtObj", "mjtWrap", "mjtDisableBit")
+    }
+    # Weights below the bound are the bound's, not the file's.
+    data["no_mass"] = NO_MASS if massless else 0.0
+    data["meshes"], data["lost_meshes"] = meshes, lost
+    return data
+
+
+def _name(names: bytes, start: int) -> str:
+    return names[start : names.index(b"\0", start)].decode("utf-8", "backslashreplace")
+
+
+def _thin(mujoco: Any, spec: Any) -> tuple[dict[str, Any], dict[str, list[str]]]:
+    """Leave out what is costly and plays no part; returns mesh files, and meshes that are lost.
+
+    The second maps the file of each mesh that a mass depends on, and that is missing, to the
+    bodies that lack the mass.
+    """
+    for texture in spec.textures:
+        texture.file = ""
+        texture.cubefiles = [""] * len(texture.cubefiles)
+        texture.builtin, texture.width, texture.height = mujoco.mjtBuiltin.mjBUILTIN_FLAT, 1, 1
+    for skin in list(spec.skins):
+        spec.delete(skin)
+    for field in spec.hfields:
+        if field.file:
+            field.file, field.nrow, field.ncol, field.userdata = "", 2, 2, [0.0, 0.0, 1.0, 1.0]
+    weighed: dict[str, set[str]] = {}
+    for geom in spec.geoms:
+        # Nothing collides here, so that no hulls are needed.
+        geom.contype = geom.conaffinity = 0
+        if geom.meshname:
+            bodies = weighed.setdefault(geom.meshname, set())
+            if _weighs(mujoco, geom):
+                bodies.add(geom.parent.name or "without a name")
+    fitted = {g.meshname for g in spec.geoms if g.meshname and g.type not in _mesh_types(mujoco)}
+    files: dict[str, Any] = {}
+    lost: dict[str, list[str]] = {}
+    for mesh in spec.meshes:
+        if not mesh.file or mesh.plugin.active:
+            continue
+        file = _mesh_file(spec, mesh)
+        there = file.is_file()
+        files[mesh.name] = {
+            "file": str(file), "there": there, "scale": list(map(float, mesh.scale)),
+            "refpos": list(map(float, mesh.refpos)), "refquat": list(map(float, mesh.refquat)),
+        }  # fmt: skip
+        bodies = weighed.get(mesh.name, set())
+        if there and (bodies or mesh.name in fitted):
+            continue
+        if bodies:
+            lost[file.name] = sorted(bodies)
+        mesh.file, mesh.content_type = "", ""
+        mesh.scale, mesh.refpos, mesh.refquat = [1.0] * 3, [0.0] * 3, [1.0, 0.0, 0.0, 0.0]
+        mesh.uservert, mesh.userface = _TETRAHEDRON, _FACES
+        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_EXACT
+        for geom in spec.geoms:
+            if geom.meshname == mesh.name and bodies:
+                geom.mass = 0.0
+    return files, lost
+
+
+def _mesh_types(mujoco: Any) -> tuple[Any, Any]:
+    return mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF
+
+
+def _weighs(mujoco: Any, geom: Any) -> bool:
+    """Whether the inertia of a geom's body is taken from it."""
+    compiler = geom.compiler if hasattr(geom, "compiler") else None
+    inferred = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+    if compiler is not None:
+        inferred = compiler.inertiafromgeom
+        low, high = compiler.inertiagrouprange
+        if not low <= geom.group <= high:
+            return False
+    if inferred == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE:
+        return False
+    body = geom.parent
+    explicit = inferred != mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    if not body.parent or (explicit and body.explicitinertial):
+        return False
+    return bool(geom.mass != 0.0 and (geom.mass > 0.0 or geom.density != 0.0))
+
+
+def _mesh_file(spec: Any, mesh: Any) -> Path:
+    compiler = getattr(mesh, "compiler", None)
+    folder = spec.meshdir if compiler is None else compiler.meshdir or spec.meshdir
+    name = Path(mesh.file).name if spec.strippath else mesh.file
+    return Path(spec.modelfiledir, folder, name)
+
+
+def main() -> None:
+    """Print the model of the file named by the first argument; counts by the second, as JSON."""
+    resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
+    resource.setrlimit(resource.RLIMIT_CPU, (_SECONDS, _SECONDS))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    out = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)  # MuJoCo's own messages
+    try:
+        answer = compiled(sys.argv[1], json.loads(sys.argv[2]))
+    except ModuleNotFoundError as error:
+        answer = {"missing": error.name}
+    except MemoryError:
+        answer = {"error": "too much memory is needed"}
+    except Exception as error:
+        answer = {"error": str(error)}
+    with out:
+        json.dump(answer, out)
+
+
+if __name__ == "__main__":
+    main()
