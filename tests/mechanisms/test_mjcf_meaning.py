@@ -40,6 +40,12 @@ FINGER = (
 )
 
 
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path, monkeypatch):
+    """MuJoCo leaves a log of its warnings where it runs."""
+    monkeypatch.chdir(tmp_path)
+
+
 def arm(tmp_path, name="arm.xml", **changes):
     path = tmp_path / name
     path.write_text(ARM.format(**(PLAIN | changes)), encoding="utf-8")
