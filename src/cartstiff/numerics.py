@@ -29,11 +29,15 @@ __all__ = [
     "RANK",
     "ROUNDING",
     "SYMMETRY",
+    "TELLING",
     "ZERO",
     "Inverse",
     "condition",
+    "eigenpairs",
     "eigenvalues",
     "equilibration",
+    "graded_basis",
+    "inverse_of_sum",
     "invert",
     "is_regular",
     "rank",
@@ -62,6 +66,8 @@ BALANCE: Final = 1e-8
 #: or is what the springs that it moves exert over a rounding error of this size (rad, or shares of
 #: the characteristic length) in the coordinates.
 ROUNDING: Final = 1e-12
+#: A relative error above this is told to the reader: it is more than a few digits.
+TELLING: Final = 1e-9
 #: An asymmetry below this share of the block's size is taken for rounding.
 SYMMETRY: Final = 1e-9
 
@@ -93,18 +99,77 @@ def equilibration(matrix: ArrayLike) -> Array:
     has size 1.
     """
     size = np.abs(np.asarray(matrix, float))
-    size = np.maximum(size, size.T)
     s: Array = np.sqrt(size.diagonal())
     if not s.all():
-        s = np.where(s > 0.0, s, np.sqrt(size.max(axis=0, initial=0.0)))
+        s = np.where(s > 0.0, s, np.sqrt(np.maximum(size, size.T).max(axis=0, initial=0.0)))
         s = np.where(s > 0.0, s, 1.0)
     for _ in range(20):
-        largest = (size / s / s[:, None]).max(axis=0, initial=0.0)
+        scaled = size / np.multiply.outer(s, s)
         # Ten: entries of one or two digits more than the diagonal cost no more digits than that.
-        if not largest.max(initial=0.0) > 10.0:
+        if not scaled.max(initial=0.0) > 10.0:
             break
+        largest = np.maximum(scaled.max(axis=0), scaled.max(axis=1))
         s = s * np.where(largest > 0.0, np.sqrt(largest), 1.0)
     return s
+
+
+def graded_basis(
+    motions: Array, stiffness: Array, across: Array | None = None
+) -> tuple[Array, NDArray[np.intp]]:
+    r"""Basis of given motions in which springs of any stiffness do not disturb each other.
+
+    Each motion moves one of the stiffest coordinates that determine them by 1 and the others of
+    these not at all; softer coordinates follow. A stiffness on such motions is graded like its
+    diagonal: a stiff spring stands in its own row and column only. What is stiffer than the
+    coordinate that leads and moves less than `RANK` with it does not move.
+
+    Parameters
+    ----------
+    motions : ndarray, shape (n, f)
+        Independent columns.
+    stiffness : ndarray, shape (n,)
+        Stiffness of each coordinate, not negative.
+    across : ndarray, shape (n, n - f), optional
+        Independent columns at right angles to the motions: with them the work goes with the lesser
+        of f and n - f.
+
+    Returns
+    -------
+    basis : ndarray, shape (n, f)
+    leading : ndarray of int, shape (f,)
+        The coordinates that lead; ``basis[leading]`` is the identity.
+    """
+    n, f = motions.shape
+    if f == 0:
+        return motions, np.empty(0, np.intp)
+    # What has no spring leads last; among itself it needs an order too.
+    softest = stiffness.min(where=stiffness > 0.0, initial=np.inf)
+    weights = np.sqrt(np.where(stiffness > 0.0, stiffness, 1e-4 * min(softest, 1e300)))
+    if across is None or f <= n - f:
+        leading = _first_independent(motions.T * weights)
+    else:
+        leading = np.delete(np.arange(n), _first_independent(across.T / weights))
+    basis = motions @ np.linalg.inv(motions[leading])
+    size = np.abs(basis)
+    basis[(size <= RANK * size.max(axis=0)) & (stiffness[:, None] > stiffness[leading])] = 0.0
+    basis[leading] = np.eye(f)
+    return basis, leading
+
+
+def _first_independent(columns: Array) -> NDArray[np.intp]:
+    """Independent columns of a matrix (m, n) of rank m, the largest first."""
+    m = len(columns)
+    found = np.empty(m, np.intp)
+    size = np.einsum("ij,ij->j", columns, columns)
+    least = RANK**2 * size
+    for i in range(m):
+        found[i] = at = int(size.argmax())
+        direction = columns[:, at] / np.sqrt(columns[:, at] @ columns[:, at])
+        columns = columns - np.multiply.outer(direction, direction @ columns)
+        size = np.einsum("ij,ij->j", columns, columns)
+        size[size <= least] = 0.0
+        size[found[: i + 1]] = -1.0
+    return found
 
 
 class Inverse(NamedTuple):
@@ -114,7 +179,7 @@ class Inverse(NamedTuple):
     error: float
 
 
-def invert(matrix: ArrayLike, sizes: ArrayLike | None = None) -> Inverse | None:
+def invert(matrix: ArrayLike, sizes_of_motions: ArrayLike | None = None) -> Inverse | None:
     """Inverse of a square matrix by way of the equilibrated one; None if that is singular.
 
     The inverse of a symmetric matrix is exactly symmetric.
@@ -123,23 +188,30 @@ def invert(matrix: ArrayLike, sizes: ArrayLike | None = None) -> Inverse | None:
     ----------
     matrix : array_like, shape (n, n)
         Finite.
-    sizes : array_like, shape (n,), optional
+    sizes_of_motions : array_like, shape (n,), optional
         Sizes s by which rows and columns are divided; default `equilibration`.
     """
     m = np.asarray(matrix, float)
-    s = equilibration(m) if sizes is None else np.asarray(sizes, float)
-    scaled = m / s / s[:, None]
+    s = equilibration(m) if sizes_of_motions is None else np.asarray(sizes_of_motions, float)
+    sizes = np.multiply.outer(s, s)
+    scaled = m / sizes
     try:
         inverse = np.linalg.inv(scaled)
     except np.linalg.LinAlgError:
         return None
     # The product of norms bounds the condition number; it is much cheaper than an SVD.
-    bound = float(np.linalg.norm(scaled) * np.linalg.norm(inverse))
+    bound = float(np.vdot(scaled, scaled) * np.vdot(inverse, inverse)) ** 0.5
     if not bound < INVERTIBLE:
         return None
-    if np.array_equal(m, m.T):
+    if (m == m.T).all():
         inverse = 0.5 * (inverse + inverse.T)
-    return Inverse(inverse / s / s[:, None], EPSILON * bound)
+    return Inverse(inverse / sizes, EPSILON * bound)
+
+
+def inverse_of_sum(inverse: Array, change: Array) -> Array | None:
+    r"""``(M + D)^-1 = C (1 + D C)^-1`` from ``C = M^-1``, without M; None if there is none."""
+    factor = invert(np.eye(len(inverse)) + change @ inverse)
+    return None if factor is None else np.asarray(inverse @ factor.matrix)
 
 
 def eigenvalues(matrix: ArrayLike, inverse: ArrayLike | None = None) -> Array:
@@ -195,22 +267,43 @@ def _cleaned(values: Array) -> Array:
     return np.where(size <= ZERO * size.max(axis=-1, keepdims=True, initial=0.0), 0.0, values)
 
 
+def eigenpairs(matrix: Array, inverse: Array | None = None) -> tuple[Array, Array]:
+    """`eigenvalues` (n,) of one symmetric matrix, and its eigenvectors in columns (n, n)."""
+    a, u = np.linalg.eigh(0.5 * (matrix + matrix.T))
+    if inverse is None:
+        return _cleaned(a), u
+    b, v = np.linalg.eigh(0.5 * (inverse + inverse.T))
+    with np.errstate(divide="ignore"):
+        c = 1.0 / b
+    i, j = np.argsort(-np.abs(a)), np.argsort(-np.abs(c))
+    k = int(_cut(np.abs(a[i])[None], np.abs(c[j])[None])[0])
+    values, vectors = np.append(a[i[:k]], c[j[k:]]), np.hstack([u[:, i[:k]], v[:, j[k:]]])
+    order = np.argsort(values)
+    # From two sources, so that they are at right angles only about.
+    q, r = np.linalg.qr(vectors)
+    return values[order], (q * np.where(r.diagonal() < 0.0, -1.0, 1.0))[:, order]
+
+
 def _merged(a: Array, c: Array) -> Array:
     """The large ones of a and the small ones of c, each (m, n), smallest first."""
-    n = a.shape[-1]
     a = np.take_along_axis(a, np.argsort(-np.abs(a), axis=-1), -1)
     c = np.take_along_axis(c, np.argsort(-np.abs(c), axis=-1), -1)
-    sizes_a, sizes_c = np.abs(a), np.abs(c)
+    k = _cut(np.abs(a), np.abs(c))
+    return np.sort(np.where(np.arange(a.shape[-1]) < k[:, None], a, c), axis=-1)
+
+
+def _cut(sizes_a: Array, sizes_c: Array) -> NDArray[np.intp]:
+    """How many of the largest are taken from a (m,); both (m, n), largest first."""
+    n = sizes_a.shape[-1]
     # Losses of digits if a gives the first k: in the least of those and in the largest of the rest.
-    cost = np.ones((len(a), n + 1))
+    cost = np.ones((len(sizes_a), n + 1))
     with np.errstate(divide="ignore", invalid="ignore"):
         cost[:, 1:] = sizes_a[:, :1] / sizes_a
         cost[:, :-1] = np.maximum(cost[:, :-1], sizes_c / sizes_c[:, -1:])
         # No cut between equal sizes: their order, and with it their signs, may differ in a and c.
         equal = sizes_a[:, :-1] < (1.0 + 1e-6) * sizes_c[:, 1:]
     cost[:, 1:-1][equal & (cost[:, 1:-1] < np.minimum(cost[:, :1], cost[:, -1:]))] *= 1e3
-    k = np.argmin(cost, axis=-1)
-    return np.sort(np.where(np.arange(n) < k[:, None], a, c), axis=-1)
+    return np.argmin(cost, axis=-1)
 
 
 def condition(values: ArrayLike) -> Array:

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.analysis.matrices import (
-    RANK,
     ROTATION,
     TRANSLATION,
     as_symmetric,
@@ -40,7 +40,7 @@ def _symmetrising_point(coupling: Array, diagonal: Array, name: str, block: str)
     """Point p with ``coupling - [p]x diagonal`` symmetric: (tr D 1 - D) p = 2 unskew(B)."""
     values = np.linalg.eigvalsh(diagonal)
     sums = np.array([values[1] + values[2], values[0] + values[2], values[0] + values[1]])
-    if not np.abs(sums).min() > RANK * np.abs(values).max():
+    if not np.abs(sums).min() > numerics.ZERO * np.abs(values).max():
         raise UndefinedError(
             f"the {name} is not a single point: two principal values of the {block} add to zero",
             code="no-" + name.replace(" ", "-"),
@@ -95,7 +95,7 @@ def centre_of_compliance(compliance: ArrayLike) -> Array:
     )
 
 
-def centre_of_elasticity(stiffness: ArrayLike) -> Array:
+def centre_of_elasticity(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Array:
     r"""Point (3,) at which ``G = K_rt K_tt^-1`` is symmetric: the centre of elasticity.
 
     ``p = unskew(K_rt K_tt^-1)``. Half the sum of the feet of the perpendiculars to the three
@@ -111,7 +111,12 @@ def centre_of_elasticity(stiffness: ArrayLike) -> Array:
     K = as_symmetric(stiffness)
     D = K[TRANSLATION, TRANSLATION]
     values = np.linalg.eigvalsh(D)
-    if not np.abs(values).min() > RANK * np.abs(values).max():
+    if compliance is not None:
+        C = as_symmetric(compliance, "compliance")
+        turns = np.linalg.eigvalsh(C[ROTATION, ROTATION])
+        if numerics.condition(turns) < numerics.condition(values):
+            return -se3.unskew(np.linalg.solve(C[ROTATION, ROTATION], C[ROTATION, TRANSLATION]))
+    if not np.abs(values).min() > numerics.ZERO * np.abs(values).max():
         raise UndefinedError(
             "the centre of elasticity is not a single point: the translational stiffness is "
             "singular",
@@ -166,14 +171,15 @@ def centres(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Centre
     found: dict[str, Array] = {}
     reasons: dict[str, UndefinedError] = {}
     K = as_symmetric(stiffness)
+    C = None if compliance is None else as_symmetric(compliance, "compliance")
     try:
-        C = invert(K) if compliance is None else as_symmetric(compliance, "compliance")
+        C = invert(K) if C is None else C
         found["compliance"] = read_only(centre_of_compliance(C))
     except UndefinedError as error:
         reasons["compliance"] = error
     for name, function in (
         ("stiffness", centre_of_stiffness),
-        ("elasticity", centre_of_elasticity),
+        ("elasticity", lambda K: centre_of_elasticity(K, C)),
         ("least_coupling", point_of_least_coupling),
     ):
         try:

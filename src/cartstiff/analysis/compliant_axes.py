@@ -16,8 +16,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.analysis.matrices import (
-    RANK,
     ROTATION,
     TRANSLATION,
     as_symmetric,
@@ -74,7 +74,7 @@ def wrench_compliant_axes(stiffness: ArrayLike) -> tuple[CompliantAxis, ...]:
     for k, e in zip(values, axes.T, strict=True):
         e = e if e[np.argmax(np.abs(e))] > 0 else -e
         moment = K[ROTATION, TRANSLATION] @ e
-        if abs(k) > RANK * largest:
+        if abs(k) > numerics.ZERO * largest:
             w = np.concatenate([moment / k, e])
             result.append(
                 CompliantAxis("wrench", float(k), screw_of_wrench(w, length), read_only(w))
@@ -86,11 +86,14 @@ def wrench_compliant_axes(stiffness: ArrayLike) -> tuple[CompliantAxis, ...]:
     return tuple(result)
 
 
-def twist_compliant_axes(stiffness: ArrayLike) -> tuple[CompliantAxis, ...]:
+def twist_compliant_axes(
+    stiffness: ArrayLike, compliance: ArrayLike | None = None
+) -> tuple[CompliantAxis, ...]:
     r"""Three twists with a rotation parallel to the pure moment that causes them.
 
     ``S g = k g`` with S = K_rr - K_rt K_tt^-1 K_tr, and t = (g, -K_tt^-1 K_tr g), the twist that
-    needs no force [PattersonLipkin]_.
+    needs no force [PattersonLipkin]_. With the compliance C: ``C_rr g = g / k``,
+    ``t = k C (g, 0)``.
 
     Raises
     ------
@@ -98,9 +101,11 @@ def twist_compliant_axes(stiffness: ArrayLike) -> tuple[CompliantAxis, ...]:
         Code ``"singular"`` where K_tt is singular: the translation is then not determined.
     """
     K = as_symmetric(stiffness)
+    if compliance is not None:
+        return _from_compliance(as_symmetric(compliance, "compliance"), balancing_length(K))
     D = K[TRANSLATION, TRANSLATION]
     translations = np.linalg.eigvalsh(D)
-    if not np.abs(translations).min() > RANK * np.abs(translations).max():
+    if not np.abs(translations).min() > numerics.ZERO * np.abs(translations).max():
         raise UndefinedError(
             "twist-compliant axes do not exist: the translational stiffness is singular",
             code="singular",
@@ -113,6 +118,19 @@ def twist_compliant_axes(stiffness: ArrayLike) -> tuple[CompliantAxis, ...]:
     for k, g in zip(values, axes.T, strict=True):
         g = g if g[np.argmax(np.abs(g))] > 0 else -g
         t = np.concatenate([g, -np.linalg.solve(D, K[TRANSLATION, ROTATION] @ g)])
+        result.append(CompliantAxis("twist", float(k), screw_of_twist(t, length), read_only(t)))
+    return tuple(result)
+
+
+def _from_compliance(C: Array, length: float) -> tuple[CompliantAxis, ...]:
+    values, axes = np.linalg.eigh(C[ROTATION, ROTATION])
+    with np.errstate(divide="ignore"):
+        found = sorted(zip(1.0 / values, axes.T, strict=True), key=lambda pair: pair[0])
+    result = []
+    for k, g in found:
+        g = g if g[np.argmax(np.abs(g))] > 0 else -g
+        t = k * (C[:, ROTATION] @ g)
+        t[ROTATION] = g
         result.append(CompliantAxis("twist", float(k), screw_of_twist(t, length), read_only(t)))
     return tuple(result)
 

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.analysis.matrices import RANK, invert
+from cartstiff import numerics
+from cartstiff.analysis.matrices import invert
 from cartstiff.arrays import checked_array, checked_matrix, checked_vector, read_only, real_array
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
@@ -153,7 +154,7 @@ def joint_shares(
     scale = np.sqrt(np.abs(np.diag(H)))
     scale[scale == 0.0] = 1.0
     values = np.linalg.svd(H / np.outer(scale, scale), compute_uv=False)
-    if not values[-1] > RANK * values[0]:
+    if not values[-1] > numerics.ZERO * values[0]:
         raise UndefinedError(
             "joint stiffness less its load term is singular: a motion of the joints is free",
             code="singular",

@@ -12,13 +12,15 @@ stiffness are the same at every point of the body; the other two depend on the p
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.analysis.matrices import (
     ROTATION,
     TRANSLATION,
@@ -96,20 +98,25 @@ def ellipsoid(matrix: ArrayLike) -> Ellipsoid:
         If the matrix is not 3x3 and finite.
     """
     m = checked_matrix(matrix, "matrix", 3)
-    axes, radii, values, sign = _principal(symmetric_part(m).tobytes())
+    axes, radii, values, sign = _principal(symmetric_part(m).tobytes(), b"")
     (_, xy, xz), (yx, _, yz), (zx, zy, _) = m.tolist()
     asymmetry = max(abs(xy - yx), abs(xz - zx), abs(yz - zy)) / 2.0
     return Ellipsoid(axes, radii, values, sign, asymmetry)
 
 
 @lru_cache(maxsize=16)  # a page asks twice: for its numbers and for its picture
-def _principal(matrix: bytes) -> tuple[Array, Array, Array, Definiteness]:
+def _principal(matrix: bytes, inverse: bytes) -> tuple[Array, Array, Array, Definiteness]:
     """Axes, radii, eigenvalues and definiteness of a symmetric 3x3 matrix."""
-    values, vectors = np.linalg.eigh(np.frombuffer(matrix).reshape(3, 3))
+    m = np.frombuffer(matrix).reshape(3, 3)
+    if inverse:
+        values, vectors = numerics.eigenpairs(m, np.frombuffer(inverse).reshape(3, 3))
+    else:
+        values, vectors = np.linalg.eigh(m)
+    sign = definiteness(values, zero=0.0 if inverse else numerics.ZERO)
     # In plain numbers: arrays of three take longer.
     (a, b, c), (d, e, f) = (_upright(vector) for vector in vectors.T[:2].tolist())
     axes = [[a, d, b * f - c * e], [b, e, c * d - a * f], [c, f, a * e - b * d]]
-    return read_only(axes), read_only(np.abs(values)), read_only(values), definiteness(values)
+    return read_only(axes), read_only(np.abs(values)), read_only(values), sign
 
 
 def _upright(vector: list[float]) -> list[float]:
@@ -187,9 +194,13 @@ def stiffness_ellipsoid(
     freedom: Freedom,
     others: Others,
     T_m_n: ArrayLike | None = None,
+    inverse: ArrayLike | None = None,
 ) -> Ellipsoid:
-    """Ellipsoid of `stiffness_block`; its eigenvalues are the principal stiffnesses."""
-    return ellipsoid(stiffness_block(stiffness, freedom, others, T_m_n))
+    """Ellipsoid of `stiffness_block`; its eigenvalues are the principal stiffnesses.
+
+    The inverse, the compliance (6, 6), gives what the stiffness has no digits for.
+    """
+    return _of_pair(stiffness_block, stiffness, compliance_block, inverse, freedom, others, T_m_n)
 
 
 def compliance_ellipsoid(
@@ -197,9 +208,43 @@ def compliance_ellipsoid(
     freedom: Freedom,
     others: Others,
     T_m_n: ArrayLike | None = None,
+    inverse: ArrayLike | None = None,
 ) -> Ellipsoid:
-    """Ellipsoid of `compliance_block`; its eigenvalues are the principal compliances."""
-    return ellipsoid(compliance_block(compliance, freedom, others, T_m_n))
+    """Ellipsoid of `compliance_block`; its eigenvalues are the principal compliances.
+
+    The inverse, the stiffness (6, 6), gives what the compliance has no digits for.
+    """
+    return _of_pair(compliance_block, compliance, stiffness_block, inverse, freedom, others, T_m_n)
+
+
+def _of_pair(
+    block: Callable[..., Array],
+    matrix: ArrayLike,
+    block_of_inverse: Callable[..., Array],
+    inverse: ArrayLike | None,
+    *choice: Any,
+) -> Ellipsoid:
+    """Ellipsoid of a block of a matrix; the same block of the inverse matrix is its inverse."""
+    if inverse is None:
+        return ellipsoid(block(matrix, *choice))
+    found: list[Array | None] = []
+    failures = []
+    for function, whole in ((block, matrix), (block_of_inverse, inverse)):
+        try:
+            found.append(function(whole, *choice))
+        except UndefinedError as error:
+            found.append(None)
+            failures.append(error)
+    m, c = found
+    if m is None and c is not None:
+        back = numerics.invert(symmetric_part(c))
+        m = None if back is None else back.matrix
+    if m is None:
+        raise failures[0]
+    if c is None:
+        return ellipsoid(m)
+    axes, radii, values, sign = _principal(symmetric_part(m).tobytes(), symmetric_part(c).tobytes())
+    return Ellipsoid(axes, radii, values, sign, float(np.abs(m - m.T).max()) / 2.0)
 
 
 def _on_axis(

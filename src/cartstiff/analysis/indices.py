@@ -11,12 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.analysis.matrices import (
-    RANK,
+    ROTATION,
+    TRANSLATION,
     Definiteness,
     as_symmetric,
     balancing_length,
     definiteness,
+    eliminate,
     scale_lengths,
 )
 from cartstiff.arrays import checked_array, checked_length, read_only, real_array
@@ -79,22 +82,26 @@ class Indices:
 def condition(values: Array) -> float:
     """Largest over smallest absolute eigenvalue; infinite if one vanishes."""
     size = np.abs(values)
-    return float(size.max() / size.min()) if size.min() > RANK * size.max() else float("inf")
+    return float(size.max() / size.min()) if size.min() > 0.0 else float("inf")
 
 
-def isotropy(matrix: ArrayLike) -> float:
+def isotropy(matrix: ArrayLike, inverse: ArrayLike | None = None) -> float:
     """Geometric over arithmetic mean of the eigenvalues of a symmetric matrix.
 
-    Between 0 (singular) and 1 (all equal); NaN if an eigenvalue is negative, or all are zero.
+    Between 0 (singular) and 1 (all equal); NaN if an eigenvalue is negative, or all are zero. The
+    inverse, where it is known, gives the small ones.
     """
-    values = np.linalg.eigvalsh(real_array(matrix))
-    kind = definiteness(values)
+    return _isotropy(numerics.eigenvalues(real_array(matrix), inverse))
+
+
+def _isotropy(values: Array) -> float:
+    kind = definiteness(values, zero=0.0)
     if kind == "positive":
         return float(np.exp(np.mean(np.log(values))) / np.mean(values))
     return 0.0 if kind == "positive semidefinite" else float("nan")
 
 
-def indices(stiffness: ArrayLike, length: float) -> Indices:
+def indices(stiffness: ArrayLike, length: float, compliance: ArrayLike | None = None) -> Indices:
     r"""All indices at a length scale.
 
     The exponent follows from the eigenvectors x of K_l: an eigenvalue changes as
@@ -106,10 +113,15 @@ def indices(stiffness: ArrayLike, length: float) -> Indices:
         Symmetric.
     length : float
         Positive; see `cartstiff.analysis.metrics`.
+    compliance : array_like, shape (6, 6), optional
+        The inverse, where it is known better than the stiffness tells it: near a singularity the
+        small eigenvalues come from there.
     """
     K = as_symmetric(stiffness)
+    C = None if compliance is None else as_symmetric(compliance, "compliance")
     scaled = scale_lengths(K, checked_length(length))
-    values, x = np.linalg.eigh(scaled)
+    inverse = None if C is None else scale_lengths(C, 1.0 / length)
+    values, x = numerics.eigenpairs(scaled, inverse)
     low, high = int(np.argmin(np.abs(values))), int(np.argmax(np.abs(values)))
     ratio = condition(values)
     shares = np.sum(x[:3] ** 2, axis=0)
@@ -119,26 +131,46 @@ def indices(stiffness: ArrayLike, length: float) -> Indices:
     return Indices(
         float(length),
         read_only(values),
-        definiteness(np.linalg.eigvalsh(scale_lengths(K, balancing_length(K)))),
+        _definiteness(K, C),
         ratio,
         exponent,
-        isotropy(scaled),
+        _isotropy(values),
         float(values[0]),
         read_only(twist),
-        float(np.linalg.det(K)),
-        condition(np.linalg.eigvalsh(K[3:, 3:])),
-        condition(np.linalg.eigvalsh(K[:3, :3])),
+        float(np.prod(values) * length**6),
+        condition(_of_block(K, C, TRANSLATION)),
+        condition(_of_block(K, C, ROTATION)),
     )
+
+
+def _definiteness(K: Array, C: Array | None) -> Definiteness:
+    length = balancing_length(K)
+    inverse = None if C is None else scale_lengths(C, 1.0 / length)
+    values = numerics.eigenvalues(scale_lengths(K, length), inverse)
+    return definiteness(values, zero=0.0)
+
+
+def _of_block(K: Array, C: Array | None, block: slice) -> Array:
+    """Eigenvalues of a diagonal block of K; the inverse of the block is C, the others held."""
+    inverse = None
+    if C is not None:
+        try:
+            inverse = eliminate(C, block)
+        except UndefinedError:
+            inverse = None
+    return numerics.eigenvalues(K[block, block], inverse)
 
 
 def condition_numbers(stiffness: ArrayLike, lengths: ArrayLike) -> Array:
     """Condition number of K_l at each of several lengths."""
     K = as_symmetric(stiffness)
     scales = checked_array(lengths, ("m",), "list of lengths", copy=False)
-    return np.array([condition(np.linalg.eigvalsh(scale_lengths(K, s))) for s in scales])
+    return np.array([condition(numerics.eigenvalues(scale_lengths(K, s))) for s in scales])
 
 
-def best_conditioned_length(stiffness: ArrayLike) -> tuple[float, float]:
+def best_conditioned_length(
+    stiffness: ArrayLike, compliance: ArrayLike | None = None
+) -> tuple[float, float]:
     r"""Length at which the condition number is smallest, and that number.
 
     For positive definite K both ln(largest) and -ln(smallest eigenvalue of K_l) are convex in
@@ -150,9 +182,15 @@ def best_conditioned_length(stiffness: ArrayLike) -> tuple[float, float]:
         Code ``"not-positive"`` if K is not positive definite.
     """
     K = as_symmetric(stiffness)
+    C = None if compliance is None else as_symmetric(compliance, "compliance")
     start = balancing_length(K)
-    values = np.linalg.eigvalsh(scale_lengths(K, start))
-    if definiteness(values) != "positive":
+
+    def at(length: float) -> Array:
+        inverse = None if C is None else scale_lengths(C, 1.0 / length)
+        return numerics.eigenvalues(scale_lengths(K, length), inverse)
+
+    values = at(start)
+    if definiteness(values, zero=0.0) != "positive":
         raise UndefinedError(
             "no best length: the stiffness is not positive definite",
             code="not-positive",
@@ -160,7 +198,7 @@ def best_conditioned_length(stiffness: ArrayLike) -> tuple[float, float]:
         )
 
     def cost(t: float) -> float:
-        values = np.linalg.eigvalsh(scale_lengths(K, start * np.exp(t)))
+        values = at(start * float(np.exp(t)))
         return float(values[-1] / max(values[0], 1e-300))
 
     # At a distance t from the balancing length one block is exp(2|t|) times the other, so that the

@@ -15,6 +15,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.arrays import (
     checked_length,
     checked_matrix,
@@ -28,7 +29,6 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 
 __all__ = [
-    "RANK",
     "ROTATION",
     "TRANSLATION",
     "Definiteness",
@@ -59,13 +59,6 @@ Definiteness = Literal[
 
 ROTATION: Final = slice(0, 3)
 TRANSLATION: Final = slice(3, 6)
-
-#: An eigenvalue below this share of the largest counts as zero: ten of sixteen digits are gone.
-RANK: Final = 1e-10
-# What a subtraction leaves below this share is its rounding.
-_ROUNDING: Final = 1e-13
-# An asymmetry below this share of the block's size is taken for rounding.
-_SYMMETRY: Final = 1e-9
 
 
 def symmetric_part(matrix: ArrayLike) -> Array:
@@ -102,7 +95,7 @@ def as_symmetric(value: ArrayLike, what: str = "stiffness") -> Array:
     m = checked_matrix(value, what)
     skew = np.abs(m - m.T)
     limits = block_scales(m).repeat(3, axis=0).repeat(3, axis=1)
-    if np.any(skew > _SYMMETRY * limits):
+    if np.any(skew > numerics.SYMMETRY * limits):
         raise InputError(
             f"{what} is not symmetric",
             expected="a symmetric matrix (K^B, or the symmetric part)",
@@ -111,13 +104,13 @@ def as_symmetric(value: ArrayLike, what: str = "stiffness") -> Array:
     return symmetric_part(m)
 
 
-def definiteness(eigenvalues: ArrayLike) -> Definiteness:
-    """Name the signs of eigenvalues; `RANK` times the largest counts as zero."""
+def definiteness(eigenvalues: ArrayLike, zero: float = numerics.ZERO) -> Definiteness:
+    """Name the signs of eigenvalues; a share `zero` of the largest counts as zero."""
     # Asked for every posture of a page: on a few floats NumPy takes ten times as long.
     values = real_array(eigenvalues).tolist()
-    zero = RANK * max(map(abs, values), default=0.0)
-    below, above = any(v < -zero for v in values), any(v > zero for v in values)
-    null = any(abs(v) <= zero for v in values)
+    least = zero * max(map(abs, values), default=0.0)
+    below, above = any(v < -least for v in values), any(v > least for v in values)
+    null = any(abs(v) <= least for v in values)
     if below and above:
         return "indefinite"
     if above:
@@ -174,7 +167,7 @@ def balancing_length(matrix: ArrayLike) -> float:
 
 
 def invert(matrix: ArrayLike, what: str = "stiffness") -> Array:
-    """Inverse of a stiffness or compliance, rank judged on balanced units.
+    """Inverse of a stiffness or compliance, see `cartstiff.numerics.invert`.
 
     Raises
     ------
@@ -182,18 +175,16 @@ def invert(matrix: ArrayLike, what: str = "stiffness") -> Array:
         Code ``"singular"``, with the singular values on balanced units and the length used.
     """
     m = checked_matrix(matrix, what)
+    found = numerics.invert(m)
+    if found is not None:
+        return found.matrix
     length = balancing_length(m)
-    d = np.repeat([1.0 / length, 1.0], 3)
-    scaled = m * d[:, None] * d
-    values = np.linalg.svd(scaled, compute_uv=False)
-    if not values[-1] > RANK * values[0]:
-        raise UndefinedError(
-            f"{what} is singular: it has no inverse",
-            code="singular",
-            values={"singular_values": values.tolist(), "length": length},
-        )
-    inverse: Array = np.linalg.inv(scaled) * d[:, None] * d
-    return inverse
+    values = np.linalg.svd(scale_lengths(m, length), compute_uv=False)
+    raise UndefinedError(
+        f"{what} is singular: it has no inverse",
+        code="singular",
+        values={"singular_values": values.tolist(), "length": length},
+    )
 
 
 def eliminate(matrix: ArrayLike, keep: slice | list[int]) -> Array:
@@ -214,12 +205,12 @@ def eliminate(matrix: ArrayLike, keep: slice | list[int]) -> Array:
     scaled = m * d[:, None] * d
     inner, edge = scaled[np.ix_(others, others)], scaled[np.ix_(others, kept)]
     u, values, vt = np.linalg.svd(inner)
-    rank = int(np.sum(values > RANK * np.abs(scaled).max()))
+    rank = int(np.sum(values > numerics.ZERO * np.abs(scaled).max()))
     moves = vt[:rank].T @ ((u[:, :rank].T @ edge) / values[:rank, None])
     left = float(np.abs(inner @ moves - edge).max())
-    # The square root of RANK: an entry that couples to a zero stiffness is itself bounded by the
-    # root of it in a positive semidefinite matrix.
-    if left > np.sqrt(RANK) * np.abs(scaled).max():
+    # An entry that couples to a zero stiffness is itself bounded by the root of it in a positive
+    # semidefinite matrix.
+    if left > np.sqrt(numerics.ZERO) * np.abs(scaled).max():
         raise UndefinedError(
             "the other freedoms are loaded where they have no stiffness: no balance exists",
             code="singular",
@@ -227,7 +218,7 @@ def eliminate(matrix: ArrayLike, keep: slice | list[int]) -> Array:
         )
     block = scaled[np.ix_(kept, kept)]
     free = block - scaled[np.ix_(kept, others)] @ moves
-    if np.abs(free).max() <= _ROUNDING * np.abs(block).max():
+    if np.abs(free).max() <= numerics.ZERO * np.abs(block).max():
         free = np.zeros_like(block)  # all of it was taken away
     result: Array = free / d[kept][:, None] / d[kept]
     return result
@@ -249,7 +240,7 @@ def require_full_rank(J: Array) -> None:
     """Raise UndefinedError ("deficient" or "singular") unless J has rank six."""
     length = reach(J)
     values = np.linalg.svd(scale_jacobian(J, length), compute_uv=False)
-    if J.shape[1] < 6 or not values[5] > RANK * values[0]:
+    if J.shape[1] < 6 or not values[5] > numerics.RANK * values[0]:
         deficient = J.shape[1] < 6
         raise UndefinedError(
             "the joints do not move the end-effector in all six directions: no joint stiffness "

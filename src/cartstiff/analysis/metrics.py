@@ -11,14 +11,16 @@ in every frame, provided the metric moves along.
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.analysis.matrices import (
-    RANK,
+    ROTATION,
     TRANSLATION,
     Definiteness,
     as_symmetric,
@@ -29,6 +31,9 @@ from cartstiff.arrays import checked_length, checked_matrix, checked_vector, rea
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+
+#: Share of the largest eigenvalue above which a stiffness alone has digits enough.
+_PLAIN = 1e-8
 
 __all__ = [
     "CharacteristicLength",
@@ -62,7 +67,7 @@ class CharacteristicLength:
     reason: str
 
 
-def natural_length(stiffness: ArrayLike) -> float:
+def natural_length(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> float:
     r"""Length at which rotation and translation are equally stiff, from the stiffness alone.
 
     ``(det S / det K_tt)^(1/6)`` with ``S = K_rr - K_rt K_tt^-1 K_tr`` the rotational stiffness with
@@ -83,11 +88,21 @@ def natural_length(stiffness: ArrayLike) -> float:
     K = as_symmetric(stiffness)
     if (length := _length_of_positive(K)) is not None:
         return length
-    translation = np.linalg.eigvalsh(K[TRANSLATION, TRANSLATION])
+    # S is the inverse of C_rr, and the inverse of K_tt is C_tt with the rotations held.
+    inverse, free = None, None
+    if compliance is not None:
+        C = as_symmetric(compliance, "compliance")
+        free = C[ROTATION, ROTATION]
+        with suppress(UndefinedError):
+            inverse = eliminate(C, TRANSLATION)
+    translation = numerics.eigenvalues(K[TRANSLATION, TRANSLATION], inverse)
     rotation = np.full(3, np.nan)
-    if definiteness(translation) == "positive":
-        rotation = np.linalg.eigvalsh(eliminate(K, [0, 1, 2]))
-    if not (np.all(np.isfinite(rotation)) and definiteness(rotation) == "positive"):
+    if definiteness(translation, zero=0.0) == "positive":
+        held = np.full((3, 3), np.nan)
+        with suppress(UndefinedError):
+            held = eliminate(K, ROTATION)
+        rotation = numerics.eigenvalues(held, free)
+    if not (np.all(np.isfinite(rotation)) and definiteness(rotation, zero=0.0) == "positive"):
         raise UndefinedError(
             "the elasticity has no natural length: its translational and free rotational "
             "stiffness are not both positive definite",
@@ -111,8 +126,9 @@ def _length_of_positive(K: Array) -> float | None:
         return None
     diagonal = K.diagonal().tolist()
     for three, trace in ((roots[:3], sum(diagonal[3:])), (roots[3:], sum(diagonal[:3]))):
-        # Smallest over largest eigenvalue is not below the determinant over the cubed trace.
-        if not math.prod(root * root / trace for root in three) > RANK:
+        # Smallest over largest eigenvalue is not below the determinant over the cubed trace. What
+        # is nearer to singular than this asks for the compliance.
+        if not math.prod(root * root / trace for root in three) > _PLAIN:
             return None
     return float((math.prod(roots[3:]) / math.prod(roots[:3])) ** (1.0 / 3.0))
 
@@ -144,6 +160,7 @@ def length_from_inertia(mass: float, inertia: ArrayLike) -> float:
 
 def characteristic_length(
     stiffness: ArrayLike | None = None,
+    compliance: ArrayLike | None = None,
     *,
     given: float | None = None,
     mass: float | None = None,
@@ -160,7 +177,7 @@ def characteristic_length(
     if stiffness is None:
         return CharacteristicLength(1.0, "unit", "one unit of length: there is no stiffness matrix")
     try:
-        value = natural_length(stiffness)
+        value = natural_length(stiffness, compliance)
     except UndefinedError:
         reason = "one unit of length: none is natural, as the stiffness is not positive definite"
         return CharacteristicLength(1.0, "unit", reason)
@@ -212,7 +229,12 @@ def inertia_metric(mass: float, inertia: ArrayLike, centre: ArrayLike = (0.0, 0.
     return np.block([[I_c - m * c @ c, m * c], [-m * c, m * np.eye(3)]])
 
 
-def modes(stiffness: ArrayLike, metric: ArrayLike, name: str = "user") -> MetricModes:
+def modes(
+    stiffness: ArrayLike,
+    metric: ArrayLike,
+    name: str = "user",
+    compliance: ArrayLike | None = None,
+) -> MetricModes:
     r"""Eigenvalues and twists of K with respect to a metric, by Cholesky reduction.
 
     Parameters
@@ -221,6 +243,8 @@ def modes(stiffness: ArrayLike, metric: ArrayLike, name: str = "user") -> Metric
         Symmetric, in the same frame; the metric positive definite.
     name : str
         Carried in the result.
+    compliance : array_like, shape (6, 6), optional
+        The inverse, which gives what the stiffness has no digits for.
 
     Raises
     ------
@@ -237,8 +261,9 @@ def modes(stiffness: ArrayLike, metric: ArrayLike, name: str = "user") -> Metric
         ) from None
     half = np.linalg.solve(L, K)
     reduced = np.linalg.solve(L, half.T)
-    values, y = np.linalg.eigh(0.5 * (reduced + reduced.T))
+    inverse = None if compliance is None else L.T @ as_symmetric(compliance, "compliance") @ L
+    values, y = numerics.eigenpairs(reduced, inverse)
     twists = np.linalg.solve(L.T, y)
     largest = np.argmax(np.abs(twists), axis=0)
     twists *= np.sign(twists[largest, np.arange(6)])
-    return MetricModes(name, read_only(values), read_only(twists), definiteness(values))
+    return MetricModes(name, read_only(values), read_only(twists), definiteness(values, zero=0.0))

@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.analysis.matrices import (
-    RANK,
     Definiteness,
     as_symmetric,
     balancing_length,
@@ -166,10 +166,10 @@ def eigenscrews(stiffness: ArrayLike) -> Eigenscrews:
         mu, x = roots[real].real, solutions[:, real].real
         others = tuple(complex(r) * length for r in roots[~real])
     else:
-        kept = np.abs(values) > RANK * np.abs(values).max(initial=0.0)
+        kept = np.abs(values) > numerics.ZERO * np.abs(values).max(initial=0.0)
         L = vectors[:, kept] * np.sqrt(np.abs(values[kept]))
         mu, y = np.linalg.eigh(L.T @ SWAP_FORM @ L)
-        loaded = np.abs(mu) > RANK * np.abs(mu).max(initial=0.0)
+        loaded = np.abs(mu) > numerics.ZERO * np.abs(mu).max(initial=0.0)
         x = np.hstack([SWAP_FORM @ L @ y[:, loaded], vectors[:, ~kept]])
         mu = np.concatenate([sign * mu[loaded], np.zeros(int(np.sum(~kept)))])
     found = [_eigenscrew(m, column, length) for m, column in zip(mu, x.T, strict=True)]

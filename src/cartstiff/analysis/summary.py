@@ -119,11 +119,11 @@ def summarise(
     if T_m_n is not None:
         K = None if K is None else symmetric_part(move_stiffness(K, T_m_n))
         C = None if C is None else symmetric_part(move_compliance(C, T_m_n))
-    scale = characteristic_length(K, given=length, mass=mass, inertia=inertia)
     if C is None and K is not None:
         inverse = notes.attempt("compliance", invert, K)
         C = None if inverse is None else symmetric_part(inverse)
-    elif K is None:
+    scale = characteristic_length(K, C, given=length, mass=mass, inertia=inertia)
+    if K is None:
         reason = (
             "no stiffness matrix exists here; what follows comes from the compliance alone"
             if C is not None
@@ -172,16 +172,22 @@ def _chosen(stiffness: Mapping[str, ArrayLike | None], connection: str | None) -
 def _ellipsoids(K: Array | None, C: Array | None, notes: Notes) -> dict[str, Any]:
     """Nested by quantity, freedom and condition of the other freedoms."""
     tables: dict[str, Any] = {}
-    for quantity, matrix, function in (
-        ("stiffness", K, stiffness_ellipsoid),
-        ("compliance", C, compliance_ellipsoid),
+    for quantity, matrix, function, inverse in (
+        ("stiffness", K, stiffness_ellipsoid, C),
+        ("compliance", C, compliance_ellipsoid, K),
     ):
         tables[quantity] = {
             freedom: {
                 others: None
                 if matrix is None
                 else notes.attempt(
-                    f"{quantity} of {freedom}, others {others}", function, matrix, freedom, others
+                    f"{quantity} of {freedom}, others {others}",
+                    function,
+                    matrix,
+                    freedom,
+                    others,
+                    None,
+                    inverse,
                 )
                 for others in _OTHERS
             }
@@ -254,9 +260,9 @@ def _of_stiffness(
     for what, reason in points.reasons.items():
         notes.add(reason, f"centre ({what.replace('_', ' ')})")
     screws = eigenscrews(K)
-    twists = notes.attempt("twist-compliant axes", twist_compliant_axes, K)
-    numbers = indices(K, length)
-    best = notes.attempt("indices", best_conditioned_length, K)
+    twists = notes.attempt("twist-compliant axes", twist_compliant_axes, K, C)
+    numbers = indices(K, length, C)
+    best = notes.attempt("indices", best_conditioned_length, K, C)
     judgement = realisability(K)
     found = realise(K, length) if springs and judgement.passive else None
     return {
@@ -289,7 +295,7 @@ def _of_stiffness(
             "best_length": None if best is None else best[0],
             "condition_at_best_length": None if best is None else best[1],
         },
-        "modes": modes(K, metric[1], metric[0]),
+        "modes": modes(K, metric[1], metric[0], C),
         "synthesis": {
             **plain(judgement),
             "springs": None if found is None else found.springs,

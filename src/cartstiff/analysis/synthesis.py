@@ -23,8 +23,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.analysis.matrices import (
-    RANK,
     ROTATION,
     TRANSLATION,
     as_symmetric,
@@ -42,7 +42,7 @@ __all__ = ["Realisability", "Realisation", "eigenscrew_springs", "realisability"
 
 # A column counts as torsional when its force is below this share of its length-scaled moment.
 _TORSIONAL = 1e-9
-# Eigenvalues dropped from the factor: far below what `RANK` calls zero, so that the springs
+# Eigenvalues dropped from the factor: far below what `ZERO` calls zero, so that the springs
 # reproduce the matrix better than the rank is judged.
 _DROPPED = 1e-13
 _ATTEMPTS = 8
@@ -88,9 +88,9 @@ def realisability(stiffness: ArrayLike) -> Realisability:
     trace = float(np.trace(K[ROTATION, TRANSLATION]))
     size = float(block_scales(K)[0, 1])
     share = abs(trace) / size if size > 0 else 0.0
-    passive = bool(np.all(relative >= -RANK))
+    passive = bool(np.all(relative >= -numerics.ZERO))
     screws = 0
-    if passive and share > RANK:
+    if passive and share > numerics.ZERO:
         F = vectors * np.sqrt(np.maximum(relative, 0.0))
         mu = np.linalg.eigvalsh(F.T @ SWAP_FORM @ F)
         screws = _screw_count(mu, float(mu.sum()))
@@ -99,7 +99,7 @@ def realisability(stiffness: ArrayLike) -> Realisability:
         passive and screws == 0,
         trace,
         share,
-        int(np.sum(np.abs(relative) > RANK)),
+        int(np.sum(np.abs(relative) > numerics.ZERO)),
         screws,
         read_only(relative),
     )

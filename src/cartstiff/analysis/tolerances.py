@@ -17,7 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cartstiff.analysis.matrices import RANK
+from cartstiff import numerics
 from cartstiff.analysis.uncertainty import Tolerance
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
@@ -138,7 +138,7 @@ class Parameters:
             return False
         C = closure.jacobian * self.result.posture.coordinate_lengths
         values = np.linalg.svd(C, compute_uv=False)
-        return len(values) < len(C) or not values[-1] > RANK * values[0]
+        return len(values) < len(C) or not values[-1] > numerics.RANK * values[0]
 
     @cached_property
     def _joints(self) -> dict[str, int]:

@@ -16,7 +16,8 @@ import numpy as np
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.tape import Number, Scalar, absolute, copysign, larger, pick, square_root
 
-__all__ = ["Reflections", "congruence", "cross", "inverse", "is_zero", "largest", "norm_squared",
+__all__ = ["Reflections", "below", "congruence", "cross", "inverse", "is_zero", "largest",
+           "norm_squared",
            "positive_factor", "product", "reflections", "skew", "solution", "symmetric_product",
            "upper_inverse", "zeros"]  # fmt: skip
 
@@ -248,8 +249,12 @@ def _cleared(work: Array, filled: list[int], column: int, others: list[int]) -> 
     return filled[0], -reciprocal
 
 
-def positive_factor(matrix: Array) -> tuple[Array, Array, Scalar]:
-    """L (unit lower), 1 / d and the least d of ``matrix = L diag(d) L^T``, symmetric."""
+def positive_factor(matrix: Array) -> tuple[Array, Array, Array]:
+    """L (unit lower), 1 / d and d of ``matrix = L diag(d) L^T``, symmetric.
+
+    Scales of rows and columns do not matter: a matrix that is graded like its diagonal loses no
+    digits as long as no pivot is much less than its diagonal entry.
+    """
     n = len(matrix)
     L, inverses, pivots = zeros(n, n), zeros(n), zeros(n)
     for j in range(n):
@@ -260,10 +265,15 @@ def positive_factor(matrix: Array) -> tuple[Array, Array, Scalar]:
         for i in range(j + 1, n):
             rest = matrix[i, j] - (L[i, :j] @ scaled if j else 0.0)
             L[i, j] = rest * inverses[j]
-    least = pivots[0]
-    for pivot in pivots[1:]:
-        least = -larger(-least, -pivot)
-    return L, inverses, least
+    return L, inverses, pivots
+
+
+def below(L: Array, right: Array) -> Array:
+    """``L^-1 right`` for L with a unit diagonal and nothing above it."""
+    found = right.astype(object)
+    for i in range(1, len(L)):
+        found[i] = found[i] - L[i, :i] @ found[:i]
+    return found
 
 
 def largest(values: Array) -> Scalar:

@@ -20,8 +20,9 @@ __all__ = ["ENGINE", "PLAIN", "UNBALANCED", "connections", "limited", "scaled_in
 PLAIN, ENGINE, UNBALANCED = 0.0, 1.0, 2.0
 
 #: Condition numbers up to which the numbers here are trusted: of Jacobians (the engine calls them
-#: singular at 1e10) and of stiffness matrices (not invertible at 1e14).
-JACOBIAN_CONDITION, STIFFNESS_CONDITION = 1e8, 1e12
+#: singular at 1 / `cartstiff.numerics.RANK`) and of what is inverted to find a compliance, beyond
+#: which the engine equilibrates or tells what is lost.
+JACOBIAN_CONDITION, STIFFNESS_CONDITION = 1e8, 1e6
 
 
 #: Largest angle (rad) whose sine the vector code finds to the last digit.
@@ -33,15 +34,21 @@ def limited(value: Scalar, limit: float) -> Scalar:
     return pick(value, limit, PLAIN, ENGINE)
 
 
-def scaled_inverse(K: Array, length: Scalar) -> Array:
-    """Inverse of a stiffness matrix, its lengths measured in `length`."""
-    scaled = K.copy()
-    scaled[3:] = scaled[3:] * length
-    scaled[:, 3:] = scaled[:, 3:] * length
+def _in_length(matrix: Array, rows: Scalar, columns: Scalar) -> Array:
+    """The matrix with its lower rows and right columns multiplied."""
+    scaled = matrix.copy()
+    scaled[3:] = scaled[3:] * rows
+    scaled[:, 3:] = scaled[:, 3:] * columns
+    return scaled
+
+
+def scaled_inverse(K: Array, length: Scalar) -> tuple[Array, Scalar]:
+    """Inverse of a stiffness matrix, its lengths measured in `length`, and the verdict on it."""
+    scaled = _in_length(K, length, length)
     found = inverse(scaled)
-    found[3:] = found[3:] * length
-    found[:, 3:] = found[:, 3:] * length
-    return found
+    condition = norm_squared(scaled) * norm_squared(found)
+    verdict = limited(condition, STIFFNESS_CONDITION**2)
+    return _in_length(found, length, length), verdict
 
 
 def unsymmetric_part(W: Array) -> Array:
@@ -68,8 +75,16 @@ def add_compliances(
     for name, K in stiffness.items():
         output = f"compliance_{name}"
         if output in wanted:
-            C = scaled_inverse(K, length)
-            found[output] = C
-            condition = norm_squared(K) * norm_squared(C)
-            verdict = larger(verdict, limited(condition, STIFFNESS_CONDITION**2))
+            found[output], doubt = scaled_inverse(K, length)
+            verdict = larger(verdict, doubt)
     return verdict
+
+
+def changed_compliance(C: Array, D: Array, length: Scalar) -> tuple[Array, Scalar]:
+    """``C (1 + D C)^-1``: the inverse of K + D from C = K^-1, and the verdict on it."""
+    factor = _in_length(D @ C, length, 1.0 / length)
+    factor[range(6), range(6)] = factor.diagonal() + 1.0
+    turned = inverse(factor)
+    condition = norm_squared(factor) * norm_squared(turned)
+    back = _in_length(turned, 1.0 / length, length)
+    return C @ back, limited(condition, STIFFNESS_CONDITION**2)

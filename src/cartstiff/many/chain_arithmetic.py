@@ -10,7 +10,8 @@ H_L = H - S_W, S_W = -1/2 (L + L^T),
     n = 6:  J_C A = Ad(T_C_M),  W = A^T g,  K^F = A^T H A,  K^B = K^F + A^T L A - 1/2 Omega
     n > 6:  J^T = Q R,  Q^T H_L Q = [[a, b], [b^T, c]],
             K^B = R^-1 (a - b c^-1 b^T) R^-T,  W = R^-1 (Q^T g)_6
-    n < 6:  J = Q R with lengths scaled,  W = Q R^-T g,  C^B = J H_L^-1 J^T
+    n < 6:  J = Q R with lengths scaled,  W = Q R^-T g
+    any n:  C^B = J H_L^-1 J^T
 
 which is the reduction of `cartstiff.stiffness.reduction` without its singular value decomposition.
 Gravity and dead forces enter through the bodies beyond each joint: with m, m c their mass and first
@@ -31,9 +32,9 @@ import numpy as np
 
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import (
+    below,
     congruence,
     cross,
-    inverse,
     is_zero,
     largest,
     norm_squared,
@@ -50,19 +51,21 @@ from cartstiff.many.arithmetic import (
     LARGEST_ANGLE,
     PLAIN,
     UNBALANCED,
-    add_compliances,
+    changed_compliance,
     connections,
     limited,
     unsymmetric_part,
 )
 from cartstiff.many.chain_twists import ChainConstants, ChainKinematics, Field
 from cartstiff.many.tape import Program, Scalar, Tape, larger, pick, square_root
-from cartstiff.stiffness.reduction import BALANCE, ROUNDING
+from cartstiff.numerics import BALANCE, ROUNDING
 
 __all__ = ["ChainCase", "chain_program"]
 
 #: Where all axes meet within this share of the chain's size the engine chooses the length.
 _MEETING = 1e-6
+#: Least pivot of the Hessian, as a share of its diagonal entry: what is lost is four digits.
+_SHARE = 1e-4
 #: Least pivot of the self-motion's stiffness, as a share of the largest entry, that is trusted.
 _PIVOT = 1e-7
 
@@ -336,12 +339,13 @@ def _redundant(chain: _Chain) -> tuple[Array, Array]:
                         pick(limit * (2.0 * n), felt, UNBALANCED, ENGINE))  # fmt: skip
     H = chain.lagrangian(W) * columns * columns[:, None]
     turned_H = Q.conjugate(H)
-    L, inverses, least = positive_factor(turned_H[6:, 6:])
-    reached = turned_H[6:, :6].astype(object)
-    for i in range(1, n - 6):
-        reached[i] = reached[i] - L[i, :i] @ reached[:i]
+    L, inverses, pivots = positive_factor(turned_H[6:, 6:])
+    reached = below(L, turned_H[6:, :6])
     S = turned_H[:6, :6] - congruence(reached, np.diag(inverses))
-    stable = pick(largest(H) * _PIVOT, least, PLAIN, ENGINE)
+    limit = largest(H) * _PIVOT
+    stable: Scalar = PLAIN
+    for pivot in pivots:
+        stable = larger(stable, pick(limit, pivot, PLAIN, ENGINE))
     # An unbalanced posture has no H_L; whatever else is doubtful goes to the engine.
     verdict = pick(balanced, 0.5, larger(balanced, stable), balanced)
     verdict = pick(regular, 0.5, verdict, ENGINE)
@@ -349,8 +353,8 @@ def _redundant(chain: _Chain) -> tuple[Array, Array]:
     return W, congruence(inverse_R.T, S)
 
 
-def _deficient(chain: _Chain, found: dict[str, Array], wanted: Collection[str]) -> Array:
-    """W of least norm, and the compliances, of fewer than six joints."""
+def _deficient(chain: _Chain) -> Array:
+    """W of least norm of fewer than six joints."""
     columns, length = chain.columns, chain.length
     scaled = chain.J * columns
     scaled[3:] = scaled[3:] / length
@@ -364,23 +368,42 @@ def _deficient(chain: _Chain, found: dict[str, Array], wanted: Collection[str]) 
         w[: chain.n] = inverse_R.T @ (chain.gradient * columns)
         W = Q.apply(w)
         W[3:] = W[3:] / length
-    if any(f"compliance_{name}" in wanted for name in "ABK"):
-        H = chain.lagrangian(W) * columns * columns[:, None]
-        inverse_H = inverse(H)
-        condition = norm_squared(H) * norm_squared(inverse_H)
-        verdict = larger(verdict, limited(condition, 1e24))
-        C = congruence((chain.J * columns).T, inverse_H)
-        changes = connections(zeros(6, 6), W)
-        for name, D in changes.items():
-            if f"compliance_{name}" in wanted:
-                factor = D @ C
-                factor[range(6), range(6)] = factor.diagonal() + 1.0
-                turned = inverse(factor)
-                condition = norm_squared(factor) * norm_squared(turned)
-                verdict = larger(verdict, limited(condition, 1e24))
-                found[f"compliance_{name}"] = C if name == "B" else C @ turned
     chain.verdict = larger(chain.verdict, verdict)
     return W
+
+
+def _compliances(
+    chain: _Chain, W: Array, found: dict[str, Array], wanted: Collection[str]
+) -> Scalar:
+    """Put ``C^X = J (H_L + J^T D J)^-1 J^T`` into `found`, D = K^X - K^B; the verdict on them."""
+    names = [name for name in "ABKF" if f"compliance_{name}" in wanted]
+    verdict: Scalar = PLAIN
+    if not names:
+        return verdict
+    unloaded = all(is_zero(w) for w in W)
+    C, verdict = _softness(chain, chain.hessian if unloaded else chain.lagrangian(W))
+    for name in names:
+        if name == "F":
+            if chain.n != 6:
+                continue
+            C_F, doubt = (C, PLAIN) if unloaded else _softness(chain, chain.hessian)
+            found["compliance_F"], verdict = C_F, larger(verdict, doubt)
+        elif name == "B" or unloaded:
+            found[f"compliance_{name}"] = C
+        else:
+            D = connections(zeros(6, 6), W)[name]
+            found[f"compliance_{name}"], doubt = changed_compliance(C, D, chain.length)
+            verdict = larger(verdict, doubt)
+    return verdict
+
+
+def _softness(chain: _Chain, H: Array) -> tuple[Array, Scalar]:
+    """``J H^-1 J^T`` and the verdict on it."""
+    L, inverses, pivots = positive_factor(H)
+    verdict: Scalar = PLAIN
+    for a, pivot in enumerate(pivots):
+        verdict = larger(verdict, pick(H[a, a] * _SHARE, pivot, PLAIN, ENGINE))
+    return congruence(below(L, chain.J.T), np.diag(inverses)), verdict
 
 
 def chain_program(case: ChainCase, wanted: Collection[str]) -> Program:
@@ -395,7 +418,7 @@ def chain_program(case: ChainCase, wanted: Collection[str]) -> Program:
     }
     stiffness: dict[str, Array] = {}
     if chain.n < 6:
-        W = _deficient(chain, found, wanted)
+        W = _deficient(chain)
     elif chain.n == 6:
         W, K_B, K_F = _six(chain)
         stiffness = {**connections(K_B, W), "F": K_F}
@@ -404,7 +427,7 @@ def chain_program(case: ChainCase, wanted: Collection[str]) -> Program:
         stiffness = connections(K_B, W)
     found["wrench"] = W
     found.update({f"stiffness_{name}": K for name, K in stiffness.items()})
-    verdict = add_compliances(found, stiffness, wanted, chain.length)
+    verdict = _compliances(chain, W, found, wanted)
     # What does not balance stays so, whatever its stiffness would be.
     both = larger(chain.verdict, verdict)
     found["verdict"] = np.array([pick(chain.verdict, 1.5, both, chain.verdict)], object)

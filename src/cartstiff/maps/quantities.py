@@ -16,8 +16,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.analysis.ellipsoids import stiffness_about, stiffness_along
-from cartstiff.analysis.matrices import RANK, ROTATION, TRANSLATION
+from cartstiff.analysis.matrices import ROTATION, TRANSLATION
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps import stacks
@@ -47,7 +48,7 @@ def _principal(s: Stacks, kind: str, freedom: str, others: str) -> Array:
         values = stacks.free_values(s.K, s.C, block)
         # Beside a stiffness without inverse, what is only rounding of it is no number.
         singular: Array = np.asarray(~np.isfinite(s.C).all(axis=(1, 2)))
-        rounding: Array = RANK * np.linalg.norm(s.K[:, block, block], axis=(1, 2))
+        rounding: Array = numerics.ZERO * np.linalg.norm(s.K[:, block, block], axis=(1, 2))
         values[singular[:, None] & (np.abs(values) <= rounding.reshape(-1, 1))] = np.nan
         return values
 
@@ -96,7 +97,7 @@ def _on_axis(s: Stacks, block: slice, others: str) -> Array:
         found: Array = 1.0 / give
     exists = np.isfinite(s.K).all(axis=(1, 2))
     # Without a K, a direction that does not give is held by the structure: no number says how much.
-    rigid = np.abs(give) <= RANK * np.abs(C).max(axis=(1, 2))
+    rigid = np.abs(give) <= numerics.ZERO * np.abs(C).max(axis=(1, 2))
     found[~exists & rigid] = np.nan
     function = stiffness_along if block is TRANSLATION else stiffness_about
     for i in np.flatnonzero(exists & ~np.isfinite(C).all(axis=(1, 2))):

@@ -10,8 +10,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.analysis import matrices
-from cartstiff.analysis.matrices import RANK
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 
@@ -105,7 +105,7 @@ def determinant(stack: Array) -> Array:
 
 def signs(eigenvalues: Array) -> tuple[Array, Array, Array]:
     """How many eigenvalues count as negative, zero and positive, by the rule of `definiteness`."""
-    zero = RANK * np.abs(eigenvalues).max(axis=-1, keepdims=True)
+    zero = numerics.ZERO * np.abs(eigenvalues).max(axis=-1, keepdims=True)
     below, above = (eigenvalues < -zero).sum(axis=-1), (eigenvalues > zero).sum(axis=-1)
     return below, eigenvalues.shape[-1] - below - above, above
 
@@ -115,7 +115,7 @@ def condition(eigenvalues: Array) -> Array:
     size = np.abs(eigenvalues)
     high, low = size.max(axis=-1), size.min(axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = np.where(low > RANK * high, high / low, np.inf)
+        found = np.where(low > numerics.ZERO * high, high / low, np.inf)
     return np.where(np.isfinite(high), found, np.nan)
 
 

@@ -214,8 +214,7 @@ def _indices(s: Mapping[str, Any], u: UnitNames, full: bool) -> list[str]:
     else:
         change = f"changes as length^{number(round(n['condition_exponent'], 2))} here"
         lines.append(f"  condition number {number(n['condition_number'])} ({change})")
-    least = numbers(n["eigenvalues"]).split()[0]
-    lines.append(f"  minimum stiffness {least} {stiff}")
+    lines.append(f"  minimum stiffness {number(n['minimum_stiffness'])} {stiff}")
     if full:
         shown = "-, not positive" if n["isotropy"] is None else number(n["isotropy"])
         lines.append(f"  isotropy {shown} (1: equally stiff in all directions)")

@@ -13,7 +13,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.analysis.matrices import RANK
+from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 
 __all__ = ["Linear", "Logarithmic", "Scale", "Tension", "round_number"]
@@ -107,7 +107,7 @@ class Logarithmic(_Scale):
 
     def _choose(self, sizes: list[float], largest: float) -> None:
         # What is rounding beside the largest counts as zero and has no length.
-        small, large = log10(min(v for v in sizes if v > RANK * largest)), log10(largest)
+        small, large = log10(min(v for v in sizes if v > numerics.ZERO * largest)), log10(largest)
         if self.zero:
             zero = log10(self.zero)
             reach = (large - zero) * self.per_decade / self._target

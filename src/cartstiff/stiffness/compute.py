@@ -3,7 +3,7 @@ r"""From an elastic mechanism at a posture to the stiffness matrices under every
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
 
@@ -29,7 +29,7 @@ from cartstiff.mechanisms.weighed import weighed
 from cartstiff.potentials.contract import Evaluation, Map
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 from cartstiff.stiffness.in_frame import StiffnessInFrame, stiffness_in_frame
-from cartstiff.stiffness.reduction import RANK, Reduction, reduce_to
+from cartstiff.stiffness.reduction import Reduction, reduce_to
 from cartstiff.stiffness.tensor import StiffnessTensor
 
 __all__ = ["SCHEMA", "PostureStiffness", "analyse"]
@@ -48,10 +48,6 @@ _FROM_B = np.concatenate(
 )
 
 _DEAD_AT_ORIGIN = LoadKind()
-
-#: A singularity is called near below this ratio of length-scaled singular values: stiffness, which
-#: goes with the square, then differs by more than 400 between directions.
-NEAR = 0.05
 
 
 def analyse(
@@ -154,7 +150,7 @@ def _near_singular(posture: MechanismPosture, reduction: Reduction) -> list[Note
     """Warnings where a Jacobian has lost rank or is about to."""
     notes = []
     values = reduction.singular_values
-    if reduction.rank == 6 and values[5] < NEAR * values[0]:
+    if reduction.rank == 6 and values[5] < numerics.NEAR * values[0]:
         notes.append(
             Note(
                 "near-serial-singularity",
@@ -168,12 +164,12 @@ def _near_singular(posture: MechanismPosture, reduction: Reduction) -> list[Note
         if reduction.motions is not None:
             rates = rates @ reduction.motions
         values = np.linalg.svd(rates, compute_uv=False)
-        if len(values) == rates.shape[1] and values[-1] < NEAR * values[0]:
+        if len(values) == rates.shape[1] and values[-1] < numerics.NEAR * values[0]:
             motions = np.linalg.svd(rates)[2]
             if reduction.motions is not None:
                 motions = motions @ reduction.motions.T
-            lost = int(np.sum(values <= RANK * values[0]))
-            weak = lost or int(np.sum(values < NEAR * values[0]))
+            lost = int(np.sum(values <= numerics.RANK * values[0]))
+            weak = lost or int(np.sum(values < numerics.NEAR * values[0]))
             notes.append(
                 Note(
                     "type-2-singularity" if lost else "near-type-2-singularity",
@@ -188,21 +184,6 @@ def _near_singular(posture: MechanismPosture, reduction: Reduction) -> list[Note
                 )
             )
     return notes
-
-
-def _inverses(matrices: list[Array]) -> list[Array | None]:
-    """Inverses of 6x6 matrices, None where fourteen digits are lost.
-
-    The product of Frobenius norms bounds the condition number; it is much cheaper than an SVD.
-    """
-    stack = np.array(matrices)
-    try:
-        inverses = np.linalg.inv(stack)
-    except np.linalg.LinAlgError:
-        return [None] if len(matrices) == 1 else [_inverses([m])[0] for m in matrices]
-    flat, flat_inverses = stack.reshape(-1, 36), inverses.reshape(-1, 36)
-    condition = (flat * flat).sum(axis=1) * (flat_inverses * flat_inverses).sum(axis=1)
-    return [m if c < 1e28 else None for m, c in zip(inverses, condition.tolist(), strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,26 +248,15 @@ class PostureStiffness:
         UndefinedError
             In an unbalanced posture, or where a motion costs nothing.
         """
-        W, reduction, posture = self.wrench, self.reduction, self.posture
-        if W is None:
+        reduction = self.reduction
+        if self.wrench is None:
             state = reduction.states[-1]
             raise UndefinedError(state.message, code=state.code, values=state.values)
-        columns, J = posture.coordinate_lengths, posture.motion.jacobian
-        H = self.evaluation.hessian - posture.motion.curvature(W)
-        if posture.closure is not None:
-            H = H + posture.closure.curvature(reduction.multipliers)
-        if change is not None:
-            H = H + J.T @ checked_matrix(change, "change") @ J
-        free = np.diag(columns)
-        if reduction.motions is not None:
-            free = columns[:, None] * reduction.motions
-        H_N = free.T @ H @ free
-        if np.linalg.cond(H_N) > 1e14:
+        D = None if change is None else checked_matrix(change, "change")
+        found = None if reduction.free is None else reduction.free.inverse(D)
+        if found is None or reduction.free is None:
             raise UndefinedError("a motion costs nothing: no linear motion", code="no-shares")
-        motion: Array = free @ np.linalg.solve(
-            H_N, (J @ free).T @ checked_vector(wrench, 6, "wrench")
-        )
-        return motion
+        return reduction.free.motion(found.matrix, checked_vector(wrench, 6, "wrench"))
 
     @property
     def closure_forces(self) -> Array:
@@ -304,22 +274,24 @@ class PostureStiffness:
 
     @cached_property
     def compliances(self) -> dict[str, Array | None]:
-        """Inverses of `matrices`; C^A, C^B and C^K exist at kinematic singularities too.
+        """Inverses of `matrices`, found without them; C^A, C^B, C^K exist at singularities too.
 
-        There from C^B and the load alone: K^X = K^B + D gives C^X = C^B (I + D C^B)^-1.
+        ``C^X = J_N (H_N + J_N^T D J_N)^-1 J_N^T`` with D = K^X - K^B, which the load alone makes;
+        for C^F the Hessian is that in the chart.
         """
-        W, C = self.wrench, self.reduction.compliance
-        if self.reduction.stiffness is not None:
-            inverses = _inverses([K for K in self.matrices.values() if K is not None])
-            inverses += [None] * (4 - len(inverses))
-            return dict(zip("ABKF", inverses, strict=True))
-        if C is None or W is None:
+        free, W = self.reduction.free, self.wrench
+        if free is None or W is None:
             return dict.fromkeys("ABKF")
-        found = []
-        for D in -(W @ _FROM_B).reshape(3, 6, 6):
-            factor = _inverses([_EYE + D @ C])[0]
-            found.append(None if factor is None else C @ factor)
-        return dict(zip("ABKF", [*found, None], strict=True))
+        found: dict[str, numerics.Inverse | None] = dict.fromkeys(
+            "ABKF", self.reduction.compliance_with_error
+        )
+        if W.any():
+            changes = -(W @ _FROM_B).reshape(3, 6, 6)
+            found |= {"A": free.compliance(changes[0]), "K": free.compliance(changes[2])}
+        _, H, _, _ = self._flat
+        if H is not self.evaluation.hessian or W.any() or self.posture.closure is not None:
+            found["F"] = None if H is None else free.with_hessian(H).compliance()
+        return {name: None if C is None else C.matrix for name, C in found.items()}
 
     @cached_property
     def is_loaded(self) -> bool:
@@ -355,16 +327,11 @@ class PostureStiffness:
 
     @cached_property
     def tangent_compliance(self) -> Array | None:
-        """Inverse of `tangent`; exists at kinematic singularities too: C (I + D C)^-1."""
-        if self.wrench is None:
+        """Inverse of `tangent`, found as `compliances`; exists at kinematic singularities too."""
+        if self.wrench is None or self.reduction.free is None:
             return None
-        C = self.compliances["B"]
-        if C is None:
-            K = self.tangent
-            inverse = None if K is None else numerics.invert(K)
-            return None if inverse is None else inverse.matrix
-        factor = numerics.invert(_EYE + self.change_by_load @ C)
-        return None if factor is None else C @ factor.matrix
+        found = self.reduction.free.compliance(self.change_by_load)
+        return None if found is None else found.matrix
 
     def at(self, T_M_N: ArrayLike | None = None) -> StiffnessInFrame:
         """Matrices, compliances, wrench and tangent in a frame N of the body.
@@ -391,33 +358,31 @@ class PostureStiffness:
         return {}
 
     @cached_property
-    def _flat(self) -> tuple[Array | None, Array | None, Note | None]:
-        """K^F, d(chart coordinates)/d(twist), and the reason if there is none."""
+    def _flat(self) -> tuple[Array | None, Array | None, Array | None, Note | None]:
+        """K^F, its Hessian (n, n), d(chart)/d(twist), and the reason if there is none."""
         rates = self.reduction.rates
         if self.reduction.stiffness is None:
-            return None, None, None  # the reason for the other matrices is this one's too
+            return None, None, None, None  # the reason for the others is this one's too
         chart = self.posture.chart()
         if isinstance(chart, str):
-            return None, None, Note("no-chart", chart)
+            return None, None, None, Note("no-chart", chart)
         if rates is None:
             message = f"K^F needs six free motions: there are {self.reduction.freedoms}"
-            return None, None, Note("no-chart", message)
+            return None, None, None, Note("no-chart", message)
         if chart is OWN_COORDINATES:  # nonsingular, as `rates` exists
-            return rates.T @ self.evaluation.hessian @ rates, rates, None
+            H = self.evaluation.hessian
+            return rates.T @ H @ rates, H, rates, None
         to_chart = chart.jacobian @ rates
-        scaled = to_chart * self._natural
-        values = np.linalg.svd(scaled, compute_uv=False)
-        if not values[-1] > RANK * values[0]:
-            return (
-                None,
-                None,
-                Note(
-                    "type-2-singularity",
-                    "the actuated coordinates do not determine the pose here",
-                    {"singular_values": values.tolist()},
-                ),
+        values = np.linalg.svd(to_chart * self._natural, compute_uv=False)
+        if not numerics.is_regular(values):
+            note = Note(
+                "type-2-singularity",
+                "the actuated coordinates do not determine the pose here",
+                {"singular_values": values.tolist()},
             )
-        return self._in_chart(chart, to_chart, self.evaluation), to_chart, None
+            return None, None, None, note
+        H = self._hessian_in(chart, to_chart, self.evaluation)
+        return rates.T @ H @ rates, H, to_chart, None
 
     @cached_property
     def _natural(self) -> Array:
@@ -425,8 +390,8 @@ class PostureStiffness:
         length = self.posture.length
         return np.array([1.0, 1.0, 1.0, length, length, length])
 
-    def _in_chart(self, chart: Map, to_chart: Array, energy: Evaluation) -> Array:
-        """Hessian in the chart's coordinates y, carried to the end-effector.
+    def _hessian_in(self, chart: Map, to_chart: Array, energy: Evaluation) -> Array:
+        """Hessian (n, n) in the chart's coordinates y, carried to those of the mechanism.
 
         The reduction with y as the output, mu its force: K^F = M^T (H + lam c'' - mu y'') M with
         M the coordinate rates per twist.
@@ -438,9 +403,9 @@ class PostureStiffness:
         H = energy.hessian - chart.curvature(mu)
         if closure is not None:
             balance = chart.jacobian.T @ mu - energy.gradient
-            lam = np.linalg.lstsq(closure.jacobian.T, balance, rcond=RANK)[0]
+            lam = np.linalg.lstsq(closure.jacobian.T, balance, rcond=numerics.RANK)[0]
             H = H + closure.curvature(lam)
-        return rates.T @ H @ rates
+        return H
 
     @cached_property
     def jacobian(self) -> Array | None:
@@ -450,19 +415,41 @@ class PostureStiffness:
         chart = self.posture.chart()
         if isinstance(chart, str):
             return None
-        if self._flat[1] is None:  # else it has been seen to be regular
+        if self._flat[2] is None:  # else it has been seen to be regular
             values = np.linalg.svd(chart.jacobian * self._natural, compute_uv=False)
-            if not values[-1] > RANK * values[0]:
+            if not values[-1] > numerics.RANK * values[0]:
                 return None
         return np.linalg.inv(chart.jacobian)
 
     @cached_property
     def notes(self) -> tuple[Note, ...]:
         """What was assumed, and why something does not exist."""
-        reasons = [] if self._flat[2] is None else [self._flat[2]]
-        K = self.reduction.stiffness
-        if K is not None and self.compliances["B"] is None:
-            values = np.linalg.eigvalsh(K * self._natural * self._natural[:, None])
+        reasons = [] if self._flat[3] is None else [self._flat[3]]
+        K, C = self.reduction.stiffness, self.reduction.compliance_with_error
+        if C is not None and C.error > numerics.TELLING:
+            reasons.append(
+                Note(
+                    "lost-digits",
+                    "springs and load nearly cancel along a motion: the compliance is known to a "
+                    f"relative error of about {C.error:.1g}",
+                    {"matrix": "compliance", "relative_error": C.error},
+                )
+            )
+        values = self.reduction.singular_values
+        if K is not None and len(values):
+            error = numerics.EPSILON / max(numerics.ratio(values), 1e-300) ** 2
+            if error > numerics.TELLING:
+                reasons.append(
+                    Note(
+                        "lost-digits",
+                        "so near to a singularity the stiffness matrix holds the softer directions "
+                        f"to a relative error of about {error:.1g} only; compliance, and what is "
+                        "free, are exact",
+                        {"matrix": "stiffness", "relative_error": error},
+                    )
+                )
+        if K is not None and C is None:
+            values = numerics.eigenvalues(K * self._natural * self._natural[:, None])
             reasons.append(
                 Note(
                     "singular-stiffness",
@@ -488,16 +475,23 @@ class PostureStiffness:
             state = self.reduction.states[-1]
             raise UndefinedError(state.message, code=state.code, values=state.values)
         frame, units = self.elastic.mechanism.frame, self.elastic.units
-        base = StiffnessTensor(K, BI_INVARIANT, W, self.pose, frame, units)
+        named = connection if isinstance(connection, str) else connection.name
+        C = self.compliances.get(named)
+        if connection == "+" and self.compliances["A"] is not None:
+            C = self.compliances["A"].T
+        base = StiffnessTensor(
+            K, BI_INVARIANT, W, self.pose, frame, units, inverse=self.compliances["B"]
+        )
         if connection == "B":
             return base
         if connection == "F":
-            F, _, note = self._flat
+            F, _, _, note = self._flat
             if F is None:
                 message = note.message if note else "K^F does not exist here"
                 raise UndefinedError(message, code=note.code if note else "no-chart")
-            return StiffnessTensor(F, self.flat_connection(), W, self.pose, frame, units)
-        return base.to_connection(self.load.connection if connection == "load" else connection)
+            return StiffnessTensor(F, self.flat_connection(), W, self.pose, frame, units, inverse=C)
+        moved = base.to_connection(self.load.connection if connection == "load" else connection)
+        return moved if C is None or not isinstance(connection, str) else replace(moved, inverse=C)
 
     def flat_connection(self) -> Connection:
         """The flat connection of the chart at this posture, [ZK]_ eq. 47, from six probe wrenches.
@@ -505,9 +499,9 @@ class PostureStiffness:
         ``Gamma[i, j, k] W_k = K^A - K^F`` is linear in W and holds for any potential: each basis
         wrench gives one slice.
         """
-        _, to_chart, note = self._flat
-        chart = self.posture.chart()
-        if to_chart is None or isinstance(chart, str):
+        _, _, to_chart, note = self._flat
+        chart, rates = self.posture.chart(), self.reduction.rates
+        if to_chart is None or rates is None or isinstance(chart, str):
             message = note.message if note else str(chart)
             raise UndefinedError(message, code=note.code if note else "no-chart")
         symbols = np.empty((6, 6, 6))
@@ -515,7 +509,7 @@ class PostureStiffness:
         for k, w in enumerate(_EYE):
             # The linear energy w . log(pose) has gradient J^T w, K^B = 0 and the curvature of J.
             probe = Evaluation(0.0, motion.jacobian.T @ w, motion.curvature(w))
-            K_F = self._in_chart(chart, to_chart, probe)
+            K_F = rates.T @ self._hessian_in(chart, to_chart, probe) @ rates
             symbols[:, :, k] = -0.5 * se3.bracket_form(w) - K_F
         return Connection(
             "F", symbols, "Hessian in the joint coordinates", left_invariant=False, _flat=True

@@ -15,42 +15,83 @@ self-motions Z = null J_N, the energy is minimised over the self-motion:
 For six independent outputs and no self-motion (2) is K = J^-T H_L J^-1. For the pose, K is K^B, in
 components of the body frame. All decisions about rank are taken on length-scaled matrices: a
 length is measured in the characteristic length l, so that every singular value is a pure number.
+
+(3) never inverts K: it holds at singular postures and near them, where K has lost its digits.
+Motions are combined by `cartstiff.numerics.graded_basis`: stiff and soft springs stay apart.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import Evaluation, Map
+from cartstiff.stiffness.closures import State, irregular
 
-__all__ = ["Reduction", "State", "reduce_to"]
-
-#: Rank is lost below this ratio of singular values: ten of sixteen digits are gone, and the
-#: rounded constants of a URDF (twelve digits) must not turn a singular posture into a regular one.
-RANK = 1e-10
-#: A posture is balanced if the torque along the self-motion is below this share of the torques,
-BALANCE = 1e-8
-#: or is what the springs exert over a rounding error of this size (rad) in the coordinates.
-ROUNDING = 1e-12
-#: Eigenvalues below this share of the largest count as zero.
-DEFINITE = 1e-11
+__all__ = ["FreeMotions", "Reduction", "State", "reduce_to"]
 
 
-class State(NamedTuple):
-    """A named state of the mechanism, with the numbers that show it."""
+class FreeMotions(NamedTuple):
+    r"""Motions that are free, each in its own unit, and what the energy does along them.
 
-    code: str
-    message: str
-    values: dict[str, object]
+    Attributes
+    ----------
+    jacobian : ndarray, shape (6, f)
+        J: output per motion.
+    hessian : ndarray, shape (f, f)
+        H_L on them.
+    terms : callable
+        Sizes (f, f) of the terms whose sum each entry of `hessian` is. A motion all of whose
+        entries are below `IDLE` times these costs nothing.
+    basis : ndarray, shape (n, f), or None
+        The motions; None if they are the coordinates themselves.
+    """
+
+    jacobian: Array
+    hessian: Array
+    terms: Callable[[], Array]
+    basis: Array | None = None
+
+    def inverse(self, change: Array | None = None) -> numerics.Inverse | None:
+        """``(H + J^T D J)^-1`` for a change D (6, 6) of the stiffness; None if singular."""
+        H, terms, J = self.hessian, self.terms(), self.jacobian
+        if change is not None:
+            H = H + J.T @ change @ J
+            terms = terms + np.abs(J.T) @ np.abs(change) @ np.abs(J)
+        idle = np.all(np.abs(H) <= numerics.IDLE * terms, axis=0)
+        return None if idle.any() else numerics.invert(H)
+
+    def compliance(self, change: Array | None = None) -> numerics.Inverse | None:
+        """``J (H + J^T D J)^-1 J^T``, the inverse of K + D without K; None if there is none."""
+        found = self.inverse(change)
+        if found is None:
+            return None
+        C: Array = self.jacobian @ found.matrix @ self.jacobian.T
+        if np.array_equal(found.matrix, found.matrix.T):
+            C = 0.5 * (C + C.T)
+        return numerics.Inverse(C, found.error)
+
+    def motion(self, inverse: Array, wrench: Array) -> Array:
+        """Motion of all coordinates (n,) under an output force (6,)."""
+        y: Array = inverse @ (self.jacobian.T @ wrench)
+        return y if self.basis is None else np.asarray(self.basis @ y)
+
+    def with_hessian(self, H: Array) -> FreeMotions:
+        """The same motions of another energy, whose Hessian (n, n) has no terms to cancel."""
+        if self.basis is not None:
+            H = self.basis.T @ H @ self.basis
+        return self._replace(hessian=H, terms=lambda: np.abs(H))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Reduction:
-    """What equation (2) and (3) gave, or why not.
+    """What equation (2) gave, or why not, and what (3) is made of.
 
     Attributes
     ----------
@@ -58,9 +99,6 @@ class Reduction:
         Output force w; None if the posture is unbalanced.
     stiffness : ndarray (6, 6) or None
         K; None if it does not exist, for which `states` has the reason.
-    compliance : ndarray (6, 6) or None
-        C where `stiffness` does not exist, as at kinematic singularities; elsewhere it is the
-        inverse of the stiffness and left to the caller.
     multipliers : ndarray (m,)
         Closure forces lam.
     singular_values : ndarray
@@ -69,6 +107,9 @@ class Reduction:
         Of J_N.
     freedoms : int
         Number of free motions, the columns of N.
+    free : FreeMotions or None
+        The motions that (3) is made of, idle ones left out; None where the posture is unbalanced or
+        its self-motion has no minimum.
     reachable, reachable_stiffness : ndarray (6, r), (r, r)
         U and Y^T S Y: the stiffness on the motions that exist.
     rates : ndarray (n, 6) or None
@@ -81,29 +122,27 @@ class Reduction:
 
     force: Array | None
     stiffness: Array | None
-    compliance: Array | None
     multipliers: Array
     singular_values: Array
     rank: int
     freedoms: int
+    free: FreeMotions | None = None
     reachable: Array | None = None
     reachable_stiffness: Array | None = None
     rates: Array | None = None
     motions: Array | None = None
     states: list[State] = field(default_factory=list)
 
+    @cached_property
+    def compliance_with_error(self) -> numerics.Inverse | None:
+        """C of equation (3) with its relative error; None where a motion costs nothing."""
+        return None if self.free is None else self.free.compliance()
 
-def _invert(matrix: Array) -> Array | None:
-    """Inverse, or None where it has lost all but two digits.
-
-    The product of norms bounds the condition number within a factor of n: cheaper than an SVD.
-    """
-    try:
-        inverse = np.linalg.inv(matrix)
-    except np.linalg.LinAlgError:
-        return None
-    condition = np.linalg.norm(matrix) * np.linalg.norm(inverse)
-    return inverse if np.isfinite(condition) and condition < 1e14 else None
+    @property
+    def compliance(self) -> Array | None:
+        """C (6, 6) of equation (3); None where a motion costs nothing."""
+        found = self.compliance_with_error
+        return None if found is None else found.matrix
 
 
 def reduce_to(
@@ -145,40 +184,63 @@ def reduce_to(
     return _general(output, energy, closure, rows, coordinate_lengths, force, what)
 
 
+def _symmetric(matrix: Array, energy: Evaluation) -> Array:
+    """The matrix without the asymmetry of its rounding, where the forces have a potential."""
+    return 0.5 * (matrix + matrix.T) if energy.energy == energy.energy else matrix
+
+
+def _doubtful(gradient: Array, stiffness: Array) -> Array:
+    """What of each generalised force may be rounding of the coordinates that its spring feels."""
+    return np.minimum(np.abs(gradient), numerics.ROUNDING * stiffness)
+
+
 def _square(output: Map, energy: Evaluation, rows: Array, columns: Array) -> Reduction | None:
     """As many coordinates as outputs and no closure: K = J^-T H_L J^-1; None if J is singular."""
     J = output.jacobian
     values = np.linalg.svd(J * rows[:, None] * columns, compute_uv=False)
-    if not values[-1] > RANK * values[0]:
+    if not values[-1] > numerics.RANK * values[0]:
         return None
     A = np.linalg.inv(J)
     force = A.T @ energy.gradient
-    K = A.T @ (energy.hessian - output.curvature(force)) @ A
-    return Reduction(force, K, None, np.zeros(0), values, len(values), len(values), rates=A)
+    curvature = output.curvature(force)
+    H = energy.hessian - curvature
+    K = _symmetric(A.T @ H @ A, energy)
+
+    def terms() -> Array:
+        doubt = np.abs(A.T) @ _doubtful(energy.gradient, np.abs(energy.hessian).max(axis=0))
+        least = float((np.abs(force * numerics.EPSILON) + doubt) @ (1 / rows)) / numerics.IDLE
+        size = np.abs(energy.hessian) + np.abs(curvature)
+        return np.asarray(size + least / columns / columns[:, None])
+
+    n = len(values)
+    return Reduction(
+        force, K, np.zeros(0), values, n, n, FreeMotions(J, _symmetric(H, energy), terms), rates=A
+    )
 
 
-class _Decomposition(NamedTuple):
-    """Singular value decomposition of a matrix (m, n), its bases split at the rank r."""
+class _Closures(NamedTuple):
+    """Singular value decomposition of the scaled closure Jacobian, split at its rank."""
 
-    #: Singular values.
     values: Array
     rank: int
-    #: Range (m, r) and what is left of the space (m, m - r).
+    #: Covectors (m, r) and (m, m - r) of what is closed and what is not; motions (n, r) that break
+    #: the closures, and (n, f) that do not.
     U: Array
     lost: Array
-    #: Inputs that reach the range (n, r), and the null space (n, n - r).
     V: Array
-    null: Array
+    N: Array
 
-    def solve_transposed(self, right: Array) -> Array:
-        """Solution x of least norm of ``matrix^T x = right``, in the sense of least squares."""
-        return self.U @ ((self.V.T @ right) / self.values[: self.rank])
+    def forces(self, right: Array, where: Array) -> Array:
+        """Multipliers of least norm with ``C^T lam = right`` in the chosen coordinates."""
+        share = (self.V * self.values[: self.rank])[where]
+        lam: Array = self.U @ np.linalg.lstsq(share, right[where], rcond=numerics.RANK)[0]
+        return lam
 
 
-def _decompose(matrix: Array) -> _Decomposition:
+def _decompose(matrix: Array) -> _Closures:
     U, values, Vt = np.linalg.svd(matrix)
-    rank = int(np.count_nonzero(values > RANK * max(values.max(initial=0.0), 1e-300)))
-    return _Decomposition(values, rank, U[:, :rank], U[:, rank:], Vt[:rank].T, Vt[rank:].T)
+    r = numerics.rank(values)
+    return _Closures(values, r, U[:, :r], U[:, r:], Vt[:r].T, Vt[r:].T)
 
 
 def _general(
@@ -195,29 +257,43 @@ def _general(
     J = output.jacobian * rows[:, None] * columns
     g = energy.gradient * columns
     H = energy.hessian * columns[:, None] * columns
+    n = len(g)
+    stiff = np.abs(H).max(axis=0, initial=0.0)
+    doubt = np.zeros(n) if force is not None else _doubtful(g, stiff)
 
-    N = closures = None  # without closures N is the identity
-    J_N, g_N, lam = J, g, np.zeros(0)
+    # N: all motions (n, f), led by the coordinates `leading`; orthonormal for singular values.
+    closures, orthonormal = None, np.eye(n)
+    N, leading, lam = orthonormal, np.arange(n), np.zeros(0)
     if closure is not None:
         closures = _decompose(closure.jacobian * columns)
-        N, lam = closures.null, np.zeros(len(closure.jacobian))
+        orthonormal, lam = closures.N, np.zeros(len(closure.jacobian))
         if closures.rank < len(lam):
-            irregular = _irregular(closure, closures, columns)
-            if irregular is not None:
+            found = irregular(
+                closure, closures.values, closures.rank, closures.lost, orthonormal, columns
+            )
+            if found is not None:
                 return Reduction(
-                    None, None, None, lam, closures.values, 0, N.shape[1],
-                    motions=N, states=[irregular],
+                    None, None, lam, closures.values, 0, orthonormal.shape[1],
+                    motions=orthonormal, states=[found],
                 )  # fmt: skip
-        J_N, g_N = J @ N, N.T @ g
-    values, rank, U, lost, V, Z = _decompose(J_N)
-    freedoms = J_N.shape[1]
+        N, leading = numerics.graded_basis(orthonormal, stiff, closures.V)
+    motions = None if closure is None else orthonormal
+    freedoms = N.shape[1]
+    U, values, Vt = np.linalg.svd(J @ orthonormal)
+    rank = numerics.rank(values)
+    U, lost, along = U[:, :rank], U[:, rank:], orthonormal @ Vt[rank:].T
 
-    # Balance: the self-motion must feel no torque, whatever wrench acts on the output.
-    along = Z.T @ g_N
-    scale = float(np.abs(g).max(initial=0.0))
-    noise = ROUNDING * float(np.abs(H).max(initial=0.0))
-    if np.abs(along).max(initial=0.0) > BALANCE * scale + noise:
-        torque = _from_free(N, Z @ along) / columns
+    # Self-motions Z, led by the stiffest; the other leaders, as many as the rank, make the output.
+    across = (U.T @ J @ N).T
+    Z, chosen = numerics.graded_basis(along[leading], stiff[leading], across)
+    others = np.delete(np.arange(freedoms), chosen)
+    Z, Y = N @ Z, N[:, others]
+    to_output = np.linalg.inv(across[others].T)  # motions of Y per reachable output
+
+    # Balance: a self-motion must feel no torque, whatever wrench acts on the output.
+    felt = np.abs(Z.T @ g)
+    if np.any(felt > np.abs(Z.T) @ (numerics.BALANCE * np.abs(g) + numerics.ROUNDING * stiff)):
+        torque = along @ (along.T @ g) / columns
         states.append(
             State(
                 "unbalanced",
@@ -227,13 +303,14 @@ def _general(
                 {"unbalanced_torque": torque.tolist(), "largest": float(np.abs(torque).max())},
             )
         )
-        return Reduction(None, None, None, lam, values, rank, freedoms, motions=N, states=states)
+        return Reduction(None, None, lam, values, rank, freedoms, motions=motions, states=states)
 
-    w = U @ ((V.T @ g_N) / values[:rank])
+    w = U @ (to_output.T @ (Y.T @ g))
     if force is not None:
         given = force / rows
-        missed = float(np.abs(J_N.T @ given - g_N).max(initial=0.0))
-        if missed <= 1e-6 * max(scale, float(np.abs(given).max())) + noise:
+        missed = N.T @ (J.T @ given - g)
+        size = np.abs(N.T) @ (np.abs(J.T) @ np.abs(given) + np.abs(g))
+        if np.all(np.abs(missed) <= 1e-6 * size + numerics.ROUNDING * (np.abs(N.T) @ stiff)):
             w = given
         else:
             states.append(
@@ -241,13 +318,19 @@ def _general(
                     "wrench-ignored",
                     "the wrench given is not the one that the springs exert on the reachable "
                     "motions; the wrench of least norm is used",
-                    {"difference": (J_N.T @ given - g_N).tolist()},
+                    {"difference": missed.tolist()},
                 )
             )
-    H_N = H - output.curvature(w * rows) * columns[:, None] * columns
+    curvature = output.curvature(w * rows) * columns[:, None] * columns
+    H_L, terms = H - curvature, np.abs(H) + np.abs(curvature)
+    least = np.abs(w) * numerics.EPSILON + np.abs(U) @ (np.abs(to_output.T) @ (np.abs(Y.T) @ doubt))
     if closure is not None and closures is not None:
-        lam, N = closures.solve_transposed(J.T @ w - g), closures.null
-        H_N = N.T @ (H_N + closure.curvature(lam) * columns[:, None] * columns) @ N
+        follow = np.delete(np.arange(n), leading)
+        lam = closures.forces(J.T @ w - g, follow)
+        curvature = closure.curvature(lam) * columns[:, None] * columns
+        H_L, terms = H_L + curvature, terms + np.abs(curvature)
+        least = np.append(least, np.abs(lam) * numerics.EPSILON + doubt[follow].max(initial=0.0))
+    terms = terms + float(least.sum()) / numerics.IDLE
 
     if rank < len(rows):
         missing = lost * rows[:, None]
@@ -267,147 +350,93 @@ def _general(
                 },
             )
         )
-    S = _minimise_over_self_motion(H_N, Z, N, columns, states)
-    K = reachable = reachable_K = None
-    if S is not None:
-        Y = V / values[:rank]
-        reachable_K = Y.T @ S @ Y  # in the basis U of scaled outputs
-        if rank == len(rows):
-            K = (U @ reachable_K @ U.T) * rows[:, None] * rows
+    held = _held_self_motions(H_L, terms, Y, Z, along, columns, states)
+    K = reachable = reachable_K = rates = free = None
+    if held is not None:
+        Z, inner = held
+        S = Y.T @ H_L @ Y
+        if Z.shape[1]:
+            S = S - (Y.T @ H_L @ Z) @ inner @ (Z.T @ H_L @ Y)
+        reachable_K = _symmetric(to_output.T @ S @ to_output, energy)  # in the basis U
         reachable = U / rows[:, None]
-    compliance = rates = None
-    if K is None and S is not None and (inverse := _invert(H_N)) is not None:
-        compliance = (J_N @ inverse @ J_N.T) / rows[:, None] / rows
-    if K is not None and Z.shape[1] == 0:
-        rates = columns[:, None] * (_from_free(N, V / values[:rank]) @ U.T) * rows
+        if rank == len(rows):
+            K = _symmetric((U @ reachable_K @ U.T) * rows[:, None] * rows, energy)
+            if along.shape[1] == 0:
+                rates = columns[:, None] * (Y @ to_output @ U.T) * rows
+        B = np.concatenate([Y, Z], axis=1)
+        J_B = np.concatenate([J @ Y, np.zeros((len(rows), Z.shape[1]))], axis=1)
+        size = np.abs(B.T) @ terms @ np.abs(B)
+        free = FreeMotions(
+            J_B / rows[:, None], _symmetric(B.T @ H_L @ B, energy), lambda: size,
+            columns[:, None] * B,
+        )  # fmt: skip
     if states and states[0].code in ("deficient", "serial-singularity") and reachable is not None:
         states[0].values["reachable_motions"] = reachable.T.tolist()
         states[0].values["reachable_stiffness"] = (
             None if reachable_K is None else reachable_K.tolist()
         )
     return Reduction(
-        w * rows, K, compliance, lam, values, rank, freedoms, reachable, reachable_K, rates,
-        N, states,
+        w * rows, K, lam, values, rank, freedoms, free, reachable, reachable_K, rates, motions,
+        states,
     )  # fmt: skip
 
 
-def _from_free(N: Array | None, motions: Array) -> Array:
-    """All coordinates of motions given in the free ones; N is None where all are free."""
-    return motions if N is None else N @ motions
+def _held_self_motions(
+    H: Array, terms: Array, Y: Array, Z: Array, along: Array, columns: Array, states: list[State]
+) -> tuple[Array, Array] | None:
+    """Self-motions (n, k) that stiffness holds, and the inverse (k, k) of it; None if one is not.
 
-
-def _minimise_over_self_motion(
-    H_N: Array, Z: Array, N: Array | None, columns: Array, states: list[State]
-) -> Array | None:
-    """S of equation (2); None where the self-motion is not held by positive stiffness."""
+    Each is judged against the terms that act along it: measured in a unit of its own, in which
+    these are 1.
+    """
     if Z.shape[1] == 0:
-        return H_N
-    block = Z.T @ H_N @ Z
+        return Z, np.zeros((0, 0))
+    every = np.concatenate([Y, Z], axis=1)
+    size = np.abs(every)
+    size = np.sqrt(((terms @ size) * size).sum(axis=0))
+    every = every / np.where(size > 0.0, size, 1.0)
+    unit = every[:, Y.shape[1] :]
+    block = unit.T @ H @ unit
     eigenvalues, modes = np.linalg.eigh(0.5 * (block + block.T))
-    largest = max(float(np.abs(H_N).max()), 1e-300)
-
-    def directions(chosen: Array) -> Array:
-        """Some of the self-motions, one a row."""
-        return (_from_free(N, Z @ modes[:, chosen]) * columns[:, None]).T
-
-    buckled = eigenvalues < -DEFINITE * largest
-    idle = np.abs(eigenvalues) <= DEFINITE * largest
-    if buckled.any():
+    idle = np.abs(eigenvalues) <= numerics.IDLE
+    if np.any(eigenvalues[~idle] < 0.0):
+        block = along.T @ H @ along
+        stiffness, modes = np.linalg.eigh(0.5 * (block + block.T))
         states.append(
             State(
                 "buckled",
                 "the self-motion is unstable: the energy has no minimum over it, the mechanism "
                 "would snap away from this posture",
                 {
-                    "self_motion_stiffness": eigenvalues.tolist(),
-                    "direction": directions(np.array([0]))[0].tolist(),  # the softest
+                    "self_motion_stiffness": stiffness.tolist(),
+                    "direction": (columns * (along @ modes[:, 0])).tolist(),  # the softest
                 },
             )
         )
         return None
     if idle.any():
-        Z0 = Z @ modes[:, idle]
-        felt = float(np.abs(H_N @ Z0).max())
+        Z0 = unit @ modes[:, idle]
+        # An entry of a semidefinite matrix is at most the root of its two diagonal ones.
+        coupled = bool(np.abs(every.T @ H @ Z0).max() > np.sqrt(numerics.IDLE))
+        Z0 = Z0 / np.linalg.norm(Z0, axis=0)
         states.append(
             State(
                 "idle-self-motion",
                 f"{int(idle.sum())} self-motion(s) cost no energy"
                 + (
-                    ": they do not move the end-effector and are left out"
-                    if felt <= 1e-7 * largest
-                    else " but couple to the others: no minimum exists"
+                    " but couple to the others: no minimum exists"
+                    if coupled
+                    else ": they do not move the end-effector and are left out"
                 ),
-                {"directions": directions(idle).tolist(), "coupling": felt},
+                {
+                    "directions": (columns[:, None] * Z0).T.tolist(),
+                    "coupling": float(np.abs(np.concatenate([Y, Z], axis=1).T @ H @ Z0).max()),
+                },
             )
         )
-        if felt > 1e-7 * largest:
+        if coupled:
             return None
-    keep = Z @ modes[:, ~idle]
-    if keep.shape[1] == 0:
-        return H_N
-    inner = np.linalg.inv(keep.T @ H_N @ keep)
-    return H_N - (H_N @ keep) @ inner @ (keep.T @ H_N)
-
-
-def _irregular(closure: Map, closures: _Decomposition, columns: Array) -> State | None:
-    """Name closures whose lost rank matters; None for redundant ones that are harmless.
-
-    Along each covector nu with nu C = 0 the residual grows like the form x nu c'' x of the free
-    motions x. Where all forms vanish the closures are merely repeated. Where they share a real
-    root, branches of motion leave along it; where they share none, what is free to first order is
-    blocked to second.
-    """
-    values, N = closures.values, closures.null
-    curvatures = (closure.curvature(nu) for nu in closures.lost.T)
-    forms = [N.T @ (curvature * columns[:, None] * columns) @ N for curvature in curvatures]
-    size = max(float(np.abs(form).max(initial=0.0)) for form in forms)
-    if size <= 1e-7 * max(1.0, float(values.max(initial=0.0))):
-        return None
-    forms = [form for form in forms if np.abs(form).max() > 1e-7 * size]
-    root = _common_root(np.array(forms) / size)
-    seen: dict[str, object] = {
-        "rank": closures.rank,
-        "singular_values": values.tolist(),
-        "second_order": [np.linalg.eigvalsh(form).tolist() for form in forms],
-        "motions": (columns[:, None] * N).T.tolist(),
-    }
-    if root is not None:
-        return State(
-            "constraint-singularity",
-            "the closures lose rank here and branches of motion meet: the energy has no second "
-            "derivative along them",
-            {**seen, "branch": (columns * (N @ root)).tolist()},
-        )
-    return State(
-        "non-regular-redundancy",
-        "the closures lose rank here and block to second order what is free to first order: the "
-        "mechanism is shaky, and its closure forces are not determined",
-        seen,
-    )
-
-
-def _common_root(forms: Array) -> Array | None:
-    """Unit vector on which all quadratic forms (k, f, f) vanish, or None if none is found.
-
-    Gauss-Newton on the sphere from the forms' own roots and a fixed set of directions.
-    """
-    n = forms.shape[1]
-    starts = [*np.eye(n), *np.random.default_rng(0).normal(size=(20 * n, n))]
-    for form in forms:
-        eigenvalues, vectors = np.linalg.eigh(form)
-        low, high = vectors[:, 0], vectors[:, -1]
-        if eigenvalues[0] < 0 < eigenvalues[-1]:
-            for sign in (1.0, -1.0):
-                starts.append(
-                    np.sqrt(eigenvalues[-1]) * low + sign * np.sqrt(-eigenvalues[0]) * high
-                )
-    for x in starts:
-        x = x / np.linalg.norm(x)
-        for _ in range(30):
-            images = forms @ x
-            residual = images @ x
-            if np.abs(residual).max() < 1e-9:
-                return x
-            x = x - np.linalg.lstsq(2 * images, residual, rcond=1e-12)[0]
-            x = x / max(float(np.linalg.norm(x)), 1e-300)
-    return None
+        unit = unit @ modes[:, ~idle]
+    if unit.shape[1] == 0:
+        return unit, np.zeros((0, 0))
+    return unit, np.linalg.inv(unit.T @ H @ unit)

@@ -17,6 +17,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.arrays import checked_array, checked_pose, real_array
 from cartstiff.errors import InputError, UndefinedError, printable
 from cartstiff.geometry import se3
@@ -61,6 +62,8 @@ class StiffnessTensor:
         Blocks are [[moment/rad, force], [force/rad, force/length]] in (omega, v) order.
     order : {"angular-linear", "linear-angular"}
         Order of twist components.
+    inverse : ndarray, shape (6, 6), or None
+        C = K^-1 where it is known better than K tells it; it changes along with K.
     """
 
     matrix: Array
@@ -70,6 +73,7 @@ class StiffnessTensor:
     frame: str = "body"
     units: Units = SI
     order: Order = "angular-linear"
+    inverse: Array | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         for name, shape in (("matrix", (6, 6)), ("wrench", (6,)), ("pose", (4, 4))):
@@ -157,7 +161,13 @@ class StiffnessTensor:
             connection = NAMED[connection]
         here = self.to_order("angular-linear")
         change = here.connection.wrench_term(here.wrench) - connection.wrench_term(here.wrench)
-        moved = replace(here, matrix=here.matrix + change, connection=connection)
+        C = here.inverse
+        moved = replace(
+            here,
+            matrix=here.matrix + change,
+            connection=connection,
+            inverse=None if C is None else numerics.inverse_of_sum(C, change),
+        )
         return moved.to_order(self.order)
 
     def to_frame(self, T_M_N: ArrayLike, frame: str = "offset frame") -> StiffnessTensor:
@@ -173,7 +183,7 @@ class StiffnessTensor:
         if connection.tied_to_origin:
             neutral = here.to_connection("A")
             return neutral.to_frame(T, frame).to_connection(connection).to_order(self.order)
-        a = se3.adjoint(T)
+        a, back = se3.adjoint(T), se3.adjoint(se3.inverse(T))
         moved = replace(
             here,
             matrix=a.T @ here.matrix @ a,
@@ -181,6 +191,7 @@ class StiffnessTensor:
             pose=here.pose @ T,
             frame=frame,
             connection=connection.carried_to(T),
+            inverse=None if here.inverse is None else back @ here.inverse @ back.T,
         )
         return moved.to_order(self.order)
 
@@ -192,9 +203,10 @@ class StiffnessTensor:
             )
         if order == self.order:
             return self
+        C = self.inverse
         return replace(
             self, matrix=self.matrix[se3.SWAP][:, se3.SWAP], wrench=self.wrench[se3.SWAP],
-            order=order,
+            order=order, inverse=None if C is None else C[se3.SWAP][:, se3.SWAP],
         )  # fmt: skip
 
     def to_units(self, length: str = "m", force: str = "N") -> StiffnessTensor:
@@ -207,9 +219,11 @@ class StiffnessTensor:
         pose = here.pose.copy()
         pose[:3, 3] *= a
         connection = replace(here.connection, symbols=_scale_symbols(here.connection.symbols, a))
+        sizes = f * np.outer(by_length, np.array([1.0] * 3 + [1 / a] * 3))
         moved = replace(
             here,
-            matrix=here.matrix * f * np.outer(by_length, np.array([1.0] * 3 + [1 / a] * 3)),
+            matrix=here.matrix * sizes,
+            inverse=None if here.inverse is None else here.inverse / sizes.T,
             wrench=here.wrench * f * by_length,
             pose=pose,
             units=units,
@@ -223,22 +237,20 @@ class StiffnessTensor:
         Raises
         ------
         UndefinedError
-            If the matrix is singular, with its length-scaled singular values.
+            If the matrix is singular, with its singular values.
         """
         here = self.to_order("angular-linear")
-        diagonal = np.diag(here.matrix)
-        turning, moving = np.abs(diagonal[:3]).sum(), np.abs(diagonal[3:]).sum()
-        length = float(np.sqrt(turning / moving)) if turning > 0 and moving > 0 else 1.0
-        rows = np.array([1.0] * 3 + [length] * 3)
-        scaled = here.matrix * rows * rows[:, None] / length**2
-        values = np.linalg.svd(scaled, compute_uv=False)
-        if not values[-1] > 1e-14 * values[0]:
-            raise UndefinedError(
-                "the stiffness matrix is singular: it has no inverse",
-                code="singular-stiffness",
-                values={"singular_values": values.tolist(), "length": length},
-            )
-        inverse = np.linalg.inv(scaled) * rows * rows[:, None] / length**2
+        inverse = here.inverse
+        if inverse is None:
+            found = numerics.invert(here.matrix)
+            if found is None:
+                values = np.linalg.svd(here.matrix, compute_uv=False)
+                raise UndefinedError(
+                    "the stiffness matrix is singular: it has no inverse",
+                    code="singular-stiffness",
+                    values={"singular_values": values.tolist()},
+                )
+            inverse = found.matrix
         tensor = Compliance(
             inverse, self.connection, here.pose, self.frame, self.units, "angular-linear"
         )

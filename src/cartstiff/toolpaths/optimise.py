@@ -26,7 +26,7 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.stiffness.compute import NEAR
+from cartstiff.numerics import NEAR
 from cartstiff.toolpaths.candidates import Layer, layers
 from cartstiff.toolpaths.choices import Choices, PathSolver, choices
 from cartstiff.toolpaths.cost import Judged, PathCost, criteria, ready

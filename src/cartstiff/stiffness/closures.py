@@ -1,0 +1,102 @@
+r"""Closures that have lost rank: repeated, branching, or blocked to second order."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from cartstiff.geometry.se3 import Array
+from cartstiff.potentials.contract import Map
+
+__all__ = ["State", "irregular"]
+
+#: Forms below this share of the largest vanish: they are sums of products of closures that are met
+#: to about 1e-14, and of motions found from these.
+_VANISHING = 1e-7
+
+
+class State(NamedTuple):
+    """A named state of the mechanism, with the numbers that show it."""
+
+    code: str
+    message: str
+    values: dict[str, object]
+
+
+def irregular(
+    closure: Map, values: Array, rank: int, lost: Array, N: Array, columns: Array
+) -> State | None:
+    """Name closures whose lost rank matters; None for redundant ones that are harmless.
+
+    Along each covector nu with nu C = 0 the residual grows like the form x nu c'' x of the free
+    motions x. Where all forms vanish the closures are merely repeated. Where they share a real
+    root, branches of motion leave along it; where they share none, what is free to first order is
+    blocked to second.
+
+    Parameters
+    ----------
+    closure : Map
+        Jacobian (m, n) with curvature.
+    values : ndarray
+        Singular values of the scaled Jacobian, of which `rank` are not zero.
+    lost : ndarray, shape (m, m - rank)
+        Covectors nu.
+    N : ndarray, shape (n, f)
+        Free motions in scaled coordinates.
+    columns : ndarray, shape (n,)
+        Scales of the coordinates.
+    """
+    curvatures = (closure.curvature(nu) for nu in lost.T)
+    forms = [N.T @ (curvature * columns[:, None] * columns) @ N for curvature in curvatures]
+    size = max(float(np.abs(form).max(initial=0.0)) for form in forms)
+    if size <= _VANISHING * max(1.0, float(values.max(initial=0.0))):
+        return None
+    forms = [form for form in forms if np.abs(form).max() > _VANISHING * size]
+    root = _common_root(np.array(forms) / size)
+    seen: dict[str, object] = {
+        "rank": rank,
+        "singular_values": values.tolist(),
+        "second_order": [np.linalg.eigvalsh(form).tolist() for form in forms],
+        "motions": (columns[:, None] * N).T.tolist(),
+    }
+    if root is not None:
+        return State(
+            "constraint-singularity",
+            "the closures lose rank here and branches of motion meet: the energy has no second "
+            "derivative along them",
+            {**seen, "branch": (columns * (N @ root)).tolist()},
+        )
+    return State(
+        "non-regular-redundancy",
+        "the closures lose rank here and block to second order what is free to first order: the "
+        "mechanism is shaky, and its closure forces are not determined",
+        seen,
+    )
+
+
+def _common_root(forms: Array) -> Array | None:
+    """Unit vector on which all quadratic forms (k, f, f) vanish, or None if none is found.
+
+    Gauss-Newton on the sphere from the forms' own roots and a fixed set of directions.
+    """
+    n = forms.shape[1]
+    starts = [*np.eye(n), *np.random.default_rng(0).normal(size=(20 * n, n))]
+    for form in forms:
+        eigenvalues, vectors = np.linalg.eigh(form)
+        low, high = vectors[:, 0], vectors[:, -1]
+        if eigenvalues[0] < 0 < eigenvalues[-1]:
+            for sign in (1.0, -1.0):
+                starts.append(
+                    np.sqrt(eigenvalues[-1]) * low + sign * np.sqrt(-eigenvalues[0]) * high
+                )
+    for x in starts:
+        x = x / np.linalg.norm(x)
+        for _ in range(30):
+            images = forms @ x
+            residual = images @ x
+            if np.abs(residual).max() < 1e-9:
+                return x
+            x = x - np.linalg.lstsq(2 * images, residual, rcond=1e-12)[0]
+            x = x / max(float(np.linalg.norm(x)), 1e-300)
+    return None
