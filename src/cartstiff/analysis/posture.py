@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.analysis import asymmetry as asymmetries
-from cartstiff.analysis.matrices import symmetric_part
 from cartstiff.analysis.mechanism_sections import (
     change_from_symmetric,
     deflection_section,
@@ -30,7 +29,6 @@ from cartstiff.analysis.uncertainty import (
 )
 from cartstiff.arrays import checked_vector
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, UnknownNameError
-from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.in_frame import StiffnessInFrame
@@ -168,18 +166,11 @@ def _matrices(
     names = ["A", "B", "K", "F", *(["load"] if r.is_loaded else [])]
     if connection not in names:
         names.append(connection)
-    return connection, {n: here.matrices[n] for n in names}, _compliance(r, here, connection)
-
-
-def _compliance(r: PostureStiffness, here: StiffnessInFrame, connection: str) -> Array | None:
-    """Inverse of the symmetric part of a stiffness matrix."""
-    if connection in ("A", "+"):
-        return here.compliances["B"]
-    C, D = here.compliances["B"], r.change_by_load
-    if connection != "load" or C is None or np.array_equal(D, D.T):
-        return here.compliances[connection]
-    Ad = se3.adjoint(here.T_M_N)
-    return numerics.inverse_of_sum(C, symmetric_part(Ad.T @ D @ Ad))
+    return (
+        connection,
+        {n: here.matrices[n] for n in names},
+        (here.inverse_of_symmetric_part(connection)),
+    )
 
 
 def _load(r: PostureStiffness, connection: str) -> dict[str, Any] | None:

@@ -12,11 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from cartstiff.analysis.ellipsoids import ellipsoid
-from cartstiff.analysis.indices import condition
+from cartstiff.analysis.ellipsoids import Freedom
+from cartstiff.analysis.indices import indices
 from cartstiff.analysis.matrices import (
-    definiteness,
-    scale_lengths,
     symmetric_part,
 )
 from cartstiff.analysis.metrics import characteristic_length
@@ -28,7 +26,9 @@ from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.page.state import State
 from cartstiff.page.verdict import asymmetry, verdict
 from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.scene.quantities import block_ellipsoid
 from cartstiff.stiffness.compute import PostureStiffness
+from cartstiff.stiffness.in_frame import StiffnessInFrame
 
 __all__ = [
     "distance_to_singularity",
@@ -64,8 +64,10 @@ def payload(result: PostureStiffness, state: State, whole: bool = False) -> dict
     here = result.at(T)
     K = here.matrices[state.connection]
     shown = here.matrices if state.quantity == "stiffness" else here.compliances
-    principal = _principal(shown, state)
-    numbers = None if K is None else _indices(K)
+    principal = _principal(here, state)
+    numbers = None
+    if K is not None:
+        numbers = _indices(K, here.inverse_of_symmetric_part(state.connection))
     answer: dict[str, Any] = {
         "result": result.as_dict() if whole else _part(result, state.quantity),
         "has_compliance": K is not None or result.reduction.compliance is not None,
@@ -111,15 +113,15 @@ def _part(result: PostureStiffness, quantity: str) -> dict[str, Any]:
     }
 
 
-def _principal(matrices: _Matrices, state: State) -> dict[str, Any] | None:
+def _principal(here: StiffnessInFrame, state: State) -> dict[str, Any] | None:
     """Principal values of the diagonal blocks of the shown matrix, with their axes."""
-    matrix = matrices[state.connection]
-    if matrix is None:
-        return None
     found = {}
-    for name, block in (("translation", matrix[3:, 3:]), ("rotation", matrix[:3, :3])):
-        e = ellipsoid(block)
-        found[name] = {
+    freedoms: tuple[Freedom, ...] = ("translation", "rotation")
+    for freedom in freedoms:
+        e = block_ellipsoid(here, state.connection, state.quantity, freedom)
+        if e is None:
+            return None
+        found[str(freedom)] = {
             "values": e.eigenvalues.tolist(),
             "axes": e.axes.T.tolist(),
             "definiteness": e.definiteness,
@@ -127,20 +129,20 @@ def _principal(matrices: _Matrices, state: State) -> dict[str, Any] | None:
     return found
 
 
-def _indices(K: Array) -> dict[str, Any]:
+def _indices(K: Array, C: Array | None) -> dict[str, Any]:
     """Of the indices those that are shown; `cartstiff.analysis.indices` has all of them."""
     symmetric = symmetric_part(K)
-    length = characteristic_length(symmetric)
-    values = np.linalg.eigvalsh(scale_lengths(symmetric, length.value))
+    length = characteristic_length(symmetric, C)
+    found = indices(symmetric, length.value, C)
     return {
         "length": length.value,
         "length_origin": length.origin,
         "length_reason": length.reason,
-        "definiteness": definiteness(values),
-        "eigenvalues": values.tolist(),
-        "condition_number": plain(condition(values)),
-        "translational_condition": plain(condition(ellipsoid(symmetric[3:, 3:]).eigenvalues)),
-        "rotational_condition": plain(condition(ellipsoid(symmetric[:3, :3]).eigenvalues)),
+        "definiteness": found.definiteness,
+        "eigenvalues": found.eigenvalues.tolist(),
+        "condition_number": plain(found.condition_number),
+        "translational_condition": plain(found.translational_condition),
+        "rotational_condition": plain(found.rotational_condition),
     }
 
 
@@ -199,10 +201,7 @@ def series_row(result: PostureStiffness, state: State) -> dict[str, Any]:
     """One posture of a sweep or a trajectory: principal values and distance to singularity."""
     T = reference_frame(result, state)
     try:
-        here = result.at(T)
-        principal = _principal(
-            here.matrices if state.quantity == "stiffness" else here.compliances, state
-        )
+        principal = _principal(result.at(T), state)
     except UndefinedError:
         principal = None
     ratios = [entry["ratio"] for entry in distance_to_singularity(result)]

@@ -2,8 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 
+from cartstiff.analysis.ellipsoids import (
+    Ellipsoid,
+    Freedom,
+    Others,
+    compliance_ellipsoid,
+    stiffness_ellipsoid,
+)
 from cartstiff.analysis.matrices import symmetric_part
 from cartstiff.arrays import Array
 from cartstiff.geometry import se3
@@ -11,7 +20,7 @@ from cartstiff.scene.look import Look
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.in_frame import StiffnessInFrame
 
-__all__ = ["load_at", "matrices_at", "reference"]
+__all__ = ["block_ellipsoid", "load_at", "matrices_at", "reference"]
 
 
 def reference(result: PostureStiffness, look: Look) -> StiffnessInFrame:
@@ -34,6 +43,38 @@ def matrices_at(
         None if C is None else symmetric_part(C),
         reason,
     )
+
+
+def block_ellipsoid(
+    here: StiffnessInFrame,
+    connection: str,
+    quantity: Literal["stiffness", "compliance"],
+    freedom: Freedom,
+    others: Literal["block", "free", "held"] = "block",
+) -> Ellipsoid | None:
+    """Ellipsoid of a 3x3 block, or with the other freedoms free or held; None without a matrix.
+
+    Stiffness and compliance each give what the other has no digits for.
+
+    Raises
+    ------
+    UndefinedError
+        See `cartstiff.analysis.ellipsoids`.
+    """
+    table = here.matrices if quantity == "stiffness" else here.compliances
+    matrix = table[connection]
+    if matrix is None:
+        return None
+    symmetric = symmetric_part(matrix)
+    if quantity == "stiffness":
+        inverse = here.inverse_of_symmetric_part(connection)
+        how: Others = "held" if others == "block" else others
+        return stiffness_ellipsoid(symmetric, freedom, how, None, inverse)
+    K = here.matrices[connection]
+    # Under a load the symmetric part of C^A is no inverse of a symmetric part.
+    paired = K is not None and np.array_equal(matrix, matrix.T)
+    how = "free" if others == "block" else others
+    return compliance_ellipsoid(symmetric, freedom, how, None, K if paired else None)
 
 
 #: Notes that say why a stiffness does not exist.

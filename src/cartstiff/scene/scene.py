@@ -15,8 +15,6 @@ from cartstiff.analysis.deflection import compliance_deflection
 from cartstiff.analysis.ellipsoids import (
     Ellipsoid,
     Freedom,
-    compliance_ellipsoid,
-    stiffness_ellipsoid,
 )
 from cartstiff.arrays import checked_vector
 from cartstiff.errors import CartstiffError, UndefinedError
@@ -30,11 +28,12 @@ from cartstiff.scene.ellipsoids import EllipsoidPicture
 from cartstiff.scene.look import Look
 from cartstiff.scene.mechanism import MechanismPicture, extent
 from cartstiff.scene.points import add_path, add_points
-from cartstiff.scene.quantities import load_at, matrices_at, reference
+from cartstiff.scene.quantities import block_ellipsoid, load_at, matrices_at, reference
 from cartstiff.scene.scales import Linear, Logarithmic
 from cartstiff.scene.screws import AxesPicture, CentresPicture, compliant_lines, eigenscrew_lines
 from cartstiff.scene.stage import Stage
 from cartstiff.stiffness.compute import PostureStiffness
+from cartstiff.stiffness.in_frame import StiffnessInFrame
 
 __all__ = ["Look", "Scene"]
 
@@ -106,7 +105,8 @@ class Scene:
             self._build(look.theme)
         notes = list(self.notes)
         K, C, reason = matrices_at(result, look)
-        T = reference(result, look).pose
+        here = reference(result, look)
+        T = here.pose
         tension = self._mechanism.draw(result)
         self._move_ghost(ghost, look, notes)
         self._frame.set_transform(result.pose)
@@ -119,7 +119,7 @@ class Scene:
             "connection": look.connection,
             "quantity": look.quantity,
             "others": look.others,
-            "ellipsoids": {f: self._ellipsoid(f, look, K, C, T, reason) for f in _FREEDOMS},
+            "ellipsoids": {f: self._ellipsoid(f, look, here, reason) for f in _FREEDOMS},
             "wrench": self._wrench(result, look, T),
             "deflection": self._deflection(result, look, added, T),
             "screws": self._axes("screws", look.screws, look, K, T, reason),
@@ -175,9 +175,8 @@ class Scene:
         self._balls = CentresPicture(node["centres"], size, look)
 
     def _ellipsoid(
-        self, freedom: Freedom, look: Look, K: Array | None, C: Array | None, T: Array,
-        reason: str | None,
-    ) -> dict[str, Any] | None:  # fmt: skip
+        self, freedom: Freedom, look: Look, here: StiffnessInFrame, reason: str | None
+    ) -> dict[str, Any] | None:
         wanted = look.translation if freedom == "translation" else look.rotation
         key = (freedom, look.quantity, look.scale)
         for other, picture in self._ellipsoids.items():
@@ -187,12 +186,7 @@ class Scene:
             return None
         shape: Ellipsoid | None = None
         try:
-            if look.quantity == "stiffness" and K is not None:
-                others = "held" if look.others == "block" else look.others
-                shape = stiffness_ellipsoid(K, freedom, others)
-            elif look.quantity == "compliance" and C is not None:
-                others = "free" if look.others == "block" else look.others
-                shape = compliance_ellipsoid(C, freedom, others)
+            shape = block_ellipsoid(here, look.connection, look.quantity, freedom, look.others)
         except UndefinedError as error:
             reason = str(error)
         picture_or_none = self._ellipsoids.get(key)
@@ -209,7 +203,7 @@ class Scene:
             )  # fmt: skip
             self._ellipsoids[key] = picture_or_none
         return picture_or_none.draw(
-            shape, T, self._unit(freedom, look.quantity), look.axes, look.labels
+            shape, here.pose, self._unit(freedom, look.quantity), look.axes, look.labels
         )
 
     def _unit(self, freedom: str, quantity: str) -> str:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.arrays import read_only
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -46,6 +47,8 @@ class StiffnessInFrame:
         How the load behaves, and where it acts, in N.
     matrices, compliances : mapping of str to ndarray (6, 6) or None
         By name: "A", "B", "K", "F", "+", and "load", the tangent under the load.
+    symmetric_change : ndarray (6, 6)
+        Symmetric part of K^load - K^B.
     """
 
     T_M_N: Array
@@ -54,11 +57,19 @@ class StiffnessInFrame:
     load: LoadKind
     matrices: Mapping[str, Array | None]
     compliances: Mapping[str, Array | None]
+    symmetric_change: Array
 
     @property
     def is_body_frame(self) -> bool:
         """Whether N is M itself."""
         return bool(np.array_equal(self.T_M_N, np.eye(4)))
+
+    def inverse_of_symmetric_part(self, name: str) -> Array | None:
+        """Inverse (6, 6) of the symmetric part of a stiffness matrix; None if there is none."""
+        C = self.compliances["B" if name in ("A", "+", "load") else name]
+        if C is None or name != "load" or not self.symmetric_change.any():
+            return C
+        return numerics.inverse_of_sum(C, self.symmetric_change)
 
 
 def stiffness_in_frame(result: PostureStiffness, T_M_N: Array) -> StiffnessInFrame:
@@ -66,11 +77,13 @@ def stiffness_in_frame(result: PostureStiffness, T_M_N: Array) -> StiffnessInFra
     matrices = {**result.matrices, "load": result.tangent}
     compliances = {**result.compliances, "load": result.tangent_compliance}
     W, at = result.wrench, np.array(result.load.at)
+    change = 0.5 * (result.change_by_load + result.change_by_load.T)
     if not np.array_equal(T_M_N, np.eye(4)):
         forth, back = se3.adjoint(T_M_N), se3.adjoint(se3.inverse(T_M_N))
         matrices = {n: None if K is None else forth.T @ K @ forth for n, K in matrices.items()}
         compliances = {n: None if C is None else back @ C @ back.T for n, C in compliances.items()}
         W = None if W is None else forth.T @ W
+        change = forth.T @ change @ forth
         at = T_M_N[:3, :3].T @ (at - T_M_N[:3, 3])
     for table in (matrices, compliances):
         minus = table["A"]
@@ -82,6 +95,7 @@ def stiffness_in_frame(result: PostureStiffness, T_M_N: Array) -> StiffnessInFra
         LoadKind(result.load.kind, tuple(at)),
         _fixed(matrices),
         _fixed(compliances),
+        read_only(change),
     )
 
 
