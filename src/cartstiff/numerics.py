@@ -214,7 +214,9 @@ def inverse_of_sum(inverse: Array, change: Array) -> Array | None:
     return None if factor is None else np.asarray(inverse @ factor.matrix)
 
 
-def eigenvalues(matrix: ArrayLike, inverse: ArrayLike | None = None) -> Array:
+def eigenvalues(
+    matrix: ArrayLike, inverse: ArrayLike | None = None, losses: tuple[float, float] = (1.0, 1.0)
+) -> Array:
     r"""Eigenvalues of symmetric matrices with their signs, smallest first.
 
     A matrix M of doubles knows its eigenvalues to about ``EPSILON |M|``, its inverse C their
@@ -228,6 +230,8 @@ def eigenvalues(matrix: ArrayLike, inverse: ArrayLike | None = None) -> Array:
         Only the symmetric part counts.
     inverse : array_like, shape (..., n, n), optional
         Of each matrix; NaN where there is none. Where the matrix is NaN the inverse alone is taken.
+    losses : tuple of float
+        Relative errors of matrix and inverse, each over `EPSILON`: what is a difference knows less.
 
     Returns
     -------
@@ -244,7 +248,7 @@ def eigenvalues(matrix: ArrayLike, inverse: ArrayLike | None = None) -> Array:
         result = np.where(np.isnan(a), np.sort(1.0 / _cleaned(b), axis=-1), alone)
     both = ~np.isnan(a).any(axis=-1) & ~np.isnan(c).any(axis=-1)
     if both.any():
-        result[both] = _merged(a[both], c[both])
+        result[both] = _merged(a[both], c[both], losses)
     return result
 
 
@@ -267,7 +271,9 @@ def _cleaned(values: Array) -> Array:
     return np.where(size <= ZERO * size.max(axis=-1, keepdims=True, initial=0.0), 0.0, values)
 
 
-def eigenpairs(matrix: Array, inverse: Array | None = None) -> tuple[Array, Array]:
+def eigenpairs(
+    matrix: Array, inverse: Array | None = None, losses: tuple[float, float] = (1.0, 1.0)
+) -> tuple[Array, Array]:
     """`eigenvalues` (n,) of one symmetric matrix, and its eigenvectors in columns (n, n)."""
     a, u = np.linalg.eigh(0.5 * (matrix + matrix.T))
     if inverse is None:
@@ -276,7 +282,7 @@ def eigenpairs(matrix: Array, inverse: Array | None = None) -> tuple[Array, Arra
     with np.errstate(divide="ignore"):
         c = 1.0 / b
     i, j = np.argsort(-np.abs(a)), np.argsort(-np.abs(c))
-    k = int(_cut(np.abs(a[i])[None], np.abs(c[j])[None])[0])
+    k = int(_cut(np.abs(a[i])[None], np.abs(c[j])[None], losses)[0])
     values, vectors = np.append(a[i[:k]], c[j[k:]]), np.hstack([u[:, i[:k]], v[:, j[k:]]])
     order = np.argsort(values)
     # From two sources, so that they are at right angles only about.
@@ -284,26 +290,26 @@ def eigenpairs(matrix: Array, inverse: Array | None = None) -> tuple[Array, Arra
     return values[order], (q * np.where(r.diagonal() < 0.0, -1.0, 1.0))[:, order]
 
 
-def _merged(a: Array, c: Array) -> Array:
+def _merged(a: Array, c: Array, losses: tuple[float, float]) -> Array:
     """The large ones of a and the small ones of c, each (m, n), smallest first."""
     a = np.take_along_axis(a, np.argsort(-np.abs(a), axis=-1), -1)
     c = np.take_along_axis(c, np.argsort(-np.abs(c), axis=-1), -1)
-    k = _cut(np.abs(a), np.abs(c))
+    k = _cut(np.abs(a), np.abs(c), losses)
     return np.sort(np.where(np.arange(a.shape[-1]) < k[:, None], a, c), axis=-1)
 
 
-def _cut(sizes_a: Array, sizes_c: Array) -> NDArray[np.intp]:
+def _cut(sizes_a: Array, sizes_c: Array, losses: tuple[float, float]) -> NDArray[np.intp]:
     """How many of the largest are taken from a (m,); both (m, n), largest first."""
     n = sizes_a.shape[-1]
     # Losses of digits if a gives the first k: in the least of those and in the largest of the rest.
     cost = np.ones((len(sizes_a), n + 1))
     with np.errstate(divide="ignore", invalid="ignore"):
-        cost[:, 1:] = sizes_a[:, :1] / sizes_a
-        cost[:, :-1] = np.maximum(cost[:, :-1], sizes_c / sizes_c[:, -1:])
+        cost[:, 1:] = losses[0] * sizes_a[:, :1] / sizes_a
+        cost[:, :-1] = np.maximum(cost[:, :-1], losses[1] * sizes_c / sizes_c[:, -1:])
         # No cut between equal sizes: their order, and with it their signs, may differ in a and c.
         equal = sizes_a[:, :-1] < (1.0 + 1e-6) * sizes_c[:, 1:]
     cost[:, 1:-1][equal & (cost[:, 1:-1] < np.minimum(cost[:, :1], cost[:, -1:]))] *= 1e3
-    return np.argmin(cost, axis=-1)
+    return np.argmin(np.where(np.isnan(cost), np.inf, cost), axis=-1)
 
 
 def condition(values: ArrayLike) -> Array:

@@ -24,7 +24,7 @@ from cartstiff.many.postures import analyse_many
 from cartstiff.maps import stacks
 from cartstiff.maps.job import STATES
 from cartstiff.maps.quantities import QUANTITIES, Settings, choose_quantities, evaluate
-from cartstiff.stiffness import reduction
+from cartstiff.stiffness import closures, reduction
 
 # Two ways to the same number of a matrix of condition up to 1e6.
 SAME = 1e-8
@@ -253,8 +253,9 @@ def test_every_state_has_a_number():
     import ast
     from pathlib import Path
 
-    tree = ast.parse(Path(reduction.__file__).read_text(encoding="utf-8"))
-    calls = [n for n in ast.walk(tree) if isinstance(n, ast.Call)]
+    files = [Path(module.__file__) for module in (reduction, closures)]
+    trees = [ast.parse(file.read_text(encoding="utf-8")) for file in files]
+    calls = [n for tree in trees for n in ast.walk(tree) if isinstance(n, ast.Call)]
     codes = {
         n.args[0].value
         for n in calls

@@ -28,6 +28,7 @@ from cartstiff.analysis.matrices import (
     definiteness,
     eliminate,
     frame_along,
+    loss_of_elimination,
     move_compliance,
     move_stiffness,
     symmetric_part,
@@ -105,11 +106,13 @@ def ellipsoid(matrix: ArrayLike) -> Ellipsoid:
 
 
 @lru_cache(maxsize=16)  # a page asks twice: for its numbers and for its picture
-def _principal(matrix: bytes, inverse: bytes) -> tuple[Array, Array, Array, Definiteness]:
+def _principal(
+    matrix: bytes, inverse: bytes, losses: tuple[float, float] = (1.0, 1.0)
+) -> tuple[Array, Array, Array, Definiteness]:
     """Axes, radii, eigenvalues and definiteness of a symmetric 3x3 matrix."""
     m = np.frombuffer(matrix).reshape(3, 3)
     if inverse:
-        values, vectors = numerics.eigenpairs(m, np.frombuffer(inverse).reshape(3, 3))
+        values, vectors = numerics.eigenpairs(m, np.frombuffer(inverse).reshape(3, 3), losses)
     else:
         values, vectors = np.linalg.eigh(m)
     sign = definiteness(values, zero=0.0 if inverse else numerics.ZERO)
@@ -217,6 +220,10 @@ def compliance_ellipsoid(
     return _of_pair(compliance_block, compliance, stiffness_block, inverse, freedom, others, T_m_n)
 
 
+def _moved(block: Callable[..., Array], matrix: ArrayLike, T: ArrayLike) -> Array:
+    return move_stiffness(matrix, T) if block is stiffness_block else move_compliance(matrix, T)
+
+
 def _of_pair(
     block: Callable[..., Array],
     matrix: ArrayLike,
@@ -243,7 +250,18 @@ def _of_pair(
         raise failures[0]
     if c is None:
         return ellipsoid(m)
-    axes, radii, values, sign = _principal(symmetric_part(m).tobytes(), symmetric_part(c).tobytes())
+    freedom, others = choice[:2]
+    keep, held = _choice(freedom, others)
+    # Of the two blocks one is eliminated: for a stiffness held that of C, free that of K.
+    is_eliminated = held != (block is stiffness_block)
+    T = choice[2]
+    if T is not None:
+        matrix, inverse = _moved(block, matrix, T), _moved(block_of_inverse, inverse, T)
+    loss = loss_of_elimination(matrix if is_eliminated else inverse, keep)
+    losses = (loss, 1.0) if is_eliminated else (1.0, loss)
+    axes, radii, values, sign = _principal(
+        symmetric_part(m).tobytes(), symmetric_part(c).tobytes(), losses
+    )
     return Ellipsoid(axes, radii, values, sign, float(np.abs(m - m.T).max()) / 2.0)
 
 

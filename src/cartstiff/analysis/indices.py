@@ -20,6 +20,7 @@ from cartstiff.analysis.matrices import (
     balancing_length,
     definiteness,
     eliminate,
+    loss_of_elimination,
     scale_lengths,
 )
 from cartstiff.arrays import checked_array, checked_length, read_only, real_array
@@ -152,13 +153,13 @@ def _definiteness(K: Array, C: Array | None) -> Definiteness:
 
 def _of_block(K: Array, C: Array | None, block: slice) -> Array:
     """Eigenvalues of a diagonal block of K; the inverse of the block is C, the others held."""
-    inverse = None
-    if C is not None:
-        try:
-            inverse = eliminate(C, block)
-        except UndefinedError:
-            inverse = None
-    return numerics.eigenvalues(K[block, block], inverse)
+    if C is None:
+        return numerics.eigenvalues(K[block, block])
+    try:
+        inverse = eliminate(C, block)
+    except UndefinedError:
+        return numerics.eigenvalues(K[block, block])
+    return numerics.eigenvalues(K[block, block], inverse, (1.0, loss_of_elimination(C, block)))
 
 
 def condition_numbers(stiffness: ArrayLike, lengths: ArrayLike) -> Array:

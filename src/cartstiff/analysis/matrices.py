@@ -39,6 +39,7 @@ __all__ = [
     "eliminate",
     "frame_along",
     "invert",
+    "loss_of_elimination",
     "move_compliance",
     "move_stiffness",
     "reach",
@@ -222,6 +223,18 @@ def eliminate(matrix: ArrayLike, keep: slice | list[int]) -> Array:
         free = np.zeros_like(block)  # all of it was taken away
     result: Array = free / d[kept][:, None] / d[kept]
     return result
+
+
+def loss_of_elimination(matrix: ArrayLike, keep: slice) -> float:
+    """Relative error of `eliminate`, over that of its matrix: what its difference cancels."""
+    m = real_array(matrix)
+    rest = TRANSLATION if keep == ROTATION else ROTATION
+    inner = numerics.invert(m[rest, rest])
+    free = m[keep, keep] - m[keep, rest] @ inner.matrix @ m[rest, keep] if inner else np.zeros(1)
+    left = float(np.abs(free).max())
+    if inner is None or left == 0.0:
+        return float("inf")
+    return max(1.0, inner.error / numerics.EPSILON * float(np.abs(m[keep, keep]).max()) / left)
 
 
 def scale_jacobian(J: Array, length: float) -> Array:

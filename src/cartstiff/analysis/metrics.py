@@ -26,6 +26,7 @@ from cartstiff.analysis.matrices import (
     as_symmetric,
     definiteness,
     eliminate,
+    loss_of_elimination,
 )
 from cartstiff.arrays import checked_length, checked_matrix, checked_vector, read_only
 from cartstiff.errors import InputError, UndefinedError
@@ -89,19 +90,19 @@ def natural_length(stiffness: ArrayLike, compliance: ArrayLike | None = None) ->
     if (length := _length_of_positive(K)) is not None:
         return length
     # S is the inverse of C_rr, and the inverse of K_tt is C_tt with the rotations held.
-    inverse, free = None, None
+    inverse, free, loss = None, None, 1.0
     if compliance is not None:
         C = as_symmetric(compliance, "compliance")
         free = C[ROTATION, ROTATION]
         with suppress(UndefinedError):
-            inverse = eliminate(C, TRANSLATION)
-    translation = numerics.eigenvalues(K[TRANSLATION, TRANSLATION], inverse)
+            inverse, loss = eliminate(C, TRANSLATION), loss_of_elimination(C, TRANSLATION)
+    translation = numerics.eigenvalues(K[TRANSLATION, TRANSLATION], inverse, (1.0, loss))
     rotation = np.full(3, np.nan)
     if definiteness(translation, zero=0.0) == "positive":
         held = np.full((3, 3), np.nan)
         with suppress(UndefinedError):
             held = eliminate(K, ROTATION)
-        rotation = numerics.eigenvalues(held, free)
+        rotation = numerics.eigenvalues(held, free, (loss_of_elimination(K, ROTATION), 1.0))
     if not (np.all(np.isfinite(rotation)) and definiteness(rotation, zero=0.0) == "positive"):
         raise UndefinedError(
             "the elasticity has no natural length: its translational and free rotational "

@@ -17,7 +17,14 @@ from dataclasses import replace
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.analysis.ellipsoids import stiffness_about, stiffness_along
+from cartstiff.analysis.ellipsoids import (
+    Freedom,
+    Others,
+    compliance_ellipsoid,
+    stiffness_about,
+    stiffness_along,
+    stiffness_ellipsoid,
+)
 from cartstiff.analysis.matrices import ROTATION, TRANSLATION
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
@@ -35,22 +42,24 @@ _STIFF = {"rotation": "{force} {length}/rad", "translation": "{force}/{length}"}
 _SOFT = {"rotation": "rad/({force} {length})", "translation": "{length}/{force}"}
 
 
-def _principal(s: Stacks, kind: str, freedom: str, others: str) -> Array:
+_FREEDOMS: tuple[Freedom, ...] = ("translation", "rotation")
+_OTHERS: tuple[Others, ...] = ("free", "held")
+
+
+def _principal(s: Stacks, kind: str, freedom: Freedom, others: Others) -> Array:
     """Principal values (N, 3) of stiffness or compliance, the other freedoms held or free."""
 
     def make() -> Array:
-        block = _BLOCKS[freedom]
-        # A stiffness block holds the others, a compliance block frees them.
-        if (kind == "stiffness") == (others == "held"):
-            return stacks.principal((s.K if kind == "stiffness" else s.C)[:, block, block])
-        if kind == "compliance":
-            return stacks.free_values(s.C, s.K, block)
-        values = stacks.free_values(s.K, s.C, block)
-        # Beside a stiffness without inverse, what is only rounding of it is no number.
-        singular: Array = np.asarray(~np.isfinite(s.C).all(axis=(1, 2)))
-        rounding: Array = numerics.ZERO * np.linalg.norm(s.K[:, block, block], axis=(1, 2))
-        values[singular[:, None] & (np.abs(values) <= rounding.reshape(-1, 1))] = np.nan
-        return values
+        stiff = kind == "stiffness"
+        function = stiffness_ellipsoid if stiff else compliance_ellipsoid
+
+        def one(matrix: Array, inverse: Array | None) -> Array:
+            return function(matrix, freedom, others, None, inverse).eigenvalues
+
+        stack, inverse = (s.K, s.C) if stiff else (s.C, s.K)
+        return stacks.block_values(
+            stack, inverse, _BLOCKS[freedom], stiff == (others == "held"), one
+        )
 
     return s.once(f"{kind} {freedom} {others}", make)
 
@@ -58,15 +67,14 @@ def _principal(s: Stacks, kind: str, freedom: str, others: str) -> Array:
 def _principal_quantities() -> list[Quantity]:
     found = []
     for kind, prefix, units in (("stiffness", "", _STIFF), ("compliance", "compliance_", _SOFT)):
-        for freedom in ("translation", "rotation"):
-            for others in ("free", "held"):
-                both = (kind == "stiffness") == (others == "free")
-                needs = (*_K, *_C) if both else _K if kind == "stiffness" else _C
+        for freedom in _FREEDOMS:
+            for others in _OTHERS:
+                needs = (*_K, *_C)
                 for end, which, column in (("min", "smallest", 0), ("max", "largest", 2)):
 
                     def function(
                         s: Stacks,
-                        key: tuple[str, str, str] = (kind, freedom, others),
+                        key: tuple[str, Freedom, Others] = (kind, freedom, others),
                         column: int = column,
                     ) -> Array:
                         return _principal(s, *key)[:, column]
@@ -117,14 +125,11 @@ def _deflection(s: Stacks, part: slice) -> Array:
 
 
 def _unstable(s: Stacks) -> Array:
-    def count(K: Array) -> Array:
-        rr, tt = stacks.block_norms(K)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            length = np.where((rr > 0) & (tt > 0), np.sqrt(rr / tt), 1.0)
-        values = np.linalg.eigvalsh(stacks.scale_lengths(K, length))
-        return stacks.signs(values)[0].astype(float)
-
-    return stacks.on_finite(count, s.K)
+    rr, tt = stacks.block_norms(s.K)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        length = np.where((rr > 0) & (tt > 0), np.sqrt(rr / tt), 1.0)
+    values = stacks.eigenvalues(s.K, s.C, length)
+    return np.where(np.isnan(values).any(axis=1), np.nan, stacks.signs(values)[0])
 
 
 def _natural_length(s: Stacks) -> Array:
@@ -217,21 +222,21 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity("deflection_angle", "rotation of the body under the given wrench",
                  "rad", lambda s: _deflection(s, ROTATION), _DEFLECT, "deflect", "smaller"),
         Quantity("condition", "condition number of K at the characteristic length",
-                 "1", lambda s: stacks.condition(s.eigenvalues()), _K, "length", "smaller"),
+                 "1", lambda s: stacks.condition(s.eigenvalues()), (*_K, *_C), "length", "smaller"),
         Quantity("isotropy", "geometric over arithmetic mean of the eigenvalues of K",
-                 "1", lambda s: stacks.isotropy(s.eigenvalues()), _K, "length"),
+                 "1", lambda s: stacks.isotropy(s.eigenvalues()), (*_K, *_C), "length"),
         Quantity("minimum", "smallest eigenvalue of K at the characteristic length",
-                 "{force}/{length}", lambda s: s.eigenvalues()[:, 0], _K, "length"),
+                 "{force}/{length}", lambda s: s.eigenvalues()[:, 0], (*_K, *_C), "length"),
         Quantity("translation_condition", "condition number of the translational block of K",
                  "1", lambda s: stacks.condition(_principal(s, "stiffness", "translation", "held")),
-                 _K, better="smaller"),
+                 (*_K, *_C), better="smaller"),
         Quantity("rotation_condition", "condition number of the rotational block of K",
                  "1", lambda s: stacks.condition(_principal(s, "stiffness", "rotation", "held")),
-                 _K, better="smaller"),
+                 (*_K, *_C), better="smaller"),
         Quantity("determinant", "determinant of K", "{force}^6/rad^3",
-                 lambda s: stacks.determinant(s.K), _K),
+                 lambda s: stacks.determinant(s.eigenvalues(), s.settings.length), (*_K, *_C)),
         Quantity("unstable_directions", "number of negative eigenvalues of K", "1", _unstable,
-                 _K, better="smaller"),
+                 (*_K, *_C), better="smaller"),
         Quantity("natural_length", "length at which rotation and translation are equally stiff",
                  "{length}", _natural_length, (*_K, *_C), better=None),
         Quantity("asymmetry", "largest entry of K^A - (K^A)^T, relative to its block", "1",

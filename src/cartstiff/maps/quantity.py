@@ -83,11 +83,7 @@ class Stacks:
         """Of the stiffness with lengths scaled (N, 6)."""
         return self.once(
             "eigenvalues",
-            lambda: stacks.on_finite(
-                lambda m: np.linalg.eigvalsh(stacks.scale_lengths(m, self.settings.length)),
-                self.K,
-                shape=(6,),
-            ),
+            lambda: stacks.eigenvalues(self.K, self.C, self.settings.length),
         )
 
     def singular_values(self) -> Array:

@@ -11,15 +11,15 @@ from collections.abc import Callable
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.analysis import matrices
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 
 __all__ = [
     "block_norms",
+    "block_values",
     "condition",
     "determinant",
-    "free_values",
+    "eigenvalues",
     "isotropy",
     "on_finite",
     "principal",
@@ -65,48 +65,74 @@ def block_norms(stack: Array) -> tuple[Array, Array]:
 
 def principal(blocks: Array) -> Array:
     """Eigenvalues (N, 3) of the symmetric parts of 3x3 blocks, smallest first, with their signs."""
-    return on_finite(lambda m: np.linalg.eigvalsh(symmetric_part(m)), blocks, shape=(3,))
+    return numerics.eigenvalues(blocks)
 
 
-def free_values(stack: Array, inverse: Array, keep: slice) -> Array:
-    """Eigenvalues (N, 3) of `cartstiff.analysis.matrices.eliminate`: the other freedoms are free.
-
-    Where the inverse of the matrix exists they are the inverses of its block's eigenvalues, which
-    keeps digits that the elimination loses near singular postures.
-
-    Parameters
-    ----------
-    stack : ndarray, shape (N, 6, 6)
-        Stiffness (or compliance).
-    inverse : ndarray, shape (N, 6, 6)
-        Its inverses, NaN where there is none.
-    keep : slice
-        `ROTATION` or `TRANSLATION` of `cartstiff.analysis.matrices`.
-    """
-    block = inverse[:, keep, keep]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        found = np.sort(1.0 / principal(block), axis=1)
-    exists = np.isfinite(stack).all(axis=(1, 2))
-    found[~exists] = np.nan
-    indices = list(range(keep.start, keep.stop))
-    for i in np.flatnonzero(exists & ~np.isfinite(found).all(axis=1)):
-        try:
-            free = matrices.eliminate(stack[i], indices)
-        except (UndefinedError, np.linalg.LinAlgError):
-            continue
-        found[i] = np.linalg.eigvalsh(0.5 * (free + free.T))
+def eigenvalues(K: Array, C: Array, length: float | Array) -> Array:
+    """Of stiffness matrices with lengths scaled (N, 6), as `cartstiff.analysis.indices`."""
+    scaled = scale_lengths(K, length)
+    found = numerics.eigenvalues(scaled)
+    plain = np.asarray(numerics.condition(found) < _PLAIN)
+    rows = np.logical_not(plain) & np.isfinite(C).all(axis=(1, 2))
+    if rows.any():
+        inverse = scale_lengths(C, 1.0 / np.asarray(length))
+        found[rows] = numerics.eigenvalues(scaled[rows], inverse[rows])
+    found[~np.isfinite(K).all(axis=(1, 2))] = np.nan
     return found
 
 
-def determinant(stack: Array) -> Array:
-    """Determinants (N,)."""
-    return on_finite(np.linalg.det, stack)
+#: Condition number of a block up to which it alone has digits enough for all its eigenvalues.
+_PLAIN = 1e4
+
+
+def block_values(
+    stack: Array,
+    inverse: Array,
+    keep: slice,
+    is_held: bool,
+    one: Callable[[Array, Array | None], Array],
+) -> Array:
+    """Principal values (N, 3) of a stack of matrices, the other freedoms held or free.
+
+    Held they are those of the matrix's block, free the inverses of those of the inverse's block;
+    where that block has lost digits or does not exist, what one posture gives.
+
+    Parameters
+    ----------
+    stack, inverse : ndarray, shape (N, 6, 6)
+        Stiffness and compliance, or the other way round; NaN where there is none.
+    keep : slice
+        `ROTATION` or `TRANSLATION` of `cartstiff.analysis.matrices`.
+    is_held : bool
+        Whether the block is that of `stack`.
+    one : callable
+        Values (3,) of one matrix and its inverse, or None if it has none.
+    """
+    found = principal((stack if is_held else inverse)[:, keep, keep])
+    plain = np.asarray(numerics.condition(found) < _PLAIN)
+    if not is_held:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found = np.sort(1.0 / found, axis=1)
+    exists = np.isfinite(stack).all(axis=(1, 2))
+    found[~exists] = np.nan
+    known = np.isfinite(inverse).all(axis=(1, 2)).tolist()
+    for i in np.flatnonzero(exists & np.logical_not(plain)):
+        try:
+            found[i] = one(stack[i], inverse[i] if known[i] else None)
+        except (UndefinedError, np.linalg.LinAlgError):
+            found[i] = np.nan
+    return found
+
+
+def determinant(eigenvalues: Array, length: float) -> Array:
+    """Determinants (N,) from the eigenvalues with lengths scaled."""
+    found: Array = np.prod(eigenvalues, axis=-1) * length**6
+    return found
 
 
 def signs(eigenvalues: Array) -> tuple[Array, Array, Array]:
     """How many eigenvalues count as negative, zero and positive, by the rule of `definiteness`."""
-    zero = numerics.ZERO * np.abs(eigenvalues).max(axis=-1, keepdims=True)
-    below, above = (eigenvalues < -zero).sum(axis=-1), (eigenvalues > zero).sum(axis=-1)
+    below, above = (eigenvalues < 0.0).sum(axis=-1), (eigenvalues > 0.0).sum(axis=-1)
     return below, eigenvalues.shape[-1] - below - above, above
 
 
@@ -115,7 +141,7 @@ def condition(eigenvalues: Array) -> Array:
     size = np.abs(eigenvalues)
     high, low = size.max(axis=-1), size.min(axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = np.where(low > numerics.ZERO * high, high / low, np.inf)
+        found = np.where(low > 0.0, high / low, np.inf)
     return np.where(np.isfinite(high), found, np.nan)
 
 

@@ -178,7 +178,7 @@ def reduce_to(
     J = output.jacobian
     m, n = J.shape
     if closure is None and n == m:
-        result = _square(output, energy, rows, coordinate_lengths)
+        result = _square(output, energy, rows, coordinate_lengths, force)
         if result is not None:
             return result
     return _general(output, energy, closure, rows, coordinate_lengths, force, what)
@@ -194,7 +194,16 @@ def _doubtful(gradient: Array, stiffness: Array) -> Array:
     return np.minimum(np.abs(gradient), numerics.ROUNDING * stiffness)
 
 
-def _square(output: Map, energy: Evaluation, rows: Array, columns: Array) -> Reduction | None:
+def _slight(J: Array, given: Array, energy: Evaluation) -> Array:
+    """Generalised forces by which springs that carry a given wrench may miss it."""
+    size = np.abs(J.T) @ np.abs(given) + np.abs(energy.gradient)
+    rounding = numerics.ROUNDING * np.abs(energy.hessian).max(axis=0, initial=0.0)
+    return np.asarray(1e-6 * size + rounding)
+
+
+def _square(
+    output: Map, energy: Evaluation, rows: Array, columns: Array, given: Array | None
+) -> Reduction | None:
     """As many coordinates as outputs and no closure: K = J^-T H_L J^-1; None if J is singular."""
     J = output.jacobian
     values = np.linalg.svd(J * rows[:, None] * columns, compute_uv=False)
@@ -202,17 +211,23 @@ def _square(output: Map, energy: Evaluation, rows: Array, columns: Array) -> Red
         return None
     A = np.linalg.inv(J)
     force = A.T @ energy.gradient
+    if given is not None:  # the springs' own torques are rounded where they are stiff
+        missed = np.abs(J.T @ given - energy.gradient)
+        if np.all(missed <= _slight(J, given, energy)):
+            force = given
     curvature = output.curvature(force)
     H = energy.hessian - curvature
-    K = _symmetric(A.T @ H @ A, energy)
+    K, n = _symmetric(A.T @ H @ A, energy), len(values)
 
     def terms() -> Array:
-        doubt = np.abs(A.T) @ _doubtful(energy.gradient, np.abs(energy.hessian).max(axis=0))
+        doubt = np.zeros(n)
+        if force is not given:
+            stiff = np.abs(energy.hessian).max(axis=0)
+            doubt = np.abs(A.T) @ _doubtful(energy.gradient, stiff)
         least = float((np.abs(force * numerics.EPSILON) + doubt) @ (1 / rows)) / numerics.IDLE
         size = np.abs(energy.hessian) + np.abs(curvature)
         return np.asarray(size + least / columns / columns[:, None])
 
-    n = len(values)
     return Reduction(
         force, K, np.zeros(0), values, n, n, FreeMotions(J, _symmetric(H, energy), terms), rates=A
     )

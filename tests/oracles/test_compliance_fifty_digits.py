@@ -1,0 +1,252 @@
+"""Compliance near singularities and with springs over many decades, against fifty digits.
+
+The reference multiplies exponentials of the joints, takes J from their adjoints and S_W from
+brackets of its columns, and inverts the joint stiffness, all by mpmath: no K is ever inverted.
+"""
+
+from __future__ import annotations
+
+import mpmath as mp
+import numpy as np
+import pinocchio as pin
+import pytest
+from tests.support import add_frame, random_pose, translation
+
+import cartstiff
+from cartstiff.analysis.posture import analyse_posture
+from cartstiff.many.postures import analyse_many
+from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.tree_building import plain_tree
+from cartstiff.potentials.springs import JointSprings
+
+# What is asked of the compliance: ten digits of its largest entry, in the chain's natural units.
+TEN_DIGITS = 1e-10
+# A wrist turned by d from its singular posture: as a share of the others' turns.
+DISTANCES = [10.0**-e for e in range(1, 13)]
+_DIGITS = 50
+
+
+def _skew(a):
+    return mp.matrix([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
+
+
+def _mp(matrix):
+    return mp.matrix(np.asarray(matrix, float).tolist())
+
+
+def _turn(axis, angle):
+    """Rotation matrix (4, 4) about a unit axis, by Rodrigues' formula."""
+    K, T = _skew(axis), mp.eye(4)
+    T[:3, :3] = mp.eye(3) + mp.sin(angle) * K + (1 - mp.cos(angle)) * K * K
+    return T
+
+
+def _inverse(T):
+    found = mp.eye(4)
+    found[:3, :3] = T[:3, :3].T
+    found[:3, 3] = -(T[:3, :3].T * T[:3, 3])
+    return found
+
+
+def _adjoint(T):
+    R, p = T[:3, :3], T[:3, 3]
+    found = mp.zeros(6, 6)
+    found[:3, :3], found[3:, 3:], found[3:, :3] = R, R, _skew(p) * R
+    return found
+
+
+def _bracket(x, y):
+    def cross(a, b):
+        return _skew(a) * b
+
+    found = mp.zeros(6, 1)
+    found[:3, 0] = cross(x[:3, 0], y[:3, 0])
+    found[3:, 0] = cross(x[:3, 0], y[3:, 0]) - cross(y[:3, 0], x[3:, 0])
+    return found
+
+
+class _Arm:
+    """A chain as it was built, and its body Jacobian in fifty digits."""
+
+    def __init__(self, seed: int, joints: int) -> None:
+        rng = np.random.default_rng(seed)
+        self.model = pin.Model()
+        self.axes, self.places, last = [], [], 0
+        for i in range(joints):
+            axis = rng.normal(size=3) if i < joints - 3 else np.eye(3)[[2, 1, 2][i - joints + 3]]
+            axis = axis / np.linalg.norm(axis)
+            # Three axes that meet: parallel ones where the middle joint stands at zero.
+            place = np.eye(4) if i > joints - 3 else random_pose(rng, 0.4)
+            joint = pin.JointModelRevoluteUnaligned(axis)
+            last = self.model.addJoint(last, joint, pin.SE3(place), f"j{i}")
+            self.axes.append(axis)
+            self.places.append(place)
+        self.tip = translation(0.1, 0.05, 0.2)
+        add_frame(self.model, "tip", last, self.tip)
+        self.chain = Chain(plain_tree(self.model), "tip")
+        self.q = rng.uniform(-1.5, 1.5, joints)
+
+    def jacobian(self, q):
+        columns, behind = [], _mp(self.tip)
+        for axis, place, angle in reversed(list(zip(self.axes, self.places, q, strict=True))):
+            twist = mp.matrix([*axis.tolist(), 0, 0, 0])
+            columns.insert(0, _adjoint(_inverse(behind)) * twist)
+            behind = _mp(place) * _turn(axis.tolist(), mp.mpf(float(angle))) * behind
+        J = mp.zeros(6, len(columns))
+        for a, column in enumerate(columns):
+            J[:, a] = column
+        return J
+
+    def compliances(self, q, k, W):
+        """C^A, C^B, C^K, C^F."""
+        J, n, W = self.jacobian(q), len(k), _mp(W)
+        K_q = mp.diag([mp.mpf(float(x)) for x in k])
+        S = mp.zeros(n, n)
+        for a in range(n):
+            for b in range(a + 1, n):
+                S[a, b] = S[b, a] = (W.T * _bracket(J[:, a], J[:, b]))[0] / 2
+        moment, force = _skew(W[:3, 0]), _skew(W[3:, 0])
+        D_A, D_K = mp.zeros(6, 6), mp.zeros(6, 6)
+        D_A[:3, :3], D_A[:3, 3:], D_A[3:, :3] = moment / 2, force / 2, force / 2
+        D_K[:3, 3:], D_K[3:, :3] = force / 2, -force / 2
+        found = {}
+        for name, H in (
+            ("A", K_q - S + J.T * D_A * J),
+            ("B", K_q - S),
+            ("K", K_q - S + J.T * D_K * J),
+            ("F", K_q),
+        ):
+            C = J * mp.inverse(H) * J.T
+            found[name] = np.array([[float(C[i, j]) for j in range(6)] for i in range(6)])
+        return found
+
+
+def _error(got, expected):
+    return np.abs(got - expected).max() / np.abs(expected).max()
+
+
+def _promised(result, matrix="compliance"):
+    """The relative error that the notes admit."""
+    return max(
+        (n.values["relative_error"] for n in result.notes
+         if n.code == "lost-digits" and n.values["matrix"] == matrix),
+        default=0.0,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("distance", DISTANCES)
+@pytest.mark.parametrize("joints", [5, 6, 7])
+@pytest.mark.parametrize("loaded", [False, True])
+def test_springs_of_fifteen_decades(joints, distance, loaded):
+    arm = _Arm(joints, joints)
+    rng = np.random.default_rng(int(-np.log10(distance)) + 100 * joints)
+    q = arm.q.copy()
+    q[-2] = distance
+    k = 10.0 ** rng.uniform(-3, 12, joints)
+    k[rng.permutation(joints)[:2]] = 1e-3, 1e12
+    W = np.zeros(6)
+    if loaded:  # a load that the softest spring can bear
+        W = 3e-4 * rng.normal(size=6)
+    elastic = ElasticMechanism("arm", arm.chain, q, JointSprings(k, q))
+    result = cartstiff.analyse(elastic, q, wrench=W if loaded else None)
+    with mp.workdps(_DIGITS):
+        expected = arm.compliances(q, k, W)
+    for name, C in result.compliances.items():
+        if name == "F" and C is None:
+            assert result.matrices["F"] is None
+            continue
+        assert C is not None
+        assert _error(C, expected[name]) <= max(TEN_DIGITS, _promised(result))
+    C = result.compliances["B"]
+    assert np.array_equal(C, C.T)
+    # Many postures at once say the same.
+    names = [f"compliance_{name}" for name in "ABK"]
+    many = analyse_many(elastic, np.array([q, q]), wrench=W if loaded else None, outputs=names)
+    for name in "ABK":
+        assert _error(many[f"compliance_{name}"][1], result.compliances[name]) <= TEN_DIGITS
+
+
+@pytest.mark.parametrize("distance", [1e-2, 1e-4, 1e-5, 1e-6, 1e-8])
+def test_what_is_free_near_a_singularity(distance):
+    """Principal values, direction, condition, least stiffness: of one posture, and of a map."""
+    arm = _Arm(3, 6)
+    q = arm.q.copy()
+    q[-2] = distance
+    k = np.array([3e4, 2e4, 2e4, 5e3, 5e3, 4e3])
+    elastic = ElasticMechanism("arm", arm.chain, q, JointSprings(k, q))
+    result = cartstiff.analyse(elastic, q)
+    with mp.workdps(_DIGITS):
+        C = arm.compliances(q, k, np.zeros(6))["B"]
+        J = arm.jacobian(q)
+        root = mp.diag([1 / mp.sqrt(mp.mpf(float(x))) for x in k])
+        length = 0.3
+        scale = mp.diag([length] * 3 + [1] * 3)
+        softness = sorted(float(x) for x in mp.svd_r(scale * J * root, compute_uv=False))
+    free = np.sort(1 / np.linalg.eigvalsh(C[3:, 3:]))
+    settings = Settings(length=length, direction=(0.0, 0.0, 1.0))
+    answer = analyse_posture(result, length=length, direction=[0, 0, 1])
+    found = answer["ellipsoids"]["stiffness"]["translation"]["free"]["eigenvalues"]
+    assert found == pytest.approx(free, rel=1e-9)
+    given = answer["directions"][-1]
+    assert given["along"]["free"] == pytest.approx(1 / C[5, 5], rel=TEN_DIGITS)
+    numbers = answer["indices"]
+    assert numbers["minimum_stiffness"] == pytest.approx(softness[-1] ** -2, rel=1e-9)
+    # The stiffest direction is known as well as J is near the singularity: eps / distance.
+    known = max(1e-9, 1e-14 / distance)
+    condition = (softness[-1] / softness[0]) ** 2
+    assert numbers["condition_number"] == pytest.approx(condition, rel=known)
+    assert numbers["definiteness"] == "positive"
+    isotropy = float(np.exp(np.mean(-2 * np.log(softness))) / np.mean(np.power(softness, -2.0)))
+    assert numbers["isotropy"] == pytest.approx(isotropy, rel=10 * known)
+    # A map.
+    names = ("translation_free_min", "translation_free_max", "along_free", "condition", "isotropy",
+             "minimum")  # fmt: skip
+    quantities = choose_quantities(names, settings, elastic)
+    outputs = sorted({o for quantity in quantities for o in quantity.outputs(settings)})
+    many = analyse_many(elastic, np.array([q, q]), outputs=outputs)
+    values = evaluate(quantities, many.arrays, settings)
+    expected = (free[0], free[-1], given["along"]["free"], condition, isotropy, softness[-1] ** -2)
+    for name, value in zip(names, expected, strict=True):
+        assert values[name][0] == pytest.approx(value, rel=10 * known), name
+
+
+def test_the_arm_that_people_type():
+    """UR5 with pi as people type it, 1.8e-6 from singular: free values of the issue's reference."""
+    q = [0.3, -1.1, 1.4, -0.7, 3.1416, 0.2]
+    result = cartstiff.analyse(cartstiff.load("ur5"), q)
+    answer = analyse_posture(result, direction=[0, 0, 1])
+    free = answer["ellipsoids"]["stiffness"]["translation"]["free"]["eigenvalues"]
+    C = result.compliances["B"]
+    assert free == pytest.approx(np.sort(1 / np.linalg.eigvalsh(C[3:, 3:])), rel=1e-9)
+    assert answer["indices"]["condition_number"] > 1e10
+    assert answer["indices"]["minimum_stiffness"] > 1e3
+    assert _promised(result, "stiffness") > 1e-6
+
+
+@pytest.mark.parametrize("stiffness", [1e5, 1e9, 1e12, 1e15, 1e20, 1e24])
+def test_stiff_motor_of_a_closed_chain(stiffness):
+    """3-RRR with links that give: K by the saddle-point matrix of all coordinates and closures."""
+    elastic = cartstiff.load("3-rrr").with_springs({"leg2/motor": stiffness})
+    result = cartstiff.analyse(elastic)
+    posture = result.posture
+    with mp.workdps(80):
+        J, C = _mp(posture.motion.jacobian), _mp(posture.closure.jacobian)
+        H = _mp(result.evaluation.hessian)
+        n, m = H.rows, C.rows
+        saddle = mp.zeros(n + m + 6, n + m + 6)
+        saddle[:n, :n] = H
+        saddle[n : n + m, :n], saddle[:n, n : n + m] = C, C.T
+        saddle[n + m :, :n], saddle[:n, n + m :] = J, J.T
+        right = mp.zeros(n + m + 6, 6)
+        right[n + m :, :] = mp.eye(6)
+        columns = [mp.lu_solve(saddle, right[:, i]) for i in range(6)]
+        K = np.array([[-float(c[n + m + i]) for c in columns] for i in range(6)])
+    found = result.matrices["B"]
+    assert np.array_equal(found, found.T)
+    size = np.sqrt(np.outer(np.diag(K), np.diag(K)))
+    assert np.abs((found - K) / size).max() <= TEN_DIGITS
+    assert not [n for n in result.notes if n.code == "idle-self-motion"]
+    C_B = result.compliances["B"] * size
+    assert np.abs(C_B @ (K / size) - np.eye(6)).max() <= 1e-8
