@@ -115,7 +115,7 @@ def block_values(
             found = np.sort(1.0 / found, axis=1)
     exists = np.isfinite(stack).all(axis=(1, 2))
     found[~exists] = np.nan
-    known: list[bool] = list(np.isfinite(inverse).all(axis=(1, 2)))
+    known = np.atleast_1d(np.isfinite(inverse).all(axis=(1, 2)))
     for i in np.flatnonzero(exists & np.logical_not(plain)):
         try:
             found[i] = one(stack[i], inverse[i] if known[i] else None)
