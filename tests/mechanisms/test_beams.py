@@ -11,7 +11,8 @@ from tests.mechanisms.bars import EI, SECTION, bar, load_bar
 from tests.mechanisms.machines import codes
 from tests.support import cross_matrix, relative_error
 
-from cartstiff import analyse, equilibrium
+from cartstiff import analyse, equilibrium, load
+from cartstiff.errors import ConvergenceError, InputError
 from cartstiff.potentials.beams import Beam, Section, stability_functions
 from cartstiff.potentials.functions import taylor_check
 from cartstiff.potentials.loads import DeadForce, FollowerWrench
@@ -313,7 +314,47 @@ def test_tangent_under_load_against_differences(tmp_path, segments):
         moved = np.zeros(3)
         for k, w in zip(steps, weights, strict=True):
             for sign in (1, -1):
-                load = DeadForce(base + sign * k * 0.05 * axis)
-                moved += sign * w * equilibrium(elastic, load).pose[:3, 3] / 0.05
+                force = DeadForce(base + sign * k * 0.05 * axis)
+                moved += sign * w * equilibrium(elastic, force).pose[:3, 3] / 0.05
         expected = R @ C[3:, 3:] @ R.T @ axis
         assert relative_error(expected, moved) <= DIFFERENCES
+
+
+def test_a_wrench_given_to_analyse_deflects_the_links(tmp_path):
+    """The posture analysed is the one in which the links carry the load: beam-column formulas."""
+    euler = np.pi**2 * EI / 4
+    F, P = 1e-3, 0.9 * euler
+    k = np.sqrt(P / EI)
+    tip = F / P * (np.tan(k) / k - 1)
+    wrench = np.array([0.0, 0.0, 0.0, -P, 0.0, F])
+    result = analyse(bar(tmp_path), wrench=wrench, load_axes="world")
+    assert result.pose[2, 3] == pytest.approx(tip, rel=COMPRESSED)
+    R = result.pose[:3, :3]
+    assert relative_error(R @ result.wrench[3:], wrench[3:]) <= SUM
+    # What the load keeps in the room decides what one more newton does: tan k / k - 1 over P.
+    more = analyse(bar(tmp_path), wrench=wrench + F * np.eye(6)[5], load_axes="world")
+    assert more.pose[2, 3] == pytest.approx(2 * tip, rel=COMPRESSED)
+
+
+@pytest.mark.parametrize("name", ["3-rrr", "delta"])
+def test_a_wrench_given_to_a_parallel_mechanism_is_in_balance(name):
+    """The equilibrium under the same wrench, with the rest positions found, is the same pose."""
+    W = (
+        np.array([0.0, 0.0, 1.0, 10.0, -4.0, 0.0])
+        if name == "3-rrr"
+        else np.array([1.0, 0.0, 0.0, 5.0, 3.0, -20.0])
+    )
+    result = analyse(load(name), wrench=W)
+    assert relative_error(result.wrench, W) <= SUM
+    unloaded = analyse(load(name))
+    assert np.abs(result.pose - unloaded.pose).max() > 1e-7
+    start = result.q + 1e-3 * (np.arange(result.q.size) % 3 - 1)
+    start = result.elastic.mechanism.assembled(start)
+    state = equilibrium(result.elastic, FollowerWrench(W), q0=start)
+    assert np.abs(state.pose - result.pose).max() <= SUM
+
+
+def test_a_wrench_beyond_what_the_links_carry_is_refused(tmp_path):
+    arm = load_bar(tmp_path, {"beam": {**SECTION, "length": 1.0}}, hinged=("foot",))
+    with pytest.raises((InputError, ConvergenceError)):
+        analyse(arm, wrench=[0.0, 1.0, 0.0, 0.0, 0.0, 0.0])

@@ -93,7 +93,7 @@ def test_beam_in_the_upper_arm(tmp_path, offset):
     # The joints alone are a chart, the joints and the beam are too many.
     assert rigid.matrices["F"] is not None
     assert result.matrices["F"] is None
-    assert codes(result) == []
+    assert set(codes(result)) <= {"ignored"}  # parts of the URDF that say nothing here
 
 
 def test_spring_matrix_and_beam_are_the_same(tmp_path):

@@ -83,10 +83,12 @@ def serial_of(
             f"no joint moves frame {frame!r}", where=where, expected="a frame on a moving link"
         )
     tree = merged([("", tree, pose_of(file.base))])
+    names = [c.name for c in tree.coordinates]
     chain = Chain(
         tree,
         frame,
         offset=pose_of(file.offset),
+        virtual=[names.index(name) for name in virtual_joints(file.flexible)],
         descriptions=[Description(description.path, pieces=description.pieces)],
     )
     add_payload(tree, chain, file.payload)

@@ -180,10 +180,11 @@ class ElasticMechanism:
             return springs
         J = posture.motion.jacobian
         gradient = np.zeros(J.shape[1]) if wrench is None else J.T @ wrench
+        size = float(np.abs(gradient).max(initial=0.0))
         if others is not None:
             gradient -= others.gradient
         if isinstance(springs, JointSprings):
-            gradient = self._carried(posture, gradient, every)
+            gradient = self._carried(posture, gradient, every, size)
         return springs.balanced(posture, gradient, every=every)
 
     def _balanced_with_evaluation(
@@ -195,12 +196,14 @@ class ElasticMechanism:
         elastic = self if springs is self.springs else self._carrying(springs)
         return elastic, elastic._with_springs_added(posture, others)
 
-    def _carried(self, posture: MechanismPosture, gradient: Array, every: bool) -> Array:
+    def _carried(
+        self, posture: MechanismPosture, gradient: Array, every: bool, size: float
+    ) -> Array:
         """The gradient that springs must give, less what closure forces can carry.
 
         Joints whose torque is settled (passive, or with a rest position) leave the rest to the
-        closures; what neither carries is refused where a wrench was asked for, and left unbalanced
-        otherwise.
+        closures; what neither carries is refused where a wrench was asked for, of generalised
+        forces up to `size`, and left unbalanced otherwise.
         """
         springs = self.springs
         if not isinstance(springs, JointSprings):
@@ -216,7 +219,8 @@ class ElasticMechanism:
             gradient = gradient - C.T @ lam
             missing = np.where(settled, missing - C.T @ lam, 0.0)
         largest = int(np.argmax(np.abs(missing)))
-        if every and abs(missing[largest]) > 1e-9 * float(np.abs(gradient).max()) + 1e-12:
+        size = max(size, float(np.abs(gradient).max()))
+        if every and abs(missing[largest]) > 1e-9 * size + 1e-12:
             raise InputError(
                 f"the springs cannot balance this wrench: joint {self.names[largest]!r} has no "
                 "spring and would have to carry a torque",

@@ -30,6 +30,7 @@ from cartstiff.potentials.contract import Evaluation, Map
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 from cartstiff.stiffness.in_frame import StiffnessInFrame, stiffness_in_frame
 from cartstiff.stiffness.reduction import Reduction, reduce_to
+from cartstiff.stiffness.settled_links import settled
 from cartstiff.stiffness.tensor import StiffnessTensor
 
 __all__ = ["SCHEMA", "PostureStiffness", "analyse"]
@@ -71,7 +72,8 @@ def analyse(
         For a platform: x, y, z, roll, pitch, yaw. A closed chain is assembled from there.
     wrench : array_like (6,), optional
         (moment, force) that the environment applies to the body at `load_at`; there it is W. All
-        rest positions are then chosen so that the springs balance it at q. Without it, springs
+        rest positions are then chosen so that the springs balance it at q, and links that give
+        are deflected by it: their virtual joints start at q. Without it, springs
         with a rest position exert what they exert, and those without carry gravity.
     load_kind : {"dead", "follower", "conservative"}
         What the load does while the body moves, on which the `tangent` depends: keeps its direction
@@ -121,6 +123,8 @@ def analyse(
             )
     posture = elastic.mechanism.closed(values)
     if given is not None:
+        if load_axes in ("body", "world"):
+            posture = settled(elastic, posture, given, kind.at, load_axes)
         given = wrench_in_body(given, posture.pose, kind.at, load_axes)
     elastic, energy = elastic._balanced_with_evaluation(posture, given)
     reduction = reduce_to(

@@ -1,0 +1,89 @@
+"""Where links that give come to rest under a load, while the joints with springs stay."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+
+from cartstiff.errors import ConvergenceError
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.contract import MechanismPosture
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.potentials.contract import Potential
+from cartstiff.potentials.loads import DeadForce, DeadWrench, FollowerWrench
+from cartstiff.potentials.springs import JointSprings
+
+__all__ = ["settled"]
+
+_STEPS = 60
+# Natural units: the largest step taken at once, and the one that ends the search.
+_CAP, _STILL = 0.2, 1e-13
+
+
+def settled(
+    elastic: ElasticMechanism,
+    posture: MechanismPosture,
+    wrench: Array,
+    at: Sequence[float],
+    axes: Literal["body", "world"],
+) -> MechanismPosture:
+    """The posture with its links deflected so that they carry a wrench.
+
+    Coordinates with springs stay where they are: their rest positions are chosen afterwards. The
+    others, virtual joints of links and joints without springs, move until all that acts on them
+    and the closures balance. Without links that give the posture is returned as it is.
+
+    Raises
+    ------
+    ConvergenceError
+        If they find no rest: the load is beyond what the links carry.
+    """
+    chain, springs = elastic.mechanism, elastic.springs
+    if not isinstance(chain, Chain) or not chain.virtual or not isinstance(springs, JointSprings):
+        return posture
+    loads: tuple[Potential, ...]
+    if axes == "world":
+        moment = np.concatenate([wrench[:3], np.zeros(3)])
+        loads = (DeadForce(wrench[3:], tuple(at)), DeadWrench(moment))
+    else:
+        turned = np.concatenate([wrench[:3] + np.cross(at, wrench[3:]), wrench[3:]])
+        loads = (FollowerWrench(turned),)
+    free = np.flatnonzero(springs.is_passive)
+    if chain.closures and chain.actuated is None and free.size == chain.tree.n:
+        return posture
+    lam = np.zeros(0)
+    for _ in range(_STEPS):
+        parts = [term.evaluate(posture) for term in (*elastic.terms(springs=False), *loads)]
+        sizes = posture.coordinate_lengths
+        gradient = sum(p.gradient for p in parts) * sizes
+        H = sum(p.hessian for p in parts) * np.outer(sizes, sizes)
+        closure, missed = posture.closure, posture.residual
+        C, r = np.zeros((0, sizes.size)), np.zeros(0)
+        if closure is not None and missed is not None:
+            C, r = closure.jacobian * sizes, missed
+            if lam.size:
+                H = H + closure.curvature(lam) * np.outer(sizes, sizes)
+        stiff = max(float(np.abs(H).max()), 1e-300)
+        C_f, H_f = C[:, free], H[np.ix_(free, free)] / stiff
+        system = np.block([[H_f, C_f.T], [C_f, np.zeros((r.size, r.size))]])
+        right = -np.concatenate([gradient[free] / stiff, r])
+        found = np.linalg.lstsq(system, right, rcond=1e-14)[0]
+        step, lam = found[: free.size], found[free.size :] * stiff
+        largest = float(np.abs(step).max(initial=0.0))
+        if not np.isfinite(largest):
+            break
+        if largest <= _STILL:
+            return posture
+        move = np.zeros(sizes.size)
+        move[free] = step * sizes[free] * min(1.0, _CAP / largest)
+        posture = chain.at(posture.q + move)
+    if largest <= 1e3 * _STILL:
+        return posture
+    raise ConvergenceError(
+        "the links find no rest under this load, which may be beyond what they carry",
+        iterations=_STEPS,
+        residual=largest,
+    )
