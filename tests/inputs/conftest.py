@@ -26,6 +26,7 @@ KEYS = {
     "gravity",
     "weighed",
     "energy",
+    "stored_energy",
     "stiffness",
     "compliance",
     "notes",

@@ -260,7 +260,7 @@ def test_inertia_gives_frequencies() -> None:
     k, H = 1e6, 0.5 / np.sqrt(3.0)
     expected = [2 * k / 10] * 3 + [1.5 * k * H**2 / 0.5] * 2 + [6 * k * H**2 / 2.0]
     assert found["modes"]["metric"] == "inertia"
-    assert found["modes"]["values"] == pytest.approx(sorted(expected))
+    assert found["modes"]["eigenvalues"] == pytest.approx(sorted(expected))
     assert found["length"]["origin"] == "inertia"
     assert "[Hz]" in summary_text(found)
 

@@ -103,7 +103,7 @@ class ConnectionDifference:
         `block_scales`): pure numbers that need no length.
     change : float or None
         Largest change of the elastic wrench over all directions, relative to the reference;
-        see `ConnectionTable.measure`.
+        see `ConnectionTable.measure`. None too if the reference is zero.
     matters : bool or None
         Whether `change` exceeds the threshold.
     """
@@ -203,12 +203,13 @@ def compare_connections(
             continue
         difference = checked_matrix(matrix, f"stiffness {name}") - K
         d_scaled = scale_lengths(difference, scale)
+        change: float | None
         if root is not None:
             relative = np.linalg.solve(root, np.linalg.solve(root, d_scaled).T)
             change = float(np.linalg.norm(relative, 2))
         else:
             size = float(np.linalg.norm(scaled, 2))
-            change = float(np.linalg.norm(d_scaled, 2)) / size if size > 0 else float("inf")
+            change = float(np.linalg.norm(d_scaled, 2)) / size if size > 0 else None
         rows.append(
             ConnectionDifference(
                 name,
@@ -216,7 +217,7 @@ def compare_connections(
                 {b: float(np.abs(_block(difference, i, j)).max()) for b, i, j in _BLOCKS},
                 _relative(difference, K),
                 change,
-                change > threshold,
+                bool(d_scaled.any()) if change is None else change > threshold,
             )
         )
     return ConnectionTable(
@@ -239,6 +240,8 @@ def _relative(difference: Array, K: Array) -> dict[str, float]:
 
 
 def _verdict(rows: list[ConnectionDifference], reference: str, threshold: float) -> str:
+    if any(row.matters and row.change is None for row in rows):
+        return f"yes, the choice of connection matters: K^{reference} is zero, others are not"
     known = [(row.change, row.name) for row in rows if row.change is not None]
     if not known:
         return "nothing to compare: no other connection has a matrix here"

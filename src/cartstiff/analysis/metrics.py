@@ -194,9 +194,11 @@ class MetricModes:
     ----------
     metric : str
         Name of the metric.
-    values : ndarray, shape (6,)
-        Eigenvalues, smallest first: force per length for `length_metric`, squared angular
-        frequencies for `inertia_metric`.
+    eigenvalues : ndarray, shape (6,)
+        Smallest first: force per length for `length_metric`, squared angular frequencies (1/s^2)
+        for `inertia_metric`.
+    frequencies : ndarray, shape (6,), or None
+        In Hz for `inertia_metric`, NaN where the eigenvalue is negative: that motion is unstable.
     twists : ndarray, shape (6, 6)
         Columns v with ``v_i^T M v_j = 1`` if i = j and 0 otherwise; largest component positive.
     definiteness : str
@@ -204,7 +206,8 @@ class MetricModes:
     """
 
     metric: str
-    values: Array
+    eigenvalues: Array
+    frequencies: Array | None
     twists: Array
     definiteness: Definiteness
 
@@ -243,7 +246,7 @@ def modes(
     stiffness, metric : array_like, shape (6, 6)
         Symmetric, in the same frame; the metric positive definite.
     name : str
-        Carried in the result.
+        Carried in the result; under "inertia" the result has frequencies.
     compliance : array_like, shape (6, 6), optional
         The inverse, which gives what the stiffness has no digits for.
 
@@ -267,4 +270,10 @@ def modes(
     twists = np.linalg.solve(L.T, y)
     largest = np.argmax(np.abs(twists), axis=0)
     twists *= np.sign(twists[largest, np.arange(6)])
-    return MetricModes(name, read_only(values), read_only(twists), definiteness(values, zero=0.0))
+    frequencies = None
+    if name == "inertia":
+        with np.errstate(invalid="ignore"):
+            frequencies = read_only(np.sqrt(values) / (2.0 * np.pi))
+    return MetricModes(
+        name, read_only(values), frequencies, read_only(twists), definiteness(values, zero=0.0)
+    )

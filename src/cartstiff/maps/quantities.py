@@ -255,8 +255,8 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity("force", "size of the load's force", "{force}",
                  lambda s: np.linalg.norm(s.arrays["wrench"][:, 3:], axis=1), ("wrench",),
                  better=None),
-        Quantity("energy", "stored energy", "{force} {length}", lambda s: s.arrays["energy"],
-                 ("energy",), better=None),
+        Quantity("energy", "potential energy of springs, gravity and loads", "{force} {length}",
+                 lambda s: s.arrays["energy"], ("energy",), better=None),
     )
 }  # fmt: skip
 

@@ -182,7 +182,9 @@ def _directions(rows: list[Mapping[str, Any]], u: UnitNames, full: bool) -> list
 def _centres(s: Mapping[str, Any], u: UnitNames, full: bool) -> list[str]:
     if s["centres"] is None:
         return []
-    lines = ["", f"centres [{u.length}]"]
+    moved = any(r[3] for r in s["frame"][:3])
+    place = "this point" if moved else "the origin of the body frame"
+    lines = ["", f"centres [{u.length}], from {place} along the axes of the analysis"]
     size = s["length"]["value"]
     for name, point in s["centres"].items():
         label = {"least_coupling": "point of least coupling"}.get(name, f"centre of {name}")

@@ -90,7 +90,7 @@ def target_lines(t: Section, u: UnitNames, full: bool) -> list[str]:
         lines.append(f"  joints must be coupled, up to {percent(t['off_diagonal'])}{made}")
         if fit is not None:
             lines.append(
-                f"  independent springs come as close as {percent(fit['residual'])} "
+                f"  independent springs miss it by {percent(fit['residual'])} at best "
                 f"(angles times {number(fit['length'])} {u.length}):"
             )
     if not t["stable"]:
@@ -128,7 +128,7 @@ def _meet(found: Mapping[str, Any], prefix: str) -> bool:
     """Whether two sorted principal values are equal, so that they have no derivative."""
     if not prefix.endswith("eigenvalues"):
         return False
-    a, b, c = (found.get(f"{prefix}[{i}]", {}).get("mean", float("nan")) for i in range(3))
+    a, b, c = (found.get(f"{prefix}[{i}]", {}).get("nominal", float("nan")) for i in range(3))
     return min(b - a, c - b) <= 1e-6 * max(abs(a), abs(c))
 
 
@@ -157,7 +157,7 @@ def uncertainty_lines(s: Section, u: UnitNames, full: bool) -> list[str]:
             continue
         unit = units.get(label.split()[0], "")
         label = f"  {label} [{unit}]" if unit else f"  {label}"
-        means = [found[n]["mean"] for n in names]
+        means = [found[n]["nominal" if found[n]["mean"] is None else "mean"] for n in names]
         spread = [found[n]["deviation"] for n in names]
         if prefix.startswith(("centres", "deflection")):
             size = max(spread)
@@ -176,11 +176,11 @@ def uncertainty_lines(s: Section, u: UnitNames, full: bool) -> list[str]:
         )
     if full:
         rows = [
-            [name, number(e["mean"]), number(e["deviation"], 3),
+            [name, number(e["nominal"]), number(e["mean"]), number(e["deviation"], 3),
              number(e["lower"]), number(e["upper"])]
             for name, e in found.items()
         ]  # fmt: skip
         level = percent(s["level"])
         lines.append(f"  every number, in its own unit, with the interval that holds {level}")
-        lines += table(["", "mean", "deviation", "lower", "upper"], rows)
+        lines += table(["", "nominal", "mean", "deviation", "lower", "upper"], rows)
     return lines

@@ -64,11 +64,13 @@ def mode_lines(m: Mapping[str, Any] | None, u: UnitNames) -> list[str]:
         return []
     if m["metric"] == "inertia":
         lines = ["", "modes with respect to the inertia of the body"]
-        title, values = "frequency [Hz]", [_frequency(x) for x in m["values"]]
+        title = "frequency [Hz]"
+        pairs = zip(m["frequencies"], m["eigenvalues"], strict=True)
+        values = [_frequency(f, x) for f, x in pairs]
     else:
         lines = ["", "modes with respect to the metric length^2 |omega|^2 + |v|^2"]
         title = f"stiffness [{u.stiffness['translation']}]"
-        values = [number(x) for x in m["values"]]
+        values = [number(x) for x in m["eigenvalues"]]
     titles = [title, f"rotation [{u.angle}]", f"translation [{u.length}]"]
     columns = list(zip(*m["twists"], strict=True))
     return lines + table(
@@ -77,10 +79,11 @@ def mode_lines(m: Mapping[str, Any] | None, u: UnitNames) -> list[str]:
     )
 
 
-def _frequency(eigenvalue: float) -> str:
-    if eigenvalue < 0:
-        return f"unstable ({number(-((-eigenvalue) ** 0.5))} /s)"
-    return number(eigenvalue**0.5 / 6.283185307179586)
+def _frequency(frequency: float | None, eigenvalue: float) -> str:
+    """Hz, or how fast a motion grows that is not held."""
+    if frequency is None:
+        return f"unstable ({number((-eigenvalue) ** 0.5)} /s)"
+    return number(frequency)
 
 
 def synthesis_lines(

@@ -116,7 +116,11 @@ _ANALYSIS: dict[str, Any] = {
     },
     "energy": {
         "type": ["number", "null"],
-        "description": "stored energy; null if a load has no potential",
+        "description": "potential energy of springs, gravity and loads; null if a load has none",
+    },
+    "stored_energy": {
+        "type": ["number", "null"],
+        "description": "of that, what springs and other elastic parts hold",
     },
     "stiffness": _matrices("stiffness matrices"),
     "compliance": _matrices("their inverses"),
@@ -156,7 +160,11 @@ _EQUILIBRIUM: dict[str, Any] = {
         "minItems": 6, "maxItems": 6,
         "description": "rotation vector and translation of the body frame, axes of F",
     },
-    "elastic_wrench": _WRENCH | {"description": "the wrench that the springs balance, in M"},
+    "elastic_wrench": _WRENCH
+    | {
+        "description": "the wrench that springs and structure balance, in M; where the structure's "
+        "part is not known, that of least length-scaled norm"
+    },
     "reactions": _object(
         {
             "held": {"type": "object", "description": "by held component"},

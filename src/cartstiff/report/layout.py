@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 
 from cartstiff.errors import InputError
@@ -40,7 +41,9 @@ def number(x: float | None, digits: int = 5, missing: str = "-") -> str:
 
 
 def percent(x: float) -> str:
-    """A share in per cent; what is only rounding is 0."""
+    """A share in per cent; what is only rounding is 0, what does not exist "-"."""
+    if not math.isfinite(x):
+        return "-"
     shown = f"{0.0 if abs(x) < 1e-12 else 100.0 * x:.2g}"
     return f"{float(shown):g} %"
 

@@ -46,18 +46,24 @@ def describe(result: PostureStiffness, analysis: str = "") -> str:
         "",
     ]
     if result.wrench is not None:
+        W = result.shown_wrench(result.wrench)
         lines += [
             "Load: the wrench that holds the body here, in its own frame",
-            f"  moment  {_row(result.wrench[:3])} {units.moment}",
-            f"  force   {_row(result.wrench[3:])} {units.force}",
+            f"  moment  {_row(W[:3])} {units.moment}",
+            f"  force   {_row(W[3:])} {units.force}",
         ]
+        if not result.wrench_is_known:
+            lines.append("  what the structure carries is not known, and taken as zero")
         if result.is_loaded:
             x, y, z = result.load.at
             at = f"({x:g}, {y:g}, {z:g}) {units.length}" if any(result.load.at) else "the origin"
             lines.append(f"  taken as a {result.load.kind} load at {at}: {result.load.words}")
     lines.append(weighed(elastic).text)
-    if np.isfinite(result.energy):
-        lines.append(f"  stored energy {result.energy:.6g} {units.moment}")
+    if np.isfinite(result.stored_energy):
+        lines.append(f"  energy stored in the springs {result.stored_energy:.6g} {units.moment}")
+    outside = result.energy - result.stored_energy
+    if np.isfinite(outside) and outside != 0.0:
+        lines.append(f"  potential of gravity and loads {outside:.6g} {units.moment}")
     lines.append("")
     if any(K is not None for K in result.matrices.values()):
         lines += [

@@ -37,11 +37,12 @@ def describe_equilibrium(state: Equilibrium) -> str:
     ]
     elastic = state.elastic_stiffness
     if elastic.wrench is not None:
+        W = elastic.shown_wrench(elastic.wrench)
         lines += [
             "",
-            "Wrench that the springs balance, in the body frame",
-            f"  moment       {_row(elastic.wrench[:3])} {units.moment}",
-            f"  force        {_row(elastic.wrench[3:])} {units.force}",
+            state.meaning_of_elastic_wrench[0].upper() + state.meaning_of_elastic_wrench[1:],
+            f"  moment       {_row(W[:3])} {units.moment}",
+            f"  force        {_row(W[3:])} {units.force}",
         ]
     for name, force in state.reactions.held.items():
         unit = units.moment if name.startswith("r") else units.force
@@ -79,16 +80,18 @@ def describe_curve(curve: LoadCurve) -> str:
         curve.weighed.text,
         "",
         f"  {'factor':>10} {'x ' + length:>12} {'y ' + length:>12} {'z ' + length:>12} "
-        f"{'off linear':>11}  stability",
+        f"{'off linear':>11} {'rotation':>11} {'off linear':>11}  stability",
+        f"  {'':>10} {'':>12} {'':>12} {'':>12} {'translation':>11} {'deg':>11} {'rotation':>11}",
     ]
     shown = np.unique(np.linspace(0, len(curve.factors) - 1, 16).astype(int))
     for i in shown:
         x, y, z = curve.displacement[i, 3:]
-        off = curve.deviation[i]
+        turned = np.degrees(np.linalg.norm(curve.displacement[i, :3]))
+        off = ["-" if np.isnan(x) else f"{100 * x:.2f} %" for x in curve.deviation[i]]
         word = {True: "stable", False: "unstable", None: "-"}[curve.stable[i]]
         lines.append(
             f"  {curve.factors[i]:>10.5g} {x:>12.5g} {y:>12.5g} {z:>12.5g} "
-            f"{'-' if np.isnan(off) else f'{100 * off:.2f} %':>11}  {word}"
+            f"{off[1]:>11} {turned:>11.4g} {off[0]:>11}  {word}"
         )
     lines.append("")
     for point in curve.critical:
@@ -101,7 +104,10 @@ def describe_curve(curve: LoadCurve) -> str:
             if massless
             else "No critical load up to the end of the curve."
         )
-    lines.append(f"The linear prediction stays within 5 % up to factor {curve.linear_up_to():.4g}.")
+    lines.append(
+        f"The linear prediction stays within 5 % up to factor {curve.linear_up_to():.4g} for the "
+        f"translation, {curve.linear_up_to(part='rotation'):.4g} for the rotation."
+    )
     lines += [f"  [{note.code}] {note.message}" for note in curve.notes]
     return "\n".join(lines)
 

@@ -85,23 +85,6 @@ _STATES = {
 
 
 def load_at(result: PostureStiffness, look: Look) -> Array | None:
-    """The load (moment, force) about the reference point; None in an unbalanced posture.
-
-    Force or moment is zero where it is rounding beside what the springs' stiffness would exert.
-    """
-    here, posture = reference(result, look), result.posture
-    if here.wrench is None:
-        return None
-    at = np.array(here.wrench)
-    sizes = posture.coordinate_lengths
-    stiffest = np.abs(result.evaluation.hessian * sizes * sizes[:, None]).max(initial=0.0)
-    small = _ROUNDING * float(stiffest)
-    if np.abs(at[:3]).max() <= small:
-        at[:3] = 0.0
-    if np.abs(at[3:]).max() * posture.length <= small:
-        at[3:] = 0.0
-    return at
-
-
-# A load below what the springs exert over this turn (rad) is rounding.
-_ROUNDING = 1e-11
+    """The load (moment, force) about the reference point; None in an unbalanced posture."""
+    W = reference(result, look).wrench
+    return None if W is None else result.shown_wrench(W)

@@ -78,19 +78,25 @@ class LoadCurve:
 
     @cached_property
     def deviation(self) -> Array:
-        """Distance of the linear prediction from the curve over the displacement, (m,).
+        """Distance of the linear prediction from the curve over the displacement, (m, 2).
 
-        Rotations count with the characteristic length; 0 where nothing moves.
+        The first column is that of the rotation vectors, the second that of the translations: they
+        are never added. 0 where nothing moves.
         """
         length = self.elastic.mechanism.at(self.q[0]).length
-        scale = np.array([length] * 3 + [1.0] * 3)
-        off: Array = np.linalg.norm((self.linear - self.displacement) * scale, axis=1)
-        size = np.linalg.norm(self.displacement * scale, axis=1)
-        return np.asarray(np.divide(off, size, out=np.zeros(len(off)), where=size > 1e-12 * length))
+        columns = []
+        for part, smallest in ((slice(0, 3), 1e-12), (slice(3, 6), 1e-12 * length)):
+            off = np.linalg.norm((self.linear - self.displacement)[:, part], axis=1)
+            size = np.linalg.norm(self.displacement[:, part], axis=1)
+            columns.append(np.divide(off, size, out=np.zeros(len(off)), where=size > smallest))
+        return np.column_stack(columns)
 
-    def linear_up_to(self, tolerance: float = 0.05) -> float:
-        """Factor up to which the linear prediction stays within a relative deviation."""
-        off, factors = self.deviation, np.abs(self.factors)
+    def linear_up_to(
+        self, tolerance: float = 0.05, part: Literal["rotation", "translation"] = "translation"
+    ) -> float:
+        """Factor up to which the linear prediction of a part stays within a relative deviation."""
+        off = self.deviation[:, 0 if part == "rotation" else 1]
+        factors = np.abs(self.factors)
         bad = np.flatnonzero(~(off <= tolerance))
         if bad.size == 0:
             return float(factors.max())

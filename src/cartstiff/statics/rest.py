@@ -17,6 +17,7 @@ from cartstiff.mechanisms.limits import limit_notes
 from cartstiff.mechanisms.weighed import weighed
 from cartstiff.numerics import EPSILON, IDLE
 from cartstiff.potentials.contract import Potential
+from cartstiff.potentials.loads import Load
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.flutter import MASSLESS, UNDAMPED, vibrations
 from cartstiff.statics.held import displacement_between
@@ -137,9 +138,36 @@ class Equilibrium:
     @cached_property
     def elastic_stiffness(self) -> PostureStiffness:
         """Stiffness of the mechanism without the added loads, which show as its wrench W."""
-        return self._stiffness(self.elastic)
+        return self._stiffness(self.elastic, self._load_on_body)
 
-    def _stiffness(self, elastic: ElasticMechanism) -> PostureStiffness:
+    @property
+    def meaning_of_elastic_wrench(self) -> str:
+        """What W of `elastic_stiffness` is, for people."""
+        if self.elastic_stiffness.reduction.rank == 6:
+            return "wrench that the springs balance, in the body frame"
+        if self._load_on_body is not None:
+            return "load on the body, in its frame; springs and structure carry it together"
+        return (
+            "part of the load that the springs balance, in the body frame; what the structure "
+            "carries is not known"
+        )
+
+    @cached_property
+    def _load_on_body(self) -> Array | None:
+        """The loads' wrench on the body frame M; None where others act on the mechanism besides.
+
+        Where joints do not feel a part of the wrench, their torques leave it open.
+        """
+        if self._solution.contacts or self.reactions.held:
+            return None
+        W = np.zeros(6)
+        for load in self.loads:
+            if not isinstance(load, Load) or load.frame_b != "body":
+                return None
+            W -= load.on_pose(self.pose)[1]
+        return W
+
+    def _stiffness(self, elastic: ElasticMechanism, force: Array | None = None) -> PostureStiffness:
         posture = self.posture
         evaluation = elastic.evaluate(posture)
         without = System(self.elastic, (), None, self._system.limits)
@@ -150,6 +178,7 @@ class Equilibrium:
             None if found is None else found[1],
             posture.length,
             posture.coordinate_lengths,
+            force=force,
         )
         notes = (*self.notes, *(Note(*state) for state in reduction.states))
         return PostureStiffness(elastic, self.q, posture, evaluation, reduction, notes)

@@ -26,7 +26,9 @@ from cartstiff.mechanisms.contract import MechanismPosture, named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.limits import limit_notes
 from cartstiff.mechanisms.weighed import weighed
-from cartstiff.potentials.contract import Evaluation, Map
+from cartstiff.potentials.contract import Evaluation, Map, Potential
+from cartstiff.potentials.gravity import Gravity
+from cartstiff.potentials.loads import Load, Scaled
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 from cartstiff.stiffness.in_frame import StiffnessInFrame, stiffness_in_frame
 from cartstiff.stiffness.reduction import Reduction, reduce_to
@@ -190,6 +192,13 @@ def _near_singular(posture: MechanismPosture, reduction: Reduction) -> list[Note
     return notes
 
 
+def _is_outside(term: Potential) -> bool:
+    """Whether a potential is gravity's or a load's: energy that nothing in the mechanism holds."""
+    while isinstance(term, Scaled):
+        term = term.potential
+    return isinstance(term, Gravity | Load)
+
+
 @dataclass(frozen=True, eq=False)
 class PostureStiffness:
     """Everything known about a mechanism's stiffness at one posture.
@@ -231,8 +240,18 @@ class PostureStiffness:
 
     @property
     def energy(self) -> float:
-        """Potential energy."""
+        """Potential energy of all that acts: springs, gravity, and loads added as potentials."""
         return self.evaluation.energy
+
+    @cached_property
+    def stored_energy(self) -> float:
+        """Energy of springs and other potentials, without that of gravity and of loads."""
+        terms = self.elastic.terms()
+        outside = [t for t in terms if _is_outside(t)]
+        if not outside:
+            return self.energy
+        stored = (t.evaluate(self.posture).energy for t in terms if t not in outside)
+        return float(sum(stored, 0.0))
 
     def motion_under(self, wrench: ArrayLike, change: ArrayLike | None = None) -> Array:
         """Linear motion of all coordinates (n,) under an added wrench (6,) in the body frame.
@@ -309,6 +328,29 @@ class PostureStiffness:
         )
         stiffness[stiffness == 0.0] = stiffness.max(initial=0.0)  # passive: the others' rounding
         return bool(np.any(torque > numerics.ROUNDING * stiffness))
+
+    @property
+    def wrench_is_known(self) -> bool:
+        """Whether the joints feel all of W; else the part that the structure carries is open.
+
+        Where the user gave the load, that part is the load's; otherwise it is taken as zero in the
+        length-scaled norm.
+        """
+        return self.wrench is not None and (self.reduction.rank == 6 or self._load_is_given)
+
+    def shown_wrench(self, wrench: Array) -> Array:
+        """A wrench (6,) with moment and force set to 0 where they are rounding.
+
+        Rounding is what the springs exert over a turn of `numerics.ROUNDING`, and what is below
+        that share of the other half, a force taken over the characteristic length.
+        """
+        sizes, length = self.posture.coordinate_lengths, self.posture.length
+        stiffest = np.abs(self.evaluation.hessian * np.outer(sizes, sizes)).max(initial=0.0)
+        scaled = np.abs(wrench) * np.repeat([1.0, length], 3)
+        if self._load_is_given:
+            stiffest = 0.0
+        noise = numerics.ROUNDING * max(float(stiffest), float(scaled.max()))
+        return np.where(scaled > noise, wrench, 0.0)
 
     @cached_property
     def change_by_load(self) -> Array:
@@ -573,6 +615,7 @@ class PostureStiffness:
             "load": self.load_as_dict(),
             **weighed(self.elastic).as_dict(),
             "energy": None if np.isnan(self.energy) else self.energy,
+            "stored_energy": None if np.isnan(self.stored_energy) else self.stored_energy,
             "stiffness": {name: plain(K) for name, K in self.matrices.items()},
             "compliance": {name: plain(C) for name, C in self.compliances.items()},
             "notes": [note.as_dict() for note in self.notes],

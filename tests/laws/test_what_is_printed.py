@@ -1,0 +1,100 @@
+"""What reports print means what it says, against values found otherwise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import cartstiff
+from cartstiff.analysis.asymmetry import compare_connections
+from cartstiff.analysis.posture import analyse_posture
+from cartstiff.geometry import se3
+from cartstiff.potentials.loads import DeadForce, Scaled
+from cartstiff.report.analysis import summary_text
+from cartstiff.report.layout import percent
+from cartstiff.report.posture import describe
+from cartstiff.report.statics import describe_equilibrium
+from cartstiff.statics.equilibrium import equilibrium
+
+
+def test_stored_energy_is_that_of_the_springs_alone():
+    platform = cartstiff.load("cubic")
+    state = equilibrium(platform, Scaled(DeadForce([0.0, 0.0, -400.0]), 0.5))
+    found = state.stiffness
+    legs = state.elastic.springs
+    lengths = state.posture.lines.lengths
+    stored = 0.5 * float(np.sum(legs.stiffness * (lengths - legs.rest_length) ** 2))
+    assert found.stored_energy == pytest.approx(stored, rel=1e-12)
+    assert found.energy == pytest.approx(stored + 200.0 * state.pose[2, 3], rel=1e-12)
+    assert found.as_dict()["stored_energy"] == found.stored_energy
+    text = describe_equilibrium(state)
+    assert f"energy stored in the springs {stored:.6g} N m" in text
+    assert f"potential of gravity and loads {200.0 * state.pose[2, 3]:.6g} N m" in text
+
+
+def test_the_load_of_a_deficient_mechanism_is_the_one_put_on():
+    """A planar linkage under a force out of its plane, which the structure carries."""
+    force = np.array([10.0, -50.0, -30.0])
+    state = equilibrium(cartstiff.load("five-bar"), DeadForce(force))
+    expected = np.concatenate([np.zeros(3), state.pose[:3, :3].T @ force])
+    assert state.elastic_stiffness.wrench == pytest.approx(expected, abs=1e-9)
+    assert "springs and structure carry it together" in describe_equilibrium(state)
+    # Off the frame's origin, and with springs' forces alone, which leave it open.
+    point = np.array([0.0, 0.02, 0.01])
+    state = equilibrium(cartstiff.load("five-bar"), DeadForce(force, point))
+    local = state.pose[:3, :3].T @ force
+    expected = np.concatenate([np.cross(point, local), local])
+    assert state.elastic_stiffness.wrench == pytest.approx(expected, abs=1e-9)
+    held = equilibrium(cartstiff.load("five-bar"), held={"x": 0.002})
+    assert "what the structure carries is not known" in describe_equilibrium(held)
+
+
+def test_a_misfit_is_called_a_misfit():
+    arm = cartstiff.load("ur5")
+    target = np.diag([1e3, 2e3, 3e3, 4e5, 5e5, 6e5])
+    found = analyse_posture(cartstiff.analyse(arm), target=target)
+    fit = found["synthesis"]["target"]["diagonal_fit"]
+    text = summary_text(found, arm.units.as_dict(), "full")
+    assert f"independent springs miss it by {percent(fit['residual'])} at best" in text
+    assert "as close as" not in text
+
+
+def test_centres_say_from_where():
+    result = cartstiff.analyse(cartstiff.load("cubic"), wrench=[0, 0, 0, 10.0, 20.0, -50.0])
+    T = se3.pose(translation=(0.01, -0.02, 0.03))
+    here, there = analyse_posture(result), analyse_posture(result, at=T)
+    for name, point in here["centres"].items():
+        expected = np.array(point) - T[:3, 3]
+        assert np.allclose(there["centres"][name], expected, atol=1e-9)
+    units = {"length": "m", "force": "N", "angle": "rad"}
+    assert "Centres [m], from the origin of the body frame" in summary_text(here, units)
+    assert "Centres [m], from this point" in summary_text(there, units)
+
+
+def test_rounding_is_not_printed():
+    """A force along two axes alone; the third component comes back as 4e-12 N."""
+    text = describe(cartstiff.analyse(cartstiff.load("ur5"), wrench=[0, 75.0, 0, 300.0, 0, -100]))
+    line = next(row for row in text.splitlines() if row.startswith("  force"))
+    assert [float(x) for x in line.split()[1:4]] == [300.0, 0.0, -100.0]
+    text = describe(cartstiff.analyse(cartstiff.load("ur5").with_potential(DeadForce([0, 0, -20]))))
+    line = next(row for row in text.splitlines() if row.startswith("  force"))
+    assert [float(x) for x in line.split()[1:4]] == [0.0, 0.0, 0.0]
+
+
+def test_a_share_of_nothing_is_no_number():
+    assert percent(float("inf")) == percent(float("nan")) == "-"
+    table = compare_connections({"B": np.zeros((6, 6)), "A": np.eye(6)})
+    assert table.rows[0].change is None
+    assert table.matters
+    assert "K^B is zero, others are not" in table.verdict
+
+
+def test_frequencies_are_in_hertz():
+    mass = 2.0
+    result = cartstiff.analyse(cartstiff.load("cubic"))
+    found = analyse_posture(result, mass=mass, inertia=np.eye(3) * 1e-2)["modes"]
+    K, M = result.matrices["B"], np.diag([1e-2] * 3 + [mass] * 3)
+    squares = np.sort(np.linalg.eigvals(np.linalg.solve(M, K)).real)
+    assert found["eigenvalues"] == pytest.approx(squares, rel=1e-9)
+    assert found["frequencies"] == pytest.approx(np.sqrt(squares) / (2 * np.pi), rel=1e-9)
+    assert analyse_posture(result)["modes"]["frequencies"] is None
