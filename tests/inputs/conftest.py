@@ -27,6 +27,8 @@ KEYS = {
     "weighed",
     "energy",
     "stored_energy",
+    "gravity",
+    "weighed",
     "stiffness",
     "compliance",
     "notes",
