@@ -27,8 +27,6 @@ KEYS = {
     "weighed",
     "energy",
     "stored_energy",
-    "gravity",
-    "weighed",
     "stiffness",
     "compliance",
     "notes",
