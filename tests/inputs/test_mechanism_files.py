@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+import cartstiff
+
 ROOT = Path(__file__).resolve().parents[2]
 PLATFORM = (ROOT / "robots" / "stewart-gough.yaml").read_text(encoding="utf-8")
 LEGS = "legs:\n"
@@ -178,12 +180,7 @@ PLATFORMS: dict[str, tuple[str, tuple[str, ...]]] = {
     "name is endless": (PLATFORM + f"name: {'x' * 5000}\n", ("at most 4000 characters",)),
     "key twice": (changed(LEGS, "kind: springs\n" + LEGS), ("line 23: key stands twice", "'kind'")),
     "nested key twice": (changed("force: N", "force: N, length: m"), ("line 7", "twice")),
-    "anchor and alias": (
-        changed("[7, 0, 0]\n  - [7, 0, 0]", "&p [7, 0, 0]\n  - *p"),
-        ("line 11", "anchors and aliases"),
-    ),
     "alias without anchor": (changed("[0, 0, 0]", "*p"), ("line 10", "undefined alias")),
-    "anchor on a key": (changed(LEGS, "&k name: x\n" + LEGS), ("line 23", "anchors")),
     "merge key": (changed(LEGS, "<<: {name: x}\n" + LEGS), ("line 23", "keys must be plain text")),
     "key is a list": (changed(LEGS, "? [a, b]\n: 1\n" + LEGS), ("line 23", "keys must be plain")),
     "key is a mapping": (
@@ -351,9 +348,12 @@ CONTENTS: dict[str, tuple[bytes, str]] = {
             b"%c: &%c [*%c, *%c, *%c, *%c, *%c, *%c, *%c, *%c]\n" % (i + 1, i + 1, *[i] * 8)
             for i in range(97, 120)
         ),
-        "anchors and aliases",
+        "too many values",
     ),
-    "an alias of itself": (b"a: &a [*a]\n", "anchors and aliases"),
+    "an alias of itself": (b"a: &a [*a]\n", "nested too deeply"),
+    "two aliases of itself": (b"a: &a [*a, *a]\n", "nested too deeply"),
+    "half a million values": (b"kind: springs\nx: [" + b"1," * 300_000 + b"]\n", "too many values"),
+    "many keys": (b"".join(b"k%d: 1\n" % i for i in range(50_000)), "too many values"),
 }
 
 
@@ -507,3 +507,15 @@ def test_locked_joint_is_a_fixed_joint(position: float, accepted: Accepted) -> N
     for key in ("pose", "jacobian"):
         assert np.allclose(got[key], expected[key], atol=1e-14)
     assert np.allclose(got["compliance"]["B"], expected["compliance"]["B"], atol=1e-16)
+
+
+def test_anchors_aliases_and_repeated_lists_are_read_as_what_they_name(tmp_path) -> None:
+    """As ordinary dumpers write them where two values are one object."""
+    plain, aliased = tmp_path / "plain.yaml", tmp_path / "aliased.yaml"
+    plain.write_text(PLATFORM, encoding="utf-8")
+    text = changed("[7, 0, 0]\n  - [7, 0, 0]", "&p [7, 0, 0]\n  - *p")
+    aliased.write_text(text, encoding="utf-8")
+    one, other = cartstiff.load(plain), cartstiff.load(aliased)
+    assert np.array_equal(
+        cartstiff.analyse(one).matrices["A"], cartstiff.analyse(other).matrices["A"]
+    )

@@ -8,7 +8,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from cartstiff.errors import InputError, UnknownNameError, one_line, printable
+from cartstiff.errors import InputError, UnknownNameError, one_line
 from cartstiff.loading.catalogue import (
     bundled,
     bundled_files,
@@ -97,7 +97,7 @@ def _from_name(source: str | Path, frame: str | None, locked: dict[str, float]) 
     if suffix in (".yaml", ".yml"):
         return _from_file(path, frame, locked)
     if suffix in _ROBOT_FILES:
-        return _from_robot(str(path), _shown(path.stem), frame, locked)
+        return _from_robot(str(path), path.stem, frame, locked)
     robots = example_robots()
     if text in robots:
         return _from_robot(text, text, frame, locked)
@@ -110,11 +110,6 @@ def _from_name(source: str | Path, frame: str | None, locked: dict[str, float]) 
     if not robots and text.isidentifier():
         example_robot(text)  # says how to install the robots that this name may be one of
     raise UnknownNameError("mechanism", text, [*bundled_files(), *robots])
-
-
-def _shown(name: str) -> str:
-    """A name for people, on one line."""
-    return " ".join(printable(name).split())
 
 
 def _from_robot(
@@ -159,7 +154,7 @@ def _from_file(path: Path, frame: str | None, locked: dict[str, float]) -> Elast
 
     file, lines = read_mechanism_file(path)
     where = one_line(str(path))
-    name = _shown(file.name or path.stem)
+    name = file.name or path.stem
     try:
         file = build.with_frame(file, frame, where)
         if locked:

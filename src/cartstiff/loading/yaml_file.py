@@ -17,11 +17,14 @@ Lines = dict[tuple[str | int, ...], int]
 
 #: A mechanism file is a page of text; what is larger is not one.
 LARGEST = 1024 * 1024
+#: Keys, values and list entries, each as often as aliases repeat it; 40 000 take two seconds.
+MOST_VALUES = 40_000
 _DEEPEST = 30
 #: Numbers beyond this are mistakes, and their products leave the range of double precision.
 LARGEST_NUMBER = 1e30
 # Brackets of which no mechanism file has so many in a row; they cost the parser seconds.
 _BRACKETS = re.compile(r"(?:[\[{]\s*){60}")
+_COMMENTS = re.compile(r"^\s*(?:#.*)?$", re.MULTILINE)
 _NULLS = {"", "~", "null", "Null", "NULL"}
 _TRUTHS = {"true": True, "false": False}
 
@@ -70,9 +73,9 @@ def read_text(path: Path, largest: int = LARGEST) -> str:
 def read_yaml(path: Path) -> tuple[dict[str, Any], Lines]:
     """Mapping in a YAML file, and the line of each of its values.
 
-    Only mappings, sequences and plain scalars are accepted: no tags, no anchors or aliases, no
-    merge keys, no key twice, no second document. Numbers follow YAML 1.2 (``3e5`` is a number,
-    ``1:30`` is text).
+    Only mappings, sequences and plain scalars are accepted: no tags, no merge keys, no key twice,
+    no second document. An alias stands for a copy of what its anchor names. Numbers
+    follow YAML 1.2 (``3e5`` is a number, ``1:30`` is text).
 
     Raises
     ------
@@ -87,6 +90,8 @@ def read_yaml(path: Path) -> tuple[dict[str, Any], Lines]:
     _check_directives(text, where)
     if _BRACKETS.search(text):
         raise InputError("YAML is nested too deeply", where=where)
+    # Every value but the first stands behind one of these: what has too many is not even parsed.
+    _check_count(sum(map(text.count, ",:\n")) - len(_COMMENTS.findall(text)), where)
     yaml = YAML(typ="rt", pure=True)
     lines: Lines = {}
     try:
@@ -129,13 +134,10 @@ def _plain(node: Any, at: tuple[str | int, ...], lines: Lines, constructor: Any,
     """Plain Python data of a composed node; refuses whatever is not data."""
     line = node.start_mark.line + 1
     place = f"{where}, line {line}"
-    if at in lines:
-        raise InputError("aliases are not supported", where=place)
     lines[at] = line
-    if len(at) > _DEEPEST:
+    _check_count(len(lines), place)
+    if len(at) > _DEEPEST:  # an alias may stand inside what its anchor names
         raise InputError("YAML is nested too deeply", where=place)
-    if getattr(node, "anchor", None):
-        raise InputError("anchors and aliases are not supported", where=place, got=node.anchor)
     tag = str(node.tag or "")
     if node.id == "mapping":
         if tag != "tag:yaml.org,2002:map":
@@ -145,10 +147,6 @@ def _plain(node: Any, at: tuple[str | int, ...], lines: Lines, constructor: Any,
             key_place = f"{where}, line {key_node.start_mark.line + 1}"
             if key_node.id != "scalar" or "merge" in str(key_node.tag):
                 raise InputError("keys must be plain text", where=key_place)
-            if getattr(key_node, "anchor", None):
-                raise InputError(
-                    "anchors and aliases are not supported", where=key_place, got=key_node.anchor
-                )
             if not str(key_node.tag).startswith("tag:yaml.org,2002:") or "/" in str(key_node.tag):
                 raise InputError("YAML tags are not supported", where=key_place, got=key_node.tag)
             key = str(key_node.value)
@@ -162,6 +160,12 @@ def _plain(node: Any, at: tuple[str | int, ...], lines: Lines, constructor: Any,
             raise InputError("YAML tags are not supported", where=place, got=tag)
         return [_plain(v, (*at, i), lines, constructor, where) for i, v in enumerate(node.value)]
     return _scalar(node, tag, place)
+
+
+def _check_count(count: int, where: str) -> None:
+    if count > MOST_VALUES:
+        raise InputError("too many values", where=where, expected=f"at most {MOST_VALUES}",
+                         got=count)  # fmt: skip
 
 
 def _scalar(node: Any, tag: str, place: str) -> Any:

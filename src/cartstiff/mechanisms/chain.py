@@ -219,6 +219,10 @@ class ChainPosture(MechanismPosture):
         return Map(select, lambda _: np.zeros((self.q.size, self.q.size)))
 
 
+# As many as hold all that `MOST_COORDINATES` can move, six each, and as many again.
+_MOST_CLOSURES = 64
+
+
 class Chain(Mechanism):
     """A kinematic tree with a body frame, and frames tied together or not.
 
@@ -260,6 +264,9 @@ class Chain(Mechanism):
         self.kind = kind
         self.coordinates = tree.coordinates
         self.closures = tuple(closures)
+        if len(self.closures) > _MOST_CLOSURES:
+            raise InputError("too many closures", expected=f"at most {_MOST_CLOSURES}",
+                             got=len(self.closures))  # fmt: skip
         self.actuated = None if actuated is None else tuple(actuated)
         self.selection: Array | None = None
         if actuated is not None:

@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from cartstiff.errors import UnknownNameError
+from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import SWAP, Array
 from cartstiff.mechanisms.contract import Coordinate
@@ -65,6 +65,23 @@ class Path:
         return self.order[:, None], self.order[None, :]
 
 
+#: Of a tree. Second derivatives grow with their cube: 200 take 0.6 GB, 600 take 13 GB.
+MOST_COORDINATES = 200
+
+
+def check_coordinates(model: pin.Model) -> None:
+    """Refuse a model with more than `MOST_COORDINATES`, before memory is taken for it.
+
+    Raises
+    ------
+    InputError
+        With their number.
+    """
+    if model.nv > MOST_COORDINATES:
+        raise InputError("too many coordinates", expected=f"at most {MOST_COORDINATES}",
+                         got=model.nv)  # fmt: skip
+
+
 class KinematicTree:
     """A plain tree with named frames.
 
@@ -78,6 +95,11 @@ class KinematicTree:
         All named frames.
     mimic : ndarray (joints, n) or None
         Where joints follow others: all joint positions are ``mimic @ q + offset``.
+
+    Raises
+    ------
+    InputError
+        For more than `MOST_COORDINATES`.
     """
 
     def __init__(
@@ -88,6 +110,7 @@ class KinematicTree:
         mimic: Array | None = None,
         offset: Array | None = None,
     ) -> None:
+        check_coordinates(model)
         self.model = model
         self.coordinates = coordinates
         self.frames = dict(frames)

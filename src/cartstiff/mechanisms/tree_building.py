@@ -18,7 +18,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Coordinate
 from cartstiff.mechanisms.flexible_links import UNFRAMED, Give, masses_by_side, springs_by_joint
-from cartstiff.mechanisms.tree import WORLD, KinematicTree, Placement
+from cartstiff.mechanisms.tree import WORLD, KinematicTree, Placement, check_coordinates
 
 __all__ = ["expansion", "extended", "find_frame", "merged", "plain_tree"]
 
@@ -154,6 +154,7 @@ def plain_tree(
     InputError
         For a joint type that cannot be expanded.
     """
+    check_coordinates(model)
     locked = dict(locked or {})
     kept = set(range(1, model.njoints) if keep is None else keep) - set(locked)
     fixed_q = pin.neutral(model)

@@ -6,6 +6,7 @@ trimesh reads them all, and each file becomes one mesh with a colour per vertex.
 
 from __future__ import annotations
 
+import re
 import warnings
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from cartstiff.errors import InputError, MissingDependencyError
 from cartstiff.geometry.se3 import Array
+from cartstiff.loading.yaml_file import read_bytes
 from cartstiff.scene import objects
 
 __all__ = ["Mesh", "corner_normals", "read_mesh"]
@@ -24,6 +26,16 @@ __all__ = ["Mesh", "corner_normals", "read_mesh"]
 # Edges sharper than this stay sharp; the surface is smooth across the others.
 _SMOOTH = np.cos(np.radians(35.0))
 _GREY = (200, 200, 200, 255)
+# Formats whose numbers all stand in the file: it bounds what it can become. Of the others some are
+# packed, and some say how much there is and leave it out.
+_PLAIN = (".dae", ".stl", ".obj", ".ply", ".off")
+_LARGEST = 64 * 1024 * 1024
+_MOST_VERTICES = 6_000_000
+# What a header may count: an element of a PLY, the first line of numbers of an OFF file.
+_COUNTED = {
+    ".ply": re.compile(rb"^\s*element\s+\w+\s+(\d+)", re.MULTILINE),
+    ".off": re.compile(rb"^(?:\s*(?:#.*|C?O?N?OFF))*\s*(\d+)\s+(\d+)", re.MULTILINE),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +88,7 @@ def read_mesh(path: Path) -> Mesh:
             import collada  # noqa: F401
         except ImportError:
             raise MissingDependencyError("pycollada", f"the mesh {path.name}", "view") from None
+    _check_size(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # pycollada uses NumPy's matrices
@@ -90,6 +103,11 @@ def read_mesh(path: Path) -> Mesh:
         nothing = np.zeros((0, 3))
         return Mesh(nothing.astype(np.float32), nothing.astype(np.intp), nothing.astype(np.int8),
                     None, None)  # fmt: skip
+    corners_in_all = sum(3 * len(part.faces) for part in parts)
+    if corners_in_all > _MOST_VERTICES:
+        raise InputError("mesh is too large", where=path.name,
+                         expected=f"at most {_MOST_VERTICES // 3} triangles",
+                         got=corners_in_all // 3)  # fmt: skip
     factor = _metres(scene, path)
     colours = [_colour(part) for part in parts]
     known = {c for c in colours if c is not None}
@@ -119,6 +137,21 @@ def read_mesh(path: Path) -> Mesh:
         np.concatenate(shades)[first] if several else None,
         single,
     )
+
+
+def _check_size(path: Path) -> None:
+    """Refuse what could become more than its bytes say."""
+    kind = path.suffix.lower()
+    if kind not in _PLAIN:
+        raise InputError("unknown kind of mesh", where=path.name,
+                         expected=f"one of {', '.join(_PLAIN)}", got=kind)  # fmt: skip
+    data = read_bytes(path, _LARGEST)
+    if kind in _COUNTED:
+        counts = [int(n) for found in _COUNTED[kind].findall(data[:65536])
+                  for n in (found if isinstance(found, tuple) else (found,))]  # fmt: skip
+        if sum(counts) > len(data):
+            raise InputError("not a usable mesh", where=path.name, got=(
+                f"a header that counts {sum(counts)} elements in {len(data)} bytes"))  # fmt: skip
 
 
 def _metres(scene: Any, path: Path) -> float:

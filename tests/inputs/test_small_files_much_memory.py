@@ -1,0 +1,130 @@
+"""Small files that would take much memory or time are refused before they do, in one line."""
+
+from __future__ import annotations
+
+import resource
+import struct
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import cartstiff
+from cartstiff.errors import InputError
+
+SOURCE = str(Path(cartstiff.__file__).parents[1])
+#: Bytes that a process may take here: the libraries' code, and little more.
+ROOM = 3 * 1024**3
+
+
+def _chain(kind: str, count: int) -> str:
+    head = "".join(
+        f'<body name="b{i}" pos="0 0 .1"><joint name="j{i}" type="{kind}"/><geom size=".1"/>'
+        for i in range(count)
+    )
+    return f"<mujoco><worldbody>{head}{'</body>' * count}</worldbody></mujoco>"
+
+
+def _links(kind: str, count: int) -> str:
+    parts = "".join(
+        f'<link name="l{i + 1}"/><joint name="j{i}" type="{kind}"><parent link="l{i}"/>'
+        f'<child link="l{i + 1}"/><origin xyz="0 0 .1"/></joint>'
+        for i in range(count)
+    )
+    return f'<robot name="r"><link name="l0"/>{parts}</robot>'
+
+
+def _tied(count: int) -> str:
+    bodies = "".join(
+        f'<body name="b{i}" pos="{i} 0 .1"><joint name="j{i}"/><geom size=".1"/></body>'
+        for i in range(60)
+    )
+    ties = "".join(
+        f'<connect body1="b{i % 60}" body2="b{(i + 7) % 60}" anchor="0 0 0"/>' for i in range(count)
+    )
+    return f"<mujoco><worldbody>{bodies}</worldbody><equality>{ties}</equality></mujoco>"
+
+
+CASES = {
+    "ball joints": ("arm.xml", _chain("ball", 199), "too many coordinates; expected at most 200"),
+    "floating joints": ("arm.urdf", _links("floating", 80), "too many coordinates"),
+    "planar joints": ("arm.urdf", _links("planar", 80), "too many coordinates"),
+    "ties": ("arm.xml", _tied(1000), "too many closures; expected at most 64, got 1000"),
+    "values": ("arm.yaml", f"kind: springs\nx: [{'1,' * 500_000}]\n", "too many values"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_much_from_little_is_refused(case, tmp_path):
+    name, text, words = CASES[case]
+    (tmp_path / name).write_text(text)
+    done = subprocess.run(
+        [sys.executable, "-m", "cartstiff", "analyse", name],
+        capture_output=True, text=True, cwd=tmp_path, check=False,
+        env={"PYTHONPATH": SOURCE, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (ROOM, ROOM)),
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (2, ""), done.stderr
+    assert words in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_what_is_within_the_limits_is_read(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(_chain("hinge", 60))
+    assert len(cartstiff.load(path).q) == 60
+
+
+def _meshes(folder: Path) -> dict[str, Path]:
+    found = {
+        "m.off": b"OFF\n1000000000 1 0\n0 0 0\n",
+        "c.off": b"OFF # x\n# y\n 7 900000000 0\n",
+        "m.ply": b"ply\nformat ascii 1.0\nelement vertex 400000000\nproperty float x\nend_header\n",
+        "m.stl": b" " * 80 + struct.pack("<I", 2**31) + b"\0" * 50,
+        "m.glb": b"glTF",
+        "m.xyz": b"0 0 0\n",
+    }
+    for name, data in found.items():
+        (folder / name).write_bytes(data)
+    with zipfile.ZipFile(folder / "m.zip", "w", zipfile.ZIP_DEFLATED) as packed:
+        packed.writestr("m.stl", b"\0" * 10_000_000)
+    (folder / "m.3mf").write_bytes((folder / "m.zip").read_bytes())
+    return {name: folder / name for name in (*found, "m.zip", "m.3mf")}
+
+
+@pytest.mark.parametrize(
+    "name", ["m.off", "c.off", "m.ply", "m.stl", "m.glb", "m.xyz", "m.zip", "m.3mf"]
+)
+def test_a_mesh_is_bounded_by_its_file(name, tmp_path):
+    from cartstiff.scene.meshes import read_mesh
+
+    path = _meshes(tmp_path)[name]
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (16 * ROOM, before[1]))
+    try:
+        with pytest.raises(InputError, match=r"unknown kind of mesh|not a usable mesh"):
+            read_mesh(path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, before)
+
+
+def test_a_mesh_is_refused_by_its_size(tmp_path):
+    from cartstiff.scene.meshes import read_mesh
+
+    path = tmp_path / "huge.stl"
+    with path.open("wb") as file:
+        file.truncate(65 * 1024 * 1024)
+    with pytest.raises(InputError, match="file is too large; expected at most 67108864 bytes"):
+        read_mesh(path)
+
+
+@pytest.mark.parametrize("ending", ["stl", "obj", "ply", "off"])
+def test_plain_meshes_are_read(ending, tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    from cartstiff.scene.meshes import read_mesh
+
+    path = tmp_path / f"box.{ending}"
+    trimesh.creation.box((1, 2, 3)).export(path)
+    assert len(read_mesh(path).faces) == 12
