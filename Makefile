@@ -1,6 +1,6 @@
 # make demo    environment, install, a UR5 under load and the paper's platform into report/
 # make test    environment with all tools, then every check there is
-# The other targets: lint, docs, benchmark, release-check, lock, clean. Needs Python 3.11 or newer, and make.
+# The other targets: lint, docs, fuzz, benchmark, release-check, lock, clean. Needs Python 3.11 or newer, and make.
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -8,6 +8,7 @@ PYTEST_ARGS ?= -n 2
 LOCK_ARGS ?=
 
 PY := $(VENV)/bin/python
+# Where a lock carries hashes, pip takes no file without its own.
 PIP := $(PY) -m pip --disable-pip-version-check -qq install
 RUNTIME := $(VENV)/runtime.stamp
 DEV := $(VENV)/dev.stamp
@@ -23,7 +24,7 @@ $(shell [ -x $(PY) ] || rm -f $(RUNTIME) $(DEV))
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint format-check types docs pytest benchmark screenshot release-check lock clean
+.PHONY: help demo test lint format-check types docs pytest fuzz benchmark screenshot release-check lock clean
 
 help:
 	@sed -n '1,3s/^# //p' Makefile
@@ -89,6 +90,11 @@ pytest: $(DEV)
 	@echo "== pytest"
 	@$(PY) -m pytest $(PYTEST_ARGS)
 
+# Broken and odd input of every kind; FUZZ_ARGS="--count 2000 --seed 7" for other numbers.
+FUZZ_ARGS ?= --count 100000
+fuzz: $(DEV)
+	@$(PY) tools/fuzz.py $(FUZZ_ARGS)
+
 # A few minutes, on a machine with nothing else to do.
 benchmark: $(DEV)
 	@$(PIP) -r benchmarks/requirements.txt
@@ -112,7 +118,7 @@ lock:
 	@[ -x $(VENV)/lock/bin/python ] || $(PYTHON) -m venv $(VENV)/lock
 	@$(VENV)/lock/bin/python -m pip --disable-pip-version-check -qq install uv
 	@compile="$(VENV)/lock/bin/uv pip compile --quiet --universal --python-version 3.11 \
-	  --no-annotate --extra robots $(LOCK_ARGS) pyproject.toml"; \
+	  --no-annotate --generate-hashes --extra robots $(LOCK_ARGS) pyproject.toml"; \
 	$$compile --custom-compile-command "make lock" --group build -o requirements.lock && \
 	$$compile --custom-compile-command "make lock" --extra plots --extra view --extra maps --group dev \
 	  -c requirements.lock -o requirements-dev.lock

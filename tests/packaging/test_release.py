@@ -90,3 +90,22 @@ def test_every_direct_dependency_is_listed() -> None:
     texts += [text for extra in PROJECT["optional-dependencies"].values() for text in extra]
     names = {Requirement(text).name.lower() for text in texts}
     assert names <= set(table()), f"docs/licences.md does not list {names - set(table())}"
+
+
+def test_actions_of_the_workflow_are_pinned_by_commit() -> None:
+    """A tag can be moved to other code, a commit cannot."""
+    text = (ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8")
+    used = re.findall(r"uses: (.*)", text)
+    assert len(used) == 6
+    assert all(re.fullmatch(r"[\w/-]+@[0-9a-f]{40} # v[\d.]+", one) for one in used)
+
+
+@pytest.mark.parametrize("name", ["requirements.lock", "requirements-dev.lock"])
+def test_a_lock_with_hashes_has_one_for_every_package(name: str) -> None:
+    """pip then refuses a file that is not the one that was locked."""
+    text = (ROOT / name).read_text(encoding="utf-8").replace("\\\n", " ")
+    lines = [line for line in text.splitlines() if re.match(r"[\w.-]+==", line)]
+    assert lines
+    hashed = [line for line in lines if "--hash=sha256:" in line]
+    assert hashed in ([], lines)
+    assert "--generate-hashes" in (ROOT / "Makefile").read_text(encoding="utf-8")
