@@ -238,10 +238,10 @@ def command(
         raise click.exceptions.Exit(130) from None
     seconds = time.perf_counter() - start
     if damaged:
-        click.echo(
+        say(
             f"cartstiff: {one_line(str(output))}: {len(damaged)} of its files were damaged and "
             f"have been made anew: {one_line('; '.join(damaged), 300)}",
-            err=True,
+            error=True,
         )
     dataset = slice_map(open_map(output), **cuts) if cuts else open_map(output)
     answer = _answer(dataset, file, output, computed, seconds)
