@@ -1,11 +1,13 @@
 """Broken, odd and hostile input of every kind, in processes that are watched.
 
-    python tools/fuzz.py [--count N] [--seed N] [--families A,B] [--only INDEX] [--seconds S] [--mib M]
+    python tools/fuzz.py [--count N] [--seed N] [--families A,B] [--only INDEX]
+                         [--seconds S] [--mib M]
 
 Each input is made from the seed and its number alone. It passes if it is answered or refused as the
 contract says, and where a reference exists the answer agrees with it. A fault is a crash, a signal,
 an "internal error", more time or memory than allowed, a refusal that is not one line, or an answer
-that the reference contradicts. `--only` makes one input again, in this process, and keeps its files.
+that the reference contradicts. `--only` makes one input
+again, in this process, and keeps its files.
 """
 
 from __future__ import annotations
@@ -68,10 +70,22 @@ def _watch(
     """Run inputs in one child; returns the number of the next one."""
     command = [sys.executable, __file__, "--child", str(first), "--end", str(end), "--seed",
                str(seed), "--families", ",".join(families), "--mib", str(mib)]  # fmt: skip
-    child = subprocess.Popen(
+    with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=folder,
         env={**os.environ, "OMP_NUM_THREADS": "1", "CARTSTIFF_TRACEBACK": ""},
-    )  # fmt: skip
+    ) as child:  # fmt: skip
+        return _followed(child, first, end, seconds, faults, tally)
+
+
+def _followed(
+    child: subprocess.Popen[bytes],
+    first: int,
+    end: int,
+    seconds: float,
+    faults: list[dict[str, Any]],
+    tally: Counter[str],
+) -> int:
+    """Read what a child tells until it ends; returns the number of the next input."""
     assert child.stdout is not None
     index, buffer, begun = first, b"", time.monotonic() + 60.0  # its start is not the input's
     while True:
@@ -100,7 +114,7 @@ def _watch(
     errors = child.stderr.read().decode("utf-8", "replace") if child.stderr else ""
     code = child.wait()
     if code == 0:
-        return end
+        return index if index > first else end
     what = f"signal {-code}" if code < 0 else f"exit {code}"
     faults.append({"index": index, "fault": f"{what}: {errors[-300:]}"})
     print(f"input {index}: {what} {errors[-300:]}", flush=True)
@@ -109,9 +123,11 @@ def _watch(
 
 def _child(first: int, end: int, seed: int, families: list[str], mib: int) -> None:
     """Inputs one after the other, told on standard output."""
-    from tools.fuzz_inputs import FAMILIES, Fault
+    from tools.fuzz_common import FaultError
+    from tools.fuzz_inputs import FAMILIES, PLANTED
 
-    names = [name for name in FAMILIES if not families or name in families]
+    known = {**FAMILIES, **PLANTED}
+    names = families or list(FAMILIES)
     told = os.fdopen(os.dup(1), "w")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     # What is asked for beyond this is refused by the system, and shows as a fault.
@@ -131,8 +147,8 @@ def _child(first: int, end: int, seed: int, families: list[str], mib: int) -> No
             os.chdir(folder)
             before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
             try:
-                outcome = FAMILIES[name](rng)
-            except Fault as fault:
+                outcome = known[name](rng)
+            except FaultError as fault:
                 outcome = "fault"
                 tell(index=index, family=name, fault=f"{name}: {fault}")
             except BaseException as error:

@@ -178,3 +178,9 @@ def test_error_carries_its_parts() -> None:
     assert error.value.where == "f.yaml, line 3, key q.elbow_joint"
     assert error.value.expected == "a number"
     assert error.value.got == "'up'"
+
+
+@pytest.mark.parametrize("frame", [1.0, [], {}, True, b"tool0"])
+def test_a_frame_is_a_name(frame):
+    with pytest.raises(cartstiff.errors.InputError, match="frame is not a name; expected text"):
+        cartstiff.load("cubic", frame=frame)

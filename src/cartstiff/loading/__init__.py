@@ -59,6 +59,8 @@ def load(
     InputError
         What is wrong, where, what was expected, what was got.
     """
+    if frame is not None and not isinstance(frame, str):
+        raise InputError("frame is not a name", expected="text", got=frame)
     if isinstance(source, (str, Path)):
         if given:
             raise InputError(

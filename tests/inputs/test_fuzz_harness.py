@@ -1,0 +1,22 @@
+"""The fuzz harness sees what it must; a few inputs of every kind pass (`make fuzz`: many)."""
+
+from __future__ import annotations
+
+import pytest
+from tools.fuzz import run
+
+#: Seconds that no input takes even on a busy machine; what takes longer hangs.
+PATIENCE = 300.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [("abort", "signal 6"), ("wrong", "planted"), ("large", "MiB"), ("endless", "more than 3 s")],
+)
+def test_what_is_wrong_is_seen(kind, words):
+    faults = run(2, families=[kind], seconds=3.0 if kind == "endless" else PATIENCE)
+    assert [words in fault["fault"] for fault in faults] == [True, True]
+
+
+def test_inputs_of_every_kind_are_answered_or_refused():
+    assert run(140, seed=20, seconds=PATIENCE) == []

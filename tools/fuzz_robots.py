@@ -1,0 +1,138 @@
+"""URDF and MJCF files, whole and damaged; whole ones against other programs and differences."""
+
+from __future__ import annotations
+
+import math
+import random
+from pathlib import Path
+
+import numpy as np
+from tools.fuzz_common import ODD_NUMBERS, FaultError, command, mutated_bytes, mutated_xml, outcome
+
+
+def _vector(rng: random.Random, size: float = 1.0) -> str:
+    return " ".join(f"{rng.uniform(-size, size):.6g}" for _ in range(3))
+
+
+def urdf_text(rng: random.Random) -> str:
+    """A tree of links: any kinds of joints, masses, followers."""
+    count = rng.randint(1, 9)
+    parts = ['<link name="l0"/>']
+    axial: list[str] = []
+    for i in range(1, count + 1):
+        kind = rng.choices(["revolute", "continuous", "prismatic", "fixed", "planar", "floating"],
+                           [8, 3, 4, 2, 1, 1])[0]  # fmt: skip
+        parent = i - 1 if rng.random() < 0.8 else rng.randrange(i)
+        mass = (f'<inertial><origin xyz="{_vector(rng)}"/><mass value="{rng.uniform(0, 5):.4g}"/>'
+                "</inertial>") if rng.random() < 0.6 else ""  # fmt: skip
+        limits = '<limit lower="-2" upper="2" effort="9" velocity="9"/>'
+        mimic = ""
+        if axial and kind in ("revolute", "prismatic") and rng.random() < 0.15:
+            mimic = f'<mimic joint="{rng.choice(axial)}" multiplier="{rng.uniform(-2, 2):.4g}"/>'
+        elif kind in ("revolute", "continuous", "prismatic"):
+            axial.append(f"j{i}")
+        axis = f'<axis xyz="{_vector(rng)}"/>' if kind not in ("fixed", "floating") else ""
+        parts.append(
+            f'<link name="l{i}">{mass}</link><joint name="j{i}" type="{kind}">'
+            f'<parent link="l{parent}"/><child link="l{i}"/>'
+            f'<origin xyz="{_vector(rng)}" rpy="{_vector(rng, 3.1)}"/>{axis}{limits}{mimic}</joint>'
+        )
+    return f'<robot name="r">{"".join(parts)}</robot>'
+
+
+def urdf(rng: random.Random) -> str:
+    """A URDF, whole or damaged; whole ones are compared with Pinocchio and with differences."""
+    text = urdf_text(rng)
+    if rng.random() < 0.35:
+        Path("r.urdf").write_text(text, encoding="utf-8")
+        return _compared(rng, Path("r.urdf"))
+    data = mutated_xml(rng, text) if rng.random() < 0.7 else mutated_bytes(rng, text.encode())
+    Path("r.urdf").write_bytes(data)
+    words = ["analyse", "r.urdf", "--json"]
+    if rng.random() < 0.3:
+        words += [
+            rng.choice(["--load", "--q", "--stiffness", "--gravity"]),
+            ",".join(str(rng.choice(ODD_NUMBERS)) for _ in range(rng.choice([1, 3, 6]))),
+        ]
+    return outcome(command(words)[0])
+
+
+def _compared(rng: random.Random, path: Path) -> str:
+    """Pose and Jacobian against Pinocchio as it reads the file itself, and against differences."""
+    import pinocchio as pin
+
+    import cartstiff
+    from cartstiff.errors import CartstiffError
+    from cartstiff.geometry import se3
+
+    try:
+        elastic = cartstiff.load(path)
+    except CartstiffError:
+        return "refused"
+    mechanism = elastic.mechanism
+    q = np.array([rng.uniform(-1, 1) for _ in elastic.names])
+    posture = mechanism.at(q)
+    J = np.array([
+        se3.log(se3.inverse(posture.pose) @ mechanism.at(q + 1e-6 * e).pose)
+        - se3.log(se3.inverse(posture.pose) @ mechanism.at(q - 1e-6 * e).pose)
+        for e in np.eye(len(q))
+    ]).T / 2e-6  # fmt: skip
+    jacobian = posture.motion.jacobian
+    if not np.allclose(jacobian, J, atol=1e-7 * max(1.0, np.abs(J).max())):
+        raise FaultError(f"Jacobian differs from differences by {np.abs(jacobian - J).max():.3g}")
+    try:
+        model = pin.buildModelFromUrdf(str(path), True)  # followers obey their leaders
+    except ValueError:
+        return "answered"  # followers of other kinds than their leader's are not in Pinocchio
+    names = list(model.names)
+    configuration = pin.neutral(model)
+    for name, value in zip(elastic.names, q, strict=True):
+        if name not in names or model.joints[names.index(name)].nv != 1:
+            return "answered"  # joints of several coordinates have charts of their own
+        joint = model.joints[names.index(name)]
+        at = joint.idx_q
+        configuration[at : at + joint.nq] = (
+            [math.cos(value), math.sin(value)] if joint.nq == 2 else [value]
+        )
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, configuration)
+    expected = data.oMf[model.getFrameId(mechanism.frame)].homogeneous
+    if not np.allclose(posture.pose, expected, atol=1e-10):
+        raise FaultError(
+            f"pose differs from Pinocchio's by {np.abs(posture.pose - expected).max():.3g}"
+        )
+    return "compared"
+
+
+_KINDS = ["hinge", "slide", "ball"]
+
+
+def mjcf_text(rng: random.Random) -> str:
+    """A tree of bodies with springs, defaults and now and then a loop."""
+    count = rng.randint(1, 6)
+    text = ""
+    for i in reversed(range(count)):
+        kind = rng.choices(_KINDS, [6, 3, 1])[0]
+        axis = f'axis="{_vector(rng)}" ' if kind != "ball" else ""
+        stiff = f'stiffness="{rng.uniform(0, 1e4):.4g}" ' if rng.random() < 0.7 else ""
+        text = (f'<body name="b{i}" pos="{_vector(rng)}" euler="{_vector(rng, 90)}">'
+                f'<joint name="j{i}" type="{kind}" {axis}{stiff}pos="{_vector(rng, 0.1)}"/>'
+                f'<geom size="0.1"/>{text}</body>')  # fmt: skip
+    tie = ""
+    if count > 3 and rng.random() < 0.3:
+        tie = f'<connect body1="b0" body2="b{count - 1}" anchor="{_vector(rng)}"/>'
+    angle = rng.choice(["radian", "degree"])
+    return (
+        f'<mujoco><compiler angle="{angle}"/><worldbody>{text}</worldbody>'
+        f"<equality>{tie}</equality></mujoco>"
+    )
+
+
+def mjcf(rng: random.Random) -> str:
+    """An MJCF file, whole or damaged."""
+    text = mjcf_text(rng)
+    damage = rng.random()
+    data = text.encode() if damage < 0.3 else mutated_xml(rng, text) if damage < 0.8 else \
+        mutated_bytes(rng, text.encode())  # fmt: skip
+    Path("r.xml").write_bytes(data)
+    return outcome(command(["analyse", "r.xml", "--json"])[0])
