@@ -222,7 +222,7 @@ def named_values(
                 else checked_number(value, f"{what} of {name}")
             )  # fmt: skip
         return values
-    if np.ndim(given) == 0:
+    if not isinstance(given, (list, tuple)) and np.ndim(given) == 0:
         one = np.inf if infinite and _is_infinite(given) else checked_number(given, what)
         return np.full(len(names), one)
     if infinite and isinstance(given, (Sequence, np.ndarray)):
