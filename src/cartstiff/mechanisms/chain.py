@@ -219,8 +219,8 @@ class ChainPosture(MechanismPosture):
         return Map(select, lambda _: np.zeros((self.q.size, self.q.size)))
 
 
-# As many as hold all that `MOST_COORDINATES` can move, six each, and as many again.
-_MOST_CLOSURES = 64
+# Three and more times what holds all that `MOST_COORDINATES` can move, at six each.
+_MOST_CLOSURES = 100
 
 
 class Chain(Mechanism):
