@@ -6,7 +6,7 @@ one would be -9e18), complex numbers, masked numbers.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from decimal import Decimal
 from math import isfinite
 from numbers import Real
@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cartstiff.errors import InputError
+from cartstiff.errors import InputError, UnknownNameError
 
 __all__ = [
     "Array",
+    "NamedArrays",
     "checked_array",
     "checked_length",
     "checked_matrix",
@@ -26,6 +27,7 @@ __all__ = [
     "checked_pose",
     "checked_unit",
     "checked_vector",
+    "fixed",
     "is_pose",
     "overlap",
     "read_only",
@@ -53,6 +55,35 @@ def read_only(values: ArrayLike) -> Array:
     array = np.array(values, float)
     array.flags.writeable = False
     return array
+
+
+def fixed(array: Array) -> Array:
+    """The same numbers, seen through an array that cannot be written to."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+class NamedArrays(Mapping[str, Array | None]):
+    """Arrays by name that cannot be changed: what is shown, saved and computed stays one thing."""
+
+    def __init__(self, arrays: Mapping[str, Array | None]) -> None:
+        self._arrays = {n: None if a is None else fixed(a) for n, a in arrays.items()}
+
+    def __getitem__(self, name: str) -> Array | None:
+        try:
+            return self._arrays[name]
+        except KeyError:
+            raise UnknownNameError("matrix", str(name), self._arrays) from None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._arrays)
+
+    def __len__(self) -> int:
+        return len(self._arrays)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self._arrays!r})"
 
 
 def real_array(

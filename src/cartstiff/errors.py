@@ -127,7 +127,7 @@ class UnknownNameError(InputError):
         self, kind: str, name: str, valid: Iterable[str], *, where: str | None = None
     ) -> None:
         self.name = name
-        self.valid = tuple(valid)
+        self.valid = tuple(dict.fromkeys(valid))
         close = get_close_matches(name, self.valid, n=3)
         shown = ", ".join(close or self.valid[:12])
         if not self.valid:

@@ -85,6 +85,7 @@ def main(arguments: list[str] | None = None) -> None:
     Exit codes: 0 done, 2 input that cannot be used, 3 with ``--strict`` something that does not
     exist, 70 a fault of cartstiff itself.
     """
+    _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):  # names of files may hold what is no text
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -132,6 +133,18 @@ def main(arguments: list[str] | None = None) -> None:
         )
         code = EXIT_INTERNAL
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _open_closed_streams() -> None:
+    """Give streams that the caller has closed a place, or the next file would get their number."""
+    for number, name in ((1, "stdout"), (2, "stderr")):
+        if getattr(sys, name) is None:
+            null = os.open(os.devnull, os.O_WRONLY)
+            try:
+                os.fstat(number)
+            except OSError:
+                os.dup2(null, number)
+            setattr(sys, name, os.fdopen(null, "w"))
 
 
 def _say(message: str) -> None:

@@ -72,6 +72,11 @@ class Postures:
     def __len__(self) -> int:
         return len(self.state)
 
+    def __repr__(self) -> str:
+        states = ", ".join(f"{n} {code}" for code, n in self.counts().items()) or "none"
+        shapes = ", ".join(f"{name} {a.shape}" for name, a in self.arrays.items())
+        return f"{len(self)} postures ({self.path}): {states}\n  {shapes}"
+
     @property
     def is_regular(self) -> NDArray[np.bool_]:
         """Which postures are regular (N,)."""

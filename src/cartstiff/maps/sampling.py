@@ -25,6 +25,8 @@ __all__ = ["Axis", "Grid", "RandomPostures", "Sampling", "Trajectory", "from_dic
 
 # Random postures are drawn in blocks of this size, each from its own seed.
 _BLOCK = 1024
+# Values of an axis are held in memory, all of them.
+_MOST_VALUES = 10**7
 
 
 @dataclass(frozen=True)
@@ -38,8 +40,9 @@ class Axis:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.low) and np.isfinite(self.high)):
             raise InputError("ends of an axis must be finite", got=(self.low, self.high))
-        if self.count < 1:
-            raise InputError("an axis needs values", expected="1 or more", got=self.count)
+        if not 1 <= self.count <= _MOST_VALUES:
+            raise InputError("an axis cannot have so many values",
+                             expected=f"1 to {_MOST_VALUES}", got=self.count)  # fmt: skip
         if self.count > 1 and not self.high > self.low:
             raise InputError("an axis must rise", expected="low < high", got=(self.low, self.high))
 

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from math import ceil
+from math import ceil, prod
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,8 @@ SCHEMA = "cartstiff-map/2"
 NOT_COMPUTED = 255
 # Smallest and largest number of postures in a chunk, and how many chunks are aimed at.
 _LEAST, _MOST, _CHUNKS = 64, 2**18, 128
+# Most chunks of a map: each is some files, and all of them are listed.
+_MOST_CHUNKS = 10**6
 _RESERVED = ("state", "position", "q", "done", "branches", "xyz", "joint", "chunk")
 
 
@@ -162,6 +164,11 @@ class MapFile:
             if name in _RESERVED or name in variables:
                 raise InputError("a dimension has the name of something else in the map", got=name)
         chunk = chunk_shape(sampling, postures_per_chunk)
+        count = prod(ceil(n / c) for n, c in zip(sampling.shape, chunk, strict=True))
+        if count > _MOST_CHUNKS:
+            raise InputError(f"map of {prod(sampling.shape)} postures has too many parts",
+                             expected=f"at most {_MOST_CHUNKS}: fewer postures, or more in each",
+                             got=count)  # fmt: skip
         new = place.with_name(f".{place.name}.{os.getpid()}.new")
         shape, dims = sampling.shape, sampling.dims
         kind = np.float32 if single else np.float64
@@ -205,7 +212,6 @@ class MapFile:
             if sampling.stores_q and "branch" not in dims:
                 box = tuple(slice(0, n) for n in shape)
                 _writeable(group["q"])[:] = sampling.postures(box, None)
-            count = int(np.prod([ceil(n / c) for n, c in zip(shape, chunk, strict=True)]))
             group.create_array(
                 "done", shape=(count,), chunks=(1,), dtype=np.uint8, fill_value=0,
                 dimension_names=("chunk",), attributes={"long_name": "whether a chunk is done"},

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 from typing import Any
 
 import numpy as np
 
 from cartstiff.arrays import read_only
+from cartstiff.errors import printable
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture, Units
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
@@ -25,6 +27,7 @@ from cartstiff.statics.newton import Solution
 from cartstiff.statics.problem import Balance, Point, System, spectrum
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.reduction import reduce_to
+from cartstiff.stiffness.showing import numbers_text
 
 __all__ = ["Equilibrium", "Reactions", "state_of_rest"]
 
@@ -110,6 +113,20 @@ class Equilibrium:
     notes: tuple[Note, ...]
     _system: System
     _solution: Solution
+
+    def __repr__(self) -> str:
+        stable = {True: "stable", False: "unstable", None: "stability not decided"}[self.stable]
+        moved = self.pose[:3, 3] - self.start.pose[:3, 3]
+        codes = ", ".join(dict.fromkeys(note.code for note in self.notes)) or "none"
+        return printable(
+            f"Equilibrium of {self.elastic.name} at {self.elastic.mechanism.frame}: {stable}\n"
+            f"  q      {numbers_text(self.q)}\n"
+            f"  moved  {numbers_text(moved)} {self.elastic.units.length} since the start, in F\n"
+            f"  notes  {codes}"
+        )
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
 
     @property
     def pose(self) -> Array:

@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_matrix, checked_pose, checked_vector
-from cartstiff.errors import InputError, UndefinedError
+from cartstiff.arrays import NamedArrays, checked_matrix, checked_pose, checked_vector, fixed
+from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import (
     BI_INVARIANT,
     CARTAN_MINUS,
     KINEMATIC,
+    NAMED,
     Connection,
 )
 from cartstiff.geometry.se3 import Array
@@ -33,6 +34,7 @@ from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 from cartstiff.stiffness.in_frame import StiffnessInFrame, stiffness_in_frame
 from cartstiff.stiffness.reduction import Reduction, reduce_to
 from cartstiff.stiffness.settled_links import settled
+from cartstiff.stiffness.showing import posture_html, posture_text
 from cartstiff.stiffness.tensor import StiffnessTensor
 
 __all__ = ["SCHEMA", "PostureStiffness", "analyse"]
@@ -143,7 +145,7 @@ def analyse(
     notes += limit_notes(elastic.mechanism, posture)
     notes += weighed(elastic).notes
     result = PostureStiffness(
-        elastic, posture.q, posture, energy, reduction, tuple(notes), kind,
+        elastic, fixed(posture.q), posture, energy, reduction, tuple(notes), kind,
         given is not None and bool(given.any()),
     )  # fmt: skip
     if strict and reduction.stiffness is None:
@@ -228,15 +230,21 @@ class PostureStiffness:
     load: LoadKind = _DEAD_AT_ORIGIN
     _load_is_given: bool = False
 
+    def __repr__(self) -> str:
+        return posture_text(self)
+
+    def _repr_html_(self) -> str:
+        return posture_html(self, self.matrices)
+
     @property
     def pose(self) -> Array:
         """``T_F_M`` (4, 4)."""
-        return self.posture.pose
+        return fixed(self.posture.pose)
 
     @property
     def wrench(self) -> Array | None:
         """W = dPhi in the body frame; None in an unbalanced posture."""
-        return self.reduction.force
+        return None if self.reduction.force is None else fixed(self.reduction.force)
 
     @property
     def energy(self) -> float:
@@ -287,16 +295,16 @@ class PostureStiffness:
         return self.reduction.multipliers
 
     @cached_property
-    def matrices(self) -> dict[str, Array | None]:
+    def matrices(self) -> Mapping[str, Array | None]:
         """K^A, K^B, K^K, K^F as arrays (6, 6), None where one does not exist."""
         K, W = self.reduction.stiffness, self.reduction.force
         if K is None or W is None:
-            return {"A": None, "B": None, "K": None, "F": None}
-        found = K - (W @ _FROM_B).reshape(3, 6, 6)
-        return {"A": found[0], "B": found[1], "K": found[2], "F": self._flat[0]}
+            return NamedArrays(dict.fromkeys("ABKF"))
+        A, B, K_K = K - (W @ _FROM_B).reshape(3, 6, 6)
+        return NamedArrays({"A": A, "B": B, "K": K_K, "F": self._flat[0]})
 
     @cached_property
-    def compliances(self) -> dict[str, Array | None]:
+    def compliances(self) -> Mapping[str, Array | None]:
         """Inverses of `matrices`, found without them; C^A, C^B, C^K exist at singularities too.
 
         ``C^X = J_N (H_N + J_N^T D J_N)^-1 J_N^T`` with D = K^X - K^B, which the load alone makes;
@@ -304,7 +312,7 @@ class PostureStiffness:
         """
         free, W = self.reduction.free, self.wrench
         if free is None or W is None:
-            return dict.fromkeys("ABKF")
+            return NamedArrays(dict.fromkeys("ABKF"))
         found: dict[str, numerics.Inverse | None] = dict.fromkeys(
             "ABKF", self.reduction.compliance_with_error
         )
@@ -314,7 +322,7 @@ class PostureStiffness:
         _, H, _, _ = self._flat
         if H is not self.evaluation.hessian or W.any() or self.posture.closure is not None:
             found["F"] = None if H is None else free.with_hessian(H).compliance()
-        return {name: None if C is None else C.matrix for name, C in found.items()}
+        return NamedArrays({n: None if C is None else C.matrix for n, C in found.items()})
 
     @cached_property
     def is_loaded(self) -> bool:
@@ -457,7 +465,7 @@ class PostureStiffness:
     def jacobian(self) -> Array | None:
         """Body Jacobian of the joint coordinates; for a platform d(pose)/d(leg lengths)."""
         if not self.posture.coordinates_are_pose:
-            return self.posture.motion.jacobian
+            return fixed(self.posture.motion.jacobian)
         chart = self.posture.chart()
         if isinstance(chart, str):
             return None
@@ -465,7 +473,7 @@ class PostureStiffness:
             values = np.linalg.svd(chart.jacobian * self._natural, compute_uv=False)
             if not values[-1] > numerics.RANK * values[0]:
                 return None
-        return np.linalg.inv(chart.jacobian)
+        return fixed(np.linalg.inv(chart.jacobian))
 
     @cached_property
     def notes(self) -> tuple[Note, ...]:
@@ -513,9 +521,13 @@ class PostureStiffness:
 
         Raises
         ------
+        UnknownNameError
+            For another name.
         UndefinedError
             If it does not exist at this posture, with the state's code and numbers.
         """
+        if isinstance(connection, str) and connection not in (known := (*NAMED, "F", "load")):
+            raise UnknownNameError("connection", connection, known)
         K, W = self.reduction.stiffness, self.reduction.force
         if K is None or W is None:
             state = self.reduction.states[-1]

@@ -24,6 +24,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.connections import NAMED, Connection, Field
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import SI, Units, convert_length
+from cartstiff.stiffness.showing import matrix_html
 
 __all__ = ["Compliance", "StiffnessTensor", "format_matrix"]
 
@@ -271,6 +272,12 @@ class StiffnessTensor:
         title = f"K^{self.connection.name} in {self.frame}, order {self.order}"
         return format_matrix(self.matrix, [f"[{a} | {b}]"] * 3 + [f"[{c} | {d}]"] * 3, title)
 
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        title = f"K^{self.connection.name} in {self.frame}"
+        return matrix_html(self.matrix, self.block_units, title, self.order)
+
     def as_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         return {
@@ -373,3 +380,9 @@ class Compliance:
         (a, b), (c, d) = self.block_units
         title = f"C^{self.connection.name} in {self.frame}, order {self.order}"
         return format_matrix(self.matrix, [f"[{a} | {b}]"] * 3 + [f"[{c} | {d}]"] * 3, title)
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        title = f"C^{self.connection.name} in {self.frame}"
+        return matrix_html(self.matrix, self.block_units, title, self.order)

@@ -1,0 +1,86 @@
+"""Results cannot be changed behind what they print, and show themselves in a few lines."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import cartstiff
+from cartstiff.errors import UnknownNameError
+from cartstiff.potentials.loads import DeadForce
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return cartstiff.load("ur5")
+
+
+@pytest.mark.parametrize("name", ["ur5", "stewart-gough", "delta"])
+def test_what_is_read_cannot_be_written_to(name):
+    result = cartstiff.analyse(cartstiff.load(name))
+    before = json.dumps(result.as_dict())
+    arrays = [result.q, result.pose, result.wrench, result.jacobian]
+    arrays += [*result.matrices.values(), *result.compliances.values()]
+    for array in (a for a in arrays if a is not None):
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 0.0
+    with pytest.raises(TypeError, match="does not support item assignment"):
+        result.matrices["A"] = np.zeros((6, 6))
+    assert json.dumps(result.as_dict()) == before
+
+
+def test_default_posture_is_not_written_to_through_a_result(arm):
+    before = arm.q.copy()
+    with pytest.raises(ValueError, match="read-only"):
+        cartstiff.analyse(arm).q[:] = 0.0
+    np.testing.assert_array_equal(arm.q, before)
+
+
+def test_names_of_matrices(arm):
+    result = cartstiff.analyse(arm)
+    for name in ("C", "f", ""):
+        with pytest.raises(UnknownNameError, match=r"unknown connection; expected .*F"):
+            result.tensor(name)
+    with pytest.raises(UnknownNameError, match="unknown matrix; expected one of A, B, K, F"):
+        result.matrices["C"]
+    with pytest.raises(UnknownNameError, match=r"closest: ur5[,)]") as caught:
+        cartstiff.load("ur55")
+    assert "ur5, ur5" not in str(caught.value)
+    assert len(set(caught.value.valid)) == len(caught.value.valid)
+
+
+def test_a_few_lines(arm):
+    wrench = [0.0, 0.0, 0.0, 0.0, 0.0, -100.0]
+    result = cartstiff.analyse(arm, wrench=wrench)
+    rest = cartstiff.equilibrium(arm, DeadForce([0.0, 0.0, -100.0]))
+    many = cartstiff.analyse_many(arm, [arm.q] * 3)
+    for thing, words in (
+        (arm, ["ur5 (serial)", "shoulder_pan_joint", "JointSprings"]),
+        (result, ["ur5 (serial)", "-100 (moment, force; body axes)", "K^A, K^B, K^K, K^F in N"]),
+        (result.B, ["K^B in", "N m/rad", "N/m"]),
+        (result.B.compliance(), ["C^B in", "rad/N"]),
+        (rest, ["Equilibrium of ur5", ": stable", " m since the start"]),
+        (many, ["3 postures (portable): 3", "stiffness_B (3, 6, 6)"]),
+    ):  # fmt: skip
+        text = repr(thing)
+        assert 2 <= len(text.splitlines()) <= 8
+        assert max(map(len, text.splitlines())) <= 130
+        for word in words:
+            assert word in text, text
+
+
+def test_tables_in_notebooks(arm):
+    result = cartstiff.analyse(arm)
+    for thing in (result, result.B, result.B.compliance()):
+        html = thing._repr_html_()
+        assert html.count("<tr>") == 7
+        assert html.count("<td style") == 36
+    assert "N m/rad | N" in result._repr_html_()
+    value = f"{result.matrices['B'][0, 0]:.6g}"
+    assert f">{value}</td>" in result.B._repr_html_()
+    assert "Equilibrium of" in cartstiff.equilibrium(arm)._repr_html_()
+    linkage = cartstiff.analyse(cartstiff.load("five-bar"))
+    assert "none exists here" in repr(linkage)
+    assert "<table>" not in linkage._repr_html_()
