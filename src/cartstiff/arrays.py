@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.errors import InputError
 
 __all__ = [
     "Array",
@@ -71,10 +71,7 @@ class NamedArrays(Mapping[str, Array | None]):
         self._arrays = {n: None if a is None else fixed(a) for n, a in arrays.items()}
 
     def __getitem__(self, name: str) -> Array | None:
-        try:
-            return self._arrays[name]
-        except KeyError:
-            raise UnknownNameError("matrix", str(name), self._arrays) from None
+        return self._arrays[name]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._arrays)
