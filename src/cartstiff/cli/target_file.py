@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +21,8 @@ ORDERS = ("angular-linear", "linear-angular")
 # about as stiff as the rotation block; the other order is off by the fourth power of the length.
 # Where the ratio is worse by this factor than with the blocks exchanged, the order must be named.
 _EXCHANGED = 5.0
+# Bytes of a file with 36 numbers in it, generously.
+_LARGEST = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -92,7 +95,12 @@ def _unlike(a: float, b: float) -> float:
 
 def read_target(path: Path, order: str | None) -> Target:
     """A 6x6 matrix from a file: .json (rows, or an object with "matrix"), .csv or .npy."""
+    from zipfile import BadZipFile
+
     import numpy as np
+
+    from cartstiff.arrays import checked_array
+    from cartstiff.loading.yaml_file import read_bytes
 
     where = f"--target {one_line(str(path))}"
     expected = "a 6x6 matrix of numbers"
@@ -100,28 +108,27 @@ def read_target(path: Path, order: str | None) -> Target:
         raise InputError("unknown file ending", where=where, expected=".json, .csv or .npy")
     said: dict[str, Any] = {}
     try:
+        data = read_bytes(path, _LARGEST)
+    except InputError as error:
+        raise error.moved_to(where) from None
+    try:
         if path.suffix == ".npy":
-            found = np.load(path, allow_pickle=False)
+            found = np.load(io.BytesIO(data), allow_pickle=False)
         elif path.suffix == ".csv":
-            text = path.read_text(encoding="utf-8")
+            text = data.decode()
             # The comment that our own files begin with names the order.
             named = [o for o in ORDERS if f"order {o}" in text.partition("\n")[0]]
             said = {"order": named[0]} if text.startswith("#") and named else {}
             found = np.loadtxt(text.splitlines(), delimiter=",", ndmin=2)
         else:
-            found = json.loads(path.read_text(encoding="utf-8"))
+            found = json.loads(data)
             if isinstance(found, dict):
                 said, found = found, found.get("matrix")
-        matrix = np.array(found, float)
-    except OSError as error:
-        raise InputError("file cannot be read", where=where, got=error.strerror) from None
-    except (ValueError, TypeError, EOFError, RecursionError) as error:
+        matrix = checked_array(found, (6, 6), "matrix")
+    except (ValueError, TypeError, EOFError, RecursionError, BadZipFile, MemoryError) as error:
         raise InputError(
             "does not hold a matrix", where=where, expected=expected, got=str(error)
         ) from None
-    if matrix.shape != (6, 6) or not np.isfinite(matrix).all():
-        raise InputError("does not hold a matrix", where=where, expected=expected,
-                         got=f"shape {matrix.shape}")  # fmt: skip
     if np.abs(matrix - matrix.T).max() > 1e-6 * np.abs(matrix).max():
         raise InputError("matrix is not symmetric", where=where,
                          expected="a symmetric stiffness (K^B)")  # fmt: skip
