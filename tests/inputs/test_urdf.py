@@ -470,3 +470,62 @@ def test_reading_is_an_input_error_in_python_too() -> None:
 
     with pytest.raises(InputError, match="zero axis"):
         load(place(changed(AXIS, '<axis xyz="0 0 0"/>')))
+
+
+# -- the frame that is taken where none is named --------------------------------------------------
+
+
+def hand(*more: str) -> str:
+    """The arm with a hand of two fingers on link d, and further links fixed to d."""
+    fingers = (
+        '<link name="hand"/>' + joint("hand_joint", "d", "hand", kind="fixed")
+        + '<link name="left_finger"/>'
+        + joint("finger_joint1", "hand", "left_finger", kind="prismatic")
+    )  # fmt: skip
+    fixed = "".join(
+        f'<link name="{name}"/>{joint(f"to_{name}", "d", name, kind="fixed")}' for name in more
+    )
+    return ARM.replace("</robot>", f"{fingers}{fixed}</robot>")
+
+
+@pytest.mark.parametrize(
+    ("links", "frame"),
+    [
+        ((), "hand"),
+        (("fr3_hand_tcp",), "fr3_hand_tcp"),
+        (("flange", "tool0", "link_ee"), "tool0"),
+        (("wrist_ft_sensor", "camera_link"), "hand"),
+        (("robot_ee", "robot_flange", "imu_link"), "robot_ee"),
+        (("coffee", "settcp2"), "settcp2"),
+    ],
+)
+def test_default_frame_is_a_tool_before_fingers_and_sensors(
+    links: tuple[str, ...], frame: str, accepted: Accepted
+) -> None:
+    data = accepted(place(hand(*links)))
+    assert data["frame"] == frame
+    assert data["mechanism"]["joints"] == ["j1", "j2", "j3"]
+    (note,) = (n for n in data["notes"] if n["code"] == "default-frame")
+    assert note["values"]["frame"] == frame
+
+
+def test_a_hand_alone_is_all_fingers(accepted: Accepted) -> None:
+    text = ARM.replace('"j3"', '"finger_tip"').replace('"j1"', '"finger_base"')
+    assert accepted(place(text))["frame"] == "d"
+
+
+@pytest.mark.skipif(not ROBOTS, reason="example-robot-data is not installed")
+@pytest.mark.parametrize(
+    ("name", "frame"),
+    [
+        ("ur5", "tool0"), ("ur10", "tool0"), ("kinova", "j2s6s200_end_effector"),
+        ("xarm7", "link_eef"), ("tiago_no_hand", "arm_tool_link"),
+    ],
+)  # fmt: skip
+def test_default_frame_of_example_robots(name: str, frame: str, tmp_path: Path) -> None:
+    from cartstiff.loading.defaults import default_frame
+    from cartstiff.loading.robot_description import read_robot_description
+
+    path = example_robots()[name].path
+    assert path is not None
+    assert default_frame(read_robot_description(path).model)[0] == frame

@@ -77,7 +77,8 @@ def inverse_kinematics(
     ndarray (k, n), or a list of N of them
         Different solutions within the limits, sorted by their coordinates; joints that can turn
         all the way are given in (-pi, pi] and count as equal modulo 2 pi. None found: k = 0. That
-        the starts have found all of them is likely with many starts, and not proven.
+        the starts have found all of them is likely for an arm with many starts, and not proven;
+        for a closed chain, whose legs' own solutions combine, each start finds at most one.
 
     Raises
     ------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -19,23 +20,69 @@ from cartstiff.mechanisms.tree_building import find_frame
 __all__ = ["chosen_frame", "default_frame", "default_posture"]
 
 
+# Last parts of the names that tools' frames have, the surest first.
+_TOOLS = tuple(
+    re.compile(rf"(^|[^a-z0-9])({words})$", re.IGNORECASE)
+    for words in (
+        "tool0", "tcp|hand_tcp|tcp_link|tcp_frame|link_tcp",
+        "ee|eef|ee_link|ee_frame|eef_link|link_eef|end_effector|end_effector_link|tool_frame|tool_link|tool",
+        "flange|flange_link|link_flange",
+    )
+)  # fmt: skip
+# What carries no tool: fingers by the joints on the way, sensors by the frame's own name.
+_FINGERS = re.compile(
+    r"finger|thumb|knuckle|(^|_)(index|middle|ring|little|pinky)(_|$)|jointgripper|"
+    r"(^|_)gripper_.*(jaw|pad|tip|joint)|(^|_)(jaw|claw)",
+    re.IGNORECASE,
+)
+_SENSORS = re.compile(
+    r"camera|sensor|(^|_)(imu|ft|lidar|laser|optical|depth|rgb|led|marker)(_|$)|optical_frame",
+    re.IGNORECASE,
+)
+
+
 def default_frame(model: Any) -> tuple[str, str]:
-    """Leaf frame at the end of the longest chain, and the words that say so."""
-    supports = {j: len(model.supports[j]) - 1 for j in range(model.njoints)}
-    bodies = [f for f in model.frames if f.type in (pin.FrameType.BODY, pin.FrameType.OP_FRAME)]
-    longest = max((supports[int(f.parentJoint)] for f in bodies), default=0)
+    """Frame of interest where none is named, and the words that say so.
+
+    A frame that is named as tools' frames are, on a chain at least half as long as the longest;
+    else the leaf frame at the end of the longest chain, fingers and sensors last.
+    """
+    moving = [
+        (len(model.supports[int(f.parentJoint)]) - 1, f)
+        for f in model.frames
+        if f.type in (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
+    ]
+    longest = max((count for count, _ in moving), default=0)
     if longest == 0:
         raise InputError("robot has no movable joints")
-    ends = [f for f in bodies if supports[int(f.parentJoint)] == longest]
-    # Among the frames on the last joint, the one deepest in the file's tree of fixed joints.
-    joint = int(ends[0].parentJoint)
-    same = [f for f in ends if int(f.parentJoint) == joint]
-    names = [f.name for f in same]
-    chosen = same[-1]
-    others = ", ".join(n for n in names if n != chosen.name) or "none"
+
+    def on_finger(frame: Any) -> bool:
+        joints = [model.names[int(j)] for j in model.supports[int(frame.parentJoint)]]
+        return any(map(_FINGERS.search, [*joints, frame.name]))
+
+    free = [(n, f) for n, f in moving if n and not on_finger(f) and not _SENSORS.search(f.name)]
+    reach = max((count for count, _ in free), default=0)
+    named = [
+        (rank, -n, i)
+        for rank, pattern in enumerate(_TOOLS)
+        for i, (n, f) in enumerate(free)
+        if 2 * n >= reach and pattern.search(f.name)
+    ]
+    if named:
+        count, chosen = free[min(named)[2]]
+        why = f"named as tools' frames are ({count} joints)"
+    else:
+        # A hand is all fingers; on the last joint the frame deepest in the tree of fixed joints.
+        ends, count = (free, reach) if free else (moving, longest)
+        joint = next(int(f.parentJoint) for n, f in ends if n == count)
+        chosen = [f for _, f in ends if int(f.parentJoint) == joint][-1]
+        why = f"a frame at the end of the longest chain ({count} joints)"
+        if count < longest:
+            why += " that is no finger"
+    same = [f.name for _, f in moving if f.parentJoint == chosen.parentJoint]
+    others = ", ".join(name for name in same if name != chosen.name) or "none"
     return chosen.name, (
-        f"no frame was named: {chosen.name!r} is taken, a frame at the end of the longest chain "
-        f"({longest} joints); others on the same link: {others}"
+        f"no frame was named: {chosen.name!r} is taken, {why}; others on the same link: {others}"
     )
 
 
