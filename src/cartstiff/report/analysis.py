@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from cartstiff.report.layout import UnitNames, number, numbers, percent, row, share, table, vector
+from cartstiff.errors import UnknownNameError
 from cartstiff.report.analysis_mechanism import (
     deflection_lines,
     target_lines,
     uncertainty_lines,
 )
 from cartstiff.report.analysis_screws import mode_lines, screw_lines, synthesis_lines
-from cartstiff.errors import UnknownNameError
+from cartstiff.report.layout import UnitNames, number, numbers, percent, row, share, table, vector
 
 __all__ = ["LEVELS", "summary_text"]
 

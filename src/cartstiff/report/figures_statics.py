@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from cartstiff.errors import InputError, MissingDependencyError, printable
+from cartstiff.report.output import write_whole
 from cartstiff.statics.compensation import CompensatedPath
 from cartstiff.statics.curves import LoadCurve
-from cartstiff.report.output import write_whole
 
 __all__ = ["draw_error_along_path", "draw_load_curve", "picture", "save_figure"]
 

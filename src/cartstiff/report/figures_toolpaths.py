@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from cartstiff.errors import MissingDependencyError
 from cartstiff.toolpaths.optimised import OptimisedPath
 from cartstiff.toolpaths.placement import Placement
-from cartstiff.errors import MissingDependencyError
 
 __all__ = ["draw_path", "draw_placement"]
 

@@ -67,7 +67,8 @@ def _softest(state: Equilibrium) -> str:
         return f"  lowest undamped frequency {turning:.6g} Hz"
     if values.size == 0:
         return "  nothing can move"
-    return f"  smallest eigenvalue of the energy's Hessian {values[0]:.6g} {state.elastic.units.moment}"
+    unit = state.elastic.units.moment
+    return f"  smallest eigenvalue of the energy's Hessian {values[0]:.6g} {unit}"
 
 
 def describe_curve(curve: LoadCurve) -> str:
