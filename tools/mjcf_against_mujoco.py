@@ -18,6 +18,7 @@ import re
 import sys
 import tempfile
 import traceback
+import warnings
 import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Iterator
@@ -412,7 +413,9 @@ def files(folders: list[Path]) -> Iterator[Path]:
 def compile_here(path: Path, where: str) -> dict[str, Any]:
     """What the process of its own would answer, by this one: for thousands of small files."""
     try:
-        data = json.loads(json.dumps(mjcf_worker.compiled(str(path), mjcf_data.LARGEST)))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # MuJoCo's, on inertias
+            data = json.loads(json.dumps(mjcf_worker.compiled(str(path), mjcf_data.LARGEST)))
     except ValueError as error:
         raise InputError("not a usable MJCF", where=where, got=str(error)) from None
     if "error" in data:
