@@ -120,7 +120,7 @@ lock:
 	@compile="$(VENV)/lock/bin/uv pip compile --quiet --universal --python-version 3.11 \
 	  --no-annotate --generate-hashes --extra robots $(LOCK_ARGS) pyproject.toml"; \
 	$$compile --custom-compile-command "make lock" --group build -o requirements.lock && \
-	$$compile --custom-compile-command "make lock" --extra plots --extra view --extra maps --group dev \
+	$$compile --custom-compile-command "make lock" --extra plots --extra view --extra maps --extra mjcf --group dev \
 	  -c requirements.lock -o requirements-dev.lock
 	@echo "Wrote requirements.lock and requirements-dev.lock"
 
