@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import cartstiff
-from cartstiff.potentials.springs import CoupledSprings
+from cartstiff.potentials.beams import Beam
 
 FACTORS = np.array([0.5, 1, 2, 5, 10, 30, 100, 1000])
 
@@ -24,7 +24,7 @@ def main(picture: Path | None = None) -> dict[str, float]:
         stiffer = replace(
             delta,
             potentials=tuple(
-                replace(p, matrix=factor * p.matrix) if isinstance(p, CoupledSprings) else p
+                replace(p, section=p.section.times(factor)) if isinstance(p, Beam) else p
                 for p in delta.potentials
             ),
         )

@@ -113,6 +113,16 @@ class Section(NamedTuple):
     bending: tuple[float, float]
     shear: tuple[float, float] = (np.inf, np.inf)
 
+    def times(self, factor: float) -> Section:
+        """A section that is stiffer by a factor in every way."""
+        (bend_y, bend_z), (shear_z, shear_y) = self.bending, self.shear
+        return Section(
+            factor * self.axial,
+            factor * self.torsion,
+            (factor * bend_y, factor * bend_z),
+            (factor * shear_z, factor * shear_y),
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Beam(Potential):

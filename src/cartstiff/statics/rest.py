@@ -312,11 +312,13 @@ def _by_vibrations(
         return None, np.empty(0), [*notes, MASSLESS]
     if found.growing is None:
         return None, found.squares, [*notes, UNDAMPED]
-    words = "vibrations about the equilibrium grow (flutter)"
-    if found.growing == "divergence":
-        words = "the mechanism leaves the equilibrium in one sense (divergence)"
     facts = {"frequency": found.frequency, "mode": found.mode.tolist()}
-    return False, found.squares, [*notes, Note(found.growing, words, facts)]
+    if found.growing == "flutter":
+        growing = Note("flutter", "vibrations about the equilibrium grow (flutter)", facts)
+    else:
+        words = "the mechanism leaves the equilibrium in one sense (divergence)"
+        growing = Note("divergence", words, facts)
+    return False, found.squares, [*notes, growing]
 
 
 def _drowned(elastic: ElasticMechanism, point: Point) -> list[Note]:
