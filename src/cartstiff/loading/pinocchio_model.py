@@ -152,7 +152,7 @@ def _hold_root(own: Any, model: Any, q: Array | None, notes: list[Note]) -> froz
         for i in range(1, model.njoints)
         if int(model.parents[i]) == 0 and model.joints[i].shortname() == "JointModelFreeFlyer"
     ]
-    data = model.createData()
+    data = pin.Data(model)
     pin.forwardKinematics(model, data, pin.neutral(model) if q is None else q)
     for i in roots:
         own.jointPlacements[i] = data.oMi[i]
@@ -170,7 +170,7 @@ def _with_plain_joints(model: Any) -> tuple[Any, dict[str, Mimic]]:
     plain = pin.Model()
     plain.name, plain.gravity = model.name, model.gravity
     mimics = {}
-    data = model.createData()
+    data = pin.Data(model)
     for i in range(1, model.njoints):
         joint = model.joints[i]
         lower, upper = -np.inf, np.inf

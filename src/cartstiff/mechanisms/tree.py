@@ -10,7 +10,8 @@ exact, with no tensor; Pinocchio's own second derivatives are not used.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -65,7 +66,7 @@ class Path:
         return self.order[:, None], self.order[None, :]
 
 
-#: Of a tree. Second derivatives grow with their cube: 200 take 0.6 GB, 600 take 13 GB.
+#: Of a tree. Pinocchio's workspace grows with their cube: 200 take 0.3 GB, 600 take 7 GB.
 MOST_COORDINATES = 200
 
 
@@ -118,12 +119,26 @@ class KinematicTree:
         self.offset = 0.0 if offset is None else offset
         self._parents = [int(p) for p in model.parents]
         self._paths: dict[tuple[int, int], Path] = {}
-        # Pinocchio's workspaces cost more to make than to use: states hand theirs back.
-        self.workspaces: list[Any] = []
+        self._workspaces: list[Any] = []
 
     def __getstate__(self) -> dict[str, Any]:
         """Everything but the workspaces, which are large and made anew."""
-        return {**vars(self), "workspaces": []}
+        return {**vars(self), "_workspaces": []}
+
+    @contextmanager
+    def workspace(self) -> Iterator[Any]:
+        """Pinocchio's workspace of the model: as many are made as are used at the same time.
+
+        They cost more to make than to use, and grow with the cube of the coordinates.
+        """
+        try:
+            data = self._workspaces.pop()
+        except IndexError:
+            data = pin.Data(self.model)  # `createData` would hand over a copy
+        try:
+            yield data
+        finally:
+            self._workspaces.append(data)
 
     @property
     def n(self) -> int:
@@ -182,13 +197,12 @@ class KinematicTree:
     def screws(self) -> Array:
         """Constant twists (joints, 6) of the joints per coordinate, each in its own frame."""
         model = self.model
-        data = model.createData()
-        zero = np.zeros(model.nq)
-        pin.computeJointJacobians(model, data, zero)
         screws = np.empty((model.nv, 6))
-        for joint in range(1, model.njoints):
-            local = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)
-            screws[joint - 1] = np.asarray(local).reshape(6, -1)[SWAP, joint - 1]
+        with self.workspace() as data:
+            pin.computeJointJacobians(model, data, np.zeros(model.nq))
+            for joint in range(1, model.njoints):
+                local = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)
+                screws[joint - 1] = np.asarray(local).reshape(6, -1)[SWAP, joint - 1]
         return screws
 
     def masses(self) -> tuple[Array, Array]:
@@ -216,24 +230,15 @@ class TreeState:
     def __init__(self, tree: KinematicTree, q: Array) -> None:
         self.tree = tree
         self.q = q if tree.mimic is None else tree.mimic @ q + tree.offset
-        try:
-            self._data = tree.workspaces.pop()
-        except IndexError:
-            self._data = tree.model.createData()
-        pin.computeJointJacobians(tree.model, self._data, self.q)
-
-    def __del__(self) -> None:
-        if hasattr(self, "_data"):
-            self.tree.workspaces.append(self._data)
+        with tree.workspace() as data:
+            pin.computeJointJacobians(tree.model, data, self.q)
+            self._poses = data.oMi.copy()
+            # eigenpy hands a matrix with one column over as a vector.
+            self._world_jacobian = np.asarray(data.J)[SWAP].reshape(6, -1)
 
     def pose(self, frame: Placement) -> Array:
         """Pose ``T_F_f``."""
-        return np.asarray(self._data.oMi[frame.joint].homogeneous @ frame.T_j_f)
-
-    @cached_property
-    def _world_jacobian(self) -> Array:
-        # eigenpy hands a matrix with one column over as a vector.
-        return np.asarray(self._data.J)[SWAP].reshape(6, -1)
+        return np.asarray(self._poses[frame.joint].homogeneous @ frame.T_j_f)
 
     def relative(self, a: Placement, b: Placement) -> tuple[Array, Map]:
         """Pose ``T_a_b`` and its map: body twist of b against a, in components of b."""
@@ -249,10 +254,10 @@ class TreeState:
     def gravity(self, acceleration: Array) -> Evaluation:
         """Energy of all masses in a uniform field with the given acceleration, with derivatives."""
         model = self._with_gravity(acceleration)
-        data = model.createData()
-        energy = pin.computePotentialEnergy(model, data, self.q)
-        gradient = np.array(pin.computeGeneralizedGravity(model, data, self.q))
-        hessian = np.array(pin.computeGeneralizedGravityDerivatives(model, data, self.q))
+        with self.tree.workspace() as data:
+            energy = pin.computePotentialEnergy(model, data, self.q)
+            gradient = np.array(pin.computeGeneralizedGravity(model, data, self.q))
+            hessian = np.array(pin.computeGeneralizedGravityDerivatives(model, data, self.q))
         hessian = 0.5 * (hessian + hessian.T)
         if (M := self.tree.mimic) is not None:
             gradient, hessian = M.T @ gradient, M.T @ hessian @ M
@@ -261,7 +266,8 @@ class TreeState:
     def mass_matrix(self) -> Array:
         """Masses' matrix (n, n): kinetic energy ``1/2 dq^T M dq``."""
         model = self.tree.model
-        upper = np.triu(pin.crba(model, model.createData(), self.q))
+        with self.tree.workspace() as data:
+            upper = np.triu(pin.crba(model, data, self.q))
         full = upper + np.triu(upper, 1).T
         return full if (M := self.tree.mimic) is None else np.asarray(M.T @ full @ M)
 

@@ -48,7 +48,7 @@ def _axis(joint: Any) -> Array:
     """Axis of an unbounded revolute joint, which has no attribute for it: turn it by 90 deg."""
     model = pin.Model()
     model.addJoint(0, joint, pin.SE3.Identity(), "joint")
-    data = model.createData()
+    data = pin.Data(model)
     pin.forwardKinematics(model, data, np.array([0.0, 1.0]))
     axis: Array = se3.unskew(data.oMi[1].rotation)
     return axis / np.linalg.norm(axis)
@@ -160,7 +160,7 @@ def plain_tree(
     fixed_q = pin.neutral(model)
     for index, value in locked.items():
         _set_position(model, index, value, fixed_q)
-    data = model.createData()
+    data = pin.Data(model)
     pin.forwardKinematics(model, data, fixed_q)
 
     plain = pin.Model()
