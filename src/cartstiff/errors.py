@@ -14,6 +14,7 @@ __all__ = [
     "MissingDependencyError",
     "UndefinedError",
     "UnknownNameError",
+    "joined",
     "one_line",
     "printable",
 ]
@@ -39,6 +40,11 @@ def printable(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(c if c in "\n\t" or category(c) not in _UNSEEN else _escaped(c) for c in text)
+
+
+def joined(lines: Iterable[str]) -> str:
+    r"""Lines as one text; what would end a line within one, as names may, is shown escaped."""
+    return "\n".join(printable(line).replace("\n", r"\n").replace("\t", r"\t") for line in lines)
 
 
 # Control, format (direction, joining), surrogates, ends of lines and paragraphs.

@@ -281,3 +281,20 @@ def test_refused_targets(
 ) -> None:
     (workplace / name).write_text(text)
     refused("analyse", "cubic", "--target", name, words=("--target", words))
+
+
+def test_a_spread_that_does_not_exist_is_a_dash(analysis: Callable[..., dict[str, Any]]) -> None:
+    """A tolerance far beyond its parameter leaves values without a spread, or a spread alone."""
+    from cartstiff.report.analysis_mechanism import uncertainty_lines
+    from cartstiff.report.layout import UnitNames
+
+    found = analysis("cubic", "--tolerance", "0.1,0.0001", "--length", "0.3")["uncertainty"]
+    assert found["numbers"]
+    whole = uncertainty_lines(found, UnitNames(), full=True)
+    for entry in found["numbers"].values():
+        entry |= {"deviation": None, "lower": None, "upper": None}
+        if "main_share" in entry:
+            entry["main_share"] = None
+    lines = uncertainty_lines(found, UnitNames(), full=True)
+    assert len(lines) == len(whole)
+    assert [line for line in lines if line.endswith("+- -, -, -")]

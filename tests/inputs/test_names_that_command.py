@@ -14,6 +14,7 @@ import cartstiff
 from cartstiff.cli.main import main
 from cartstiff.errors import printable
 from cartstiff.page.answer import Answer
+from cartstiff.potentials.loads import DeadForce
 
 TITLE, TURN, CSI = "\x1b]0;owned\x07", "\u202e", "\x9b31m"
 NAME = f"arm{TITLE}{TURN}{CSI}$\\frac$\u2028"
@@ -86,7 +87,6 @@ def test_json_holds_the_names_themselves(arm, capfd):
 
 
 def test_tables_and_pictures(arm):
-    from cartstiff.potentials.loads import DeadForce
     from cartstiff.report.figures_statics import draw_load_curve, save_figure
     from cartstiff.statics.continuation import load_curve
 
@@ -135,3 +135,55 @@ def test_every_command_writes_through_one_place():
             if isinstance(node, ast.Call) and path.name != "output.py":
                 called = ast.unparse(node.func)
                 assert called not in ("print", "click.echo", "click.secho"), f"{path}: {called}"
+
+
+BROKEN = "a\nNotes\n  [forged] x\ty\x1b"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["analyse", "arm.yaml"],
+        ["analyse", "arm.yaml", "--analysis", "full"],
+        ["equilibrium", "arm.yaml", "--load", "0,0,0,0,0,1"],
+        ["equilibrium", "arm.yaml", "--load", "0,0,0,0,0,1", "--curve", "1"],
+        ["equilibrium", "arm.yaml", "--path", "path.csv", "--load", "0,0,0,0,0,1"],
+        [
+            "map",
+            "arm.yaml",
+            "--random",
+            "3",
+            "--best",
+            "1",
+            "--quantity",
+            "condition",
+            "-o",
+            "m.zarr",
+        ],
+    ],
+)
+def test_a_name_ends_no_line(arm, words, capfd):
+    """A name of several lines could put a line of its own, a note say, into a report."""
+    joint = "j1\nNotes\t"
+    text = URDF.replace(JOINT, joint.replace("\n", "&#10;").replace("\t", "&#9;"))
+    Path("arm.urdf").write_text(text)
+    springs = {joint: {"stiffness": 1e4}, "j2": {"stiffness": 1e4}}
+    keys = json.loads(Path(arm).read_text()) | {"name": BROKEN, "springs": springs}
+    Path(arm).write_text(json.dumps(keys))
+    Path("path.csv").write_text("1,0.2\n1.1,0.3\n")
+    with pytest.raises(SystemExit) as exit_:
+        main(words)
+    out, line = capfd.readouterr()
+    assert exit_.value.code == 0, line
+    lines = (out + line).splitlines()
+    assert not [x for x in lines if x.startswith(("  [forged]", "Notes\t")) or "\t" in x]
+    assert r"a\nNotes\n  [forged] x\ty\x1b" in out or r"j1\nNotes\t" in out
+
+
+def test_a_name_ends_no_line_of_a_short_form(arm):
+    elastic = cartstiff.load(arm)
+    object.__setattr__(elastic, "name", BROKEN)
+    result = cartstiff.analyse(elastic)
+    for shown in (elastic, result, cartstiff.equilibrium(elastic, DeadForce([0, 0, -1.0]))):
+        assert r"a\nNotes\n  [forged] x\ty\x1b" in repr(shown)
+        assert repr(shown).count("\n") < 6

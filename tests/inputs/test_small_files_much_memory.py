@@ -77,6 +77,59 @@ def test_what_is_within_the_limits_is_read(tmp_path):
     assert len(cartstiff.load(path).q) == 60
 
 
+def test_as_many_hinges_as_may_be_take_little(tmp_path):
+    """Postures keep poses and Jacobians: none has a workspace of 0.25 GB for itself."""
+    (tmp_path / "arm.urdf").write_text(_links("continuous", 200))
+    code = (
+        "import resource, cartstiff; from cartstiff.potentials.loads import DeadForce; "
+        "elastic = cartstiff.load('arm.urdf'); "
+        "kept = [elastic.mechanism.at(elastic.q + i) for i in range(5)]; "
+        "cartstiff.equilibrium(elastic, DeadForce([1.0, 0.0, 0.0])); "
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, check=True,
+        env={"PYTHONPATH": SOURCE, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+    )  # fmt: skip
+    assert int(done.stdout) < 600
+
+
+def test_the_limits_are_those_of_the_reference():
+    from cartstiff.cli import map_options, path, target_file
+    from cartstiff.loading import (
+        csv_file,
+        mjcf_data,
+        mjcf_worker,
+        robot_description,
+        urdf,
+        yaml_file,
+    )
+    from cartstiff.maps import sampling, store
+    from cartstiff.mechanisms import chain, tree
+    from cartstiff.page import export, state
+    from cartstiff.scene import meshes
+
+    table = (Path(__file__).parents[2] / "docs/reference/limits.md").read_text(encoding="utf-8")
+    assert yaml_file.LARGEST == csv_file.LARGEST == target_file._LARGEST == 1024**2
+    assert mjcf_worker._MEMORY == 2 * 1024**3
+    shown = {
+        "1 GiB": map_options._LARGEST_FILE / 1024**3, "64 MiB": meshes._LARGEST / 1024**2,
+        "64 MiB |": robot_description._LARGEST / 1024**2, "40 000": yaml_file.MOST_VALUES,
+        "| 200 |": tree.MOST_COORDINATES, "of which 200 move": urdf.MOST_MOVING,
+        "2000, of": urdf._MOST_JOINTS, "| 100 |": chain._MOST_CLOSURES,
+        "| 5000;": mjcf_data.LARGEST["nbody"], "5000; 20 000": mjcf_data.LARGEST["nsite"],
+        "20 000;": mjcf_data.LARGEST["ngeom"], "1000 |": mjcf_data.LARGEST["nkey"],
+        "20 s": mjcf_worker._SECONDS, "2 000 000": meshes._MOST_VERTICES / 3,
+        "10 000 000": sampling._MOST_VALUES, "1 000 000": store._MOST_CHUNKS,
+        "| 10 000 |": path._MOST_PLACES, "| 2000 |": export._MOST_FRAMES,
+        "64 KiB": state.LARGEST_MESSAGE / 1024,
+    }  # fmt: skip
+    for words, value in shown.items():
+        assert words in table
+        digits = "".join(c for c in words if c.isdigit())
+        assert str(int(value)) in digits or digits.startswith(str(int(value))), words
+
+
 def _meshes(folder: Path) -> dict[str, Path]:
     found = {
         "m.off": b"OFF\n1000000000 1 0\n0 0 0\n",

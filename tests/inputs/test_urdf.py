@@ -180,6 +180,10 @@ BAD: dict[str, tuple[str | bytes, tuple[str, ...]]] = {
     "two axes": (changed(AXIS, AXIS + AXIS), ("'j1' has several <axis>",)),
     "origin infinite": (changed(ORIGIN, 'xyz="0 0 inf"'), ("origin xyz", "'0 0 inf'")),
     "origin beyond numbers": (changed(ORIGIN, 'xyz="0 0 1e999"'), ("origin xyz",)),
+    "axis that overflows": (
+        changed(AXIS, 'xyz="1e200 1e200 0"'),
+        ("axis xyz is too large", "1e+30"),
+    ),
     "origin too large": (changed(ORIGIN, 'xyz="0 0 1e200"'), ("origin xyz is too large", "1e+30")),
     "origin of two": (changed(ORIGIN, 'xyz="0 0"'), ("origin xyz", "'0 0'")),
     "origin text": (changed(ORIGIN, 'xyz="a b c"'), ("origin xyz", "'a b c'")),

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
+import random
 import shutil
 import tempfile
 from pathlib import Path
@@ -22,6 +24,8 @@ from cartstiff.maps.store import MapFile
 QUANTITIES = ["translation_free_min", "condition"]
 #: Damages of each kind that are tried; "170,34,17" for each sampling takes some minutes.
 FLIPS, DELETIONS, KILLS = (int(n) for n in os.environ.get("MAP_DAMAGES", "12,6,4").split(","))
+#: Damages of zarr.json files that are tried for each sampling.
+DESCRIPTIONS = int(os.environ.get("MAP_DESCRIPTIONS", "40"))
 
 
 @pytest.fixture(scope="module")
@@ -182,6 +186,36 @@ def test_each_damage_has_its_line(elastic, whole, tmp_path):
     (file / "zarr.json").write_text("[" * 5000)
     with pytest.raises(InputError, match=r"is no map, or its zarr.json is damaged"):
         open_map(file)
+
+
+def _descriptions(folder):
+    return [p for p in _files(folder) if p.name == "zarr.json"]
+
+
+def test_any_damage_of_a_description_is_named(whole, tmp_path):
+    """Bytes, values and lines of every zarr.json: an InputError, or the numbers as they were."""
+    from tools.fuzz_common import mutated_bytes, mutated_data
+
+    _, original, expected = whole
+    rng = random.Random(15)
+    file = tmp_path / "m.zarr"
+    shutil.copytree(original, file)
+    paths, refused = _descriptions(file), 0
+    for _ in range(DESCRIPTIONS):
+        path = rng.choice(paths)
+        data = path.read_bytes()
+        if rng.random() < 0.6:
+            changed = json.dumps(mutated_data(rng, json.loads(data))).encode()
+        else:
+            changed = mutated_bytes(rng, data)
+        path.write_bytes(changed)
+        try:
+            _require_true(open_map(file), expected)
+        except InputError as error:
+            refused += "\n" not in str(error)
+        path.write_bytes(data)
+    assert refused > DESCRIPTIONS / 4
+    _require_true(open_map(file), expected)
 
 
 def test_links_and_devices(whole, tmp_path):

@@ -8,6 +8,7 @@ import click
 
 from cartstiff.cli.output import say
 from cartstiff.cli.view_options import needs_view, page_options, source_from_options
+from cartstiff.errors import joined
 
 __all__ = ["command"]
 
@@ -49,7 +50,7 @@ def command(port: int, host: str, no_open: bool, **texts: Any) -> None:
         raise needs_view("a page in the browser") from None
 
     def ready(url: str) -> None:
-        say(f"{source.elastic.name}: {url}  (Ctrl-C ends)")
+        say(joined([f"{source.elastic.name}: {url}  (Ctrl-C ends)"]))
         if not no_open:
             open_page(url)
 

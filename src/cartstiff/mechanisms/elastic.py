@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.arrays import checked_vector
-from cartstiff.errors import InputError, printable
+from cartstiff.errors import InputError, joined
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Mechanism, MechanismPosture, Units, named_values
 from cartstiff.potentials.contract import Evaluation, Potential
@@ -71,12 +71,14 @@ class ElasticMechanism:
 
     def __repr__(self) -> str:
         m = self.mechanism
-        return printable(
-            f"{self.name} ({m.kind}) to {m.frame}, in {m.units.force} and {m.units.length}\n"
-            f"  coordinates {', '.join(m.names)}\n"
-            f"  potentials  {', '.join(type(p).__name__ for p in self._acting()) or 'none'}"
-            + ("" if self.gravity is None else f"\n  gravity     {self.gravity.tolist()}")
-        )
+        lines = [
+            f"{self.name} ({m.kind}) to {m.frame}, in {m.units.force} and {m.units.length}",
+            f"  coordinates {', '.join(m.names)}",
+            f"  potentials  {', '.join(type(p).__name__ for p in self._acting()) or 'none'}",
+        ]
+        if self.gravity is not None:
+            lines.append(f"  gravity     {self.gravity.tolist()}")
+        return joined(lines)
 
     def _acting(self) -> list[object]:
         return [p for p in (self.springs, *self.potentials) if p is not None]

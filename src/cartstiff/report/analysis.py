@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from cartstiff.errors import UnknownNameError
+from cartstiff.errors import UnknownNameError, joined
 from cartstiff.report.analysis_mechanism import (
     deflection_lines,
     target_lines,
@@ -67,7 +67,7 @@ def summary_text(
     if summary["notes"]:
         lines += ["", "does not exist here"]
         lines += [f"  {note['message']} [{note['code']}]" for note in summary["notes"]]
-    return "\n".join(line[:1].upper() + line[1:] for line in lines) + "\n"
+    return joined(line[:1].upper() + line[1:] for line in lines) + "\n"
 
 
 def _heading(s: Mapping[str, Any], u: UnitNames) -> list[str]:

@@ -160,10 +160,13 @@ def uncertainty_lines(s: Section, u: UnitNames, full: bool) -> list[str]:
         means = [found[n]["nominal" if found[n]["mean"] is None else "mean"] for n in names]
         spread = [found[n]["deviation"] for n in names]
         if prefix.startswith(("centres", "deflection")):
-            size = max(spread)
+            size = max((d for d in spread if d is not None), default=0.0)
             lines.append(f"{label:<42} {row(means, size=size)}  +- {numbers(spread, 2)}")
         else:
-            shares = [percent(d / abs(m)) if m else "-" for d, m in zip(spread, means, strict=True)]
+            shares = [
+                percent(d / abs(m)) if m and d is not None else "-"  # one may not exist
+                for d, m in zip(spread, means, strict=True)
+            ]
             lines.append(f"{label:<42} {row(means)}  +- {', '.join(shares)}")
     if not s["samples"] and any(_meet(found, prefix) for prefix in _SHOWN):
         lines.append("  principal values meet here: to first order their spread is rough; draw "

@@ -40,9 +40,9 @@ def number(x: float | None, digits: int = 5, missing: str = "-") -> str:
     return missing if x is None else f"{0.0 if x == 0 else x:.{digits}g}"
 
 
-def percent(x: float) -> str:
+def percent(x: float | None) -> str:
     """A share in per cent; what is only rounding is 0, what does not exist "-"."""
-    if not math.isfinite(x):
+    if x is None or not math.isfinite(x):
         return "-"
     shown = f"{0.0 if abs(x) < 1e-12 else 100.0 * x:.2g}"
     return f"{float(shown):g} %"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from cartstiff.errors import joined
 from cartstiff.report.layout import number, table
 
 __all__ = ["describe_map"]
@@ -37,7 +38,7 @@ def describe_map(answer: Mapping[str, Any]) -> str:
         for name, rows in answer.get(which, {}).items():
             unit = answer["quantities"][name]["unit"]
             lines += ["", f"{which.capitalize()} of {name} [{unit}]", *_postures(rows, units)]
-    return "\n".join(lines)
+    return joined(lines)
 
 
 def _postures(rows: list[dict[str, Any]], units: Mapping[str, str]) -> list[str]:

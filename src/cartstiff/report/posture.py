@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cartstiff.errors import joined
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.weighed import weighed
 from cartstiff.stiffness.compute import PostureStiffness
@@ -87,17 +88,17 @@ def describe(result: PostureStiffness, analysis: str = "") -> str:
         )
         lines += [
             f"K^{name}  {_MEANINGS[name]}; {verdict}",
-            format_matrix(K, [""] * 6),
+            *format_matrix(K, [""] * 6).split("\n"),
             "",
         ]
     if result.reduction.stiffness is None and result.reduction.reachable is not None:
         lines += _reachable(result)
     if analysis:
-        lines += [analysis]
+        lines += analysis.split("\n")
     if result.notes:
         lines.append("Notes")
         lines += [f"  [{note.code}] {note.message}" for note in result.notes]
-    return "\n".join(lines).rstrip()
+    return joined(lines).rstrip()
 
 
 def _reachable(result: PostureStiffness) -> list[str]:
@@ -108,7 +109,7 @@ def _reachable(result: PostureStiffness) -> list[str]:
     rank = motions.shape[1]
     lines = [f"Stiffness on the {rank} motion(s) that exist, as twists (rotation, translation)"]
     lines += [f"  {i + 1}: {_row(twist)}" for i, twist in enumerate(motions.T)]
-    return [*lines, format_matrix(K, [""] * rank), ""]
+    return [*lines, *format_matrix(K, [""] * rank).split("\n"), ""]
 
 
 def _row(values: np.ndarray) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cartstiff.errors import joined
 from cartstiff.report.posture import describe
 from cartstiff.statics.compensation import CompensatedPath
 from cartstiff.statics.curves import LoadCurve
@@ -51,8 +52,9 @@ def describe_equilibrium(state: Equilibrium) -> str:
         lines.append(f"  limit of {name}: reaction {force:.6g} {units.force} or {units.moment}")
     for name, torque in state.reactions.rigid.items():
         lines.append(f"  rigid {name}: reaction {torque:.6g} {units.moment} or {units.force}")
-    lines += ["", "Stiffness there, loads included", "", describe(state.stiffness)]
-    return "\n".join(lines)
+    lines += ["", "Stiffness there, loads included", ""]
+    lines += describe(state.stiffness).split("\n")
+    return joined(lines)
 
 
 def _softest(state: Equilibrium) -> str:
@@ -110,7 +112,7 @@ def describe_curve(curve: LoadCurve) -> str:
         f"translation, {curve.linear_up_to(part='rotation'):.4g} for the rotation."
     )
     lines += [f"  [{note.code}] {note.message}" for note in curve.notes]
-    return "\n".join(lines)
+    return joined(lines)
 
 
 def _carried(path: CompensatedPath) -> str:
@@ -154,4 +156,4 @@ def describe_path(path: CompensatedPath) -> str:
     lines.append("(--csv FILE.csv writes the commands.)")
     for note in path.notes:
         lines.append(f"  [{note.code}] {note.message}")
-    return "\n".join(lines)
+    return joined(lines)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cartstiff.errors import joined
 from cartstiff.report.layout import number, table
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ def describe_optimised_path(result: OptimisedPath) -> str:
         lines.append(f"  ... and {len(result.q) - _MOST} more points (--csv writes all)")
     lengths = [c.name for c in result.elastic.mechanism.coordinates if c.is_length]
     shown = f"rad; {units.length} for {', '.join(lengths)}" if lengths else "rad"
-    return "\n".join([*lines, f"  coordinates in {shown}"])
+    return joined([*lines, f"  coordinates in {shown}"])
 
 
 def _free(result: OptimisedPath) -> str:
@@ -96,4 +97,5 @@ def describe_placement(placement: Placement) -> str:
     if unusable:
         told = ", ".join(f"{n} {code}" for code, n in unusable.items())
         lines.append(f"  {sum(unusable.values())} of {len(body)} places cannot be used: {told}")
-    return "\n".join([*lines, "", "The path there", "", describe_optimised_path(placement.path)])
+    path = describe_optimised_path(placement.path).split("\n")
+    return joined([*lines, "", "The path there", "", *path])

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cartstiff.arrays import read_only
-from cartstiff.errors import printable
+from cartstiff.errors import joined
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture, Units
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
@@ -118,12 +118,12 @@ class Equilibrium:
         stable = {True: "stable", False: "unstable", None: "stability not decided"}[self.stable]
         moved = self.pose[:3, 3] - self.start.pose[:3, 3]
         codes = ", ".join(dict.fromkeys(note.code for note in self.notes)) or "none"
-        return printable(
-            f"Equilibrium of {self.elastic.name} at {self.elastic.mechanism.frame}: {stable}\n"
-            f"  q      {numbers_text(self.q)}\n"
-            f"  moved  {numbers_text(moved)} {self.elastic.units.length} since the start, in F\n"
-            f"  notes  {codes}"
-        )
+        return joined([
+            f"Equilibrium of {self.elastic.name} at {self.elastic.mechanism.frame}: {stable}",
+            f"  q      {numbers_text(self.q)}",
+            f"  moved  {numbers_text(moved)} {self.elastic.units.length} since the start, in F",
+            f"  notes  {codes}",
+        ])  # fmt: skip
 
     def _repr_html_(self) -> str:
         return f"<pre>{escape(repr(self))}</pre>"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cartstiff.arrays import Array
-from cartstiff.errors import printable
+from cartstiff.errors import joined, printable
 
 if TYPE_CHECKING:
     from cartstiff.stiffness.compute import PostureStiffness
@@ -39,7 +39,7 @@ def posture_text(result: PostureStiffness) -> str:
     ]
     if codes := list(dict.fromkeys(note.code for note in result.notes)):
         lines.append(f"  notes    {', '.join(codes)}")
-    return printable("\n".join(lines))
+    return joined(lines)
 
 
 def matrix_html(matrix: Array, block_units: BlockUnits, title: str, order: str) -> str:
