@@ -29,7 +29,10 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+# Of processor time: beside other work an input may take longer by the clock.
 SECONDS = 10.0
+# By the clock, after which a process that says nothing is taken for one that hangs.
+PATIENCE = 300.0
 MIB = 1024
 # A child is made anew after so many inputs: what one leaves behind must not look like another's.
 _PER_CHILD = 400
@@ -42,6 +45,7 @@ def run(
     *,
     seconds: float = SECONDS,
     mib: int = MIB,
+    patience: float = PATIENCE,
 ) -> list[dict[str, Any]]:
     """The faults among some inputs."""
     faults: list[dict[str, Any]] = []
@@ -50,7 +54,8 @@ def run(
         index = 0
         while index < count:
             index = _watch(index, min(index + _PER_CHILD, count), seed, families or [],
-                           Path(folder), seconds, mib, faults, tally)  # fmt: skip
+                           Path(folder), seconds, mib, patience, faults, tally)  # fmt: skip
+            print(f"{index} inputs, {len(faults)} faults", file=sys.stderr, flush=True)
     for kind, number in sorted(tally.items()):
         print(f"{kind}: {number}")
     return faults
@@ -64,24 +69,26 @@ def _watch(
     folder: Path,
     seconds: float,
     mib: int,
+    patience: float,
     faults: list[dict[str, Any]],
     tally: Counter[str],
 ) -> int:
     """Run inputs in one child; returns the number of the next one."""
     command = [sys.executable, __file__, "--child", str(first), "--end", str(end), "--seed",
-               str(seed), "--families", ",".join(families), "--mib", str(mib)]  # fmt: skip
+               str(seed), "--families", ",".join(families), "--mib", str(mib),
+               "--seconds", str(seconds)]  # fmt: skip
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=folder,
         env={**os.environ, "OMP_NUM_THREADS": "1", "CARTSTIFF_TRACEBACK": ""},
     ) as child:  # fmt: skip
-        return _followed(child, first, end, seconds, faults, tally)
+        return _followed(child, first, end, patience, faults, tally)
 
 
 def _followed(
     child: subprocess.Popen[bytes],
     first: int,
     end: int,
-    seconds: float,
+    patience: float,
     faults: list[dict[str, Any]],
     tally: Counter[str],
 ) -> int:
@@ -89,13 +96,13 @@ def _followed(
     assert child.stdout is not None
     index, buffer, begun = first, b"", time.monotonic() + 60.0  # its start is not the input's
     while True:
-        left = begun + seconds - time.monotonic()
+        left = begun + patience - time.monotonic()
         ready = select.select([child.stdout], [], [], max(left, 0.0))[0]
         if not ready:
             child.kill()
             child.wait()
-            faults.append({"index": index, "fault": f"more than {seconds:g} s"})
-            print(f"input {index}: more than {seconds:g} s", flush=True)
+            faults.append({"index": index, "fault": f"no answer for {patience:g} s"})
+            print(f"input {index}: no answer for {patience:g} s", flush=True)
             return index + 1
         piece = os.read(child.stdout.fileno(), 65536)
         if not piece:
@@ -121,7 +128,19 @@ def _followed(
     return index + 1
 
 
-def _child(first: int, end: int, seed: int, families: list[str], mib: int) -> None:
+def _taken() -> float:
+    """Seconds of processor time of this process and of those it has waited for."""
+    both = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(usage.ru_utime + usage.ru_stime for usage in both)
+
+
+def _most() -> int:
+    """The most memory in KiB that this process, or one that it has waited for, has held."""
+    return max(resource.getrusage(who).ru_maxrss
+               for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))  # fmt: skip
+
+
+def _child(first: int, end: int, seed: int, families: list[str], seconds: float, mib: int) -> None:
     """Inputs one after the other, told on standard output."""
     from tools.fuzz_common import FaultError
     from tools.fuzz_inputs import FAMILIES, PLANTED
@@ -145,7 +164,7 @@ def _child(first: int, end: int, seed: int, families: list[str], mib: int) -> No
         with tempfile.TemporaryDirectory(dir=".") as folder:
             here = os.getcwd()  # noqa: PTH109
             os.chdir(folder)
-            before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+            before, begun = _most(), _taken()
             try:
                 outcome = known[name](rng)
             except FaultError as fault:
@@ -157,7 +176,9 @@ def _child(first: int, end: int, seed: int, families: list[str], mib: int) -> No
                      fault=f"{name}: {type(error).__name__}: {str(error)[:300]}")  # fmt: skip
             finally:
                 os.chdir(here)
-        most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        most, taken = _most(), _taken() - begun
+        if taken > seconds:
+            tell(index=index, family=name, fault=f"{name}: more than {seconds:g} s: {taken:.1f} s")
         if most > before and most > 1024 * mib:
             tell(index=index, family=name, fault=f"{name}: {most // 1024} MiB")
             tell(index=index, done=f"{name} fault")
@@ -173,19 +194,20 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--families", default="", help="some of the kinds, by comma")
     parser.add_argument("--only", type=int, help="one input again, in this process")
-    parser.add_argument("--seconds", type=float, default=SECONDS, help="that an input may take")
+    parser.add_argument("--seconds", type=float, default=SECONDS,
+                        help="of processor time that an input may take")  # fmt: skip
     parser.add_argument("--mib", type=int, default=MIB, help="of memory that a process may take")
     parser.add_argument("--child", type=int, help=argparse.SUPPRESS)
     parser.add_argument("--end", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
     families = [name for name in options.families.split(",") if name]
     if options.child is not None:
-        _child(options.child, options.end, options.seed, families, options.mib)
+        _child(options.child, options.end, options.seed, families, options.seconds, options.mib)
         return
     if options.only is not None:
         from tools.fuzz_inputs import FAMILIES
 
-        names = [name for name in FAMILIES if not families or name in families]
+        names = families or [name for name in FAMILIES if not families or name in families]
         folder = tempfile.mkdtemp(prefix="cartstiff-fuzz-")
         os.chdir(folder)
         print(folder)

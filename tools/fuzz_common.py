@@ -138,6 +138,41 @@ def mutated_data(rng: random.Random, data: Any) -> Any:
     return data
 
 
+def nudged(rng: random.Random, number: float) -> float:
+    """A number that may stand where another one does: the file stays one of its kind."""
+    return rng.choice([
+        0.0, 1.0, -number, 2.0 * number, 1e-6 * number, 1e4 * number, math.pi / 2, number + 1e-9,
+        number * rng.uniform(0.5, 2.0), rng.uniform(-1, 1), round(number),
+    ])  # fmt: skip
+
+
+def nudged_data(rng: random.Random, data: Any) -> Any:
+    """A tree of lists and mappings with some of its numbers nudged."""
+    data = json.loads(json.dumps(data))
+    places: list[tuple[Any, Any]] = []
+
+    def walk(node: Any) -> None:
+        for key in list(node) if isinstance(node, dict) else range(len(node)):
+            if isinstance(node[key], (dict, list)):
+                walk(node[key])
+            elif isinstance(node[key], (int, float)) and not isinstance(node[key], bool):
+                places.append((node, key))
+
+    walk(data)
+    for node, key in rng.sample(places, min(len(places), rng.randint(1, 4))):
+        node[key] = nudged(rng, node[key])
+    return data
+
+
+def nudged_xml(rng: random.Random, text: str) -> bytes:
+    """Some of the numbers in a text of tags nudged."""
+    words = re.split(r"(?<=[\s\"])(-?\d+\.?\d*(?:e-?\d+)?)(?=[\s\"])", text)
+    odd_places = range(1, len(words), 2)
+    for at in rng.sample(odd_places, min(len(odd_places), rng.randint(1, 4))):
+        words[at] = f"{nudged(rng, float(words[at])):.9g}"
+    return "".join(words).encode()
+
+
 def mutated_xml(rng: random.Random, text: str) -> bytes:
     """Attributes and elements changed, lost, doubled or moved."""
     root = ET.fromstring(text)

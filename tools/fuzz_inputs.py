@@ -20,9 +20,11 @@ from tools.fuzz_common import (
     command,
     mutated_bytes,
     mutated_data,
+    nudged_data,
     odd,
     outcome,
 )
+from tools.fuzz_maps import map_file
 from tools.fuzz_robots import mjcf, urdf
 
 # -- mechanism files, tables, options ---------------------------------------------------------
@@ -41,7 +43,10 @@ def mechanism_file(rng: random.Random) -> str:
     """A bundled mechanism's file, damaged as data or as text."""
     name = rng.choice(sorted(_bundled()))
     text, data = _bundled()[name]
-    if rng.random() < 0.6:
+    chance = rng.random()
+    if chance < 0.55:
+        content = json.dumps(nudged_data(rng, data)).encode()
+    elif chance < 0.85:
         content = json.dumps(mutated_data(rng, data)).encode("utf-8", "replace")
     else:
         content = mutated_bytes(rng, text.encode())
@@ -265,6 +270,7 @@ FAMILIES: dict[str, Callable[[random.Random], str]] = {
     "option": option,
     "call": call,
     "message": message,
+    "map": map_file,
 }
 
 
@@ -278,6 +284,13 @@ def _endless(_: random.Random) -> str:
         time.sleep(1)
 
 
+def _busy(_: random.Random) -> str:
+    begun = time.process_time()
+    while time.process_time() < begun + 1.2:
+        pass
+    return "answered"
+
+
 def _wrong(_: random.Random) -> str:
     raise FaultError("planted")
 
@@ -285,6 +298,7 @@ def _wrong(_: random.Random) -> str:
 #: Faults on purpose, run only by name: what the watch must see.
 PLANTED: dict[str, Callable[[random.Random], str]] = {
     "abort": lambda _: os.abort(),
+    "busy": _busy,
     "endless": _endless,
     "large": _large,
     "wrong": _wrong,

@@ -5,9 +5,18 @@ from __future__ import annotations
 import math
 import random
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from tools.fuzz_common import ODD_NUMBERS, FaultError, command, mutated_bytes, mutated_xml, outcome
+from tools.fuzz_common import (
+    ODD_NUMBERS,
+    FaultError,
+    command,
+    mutated_bytes,
+    mutated_xml,
+    nudged_xml,
+    outcome,
+)
 
 
 def _vector(rng: random.Random, size: float = 1.0) -> str:
@@ -46,7 +55,9 @@ def urdf(rng: random.Random) -> str:
     if rng.random() < 0.35:
         Path("r.urdf").write_text(text, encoding="utf-8")
         return _compared(rng, Path("r.urdf"))
-    data = mutated_xml(rng, text) if rng.random() < 0.7 else mutated_bytes(rng, text.encode())
+    damage = rng.random()
+    data = nudged_xml(rng, text) if damage < 0.6 else mutated_xml(rng, text) if damage < 0.85 \
+        else mutated_bytes(rng, text.encode())  # fmt: skip
     Path("r.urdf").write_bytes(data)
     words = ["analyse", "r.urdf", "--json"]
     if rng.random() < 0.3:
@@ -80,6 +91,7 @@ def _compared(rng: random.Random, path: Path) -> str:
     jacobian = posture.motion.jacobian
     if not np.allclose(jacobian, J, atol=1e-7 * max(1.0, np.abs(J).max())):
         raise FaultError(f"Jacobian differs from differences by {np.abs(jacobian - J).max():.3g}")
+    _stiffness_compared(rng, elastic, q)
     try:
         model = pin.buildModelFromUrdf(str(path), True)  # followers obey their leaders
     except ValueError:
@@ -102,6 +114,44 @@ def _compared(rng: random.Random, path: Path) -> str:
             f"pose differs from Pinocchio's by {np.abs(posture.pose - expected).max():.3g}"
         )
     return "compared"
+
+
+def _stiffness_compared(rng: random.Random, elastic: Any, q: Any) -> None:
+    """The compliance, free and under a force that keeps its direction, against differences.
+
+    The energy ``1/2 k |q - q0|^2 - f . x(q)`` is known here by poses alone: its Hessian H by second
+    differences gives the compliance ``J H^-1 J^T``.
+    """
+    import cartstiff
+
+    mechanism, n = elastic.mechanism, len(q)
+    k = np.array([10.0 ** rng.uniform(2, 4) for _ in range(n)])
+    elastic = elastic.with_springs(k)
+    start = mechanism.at(q)
+    force = np.array([rng.uniform(-9, 9) for _ in range(3)]) if rng.random() < 0.7 else np.zeros(3)
+
+    def work(at: Any) -> float:
+        return float(force @ (start.pose[:3, :3].T @ (at - start.pose[:3, 3])))
+
+    def x(*steps: Any) -> float:
+        return work(mechanism.at(q + sum(steps)).pose[:3, 3])
+
+    h = 1e-4
+    e = h * np.eye(n)
+    H = np.diag(k) - np.array([
+        [x(a, b) - x(a, -b) - x(-a, b) + x(-a, -b) for b in e] for a in e
+    ]).reshape(n, n) / (4 * h * h)  # fmt: skip
+    J = start.motion.jacobian
+    expected = J @ np.linalg.solve(H, J.T)
+    result = cartstiff.analyse(elastic, q, wrench=np.concatenate([np.zeros(3), force]))
+    found = result.tangent_compliance
+    if found is None or np.linalg.eigvalsh(0.5 * (H + H.T))[0] < 1e-3 * k.min():
+        return  # near buckling: the differences have lost their digits
+    size = np.abs(expected).max()
+    if not np.allclose(found, expected, rtol=0, atol=1e-5 * size):
+        raise FaultError(
+            f"compliance differs from differences by {np.abs(found - expected).max() / size:.3g}"
+        )
 
 
 _KINDS = ["hinge", "slide", "ball"]
@@ -128,8 +178,30 @@ def mjcf_text(rng: random.Random) -> str:
     )
 
 
+def _against_mujoco(rng: random.Random) -> str:
+    """What a file means to MuJoCo: a changed file of many elements, or a tree of bodies."""
+    from tools import mjcf_against_mujoco as tool
+
+    from cartstiff.cli.main import main  # noqa: F401  (its imports are not the input's)
+    from cartstiff.loading import mjcf
+
+    text = tool.mutant(rng) if rng.random() < 0.6 else nudged_xml(rng, mjcf_text(rng)).decode()
+    Path("r.xml").write_text(text, encoding="utf-8")
+    own, mjcf.compile_mjcf = mjcf.compile_mjcf, tool.compile_here
+    try:
+        kind, words = tool.verdict(Path("r.xml").resolve(), rng.randrange(2**31))
+        if kind in ("wrong", "broken"):
+            raise FaultError(f"{kind}: {words[-300:]}")
+        code = command(["analyse", "r.xml", "--json"])[0]
+    finally:
+        mjcf.compile_mjcf = own
+    return "compared" if kind == "same" else outcome(code)
+
+
 def mjcf(rng: random.Random) -> str:
     """An MJCF file, whole or damaged."""
+    if rng.random() < 0.9:
+        return _against_mujoco(rng)
     text = mjcf_text(rng)
     damage = rng.random()
     data = text.encode() if damage < 0.3 else mutated_xml(rng, text) if damage < 0.8 else \
