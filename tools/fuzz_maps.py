@@ -28,7 +28,7 @@ def _whole() -> tuple[Path, Any]:
 
 
 def map_file(rng: random.Random) -> str:
-    """A finished map with one or two files damaged, cut, lost or exchanged."""
+    """A finished map with one or two files damaged, cut or lost."""
     from cartstiff.errors import CartstiffError
     from cartstiff.maps import open_map
 
@@ -43,7 +43,7 @@ def map_file(rng: random.Random) -> str:
         elif action < 0.7:
             data = data[: rng.randrange(len(data) + 1)]
         elif action < 0.8:
-            data = rng.choice(files).read_bytes() if path.exists() else b""
+            data = rng.randbytes(len(data))
         elif data:
             data = mutated_bytes(rng, data)
         path.write_bytes(data)

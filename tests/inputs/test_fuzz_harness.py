@@ -11,7 +11,13 @@ PATIENCE = 300.0
 
 @pytest.mark.parametrize(
     ("kind", "words"),
-    [("abort", "signal 6"), ("wrong", "planted"), ("large", "MiB"), ("endless", "no answer for 3 s"), ("busy", "more than 1 s")],
+    [
+        ("abort", "signal 6"),
+        ("wrong", "planted"),
+        ("large", "MiB"),
+        ("endless", "no answer for 3 s"),
+        ("busy", "more than 1 s"),
+    ],
 )
 def test_what_is_wrong_is_seen(kind, words):
     faults = run(
