@@ -122,6 +122,8 @@ def test_cartesian_grid_in_one_option(run: Run) -> None:
             "-o", "c.zarr", "--json")
     )  # fmt: skip
     assert answer["postures"] == 8
+    # The tip's position leaves each arm two elbows.
+    assert answer["branches"] == {"starts": 5, "legs": 2, "found": 4, "kept": 2}
     assert set(answer["states"]) <= {"deficient", "unreachable", "not-assembled"}
 
 

@@ -340,8 +340,9 @@ def _check_ranked(quantities: tuple[str, ...]) -> None:
 
 
 def _answer(dataset: Any, file: Any, output: Path, computed: int, seconds: float) -> dict[str, Any]:
-    from cartstiff.maps.reading import summary
+    from cartstiff.maps.reading import branches_found, summary
 
+    branches = branches_found(dataset)
     total = 1
     for n in file.shape:
         total *= n
@@ -360,6 +361,7 @@ def _answer(dataset: Any, file: Any, output: Path, computed: int, seconds: float
             "found": len(file.boxes) - computed,
         },
         "seconds": round(seconds, 3),
+        **({} if branches is None else {"branches": branches}),
         **summary(dataset),
     }
 

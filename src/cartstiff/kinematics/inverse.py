@@ -11,30 +11,33 @@ from numpy.typing import ArrayLike
 from cartstiff.arrays import checked_array, is_pose
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
-from cartstiff.kinematics.joint_poses import SAME, JointPoses, distinct
+from cartstiff.kinematics.branches import Branches, Search
+from cartstiff.kinematics.joint_poses import JointPoses
+from cartstiff.kinematics.legs import legs_of, searched, working_modes
 from cartstiff.kinematics.platform_poses import Free, PlatformPoses
-from cartstiff.kinematics.settling import settled
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 
 __all__ = ["Free", "inverse_kinematics"]
 
-# Postures that are settled at once: the cost is asked for at all of them and around each.
-_ROWS = 5000
+#: Combinations of the legs' solutions that are listed, the nearest to the first start.
+MOST_LISTED = 4096
+# And how many of them move along their self-motions to a least cost.
+_MOST_SETTLED = 256
 
 
 @overload
 def inverse_kinematics(
     elastic: ElasticMechanism, T_F_M: ArrayLike, starts: int | ArrayLike = ..., *, seed: int = ...,
     free: Free = ..., tolerance: float = ..., limits: bool = ...,
-    cost: Callable[[Array], Array] | None = ...,
-) -> Array: ...  # fmt: skip
+    cost: Callable[[Array], Array] | None = ..., most: int = ...,
+) -> Branches: ...  # fmt: skip
 @overload
 def inverse_kinematics(
     elastic: ElasticMechanism, T_F_M: list[Array], starts: int | ArrayLike = ..., *,
     seed: int = ..., free: Free = ..., tolerance: float = ..., limits: bool = ...,
-    cost: Callable[[Array], Array] | None = ...,
-) -> list[Array]: ...  # fmt: skip
+    cost: Callable[[Array], Array] | None = ..., most: int = ...,
+) -> list[Branches]: ...  # fmt: skip
 
 
 def inverse_kinematics(
@@ -47,7 +50,8 @@ def inverse_kinematics(
     tolerance: float = 1e-10,
     limits: bool = True,
     cost: Callable[[Array], Array] | None = None,
-) -> Array | list[Array]:
+    most: int = MOST_LISTED,
+) -> Branches | list[Branches]:
     """All different postures at a pose that the starts lead to.
 
     Parameters
@@ -58,7 +62,7 @@ def inverse_kinematics(
         Wanted pose of the body frame, or N of them.
     starts : int or array_like, shape (k, n)
         How many random starts within the limits, or the starts themselves. The default posture
-        is always tried as well.
+        is always tried as well. Where a body is carried by legs, each leg has so many.
     seed : int
         Of the random starts; the same seed gives the same answer.
     free : {"none", "x", "y", "z", "rotation"}
@@ -71,14 +75,20 @@ def inverse_kinematics(
         For arms with self-motions: (k, n) postures to (k,) numbers, NaN where there is none; each
         solution is moved along its self-motion to where the number is smallest nearby. Without
         it a solution is near its start: the steps there are the least ones.
+    most : int
+        Where a body is carried by legs: how many combinations of their solutions are listed at
+        most, those nearest to the first start. `Search.found` counts all of them.
 
     Returns
     -------
-    ndarray (k, n), or a list of N of them
+    Branches (k, n), or a list of N of them
         Different solutions within the limits, sorted by their coordinates; joints that can turn
-        all the way are given in (-pi, pi] and count as equal modulo 2 pi. None found: k = 0. That
-        the starts have found all of them is likely for an arm with many starts, and not proven;
-        for a closed chain, whose legs' own solutions combine, each start finds at most one.
+        all the way are given in (-pi, pi] and count as equal modulo 2 pi. None found: k = 0. Its
+        `search` says how many starts were made and what they found. Where a body is carried by
+        legs, each leg is searched by itself and the postures are all combinations of what was
+        found (`cartstiff.kinematics.legs`); any other closed chain is searched as a whole, and
+        each start finds at most one posture. That the starts have found all of them is likely for
+        an arm and for legs with many starts, and not proven.
 
     Raises
     ------
@@ -95,26 +105,29 @@ def inverse_kinematics(
             raise InputError(f"pose {index + 1} is not a rigid motion", got=T.tolist())
     if isinstance(elastic.mechanism, Platform):
         q, good = PlatformPoses(elastic, limits).solve(wanted, np.empty((len(wanted), 6)))
-        found = [q[i : i + 1][good[i : i + 1]] for i in range(len(wanted))]
+        found = [
+            Branches(q[i : i + 1][good[i : i + 1]], Search(1, (), int(good[i]), int(good[i])))
+            for i in range(len(wanted))
+        ]
         return found[0] if single else found
     solver = JointPoses(elastic, limits)
     begin = _starts(solver, starts, seed)
-    k = len(begin)
-    unwound = solver.unwound()
-    q, good = unwound.solve(
-        np.repeat(wanted, k, axis=0), np.tile(begin, (len(wanted), 1)), free, tolerance
-    )
-    if cost is not None and solver.redundancy(free):
-        T, rows = np.repeat(wanted, k, axis=0), np.flatnonzero(good)
-        for i in range(0, len(rows), _ROWS):
-            block = rows[i : i + _ROWS]
-            q[block] = settled(unwound, q[block], T[block], free, tolerance, cost)
-    same = SAME if cost is None else 1e-3
-    found = []
-    for cell in range(len(wanted)):
-        part = slice(cell * k, (cell + 1) * k)
-        own = solver.within(q[part][good[part]])
-        found.append(own[distinct(own, solver.periodic, solver.sizes, same)])
+    given = not isinstance(starts, (int, np.integer)) and len(begin) > 1
+    near = begin[1 if given else 0]
+    legs = legs_of(elastic, limits)
+    modes = legs and working_modes(legs, near, wanted, begin, free, tolerance, most)
+    if not modes:
+        every = searched(solver, wanted, begin, free, tolerance, cost)
+        found = [Branches(q, Search(len(begin), (), len(q), len(q))) for q in every]
+    elif cost is not None and solver.redundancy(free):
+        found = [
+            Branches(
+                searched(solver, T[None], q[:_MOST_SETTLED], free, tolerance, cost)[0], q.search
+            )
+            for T, q in zip(wanted, modes, strict=True)
+        ]
+    else:
+        found = modes
     return found[0] if single else found
 
 

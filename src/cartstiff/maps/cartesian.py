@@ -13,6 +13,7 @@ from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.inverse import Free, inverse_kinematics
+from cartstiff.kinematics.legs import legs_of
 from cartstiff.maps.sampling import Axis, RandomPostures, Sampling, grid_indices
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
@@ -25,6 +26,8 @@ Redundancy = Literal["nearest", "best"]
 _NAMES = ("x", "y", "z")
 #: Places that are solved for at once.
 PLACES = 200
+# Combinations of legs' solutions among which the nearest, or best, are chosen.
+_LISTED = 64
 
 
 class CartesianGrid(Sampling):
@@ -46,7 +49,8 @@ class CartesianGrid(Sampling):
     branches : int
         How many branches are kept.
     starts, seed : int
-        Random starts besides the base posture, and their seed.
+        Random starts besides the base posture, and their seed. Where a body is carried by legs,
+        each leg has so many.
     free : {"none", "x", "y", "z", "rotation"}
         A rotation about an axis of the body, or all of its rotation, may be left free.
     redundancy : {"nearest", "best"}
@@ -96,6 +100,8 @@ class CartesianGrid(Sampling):
         self.base = np.array(posture.q)
         self.free, self.redundancy = free, redundancy
         self.branches, self.count, self.seed = int(branches), int(starts), int(seed)
+        #: Legs that are searched one by one; 0 where the mechanism is searched as a whole.
+        self.legs = len(legs_of(elastic) or ())
         self.dims = (*_NAMES, "branch")
         self.shape = (*(axis.count for axis in self._axes.values()), self.branches)
         self._starts: Array | None = None
@@ -152,11 +158,12 @@ class CartesianGrid(Sampling):
             part = inverse_kinematics(
                 elastic, list(poses[first : first + PLACES]), self.starts(elastic),
                 free=self.free, cost=cost if self.redundancy == "best" else away,
+                most=max(self.branches, _LISTED),
             )  # fmt: skip
             for cell, solutions in enumerate(part, start=first):
                 # The nearest first; equally near ones stay in their order.
                 order = np.argsort(np.round(away(solutions), 9), kind="stable")[: self.branches]
-                found[cell] = len(solutions)
+                found[cell] = len(solutions) if solutions.search is None else solutions.search.found
                 q[cell, : len(order)] = solutions[order]
         ends = np.cumsum([len(first) for first, *_ in indices])[:-1]
         return [
@@ -180,6 +187,7 @@ class CartesianGrid(Sampling):
             "branches": self.branches,
             "starts": self.count,
             "seed": self.seed,
+            "legs": self.legs,
             "free": self.free,
             "redundancy": self.redundancy,
         }

@@ -164,7 +164,7 @@ class MapJob:
         if self.stores_q:
             arrays["q"] = q.reshape(*shape, -1)
         if found is not None:
-            arrays["branches"] = found.astype(np.uint16).reshape(shape[:-1])
+            arrays["branches"] = found.astype(np.uint32).reshape(shape[:-1])
         return arrays
 
     def _compute_rows(self, q: Array, rows: slice, arrays: dict[str, Array]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import json
 from collections.abc import Iterator, Mapping
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,16 @@ from cartstiff.geometry.se3 import Array
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["best", "best_branch", "blocks", "slice_map", "state_names", "summary", "worst"]
+__all__ = [
+    "best",
+    "best_branch",
+    "blocks",
+    "branches_found",
+    "slice_map",
+    "state_names",
+    "summary",
+    "worst",
+]
 
 
 def state_names(dataset: xarray.Dataset) -> dict[int, str]:
@@ -86,6 +96,25 @@ def summary(dataset: xarray.Dataset) -> dict[str, Any]:
             "undefined": int(array.size) - number,
         }
     return {"states": counts, "quantities": ranges}
+
+
+def branches_found(dataset: xarray.Dataset) -> dict[str, int] | None:
+    """How branches were searched for at the places of a Cartesian grid, and how many are there.
+
+    Returns
+    -------
+    dict or None
+        "starts" of each search, "legs" that were searched one by one (0: the whole at once), the
+        most branches "found" at a place, and how many are "kept"; None for other maps.
+    """
+    if "branches" not in dataset:
+        return None
+    sampling = json.loads(dataset.attrs["description"])["sampling"]
+    found = max(int(dataset["branches"].isel(part).max()) for part in blocks(dataset["branches"]))
+    return {
+        "starts": 1 + sampling["starts"], "legs": sampling.get("legs", 0), "found": found,
+        "kept": sampling["branches"],
+    }  # fmt: skip
 
 
 def best(dataset: xarray.Dataset, quantity: str, count: int = 1) -> xarray.Dataset:

@@ -198,7 +198,7 @@ class MapFile:
             if "branch" in dims:
                 parts.append("branches")
                 group.create_array(
-                    "branches", shape=shape[:-1], chunks=chunk[:-1], dtype=np.uint16,
+                    "branches", shape=shape[:-1], chunks=chunk[:-1], dtype=np.uint32,
                     fill_value=0, dimension_names=dims[:-1], compressors=_compressors(),
                     attributes={"long_name": "number of branches found at the place"},
                 )  # fmt: skip

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
@@ -20,7 +21,7 @@ from cartstiff.mechanisms.contract import Coordinate
 from cartstiff.mechanisms.flexible_links import UNFRAMED, Give, masses_by_side, springs_by_joint
 from cartstiff.mechanisms.tree import WORLD, KinematicTree, Placement, check_coordinates
 
-__all__ = ["expansion", "extended", "find_frame", "merged", "plain_tree"]
+__all__ = ["expansion", "extended", "find_frame", "merged", "part_of", "plain_tree"]
 
 # How joints with several coordinates are written as successive one-coordinate joints; the order
 # is that of Pinocchio's own configuration, translations before rotations.
@@ -284,6 +285,41 @@ def extended(
     )
     offset = np.concatenate([np.asarray(tree.offset, float), np.zeros(k)])
     return KinematicTree(model, (*tree.coordinates, *new), frames, mimic, offset)
+
+
+def part_of(
+    tree: KinematicTree, joints: Sequence[int], root: int = 0
+) -> tuple[KinematicTree, NDArray[np.intp]]:
+    """Some joints as a massless tree of their own, and the indices of their coordinates.
+
+    Parameters
+    ----------
+    tree : KinematicTree
+        The whole.
+    joints : sequence of int
+        Joints counted from 1, ascending, each carried by one of them or by `root`.
+    root : int
+        Joint in whose frame the part stands.
+
+    Notes
+    -----
+    Joint k + 1 of the part is ``joints[k]``. It has no named frames but "world".
+    """
+    model, at = pin.Model(), {root: 0}
+    for j in joints:
+        parent = at[int(tree.model.parents[j])]
+        placement = tree.model.jointPlacements[j]
+        at[j] = model.addJoint(parent, tree.model.joints[j], placement, tree.model.names[j])
+    rows = np.asarray(joints, np.intp) - 1
+    if tree.mimic is None:
+        return KinematicTree(
+            model, tuple(tree.coordinates[j] for j in rows), {"world": WORLD}
+        ), rows
+    columns = np.flatnonzero(np.abs(tree.mimic[rows]).sum(axis=0))
+    coordinates = tuple(tree.coordinates[c] for c in columns)
+    mimic, offset = tree.mimic[np.ix_(rows, columns)], np.asarray(tree.offset, float)
+    offset = np.broadcast_to(offset, (tree.model.nv,))[rows]
+    return KinematicTree(model, coordinates, {"world": WORLD}, mimic, offset), columns
 
 
 def _planar(name: str, axis: Array) -> list[tuple[str, str, Any, Array]]:

@@ -20,6 +20,7 @@ def describe_map(answer: Mapping[str, Any]) -> str:
         f"{answer['characteristic_length']:.6g} {units['length']}",
         f"{answer['file']}: {parts['total']} part(s), {parts['found']} found there, "
         f"{parts['computed']} computed",
+        *_searched(answer.get("branches")),
         "",
         "States",
         *table(("state", "postures"), [(k, str(n)) for k, n in answer["states"].items()]),
@@ -39,6 +40,18 @@ def describe_map(answer: Mapping[str, Any]) -> str:
             unit = answer["quantities"][name]["unit"]
             lines += ["", f"{which.capitalize()} of {name} [{unit}]", *_postures(rows, units)]
     return joined(lines)
+
+
+def _searched(branches: Mapping[str, int] | None) -> list[str]:
+    """How many branches there are at a place, and how they were looked for."""
+    if branches is None:
+        return []
+    legs = branches["legs"]
+    how = f"each of {legs} legs" if legs else "the mechanism as a whole"
+    return [
+        f"at most {branches['found']} branches found at a place, up to {branches['kept']} kept; "
+        f"searched from {branches['starts']} starts: {how}"
+    ]
 
 
 def _postures(rows: list[dict[str, Any]], units: Mapping[str, str]) -> list[str]:

@@ -1,0 +1,296 @@
+r"""Working modes: a body carried by legs, each of which has its own solutions at a pose.
+
+With the body's pose given, the closed chain falls apart at the base and at the body: what hangs
+together between these two is a leg, whose coordinates depend on the pose only. The postures at the
+pose are all combinations of the legs' solutions,
+
+    number of postures = k_1 k_2 ... k_m        (six legs with two each: 64).
+
+Two solutions of a leg are one where its springs and actuators stand alike and every joint is in
+the same place: passive universal and spherical joints can be turned over without effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import prod
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.kinematics.branches import Branches, Search
+from cartstiff.kinematics.joint_poses import SAME, JointPoses, distinct
+from cartstiff.kinematics.platform_poses import Free
+from cartstiff.kinematics.settling import settled
+from cartstiff.mechanisms.chain import Chain, Closure
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.tree import Placement
+from cartstiff.mechanisms.tree_building import part_of
+from cartstiff.potentials.springs import JointSprings
+
+__all__ = ["Leg", "legs_of", "searched", "working_modes"]
+
+# Postures that are settled at once: the cost is asked for at all of them and around each.
+_ROWS = 5000
+# Members of one family that settle at the same posture differ by this.
+_SETTLED = 1e-3
+_END = "end of the leg"
+
+
+def searched(
+    solver: JointPoses, wanted: Array, begin: Array, free: Free, tolerance: float,
+    cost: Callable[[Array], Array] | None,
+) -> list[Array]:  # fmt: skip
+    """For each of the poses (N, 4, 4) the different postures (k, n) that starts (m, n) lead to."""
+    k, unwound = len(begin), solver.unwound()
+    T = np.repeat(wanted, k, axis=0)
+    q, good = unwound.solve(T, np.tile(begin, (len(wanted), 1)), free, tolerance)
+    if cost is not None and solver.redundancy(free):
+        rows = np.flatnonzero(good)
+        for i in range(0, len(rows), _ROWS):
+            block = rows[i : i + _ROWS]
+            q[block] = settled(unwound, q[block], T[block], free, tolerance, cost)
+    same, found = SAME if cost is None else _SETTLED, []
+    for cell in range(len(wanted)):
+        part = slice(cell * k, (cell + 1) * k)
+        own = solver.within(q[part][good[part]])
+        found.append(own[distinct(own, solver.periodic, solver.sizes, same)])
+    return found
+
+
+class Leg(NamedTuple):
+    """A part of a closed chain that depends on the body's pose only.
+
+    Its end is wanted at ``before @ T_F_M @ after``, or with the inverse of T_F_M for a leg that
+    hangs on the body; `columns` are its coordinates, `told` those whose values tell solutions
+    apart besides the joints' places.
+    """
+
+    solver: JointPoses
+    chain: Chain
+    columns: NDArray[np.intp]
+    told: NDArray[np.intp]
+    before: Array
+    after: Array
+    hangs: bool
+    free: Free
+
+    def solutions(
+        self, T_F_M: Array, begin: Array, near: Array, free: Free, tolerance: float
+    ) -> list[Array]:
+        """Different solutions (k, n) at each pose, the nearest to `near` first."""
+        target = self.before @ (np.linalg.inv(T_F_M) if self.hangs else T_F_M) @ self.after
+        solver = self.solver
+        turns = np.array([not c.is_length for c in self.chain.coordinates])
+
+        def away(q: Array) -> Array:
+            d = (q - near) / solver.sizes
+            d = np.where(turns, (d + np.pi) % (2 * np.pi) - np.pi, d)
+            total: Array = np.linalg.norm(d, axis=-1)
+            return total
+
+        cost = away if solver.redundancy(free) else None
+        found = searched(solver, target, np.clip(begin, solver.lower, solver.upper), free,
+                         tolerance, cost)  # fmt: skip
+        same = 10 * SAME if cost is None else 10 * _SETTLED
+        return [self._told_apart(q[np.argsort(away(q), kind="stable")], same) for q in found]
+
+    def _told_apart(self, q: Array, same: float) -> Array:
+        kept: list[int] = []
+        keys = [self._key(row) for row in q]
+        for i, key in enumerate(keys):
+            if all(np.abs(key - keys[j]).max(initial=0.0) > same for j in kept):
+                kept.append(i)
+        return q[kept]
+
+    def _key(self, q: Array) -> Array:
+        """What differs between solutions: told coordinates, and where the joints are."""
+        posture, chain = self.chain.at(q), self.chain
+        joints = range(1, chain.tree.model.njoints)
+        places = [posture.pose_at(Placement(j, np.eye(4)))[:3, 3] for j in joints]
+        own = q[self.told] / self.solver.sizes[self.told]
+        angles = own[~chain.is_length[self.told]]
+        return np.concatenate(
+            [own[chain.is_length[self.told]], np.cos(angles), np.sin(angles),
+             np.ravel(places) / self.solver.length]
+        )  # fmt: skip
+
+
+def legs_of(elastic: ElasticMechanism, limits: bool = True) -> list[Leg] | None:
+    """The legs of a closed chain, that which carries the body frame first; None if it has none.
+
+    A chain of another shape, as where two legs share a joint or a leg holds the body twice, has to
+    be searched as a whole.
+    """
+    chain = elastic.mechanism
+    if not isinstance(chain, Chain) or not chain.closures or chain.body.joint == 0:
+        return None
+    tree, body = chain.tree, chain.body.joint
+    parents = [int(p) for p in tree.model.parents]
+    ties = [(c, chain.placement(c.frame_a), chain.placement(c.frame_b)) for c in chain.closures]
+    group = list(range(len(parents)))
+
+    def leader(link: int) -> int:
+        while group[link] != link:
+            link = group[link]
+        return link
+
+    ends = {0, body}
+    pairs = [(p, j) for j, p in enumerate(parents) if j > 0]
+    for i, k in [*pairs, *((a.joint, b.joint) for _, a, b in ties)]:
+        if i not in ends and k not in ends:
+            group[leader(i)] = leader(k)
+    path = tree.support(body)
+    first = leader(path[0])  # the body itself where one joint carries it
+    parts: dict[int, list[int]] = {first: []}
+    for j in range(1, len(parents)):
+        parts.setdefault(first if j == body else leader(j), []).append(j)
+    held: dict[int, list[tuple[Closure, Placement, Placement]]] = {k: [] for k in parts}
+    for tie in ties:
+        _, a, b = tie
+        free_ends = [leader(p.joint) for p in (a, b) if p.joint not in ends]
+        held[free_ends[0] if free_ends else first].append(tie)
+    legs = []
+    columns_taken: set[int] = set()
+    for key, joints in parts.items():
+        if key != first and not held[key]:
+            continue  # a finger: it stays
+        leg = _leg(elastic, chain, joints, held[key], key == first, limits)
+        if leg is None or columns_taken & set(leg.columns.tolist()):
+            return None
+        columns_taken |= set(leg.columns.tolist())
+        legs.append(leg)
+    return legs if len(legs) > 1 else None
+
+
+def _leg(
+    elastic: ElasticMechanism, chain: Chain, joints: list[int],
+    ties: list[tuple[Closure, Placement, Placement]], carries: bool, limits: bool,
+) -> Leg | None:  # fmt: skip
+    """One leg as a chain of its own."""
+    body, parents = chain.body, chain.tree.model.parents
+    roots = {int(parents[j]) for j in joints} - set(joints)
+    if len(roots) != 1:
+        return None  # stands on the base and hangs on the body
+    (root,) = roots
+    hangs = root == body.joint and not carries
+    far = 0 if hangs else body.joint
+    tree, columns = part_of(chain.tree, joints, root)
+    own = {0 if j == root else 1 + joints.index(j): j for j in [root, *joints]}
+    local = {j: i for i, j in own.items()}
+    before = after = np.eye(4)
+    free: Free = "none"
+    end = Placement(local[body.joint], body.T_j_f) if carries else None
+    closures = []
+    for i, (closure, a, b) in enumerate(ties):
+        if not carries and far in (a.joint, b.joint):
+            if end is not None:
+                return None  # holds the body twice
+            ours, theirs = (b, a) if a.joint == far else (a, b)
+            end = Placement(local[ours.joint], ours.T_j_f)
+            free = "none" if closure.type == "weld" else "rotation"
+            if hangs:
+                before, after = body.T_j_f, theirs.T_j_f
+            else:
+                after = se3.inverse(body.T_j_f) @ theirs.T_j_f
+            continue
+        names = [f"{_END}, closure {i + 1}{side}" for side in "ab"]
+        for name, place in zip(names, (a, b), strict=True):
+            tree.frames[name] = Placement(local[place.joint], place.T_j_f)
+        closures.append(Closure(names[0], names[1], closure.type))
+    if end is None:
+        return None
+    tree.frames[_END] = end
+    index = {int(c): i for i, c in enumerate(columns)}
+    part = Chain(
+        tree, _END, closures=closures, virtual=[index[v] for v in chain.virtual if v in index],
+        actuated=[index[a] for a in chain.actuated or () if a in index], kind=chain.kind,
+    )  # fmt: skip
+    solver = JointPoses(ElasticMechanism(elastic.name, part, elastic.q[columns]), limits)
+    telling = set(chain.actuated or ())
+    if isinstance(elastic.springs, JointSprings):
+        springs = elastic.springs
+        telling |= set(np.flatnonzero(springs.stiffness).tolist()) | springs.rigid
+        telling |= set(springs.laws)
+    told = np.array([i for c, i in index.items() if c in telling], int)
+    return Leg(solver, part, columns, told, before, after, hangs, free)
+
+
+def working_modes(
+    legs: list[Leg], near: Array, wanted: Array, begin: Array, free: Free, tolerance: float,
+    most: int,
+) -> list[Branches] | None:  # fmt: skip
+    """Postures at poses (N, 4, 4): all combinations of the legs' solutions, at most `most` of them.
+
+    Parameters
+    ----------
+    legs : list of Leg
+        As `legs_of` gives them.
+    near : ndarray (n,)
+        What no leg moves is taken from here, and of too many combinations the nearest.
+    wanted, begin : ndarray, shapes (N, 4, 4) and (m, n)
+        Poses of the body, and starts.
+    free, tolerance, most
+        As of `cartstiff.kinematics.inverse.inverse_kinematics`.
+
+    Returns
+    -------
+    list of N Branches, or None
+        None where the body is left a freedom that its first leg cannot use up.
+    """
+    first = legs[0]
+    if free != "none" and first.solver.redundancy(free):
+        return None
+
+    def solved(leg: Leg, T: Array, free: Free) -> list[Array]:
+        if not len(T):
+            return []
+        return leg.solutions(T, begin[:, leg.columns], near[leg.columns], free, tolerance)
+
+    found = solved(first, wanted, free)
+    # One case is one pose of the body: with a freedom every solution of the first leg is one.
+    if free == "none":
+        cases = [(i, own, T) for i, (own, T) in enumerate(zip(found, wanted, strict=True))]
+    else:
+        cases = [
+            (i, row[None], first.chain.at(row).pose) for i, own in enumerate(found) for row in own
+        ]
+    poses = np.array([T for _, _, T in cases]).reshape(-1, 4, 4)
+    others = [solved(leg, poses, leg.free) for leg in legs[1:]]
+    result = []
+    for i in range(len(wanted)):
+        own = [k for k, case in enumerate(cases) if case[0] == i]
+        sets = [[cases[k][1], *(part[k] for part in others)] for k in own]
+        result.append(_combined(legs, sets, near, len(begin), most))
+    return result
+
+
+def _combined(
+    legs: list[Leg], sets: list[list[Array]], near: Array, starts: int, most: int
+) -> Branches:
+    """The nearest combinations of the legs' solutions, sorted by their coordinates."""
+    total, rows, distances = 0, [near[None][:0]], [np.empty(0)]
+    for solutions in sets:
+        total += prod(map(len, solutions))
+        if not all(map(len, solutions)):
+            continue
+        q, distance = near[None].copy(), np.zeros(1)
+        for leg, own in zip(legs, solutions, strict=True):
+            turns = ~leg.chain.is_length
+            d = (own - near[leg.columns]) / leg.solver.sizes
+            d = np.where(turns, (d + np.pi) % (2 * np.pi) - np.pi, d)
+            both = (distance[:, None] + (d * d).sum(axis=1)).ravel()
+            # Nothing that is left out here can be among the nearest of the whole.
+            keep = np.argsort(both, kind="stable")[:most]
+            i, k = np.unravel_index(keep, (len(distance), len(own)))
+            q, distance = q[i], both[keep]
+            q[:, leg.columns] = own[k]
+        rows.append(q)
+        distances.append(distance)
+    q = np.vstack(rows)[np.argsort(np.concatenate(distances), kind="stable")[:most]]
+    q = q[np.lexsort(np.round(q / (10 * SAME)).T[::-1])]
+    each = tuple(sum(len(s[i]) for s in sets) for i in range(len(legs)))
+    return Branches(q, Search(starts, each, total, len(q)))

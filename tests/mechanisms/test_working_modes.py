@@ -1,0 +1,168 @@
+"""Bodies carried by legs: all combinations of the legs' solutions, against elbows by hand."""
+
+from __future__ import annotations
+
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.mechanisms.machines import joint, write_file, write_urdf
+from tests.mechanisms.test_pose_of_a_parallel_machine import CRANK, RADIUS, ROD, six_rus
+
+import cartstiff
+from cartstiff.kinematics.inverse import inverse_kinematics
+
+# Solutions of each leg are good to rounding.
+EXACT = 1e-10
+
+
+def cosine_and_sine(a: float, b: float, c: float) -> list[float]:
+    """The two angles t with ``a cos t + b sin t = c``."""
+    middle, half = np.arctan2(b, a), np.arccos(c / np.hypot(a, b))
+    return [middle - half, middle + half]
+
+
+def cranks(T: np.ndarray) -> list[list[float]]:
+    """Angles of the six cranks: each knee is a rod's length away from its ball."""
+    found = []
+    for k in range(6):
+        a = np.deg2rad(60 * k + (8 if k % 2 else -8))
+        b = np.deg2rad(60 * k + (-20 if k % 2 else 20))
+        t = a + np.pi / 2 * (-1) ** k
+        ball = T[:3, :3] @ [RADIUS[1] * np.cos(b), RADIUS[1] * np.sin(b), 0] + T[:3, 3]
+        d = ball - RADIUS[0] * np.array([np.cos(a), np.sin(a), 0])
+        # |d - CRANK e(turn)|^2 = ROD^2 with e = (cos t cos turn, sin t cos turn, -sin turn)
+        c = (d @ d + CRANK**2 - ROD**2) / (2 * CRANK)
+        found.append(cosine_and_sine(d[0] * np.cos(t) + d[1] * np.sin(t), -d[2], c))
+    return found
+
+
+def wrapped(angles: Any) -> np.ndarray:
+    return (np.asarray(angles) + np.pi) % (2 * np.pi) - np.pi
+
+
+def same_rows(found: np.ndarray, wanted: np.ndarray) -> None:
+    """Each wanted row of angles stands once among those found."""
+    assert found.shape == wanted.shape
+    for row in wanted:
+        assert (np.abs(wrapped(found - row)).max(axis=1) < EXACT).sum() == 1
+
+
+@pytest.mark.parametrize("rpy", [(0.05, -0.1, 0.15), (-0.08, 0.02, -0.2)])
+def test_six_rus_has_sixty_four(rpy: Any, tmp_path: Path) -> None:
+    machine = cartstiff.load(six_rus(tmp_path, pose={"xyz": [0.02, -0.01, 0.33], "rpy": list(rpy)}))
+    T = machine.mechanism.at(machine.q).pose
+    found = inverse_kinematics(machine, T)
+    assert len(found) == 64
+    for q in found:
+        posture = machine.mechanism.at(q)
+        assert np.abs(posture.residual).max() < EXACT
+        assert np.abs(posture.pose - T).max() < EXACT
+    own = [machine.names.index(f"leg{k + 1}/crank") for k in range(6)]
+    same_rows(found[:, own], np.array(list(product(*cranks(T)))))
+    assert found.search.legs == (2,) * 6
+    assert (found.search.found, found.search.listed) == (64, 64)
+    assert str(found.search).startswith("64 found: 2 x 2 x 2 x 2 x 2 x 2")
+    assert found[:3].search is None
+
+
+def test_of_many_combinations_the_nearest_are_listed(tmp_path: Path) -> None:
+    machine = cartstiff.load(six_rus(tmp_path, pose={"xyz": [0.02, -0.01, 0.33]}))
+    T = machine.mechanism.at(machine.q).pose
+    every = inverse_kinematics(machine, T)
+    few = inverse_kinematics(machine, T, most=5)
+    away = np.linalg.norm(wrapped(every - machine.q), axis=1)
+    nearest = every[np.sort(np.argsort(away)[:5])]
+    np.testing.assert_allclose(few, nearest, atol=EXACT)
+    assert (few.search.found, few.search.listed) == (64, 5)
+    assert "nearest 5 are listed" in str(few.search)
+
+
+def test_planar_three_rrr_has_eight() -> None:
+    machine = cartstiff.load("3-rrr")
+    T = machine.mechanism.at(machine.q).pose
+    found = inverse_kinematics(machine, T)
+    assert len(found) == 8
+    # Crank and coupler are 0.3 m long; the motors stand on a ring of 0.4 m.
+    grips = [
+        (-0.04114773689465417, 0.1127247255416855),
+        (-0.07704860750640112, -0.09199734822985144),
+        (0.1181963444010552, -0.02072737731183413),
+    ]
+    motors = []
+    for k, grip in enumerate(grips):
+        a = np.pi / 2 + 2 * np.pi * k / 3
+        d = T[:2, :2] @ grip + T[:2, 3] - 0.4 * np.array([np.cos(a), np.sin(a)])
+        motors.append(cosine_and_sine(*d, d @ d / 0.6))
+    own = [machine.names.index(f"leg{k + 1}/motor") for k in range(3)]
+    # The file's own numbers have sixteen digits.
+    same_rows(found[:, own], np.array(list(product(*motors))))
+    for q in found:
+        assert np.abs(machine.mechanism.at(q).residual).max() < EXACT
+
+
+def test_delta_has_eight_and_six_ups_one() -> None:
+    for name, count in (("delta", 8), ("6-ups", 1)):
+        machine = cartstiff.load(name)
+        T = machine.mechanism.at(machine.q).pose
+        found = inverse_kinematics(machine, T)
+        assert len(found) == count
+        for q in found:
+            posture = machine.mechanism.at(q)
+            assert np.abs(posture.residual).max() < EXACT
+            assert np.abs(posture.pose - T).max() < EXACT
+
+
+def test_five_bar_with_its_body_free_to_turn_has_four() -> None:
+    machine = cartstiff.load("five-bar")
+    T = machine.mechanism.at(machine.q).pose
+    found = inverse_kinematics(machine, T, free="rotation")
+    motors = found[:, [machine.names.index(n) for n in ("left_motor", "right_motor")]]
+    assert len(np.unique(np.round(motors, 6), axis=0)) == len(found) == 4
+    for q in found:
+        posture = machine.mechanism.at(q)
+        assert np.abs(posture.residual).max() < EXACT
+        assert np.abs(posture.pose[:3, 3] - T[:3, 3]).max() < EXACT
+
+
+def test_a_leg_out_of_reach_leaves_none(tmp_path: Path) -> None:
+    machine = cartstiff.load(six_rus(tmp_path, pose={"xyz": [0.02, -0.01, 0.33]}))
+    T = np.eye(4)
+    T[2, 3] = 0.9
+    found = inverse_kinematics(machine, T)
+    assert found.shape == (0, 36)
+    assert found.search.found == 0
+
+
+def test_legs_that_hang_on_the_body(tmp_path: Path) -> None:
+    """A body on an arm of two sliders and a turn, with a leg from it to a point of the base."""
+    write_urdf(
+        tmp_path,
+        joint("x", "base", "carriage", axis=(1, 0, 0), kind="prismatic"),
+        joint("y", "carriage", "slide", axis=(0, 1, 0), kind="prismatic"),
+        joint("turn", "slide", "body", axis=(0, 0, 1)),
+        joint("hip", "body", "thigh", axis=(0, 0, 1)),
+        joint("knee", "thigh", "shank", at=(0.5, 0, 0), axis=(0, 0, 1)),
+        joint("foot", "shank", "toe", at=(0.6, 0, 0), kind="fixed"),
+        name="hanging",
+    )
+    file = write_file(
+        tmp_path, "hanging", kind="closed-chain", model="hanging.urdf", frame="body",
+        closures=[{"frames": ["toe", "world"], "type": "point",
+                   "points": [[0, 0, 0], [0.3, -0.2, 0]]}],
+        actuated=["knee"], springs={"knee": {"stiffness": 100.0}},
+        q={"x": 0.1, "y": 0.5, "turn": 0.2, "hip": -2.0, "knee": 0.9},
+    )  # fmt: skip
+    machine = cartstiff.load(file)
+    T = machine.mechanism.at(machine.q).pose
+    found = inverse_kinematics(machine, T)
+    d = np.array([0.3, -0.2]) - T[:2, 3]
+    knee = np.arccos((d @ d - 0.5**2 - 0.6**2) / (2 * 0.5 * 0.6))
+    own = np.sort(found[:, machine.names.index("knee")])
+    np.testing.assert_allclose(own, [-knee, knee], atol=EXACT)
+    for q in found:
+        posture = machine.mechanism.at(q)
+        assert np.abs(posture.residual).max() < EXACT
+        assert np.abs(posture.pose - T).max() < EXACT
