@@ -25,6 +25,7 @@ from cartstiff.loading.parts import (
     virtual_joints,
     weightless,
 )
+from cartstiff.loading.regular_posture import regular_posture
 from cartstiff.loading.robot_description import RobotDescription, read_robot_description
 from cartstiff.loading.schema import (
     ParallelFile,
@@ -97,6 +98,11 @@ def serial_of(
         file.springs, file.passive, tree, facts, where, virtual=virtual_joints(file.flexible)
     )
     q = default_posture(tree, file.q, where, posture, facts)
+    # Springs with rest positions are at home where these are.
+    homed = facts.springs or any(entry.rest is not None for entry in file.springs.values())
+    if not (file.q or posture or facts.keyframe is not None or homed):
+        q, chosen = regular_posture(chain, q)
+        notes += chosen
     notes += [*description_notes(description, tree), *assumed]
     return put_together(file, name, chain, q, springs, soft, notes, where, facts.lifted)
 
