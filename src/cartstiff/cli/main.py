@@ -35,6 +35,7 @@ _COMMANDS = {
         "cartstiff.cli.path",
         "The stiffest postures along a path, and where to put the workpiece.",
     ),
+    "frames": ("cartstiff.cli.frames", "Frames, joints, limits, springs, masses as a tree."),
     "models": ("cartstiff.cli.models", "What can be named as MECHANISM."),
     "view": ("cartstiff.cli.view", "A page in the browser: move the mechanism, see its stiffness."),
 }

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from cartstiff.report.frames import FRAMES_SCHEMA
 from cartstiff.stiffness.applied_load import LOAD_KINDS
 from cartstiff.stiffness.compute import SCHEMA
 
-__all__ = ["json_schema"]
+__all__ = ["frames_schema", "json_schema"]
 
 _NUMBERS: dict[str, Any] = {"type": "array", "items": {"type": "number"}}
 _WRENCH: dict[str, Any] = {
@@ -176,6 +177,82 @@ _EQUILIBRIUM: dict[str, Any] = {
         "what holds the mechanism",
     ),
 }  # fmt: skip
+
+
+def _or_null(type_: str, description: str) -> dict[str, Any]:
+    return {"type": [type_, "null"], "description": description}
+
+
+_NAMES: dict[str, Any] = {"type": "array", "items": {"type": "string"}}
+_FRAMES: dict[str, Any] = {
+    "schema": {"const": FRAMES_SCHEMA, "description": "name and version of this form"},
+    "mechanism": _object({"name": _text("for people"), "kind": _text("as in mechanism files")}),
+    "frame": _text("frame of interest M"),
+    "units": _ANALYSIS["units"],
+    "frames": _NAMES | {"description": "frames fixed to F"},
+    "joints": {
+        "type": "array",
+        "description": "in the order of the tree; joints that do not move the frame are links",
+        "items": _object(
+            {
+                "name": _text("of the joint"),
+                "parent": _or_null("string", "joint that carries it; null: F"),
+                "type": {"enum": ["revolute", "prismatic", "helical", "free"]},
+                "lower": _or_null("number", "limit; null if there is none"),
+                "upper": _or_null("number", "limit; null if there is none"),
+                "q": _or_null("number", "default posture"),
+                "spring": {
+                    "anyOf": [
+                        {"type": "null"},
+                        _object(
+                            {
+                                "stiffness": _or_null("number", "null: rigid, or a law"),
+                                "rest": _or_null("number", "null: balanced at the posture"),
+                                "law": {"type": "boolean"},
+                                "rigid": {"type": "boolean"},
+                            }
+                        ),
+                    ],
+                    "description": "null: passive, or a joint of a link that gives",
+                },
+                "follows": _or_null("string", "coordinate that it mimics"),
+                "actuated": _or_null("boolean", "null where the file does not say"),
+                "virtual": {"type": "boolean", "description": "of a link that gives"},
+                "mass": {"type": "number", "description": "[kg] of what is fixed to it"},
+                "frames": _NAMES | {"description": "frames fixed to it, for --frame"},
+                "carries_body": {"type": "boolean", "description": "whether M is fixed to it"},
+            }
+        ),
+    },
+    "closures": {
+        "type": "array",
+        "items": _object({"frames": _NAMES, "type": {"enum": ["point", "weld"]}}),
+    },
+    "legs": {
+        "type": "array",
+        "description": "lines of a platform",
+        "items": _object(
+            {
+                "name": _text("of the leg"),
+                "frames": _NAMES | {"description": "in which its ends are given"},
+                "from": _NUMBERS,
+                "to": _NUMBERS,
+                "stiffness": {"type": "number"},
+                "rest": _or_null("number", "rest length; null: balanced at the posture"),
+                "shortest": _or_null("number", "limit"),
+                "longest": _or_null("number", "limit; null if there is none"),
+            }
+        ),
+    },
+    "payload": _or_null("number", "[kg]"),
+    "notes": _ANALYSIS["notes"],
+}
+
+
+def frames_schema() -> dict[str, Any]:
+    """JSON Schema of what ``cartstiff frames --json`` prints (draft 2020-12)."""
+    schema = _object(_FRAMES, "Output of cartstiff frames --json")
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
 
 
 def json_schema(command: str = "analyse") -> dict[str, Any]:

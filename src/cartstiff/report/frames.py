@@ -1,0 +1,228 @@
+"""A mechanism's frames as a tree, with joints, limits, springs and masses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.platform import Platform
+from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.potentials.springs import JointSprings
+
+__all__ = ["FRAMES_SCHEMA", "describe_frames", "frames_of"]
+
+#: Name and version of the form of `frames_of`.
+FRAMES_SCHEMA = "cartstiff-frames/1"
+
+
+def frames_of(elastic: ElasticMechanism) -> dict[str, Any]:
+    """The object printed by ``cartstiff frames --json``.
+
+    Returns
+    -------
+    dict
+        "frames" fixed to F; "joints" in the order of the tree, each with its parent (the name of a
+        joint, or None for F), its coordinate, spring, mass and the frames fixed to it; "closures"
+        that tie frames; "legs" of a platform; see `cartstiff.report.json_schema.frames_schema`.
+    """
+    mechanism = elastic.mechanism
+    answer: dict[str, Any] = {
+        "schema": FRAMES_SCHEMA,
+        "mechanism": {"name": elastic.name, "kind": mechanism.kind},
+        "frame": mechanism.frame,
+        "units": elastic.units.as_dict(),
+        "frames": ["world"],
+        "joints": [],
+        "closures": [],
+        "legs": [],
+        "payload": mechanism.masses().get("payload"),
+        "notes": [note.as_dict() for note in elastic.notes],
+    }
+    if isinstance(mechanism, Chain):
+        answer["joints"] = _joints(elastic, mechanism)
+        answer["frames"] = _frames_on(mechanism, 0)
+        answer["closures"] = [
+            {"frames": [c.frame_a, c.frame_b], "type": c.type} for c in mechanism.closures
+        ]
+    if isinstance(mechanism, Platform):
+        answer["joints"] = [_body(mechanism)]
+    if isinstance(elastic.springs, LineSprings):
+        answer["legs"] = _legs(mechanism, elastic.springs)
+    return answer
+
+
+def _limit(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _frames_on(chain: Chain, joint: int) -> list[str]:
+    """What can be named: Pinocchio's name for F, "universe", is no frame of the file."""
+    return [
+        name
+        for name, place in chain.tree.frames.items()
+        if place.joint == joint and name.rpartition("/")[2] != "universe"
+    ]
+
+
+def _joints(elastic: ElasticMechanism, chain: Chain) -> list[dict[str, Any]]:
+    tree, model = chain.tree, chain.tree.model
+    masses, _ = tree.masses()
+    names = [str(name) for name in model.names]
+    actuated = chain.actuated
+    found = []
+    for j in range(1, model.njoints):
+        parent = int(model.parents[j])
+        k = j - 1
+        follows = None
+        if tree.mimic is not None:
+            k = int(np.argmax(np.abs(tree.mimic[j - 1])))
+            if tree.coordinates[k].name != names[j]:
+                follows = tree.coordinates[k].name
+        coordinate = tree.coordinates[k]
+        kind = "prismatic" if model.joints[j].shortname().startswith("JointModelP") else None
+        own = follows is None
+        found.append(
+            {
+                "name": names[j],
+                "parent": names[parent] if parent else None,
+                "type": coordinate.type if own else kind or "revolute",
+                "lower": _limit(coordinate.lower) if own else None,
+                "upper": _limit(coordinate.upper) if own else None,
+                "q": float(elastic.q[k]) if own else None,
+                "spring": _spring(elastic, k) if own else None,
+                "follows": follows,
+                "actuated": None if actuated is None else own and k in actuated,
+                "virtual": own and k in chain.virtual,
+                "mass": float(masses[j - 1]),
+                "frames": _frames_on(chain, j),
+                "carries_body": chain.body.joint == j,
+            }
+        )
+    return found
+
+
+def _spring(elastic: ElasticMechanism, k: int) -> dict[str, Any] | None:
+    """Spring of a coordinate; None for a passive joint."""
+    springs = elastic.springs
+    if not isinstance(springs, JointSprings):
+        return None
+    if k in springs.rigid:
+        return {"stiffness": None, "rest": None, "law": False, "rigid": True}
+    if k in springs.laws or springs.stiffness[k] > 0.0:
+        return {
+            "stiffness": None if k in springs.laws else float(springs.stiffness[k]),
+            "rest": _limit(springs.rest[k]), "law": k in springs.laws, "rigid": False,
+        }  # fmt: skip
+    return None
+
+
+def _body(platform: Platform) -> dict[str, Any]:
+    return {
+        "name": "body", "parent": None, "type": "free", "lower": None, "upper": None, "q": None,
+        "spring": None, "follows": None, "actuated": None, "virtual": False,
+        "mass": float(sum(platform.masses().values())), "frames": ["body", platform.frame],
+        "carries_body": True,
+    }  # fmt: skip
+
+
+def _legs(mechanism: Any, springs: LineSprings) -> list[dict[str, Any]]:
+    limits = mechanism.limits if isinstance(mechanism, Platform) else None
+    limits = [(0.0, np.inf)] * len(springs.stiffness) if limits is None else limits
+    return [
+        {
+            "name": f"leg{i + 1}", "frames": [springs.frame_a, springs.frame_b],
+            "from": np.asarray(springs.anchors)[i].tolist(),
+            "to": np.asarray(springs.points)[i].tolist(),
+            "stiffness": float(k), "rest": _limit(springs.rest_length[i]),
+            "shortest": _limit(limits[i][0]), "longest": _limit(limits[i][1]),
+        }
+        for i, k in enumerate(springs.stiffness)
+    ]  # fmt: skip
+
+
+def describe_frames(answer: Mapping[str, Any]) -> str:
+    """The answer of ``cartstiff frames``, for reading."""
+    units, joints = answer["units"], answer["joints"]
+    mechanism = answer["mechanism"]
+    lines = [
+        f"{mechanism['name']}: {mechanism['kind']}, body frame {answer['frame']!r}, "
+        f"lengths in {units['length']}, forces in {units['force']}, masses in kg",
+        "",
+        f"F: {', '.join(answer['frames'])}",
+    ]
+
+    def below(parent: str | None, indent: str) -> None:
+        children = [j for j in joints if j["parent"] == parent]
+        for i, joint in enumerate(children):
+            last = i == len(children) - 1
+            lines.append(f"{indent}{'└─' if last else '├─'} {_joint_words(joint, units)}")
+            deeper = indent + ("   " if last else "│  ")
+            if joint["frames"]:
+                own = "M on " if joint["carries_body"] else ""
+                stem = "│" if any(j["parent"] == joint["name"] for j in joints) else " "
+                lines.append(f"{deeper}{stem}  {own}{', '.join(joint['frames'])}")
+            below(joint["name"], deeper)
+
+    below(None, "")
+    if answer["legs"]:
+        lines += ["", "Legs"]
+        lines += [_leg_words(leg, units) for leg in answer["legs"]]
+    if answer["closures"]:
+        lines += ["", "Closures"]
+        lines += [f"  {c['type']}: {c['frames'][0]} = {c['frames'][1]}" for c in answer["closures"]]
+    if answer["payload"]:
+        lines += ["", f"Payload: {answer['payload']:.6g} kg"]
+    return "\n".join(lines)
+
+
+def _range(low: float | None, high: float | None) -> str:
+    ends = ["-inf" if low is None else f"{low:.6g}", "inf" if high is None else f"{high:.6g}"]
+    return f"[{ends[0]}, {ends[1]}]"
+
+
+def _joint_words(joint: Mapping[str, Any], units: Mapping[str, str]) -> str:
+    words = [f"{joint['name']}: {joint['type']}"]
+    turns = joint["type"] != "prismatic"
+    if joint["follows"] is not None:
+        words.append(f"follows {joint['follows']}")
+    elif joint["q"] is not None:
+        words.append(
+            f"{_range(joint['lower'], joint['upper'])} {'rad' if turns else units['length']}"
+        )
+        words.append(f"q {round(joint['q'], 10):.6g}")
+        if not joint["virtual"]:
+            words.append(_spring_words(joint["spring"], units, turns))
+    if joint["actuated"]:
+        words.append("actuated")
+    if joint["virtual"]:
+        words.append("of a link that gives")
+    if joint["mass"]:
+        words.append(f"{joint['mass']:.6g} kg")
+    return ", ".join(words)
+
+
+def _spring_words(spring: Mapping[str, Any] | None, units: Mapping[str, str], turns: bool) -> str:
+    if spring is None:
+        return "passive"
+    if spring["rigid"]:
+        return "rigid"
+    if spring["law"]:
+        return "nonlinear spring"
+    force, length = units["force"], units["length"]
+    unit = f"{force} {length}/rad" if turns else f"{force}/{length}"
+    rest = "" if spring["rest"] is None else f" at rest at {spring['rest']:.6g}"
+    return f"{spring['stiffness']:.6g} {unit}{rest}"
+
+
+def _leg_words(leg: Mapping[str, Any], units: Mapping[str, str]) -> str:
+    ends = [", ".join(f"{x:.4g}" for x in leg[key]) for key in ("from", "to")]
+    words = [f"{leg['stiffness']:.6g} {units['force']}/{units['length']}"]
+    if leg["rest"] is not None:
+        words.append(f"rest length {leg['rest']:.6g}")
+    if leg["longest"] is not None:
+        words.append(f"{_range(leg['shortest'], leg['longest'])} {units['length']}")
+    return f"  {leg['name']}: ({ends[0]}) to ({ends[1]}), {', '.join(words)}"

@@ -1,0 +1,85 @@
+"""``cartstiff frames``: the tree in words and as JSON, for every kind of mechanism."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from tests.mechanisms.machines import joint, write_file, write_urdf
+
+import cartstiff
+from cartstiff.cli.main import main
+from cartstiff.loading.catalogue import bundled_files, example_robots
+from cartstiff.report.frames import describe_frames, frames_of
+from cartstiff.report.json_schema import frames_schema
+
+ROBOTS = {"ur5", "ur10", "panda", "xarm7"}
+
+
+def test_a_serial_arm(tmp_path: Path) -> None:
+    write_urdf(
+        tmp_path,
+        joint("turn", "base", "upper"),
+        joint("push", "upper", "slide", axis=(1, 0, 0), kind="prismatic"),
+        joint("grip", "slide", "tool", at=(0.1, 0, 0), kind="fixed"),
+    )
+    file = write_file(
+        tmp_path, "arm", kind="serial", model="machine.urdf", frame="tool", q={"turn": 0.5},
+        springs={"turn": {"stiffness": 300.0, "rest": 0.4}, "push": {"stiffness": 5e4}},
+        payload={"mass": 2.0},
+    )  # fmt: skip
+    answer = frames_of(cartstiff.load(file))
+    turn, push = answer["joints"]
+    assert (turn["name"], turn["parent"], turn["q"]) == ("turn", None, 0.5)
+    assert turn["spring"] == {"stiffness": 300.0, "rest": 0.4, "law": False, "rigid": False}
+    assert (push["parent"], push["lower"], push["upper"]) == ("turn", -100.0, 100.0)
+    assert {"slide", "tool"} <= set(push["frames"])
+    assert push["carries_body"]
+    assert not turn["carries_body"]
+    assert answer["payload"] == 2.0
+    words = describe_frames(answer)
+    assert "└─ turn: revolute, [-inf, inf] rad, q 0.5, 300 N m/rad at rest at 0.4" in words
+    assert "   └─ push: prismatic, [-100, 100] m, q 0, 50000 N/m, 2 kg" in words
+    assert "M on slide" in words
+    assert "Payload: 2 kg" in words
+
+
+def test_a_closed_chain_names_its_closures() -> None:
+    answer = frames_of(cartstiff.load("five-bar"))
+    assert answer["closures"] == [{"frames": ["tip", "right_tip"], "type": "point"}]
+    by_name = {j["name"]: j for j in answer["joints"]}
+    assert by_name["left_motor"]["actuated"]
+    assert by_name["left_elbow"]["spring"] is None
+    assert "point: tip = right_tip" in describe_frames(answer)
+
+
+def test_a_platform_names_its_legs() -> None:
+    answer = frames_of(cartstiff.load("cubic"))
+    assert [leg["name"] for leg in answer["legs"]] == [f"leg{i}" for i in range(1, 7)]
+    assert "leg6: (" in describe_frames(answer)
+
+
+@pytest.mark.parametrize("name", sorted(bundled_files()))
+def test_every_kind_has_the_form(name: str) -> None:
+    jsonschema = pytest.importorskip("jsonschema")
+    if name in ROBOTS and not example_robots():
+        pytest.skip("example-robot-data is not installed")
+    answer = frames_of(cartstiff.load(name))
+    jsonschema.validate(json.loads(json.dumps(answer, allow_nan=False)), frames_schema())
+    assert describe_frames(answer).count("M on ") == 1
+
+
+def test_a_frame_that_does_not_exist(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["frames", "five-bar", "--frame", "tipp"])
+    assert end.value.code == 2
+    assert "tipp" in capsys.readouterr().err
+
+
+def test_json_from_the_command() -> None:
+    from cartstiff.cli.frames import command
+
+    result = CliRunner().invoke(command, ["delta", "--json"])
+    assert json.loads(result.output)["schema"] == "cartstiff-frames/1"
