@@ -130,8 +130,8 @@ def _body(platform: Platform) -> dict[str, Any]:
 
 
 def _legs(mechanism: Any, springs: LineSprings) -> list[dict[str, Any]]:
-    limits = mechanism.limits if isinstance(mechanism, Platform) else None
-    limits = [(0.0, np.inf)] * len(springs.stiffness) if limits is None else limits
+    known = mechanism.limits if isinstance(mechanism, Platform) else None
+    limits = np.array([(0.0, np.inf)] * len(springs.stiffness)) if known is None else known
     return [
         {
             "name": f"leg{i + 1}", "frames": [springs.frame_a, springs.frame_b],
