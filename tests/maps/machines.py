@@ -12,6 +12,7 @@ from tests.support import loaded_arm, paper_platform
 
 import cartstiff
 from cartstiff.analysis.ellipsoids import stiffness_ellipsoid
+from cartstiff.analysis.matrices import symmetric_part
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
 
@@ -24,8 +25,8 @@ def platform() -> ElasticMechanism:
 
 
 def softest(elastic: ElasticMechanism, q: np.ndarray, wrench: object = None) -> float:
-    """Smallest principal translational stiffness, rotation free, by the analysis."""
-    K = cartstiff.analyse(elastic, q, wrench=wrench).matrices["B"]
+    """Smallest principal translational stiffness, rotation free, of the tangent under the load."""
+    K = symmetric_part(cartstiff.analyse(elastic, q, wrench=wrench).tangent)
     return float(stiffness_ellipsoid(K, "translation", "free").eigenvalues[0])
 
 

@@ -397,7 +397,7 @@ def test_bad_samplings(elastic):
         Grid({"elbow": Axis(0, 1, 2)}, names, elastic.q)
     with pytest.raises(InputError, match="must rise"):
         Axis(1, 0, 2)
-    with pytest.raises(InputError, match="1 or more"):
+    with pytest.raises(InputError, match="1 to 10000000"):
         Axis(0, 1, 0)
     with pytest.raises(InputError, match="finite"):
         Axis(0, np.inf, 3)

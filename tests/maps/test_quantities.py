@@ -24,6 +24,7 @@ from cartstiff.many.postures import analyse_many
 from cartstiff.maps import stacks
 from cartstiff.maps.job import STATES
 from cartstiff.maps.quantities import QUANTITIES, Settings, choose_quantities, evaluate
+from cartstiff.maps.quantity import CONNECTIONS
 from cartstiff.stiffness import closures, reduction
 
 # Two ways to the same number of a matrix of condition up to 1e6.
@@ -61,8 +62,11 @@ def _natural_length(K):
 
 def _single(result, connection, world):
     """The quantities of one posture by the functions of the analysis."""
-    read = "B" if connection == "A" else connection
-    K, C = result.matrices[read], result.compliances[read]
+    matrices = {**result.matrices, "load": result.tangent}
+    compliances = {**result.compliances, "load": result.tangent_compliance}
+    K = symmetric_part(matrices[connection])
+    # Of an asymmetric matrix the symmetric part is read, and its inverse.
+    C = compliances[connection] if connection in "BKF" else np.linalg.inv(K)
     pose = result.pose
     back = pose[:3, :3].T if world else np.eye(3)
     u = back @ np.array(DIRECTION)
@@ -81,7 +85,7 @@ def _single(result, connection, world):
     for others in ("free", "held"):
         values[f"along_{others}"] = stiffness_along(K, u, others=others)
         values[f"about_{others}"] = stiffness_about(K, u, others=others)
-    twist = compliance_deflection(result.compliances[connection], W).twist
+    twist = compliance_deflection(compliances[connection], W).twist
     i = indices(symmetric_part(K), LENGTH)
     J = result.jacobian
     columns = np.array(
@@ -91,7 +95,7 @@ def _single(result, connection, world):
         columns = np.full(6, LENGTH)
     scaled = J * columns * np.repeat([LENGTH, 1.0], 3)[:, None]
     singular = np.sqrt(np.linalg.eigvalsh(scaled @ scaled.T)[[0, -1]])
-    table = asymmetries.compare_connections(result.matrices, reference=connection, length=LENGTH)
+    table = asymmetries.compare_connections(matrices, reference=connection, length=LENGTH)
     changes = [row.change for row in table.rows if row.change is not None]
     return values | {
         "deflection": np.linalg.norm(twist[3:]),
@@ -115,7 +119,7 @@ def _single(result, connection, world):
 
 
 @pytest.mark.parametrize("world", [False, True])
-@pytest.mark.parametrize("connection", ["A", "B", "K", "F"])
+@pytest.mark.parametrize("connection", CONNECTIONS)
 @pytest.mark.parametrize("name", MACHINES)
 def test_quantities_are_those_of_the_analysis(name, connection, world):
     elastic, q, wrench = MACHINES[name]

@@ -71,10 +71,9 @@ def _list_quantities(context: click.Context, _: click.Parameter, asked: bool) ->
 )
 @click.option(
     "--connection",
-    type=click.Choice(["A", "B", "K", "F"]),
-    default="B",
-    show_default=True,
-    help="The matrix that is read.",
+    type=click.Choice(["load", "A", "B", "K", "F"]),
+    help="The matrix that is read; default under a load: load, the tangent under a dead load at "
+    "the frame's origin. Without a load all are the same, and B is read.",
 )
 @click.option(
     "--direction",
@@ -164,7 +163,7 @@ def command(
     /,
     request: MechanismRequest,
     quantities: tuple[str, ...],
-    connection: str,
+    connection: str | None,
     direction_text: str | None,
     deflect_text: str | None,
     world: bool,

@@ -82,10 +82,9 @@ def _single(*names: str, **settings: Any) -> Callable[[_Command], _Command]:
 )
 @click.option(
     "--connection",
-    type=click.Choice(["A", "B", "K", "F"]),
-    default="B",
-    show_default=True,
-    help="The stiffness that is read.",
+    type=click.Choice(["load", "A", "B", "K", "F"]),
+    help="The stiffness that is read; default with --loaded: load, the tangent under a dead load "
+    "at the frame's origin; else B.",
 )
 @click.option("--loaded", is_flag=True, help="Read it under the load, which the springs balance.")
 @click.option(
@@ -148,7 +147,7 @@ def command(
     direction_text: str | None,
     axes: str | None,
     criterion: str,
-    connection: str,
+    connection: str | None,
     loaded: bool,
     objective: str,
     step_text: str | None,

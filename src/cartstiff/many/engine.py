@@ -56,6 +56,8 @@ def fill(
 
 def _output(found: PostureStiffness, name: str) -> Array | float | None:
     kind, _, connection = name.partition("_")
+    if connection == "load":
+        return found.tangent if kind == "stiffness" else found.tangent_compliance
     if kind == "stiffness":
         return found.matrices[connection]
     if kind == "compliance":

@@ -13,16 +13,17 @@ from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["OUTPUTS", "aligned_empty", "arrays_for", "checked_count", "checked_names", "checked_q",
-           "checked_wrench"]  # fmt: skip
+__all__ = ["CONNECTIONS", "OUTPUTS", "aligned_empty", "arrays_for", "checked_count",
+           "checked_names", "checked_q", "checked_wrench"]  # fmt: skip
 
-_CONNECTIONS = "ABKF"
+#: Whose matrices can be asked for; "load" is the tangent under a dead load at M's origin.
+CONNECTIONS = ("A", "B", "K", "F", "load")
 #: Doubles in a line of the cache, and in a mebibyte.
 _LINE, _MEBIBYTE = 8, 1 << 17
 #: What can be asked for.
 OUTPUTS = (
     "pose", "jacobian", "wrench", "energy",
-    *(f"stiffness_{c}" for c in _CONNECTIONS), *(f"compliance_{c}" for c in _CONNECTIONS),
+    *(f"stiffness_{c}" for c in CONNECTIONS), *(f"compliance_{c}" for c in CONNECTIONS),
 )  # fmt: skip
 
 

@@ -112,8 +112,8 @@ def analyse_many(
         rest positions are then chosen at every posture.
     outputs : sequence of str
         Any of "pose" (N, 4, 4), "jacobian" (N, 6, n), "wrench" (N, 6), "energy" (N,),
-        "stiffness_X" and "compliance_X" (N, 6, 6) for X one of A, B, K, F. Only what they need is
-        computed.
+        "stiffness_X" and "compliance_X" (N, 6, 6) for X one of A, B, K, F, and
+        load, the tangent under a dead load at the origin of M. Only what they need is computed.
     out : mapping of str to ndarray, optional
         Arrays of doubles to write outputs into. Memory that is used again saves the system's
         work of providing it, which costs more than the computation.

@@ -33,9 +33,19 @@ __all__ = ["default_length", "prepare_map"]
 _SAME = 1e-8
 
 
-def default_length(elastic: ElasticMechanism, wrench: ArrayLike | None = None) -> float:
+def default_connection(elastic: ElasticMechanism, is_loaded: bool) -> str:
+    """What a map reads: the tangent under the load where the springs carry one, else K^B."""
+    springs = elastic.springs
+    return "load" if is_loaded or springs is None or springs.is_complete else "B"
+
+
+def default_length(
+    elastic: ElasticMechanism, wrench: ArrayLike | None = None, connection: str = "B"
+) -> float:
     """Characteristic length of a map: the natural length at the default posture, or one unit."""
-    K = analyse(elastic, wrench=wrench).matrices["B"]
+    result = analyse(elastic, wrench=wrench)
+    # K^K is the symmetric part of the tangent under a dead load.
+    K = result.matrices["K" if connection == "load" else "B"]
     return float(f"{characteristic_length(K).value:.6g}")  # the same digits on every processor
 
 
@@ -45,7 +55,7 @@ def prepare_map(
     quantities: Sequence[str],
     file: str | Path,
     *,
-    connection: str = "B",
+    connection: str | None = None,
     length: float | None = None,
     direction: ArrayLike | None = None,
     deflect: ArrayLike | None = None,
@@ -69,10 +79,12 @@ def prepare_map(
     if chunk is not None and chunk < 1:
         raise InputError("size of chunks cannot be used", expected="1 or more", got=chunk)
     load = None if wrench is None else checked_vector(wrench, 6, "wrench")
+    if connection is None:
+        connection = default_connection(elastic, load is not None)
     asked = load if deflect is None else checked_vector(deflect, 6, "wrench of the deflection")
     settings = Settings(
         connection,
-        default_length(elastic, load) if length is None else _positive(length),
+        default_length(elastic, load, connection) if length is None else _positive(length),
         None if direction is None else _direction(direction),
         None if asked is None else tuple(asked.tolist()),
         world,

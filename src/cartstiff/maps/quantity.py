@@ -10,12 +10,11 @@ import numpy as np
 
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
+from cartstiff.many.given import CONNECTIONS
 from cartstiff.maps import stacks
 from cartstiff.mechanisms.contract import Units
 
 __all__ = ["CONNECTIONS", "Quantity", "Settings", "Stacks"]
-
-CONNECTIONS = ("A", "B", "K", "F")
 
 
 @dataclass(frozen=True)
@@ -24,8 +23,8 @@ class Settings:
 
     Attributes
     ----------
-    connection : {"A", "B", "K", "F"}
-        The matrix that is read.
+    connection : {"load", "A", "B", "K", "F"}
+        The matrix that is read; "load" is the tangent under a dead load at the frame's origin.
     length : float
         Characteristic length, one for all postures, in the mechanism's unit.
     direction : tuple of float, optional
@@ -44,8 +43,12 @@ class Settings:
 
     @property
     def matrix(self) -> str:
-        """The symmetric matrix that is read: for A its symmetric part, which is B."""
-        return "B" if self.connection == "A" else self.connection
+        """The symmetric matrix that is read: an asymmetric one by its symmetric part.
+
+        That of K^A is K^B. That of the tangent under a dead load is K^K: a dead moment adds nothing
+        symmetric, and a dead force at the origin has the tangent K^K.
+        """
+        return {"A": "B", "load": "K"}.get(self.connection, self.connection)
 
 
 class Stacks:

@@ -47,7 +47,7 @@ def compute_map(
     quantities: Sequence[str],
     file: str | Path,
     *,
-    connection: str = "B",
+    connection: str | None = None,
     length: float | None = None,
     direction: ArrayLike | None = None,
     deflect: ArrayLike | None = None,
@@ -75,8 +75,9 @@ def compute_map(
         Names in `cartstiff.maps.quantities.QUANTITIES`, or paths of the analysis.
     file : path
         A folder that ends in ``.zarr``.
-    connection : {"B", "A", "K", "F"}
-        The matrix that is read.
+    connection : {"load", "A", "B", "K", "F"}, optional
+        The matrix that is read; default: where the springs carry a load the tangent under it, a
+        dead load at the frame's origin; else B, as all are the same.
     length : float, optional
         Characteristic length for all postures; see `default_length`.
     direction : array_like (3,), optional

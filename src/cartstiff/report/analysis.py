@@ -122,7 +122,9 @@ def _principal(ellipsoids: Mapping[str, Any], u: UnitNames, full: bool) -> list[
                     lines.append(f"{label:<42} does not exist")
                     continue
                 sign = "" if e["definiteness"] == "positive" else f"   {e['definiteness']}"
-                lines.append(f"{label:<42} {row(e['eigenvalues'])}{sign}")
+                lines.append(
+                    f"{label:<42} {' '.join(f'{number(x):>11}' for x in e['eigenvalues'])}{sign}"
+                )
                 if full:
                     for column in range(3):
                         axis = [r[column] for r in e["axes"]]

@@ -11,6 +11,9 @@ __all__ = ["deflection_lines", "target_lines", "uncertainty_lines"]
 
 Section = Mapping[str, Any] | None
 
+#: A smaller share is none of the largest.
+_TOLD = 1e-3
+
 
 def deflection_lines(d: Section, u: UnitNames, full: bool) -> list[str]:
     """Deflection of the point, and each joint's or leg's share."""
@@ -37,7 +40,8 @@ def deflection_lines(d: Section, u: UnitNames, full: bool) -> list[str]:
         titles = ["spring", "elongation", "", "share", "change of force"]
     ranked = sorted(shares, key=lambda s: -abs(s["share"] or 0.0))
     if not full:
-        parts = [f"{s['name']} {_share(s['share'])}" for s in ranked[:3]]
+        told = [s for s in ranked[:3] if abs(s["share"] or 0.0) >= _TOLD] or ranked[:1]
+        parts = [f"{s['name']} {_share(s['share'])}" for s in told]
         return [*lines, f"  largest shares {meaning}: {', '.join(parts)}"]
     rows = []
     for s in shares:

@@ -7,7 +7,17 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from cartstiff.errors import InputError
 
-__all__ = ["UnitNames", "number", "numbers", "percent", "row", "share", "table", "vector"]
+__all__ = [
+    "UnitNames",
+    "number",
+    "numbers",
+    "percent",
+    "row",
+    "share",
+    "table",
+    "vector",
+    "wide_row",
+]
 
 _SI = {"length": "m", "force": "N", "angle": "rad"}
 
@@ -66,6 +76,11 @@ def row(values: Iterable[float | None] | None, digits: int = 5, size: float = 0.
     if values is None:
         return "does not exist"
     return " ".join(f"{number(x, digits):>11}" for x in _shown(values, size))
+
+
+def wide_row(values: Iterable[float], size: float = 0.0) -> str:
+    """Numbers in wide columns, with the digits of a posture."""
+    return " ".join(f"{number(x, 6):>12}" for x in _shown(values, size))
 
 
 def numbers(values: Iterable[float | None], digits: int = 5) -> str:

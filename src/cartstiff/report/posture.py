@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.errors import joined
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.weighed import weighed
+from cartstiff.report.layout import wide_row
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.tensor import format_matrix
 
 __all__ = ["describe"]
 
+_SAME = "they are the same here"
 _MEANINGS = {
     "A": "wrench components in the moving body frame (Cartan minus; asymmetric under load)",
     "B": "symmetric part of K^A, independent of both frames (bi-invariant)",
@@ -21,8 +24,11 @@ _MEANINGS = {
 }
 
 
-def describe(result: PostureStiffness, analysis: str = "") -> str:
-    """Everything about a result, for reading; the text of its analysis stands before the notes."""
+def describe(result: PostureStiffness, analysis: str = "", at_rest: bool = False) -> str:
+    """Everything about a result, for reading; the text of its analysis stands before the notes.
+
+    `at_rest` says that the loads are among what gives the stiffness, and W is what acts besides.
+    """
     elastic = result.elastic
     mechanism, units = elastic.mechanism, elastic.units
     lines = [
@@ -42,23 +48,11 @@ def describe(result: PostureStiffness, analysis: str = "") -> str:
     lines += [
         "",
         "Pose of the body frame",
-        f"  position          {_row(position)} {units.length}",
-        f"  roll, pitch, yaw  {_row(np.degrees(angles))} deg",
+        f"  position          {wide_row(position, result.posture.length)} {units.length}",
+        f"  roll, pitch, yaw  {wide_row(np.degrees(angles), 1.0)} deg",
         "",
     ]
-    if result.wrench is not None:
-        W = result.shown_wrench(result.wrench)
-        lines += [
-            "Load: the wrench that holds the body here, in its own frame",
-            f"  moment  {_row(W[:3])} {units.moment}",
-            f"  force   {_row(W[3:])} {units.force}",
-        ]
-        if not result.wrench_is_known:
-            lines.append("  what the structure carries is not known, and taken as zero")
-        if result.is_loaded:
-            x, y, z = result.load.at
-            at = f"({x:g}, {y:g}, {z:g}) {units.length}" if any(result.load.at) else "the origin"
-            lines.append(f"  taken as a {result.load.kind} load at {at}: {result.load.words}")
+    lines += _load(result, at_rest)
     lines.append(weighed(elastic).text)
     if np.isfinite(result.stored_energy):
         lines.append(f"  energy stored in the springs {result.stored_energy:.6g} {units.moment}")
@@ -73,21 +67,16 @@ def describe(result: PostureStiffness, analysis: str = "") -> str:
             f"[{units.force}/rad, {units.force}/{units.length}]]",
             "",
         ]
-    matrices = dict(result.matrices)
-    if result.is_loaded:
-        matrices["load"] = result.tangent
-    for name, K in matrices.items():
-        if K is None:
-            continue
+    for names, K in _different(result, at_rest):
         asymmetry = float(np.abs(K - K.T).max())
-        size = float(np.abs(K).max())
         verdict = (
             "symmetric"
-            if asymmetry <= 1e-9 * size
+            if asymmetry <= numerics.SYMMETRY * float(np.abs(K).max())
             else f"asymmetric, |K - K^T| up to {asymmetry:.4g}"
         )
+        meaning = _MEANINGS[names[-1]] if names[-1] == "load" or len(names) == 1 else _SAME
         lines += [
-            f"K^{name}  {_MEANINGS[name]}; {verdict}",
+            f"{' = '.join(f'K^{name}' for name in names)}  {meaning}; {verdict}",
             *format_matrix(K, [""] * 6).split("\n"),
             "",
         ]
@@ -101,16 +90,56 @@ def describe(result: PostureStiffness, analysis: str = "") -> str:
     return joined(lines).rstrip()
 
 
+def _load(result: PostureStiffness, at_rest: bool) -> list[str]:
+    """The wrench, and what it does while the body moves."""
+    if result.wrench is None:
+        return []
+    units, W = result.elastic.units, result.shown_wrench(result.wrench)
+    if at_rest and not W.any():
+        return ["Load: part of what follows; nothing else holds the body"]
+    what = "the wrench that holds the body here" + (" besides the loads" if at_rest else "")
+    if not (W.any() or result.is_loaded) and result.wrench_is_known:
+        return ["Load: none; no wrench is needed to hold the body here"]
+    lines = [
+        f"Load: {what}, in its own frame",
+        f"  moment  {wide_row(W[:3])} {units.moment}",
+        f"  force   {wide_row(W[3:])} {units.force}",
+    ]
+    if not result.wrench_is_known:
+        lines.append("  what the structure carries is not known, and taken as zero")
+    if result.is_loaded and not at_rest:
+        x, y, z = result.load.at
+        at = f"({x:g}, {y:g}, {z:g}) {units.length}" if any(result.load.at) else "the origin"
+        lines.append(f"  taken as a {result.load.kind} load at {at}: {result.load.words}")
+    return lines
+
+
+def _different(result: PostureStiffness, at_rest: bool) -> list[tuple[list[str], np.ndarray]]:
+    """The matrices that exist with all their names; what is equal stands once."""
+    matrices = dict(result.matrices)
+    if result.is_loaded and not at_rest:
+        matrices["load"] = result.tangent
+    found: list[tuple[list[str], np.ndarray]] = []
+    for name, K in matrices.items():
+        if K is None:
+            continue
+        for names, other in found:
+            if np.abs(K - other).max() <= numerics.SYMMETRY * np.abs(K).max():
+                names.append(name)
+                break
+        else:
+            found.append(([name], K))
+    return found
+
+
 def _reachable(result: PostureStiffness) -> list[str]:
     """The stiffness on the motions that exist, where the 6x6 matrix does not."""
     motions, K = result.reduction.reachable, result.reduction.reachable_stiffness
     if motions is None or K is None:
         return []
     rank = motions.shape[1]
+    if rank == 0:
+        return ["No motion exists: nothing that gives moves the body", ""]
     lines = [f"Stiffness on the {rank} motion(s) that exist, as twists (rotation, translation)"]
-    lines += [f"  {i + 1}: {_row(twist)}" for i, twist in enumerate(motions.T)]
+    lines += [f"  {i + 1}: {wide_row(twist)}" for i, twist in enumerate(motions.T)]
     return [*lines, *format_matrix(K, [""] * rank).split("\n"), ""]
-
-
-def _row(values: np.ndarray) -> str:
-    return " ".join(f"{0.0 if abs(v) < 1e-12 else v:>12.6g}" for v in values)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 
 from cartstiff.errors import joined
+from cartstiff.report.layout import wide_row
 from cartstiff.report.posture import describe
 from cartstiff.statics.compensation import CompensatedPath
 from cartstiff.statics.curves import LoadCurve
@@ -12,6 +15,9 @@ from cartstiff.statics.rest import Equilibrium
 
 __all__ = ["describe_curve", "describe_equilibrium", "describe_path"]
 
+# A displacement below this, times 1e-12, is rounding of the coordinates: of angles, and of distances
+# over the characteristic length.
+_NOTHING = 1e-3
 _STABLE = {
     True: "stable",
     False: "UNSTABLE",
@@ -19,22 +25,17 @@ _STABLE = {
 }
 
 
-def _row(values: np.ndarray) -> str:
-    size = float(np.abs(values).max(initial=0.0))
-    return " ".join(f"{0.0 if abs(v) < 1e-12 * size else v:>12.6g}" for v in values)
-
-
 def describe_equilibrium(state: Equilibrium) -> str:
     """Where the mechanism rests, and its stiffness there with the loads included."""
-    units = state.elastic.units
+    units, length = state.elastic.units, state.posture.length
     lines = [
         f"Equilibrium: {_STABLE[state.stable]}, residual {state.residual:.2g} (relative) after "
         f"{state.iterations} step(s)",
         _softest(state),
         "",
         "Displacement of the body frame, inertial axes",
-        f"  rotation     {_row(np.degrees(state.displacement[:3]))} deg",
-        f"  translation  {_row(state.displacement[3:])} {units.length}",
+        f"  rotation     {wide_row(np.degrees(state.displacement[:3]), _NOTHING)} deg",
+        f"  translation  {wide_row(state.displacement[3:], _NOTHING * length)} {units.length}",
     ]
     elastic = state.elastic_stiffness
     if elastic.wrench is not None:
@@ -42,19 +43,32 @@ def describe_equilibrium(state: Equilibrium) -> str:
         lines += [
             "",
             state.meaning_of_elastic_wrench[0].upper() + state.meaning_of_elastic_wrench[1:],
-            f"  moment       {_row(W[:3])} {units.moment}",
-            f"  force        {_row(W[3:])} {units.force}",
+            f"  moment       {wide_row(W[:3])} {units.moment}",
+            f"  force        {wide_row(W[3:])} {units.force}",
         ]
-    for name, force in state.reactions.held.items():
-        unit = units.moment if name.startswith("r") else units.force
-        lines.append(f"  held {name}: reaction {force:.6g} {unit}")
-    for name, force in state.reactions.limits.items():
-        lines.append(f"  limit of {name}: reaction {force:.6g} {units.force} or {units.moment}")
-    for name, torque in state.reactions.rigid.items():
-        lines.append(f"  rigid {name}: reaction {torque:.6g} {units.moment} or {units.force}")
-    lines += ["", "Stiffness there, loads included", ""]
-    lines += describe(state.stiffness).split("\n")
+    lines += [*_reactions(state), "", "Stiffness there, loads included", ""]
+    lines += describe(state.stiffness, at_rest=True).split("\n")
     return joined(lines)
+
+
+def _reactions(state: Equilibrium) -> list[str]:
+    """What holds the body, the limits and the rigid joints; rounding is shown as 0."""
+    units, found = state.elastic.units, state.reactions
+    lengths = {c.name: c.is_length for c in state.elastic.mechanism.coordinates}
+    held = {f"held {name}": (x, not name.startswith("r")) for name, x in found.held.items()}
+    # What is no coordinate is a leg.
+    limits = {f"limit of {n}": (x, lengths.get(n, True)) for n, x in found.limits.items()}
+    rigid = {f"rigid {n}": (x, lengths.get(n, True)) for n, x in found.rigid.items()}
+    rows = {**held, **limits, **rigid}
+    largest = max((abs(x) for x, _ in rows.values()), default=0.0)
+    wrench = state.elastic_stiffness.wrench
+    if wrench is not None:
+        largest = max(largest, float(np.abs(wrench).max()))
+    return [
+        f"  {name}: reaction {wide_row([x], largest).strip()} "
+        f"{units.force if is_force else units.moment}"
+        for name, (x, is_force) in rows.items()
+    ]
 
 
 def _softest(state: Equilibrium) -> str:
@@ -76,7 +90,7 @@ def _softest(state: Equilibrium) -> str:
 def describe_curve(curve: LoadCurve) -> str:
     """A load-deflection curve in at most twenty lines, with its critical points."""
     units = curve.elastic.units
-    length = units.length
+    length, size = units.length, curve.elastic.mechanism.at(curve.q[0]).length
     lines = [
         f"Load-deflection curve of {curve.elastic.name}: {len(curve.factors)} equilibria, "
         f"ended: {curve.reason}",
@@ -88,18 +102,21 @@ def describe_curve(curve: LoadCurve) -> str:
     ]
     shown = np.unique(np.linspace(0, len(curve.factors) - 1, 16).astype(int))
     for i in shown:
-        x, y, z = curve.displacement[i, 3:]
+        place = wide_row(curve.displacement[i, 3:], _NOTHING * size)
         turned = np.degrees(np.linalg.norm(curve.displacement[i, :3]))
         off = ["-" if np.isnan(x) else f"{100 * x:.2f} %" for x in curve.deviation[i]]
         word = {True: "stable", False: "unstable", None: "-"}[curve.stable[i]]
         lines.append(
-            f"  {curve.factors[i]:>10.5g} {x:>12.5g} {y:>12.5g} {z:>12.5g} "
-            f"{off[1]:>11} {turned:>11.4g} {off[0]:>11}  {word}"
+            f"  {curve.factors[i]:>10.5g} {place} "
+            f"{off[1]:>11} {0.0 if turned < 1e-12 else turned:>11.4g} {off[0]:>11}  {word}"
         )
     lines.append("")
+    points = []
     for point in curve.critical:
         beating = "" if point.frequency is None else f", {point.frequency:.6g} Hz"
-        lines.append(f"Critical load: {point.kind} at factor {point.factor:.10g}{beating}")
+        points.append(f"Critical load: {point.kind} at factor {point.factor:.10g}{beating}")
+    for point, times in Counter(points).items():
+        lines.append(point + (f" ({times} modes)" if times > 1 else ""))
     if not curve.critical:
         massless = any(note.code == "masses-missing" for note in curve.notes)
         lines.append(

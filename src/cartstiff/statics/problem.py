@@ -23,7 +23,7 @@ from cartstiff.errors import ConvergenceError, InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.limits import Limits
+from cartstiff.mechanisms.limits import Limits, limit_notes
 from cartstiff.numerics import EPSILON, IDLE, RANK, eigenvalues, invert
 from cartstiff.potentials.contract import Evaluation, Map, Potential
 from cartstiff.potentials.springs import JointSprings
@@ -305,7 +305,7 @@ class System:
         ConvergenceError
             If they cannot be met from there.
         """
-        mechanism, ease = self.elastic.mechanism, self._ease()
+        mechanism, ease, start = self.elastic.mechanism, self._ease(), q
         best = size = np.inf
         for _ in range(_PULLS):
             posture = mechanism.at(q)
@@ -330,8 +330,10 @@ class System:
         kinds = ("closures", posture.closure), ("held displacement", self.held)
         what = [name for name, there in kinds if there is not None]
         what += ["limits"] if contacts else []
+        beyond = limit_notes(mechanism, mechanism.at(start)) if contacts else []
         raise ConvergenceError(
-            f"the {' and '.join(what)} cannot be met from this posture",
+            f"the {' and '.join(what)} cannot be met from this posture"
+            + "".join(f"; {note.message}" for note in beyond),
             iterations=_PULLS,
             residual=size,
         )

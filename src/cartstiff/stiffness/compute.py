@@ -489,16 +489,19 @@ class PostureStiffness:
                     {"matrix": "compliance", "relative_error": C.error},
                 )
             )
-        values = self.reduction.singular_values
-        if K is not None and len(values):
-            error = numerics.EPSILON / max(numerics.ratio(values), 1e-300) ** 2
+        if K is not None and C is not None:
+            error = self._error_of_soft_directions(K, C.matrix)
             if error > numerics.TELLING:
+                is_near = numerics.ratio(self.reduction.singular_values) < numerics.NEAR
+                words = "so near to a singularity" if is_near else "with springs so far apart"
+                known = "not at all"
+                if error < 1:
+                    known = f"to a relative error of about {error:.1g} only"
                 reasons.append(
                     Note(
                         "lost-digits",
-                        "so near to a singularity the stiffness matrix holds the softer directions "
-                        f"to a relative error of about {error:.1g} only; compliance, and what is "
-                        "free, are exact",
+                        f"{words} the stiffness matrix holds the softer directions {known}; the "
+                        "compliance, and what is free, hold them",
                         {"matrix": "stiffness", "relative_error": error},
                     )
                 )
@@ -513,6 +516,15 @@ class PostureStiffness:
                 )
             )
         return (*self._notes, *reasons)
+
+    def _error_of_soft_directions(self, K: Array, C: Array) -> float:
+        """Relative error of what the digits of K say about its softest direction."""
+        found = numerics.invert(K)
+        if found is not None:
+            return found.error
+        scale = self._natural * self._natural[:, None]
+        values = numerics.eigenvalues(K * scale, C / scale)
+        return numerics.EPSILON * float(numerics.condition(values))
 
     def tensor(self, connection: str | Connection = "B") -> StiffnessTensor:
         """Stiffness tensor under a named connection ("A", "B", "K", "+", "F") or any other.

@@ -356,7 +356,8 @@ def _general(
                 f"the {what} cannot move in {len(rows) - rank} of {len(rows)} directions here"
                 + ("" if kind == "deficient" else " (serial singularity)")
                 + ": the stiffness matrix does not exist, the compliance does; the wrench along "
-                "them is carried by the structure and is taken as zero in the scaled norm",
+                "them is carried by the structure"
+                + (" and is taken as zero in the scaled norm" if force is None else ""),
                 {
                     "rank": rank,
                     "singular_values": values.tolist(),

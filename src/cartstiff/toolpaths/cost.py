@@ -74,7 +74,7 @@ class PathCost:
         With wrenches or directions, as the quantity asks.
     quantity : Quantity
         One of `criteria`.
-    connection : {"A", "B", "K", "F"}
+    connection : {"load", "A", "B", "K", "F"}
         The stiffness that is read.
     loaded : bool
         Whether that stiffness is the one under the path's wrenches, balanced by the springs.

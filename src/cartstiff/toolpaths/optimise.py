@@ -50,7 +50,7 @@ def optimise_path(
     free: Free = "none",
     redundant: str | None = None,
     criterion: str = "deflection",
-    connection: str = "B",
+    connection: str | None = None,
     loaded: bool = False,
     objective: Objective = "worst",
     max_step: float | Mapping[str, float] | ArrayLike | None = None,
@@ -79,8 +79,9 @@ def optimise_path(
     criterion : str
         A quantity of `cartstiff.toolpaths.cost.criteria`: "deflection" under the path's wrench,
         "along_free" for the stiffness along the path's directions, "translation_free_min", ...
-    connection : {"A", "B", "K", "F"}
-        The stiffness that is read.
+    connection : {"load", "A", "B", "K", "F"}, optional
+        The stiffness that is read; default with `loaded` the tangent under the wrench, a dead
+        load at the frame's origin, else B.
     loaded : bool
         Whether it is the stiffness under the path's wrench.
     objective : {"worst", "mean"}
@@ -118,6 +119,7 @@ def optimise_path(
         ``"path-without-stiffness"``, ``"path-discontinuous"``.
     """
     mechanism = elastic.mechanism
+    connection = connection or ("load" if loaded else "B")
     if isinstance(mechanism, Chain) and mechanism.closures:
         raise InputError("paths are for serial arms and platforms", got=mechanism.kind)
     if free not in get_args(Free):
