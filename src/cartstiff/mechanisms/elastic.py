@@ -176,7 +176,7 @@ class ElasticMechanism:
             return self
         posture = at if isinstance(at, MechanismPosture) else self.mechanism.at(at)
         load = None if wrench is None else checked_vector(wrench, 6, "wrench")
-        springs = self._balanced_springs(posture, load, self._evaluate_others(posture))
+        springs, _ = self._balanced_springs(posture, load, self._evaluate_others(posture))
         return self._carrying(springs)
 
     def _carrying(self, springs: JointSprings | LineSprings | None) -> ElasticMechanism:
@@ -187,28 +187,39 @@ class ElasticMechanism:
 
     def _balanced_springs(
         self, posture: MechanismPosture, wrench: Array | None, others: Evaluation | None
-    ) -> JointSprings | LineSprings | None:
-        """Springs that carry the other potentials and, if there is one, a wrench."""
+    ) -> tuple[JointSprings | LineSprings | None, Array | None]:
+        """Springs that carry the other potentials and, if there is one, a wrench.
+
+        Also what the springs of joints are to exert (n,), NaN where that is not chosen.
+        """
         springs, every = self.springs, wrench is not None
         if springs is None or (springs.is_complete and not every):
-            return springs
+            return springs, None
         J = posture.motion.jacobian
         gradient = np.zeros(J.shape[1]) if wrench is None else J.T @ wrench
         size = float(np.abs(gradient).max(initial=0.0))
         if others is not None:
             gradient -= others.gradient
-        if isinstance(springs, JointSprings):
-            gradient = self._carried(posture, gradient, every, size)
-        return springs.balanced(posture, gradient, every=every)
+        if not isinstance(springs, JointSprings):
+            return springs.balanced(posture, gradient, every=every), None
+        gradient = self._carried(posture, gradient, every, size)
+        exerted = np.where(springs.is_open(every), gradient, np.nan)
+        return springs.balanced(posture, gradient, every=every), exerted
 
     def _balanced_with_evaluation(
         self, posture: MechanismPosture, wrench: Array | None
     ) -> tuple[ElasticMechanism, Evaluation]:
         """`balanced` and its `evaluate` at a posture; the other potentials are evaluated once."""
         others = self._evaluate_others(posture)
-        springs = self._balanced_springs(posture, wrench, others)
+        springs, exerted = self._balanced_springs(posture, wrench, others)
         elastic = self if springs is self.springs else self._carrying(springs)
-        return elastic, elastic._with_springs_added(posture, others)
+        if exerted is None or springs is None:
+            return elastic, elastic._with_springs_added(posture, others)
+        # What was chosen is exact; through a stiff spring's rest position it comes back rounded.
+        own = springs.evaluate(posture)
+        torque = np.where(np.isnan(exerted), own.gradient, exerted)
+        own = own._replace(gradient=torque)
+        return elastic, own if others is None else _sum(own, others)
 
     def _carried(
         self, posture: MechanismPosture, gradient: Array, every: bool, size: float

@@ -510,8 +510,9 @@ class PostureStiffness:
             reasons.append(
                 Note(
                     "singular-stiffness",
-                    "the stiffness matrix is singular: a motion costs nothing, and there is no "
-                    "compliance matrix",
+                    "the stiffness matrix is singular: a motion costs nothing, or nothing that can "
+                    "be told from the rounding of the stiffest springs, and there is no compliance "
+                    "matrix",
                     {"eigenvalues": values.tolist(), "characteristic_length": self.posture.length},
                 )
             )

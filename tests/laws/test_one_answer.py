@@ -1,0 +1,356 @@
+"""One posture, one answer: `analyse`, maps, the page, and differences of the equilibrium.
+
+Random arms, platforms and closed chains, springs over fifteen decades, postures at distances of
+1e-1 to 1e-12 from a singular one, and each kind of load. Where something cannot be had, a note
+says so. The differences know the forces only: no Hessian, no reduction and no connection.
+"""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from tests.support import add_frame, log_reference, platform_mechanism, random_pose, translation
+
+import cartstiff
+from cartstiff.analysis.posture import analyse_posture
+from cartstiff.errors import ConvergenceError, InputError
+from cartstiff.many.postures import analyse_many
+from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
+from cartstiff.mechanisms.chain import Chain, Closure
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.tree_building import plain_tree
+from cartstiff.page.answer import Answer
+from cartstiff.page.payload import payload
+from cartstiff.page.session import Session
+from cartstiff.page.source import Source
+from cartstiff.page.state import State
+from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.potentials.loads import DeadForce, DeadWrench, FollowerWrench
+from cartstiff.potentials.springs import JointSprings
+from cartstiff.statics.equilibrium import equilibrium
+
+DISTANCES = (1e-1, 1e-2, 1e-4, 1e-6, 1e-8, 1e-9, 1e-11, 1e-12)
+LOADS = ("none", "dead force", "dead moment", "follower", "conservative", "spring")
+MECHANISMS = ("5R", "6R", "7R", "platform", "closed chain")
+# The same formula in another order, in the digits that it has.
+SAME = 1e-8
+# Differences over 1e-4 of what is linear; a soft motion comes to rest to some 1e-10.
+DIFFERENCES = 1e-5
+
+
+def _springs(rng, count, decades):
+    """Stiffnesses over so many decades from 1e-3 on, both ends among them."""
+    k = 10.0 ** rng.uniform(-3, decades - 3, count)
+    k[rng.permutation(count)[:2]] = 1e-3, 10.0 ** (decades - 3)
+    return k
+
+
+def _arm(rng, joints, distance, decades):
+    """An arm whose last three axes meet, the middle one turned by `distance` from alignment."""
+    model, last = pin.Model(), 0
+    for i in range(joints):
+        axis = rng.normal(size=3) if i < joints - 3 else np.eye(3)[[2, 1, 2][i - joints + 3]]
+        place = np.eye(4) if i > joints - 3 else random_pose(rng, 0.4)
+        joint = pin.JointModelRevoluteUnaligned(axis / np.linalg.norm(axis))
+        last = model.addJoint(last, joint, pin.SE3(place), f"j{i}")
+    add_frame(model, "tip", last, translation(0.1, 0.05, 0.2))
+    q = rng.uniform(-1.5, 1.5, joints)
+    q[-2] = distance
+    open_rest = JointSprings(_springs(rng, joints, decades), np.full(joints, np.nan))
+    return ElasticMechanism("arm", Chain(plain_tree(model), "tip"), q, open_rest)
+
+
+def _platform(rng, distance, decades):
+    """Six legs between symmetric hexagons; turned by a right angle they are singular."""
+    corners = np.repeat(2 * np.pi / 3 * np.arange(3), 2)
+    base, top = (
+        np.array([[r * np.cos(a), r * np.sin(a), 0.0] for a in corners + np.tile([-h, h], 3)])
+        for r, h in ((0.5, 0.3), (0.3, 0.7))
+    )
+    yaw = 0.5 * np.pi - distance
+    q = np.array([0.0, 0.0, 0.4, 0.0, 0.0, yaw])
+    return platform_mechanism(base, top, _springs(rng, 6, decades), np.full(6, np.nan), q=q)
+
+
+def _closed_chain(rng, distance, decades):
+    """A five-bar linkage with springs at its motors; its outer links nearly form one line."""
+    model, first, outer = pin.Model(), rng.uniform(0.3, 0.5, 2), rng.uniform(0.3, 0.5, 2)
+    left, along = rng.uniform(0.5, 1.5), rng.uniform(-0.5, 0.5)
+    directions = (along, along + np.pi - distance)
+    tip = first[0] * _unit(left) + outer[0] * _unit(along)
+    right = rng.uniform(1.5, 2.5)
+    bases = (np.zeros(2), tip - first[1] * _unit(right) - outer[1] * _unit(directions[1]))
+    q, ends = [], []
+    for s, (base, angle) in enumerate(zip(bases, (left, right), strict=True)):
+        motor = model.addJoint(0, pin.JointModelRZ(), pin.SE3(translation(*base, 0.0)), f"motor{s}")
+        elbow = model.addJoint(
+            motor, pin.JointModelRZ(), pin.SE3(translation(first[s], 0.0, 0.0)), f"elbow{s}"
+        )
+        add_frame(model, f"end{s}", elbow, translation(outer[s], 0.0, 0.0))
+        q += [angle, directions[s] - angle]
+        ends.append(f"end{s}")
+    closures = [Closure(*ends, "point")]
+    chain = Chain(plain_tree(model), "end0", closures=closures, actuated=[0, 2])
+    k = np.zeros(4)
+    k[[0, 2]] = _springs(rng, 2, decades)
+    return ElasticMechanism("five-bar", chain, np.array(q), JointSprings(k, np.full(4, np.nan)))
+
+
+def _unit(angle):
+    return np.array([np.cos(angle), np.sin(angle)])
+
+
+def _mechanism(name, rng, distance, decades):
+    if name == "platform":
+        return _platform(rng, distance, decades)
+    if name == "closed chain":
+        return _closed_chain(rng, distance, decades)
+    return _arm(rng, int(name[0]), distance, decades)
+
+
+def _load(kind, rng, elastic):
+    """Wrench, what `analyse` is told of it, and what the equilibrium is: by pose and wrench."""
+    stiffness = elastic.springs.stiffness
+    size = 0.05 * stiffness[stiffness > 0.0].min()  # what the softest spring bears
+    w = size * rng.normal(size=6)
+    at = 0.1 * rng.normal(size=3)
+    if kind == "dead force":
+        w[:3] = 0.0
+    if kind == "dead moment":
+        w[3:] = 0.0
+    name = kind if kind in ("follower", "conservative") else "dead"
+    return w, {"load_kind": name, "load_at": at}
+
+
+def _acting(kind, w, at, pose, length):
+    """The load as a potential of the equilibrium."""
+    R = pose[:3, :3]
+    if kind == "follower":
+        return [FollowerWrench([*(w[:3] + np.cross(at, w[3:])), *w[3:]])]
+    found = [DeadForce(R @ w[3:], at)]
+    if kind == "conservative":
+        z = w[:3] / np.linalg.norm(w[:3])
+        x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
+        x /= np.linalg.norm(x)
+        y, force = np.cross(z, x), np.linalg.norm(w[:3]) / (4.0 * length)
+        for end, along in ((x, y), (-x, -y), (y, -x), (-y, x)):
+            found.append(DeadForce(force * (R @ along), length * end))
+    elif w[:3].any():
+        found.append(DeadWrench([*(R @ w[:3]), 0.0, 0.0, 0.0]))
+    return found
+
+
+def _promised(result, matrix):
+    """The relative error that the notes admit."""
+    return max(
+        (n.values["relative_error"] for n in result.notes
+         if n.code == "lost-digits" and n.values["matrix"] == matrix),
+        default=0.0,
+    )  # fmt: skip
+
+
+def _codes(result):
+    return {n.code for n in result.notes}
+
+
+def _motions(acting, result, reaches):
+    """d(twist)/d(added wrench) by differences; None if an equilibrium is refused in clear words."""
+    pose = result.pose
+    R, columns, back = pose[:3, :3], [], np.linalg.inv(pose)
+    for i, h in enumerate(reaches):
+        ends = []
+        for t in (h, -h):
+            unit = np.eye(6)[i] * t
+            moment = DeadWrench([*(R @ unit[:3]), 0.0, 0.0, 0.0])
+            added = DeadForce(R @ unit[3:]) if i > 2 else moment
+            try:
+                state = equilibrium(
+                    result.elastic, *acting, added, q0=result.q, limits=False, settle=False
+                )
+            except ConvergenceError as error:
+                if "hardly resolves" not in str(error):
+                    raise
+                return None
+            ends.append(log_reference(back @ state.pose))
+        columns.append((ends[0] - ends[1]) / (2 * h))
+    return np.column_stack(columns)
+
+
+def _numbers_of_maps(elastic, q, w, settings):
+    """Quantities and matrices of two equal postures, the second of them."""
+    names = ("translation_free_min", "translation_free_max", "rotation_free_min",
+             "translation_held_min", "compliance_translation_free_max", "along_free",
+             "condition", "minimum", "deflection")  # fmt: skip
+    chosen = choose_quantities(names, settings, elastic)
+    outputs = {o for quantity in chosen for o in quantity.outputs(settings)}
+    outputs |= {"compliance_load", "stiffness_load", "compliance_A", "wrench"}
+    many = analyse_many(elastic, np.array([q, q]), wrench=w, outputs=sorted(outputs))
+    values = evaluate(chosen, many.arrays, settings)
+    return {n: v[1] for n, v in values.items()}, {n: a[1] for n, a in many.arrays.items()}, many
+
+
+def _unsymmetric_share(C, change):
+    """Size of what of K^load is not symmetric, beside the rest of K^load."""
+    scale = np.outer(*[np.repeat([0.3, 1.0], 3)] * 2)
+    values, vectors = np.linalg.eigh(0.5 * (C + C.T) * scale)
+    root = (vectors * np.sqrt(np.abs(values))) @ vectors.T
+    return float(np.linalg.norm(root @ (0.5 * (change - change.T) / scale) @ root, 2))
+
+
+def _same(got, expected, tolerance, what):
+    if expected is None:
+        assert not np.isfinite(got), what
+        return
+    assert got == pytest.approx(expected, rel=tolerance), what
+
+
+@pytest.mark.parametrize("load", LOADS)
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_one_answer(name, load):
+    first = MECHANISMS.index(name) + LOADS.index(load)
+    for i in range(first % 3, len(DISTANCES), 3):
+        check_posture(name, load, DISTANCES[i], 15 if i % 2 else 2, first)
+
+
+def check_posture(name, load, distance, decades, seed):
+    """All that can be said of one posture, by everybody who says it."""
+    rng = np.random.default_rng([seed, decades, round(-np.log10(distance))])
+    elastic = _mechanism(name, rng, distance, decades)
+    q = elastic.q
+    w, how = _load(load, rng, elastic)
+    acting, wrench = [], w
+    if load in ("none", "spring"):
+        wrench, how = None, {}
+    if load == "spring":
+        pose, at = cartstiff.analyse(elastic, q).pose, np.array([0.03, -0.02, 0.05])
+        away = np.array([0.3, -0.2, 1.5])
+        if name == "closed chain":
+            away[2], at[2] = 0.0, 0.0
+        point = pose[:3, :3] @ at + pose[:3, 3]
+        length = np.linalg.norm(away)
+        k = float(np.abs(w).max())
+        line = LineSprings(
+            anchors=np.array([point + away]),
+            points=np.array([at]),
+            stiffness=np.array([k]),
+            rest_length=np.array([0.8 * length]),
+        )
+        elastic = elastic.with_potential(line)
+    try:
+        result = cartstiff.analyse(elastic, q, wrench=wrench, **how)
+    except InputError as error:
+        # Beside a singularity nothing holds the load: said so.
+        if (
+            distance > 1e-5
+            or name not in ("platform", "closed chain")
+            or "balance" not in str(error)
+        ):
+            raise
+        return
+    # 1. What is missing has a reason.
+    K, C = result.tangent, result.tangent_compliance
+    reasons = _codes(result) - {"no-chart", "near-serial-singularity", "near-type-2-singularity"}
+    if K is None or C is None:
+        assert reasons, "missing without a reason"
+    # 2. Stiffness and compliance are inverses, as far as the notes say.
+    if K is not None and C is not None:
+        size = np.sqrt(np.abs(np.diag(K)))
+        rest = (C * np.outer(size, size)) @ (K / np.outer(size, size)) - np.eye(6)
+        known = max(_promised(result, "stiffness"), _promised(result, "compliance"))
+        scale = np.abs(C * np.outer(size, size)).max()
+        assert np.abs(rest).max() <= max(1e-11 * scale, 10.0 * known), "K C = 1"
+    # 3. Maps.
+    at_origin = result
+    if load not in ("none", "spring"):
+        at_origin = cartstiff.analyse(elastic, q, wrench=result.wrench)
+    lost = max(_promised(at_origin, "compliance"), _promised(result, "compliance"))
+    direction = np.array([0.6, 0.0, 0.8])
+    settings = Settings("load", 0.3, tuple(direction), tuple(w))
+    numbers, arrays, many = _numbers_of_maps(
+        elastic, q, None if wrench is None else result.wrench, settings
+    )
+    single = analyse_posture(
+        at_origin, connection="load", length=0.3, direction=direction, wrench=w
+    )
+    if at_origin.tangent_compliance is None:
+        assert not np.isfinite(arrays["compliance_load"]).any()
+    else:
+        expected = at_origin.tangent_compliance
+        missed = np.abs(arrays["compliance_load"] - expected).max() / np.abs(expected).max()
+        assert missed <= max(1e-10, 10.0 * lost)
+    assert np.isfinite(arrays["stiffness_load"]).all() == (at_origin.tangent is not None)
+    if not many.is_regular[1]:
+        state = many.codes[many.state[1]]
+        assert state in _codes(at_origin), state
+    # Held values are those of K's own digits, the others of the compliance's.
+    tolerance = max(SAME, 100.0 * lost)
+    ellipsoids = single["ellipsoids"]
+    free = ellipsoids["stiffness"]["translation"]["free"]
+    if free is not None and at_origin.tangent_compliance is not None:
+        turned = ellipsoids["stiffness"]["rotation"]["free"]["eigenvalues"]
+        least, _, most = free["eigenvalues"]
+        _same(numbers["translation_free_min"], least, tolerance, "free min")
+        # Of the compliance the stiffest direction is known as far as the softest leaves digits.
+        known = max(tolerance, 1e-13 * most / abs(least))
+        _same(numbers["translation_free_max"], most, known, "free max")
+        _same(numbers["rotation_free_min"], turned[0], tolerance, "free rotation")
+        _same(numbers["along_free"], single["directions"][-1]["along"]["free"], tolerance, "along")
+        held = ellipsoids["stiffness"]["translation"]["held"]["eigenvalues"]
+        known = max(tolerance, 10.0 * _promised(at_origin, "stiffness"))
+        _same(numbers["translation_held_min"], held[0], known, "held")
+        condition = single["indices"]["condition_number"] or np.inf
+        _same(numbers["condition"], condition, max(1e-6, known), "condition")
+        if known < 1.0:  # else a note says that K does not hold it
+            _same(numbers["minimum"], single["indices"]["minimum_stiffness"], tolerance, "minimum")
+    soft = ellipsoids["compliance"]["translation"]["free"]
+    if soft is not None and np.isfinite(numbers["compliance_translation_free_max"]):
+        _same(numbers["compliance_translation_free_max"], soft["eigenvalues"][2], tolerance, "soft")
+    if single["deflection"] is not None:
+        moved = np.linalg.norm(single["deflection"]["displacement"])
+        _same(numbers["deflection"], moved, tolerance, "deflection")
+    # 4. The page.
+    session = Session(Source(elastic))
+    state = State(q=q.tolist(), quantity="compliance")
+    if wrench is not None:
+        state = state.model_copy(
+            update={"load": tuple(w), "load_kind": how["load_kind"],
+                    "load_at": tuple(how["load_at"])}
+        )  # fmt: skip
+    shown = json.loads(Answer(payload(session.result(state), state)).pack()[4:])
+    told = {n["code"] for n in shown["result"]["notes"]}
+    assert told == _codes(result)
+    if C is not None:
+        assert np.array_equal(shown["result"]["load"]["compliance"], C)
+        whole = analyse_posture(result, connection="load")
+        # The page shows the symmetric part of C^load, the analysis the inverse of that of K^load:
+        # the same but for the square of what is not symmetric.
+        apart = _unsymmetric_share(C, result.change_by_load) ** 2
+        principal = whole["ellipsoids"]["compliance"]
+        for freedom in ("translation", "rotation"):
+            there = principal[freedom]["free"]
+            if shown["principal"] is not None and there is not None:
+                values = np.array(there["eigenvalues"])
+                off = np.abs(np.array(shown["principal"][freedom]["values"]) - values)
+                assert off.max() <= max(1e-12, 2.0 * apart, 10.0 * lost) * np.abs(values).max(), (
+                    freedom
+                )
+        if shown["indices"] is not None and whole["indices"] is not None:
+            _same(shown["indices"]["condition_number"] or np.inf,
+                  whole["indices"]["condition_number"] or np.inf, SAME, "page")  # fmt: skip
+    # 5. Differences of the equilibrium. Near a type-2 singularity little is linear over more than a
+    # share of its distance, in which rounding is soon as large.
+    is_type_2 = name in ("platform", "closed chain")
+    if C is None or (is_type_2 and distance < 1e-2):
+        return
+    if wrench is not None:
+        acting = _acting(load, w, how["load_at"], result.pose, 0.1)
+    # What a stiff spring gives is nothing beside what the soft one does under the same load.
+    size = np.abs(C).max(axis=0)
+    size = np.maximum(size, size.max() * (1.0 if decades > 2 else 1e-2))
+    expected = _motions(acting, result, 1e-4 * (distance if is_type_2 else 1.0) / size)
+    if expected is not None:
+        off = float((np.abs(C - expected).max(axis=0) / size).max())
+        assert off <= max(DIFFERENCES, 10.0 * lost), "differences"
