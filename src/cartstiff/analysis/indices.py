@@ -200,7 +200,8 @@ def best_conditioned_length(
 
     def cost(t: float) -> float:
         values = at(start * float(np.exp(t)))
-        return float(values[-1] / max(values[0], 1e-300))
+        # Rounding of an ill-conditioned matrix can turn its smallest eigenvalue negative.
+        return float(values[-1] / values[0]) if values[0] > 0.0 else np.inf
 
     # At a distance t from the balancing length one block is exp(2|t|) times the other, so that the
     # condition number is at least exp(2|t|) / sqrt(3): beyond `reach` it exceeds that at t = 0.

@@ -115,8 +115,8 @@ def describe_curve(curve: LoadCurve) -> str:
     for point in curve.critical:
         beating = "" if point.frequency is None else f", {point.frequency:.6g} Hz"
         points.append(f"Critical load: {point.kind} at factor {point.factor:.10g}{beating}")
-    for point, times in Counter(points).items():
-        lines.append(point + (f" ({times} modes)" if times > 1 else ""))
+    for line, times in Counter(points).items():
+        lines.append(line + (f" ({times} modes)" if times > 1 else ""))
     if not curve.critical:
         massless = any(note.code == "masses-missing" for note in curve.notes)
         lines.append(
