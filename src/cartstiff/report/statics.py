@@ -15,8 +15,8 @@ from cartstiff.statics.rest import Equilibrium
 
 __all__ = ["describe_curve", "describe_equilibrium", "describe_path"]
 
-# A displacement below this, times 1e-12, is rounding of the coordinates: of angles, and of distances
-# over the characteristic length.
+# A displacement below this, times 1e-12, is rounding of the coordinates: of angles, and of
+# distances over the characteristic length.
 _NOTHING = 1e-3
 _STABLE = {
     True: "stable",
