@@ -260,14 +260,16 @@ def json_schema(command: str = "analyse") -> dict[str, Any]:
 
     Parameters
     ----------
-    command : {"analyse", "equilibrium"}
-        The command; both may add the key ``analysis``, whose content is not described here.
+    command : {"analyse", "equilibrium", "frames"}
+        The command; the first two may add the key ``analysis``, whose content is not said here.
 
     Returns
     -------
     dict
         Draft 2020-12.
     """
+    if command == "frames":
+        return frames_schema()
     properties = dict(_ANALYSIS)
     if command == "equilibrium":
         properties |= _EQUILIBRIUM
