@@ -22,6 +22,6 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, dict[str, Any]
 
     file = tmp_path_factory.mktemp("whole") / "m.zarr"
     process = start_map(file)
-    out, error = process.communicate(timeout=120)
+    out, error = process.communicate(timeout=600)
     assert process.returncode == 0, error
     return open_map(file).load(), json.loads(out)

@@ -22,11 +22,11 @@ from cartstiff.potentials.functions import JointFunction
 def _end(process):
     with contextlib.suppress(ProcessLookupError):
         process.send_signal(signal.SIGKILL)
-    process.communicate(timeout=60)
+    process.communicate(timeout=600)
 
 
 def _finished(process, answer=None):
-    out, error = process.communicate(answer, timeout=180)
+    out, error = process.communicate(answer, timeout=600)
     assert process.returncode == 0, error
     return json.loads(out)
 
@@ -80,7 +80,7 @@ def test_a_killed_worker_costs_its_chunks_only(whole, scheduler, worker, tmp_pat
     file = tmp_path / "m.zarr"
     process = start_held_map(file, 4, "--scheduler", scheduler)
     first.send_signal(signal.SIGKILL)
-    first.wait(timeout=30)
+    first.wait(timeout=600)
     kept = marks(file)
     answer = _finished(process, "\n")
     assert second.poll() is None
@@ -123,8 +123,8 @@ def test_processes_end_with_the_one_that_started_them(tmp_path):
     workers = psutil.Process(process.pid).children(recursive=True)
     assert workers
     process.send_signal(signal.SIGKILL)
-    process.communicate(timeout=60)
-    _, alive = psutil.wait_procs(workers, timeout=60)
+    process.communicate(timeout=600)
+    _, alive = psutil.wait_procs(workers, timeout=600)
     assert not alive
 
 
@@ -138,7 +138,7 @@ def test_what_cannot_be_sent(tmp_path):
 def test_a_scheduler_that_does_not_answer(tmp_path):
     quickly = {"DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "1s"}
     process = start_map(tmp_path / "m.zarr", "--scheduler", "tcp://127.0.0.1:1", **quickly)
-    out, error = process.communicate(timeout=120)
+    out, error = process.communicate(timeout=600)
     assert process.returncode == 2
     assert out == ""
     assert error.startswith("cartstiff: tcp://127.0.0.1:1: no scheduler answers")
