@@ -39,7 +39,9 @@ __all__ = [
     "graded_basis",
     "inverse_of_sum",
     "invert",
+    "invert_each",
     "is_regular",
+    "is_symmetric",
     "rank",
     "ratio",
 ]
@@ -72,6 +74,8 @@ TELLING: Final = 1e-9
 SYMMETRY: Final = 1e-9
 
 _TINY = 1e-300
+# Entries that are one or two digits larger than the diagonal cost no more digits than that.
+_EVEN = 10.0
 
 
 def rank(values: ArrayLike) -> int:
@@ -82,9 +86,9 @@ def rank(values: ArrayLike) -> int:
 
 def ratio(values: ArrayLike) -> float:
     """Smallest over largest of some singular values; 0 if there are none or all vanish."""
-    v = np.asarray(values, float)
-    largest = float(v.max(initial=0.0))
-    return float(v.min()) / largest if largest > 0.0 else 0.0
+    v = np.asarray(values, float).tolist()
+    largest = max(v, default=0.0)
+    return min(v) / largest if largest > 0.0 else 0.0
 
 
 def is_regular(values: ArrayLike) -> bool:
@@ -105,8 +109,7 @@ def equilibration(matrix: ArrayLike) -> Array:
         s = np.where(s > 0.0, s, 1.0)
     for _ in range(20):
         scaled = size / np.multiply.outer(s, s)
-        # Ten: entries of one or two digits more than the diagonal cost no more digits than that.
-        if not scaled.max(initial=0.0) > 10.0:
+        if not scaled.max(initial=0.0) > _EVEN:
             break
         largest = np.maximum(scaled.max(axis=0), scaled.max(axis=1))
         s = s * np.where(largest > 0.0, np.sqrt(largest), 1.0)
@@ -203,9 +206,52 @@ def invert(matrix: ArrayLike, sizes_of_motions: ArrayLike | None = None) -> Inve
     bound = float(np.vdot(scaled, scaled) * np.vdot(inverse, inverse)) ** 0.5
     if not bound < INVERTIBLE:
         return None
-    if (m == m.T).all():
+    if is_symmetric(m):
         inverse = 0.5 * (inverse + inverse.T)
     return Inverse(inverse / sizes, EPSILON * bound)
+
+
+def invert_each(matrices: Array) -> tuple[Array, Array]:
+    """`invert` for each of a stack of square matrices, at little more than the cost of one.
+
+    Returns
+    -------
+    inverses : ndarray, shape (k, n, n)
+        NaN where a matrix is singular.
+    errors : ndarray, shape (k,)
+        Relative errors to be expected; infinite where a matrix is singular.
+    """
+    s = np.sqrt(np.abs(matrices.diagonal(0, 1, 2)))
+    if not s.all():
+        return _inverted_one_by_one(matrices)
+    sizes = s[:, :, None] * s[:, None, :]
+    scaled = matrices / sizes
+    # Else the diagonal alone does not give the sizes.
+    if not (scaled.max(initial=0.0) <= _EVEN and scaled.min(initial=0.0) >= -_EVEN):
+        return _inverted_one_by_one(matrices)
+    try:
+        inverses = np.linalg.inv(scaled)
+    except np.linalg.LinAlgError:
+        return _inverted_one_by_one(matrices)
+    flat, flat_inverses = scaled.reshape(len(s), -1), inverses.reshape(len(s), -1)
+    bounds = np.sqrt((flat * flat).sum(axis=1) * (flat_inverses * flat_inverses).sum(axis=1))
+    if not bounds.max(initial=0.0) < INVERTIBLE:
+        return _inverted_one_by_one(matrices)
+    symmetric = (matrices == matrices.swapaxes(1, 2)).all(axis=(1, 2))
+    if symmetric.any():
+        inverses[symmetric] = 0.5 * (inverses + inverses.swapaxes(1, 2))[symmetric]
+    return inverses / sizes, EPSILON * bounds
+
+
+def _inverted_one_by_one(matrices: Array) -> tuple[Array, Array]:
+    nothing = Inverse(np.full(matrices.shape[1:], np.nan), np.inf)
+    found = [invert(m) or nothing for m in matrices]
+    return np.array([C for C, _ in found]), np.array([error for _, error in found])
+
+
+def is_symmetric(matrix: Array) -> bool:
+    """Whether a square matrix is its own transpose, to the last digit."""
+    return bool((matrix == matrix.T).all())
 
 
 def inverse_of_sum(inverse: Array, change: Array) -> Array | None:

@@ -25,7 +25,7 @@ def state_of(found: PostureStiffness, with_compliance: bool) -> str:
     if found.reduction.states:
         return found.reduction.states[-1].code
     codes = {note.code for note in found.notes} if with_compliance else set()
-    codes |= {note.code for note in found._notes}
+    codes |= {note.code for note in found.notes_on_posture}
     for code in ("type-2-singularity", "singular-stiffness"):
         if code in codes:
             return code

@@ -16,6 +16,7 @@ from cartstiff.mechanisms.contract import Mechanism, MechanismPosture, Units, na
 from cartstiff.potentials.contract import Evaluation, Potential
 from cartstiff.potentials.gravity import Gravity
 from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.potentials.loads import Load, Scaled
 from cartstiff.potentials.springs import JointSprings
 
 __all__ = ["ElasticMechanism", "Note", "assumed_stiffness"]
@@ -263,6 +264,12 @@ class ElasticMechanism:
             terms.append(Gravity(self.gravity))
         return tuple(terms)
 
+    def inner_terms(self) -> list[Potential] | None:
+        """What stores energy in the mechanism: all but gravity and loads; None if that is all."""
+        terms = self.terms()
+        inner = [term for term in terms if not _is_outside(term)]
+        return None if len(inner) == len(terms) else inner
+
     def remarks(self, posture: MechanismPosture) -> list[Note]:
         """What limits the answer at a posture: slack cables, beams beyond their theory."""
         return [Note(*remark) for term in self.terms() for remark in term.remarks(posture)]
@@ -316,6 +323,13 @@ def _still_assumed(notes: tuple[Note, ...], given: object) -> tuple[Note, ...]:
             if left:
                 found.append(assumed_stiffness(values["stiffness"], left, values["all_joints"]))
     return tuple(found)
+
+
+def _is_outside(term: Potential) -> bool:
+    """Whether a potential is gravity's or a load's: energy that nothing in the mechanism holds."""
+    while isinstance(term, Scaled):
+        term = term.potential
+    return isinstance(term, Gravity | Load)
 
 
 def _sum(a: Evaluation, b: Evaluation) -> Evaluation:

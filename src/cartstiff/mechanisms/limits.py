@@ -3,6 +3,7 @@ r"""What is within limits: decided here, for joints and for the legs of platform
 from __future__ import annotations
 
 from collections.abc import Mapping
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -81,6 +82,17 @@ class Limits:
         return np.where(self.side(values) == 0, 0.0, beyond)
 
 
+#: Limits follow from the mechanism alone and are asked for at every posture.
+_KNOWN: WeakKeyDictionary[Mechanism, Limits] = WeakKeyDictionary()
+
+
+def _limits_of(mechanism: Mechanism) -> Limits:
+    found = _KNOWN.get(mechanism)
+    if found is None:
+        found = _KNOWN[mechanism] = Limits(mechanism)
+    return found
+
+
 def finite(numbers: Mapping[str, float]) -> dict[str, float | None]:
     """Numbers for JSON: None where a limit is infinite."""
     return {name: x if np.isfinite(x) else None for name, x in numbers.items()}
@@ -98,19 +110,21 @@ def limit_notes(mechanism: Mechanism, posture: MechanismPosture, what: str = "")
     what : str
         Words before the message: which posture is meant.
     """
-    limits = Limits(mechanism)
-    angles = {c.name: c.type == "revolute" for c in mechanism.coordinates}
+    limits = _limits_of(mechanism)
+    values = limits.values(posture.q, posture.pose)
     turned: dict[str, float] = {}
-    if limits.legs is None:
+    if limits.legs is None and np.abs(posture.q).max(initial=0.0) > 2.0 * _TURN:
         turned = {
             c.name: x
             for c, x in zip(mechanism.coordinates, posture.q.tolist(), strict=True)
-            if angles[c.name] and abs(x) > 2.0 * _TURN and not np.isfinite([c.lower, c.upper]).any()
+            if c.type == "revolute" and abs(x) > 2.0 * _TURN and c.name not in limits.names
         }
+    if not turned and not (values < limits.lower).any() and not (values > limits.upper).any():
+        return []
     notes = []
-    values = limits.values(posture.q, posture.pose)
     sides = limits.side(values)
     if sides.any():
+        angles = {c.name: c.type == "revolute" for c in mechanism.coordinates}
         found: dict[str, Mapping[str, float | None]] = {}
         words = []
         degrees = False

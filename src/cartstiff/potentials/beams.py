@@ -124,6 +124,19 @@ class Section(NamedTuple):
         )
 
 
+class _Segments(NamedTuple):
+    """Segments of a beam: energies (m,), gradients (m, 6), Hessians (m, 6, 6), forces (m,).
+
+    And the largest turn of a section against its chord, or twist [rad].
+    """
+
+    energies: Array
+    gradients: Array
+    hessians: Array
+    axial_forces: Array
+    turn: float
+
+
 @dataclass(frozen=True, eq=False)
 class Beam(Potential):
     """A straight beam in equal segments, each with six coordinates.
@@ -157,7 +170,7 @@ class Beam(Potential):
     @cached_property
     def _straight(self) -> Array:
         """Hessian (m, 6, 6) where nothing is bent or stretched."""
-        return read_only(self._segments(np.zeros(self.indices.shape))[2])
+        return read_only(self._evaluated(np.zeros(self.indices.shape)).hessians)
 
     def evaluate(self, posture: Posture) -> Evaluation:
         """Energy, gradient and Hessian."""
@@ -167,14 +180,14 @@ class Beam(Potential):
         if not x.any():
             hessian[at[:, :, None], at[:, None, :]] = self._straight
             return Evaluation(0.0, gradient, hessian)
-        energies, gradients, hessians, _ = self._segments(x)
+        energies, gradients, hessians = self._segments(x)[:3]
         gradient[at] = gradients
         hessian[at[:, :, None], at[:, None, :]] = hessians
         return Evaluation(float(energies.sum()), gradient, hessian)
 
     def axial_forces(self, q: Array) -> Array:
         """Tension (m,) of the segments."""
-        return self._segments(q[self.indices])[3]
+        return self._segments(q[self.indices]).axial_forces.copy()
 
     def remarks(self, posture: Posture) -> list[Remark]:
         """Segments that are compressed or bent beyond what six coordinates can follow."""
@@ -182,9 +195,8 @@ class Beam(Potential):
         found: list[Remark] = []
         if not x.any():
             return found
-        twist, turns = _deformations(x)
-        share = -float(self.axial_forces(posture.q).min()) / self.clamped_load
-        bent = max(float(np.abs(jet.value).max()) for jet in (twist, *turns))
+        _, _, _, N, bent = self._segments(x)
+        share = -float(N.min()) / self.clamped_load
         count = len(self.indices)
         many = f"beam {self.link!r} with {count} segment{'s' if count > 1 else ''}"
         if share > _COMPRESSED:
@@ -220,8 +232,22 @@ class Beam(Potential):
         """Axial forces between which a segment is followed."""
         return _FLOOR * self._lowest, _FLOOR * min(self.section.shear)
 
-    def _segments(self, x: Array) -> tuple[Array, Array, Array, Array]:
-        """Energies (m,), gradients (m, 6), Hessians (m, 6, 6), axial forces (m,)."""
+    @cached_property
+    def _last(self) -> dict[bytes, _Segments]:
+        """The segments where they were seen last: remarks follow on the energy."""
+        return {}
+
+    def _segments(self, x: Array) -> _Segments:
+        """The segments at coordinates x (m, 6)."""
+        key = x.tobytes()
+        found = self._last.get(key)
+        if found is None:
+            found = self._evaluated(x)
+            self._last.clear()
+            self._last[key] = found
+        return found
+
+    def _evaluated(self, x: Array) -> _Segments:
         h = self.length
         phi, turns = _deformations(x)
         u = x[:, 2]
@@ -254,7 +280,8 @@ class Beam(Potential):
         at_bound = ((1 - _NEAR) * low >= N) | ((1 - _NEAR) * high <= N)
         answers = np.where(at_bound, 0.0, 1 / softness)
         hessian += answers[:, None, None] * mixed[:, :, None] * mixed[:, None, :]
-        return energy, gradient, hessian, N
+        bent = max(float(np.abs(jet.value).max()) for jet in (phi, *turns))
+        return _Segments(energy, gradient, hessian, N, bent)
 
     def _axial_force(self, u: Array, theta: Array) -> tuple[Array, Array, Array, Array]:
         """Tension at which elongation and bowing make up u, by Newton's method in a bracket.

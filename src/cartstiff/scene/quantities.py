@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -45,6 +46,7 @@ def matrices_at(
     )
 
 
+@lru_cache(maxsize=16)  # numbers and picture of a page are about the same
 def block_ellipsoid(
     here: StiffnessInFrame,
     connection: str,

@@ -1,4 +1,7 @@
-r"""Closures that have lost rank: repeated, branching, or blocked to second order."""
+r"""Closures at one posture: their rank, and what its loss means.
+
+Where rank is lost they are repeated, branching, or blocked to second order.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import Map
 
-__all__ = ["State", "irregular"]
+__all__ = ["Closures", "State", "decompose", "irregular"]
 
 #: Forms below this share of the largest vanish: they are sums of products of closures that are met
 #: to about 1e-14, and of motions found from these.
@@ -22,6 +26,32 @@ class State(NamedTuple):
     code: str
     message: str
     values: dict[str, object]
+
+
+class Closures(NamedTuple):
+    """Singular value decomposition of the scaled closure Jacobian, split at its rank."""
+
+    values: Array
+    rank: int
+    #: Covectors (m, r) and (m, m - r) of what is closed and what is not; motions (n, r) that break
+    #: the closures, and (n, f) that do not.
+    U: Array
+    lost: Array
+    V: Array
+    N: Array
+
+    def forces(self, right: Array, where: Array) -> Array:
+        """Multipliers of least norm with ``C^T lam = right`` in the chosen coordinates."""
+        share = (self.V * self.values[: self.rank])[where]
+        lam: Array = self.U @ np.linalg.lstsq(share, right[where], rcond=numerics.RANK)[0]
+        return lam
+
+
+def decompose(matrix: Array) -> Closures:
+    """Decompose the scaled Jacobian (m, n) of closures."""
+    U, values, Vt = np.linalg.svd(matrix)
+    r = numerics.rank(values)
+    return Closures(values, r, U[:, :r], U[:, r:], Vt[:r].T, Vt[r:].T)
 
 
 def irregular(

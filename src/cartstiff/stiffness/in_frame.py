@@ -12,6 +12,7 @@ that of the point at which the load acts. K^K *recomputed* for N's origin would 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -26,7 +27,7 @@ from cartstiff.stiffness.applied_load import LoadKind
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from cartstiff.stiffness.compute import PostureStiffness
+    from cartstiff.stiffness.posture import PostureStiffness
 
 __all__ = ["StiffnessInFrame", "stiffness_in_frame"]
 
@@ -69,7 +70,12 @@ class StiffnessInFrame:
         C = self.compliances["B" if name in ("A", "+", "load") else name]
         if C is None or name != "load" or not self.symmetric_change.any():
             return C
-        return numerics.inverse_of_sum(C, self.symmetric_change)
+        return self._inverse_of_symmetric_tangent
+
+    @cached_property
+    def _inverse_of_symmetric_tangent(self) -> Array | None:
+        C = self.compliances["B"]
+        return None if C is None else numerics.inverse_of_sum(C, self.symmetric_change)
 
 
 def stiffness_in_frame(result: PostureStiffness, T_M_N: Array) -> StiffnessInFrame:

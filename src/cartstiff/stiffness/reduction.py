@@ -22,71 +22,18 @@ Motions are combined by `cartstiff.numerics.graded_basis`: stiff and soft spring
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import Evaluation, Map
-from cartstiff.stiffness.closures import State, irregular
+from cartstiff.stiffness.closures import State, decompose, irregular
+from cartstiff.stiffness.free_motions import FreeMotions
 
-__all__ = ["FreeMotions", "Reduction", "State", "reduce_to"]
-
-
-class FreeMotions(NamedTuple):
-    r"""Motions that are free, each in its own unit, and what the energy does along them.
-
-    Attributes
-    ----------
-    jacobian : ndarray, shape (6, f)
-        J: output per motion.
-    hessian : ndarray, shape (f, f)
-        H_L on them.
-    terms : callable
-        Sizes (f, f) of the terms whose sum each entry of `hessian` is. A motion all of whose
-        entries are below `IDLE` times these costs nothing.
-    basis : ndarray, shape (n, f), or None
-        The motions; None if they are the coordinates themselves.
-    """
-
-    jacobian: Array
-    hessian: Array
-    terms: Callable[[], Array]
-    basis: Array | None = None
-
-    def inverse(self, change: Array | None = None) -> numerics.Inverse | None:
-        """``(H + J^T D J)^-1`` for a change D (6, 6) of the stiffness; None if singular."""
-        H, terms, J = self.hessian, self.terms(), self.jacobian
-        if change is not None:
-            H = H + J.T @ change @ J
-            terms = terms + np.abs(J.T) @ np.abs(change) @ np.abs(J)
-        idle = np.all(np.abs(H) <= numerics.IDLE * terms, axis=0)
-        return None if idle.any() else numerics.invert(H)
-
-    def compliance(self, change: Array | None = None) -> numerics.Inverse | None:
-        """``J (H + J^T D J)^-1 J^T``, the inverse of K + D without K; None if there is none."""
-        found = self.inverse(change)
-        if found is None:
-            return None
-        C: Array = self.jacobian @ found.matrix @ self.jacobian.T
-        if np.array_equal(found.matrix, found.matrix.T):
-            C = 0.5 * (C + C.T)
-        return numerics.Inverse(C, found.error)
-
-    def motion(self, inverse: Array, wrench: Array) -> Array:
-        """Motion of all coordinates (n,) under an output force (6,)."""
-        y: Array = inverse @ (self.jacobian.T @ wrench)
-        return y if self.basis is None else np.asarray(self.basis @ y)
-
-    def with_hessian(self, H: Array) -> FreeMotions:
-        """The same motions of another energy, whose Hessian (n, n) has no terms to cancel."""
-        if self.basis is not None:
-            H = self.basis.T @ H @ self.basis
-        return self._replace(hessian=H, terms=lambda: np.abs(H))
+__all__ = ["Reduction", "State", "reduce_to"]
 
 
 @dataclass(frozen=True)
@@ -233,31 +180,6 @@ def _square(
     )
 
 
-class _Closures(NamedTuple):
-    """Singular value decomposition of the scaled closure Jacobian, split at its rank."""
-
-    values: Array
-    rank: int
-    #: Covectors (m, r) and (m, m - r) of what is closed and what is not; motions (n, r) that break
-    #: the closures, and (n, f) that do not.
-    U: Array
-    lost: Array
-    V: Array
-    N: Array
-
-    def forces(self, right: Array, where: Array) -> Array:
-        """Multipliers of least norm with ``C^T lam = right`` in the chosen coordinates."""
-        share = (self.V * self.values[: self.rank])[where]
-        lam: Array = self.U @ np.linalg.lstsq(share, right[where], rcond=numerics.RANK)[0]
-        return lam
-
-
-def _decompose(matrix: Array) -> _Closures:
-    U, values, Vt = np.linalg.svd(matrix)
-    r = numerics.rank(values)
-    return _Closures(values, r, U[:, :r], U[:, r:], Vt[:r].T, Vt[r:].T)
-
-
 def _general(
     output: Map,
     energy: Evaluation,
@@ -280,7 +202,7 @@ def _general(
     closures, orthonormal = None, np.eye(n)
     N, leading, lam = orthonormal, np.arange(n), np.zeros(0)
     if closure is not None:
-        closures = _decompose(closure.jacobian * columns)
+        closures = decompose(closure.jacobian * columns)
         orthonormal, lam = closures.N, np.zeros(len(closure.jacobian))
         if closures.rank < len(lam):
             found = irregular(

@@ -1,20 +1,31 @@
-"""How results show themselves: a few lines in Python, a table with units in a notebook."""
+"""How results show themselves: lines in Python, a table in a notebook, plain data for JSON."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cartstiff.arrays import Array
 from cartstiff.errors import joined, printable
+from cartstiff.geometry import se3
+from cartstiff.mechanisms.weighed import weighed
 
 if TYPE_CHECKING:
-    from cartstiff.stiffness.compute import PostureStiffness
+    from cartstiff.stiffness.posture import PostureStiffness
 
-__all__ = ["matrix_html", "numbers_text", "posture_html", "posture_text"]
+__all__ = [
+    "SCHEMA",
+    "matrix_html",
+    "numbers_text",
+    "posture_dict",
+    "posture_html",
+    "posture_text",
+]
+
+SCHEMA = "cartstiff/1"
 
 BlockUnits = tuple[tuple[str, str], tuple[str, str]]
 
@@ -65,3 +76,33 @@ def posture_html(result: PostureStiffness, matrices: Mapping[str, Array | None])
     """The lines of `posture_text`, and K^B as a table."""
     text = f"<pre>{escape(posture_text(result))}</pre>"
     return text if matrices["B"] is None else text + result.B._repr_html_()
+
+
+def posture_dict(result: PostureStiffness) -> dict[str, Any]:
+    """What ``cartstiff analyse --json`` prints, as plain data."""
+
+    def plain(array: Array | None) -> list[Any] | None:
+        return None if array is None else array.tolist()
+
+    return {
+        "schema": SCHEMA,
+        "mechanism": {
+            "name": result.elastic.name,
+            "kind": result.elastic.mechanism.kind,
+            "joints": list(result.elastic.names),
+        },
+        "frame": result.elastic.mechanism.frame,
+        "order": se3.ANGULAR_LINEAR,
+        "units": result.elastic.units.as_dict(),
+        "q": result.q.tolist(),
+        "pose": result.pose.tolist(),
+        "jacobian": plain(result.jacobian),
+        "wrench": plain(result.wrench),
+        "load": result.load_as_dict(),
+        **weighed(result.elastic).as_dict(),
+        "energy": None if np.isnan(result.energy) else result.energy,
+        "stored_energy": None if np.isnan(result.stored_energy) else result.stored_energy,
+        "stiffness": {name: plain(K) for name, K in result.matrices.items()},
+        "compliance": {name: plain(C) for name, C in result.compliances.items()},
+        "notes": [note.as_dict() for note in result.notes],
+    }

@@ -1,0 +1,387 @@
+r"""Everything known about a mechanism's stiffness at one posture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff import numerics
+from cartstiff.arrays import NamedArrays, checked_matrix, checked_pose, checked_vector, fixed
+from cartstiff.errors import UndefinedError, UnknownNameError
+from cartstiff.geometry import se3
+from cartstiff.geometry.connections import (
+    BI_INVARIANT,
+    CARTAN_MINUS,
+    KINEMATIC,
+    NAMED,
+    Connection,
+)
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.contract import MechanismPosture
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.potentials.contract import Evaluation
+from cartstiff.stiffness.applied_load import LoadKind
+from cartstiff.stiffness.flat_chart import FlatChart, flat_chart, flat_connection
+from cartstiff.stiffness.in_frame import StiffnessInFrame, stiffness_in_frame
+from cartstiff.stiffness.posture_notes import notes_on_digits, notes_on_posture
+from cartstiff.stiffness.reduction import Reduction
+from cartstiff.stiffness.showing import SCHEMA, posture_dict, posture_html, posture_text
+from cartstiff.stiffness.tensor import StiffnessTensor
+
+__all__ = ["DEAD_AT_ORIGIN", "SCHEMA", "PostureStiffness"]
+
+#: What a load is taken for where nothing else is said.
+DEAD_AT_ORIGIN = LoadKind()
+
+_EYE_4 = np.eye(4)
+_NO_CHANGE = np.zeros((1, 6, 6))
+# K^X = K^B - (W @ _FROM_B)[X] for X = A, B, K at once: K^A = K^B - 1/2 M with the M of
+# `se3.bracket_form`, and K^X = K^A less the wrench term of the connection.
+_FROM_B = np.concatenate(
+    [
+        c._symbols_by_wrench + 0.5 * se3.bracket_form(np.eye(6)).reshape(6, 36)
+        for c in (CARTAN_MINUS, BI_INVARIANT, KINEMATIC)
+    ],
+    axis=1,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class PostureStiffness:
+    """Everything known about a mechanism's stiffness at one posture.
+
+    Attributes
+    ----------
+    elastic : ElasticMechanism
+        The mechanism with the rest positions that were used.
+    q : ndarray (n,)
+        Coordinates.
+    posture : MechanismPosture
+        Kinematics at q.
+    evaluation : Evaluation
+        Energy, gradient, Hessian in the coordinates.
+    reduction : Reduction
+        The reduction to the end-effector.
+    load : LoadKind
+        What the load does while the body moves, and where it acts.
+    """
+
+    elastic: ElasticMechanism
+    q: Array
+    posture: MechanismPosture
+    evaluation: Evaluation
+    reduction: Reduction
+    _notes: tuple[Note, ...] | None = None
+    load: LoadKind = DEAD_AT_ORIGIN
+    _load_is_given: bool = False
+
+    def __repr__(self) -> str:
+        return posture_text(self)
+
+    def _repr_html_(self) -> str:
+        return posture_html(self, self.matrices)
+
+    @property
+    def pose(self) -> Array:
+        """``T_F_M`` (4, 4)."""
+        return fixed(self.posture.pose)
+
+    @property
+    def wrench(self) -> Array | None:
+        """W = dPhi in the body frame; None in an unbalanced posture."""
+        return None if self.reduction.force is None else fixed(self.reduction.force)
+
+    @property
+    def energy(self) -> float:
+        """Potential energy of all that acts: springs, gravity, and loads added as potentials."""
+        return self.evaluation.energy
+
+    @cached_property
+    def stored_energy(self) -> float:
+        """Energy of springs and other potentials, without that of gravity and of loads."""
+        inner = self.elastic.inner_terms()
+        if inner is None:
+            return self.energy
+        return float(sum((t.evaluate(self.posture).energy for t in inner), 0.0))
+
+    def motion_under(self, wrench: ArrayLike, change: ArrayLike | None = None) -> Array:
+        """Linear motion of all coordinates (n,) under an added wrench (6,) in the body frame.
+
+        ``dq = N (H_N + J_N^T D J_N)^-1 J_N^T dW`` with D = K^X - K^B for another connection X than
+        B: J dq is then ``(K^X)^-1 dW``.
+
+        Parameters
+        ----------
+        wrench : array_like, shape (6,)
+            dW, body frame.
+        change : array_like, shape (6, 6), optional
+            D; zero by default.
+
+        Raises
+        ------
+        UndefinedError
+            In an unbalanced posture, or where a motion costs nothing.
+        """
+        reduction = self.reduction
+        if self.wrench is None:
+            state = reduction.states[-1]
+            raise UndefinedError(state.message, code=state.code, values=state.values)
+        D = None if change is None else checked_matrix(change, "change")
+        found = None if reduction.free is None else reduction.free.inverse(D)
+        if found is None or reduction.free is None:
+            raise UndefinedError("a motion costs nothing: no linear motion", code="no-shares")
+        return reduction.free.motion(found.matrix, checked_vector(wrench, 6, "wrench"))
+
+    @property
+    def closure_forces(self) -> Array:
+        """Forces lam (m,) of the closures on the mechanism, in the order of its residual."""
+        return self.reduction.multipliers
+
+    @cached_property
+    def matrices(self) -> Mapping[str, Array | None]:
+        """K^A, K^B, K^K, K^F as arrays (6, 6), None where one does not exist."""
+        K, W = self.reduction.stiffness, self.reduction.force
+        if K is None or W is None:
+            return NamedArrays(dict.fromkeys("ABKF"))
+        A, B, K_K = K - (W @ _FROM_B).reshape(3, 6, 6)
+        return NamedArrays({"A": A, "B": B, "K": K_K, "F": self._flat.stiffness})
+
+    @cached_property
+    def compliances(self) -> Mapping[str, Array | None]:
+        """Inverses of `matrices`, found without them; C^A, C^B, C^K exist at singularities too.
+
+        ``C^X = J_N (H_N + J_N^T D J_N)^-1 J_N^T`` with D = K^X - K^B, which the load alone makes;
+        for C^F the Hessian is that in the chart.
+        """
+        found = self._inverses.items()
+        return NamedArrays({name: None if C is None else C.matrix for name, C in found})
+
+    @cached_property
+    def _inverses(self) -> dict[str, numerics.Inverse | None]:
+        """`compliances` with their errors, all from one stack."""
+        free, W = self.reduction.free, self.wrench
+        if free is None or W is None:
+            return dict.fromkeys("ABKF")
+        H = self._flat.hessian
+        if W.any():
+            found = free.compliances(-(W @ _FROM_B).reshape(3, 6, 6), H)
+            return dict(zip("ABKF", found if H is not None else [*found, None], strict=True))
+        # Then one Hessian serves all, but for a chart that is not the coordinates themselves.
+        same = H is self.evaluation.hessian and self.posture.closure is None
+        found = free.compliances(_NO_CHANGE, None if same else H)
+        flat = found[0] if same else None if H is None else found[1]
+        return {**dict.fromkeys("ABK", found[0]), "F": flat}
+
+    @cached_property
+    def is_loaded(self) -> bool:
+        """Whether there is a load: one was given, or the springs exert more than rounding."""
+        if self.wrench is None or self._load_is_given:
+            return self.wrench is not None
+        sizes = self.posture.coordinate_lengths
+        torque = np.abs(self.posture.motion.jacobian.T @ self.wrench) * sizes
+        stiffness = np.abs(self.evaluation.hessian * np.outer(sizes, sizes)).max(
+            axis=0, initial=0.0
+        )
+        stiffness[stiffness == 0.0] = stiffness.max(initial=0.0)  # passive: the others' rounding
+        return bool(np.any(torque > numerics.ROUNDING * stiffness))
+
+    @property
+    def wrench_is_known(self) -> bool:
+        """Whether the joints feel all of W; else the part that the structure carries is open.
+
+        Where the user gave the load, that part is the load's; otherwise it is taken as zero in the
+        length-scaled norm.
+        """
+        return self.wrench is not None and (self.reduction.rank == 6 or self._load_is_given)
+
+    def shown_wrench(self, wrench: Array) -> Array:
+        """A wrench (6,) with moment and force set to 0 where they are rounding.
+
+        Rounding is what the springs exert over a turn of `numerics.ROUNDING`, and what is below
+        that share of the other half, a force taken over the characteristic length.
+        """
+        sizes, length = self.posture.coordinate_lengths, self.posture.length
+        stiffest = np.abs(self.evaluation.hessian * np.outer(sizes, sizes)).max(initial=0.0)
+        scaled = np.abs(wrench) * np.repeat([1.0, length], 3)
+        if self._load_is_given:
+            stiffest = 0.0
+        noise = numerics.ROUNDING * max(float(stiffest), float(scaled.max()))
+        return np.where(scaled > noise, wrench, 0.0)
+
+    @cached_property
+    def change_by_load(self) -> Array:
+        """``K^load - K^B`` (6, 6), zero without a load: exists where no stiffness does, too."""
+        W = self.wrench
+        if W is None:
+            return np.zeros((6, 6))
+        return self.load.change(W) - 0.5 * se3.bracket_form(W)
+
+    @cached_property
+    def tangent(self) -> Array | None:
+        """K^load (6, 6): change of the wrench that must be added, per motion, under the load.
+
+        The derivative of the elastic wrench less that of the load, which behaves as `load` says;
+        what `equilibrium` gives as the linear limit of an added load. None where no stiffness
+        exists.
+        """
+        K = self.reduction.stiffness
+        return None if K is None or self.wrench is None else K + self.change_by_load
+
+    @cached_property
+    def tangent_compliance(self) -> Array | None:
+        """Inverse of `tangent`, found as `compliances`; exists at kinematic singularities too."""
+        if self.wrench is None or self.reduction.free is None:
+            return None
+        found = self.reduction.free.compliance(self.change_by_load)
+        return None if found is None else found.matrix
+
+    def at(self, T_M_N: ArrayLike | None = None) -> StiffnessInFrame:
+        """Matrices, compliances, wrench and tangent in a frame N of the body.
+
+        Parameters
+        ----------
+        T_M_N : array_like (4, 4), optional
+            N in the frame M; default M itself.
+
+        Raises
+        ------
+        InputError
+            If it is not a rigid motion.
+        """
+        T = _EYE_4 if T_M_N is None else checked_pose(T_M_N, "frame of the body")
+        key = T.tobytes()
+        if key not in self._frames:
+            self._frames[key] = stiffness_in_frame(self, T)
+        return self._frames[key]
+
+    @cached_property
+    def _frames(self) -> dict[bytes, StiffnessInFrame]:
+        """Frames that have been asked for: numbers and picture read the same object."""
+        return {}
+
+    @cached_property
+    def _flat(self) -> FlatChart:
+        return flat_chart(self.posture, self.evaluation, self.reduction, self._natural)
+
+    @cached_property
+    def _natural(self) -> Array:
+        """Natural sizes of the six twist components."""
+        length = self.posture.length
+        return np.array([1.0, 1.0, 1.0, length, length, length])
+
+    @cached_property
+    def jacobian(self) -> Array | None:
+        """Body Jacobian of the joint coordinates; for a platform d(pose)/d(leg lengths)."""
+        if not self.posture.coordinates_are_pose:
+            return fixed(self.posture.motion.jacobian)
+        chart = self.posture.chart()
+        if isinstance(chart, str):
+            return None
+        if self._flat.to_chart is None:  # else it has been seen to be regular
+            values = np.linalg.svd(chart.jacobian * self._natural, compute_uv=False)
+            if not values[-1] > numerics.RANK * values[0]:
+                return None
+        return fixed(np.linalg.inv(chart.jacobian))
+
+    @cached_property
+    def notes(self) -> tuple[Note, ...]:
+        """What was assumed, and why something does not exist."""
+        reason = self._flat.note
+        return (
+            *self.notes_on_posture,
+            *(() if reason is None else (reason,)),
+            *notes_on_digits(self.reduction, self._inverses["B"], self._natural),
+        )
+
+    @cached_property
+    def notes_on_posture(self) -> tuple[Note, ...]:
+        """The `notes` without those on matrices."""
+        if self._notes is not None:
+            return self._notes
+        return notes_on_posture(self.elastic, self.posture, self.reduction)
+
+    def tensor(self, connection: str | Connection = "B") -> StiffnessTensor:
+        """Stiffness tensor under a named connection ("A", "B", "K", "+", "F") or any other.
+
+        "load" is the tangent under the load.
+
+        Raises
+        ------
+        UnknownNameError
+            For another name.
+        UndefinedError
+            If it does not exist at this posture, with the state's code and numbers.
+        """
+        if isinstance(connection, str) and connection not in (known := (*NAMED, "F", "load")):
+            raise UnknownNameError("connection", connection, known)
+        K, W = self.reduction.stiffness, self.reduction.force
+        if K is None or W is None:
+            state = self.reduction.states[-1]
+            raise UndefinedError(state.message, code=state.code, values=state.values)
+        frame, units = self.elastic.mechanism.frame, self.elastic.units
+        named = connection if isinstance(connection, str) else connection.name
+        C = self.compliances.get(named)
+        if connection == "+" and self.compliances["A"] is not None:
+            C = self.compliances["A"].T
+        base = StiffnessTensor(
+            K, BI_INVARIANT, W, self.pose, frame, units, inverse=self.compliances["B"]
+        )
+        if connection == "B":
+            return base
+        if connection == "F":
+            F = self._flat.stiffness
+            if F is None:
+                raise self._flat.missing
+            return StiffnessTensor(F, self.flat_connection(), W, self.pose, frame, units, inverse=C)
+        moved = base.to_connection(self.load.connection if connection == "load" else connection)
+        return moved if C is None or not isinstance(connection, str) else replace(moved, inverse=C)
+
+    def flat_connection(self) -> Connection:
+        """The flat connection of the chart at this posture, [ZK]_ eq. 47.
+
+        Raises
+        ------
+        UndefinedError
+            Where K^F does not exist, with the reason.
+        """
+        return flat_connection(self.posture, self.reduction, self._flat)
+
+    @property
+    def A(self) -> StiffnessTensor:  # noqa: N802
+        """K^A: wrench components in the moving frame (Cartan's minus connection)."""
+        return self.tensor("A")
+
+    @property
+    def B(self) -> StiffnessTensor:  # noqa: N802
+        """K^B: bi-invariant connection; the symmetric part of K^A."""
+        return self.tensor("B")
+
+    @property
+    def K(self) -> StiffnessTensor:  # noqa: N802
+        """K^K: kinematic connection; force components in inertial directions."""
+        return self.tensor("K")
+
+    @property
+    def F(self) -> StiffnessTensor:  # noqa: N802
+        """K^F: flat connection of the joint coordinates, J^-T (Hess Phi) J^-1."""
+        return self.tensor("F")
+
+    def load_as_dict(self) -> dict[str, Any]:
+        """What the load does, where it acts, and the tangent that follows, as plain data."""
+        K, C = self.tangent, self.tangent_compliance
+        return {
+            "kind": self.load.kind,
+            "at": list(self.load.at),
+            "meaning": self.load.words,
+            "stiffness": None if K is None else K.tolist(),
+            "compliance": None if C is None else C.tolist(),
+        }
+
+    def as_dict(self) -> dict[str, Any]:
+        """The object printed by ``cartstiff analyse --json``."""
+        return posture_dict(self)

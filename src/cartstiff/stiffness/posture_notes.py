@@ -1,0 +1,134 @@
+r"""Notes on one posture: what was assumed, what is near, what a matrix has no digits for."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cartstiff import numerics
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.contract import MechanismPosture
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.limits import limit_notes
+from cartstiff.mechanisms.weighed import weighed
+from cartstiff.stiffness.reduction import Reduction
+
+__all__ = ["notes_on_digits", "notes_on_posture"]
+
+
+def notes_on_posture(
+    elastic: ElasticMechanism, posture: MechanismPosture, reduction: Reduction
+) -> tuple[Note, ...]:
+    """What was assumed in loading, the states found, what limits the answer at a posture."""
+    return (
+        *elastic.notes,
+        *(Note(*state) for state in reduction.states),
+        *_near_singular(posture, reduction),
+        *elastic.remarks(posture),
+        *limit_notes(elastic.mechanism, posture),
+        *weighed(elastic).notes,
+    )
+
+
+def notes_on_digits(
+    reduction: Reduction, compliance: numerics.Inverse | None, natural: Array
+) -> list[Note]:
+    """Where stiffness or compliance have lost digits, or the stiffness has no inverse.
+
+    Parameters
+    ----------
+    reduction : Reduction
+        To the end-effector.
+    compliance : Inverse or None
+        C^B with its error.
+    natural : ndarray, shape (6,)
+        Natural sizes of the twist's components.
+    """
+    notes = []
+    K = reduction.stiffness
+    if compliance is not None and compliance.error > numerics.TELLING:
+        notes.append(
+            Note(
+                "lost-digits",
+                "springs and load nearly cancel along a motion: the compliance is known to a "
+                f"relative error of about {compliance.error:.1g}",
+                {"matrix": "compliance", "relative_error": compliance.error},
+            )
+        )
+    if K is not None and compliance is not None:
+        error = _error_of_soft_directions(K, compliance.matrix, natural)
+        if error > numerics.TELLING:
+            is_near = numerics.ratio(reduction.singular_values) < numerics.NEAR
+            words = "so near to a singularity" if is_near else "with springs so far apart"
+            known = "not at all"
+            if error < 1:
+                known = f"to a relative error of about {error:.1g} only"
+            notes.append(
+                Note(
+                    "lost-digits",
+                    f"{words} the stiffness matrix holds the softer directions {known}; the "
+                    "compliance, and what is free, hold them",
+                    {"matrix": "stiffness", "relative_error": error},
+                )
+            )
+    if K is not None and compliance is None:
+        values = numerics.eigenvalues(K * natural * natural[:, None])
+        notes.append(
+            Note(
+                "singular-stiffness",
+                "the stiffness matrix is singular: a motion costs nothing, or nothing that can "
+                "be told from the rounding of the stiffest springs, and there is no compliance "
+                "matrix",
+                {"eigenvalues": values.tolist(), "characteristic_length": float(natural[-1])},
+            )
+        )
+    return notes
+
+
+def _error_of_soft_directions(K: Array, C: Array, natural: Array) -> float:
+    """Relative error of what the digits of K say about its softest direction."""
+    found = numerics.invert(K)
+    if found is not None:
+        return found.error
+    scale = natural * natural[:, None]
+    values = numerics.eigenvalues(K * scale, C / scale)
+    return numerics.EPSILON * float(numerics.condition(values))
+
+
+def _near_singular(posture: MechanismPosture, reduction: Reduction) -> list[Note]:
+    """Warnings where a Jacobian has lost rank or is about to."""
+    notes = []
+    values = reduction.singular_values
+    if reduction.rank == 6 and values[5] < numerics.NEAR * values[0]:
+        notes.append(
+            Note(
+                "near-serial-singularity",
+                f"the end-effector hardly moves in one direction: smallest over largest singular "
+                f"value {values[5] / values[0]:.2g}",
+                {"singular_values": values.tolist(), "characteristic_length": posture.length},
+            )
+        )
+    if posture.actuation is not None:
+        rates = posture.actuation * posture.coordinate_lengths
+        if reduction.motions is not None:
+            rates = rates @ reduction.motions
+        values = np.linalg.svd(rates, compute_uv=False)
+        if len(values) == rates.shape[1] and values[-1] < numerics.NEAR * values[0]:
+            motions = np.linalg.svd(rates)[2]
+            if reduction.motions is not None:
+                motions = motions @ reduction.motions.T
+            lost = int(np.sum(values <= numerics.RANK * values[0]))
+            weak = lost or int(np.sum(values < numerics.NEAR * values[0]))
+            notes.append(
+                Note(
+                    "type-2-singularity" if lost else "near-type-2-singularity",
+                    f"the actuators {'do not' if lost else 'hardly'} hold the mechanism in {weak} "
+                    f"direction(s): smallest over largest singular value "
+                    f"{values[-1] / values[0]:.2g}",
+                    {
+                        "singular_values": values.tolist(),
+                        "characteristic_length": posture.length,
+                        "directions": (motions[-weak:] * posture.coordinate_lengths).tolist(),
+                    },
+                )
+            )
+    return notes
