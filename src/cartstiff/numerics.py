@@ -38,6 +38,7 @@ __all__ = [
     "equilibration",
     "graded_basis",
     "inverse_of_sum",
+    "inverses_of_sums",
     "invert",
     "invert_each",
     "is_regular",
@@ -258,6 +259,25 @@ def inverse_of_sum(inverse: Array, change: Array) -> Array | None:
     r"""``(M + D)^-1 = C (1 + D C)^-1`` from ``C = M^-1``, without M; None if there is none."""
     factor = invert(np.eye(len(inverse)) + change @ inverse)
     return None if factor is None else np.asarray(inverse @ factor.matrix)
+
+
+def inverses_of_sums(inverses: Array, changes: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """`inverse_of_sum` of stacks (N, n, n), NaN where there is none; and which lose no digits."""
+    found: Array = np.full_like(inverses, np.nan)
+    plain = np.zeros(len(found), bool)
+    exists = np.flatnonzero(np.isfinite(inverses + changes).all(axis=(1, 2)))
+    factors = np.eye(inverses.shape[2]) + changes[exists] @ inverses[exists]
+    try:
+        turned = np.linalg.inv(factors)
+    except np.linalg.LinAlgError:
+        turned = np.full(factors.shape, np.inf)
+    bounds = np.einsum("nij,nij->n", factors, factors) * np.einsum("nij,nij->n", turned, turned)
+    plain[exists] = bounds < (1e-3 * TELLING / EPSILON) ** 2
+    found[plain] = inverses[plain] @ turned[plain[exists]]
+    for i in exists[~plain[exists]]:
+        if (one := inverse_of_sum(inverses[i], changes[i])) is not None:
+            found[i] = one
+    return found, plain
 
 
 def eigenvalues(

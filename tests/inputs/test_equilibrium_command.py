@@ -313,7 +313,7 @@ LOAD = ["--load", "0,0,0,0,0,-10"]
 CURVE = [*LOAD, "--curve", "1"]
 PATH = [*LOAD, "--path", "path.csv"]
 BAD: dict[str, tuple[list[str], tuple[str, ...]]] = {
-    "world and follower": ([*LOAD, "--world", "--follower"], ("--world or --follower",)),
+    "two kinds": ([*LOAD, "--load-kind", "dead", "--follower"], ("--follower or --load-kind",)),
     "curve and path": ([*CURVE, "--path", "path.csv"], ("--curve or --path",)),
     "csv without curve": ([*LOAD, "--csv", "a.csv"], ("--csv", "--curve or --path")),
     "plot without curve": ([*LOAD, "--plot", "a.png"], ("--plot", "--curve or --path")),

@@ -24,8 +24,8 @@ from cartstiff.many.postures import analyse_many
 from cartstiff.maps import stacks
 from cartstiff.maps.job import STATES
 from cartstiff.maps.quantities import QUANTITIES, Settings, choose_quantities, evaluate
-from cartstiff.maps.quantity import CONNECTIONS
 from cartstiff.stiffness import closures, reduction
+from cartstiff.stiffness.applied_load import LoadKind
 
 # Two ways to the same number of a matrix of condition up to 1e6.
 SAME = 1e-8
@@ -62,11 +62,12 @@ def _natural_length(K):
 
 def _single(result, connection, world):
     """The quantities of one posture by the functions of the analysis."""
+    read = "B" if connection == "A" else connection
     matrices = {**result.matrices, "load": result.tangent}
-    compliances = {**result.compliances, "load": result.tangent_compliance}
-    K = symmetric_part(matrices[connection])
-    # Of an asymmetric matrix the symmetric part is read, and its inverse.
-    C = compliances[connection] if connection in "BKF" else np.linalg.inv(K)
+    K, C = matrices[read], result.at().compliances[read]
+    if read == "load":  # read by its symmetric part
+        K = symmetric_part(K)
+        C = np.linalg.inv(K)
     pose = result.pose
     back = pose[:3, :3].T if world else np.eye(3)
     u = back @ np.array(DIRECTION)
@@ -85,7 +86,7 @@ def _single(result, connection, world):
     for others in ("free", "held"):
         values[f"along_{others}"] = stiffness_along(K, u, others=others)
         values[f"about_{others}"] = stiffness_about(K, u, others=others)
-    twist = compliance_deflection(compliances[connection], W).twist
+    twist = compliance_deflection(result.at().compliances[connection], W).twist
     i = indices(symmetric_part(K), LENGTH)
     J = result.jacobian
     columns = np.array(
@@ -119,7 +120,7 @@ def _single(result, connection, world):
 
 
 @pytest.mark.parametrize("world", [False, True])
-@pytest.mark.parametrize("connection", CONNECTIONS)
+@pytest.mark.parametrize("connection", ["A", "B", "K", "F", "load"])
 @pytest.mark.parametrize("name", MACHINES)
 def test_quantities_are_those_of_the_analysis(name, connection, world):
     elastic, q, wrench = MACHINES[name]
@@ -138,6 +139,74 @@ def test_quantities_are_those_of_the_analysis(name, connection, world):
         expected = _single(cartstiff.analyse(elastic, q[i], wrench=wrench), connection, world)
         for key, value in found.items():
             assert value[i] == pytest.approx(expected[key], rel=SAME, abs=1e-12, nan_ok=True), key
+
+
+#: Paths in the analysis of one posture, and the factor that a map's number has of it.
+IN_THE_ANALYSIS = {
+    "translation_free_min": "ellipsoids.stiffness.translation.free.eigenvalues.0",
+    "translation_held_max": "ellipsoids.stiffness.translation.held.eigenvalues.2",
+    "rotation_free_min": "ellipsoids.stiffness.rotation.free.eigenvalues.0",
+    "compliance_translation_free_max": "ellipsoids.compliance.translation.free.eigenvalues.2",
+    "condition": "indices.condition_number",
+    "minimum": "indices.minimum_stiffness",
+}
+#: Of a number that goes through an inverse, for each unit of the condition number.
+PER_CONDITION = 1e-13
+
+
+@pytest.mark.parametrize("axes", ["body", "world"])
+@pytest.mark.parametrize("kind", ["dead", "follower", "conservative"])
+@pytest.mark.parametrize("name", MACHINES)
+@pytest.mark.parametrize("way", ["portable", "engine"])
+def test_under_each_kind_of_load_a_map_says_what_the_analysis_says(name, kind, axes, way):
+    elastic, q, wrench = MACHINES[name]
+    rng = np.random.default_rng(abs(hash_of(name + kind + axes)))
+    at, W = rng.uniform(-0.3, 0.3, 3), None
+    if wrench is not None:
+        W = rng.normal(size=6) * np.repeat([1.0, 20.0], 3)
+    load = {"wrench": W, "load_kind": kind, "load_at": at, "load_axes": axes}
+    settings = Settings(
+        "load", LENGTH, DIRECTION, None if W is not None else DEFLECT, False, LoadKind(kind, at),
+        is_loaded=W is not None,
+    )  # fmt: skip
+    names = [n for n in QUANTITIES if n not in ("manipulability", "singular_value_ratio")]
+    chosen = choose_quantities(names, settings, elastic)
+    outputs = tuple({o for quantity in chosen for o in quantity.outputs(settings)} | {"pose"})
+    arrays = analyse_many(elastic, q, **load, outputs=outputs, path=way).arrays
+    found = evaluate(chosen, arrays, settings)
+    for i in range(len(q)):
+        result = cartstiff.analyse(elastic, q[i], **load)
+        direct = analyse_posture(
+            result, length=LENGTH, direction=DIRECTION, wrench=None if W is not None else DEFLECT
+        )
+        assert direct["connection"] == "load"
+        expected = {key: _at(direct, path) for key, path in IN_THE_ANALYSIS.items()}
+        given = next(d for d in direct["directions"] if d["name"] == "given")
+        for others in ("free", "held"):
+            expected[f"along_{others}"] = given["along"][others]
+            expected[f"about_{others}"] = given["about"][others]
+        twist = direct["deflection"]["twist"]
+        expected |= {"deflection": np.linalg.norm(twist[3:]),
+                     "deflection_angle": np.linalg.norm(twist[:3])}  # fmt: skip
+        # An independent way to the same: the tangent and its inverse by plain linear algebra.
+        K = result.tangent
+        C = np.linalg.inv(K)
+        moved = C @ (result.wrench if W is not None else np.array(DEFLECT))
+        assert found["deflection"][i] == pytest.approx(np.linalg.norm(moved[3:]), rel=1e-9)
+        tolerance = max(1e-9, PER_CONDITION * abs(found["condition"][i]))
+        for key, value in expected.items():
+            assert found[key][i] == pytest.approx(value, rel=tolerance, nan_ok=True), key
+
+
+def hash_of(text):
+    """A number for a text, the same in every process."""
+    return sum(ord(c) * 31**i for i, c in enumerate(text)) % 2**32
+
+
+def _at(tree, path):
+    for key in path.split("."):
+        tree = tree[int(key)] if isinstance(tree, list) else tree[key]
+    return np.nan if tree is None else tree
 
 
 def test_what_does_not_exist_is_nan():

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
-from cartstiff.cli.options import MechanismRequest, mechanism_options, once
+from cartstiff.cli.options import (
+    LoadRequest,
+    MechanismRequest,
+    load_options,
+    mechanism_options,
+    once,
+)
 from cartstiff.cli.output import output_file, print_json, say
 from cartstiff.cli.path_file import WRENCH
 from cartstiff.errors import InputError, one_line
@@ -22,6 +29,8 @@ _EPILOG = """\b
 Examples:
   cartstiff equilibrium ur5 --load 0,0,0,0,0,-100
   cartstiff equilibrium stewart-gough --load 0,0,0,0,0,-50 --world --json
+  cartstiff equilibrium ur5 --load 0,0,0,0,0,-100 --world --load-at 0,0,0.1
+  cartstiff equilibrium ur5 --load 0,0,5,0,0,-100 --load-kind follower
   cartstiff equilibrium panda --payload 3,0,0,0.1
   cartstiff equilibrium ur5 --hold z=-0.002
   cartstiff equilibrium five-bar --load 0,0,0,0,-2000,0 --curve 3 --plot curve.png
@@ -31,15 +40,11 @@ Examples:
 
 @click.command(name="equilibrium", epilog=_EPILOG)
 @mechanism_options(
-    load_help="Wrench on the body at its origin, in the axes of the unloaded body frame; it keeps "
-    "its direction in the world."
+    load_help="Wrench on the body: moment about and force at the point --load-at, in the axes of "
+    "the unloaded body frame; see --load-kind."
 )
-@click.option(
-    "--world",
-    is_flag=True,
-    help="The components of --load and --hold are in the inertial axes.",
-)
-@click.option("--follower", is_flag=True, help="The load turns with the body.")
+@load_options(kinds=True, world="--load and --hold")
+@click.option("--follower", is_flag=True, help="The same as --load-kind follower.")
 @click.option(
     "--payload",
     "payload_text",
@@ -96,7 +101,7 @@ Examples:
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def command(
     request: MechanismRequest,
-    world: bool,
+    applied: LoadRequest,
     follower: bool,
     payload_text: str | None,
     hold_text: str | None,
@@ -113,8 +118,11 @@ def command(
     without the load. Loads of constant direction and moments that do not turn with the body are
     dead loads; a moment has no potential.
     """
-    if world and follower:
-        raise InputError("give --world or --follower, not both")
+    if follower:
+        source = click.get_current_context().get_parameter_source("load_kind")
+        if source is click.core.ParameterSource.COMMANDLINE:
+            raise InputError("give --follower or --load-kind, not both")
+        applied = replace(applied, kind="follower")
     if curve_text is not None and path_text is not None:
         raise InputError("give --curve or --path, not both")
     several = curve_text is not None or path_text is not None
@@ -142,16 +150,22 @@ def command(
 
     from cartstiff.mechanisms.contract import named_values
     from cartstiff.statics.held import Held
+    from cartstiff.stiffness.applied_load import LoadKind
 
     if isinstance(q, dict):
         q = named_values(q, elastic.names, elastic.q, "--q")
     q = elastic.mechanism.assembled(elastic.q if q is None else q)
     weight = _payload(elastic, payload_text)
+    kind = LoadKind(applied.kind, applied.at)  # type: ignore[arg-type]
+    axes: Any = applied.axes
 
     def loads_at(q: Any, wrench: Any) -> tuple[Any, ...]:
-        return (*_wrench(elastic, q, wrench, world, follower), *weight)
+        """What acts on a body that is to be at q."""
+        if wrench is None:
+            return weight
+        return (kind.acting(wrench, elastic.mechanism.at(q).pose, axes), *weight)
 
-    hold = None if held is None else Held(held, axes="world" if world else "body")
+    hold = None if held is None else Held(held, axes=axes)
     loads = loads_at(q, wrench)
     if path_text is not None:
         _compensate(elastic, Path(path_text), wrench, loads_at, csv, plot, as_json)
@@ -174,20 +188,6 @@ def _held(text: str) -> dict[str, float]:
             )  # fmt: skip
         values[name.strip()] = parse_numbers(number, "--hold", 1)[0]
     return values
-
-
-def _wrench(elastic: Any, q: Any, wrench: Any, world: bool, follower: bool) -> tuple[Any, ...]:
-    """The load of --load, or of a line of the path file, for a body that is to be at q."""
-    import numpy as np
-
-    from cartstiff.potentials.loads import DeadWrench, FollowerWrench
-
-    if wrench is None:
-        return ()
-    if follower:
-        return (FollowerWrench(np.array(wrench)),)
-    R = np.eye(3) if world else elastic.mechanism.at(q).pose[:3, :3]
-    return (DeadWrench(np.concatenate([R @ wrench[:3], R @ wrench[3:]])),)
 
 
 def _payload(elastic: Any, text: str | None) -> tuple[Any, ...]:

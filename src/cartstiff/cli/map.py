@@ -10,8 +10,19 @@ from typing import Any
 
 import click
 
-from cartstiff.cli.map_options import sampling_from_options, sampling_options
-from cartstiff.cli.options import MechanismRequest, mechanism_options, once
+from cartstiff.cli.map_options import (
+    check_cuts,
+    parse_cuts,
+    sampling_from_options,
+    sampling_options,
+)
+from cartstiff.cli.options import (
+    LoadRequest,
+    MechanismRequest,
+    load_options,
+    mechanism_options,
+    once,
+)
 from cartstiff.cli.output import say
 from cartstiff.errors import InputError, one_line
 from cartstiff.parsing import parse_numbers
@@ -25,6 +36,8 @@ Examples:
   cartstiff map ur5 --random 1000000 --quantity condition -o random.zarr --picture hist.svg
   cartstiff map ur5 --cartesian x=0.2:0.8:13,y=-0.4:0.4:17 --quantity along_free \\
       --direction 0,0,1 --world -o plane.zarr --picture plane.png
+  cartstiff map ur5 --cartesian x=0.2:0.8:13,y=-0.4:0.4:17 --quantity translation_free_min \\
+      --load 0,0,0,0,0,-100 --world --load-at 0,0,0.1 -o loaded.zarr
   cartstiff map panda --trajectory path.csv --quantity deflection \\
       --deflect 0,0,0,0,0,-50 --world -o path.zarr --json
 
@@ -50,9 +63,10 @@ def _list_quantities(context: click.Context, _: click.Parameter, asked: bool) ->
 
 @click.command(name="map", epilog=_EPILOG)
 @mechanism_options(
-    load_help="Wrench on the body in its own frame at every posture; rest positions are chosen so "
-    "that the springs balance it."
+    load_help="Wrench on the body at every posture: moment about and force at the point --load-at, "
+    "in the body's axes; rest positions are chosen so that the springs balance it."
 )
+@load_options(kinds=True, world="--load, --direction and --deflect")
 @sampling_options
 @click.option(
     "--quantity",
@@ -72,8 +86,8 @@ def _list_quantities(context: click.Context, _: click.Parameter, asked: bool) ->
 @click.option(
     "--connection",
     type=click.Choice(["load", "A", "B", "K", "F"]),
-    help="The matrix that is read; default under a load: load, the tangent under a dead load at "
-    "the frame's origin. Without a load all are the same, and B is read.",
+    help="The matrix that is read; default where a load can act: load, the tangent stiffness under "
+    "it (see --load-kind, --load-at). Without a load all but F are the same.",
 )
 @click.option(
     "--direction",
@@ -91,7 +105,15 @@ def _list_quantities(context: click.Context, _: click.Parameter, asked: bool) ->
     callback=once,
     help="Wrench added to the load whose deflection is asked for; default the load.",
 )
-@click.option("--world", is_flag=True, help="--direction and --deflect are in the axes of F.")
+@click.option(
+    "--deflect-at",
+    "deflect_at_text",
+    metavar="X,Y,Z",
+    multiple=True,
+    callback=once,
+    help="Point of the body, in its frame, at which the wrench of --deflect acts; default its "
+    "origin.",
+)
 @click.option(
     "--length",
     "length_text",
@@ -162,11 +184,12 @@ def command(
     context: click.Context,
     /,
     request: MechanismRequest,
+    applied: LoadRequest,
     quantities: tuple[str, ...],
     connection: str | None,
     direction_text: str | None,
     deflect_text: str | None,
-    world: bool,
+    deflect_at_text: str | None,
     length_text: str | None,
     output: Path,
     single: bool,
@@ -197,17 +220,22 @@ def command(
     if picture is not None and picture.suffix not in (".png", ".svg", ".pdf"):
         raise InputError("unknown file ending", where="--picture",
                          expected=".png, .svg or .pdf", got=picture.name)  # fmt: skip
-    cuts = _cuts(slice_texts)
+    cuts = parse_cuts(slice_texts)
+    if deflect_at_text is not None and deflect_text is None:
+        raise InputError("is for --deflect", where="--deflect-at")
     given: dict[str, Any] = {
-        "wrench": wrench,
+        "wrench": wrench, "load_kind": applied.kind, "load_at": applied.at,
+        "load_axes": applied.axes, "world": applied.axes == "world",
         "direction": None if direction_text is None
         else parse_numbers(direction_text, "--direction", 3),
         "deflect": None if deflect_text is None else parse_numbers(deflect_text, "--deflect", 6),
         "length": None if length_text is None else parse_numbers(length_text, "--length", 1)[0],
     }  # fmt: skip
+    if deflect_at_text is not None:
+        given["deflect_at"] = parse_numbers(deflect_at_text, "--deflect-at", 3)
     elastic, q = request.load()
     sampling = sampling_from_options(elastic, q, **where)
-    _check_cuts(cuts, sampling)
+    check_cuts(cuts, sampling)
     if picture is not None:
         _check_picture(kind, by, sampling, cuts, elastic)
     if best is not None or worst is not None:
@@ -219,8 +247,8 @@ def command(
     from cartstiff.maps.run import run_map
 
     job, file = prepare_map(
-        elastic, sampling, quantities, output, connection=connection, world=world, single=single,
-        chunk=chunk, command=_as_typed(context), **given,
+        elastic, sampling, quantities, output, connection=connection, single=single, chunk=chunk,
+        command=_as_typed(context), **given,
     )  # fmt: skip
     start = time.perf_counter()
     try:
@@ -281,34 +309,6 @@ def _as_typed(context: click.Context) -> str:
     return shlex.join(words)
 
 
-def _cuts(texts: tuple[str, ...]) -> dict[str, float]:
-    found: dict[str, float] = {}
-    for item in (part for text in texts for part in text.split(",")):
-        name, equals, number = item.partition("=")
-        if not equals or name.strip() in found:
-            raise InputError("cannot be used", where="--slice", expected="NAME=VALUE, each once",
-                             got=repr(item))  # fmt: skip
-        value = parse_numbers(number, f"--slice {name.strip()}", 1)[0]
-        # Dimensions have dots where names of coordinates have slashes.
-        found[name.strip().replace("/", ".")] = value
-    return found
-
-
-def _check_cuts(cuts: dict[str, float], sampling: Any) -> None:
-    """Refuse a slice before the map is computed."""
-    from cartstiff.errors import UnknownNameError
-
-    for name, value in cuts.items():
-        if name not in sampling.axes:
-            raise UnknownNameError("axis of the map", name, sampling.axes, where="--slice")
-        axis = sampling.axes[name]
-        if not axis.low <= value <= axis.high:
-            raise InputError(
-                "outside the map", where=f"--slice {name}",
-                expected=f"{axis.low:g} to {axis.high:g}", got=f"{value:g}",
-            )  # fmt: skip
-
-
 def _check_picture(
     kind: str, by: str | None, sampling: Any, cuts: dict[str, float], elastic: Any
 ) -> None:
@@ -351,6 +351,7 @@ def _answer(dataset: Any, file: Any, output: Path, computed: int, seconds: float
         "mechanism": dataset.attrs["mechanism"],
         "frame": dataset.attrs["frame"],
         "connection": dataset.attrs["connection"],
+        "load": {key: dataset.attrs[f"load_{key}"] for key in ("kind", "at", "meaning")},
         "characteristic_length": dataset.attrs["characteristic_length"],
         "units": {k: dataset.attrs[f"{k}_unit"] for k in ("length", "force", "angle")},
         "postures": total,

@@ -16,7 +16,13 @@ from cartstiff.parsing import parse_numbers
 if TYPE_CHECKING:
     from cartstiff.maps.sampling import Axis, Sampling
 
-__all__ = ["parse_axes", "sampling_from_options", "sampling_options"]
+__all__ = [
+    "check_cuts",
+    "parse_axes",
+    "parse_cuts",
+    "sampling_from_options",
+    "sampling_options",
+]
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 # A map of more postures than this would take years.
@@ -188,3 +194,32 @@ def _table(path: Path) -> dict[str, Any]:
         raise InputError("columns have no names", where=rows.place,
                          expected="a line of names, then one posture a line")  # fmt: skip
     return dict(zip(rows.names, rows.values.T, strict=True))
+
+
+def parse_cuts(texts: tuple[str, ...]) -> dict[str, float]:
+    """Values of --slice by dimension."""
+    found: dict[str, float] = {}
+    for item in (part for text in texts for part in text.split(",")):
+        name, equals, number = item.partition("=")
+        if not equals or name.strip() in found:
+            raise InputError("cannot be used", where="--slice", expected="NAME=VALUE, each once",
+                             got=repr(item))  # fmt: skip
+        value = parse_numbers(number, f"--slice {name.strip()}", 1)[0]
+        # Dimensions have dots where names of coordinates have slashes.
+        found[name.strip().replace("/", ".")] = value
+    return found
+
+
+def check_cuts(cuts: dict[str, float], sampling: Any) -> None:
+    """Refuse a slice before the map is computed."""
+    from cartstiff.errors import UnknownNameError
+
+    for name, value in cuts.items():
+        if name not in sampling.axes:
+            raise UnknownNameError("axis of the map", name, sampling.axes, where="--slice")
+        axis = sampling.axes[name]
+        if not axis.low <= value <= axis.high:
+            raise InputError(
+                "outside the map", where=f"--slice {name}",
+                expected=f"{axis.low:g} to {axis.high:g}", got=f"{value:g}",
+            )  # fmt: skip

@@ -113,10 +113,11 @@ def mechanism_options(load_help: str = _BALANCED) -> Callable[..., Callable[...,
     return decorate
 
 
-def load_options(*, kinds: bool) -> Callable[..., Callable[..., Any]]:
+def load_options(*, kinds: bool, world: str = "--load") -> Callable[..., Callable[..., Any]]:
     """Where the load acts and along which axes, as a `LoadRequest` in the keyword ``applied``.
 
-    With `kinds` also what it does while the body moves.
+    With `kinds` also what it does while the body moves; `world` names the options whose
+    components --world is about.
     """
     options = [
         click.option(
@@ -125,7 +126,7 @@ def load_options(*, kinds: bool) -> Callable[..., Callable[..., Any]]:
         ),
         click.option(
             "--world", is_flag=True,
-            help="The load's components are along the inertial axes, not those of the body.",
+            help=f"The components of {world} are along the inertial axes, not those of the body.",
         ),
     ]  # fmt: skip
     if kinds:

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import click
 
-from cartstiff.cli.options import MechanismRequest, once, parse_values
+from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, once, parse_values
 from cartstiff.cli.output import output_file, print_json, say
 from cartstiff.errors import InputError, UnknownNameError, one_line
 from cartstiff.parsing import parse_numbers
@@ -21,6 +21,7 @@ Examples:
   cartstiff path ur5 seam.csv --free-axis x --load 0,0,0,-120,0,30
   cartstiff path panda seam.csv --criterion translation_free_min --csv commands.csv
   cartstiff path ur5 seam.csv --free-axis x --criterion along_free --direction 1,0,0 --plot k.png
+  cartstiff path ur5 seam.csv --free-axis x --load 0,0,0,-120,0,30 --loaded --load-kind follower
   cartstiff path ur5 part.csv --free-axis x --load 0,0,0,-120,0,0 --place x=0.4:0.6:3,y=-0.2:0.2:5
 """
 _Command = TypeVar("_Command", bound=Callable[..., Any])
@@ -58,8 +59,10 @@ def _single(*names: str, **settings: Any) -> Callable[[_Command], _Command]:
     "--load",
     "load_text",
     metavar="MX,MY,MZ,FX,FY,FZ",
-    help="Wrench on the body at its origin, the same at all points.",
+    help="Wrench on the body, the same at all points: moment about and force at the point "
+    "--load-at.",
 )
+@load_options(kinds=True, world="loads and directions")
 @_single(
     "--direction",
     "direction_text",
@@ -69,8 +72,8 @@ def _single(*names: str, **settings: Any) -> Callable[[_Command], _Command]:
 @_single(
     "--axes",
     type=click.Choice(["path", "world", "body"]),
-    help="Axes of loads and directions: those of the file's poses (the default), of F, or "
-    "of the body, which turns by the free rotation as well.",
+    help="Axes of loads and directions: those of the file's poses (the default), of F (as "
+    "--world), or of the body, which turns by the free rotation as well.",
 )
 @click.option(
     "--criterion",
@@ -83,8 +86,8 @@ def _single(*names: str, **settings: Any) -> Callable[[_Command], _Command]:
 @click.option(
     "--connection",
     type=click.Choice(["load", "A", "B", "K", "F"]),
-    help="The stiffness that is read; default with --loaded: load, the tangent under a dead load "
-    "at the frame's origin; else B.",
+    help="The stiffness that is read; default with --loaded: load, the tangent under the load (see "
+    "--load-kind, --load-at). Without a load all but F are the same.",
 )
 @click.option("--loaded", is_flag=True, help="Read it under the load, which the springs balance.")
 @click.option(
@@ -144,6 +147,7 @@ def command(
     free_rotation: bool,
     redundant: str | None,
     load_text: str | None,
+    applied: LoadRequest,
     direction_text: str | None,
     axes: str | None,
     criterion: str,
@@ -170,6 +174,13 @@ def command(
         raise InputError("give --free-axis or --free-rotation, not both")
     if places_text is not None and not place_texts:
         raise InputError("--plot-places goes with --place")
+    if applied.axes == "world":
+        if axes not in (None, "world"):
+            raise InputError("give --world or --axes, not both")
+        axes = "world"
+    if applied.kind != "dead" and not loaded:
+        raise InputError("is for the stiffness under load", where="--load-kind",
+                         expected="--loaded as well")  # fmt: skip
     free = "rotation" if free_rotation else free_axis or "none"
     csv = None if csv_text is None else output_file(csv_text, (".csv",), "--csv")
     pictures = (".png", ".svg", ".pdf")
@@ -189,6 +200,7 @@ def command(
     options: dict[str, Any] = {
         "free": free, "redundant": redundant, "criterion": criterion, "connection": connection,
         "loaded": loaded, "objective": objective, "samples": samples, "seed": seed,
+        "load_kind": applied.kind, "load_at": applied.at,
     }  # fmt: skip
     if step_text is not None:
         options["max_step"] = parse_values(step_text, "--max-step", elastic.names, broadcast=True)

@@ -60,12 +60,11 @@ def unsymmetric_part(W: Array) -> Array:
 
 
 def connections(K_B: Array, W: Array) -> dict[str, Array]:
-    """K^A, K^B, K^K, and the tangent under a dead load at the origin, from K^B and the wrench."""
+    """K^A, K^B and K^K from K^B and the wrench."""
     D_A = unsymmetric_part(W)
-    D_K, D_load = zeros(6, 6), zeros(6, 6)
+    D_K = zeros(6, 6)
     D_K[:3, 3:], D_K[3:, :3] = D_A[:3, 3:], -D_A[3:, :3]
-    D_load[:3, :3], D_load[:3, 3:], D_load[3:, :3] = -D_A[:3, :3], D_A[:3, 3:], -D_A[3:, :3]
-    return {"A": K_B + D_A, "B": K_B, "K": K_B + D_K, "load": K_B + D_load}
+    return {"A": K_B + D_A, "B": K_B, "K": K_B + D_K}
 
 
 def add_compliances(

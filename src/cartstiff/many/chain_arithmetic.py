@@ -57,7 +57,6 @@ from cartstiff.many.arithmetic import (
     unsymmetric_part,
 )
 from cartstiff.many.chain_twists import ChainConstants, ChainKinematics, Field
-from cartstiff.many.given import CONNECTIONS
 from cartstiff.many.tape import Program, Scalar, Tape, larger, pick, square_root
 from cartstiff.numerics import BALANCE, ROUNDING
 
@@ -377,7 +376,7 @@ def _compliances(
     chain: _Chain, W: Array, found: dict[str, Array], wanted: Collection[str]
 ) -> Scalar:
     """Put ``C^X = J (H_L + J^T D J)^-1 J^T`` into `found`, D = K^X - K^B; the verdict on them."""
-    names = [name for name in CONNECTIONS if f"compliance_{name}" in wanted]
+    names = [name for name in "ABKF" if f"compliance_{name}" in wanted]
     verdict: Scalar = PLAIN
     if not names:
         return verdict

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Literal
 
 import numpy as np
 
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 
 __all__ = ["NOT_ASSEMBLED", "REGULAR", "fill", "state_of"]
@@ -16,11 +18,12 @@ __all__ = ["NOT_ASSEMBLED", "REGULAR", "fill", "state_of"]
 REGULAR, NOT_ASSEMBLED = "regular", "not-assembled"
 
 
-def state_of(found: PostureStiffness, with_compliance: bool) -> str:
+def state_of(found: PostureStiffness, with_compliance: bool, under_load: bool = False) -> str:
     """The code that stands for a posture's state.
 
     The last state of the reduction, as in `analyse` with ``strict``; else a type-2 singularity;
-    else, if compliances are asked for, a stiffness matrix that has no inverse.
+    else, if compliances are asked for, a stiffness matrix (the tangent under the load, where that
+    is asked for) that has no inverse.
     """
     if found.reduction.states:
         return found.reduction.states[-1].code
@@ -29,17 +32,20 @@ def state_of(found: PostureStiffness, with_compliance: bool) -> str:
     for code in ("type-2-singularity", "singular-stiffness"):
         if code in codes:
             return code
-    return REGULAR
+    return "singular-stiffness" if under_load and found.tangent_compliance is None else REGULAR
 
 
 def fill(
-    elastic: ElasticMechanism, q: Array, wrench: Array | None, rows: Mapping[str, Array]
-) -> tuple[str, Array]:
+    elastic: ElasticMechanism, q: Array, wrench: Array | None, rows: Mapping[str, Array],
+    load: LoadKind, axes: Literal["body", "world"],
+) -> tuple[str, Array]:  # fmt: skip
     """Write one posture's arrays into `rows`; its state, and its assembled coordinates."""
     for row in rows.values():
         row[...] = np.nan
     try:
-        found = analyse(elastic, q, wrench=wrench)
+        found = analyse(
+            elastic, q, wrench=wrench, load_kind=load.kind, load_at=load.at, load_axes=axes
+        )
     except ConvergenceError:
         return NOT_ASSEMBLED, q
     except UndefinedError as error:
@@ -51,7 +57,8 @@ def fill(
         value = _output(found, name)
         if value is not None:
             row[...] = value
-    return state_of(found, any(name.startswith("compliance") for name in rows)), found.q
+    inverses = [name for name in rows if name.startswith("compliance")]
+    return state_of(found, bool(inverses), "compliance_load" in rows), found.q
 
 
 def _output(found: PostureStiffness, name: str) -> Array | float | None:

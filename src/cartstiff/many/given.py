@@ -14,9 +14,9 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
 __all__ = ["CONNECTIONS", "OUTPUTS", "aligned_empty", "arrays_for", "checked_count",
-           "checked_names", "checked_q", "checked_wrench"]  # fmt: skip
+           "checked_names", "checked_q", "checked_wrench", "recorded"]  # fmt: skip
 
-#: Whose matrices can be asked for; "load" is the tangent under a dead load at M's origin.
+#: Whose matrices can be asked for; "load" is the tangent under the load.
 CONNECTIONS = ("A", "B", "K", "F", "load")
 #: Doubles in a line of the cache, and in a mebibyte.
 _LINE, _MEBIBYTE = 8, 1 << 17
@@ -54,6 +54,15 @@ def checked_names(outputs: Sequence[str]) -> tuple[str, ...]:
         if name not in OUTPUTS:
             raise UnknownNameError("output", str(name), OUTPUTS)
     return names
+
+
+def recorded(names: Sequence[str]) -> tuple[str, ...]:
+    """Outputs that kernels compute for some outputs: the tangent under a load follows from K^B."""
+    needed = dict.fromkeys(names)
+    for kind in ("stiffness", "compliance"):
+        if needed.pop(f"{kind}_load", 0) is None:
+            needed |= {f"{kind}_B": None, "wrench": None}
+    return tuple(needed)
 
 
 def checked_count(what: str, value: object) -> int | None:

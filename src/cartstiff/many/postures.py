@@ -12,10 +12,12 @@ import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cartstiff import numerics
 from cartstiff.errors import UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.arithmetic import ENGINE, UNBALANCED
@@ -27,10 +29,12 @@ from cartstiff.many.given import (
     checked_names,
     checked_q,
     checked_wrench,
+    recorded,
 )
 from cartstiff.many.portable import PortableKernel
 from cartstiff.many.running import PATHS, Path, chosen, run
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 
 __all__ = ["OUTPUTS", "Postures", "analyse_many"]
 
@@ -93,6 +97,9 @@ def analyse_many(
     q: ArrayLike,
     *,
     wrench: ArrayLike | None = None,
+    load_kind: Literal["dead", "follower", "conservative"] = "dead",
+    load_at: ArrayLike = (0.0, 0.0, 0.0),
+    load_axes: Literal["body", "world"] = "body",
     outputs: Sequence[str] = ("stiffness_B",),
     out: Mapping[str, Array] | None = None,
     threads: int | None = None,
@@ -108,12 +115,15 @@ def analyse_many(
     q : array_like (N, n)
         Coordinates in rad and length units, one posture a row.
     wrench : array_like (6,) or (N, 6), optional
-        W = (moment, force) in the body frame, for all postures or for each; as in `analyse`, the
+        (moment, force) on the body at `load_at`, for all postures or for each; as in `analyse`, the
         rest positions are then chosen at every posture.
+    load_kind, load_at, load_axes
+        What the load does while the body moves, where it acts, and along whose axes it is given: as
+        in `analyse`.
     outputs : sequence of str
         Any of "pose" (N, 4, 4), "jacobian" (N, 6, n), "wrench" (N, 6), "energy" (N,),
-        "stiffness_X" and "compliance_X" (N, 6, 6) for X one of A, B, K, F, and
-        load, the tangent under a dead load at the origin of M. Only what they need is computed.
+        "stiffness_X" and "compliance_X" (N, 6, 6) for X one of A, B, K, F and load, the tangent
+        under the load. Only what they need is computed.
     out : mapping of str to ndarray, optional
         Arrays of doubles to write outputs into. Memory that is used again saves the system's
         work of providing it, which costs more than the computation.
@@ -150,14 +160,29 @@ def analyse_many(
     arrays = arrays_for(names, out, coordinates.shape, {"q": coordinates, "wrench": loads})
     state = np.zeros(len(coordinates), np.uint8)
 
+    kind = LoadKind(load_kind, load_at)  # type: ignore[arg-type]
+    each = loads
+    if loads is not None and loads.ndim == 1 and load_axes == "world":
+        each = np.broadcast_to(loads, (len(coordinates), 6))
     codes = [REGULAR]
-    taken, kernel, reason = chosen(elastic, loads, names, path, len(coordinates))
+    known = recorded(names)
+    taken, kernel, reason = chosen(elastic, each, known, path, len(coordinates))
     if taken is None:
         if _is_assembled(elastic):
             coordinates = coordinates.copy()
-        _by_engine(elastic, coordinates, loads, arrays, np.arange(len(state)), state, codes)
+        everything = np.arange(len(state))
+        _by_engine(elastic, coordinates, loads, arrays, everything, state, codes, kind, load_axes)
         return Postures(coordinates, arrays, state, tuple(codes), "engine", reason)
-    run(taken, kernel, coordinates, loads, arrays, state, count, size)
+    if each is not None and (load_axes != "body" or any(kind.at)):
+        posed = np.broadcast_to(np.eye(4), (1, 4, 4)) if load_axes == "body" else analyse_many(
+            elastic, coordinates, wrench=np.zeros(6), outputs=("pose",), threads=threads,
+            path=path, chunk=chunk,
+        )["pose"]  # fmt: skip
+        each = wrench_in_body(each, posed, kind.at, load_axes).reshape(each.shape)
+    by_kernel = arrays_for(known, {n: a for n, a in arrays.items() if n in known},
+                           coordinates.shape, {})  # fmt: skip
+    run(taken, kernel, coordinates, each, by_kernel, state, count, size)
+    _under_load(kind, by_kernel, arrays, state)
     if state.any():
         doubtful = np.flatnonzero(state == ENGINE)
         unbalanced = np.flatnonzero(state == UNBALANCED)
@@ -167,11 +192,27 @@ def analyse_many(
             for name in names:
                 if name.startswith(("wrench", "stiffness", "compliance")):
                     arrays[name][unbalanced] = np.nan
-        _by_engine(elastic, coordinates, loads, arrays, doubtful, state, codes)
+        _by_engine(elastic, coordinates, loads, arrays, doubtful, state, codes, kind, load_axes)
     elif len(state):
         state[:] = _index(codes, taken.regular)
     ran = "portable" if isinstance(kernel, PortableKernel) else "compiled"
     return Postures(coordinates, arrays, state, tuple(codes), ran, reason)
+
+
+def _under_load(
+    kind: LoadKind, known: Mapping[str, Array], arrays: Mapping[str, Array],
+    state: NDArray[np.uint8],
+) -> None:  # fmt: skip
+    """Tangents and their inverses from those of K^B; the engine decides where digits are lost."""
+    if "stiffness_load" not in arrays and "compliance_load" not in arrays:
+        return
+    D = kind.change(known["wrench"])
+    if "stiffness_load" in arrays:
+        np.add(known["stiffness_B"], D, out=arrays["stiffness_load"])
+    if "compliance_load" in arrays:
+        C, is_plain = numerics.inverses_of_sums(known["compliance_B"], D)
+        arrays["compliance_load"][...] = C
+        state[~is_plain & np.isfinite(D).all(axis=(1, 2)) & (state != UNBALANCED)] = ENGINE
 
 
 def _is_assembled(elastic: ElasticMechanism) -> bool:
@@ -180,14 +221,15 @@ def _is_assembled(elastic: ElasticMechanism) -> bool:
 
 def _by_engine(
     elastic: ElasticMechanism, q: Array, loads: Array | None, arrays: Mapping[str, Array],
-    which: NDArray[np.intp], state: NDArray[np.uint8], codes: list[str],
+    which: NDArray[np.intp], state: NDArray[np.uint8], codes: list[str], kind: LoadKind,
+    axes: Literal["body", "world"],
 ) -> None:  # fmt: skip
     """Fill some postures one by one; `q` takes the coordinates of assembled chains."""
     assembled = _is_assembled(elastic)
     for i in which.tolist():
         load = loads if loads is None or loads.ndim == 1 else loads[i]
         rows = {name: array[i : i + 1] for name, array in arrays.items()}
-        code, found = fill(elastic, q[i], load, rows)
+        code, found = fill(elastic, q[i], load, rows, kind, axes)
         if assembled:
             q[i] = found
         state[i] = _index(codes, code)

@@ -14,7 +14,7 @@ from cartstiff.errors import InputError, MissingDependencyError
 from cartstiff.geometry.se3 import Array
 from cartstiff.many import portable
 from cartstiff.many.arithmetic import ENGINE
-from cartstiff.many.given import OUTPUTS, aligned_empty
+from cartstiff.many.given import OUTPUTS, aligned_empty, recorded
 from cartstiff.many.plans import Case, Plan, plan, program_for
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
@@ -96,13 +96,14 @@ def chosen(
 
 
 def lasting_path(
-    elastic: ElasticMechanism, has_wrench: bool, names: tuple[str, ...], count: int
-) -> Path:
+    elastic: ElasticMechanism, wrench: Literal["none", "shared", "each"], names: tuple[str, ...],
+    count: int,
+) -> Path:  # fmt: skip
     """The path that serves `count` postures, whatever was compiled in this process before."""
-    found = plan(elastic, "shared" if has_wrench else "none")
+    found = plan(elastic, wrench)
     if isinstance(found, str):
         return "engine"
-    ordered = tuple(name for name in OUTPUTS if name in names)
+    ordered = tuple(name for name in OUTPUTS if name in recorded(names))
     compiles = _has("llvmlite") and count >= WORTH_COMPILING
     if compiles and program_for(found.case, ordered).size <= LARGEST_PROGRAM:
         return "compiled"

@@ -36,7 +36,7 @@ def path_quantity(path: str) -> Quantity:
         f"{path} of the analysis",
         _UNIT,
         function,
-        (*(f"stiffness_{c}" for c in CONNECTIONS), "compliance_{matrix}", "wrench"),
+        (*(f"stiffness_{c}" for c in CONNECTIONS), "inverse", "wrench"),
         "length",
         None,
     )

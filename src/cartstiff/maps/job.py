@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from math import prod
 from threading import local
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from cartstiff.errors import ConvergenceError
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.engine import NOT_ASSEMBLED, REGULAR
-from cartstiff.many.postures import analyse_many
+from cartstiff.many.postures import Postures, analyse_many
 from cartstiff.many.running import Path
 from cartstiff.maps.cartesian import PLACES, CartesianGrid
 from cartstiff.maps.quantities import Quantity, Settings, choose_quantities, evaluate
@@ -60,7 +60,9 @@ class MapJob:
     settings : Settings
         What they refer to.
     wrench : tuple of float, optional
-        Load (moment, force) in the body frame, as in `cartstiff.analyse`.
+        Load (moment, force), as in `cartstiff.analyse`; `settings` says of what kind, and where.
+    load_axes : {"body", "world"}
+        Axes of its components.
     path : {"compiled", "portable", "engine"}
         What computes every posture of the map, as in `analyse_many`: who goes on with the map takes
         the same, so that its numbers do not depend on where it was interrupted.
@@ -71,6 +73,7 @@ class MapJob:
     names: tuple[str, ...]
     settings: Settings
     wrench: tuple[float, ...] | None
+    load_axes: Literal["body", "world"] = "body"
     path: Path = "auto"
 
     @cached_property
@@ -180,10 +183,7 @@ class MapJob:
         if there.any():
             whole = bool(there.all())
             present = part if whole else part[there]
-            result = analyse_many(
-                self.elastic, present, wrench=self.wrench, outputs=self.outputs,
-                out=self._buffers(len(present)), threads=1, path=self.path,
-            )  # fmt: skip
+            result = self._analysed(present, self.outputs, self._buffers(len(present)))
             to_own = np.array([_code(c) for c in result.codes], np.uint8)
             state[there] = to_own[result.state]
             values = evaluate(self.quantities, result.arrays, self.settings, self._lengths)
@@ -193,6 +193,15 @@ class MapJob:
                 arrays[name][rows][there] = np.where(beyond, np.nan, value)
             arrays["position"][rows][there] = result.arrays["pose"][:, :3, 3]
         arrays["state"][rows] = state
+
+    def _analysed(
+        self, q: Array, outputs: tuple[str, ...], out: Mapping[str, Array] | None = None
+    ) -> Postures:
+        load = self.settings.load
+        return analyse_many(
+            self.elastic, q, wrench=self.wrench, load_kind=load.kind, load_at=load.at,
+            load_axes=self.load_axes, outputs=outputs, out=out, threads=1, path=self.path,
+        )  # fmt: skip
 
     def _beyond(self, q: Array, poses: Array) -> Array:
         """Which postures (N,) are beyond limits."""
@@ -204,9 +213,7 @@ class MapJob:
         """The first quantity, turned so that less is better."""
         quantity = self.quantities[0]
         outputs = tuple({"pose", *quantity.outputs(self.settings)})
-        arrays = analyse_many(
-            self.elastic, q, wrench=self.wrench, outputs=outputs, threads=1, path=self.path
-        ).arrays
+        arrays = self._analysed(q, outputs).arrays
         value = evaluate([quantity], arrays, self.settings, self._lengths)[quantity.name]
         return value if quantity.better == "smaller" else -value
 

@@ -4,49 +4,58 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff.analysis.matrices import symmetric_part
 from cartstiff.analysis.metrics import characteristic_length
 from cartstiff.arrays import checked_unit, checked_vector
-from cartstiff.errors import CartstiffError, InputError, one_line
+from cartstiff.errors import CartstiffError, InputError, UnknownNameError, one_line
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.running import lasting_path
 from cartstiff.maps.cartesian import CartesianGrid
 from cartstiff.maps.job import STATES, MapJob
 from cartstiff.maps.quantities import Settings, choose_quantities
+from cartstiff.maps.quantity import CONNECTIONS
 from cartstiff.maps.sampling import Sampling, dimension_name
 from cartstiff.maps.store import NOT_COMPUTED, SCHEMA, MapFile
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.compute import analyse
 from cartstiff.version import __version__
 
-__all__ = ["default_length", "prepare_map"]
+__all__ = ["default_connection", "default_length", "prepare_map"]
 
 # Numbers that tell one mechanism from another agree to this, whatever the processor.
 _SAME = 1e-8
 
 
-def default_connection(elastic: ElasticMechanism, is_loaded: bool) -> str:
-    """What a map reads: the tangent under the load where the springs carry one, else K^B."""
+def default_connection(elastic: ElasticMechanism, wrench: Array | None = None) -> str:
+    """The matrix that is read: "load", the tangent under the load, where one can act; else "B"."""
+    if wrench is not None:
+        return "load" if wrench.any() else "B"
     springs = elastic.springs
-    return "load" if is_loaded or springs is None or springs.is_complete else "B"
+    if springs is None or elastic.potentials:
+        return "load"
+    return "load" if np.any(~np.isnan(springs.rest) & (springs.stiffness > 0.0)) else "B"
 
 
-def default_length(
-    elastic: ElasticMechanism, wrench: ArrayLike | None = None, connection: str = "B"
-) -> float:
-    """Characteristic length of a map: the natural length at the default posture, or one unit."""
-    result = analyse(elastic, wrench=wrench)
-    # K^K is the symmetric part of the tangent under a dead load.
-    K = result.matrices["K" if connection == "load" else "B"]
-    return float(f"{characteristic_length(K).value:.6g}")  # the same digits on every processor
+def default_length(elastic: ElasticMechanism, connection: str = "B", **load: Any) -> float:
+    """Characteristic length of a map: the natural length at the default posture, or one unit.
+
+    `load` as `wrench` and its kind in `cartstiff.analyse`.
+    """
+    here = analyse(elastic, **load).at()
+    K = here.matrices[connection]
+    C = here.inverse_of_symmetric_part(connection)
+    length = characteristic_length(None if K is None else symmetric_part(K), C).value
+    return float(f"{length:.6g}")  # the same digits on every processor
 
 
 def prepare_map(
@@ -59,8 +68,12 @@ def prepare_map(
     length: float | None = None,
     direction: ArrayLike | None = None,
     deflect: ArrayLike | None = None,
+    deflect_at: ArrayLike = (0.0, 0.0, 0.0),
     world: bool = False,
     wrench: ArrayLike | None = None,
+    load_kind: Literal["dead", "follower", "conservative"] = "dead",
+    load_at: ArrayLike = (0.0, 0.0, 0.0),
+    load_axes: Literal["body", "world"] = "body",
     single: bool = False,
     chunk: int | None = None,
     command: str = "",
@@ -79,15 +92,26 @@ def prepare_map(
     if chunk is not None and chunk < 1:
         raise InputError("size of chunks cannot be used", expected="1 or more", got=chunk)
     load = None if wrench is None else checked_vector(wrench, 6, "wrench")
+    kind = LoadKind(load_kind, load_at)  # type: ignore[arg-type]
+    if load_axes not in ("body", "world"):
+        raise UnknownNameError("axes", load_axes, ("body", "world"))
+    asked = None if deflect is None else checked_vector(deflect, 6, "wrench of the deflection")
     if connection is None:
-        connection = default_connection(elastic, load is not None)
-    asked = load if deflect is None else checked_vector(deflect, 6, "wrench of the deflection")
+        connection = default_connection(elastic, load)
+    if connection not in CONNECTIONS:
+        raise UnknownNameError("connection", connection, CONNECTIONS)
+    acting: dict[str, Any] = {
+        "wrench": load, "load_kind": kind.kind, "load_at": kind.at, "load_axes": load_axes
+    }  # fmt: skip
     settings = Settings(
         connection,
-        default_length(elastic, load, connection) if length is None else _positive(length),
+        default_length(elastic, connection, **acting) if length is None else _positive(length),
         None if direction is None else _direction(direction),
         None if asked is None else tuple(asked.tolist()),
         world,
+        kind,
+        tuple(checked_vector(deflect_at, 3, "point of the deflection").tolist()),
+        load is not None,
     )
     chosen = choose_quantities(list(quantities), settings, elastic)
     if (
@@ -99,13 +123,14 @@ def prepare_map(
             f"neither end of {chosen[0].name} is better", where="redundancy",
             expected="another first quantity, or the nearest posture",
         )  # fmt: skip
-    probe = _probe(elastic, sampling, load)
+    probe = _probe(elastic, sampling, acting)
     job = MapJob(
         elastic,
         sampling,
         tuple(q.name for q in chosen),
         settings,
         None if load is None else tuple(load.tolist()),
+        load_axes,
     )
     description = {
         "joints": list(elastic.names),
@@ -116,8 +141,12 @@ def prepare_map(
         "length": settings.length,
         "direction": settings.direction,
         "deflect": settings.deflect,
+        "deflect_at": settings.deflect_at,
         "world": world,
         "load": job.wrench,
+        "load_kind": kind.kind,
+        "load_at": kind.at,
+        "load_axes": load_axes,
         "single": single,
         "states": list(STATES),
     }
@@ -128,7 +157,9 @@ def prepare_map(
         _require_same(there, description, path)
         return replace(job, path=there["path"]), existing
     postures = int(np.prod(sampling.shape, dtype=object))
-    job = replace(job, path=lasting_path(elastic, load is not None, job.outputs, postures))
+    given: Literal["none", "shared", "each"]
+    given = "none" if load is None else "shared" if load_axes == "body" else "each"
+    job = replace(job, path=lasting_path(elastic, given, job.outputs, postures))
     description["path"] = job.path
     units, mechanism = elastic.units, elastic.mechanism
     attributes = {
@@ -138,6 +169,9 @@ def prepare_map(
         "kind": mechanism.kind,
         "frame": mechanism.frame,
         "connection": connection,
+        "load_kind": kind.kind,
+        "load_at": list(kind.at),
+        "load_meaning": kind.words,
         "characteristic_length": settings.length,
         "length_unit": units.length,
         "force_unit": units.force,
@@ -192,7 +226,7 @@ def _versions() -> dict[str, str]:
 
 
 def _probe(
-    elastic: ElasticMechanism, sampling: Sampling, load: Array | None
+    elastic: ElasticMechanism, sampling: Sampling, acting: Mapping[str, Any]
 ) -> list[list[float | None]]:
     """What tells this mechanism from another: its numbers at two postures."""
     first = tuple(slice(0, 1) for _ in sampling.shape)
@@ -202,13 +236,13 @@ def _probe(
     groups: list[list[float | None]] = []
     for q in postures:
         try:
-            result = analyse(elastic, q, wrench=load)
+            result = analyse(elastic, q, **acting)
         except InputError:
             raise
         except CartstiffError:
             groups.append([])
             continue
-        matrix = result.compliances["B"] if result.matrices["B"] is None else result.matrices["B"]
+        matrix = result.tangent_compliance if result.tangent is None else result.tangent
         # In one group what may be rounding only: it is compared with the largest number there.
         forces = [a for a in (result.wrench, matrix, result.energy) if a is not None]
         for array in (result.q, result.pose, np.concatenate([np.ravel(a) for a in forces])):

@@ -1,8 +1,8 @@
 r"""Named numbers of many postures: what a map can hold.
 
 A quantity is evaluated on stacks of matrices and equals, posture by posture, what
-`cartstiff.analysis` says of the same thing. An asymmetric matrix (K^A) is read by its symmetric
-part, as there. What does not exist at a posture is NaN.
+`cartstiff.analysis` says of the same thing. An asymmetric matrix (K^A, a tangent under load) is
+read by its symmetric part, as there. What does not exist at a posture is NaN.
 
 Any other number of the analysis can be named by its path in the analysis of one posture, such as
 ``indices.condition_exponent`` or ``centres.stiffness.2``; it is then found posture by posture, some
@@ -35,8 +35,8 @@ from cartstiff.mechanisms.platform import Platform
 
 __all__ = ["QUANTITIES", "Quantity", "Settings", "Stacks", "choose_quantities", "evaluate"]
 
-_K, _C = ("stiffness_{matrix}",), ("compliance_{matrix}",)
-_DEFLECT = ("compliance_{connection}", "pose")
+_K, _C = ("stiffness_{matrix}",), ("inverse",)
+_DEFLECT = ("compliance_{connection}", "pose", "wrench")
 _BLOCKS = {"rotation": ROTATION, "translation": TRANSLATION}
 _STIFF = {"rotation": "{force} {length}/rad", "translation": "{force}/{length}"}
 _SOFT = {"rotation": "rad/({force} {length})", "translation": "{length}/{force}"}
@@ -95,8 +95,7 @@ def _principal_quantities() -> list[Quantity]:
 
 def _on_axis(s: Stacks, block: slice, others: str) -> Array:
     """Stiffness along or about the direction through the frame's origin."""
-    u = s.vectors(s.settings.direction, "direction")
-    u = u / np.linalg.norm(u, axis=1, keepdims=True)
+    u = s.direction()
     if others == "held":
         return np.einsum("ni,nij,nj->n", u, s.K[:, block, block], u)
     C = s.C[:, block, block]
@@ -119,7 +118,7 @@ def _on_axis(s: Stacks, block: slice, others: str) -> Array:
 def _deflection(s: Stacks, part: slice) -> Array:
     def make() -> Array:
         C = s.arrays[f"compliance_{s.settings.connection}"]
-        return np.einsum("nij,nj->ni", C, s.vectors(s.settings.deflect, "wrench to deflect it"))
+        return np.einsum("nij,nj->ni", C, s.added_wrench())
 
     return np.linalg.norm(s.once("deflection", make)[:, part], axis=1)
 
@@ -292,7 +291,7 @@ def choose_quantities(
         quantity = QUANTITIES[name]
         if quantity.asks == "direction" and settings.direction is None:
             raise InputError(f"the quantity {name} needs a direction")
-        if quantity.asks == "deflect" and settings.deflect is None:
+        if quantity.asks == "deflect" and settings.deflect is None and not settings.is_loaded:
             raise InputError(f"the quantity {name} needs a wrench to deflect the body")
         if "jacobian" in quantity.needs and elastic.mechanism.kind in ("closed-chain", "parallel"):
             raise InputError(

@@ -8,11 +8,14 @@ from typing import Any, Literal
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.given import CONNECTIONS
 from cartstiff.maps import stacks
+from cartstiff.maps.stacks import symmetric_part
 from cartstiff.mechanisms.contract import Units
+from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 
 __all__ = ["CONNECTIONS", "Quantity", "Settings", "Stacks"]
 
@@ -23,16 +26,23 @@ class Settings:
 
     Attributes
     ----------
-    connection : {"load", "A", "B", "K", "F"}
-        The matrix that is read; "load" is the tangent under a dead load at the frame's origin.
+    connection : {"A", "B", "K", "F", "load"}
+        The matrix that is read; "load" is the tangent under the load.
     length : float
         Characteristic length, one for all postures, in the mechanism's unit.
     direction : tuple of float, optional
         For stiffness along and about a direction.
     deflect : tuple of float, optional
-        Added wrench (moment, force) whose linear deflection is asked for.
+        Wrench (moment, force) added to the load, whose linear deflection is asked for; default the
+        load itself.
     world : bool
         Whether `direction` and `deflect` are in the axes of F instead of the body's.
+    load : LoadKind
+        What the load does while the body moves.
+    deflect_at : tuple of float
+        Point of the body, in M, at which the wrench `deflect` acts.
+    is_loaded : bool
+        Whether a load is given, whose own deflection can be asked for.
     """
 
     connection: str = "B"
@@ -40,15 +50,21 @@ class Settings:
     direction: tuple[float, ...] | None = None
     deflect: tuple[float, ...] | None = None
     world: bool = False
+    load: LoadKind = field(default_factory=LoadKind)
+    deflect_at: tuple[float, ...] = (0.0, 0.0, 0.0)
+    is_loaded: bool = False
 
     @property
     def matrix(self) -> str:
-        """The symmetric matrix that is read: an asymmetric one by its symmetric part.
+        """The matrix whose symmetric part is read: for A that is B itself."""
+        return "B" if self.connection == "A" else self.connection
 
-        That of K^A is K^B. That of the tangent under a dead load is K^K: a dead moment adds nothing
-        symmetric, and a dead force at the origin has the tangent K^K.
-        """
-        return {"A": "B", "load": "K"}.get(self.connection, self.connection)
+    @property
+    def inverted(self) -> tuple[str, ...]:
+        """Outputs from which the inverse of that symmetric part follows."""
+        return (
+            ("compliance_B", "wrench") if self.matrix == "load" else (f"compliance_{self.matrix}",)
+        )
 
 
 class Stacks:
@@ -74,13 +90,22 @@ class Stacks:
 
     @property
     def K(self) -> Array:  # noqa: N802
-        """Stiffness (N, 6, 6) that is read, symmetric."""
-        return self.arrays[f"stiffness_{self.settings.matrix}"]
+        """Stiffness (N, 6, 6) that is read: the symmetric part."""
+        K = self.arrays[f"stiffness_{self.settings.matrix}"]
+        return K if self.settings.matrix != "load" else self.once("K", lambda: symmetric_part(K))
 
     @property
     def C(self) -> Array:  # noqa: N802
-        """Compliance (N, 6, 6) of the same connection."""
-        return self.arrays[f"compliance_{self.settings.matrix}"]
+        """Inverse (N, 6, 6) of `K`, as `StiffnessInFrame.inverse_of_symmetric_part`."""
+        if self.settings.matrix != "load":
+            return self.arrays[f"compliance_{self.settings.matrix}"]
+
+        def make() -> Array:
+            D = symmetric_part(self.settings.load.change(self.arrays["wrench"]))
+            C = self.arrays["compliance_B"]
+            return numerics.inverses_of_sums(C, D)[0] if D.any() else C
+
+        return self.once("C", make)
 
     def eigenvalues(self) -> Array:
         """Of the stiffness with lengths scaled (N, 6)."""
@@ -103,15 +128,25 @@ class Stacks:
     def _is_length(self, n: int) -> Array:
         return np.zeros(n, bool) if self.lengths is None else self.lengths
 
-    def vectors(self, values: Sequence[float] | None, option: str) -> Array:
-        """A direction (or the two halves of a wrench) in body axes, (N, 3 or 6)."""
-        if values is None:
-            raise InputError(f"this quantity needs a {option}")
-        v = np.asarray(values, float)
-        if not self.settings.world:
-            return np.broadcast_to(v, (len(self.arrays["pose"]), v.size))
-        R = self.arrays["pose"][:, :3, :3]
-        return np.concatenate([np.einsum("nji,j->ni", R, part) for part in v.reshape(-1, 3)], 1)
+    def direction(self) -> Array:
+        """Unit vectors (N, 3) of the direction, in body axes."""
+        if self.settings.direction is None:
+            raise InputError("this quantity needs a direction")
+        # Turned as the force of a wrench is.
+        u = self._in_body([0.0, 0.0, 0.0, *self.settings.direction], (0.0, 0.0, 0.0))[:, 3:]
+        unit: Array = u / np.linalg.norm(u, axis=1, keepdims=True)
+        return unit
+
+    def added_wrench(self) -> Array:
+        """The wrench (N, 6) whose deflection is asked for, about M's origin in body axes."""
+        if self.settings.deflect is None:
+            return self.arrays["wrench"]
+        return self._in_body(self.settings.deflect, self.settings.deflect_at)
+
+    def _in_body(self, wrench: Sequence[float], at: Sequence[float]) -> Array:
+        poses = self.arrays["pose"]
+        given = np.broadcast_to(np.asarray(wrench, float), (len(poses), 6))
+        return wrench_in_body(given, poses, at, "world" if self.settings.world else "body")
 
 
 @dataclass(frozen=True)
@@ -128,7 +163,8 @@ class Quantity:
         From `Stacks` to an array (N,).
     needs : tuple of str
         Outputs of `cartstiff.many.postures.analyse_many`; {connection} stands for the connection,
-        {matrix} for the one whose matrix is its symmetric part.
+        {matrix} for the one whose matrix is its symmetric part; "inverse" for what the inverse
+        of that needs.
     asks : {"direction", "deflect", "length"}, optional
         The setting that it depends on.
     better : {"larger", "smaller"}, optional
@@ -150,4 +186,5 @@ class Quantity:
     def outputs(self, settings: Settings) -> tuple[str, ...]:
         """Outputs of `analyse_many` that are needed."""
         names = {"matrix": settings.matrix, "connection": settings.connection}
-        return tuple(name.format(**names) for name in self.needs)
+        found = [settings.inverted if n == "inverse" else (n.format(**names),) for n in self.needs]
+        return tuple(dict.fromkeys(name for some in found for name in some))

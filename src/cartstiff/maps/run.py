@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from os import cpu_count
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -51,8 +51,12 @@ def compute_map(
     length: float | None = None,
     direction: ArrayLike | None = None,
     deflect: ArrayLike | None = None,
+    deflect_at: ArrayLike = (0.0, 0.0, 0.0),
     world: bool = False,
     wrench: ArrayLike | None = None,
+    load_kind: Literal["dead", "follower", "conservative"] = "dead",
+    load_at: ArrayLike = (0.0, 0.0, 0.0),
+    load_axes: Literal["body", "world"] = "body",
     single: bool = False,
     chunk: int | None = None,
     threads: int | None = None,
@@ -75,19 +79,22 @@ def compute_map(
         Names in `cartstiff.maps.quantities.QUANTITIES`, or paths of the analysis.
     file : path
         A folder that ends in ``.zarr``.
-    connection : {"load", "A", "B", "K", "F"}, optional
-        The matrix that is read; default: where the springs carry a load the tangent under it, a
-        dead load at the frame's origin; else B, as all are the same.
+    connection : {"load", "B", "A", "K", "F"}, optional
+        The matrix that is read; default "load", the tangent under the load, where one can act, as
+        in the analysis of one posture; without a load all but F are the same.
     length : float, optional
         Characteristic length for all postures; see `default_length`.
     direction : array_like (3,), optional
         For stiffness along and about a direction.
     deflect : array_like (6,), optional
         Wrench (moment, force) added to the load, whose deflection is asked for; default the load.
+    deflect_at : array_like (3,)
+        Point of the body, in M, at which that wrench acts; the deflection is that of M's origin.
     world : bool
-        Whether these two are in the axes of F, not of the body.
-    wrench : array_like (6,), optional
-        Load W in the body frame at every posture, as in `cartstiff.analyse`.
+        Whether direction and added wrench are in the axes of F, not of the body.
+    wrench, load_kind, load_at, load_axes
+        Load at every posture: wrench, what it does while the body moves, where it acts, and along
+        whose axes it is given; as in `cartstiff.analyse`.
     single : bool
         Keep results in single precision: half the size.
     chunk : int, optional
@@ -117,8 +124,9 @@ def compute_map(
     """
     job, map_file = prepare_map(
         elastic, sampling, quantities, file, connection=connection, length=length,
-        direction=direction, deflect=deflect, world=world, wrench=wrench, single=single,
-        chunk=chunk, command=command,
+        direction=direction, deflect=deflect, deflect_at=deflect_at, world=world, wrench=wrench,
+        load_kind=load_kind, load_at=load_at, load_axes=load_axes, single=single, chunk=chunk,
+        command=command,
     )  # fmt: skip
     run_map(job, map_file, threads=threads, workers=workers, scheduler=scheduler, progress=progress)
     return open_map(file)

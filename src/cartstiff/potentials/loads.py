@@ -19,13 +19,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_number, checked_vector, real_array
+from cartstiff.arrays import checked_array, checked_number, checked_vector, fixed, real_array
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import Evaluation, Posture, Potential
 
-__all__ = ["DeadForce", "DeadWrench", "FollowerWrench", "Load", "Scaled", "payload"]
+__all__ = ["DeadForce", "DeadWrench", "FollowerWrench", "Load", "Scaled", "SemitangentialWrench",
+           "payload"]  # fmt: skip
 
 
 def _numbers(value: ArrayLike, size: int, what: str) -> Array:
@@ -115,9 +116,11 @@ class DeadWrench(Load):
     Attributes
     ----------
     wrench : ndarray, shape (6,)
-        (moment, force) on the body, components in F, moment about the frame's origin.
+        (moment, force) on the body, components in F, moment about the point.
     frame_b : str
         Frame that carries it.
+    point : ndarray, shape (3,)
+        Point of application in frame b.
 
     Raises
     ------
@@ -127,19 +130,72 @@ class DeadWrench(Load):
 
     wrench: Array
     frame_b: str = "body"
+    point: Array | Sequence[float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "wrench", _numbers(self.wrench, 6, "wrench"))
+        object.__setattr__(self, "point", _numbers(self.point, 3, "point of application"))
 
     def on_pose(self, T_F_b: Array) -> tuple[float, Array, Array]:
-        """Energy, alpha = -(R^T m, R^T f), and T."""
-        energy, alpha, rate = _dead_force(T_F_b, self.wrench[3:], np.zeros(3))
+        """Energy, alpha = -(c x R^T f + R^T m, R^T f), and T."""
+        energy, alpha, rate = _dead_force(T_F_b, self.wrench[3:], np.asarray(self.point))
         if self.wrench[:3].any():
             moment = T_F_b[:3, :3].T @ self.wrench[:3]
             alpha[:3] -= moment
             rate[:3, :3] -= se3.skew(moment)
             energy = np.nan
         return energy, alpha, rate
+
+
+@dataclass(frozen=True)
+class SemitangentialWrench(Load):
+    r"""A force constant in the world and a moment that turns by half, as dead forces make it.
+
+    Equal and opposite dead forces at the ends of two crossed bars of the body make the moment m at
+    the rotation R_0. With ``R_0^T R`` the rotation since then and ``n = R_0^T m``
+
+        Phi = -1/2 tr([n]x^T R_0^T R) - f . p
+
+    so that the moment turns by half to first order, and as the cosine of a turn about its own axis.
+
+    Attributes
+    ----------
+    wrench : ndarray, shape (6,)
+        (moment, force) on the body at that rotation, components in F, moment about the point.
+    rotation : ndarray, shape (3, 3)
+        R_0 of the frame that carries the load.
+    frame_b : str
+        That frame.
+    point : ndarray, shape (3,)
+        Point of application in frame b.
+
+    Raises
+    ------
+    InputError
+        For a wrong count or numbers that are not finite.
+    """
+
+    wrench: Array
+    rotation: Array
+    frame_b: str = "body"
+    point: Array | Sequence[float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "wrench", _numbers(self.wrench, 6, "wrench"))
+        object.__setattr__(self, "point", _numbers(self.point, 3, "point of application"))
+        rotation = checked_array(self.rotation, (3, 3), "rotation")
+        object.__setattr__(self, "rotation", fixed(rotation))
+
+    def on_pose(self, T_F_b: Array) -> tuple[float, Array, Array]:
+        """Energy, alpha and its K^A."""
+        energy, alpha, rate = _dead_force(T_F_b, self.wrench[3:], np.asarray(self.point))
+        # Phi = -tr(B R) with B fixed in F: along w it changes by -tr(B R [w]x).
+        B = 0.5 * se3.skew(self.rotation.T @ self.wrench[:3]).T @ self.rotation.T
+        G = B @ T_F_b[:3, :3]
+        alpha[:3] -= np.array([G[1, 2] - G[2, 1], G[2, 0] - G[0, 2], G[0, 1] - G[1, 0]])
+        # K[i, j] = -tr(G [w_j]x [w_i]x), and tr(G [a]x [b]x) = a.G b - tr(G) a.b
+        rate[:3, :3] -= G.T - np.trace(G) * np.eye(3)
+        return energy - float(np.trace(G)), alpha, rate
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ def describe_map(answer: Mapping[str, Any]) -> str:
         f"{answer['file']}: {parts['total']} part(s), {parts['found']} found there, "
         f"{parts['computed']} computed",
         *_searched(answer.get("branches")),
+        *_load(answer),
         "",
         "States",
         *table(("state", "postures"), [(k, str(n)) for k, n in answer["states"].items()]),
@@ -52,6 +53,15 @@ def _searched(branches: Mapping[str, int] | None) -> list[str]:
         f"at most {branches['found']} branches found at a place, up to {branches['kept']} kept; "
         f"searched from {branches['starts']} starts: {how}"
     ]
+
+
+def _load(answer: Mapping[str, Any]) -> list[str]:
+    """What K^load supposes of the load."""
+    if answer["connection"] != "load":
+        return []
+    load = answer["load"]
+    at = ", ".join(number(x) for x in load["at"])
+    return [f"K^load: the tangent under the load, {load['kind']} at ({at}): {load['meaning']}"]
 
 
 def _postures(rows: list[dict[str, Any]], units: Mapping[str, str]) -> list[str]:

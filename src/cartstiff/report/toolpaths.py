@@ -22,7 +22,10 @@ _MOST = 24
 def describe_optimised_path(result: OptimisedPath) -> str:
     """What was optimised, what it gained, and each point."""
     facts, units = result.summary(), result.elastic.units
-    under = "under the path's load" if result.loaded else "unloaded"
+    under = "unloaded"
+    if result.loaded:
+        at = ", ".join(number(x) for x in result.load.at)
+        under = f"under the path's load, {result.load.kind} at ({at}): {result.load.words}"
     lines = [
         f"{result.elastic.name}, frame {result.elastic.mechanism.frame!r}: {len(result.q)} points, "
         f"{result.candidates} postures compared",

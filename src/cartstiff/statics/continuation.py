@@ -8,6 +8,7 @@ compliance at its start, u = p C W.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,6 +28,7 @@ from cartstiff.statics.held import Held, displacement_between
 from cartstiff.statics.newton import solve
 from cartstiff.statics.path import LoadPath, State
 from cartstiff.statics.problem import System
+from cartstiff.stiffness.applied_load import LoadKind
 
 __all__ = ["LoadCurve", "branch", "load_curve"]
 
@@ -39,6 +41,10 @@ _COSINE = 0.9
 def load_curve(
     elastic: ElasticMechanism,
     *loads: Potential,
+    wrench: ArrayLike | None = None,
+    load_kind: Literal["dead", "follower", "conservative"] = "dead",
+    load_at: ArrayLike = (0.0, 0.0, 0.0),
+    load_axes: Literal["body", "world"] = "body",
     to: float = 1.0,
     fixed: Sequence[Potential] = (),
     held: Held | Mapping[str, float] | None = None,
@@ -55,6 +61,8 @@ def load_curve(
         From `cartstiff.load`.
     *loads : Potential
         What the factor multiplies; factor 1 is the load as given.
+    wrench, load_kind, load_at, load_axes
+        A load that the factor multiplies too, as in `equilibrium`.
     to : float
         Factor at which to stop; not zero, negative to reverse the load.
     fixed : sequence of Potential
@@ -78,7 +86,7 @@ def load_curve(
     ConvergenceError
         If there is no equilibrium without the load.
     """
-    if not loads:
+    if not loads and wrench is None:
         raise InputError("a load-deflection curve needs a load")
     if not (np.isfinite(to) and to != 0.0):
         raise InputError("last load factor cannot be used", expected="a number not 0", got=to)
@@ -89,9 +97,12 @@ def load_curve(
     else:
         q = elastic.q if q0 is None else elastic.mechanism.checked(q0, "q0")
     elastic = elastic.balanced(q)
+    posture = elastic.mechanism.at(q)
+    if wrench is not None:
+        kind = LoadKind(load_kind, load_at)  # type: ignore[arg-type]
+        loads = (*loads, kind.acting(wrench, posture.pose, load_axes))
     if held is not None:
-        held = held if isinstance(held, Held) else Held(held)
-        held = held.at_start(elastic.mechanism.at(q))
+        held = (held if isinstance(held, Held) else Held(held)).at_start(posture)
     limits = Limits(elastic.mechanism)
     start = solve(System(elastic, fixed, held), q)
     path = LoadPath(elastic, loads, fixed, held, abs(to))
@@ -100,7 +111,7 @@ def load_curve(
     origin = path.state(start.point.q, 0.0, upwards)
     notes = (
         *elastic.notes,
-        *limit_notes(elastic.mechanism, elastic.mechanism.at(q), _START),
+        *limit_notes(elastic.mechanism, posture, _START),
         *weighed(elastic).notes,
     )
     seed = LoadCurve(

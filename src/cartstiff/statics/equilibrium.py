@@ -9,6 +9,7 @@ the method.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Literal
 
 from numpy.typing import ArrayLike
 
@@ -24,6 +25,7 @@ from cartstiff.statics.limits import Contact
 from cartstiff.statics.newton import Solution, solve
 from cartstiff.statics.problem import System
 from cartstiff.statics.rest import Equilibrium, Reactions, state_of_rest
+from cartstiff.stiffness.applied_load import LoadKind
 
 __all__ = ["Equilibrium", "Held", "Reactions", "equilibrium"]
 
@@ -34,6 +36,10 @@ _STAGES = 8
 def equilibrium(
     elastic: ElasticMechanism,
     *loads: Potential,
+    wrench: ArrayLike | None = None,
+    load_kind: Literal["dead", "follower", "conservative"] = "dead",
+    load_at: ArrayLike = (0.0, 0.0, 0.0),
+    load_axes: Literal["body", "world"] = "body",
     q0: ArrayLike | Mapping[str, float] | None = None,
     held: Held | Mapping[str, float] | None = None,
     limits: bool = True,
@@ -49,6 +55,10 @@ def equilibrium(
         gravity at `q0`, where the mechanism is then at rest without load.
     *loads : Potential
         What acts besides: `DeadForce`, `DeadWrench`, `FollowerWrench`, `payload`, or any energy.
+    wrench, load_kind, load_at, load_axes
+        Load (moment, force) on the body, what it does while the body moves, the point of the body,
+        in M, at which it acts, and the axes of its components, those of M at the start or of F: as
+        in `cartstiff.analyse`.
     q0 : array_like (n,) or mapping, optional
         Start, in rad and length units, in joint order or by name; default the file's posture.
     held : Held or mapping, optional
@@ -96,6 +106,9 @@ def equilibrium(
     start = elastic.mechanism.at(q)
     if held is not None:
         held = (held if isinstance(held, Held) else Held(held)).at_start(start)
+    if wrench is not None:
+        kind = LoadKind(load_kind, load_at)  # type: ignore[arg-type]
+        loads = (*loads, kind.acting(wrench, start.pose, load_axes))
     system = System(elastic, loads, held, Limits(elastic.mechanism, ignore=not limits))
     stages = 1
     try:

@@ -26,11 +26,11 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.limits import Limits, finite, limit_notes
 from cartstiff.mechanisms.weighed import weighed
 from cartstiff.potentials.contract import Potential
-from cartstiff.potentials.loads import DeadWrench, FollowerWrench
 from cartstiff.statics.compensation import CompensatedPath
 from cartstiff.statics.equilibrium import Equilibrium, equilibrium
 from cartstiff.statics.held import Held, displacement_between
 from cartstiff.statics.problem import System
+from cartstiff.stiffness.applied_load import LoadKind
 
 __all__ = ["CompensatedPath", "compensate"]
 
@@ -46,6 +46,8 @@ def compensate(
     wrenches: ArrayLike | Sequence[Potential | Sequence[Potential]],
     *,
     axes: Literal["world", "body"] = "world",
+    load_kind: Literal["dead", "follower", "conservative"] | None = None,
+    load_at: ArrayLike = (0.0, 0.0, 0.0),
     q0: ArrayLike | None = None,
 ) -> CompensatedPath:
     """Commands that put the loaded end-effector on a path.
@@ -57,10 +59,15 @@ def compensate(
     path : array_like, shape (m, n) or (m, 4, 4)
         Postures, or poses ``T_F_M`` for which postures are found, each near the one before.
     wrenches : array_like (m, 6) or (6,), or a sequence of potentials
-        (moment, force) of the process on the body at its origin, at each point or the same at all;
+        (moment, force) of the process on the body at `load_at`, at each point or the same at all;
         or what acts at each point as potentials.
     axes : {"world", "body"}
-        Whether wrenches are given, and stay constant, in axes of F or of the body.
+        Whether wrenches are given in axes of F or of the body at each posture.
+    load_kind : {"dead", "follower", "conservative"}, optional
+        What the wrenches do while the body gives way, as in `cartstiff.analyse`; default they keep
+        their components in their axes: "dead" in those of F, "follower" in those of the body.
+    load_at : array_like (3,)
+        The point of the body, in M, at which wrenches act.
     q0 : array_like (n,), optional
         Start of the search for the first pose; default the file's posture.
 
@@ -77,17 +84,16 @@ def compensate(
     if elastic.springs is None:
         raise InputError(f"{elastic.name} has no springs whose rest positions could be commanded")
     postures = _postures(elastic, path, q0)
-    loads = _loads(wrenches, len(postures), axes)
+    kind = LoadKind(load_kind or ("dead" if axes == "world" else "follower"), load_at)  # type: ignore[arg-type]
+    poses = [elastic.mechanism.at(q).pose for q in postures]
+    loads = _loads(wrenches, poses, kind, axes)
     commands, unloaded, before, after = [], [], [], []
-    poses: list[Array] = []
     stable: list[bool | None] = []
     notes: list[Note] = []
-    for index, (q, acting) in enumerate(zip(postures, loads, strict=True)):
-        target = elastic.mechanism.at(q).pose
+    for index, (q, target, acting) in enumerate(zip(postures, poses, loads, strict=True)):
         rest = _balancing_rest(elastic, q, acting, index)
         unloaded.append(_naive_rest(elastic, q))
         naive = _commanded(elastic, unloaded[-1])
-        poses.append(target)
         commands.append(rest)
         error, given_way = _error(naive, acting, q, target, "before", index, notes)
         before.append(error)
@@ -128,8 +134,10 @@ def _postures(elastic: ElasticMechanism, path: ArrayLike, q0: ArrayLike | None) 
 
 
 def _loads(
-    wrenches: ArrayLike | Sequence[Potential | Sequence[Potential]], m: int, axes: str
-) -> list[tuple[Potential, ...]]:
+    wrenches: ArrayLike | Sequence[Potential | Sequence[Potential]], poses: Sequence[Array],
+    kind: LoadKind, axes: Literal["world", "body"],
+) -> list[tuple[Potential, ...]]:  # fmt: skip
+    m = len(poses)
     if axes not in ("world", "body"):
         raise InputError("unknown axes", expected="world or body", got=axes)
     if isinstance(wrenches, Potential):
@@ -146,8 +154,8 @@ def _loads(
                 for p in wrenches
             ]
     given = checked_array(wrenches, [(m, 6), (6,)], "array of wrenches")  # type: ignore[arg-type]
-    kind = DeadWrench if axes == "world" else FollowerWrench
-    return [(kind(w),) for w in np.broadcast_to(given, (m, 6))]
+    rows = np.broadcast_to(given, (m, 6))
+    return [(kind.acting(w, T, axes),) for w, T in zip(rows, poses, strict=True)]
 
 
 def _naive_rest(elastic: ElasticMechanism, q: Array) -> Array:

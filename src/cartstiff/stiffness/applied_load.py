@@ -29,6 +29,7 @@ from cartstiff.errors import UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import CARTAN_MINUS, Connection, from_bilinear_map
 from cartstiff.geometry.se3 import Array
+from cartstiff.potentials.loads import DeadWrench, FollowerWrench, Load, SemitangentialWrench
 
 __all__ = ["LOAD_KINDS", "LoadKind", "wrench_in_body"]
 
@@ -38,6 +39,9 @@ LOAD_KINDS: Final = {
     "follower": "it turns with the body",
     "conservative": "its force keeps its direction in the room, its moment turns by half",
 }
+
+
+_AXES = ("body", "world")
 
 
 @dataclass(frozen=True)
@@ -79,20 +83,55 @@ class LoadKind:
         return LOAD_KINDS[self.kind]
 
     def change(self, wrench: ArrayLike) -> Array:
-        """``K^load - K^A`` (6, 6) in M under a wrench W (6,) about M's origin: ``-Ad^T R Ad``."""
-        return -self.connection.wrench_term(wrench)
+        """``D = K^load - K^B`` (..., 6, 6) in M under wrenches W (..., 6) about M's origin.
+
+        ``D = -Ad^T R Ad - 1/2 [W]`` with the bracket form [W] that K^A is asymmetric by.
+        """
+        return -self.connection.wrench_term(wrench) - 0.5 * se3.bracket_form(wrench)
+
+    def acting(
+        self, wrench: ArrayLike, pose: Array, axes: Literal["body", "world"] = "body"
+    ) -> Load:
+        """The load as a term of the energy, for a body that it finds at a pose.
+
+        Parameters
+        ----------
+        wrench : array_like, shape (6,)
+            Moment about and force at the point, on the body.
+        pose : ndarray, shape (4, 4)
+            ``T_F_M`` at which the components are as given.
+        axes : {"body", "world"}
+            Whose axes the components are along there: those of M or those of F.
+
+        Raises
+        ------
+        UnknownNameError
+            For other axes.
+        InputError
+            For a wrong count or numbers that are not finite.
+        """
+        W = checked_vector(wrench, 6, "wrench")
+        if self.kind == "follower":
+            return FollowerWrench(wrench_in_body(W, pose, self.at, axes))
+        if axes not in _AXES:
+            raise UnknownNameError("axes", axes, _AXES)
+        R = pose[:3, :3]
+        inertial = W if axes == "world" else np.concatenate([R @ W[:3], R @ W[3:]])
+        if self.kind == "dead":
+            return DeadWrench(inertial, point=self.at)
+        return SemitangentialWrench(inertial, R, point=self.at)
 
 
 def wrench_in_body(
     wrench: ArrayLike, pose: Array, at: Sequence[float], axes: Literal["body", "world"]
 ) -> Array:
-    """W about M's origin in the axes of M.
+    """W about M's origin in the axes of M; of one posture or of a stack.
 
     Parameters
     ----------
-    wrench : array_like, shape (6,)
+    wrench : array_like, shape (..., 6)
         Moment about and force at the point.
-    pose : ndarray, shape (4, 4)
+    pose : ndarray, shape (..., 4, 4)
         ``T_F_M``.
     at : sequence of 3 floats
         The point, in M.
@@ -104,13 +143,14 @@ def wrench_in_body(
     UnknownNameError
         For other axes.
     """
-    if axes not in ("body", "world"):
-        raise UnknownNameError("axes", axes, ("body", "world"))
+    if axes not in _AXES:
+        raise UnknownNameError("axes", axes, _AXES)
     W = np.array(wrench, float)
     if axes == "world":
-        W = (pose[:3, :3].T @ W.reshape(2, 3).T).T.reshape(6)
+        W = W.reshape(*W.shape[:-1], 2, 3) @ pose[..., :3, :3]
+        W = W.reshape(*W.shape[:-2], 6)
     if any(at):
-        W[:3] += np.cross(at, W[3:])
+        W[..., :3] += np.cross(at, W[..., 3:])
     return W
 
 

@@ -216,10 +216,7 @@ class PostureStiffness:
     @cached_property
     def change_by_load(self) -> Array:
         """``K^load - K^B`` (6, 6), zero without a load: exists where no stiffness does, too."""
-        W = self.wrench
-        if W is None:
-            return np.zeros((6, 6))
-        return self.load.change(W) - 0.5 * se3.bracket_form(W)
+        return np.zeros((6, 6)) if self.wrench is None else self.load.change(self.wrench)
 
     @cached_property
     def tangent(self) -> Array | None:

@@ -12,9 +12,8 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.potentials.contract import Potential
-from cartstiff.potentials.loads import DeadForce, DeadWrench, FollowerWrench
 from cartstiff.potentials.springs import JointSprings
+from cartstiff.stiffness.applied_load import LoadKind
 
 __all__ = ["settled"]
 
@@ -44,19 +43,15 @@ def settled(
     chain, springs = elastic.mechanism, elastic.springs
     if not isinstance(chain, Chain) or not chain.virtual or not isinstance(springs, JointSprings):
         return posture
-    loads: tuple[Potential, ...]
-    if axes == "world":
-        moment = np.concatenate([wrench[:3], np.zeros(3)])
-        loads = (DeadForce(wrench[3:], tuple(at)), DeadWrench(moment))
-    else:
-        turned = np.concatenate([wrench[:3] + np.cross(at, wrench[3:]), wrench[3:]])
-        loads = (FollowerWrench(turned),)
+    # Components are given at the posture that is sought: they stay what they are in their axes.
+    kind = LoadKind("dead" if axes == "world" else "follower", tuple(at))  # type: ignore[arg-type]
+    load = kind.acting(wrench, posture.pose, axes)
     free = np.flatnonzero(springs.is_passive)
     if chain.closures and chain.actuated is None and free.size == chain.tree.n:
         return posture
     lam = np.zeros(0)
     for _ in range(_STEPS):
-        parts = [term.evaluate(posture) for term in (*elastic.terms(springs=False), *loads)]
+        parts = [term.evaluate(posture) for term in (*elastic.terms(springs=False), load)]
         sizes = posture.coordinate_lengths
         gradient = sum(p.gradient for p in parts) * sizes
         H = sum(p.hessian for p in parts) * np.outer(sizes, sizes)

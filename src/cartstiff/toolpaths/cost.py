@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from cartstiff.many.postures import analyse_many
 from cartstiff.maps.quantities import QUANTITIES, Quantity, Settings, choose_quantities, evaluate
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 from cartstiff.toolpaths.tool_path import ToolPath
 
 __all__ = ["Judged", "PathCost", "criteria", "ready"]
@@ -74,10 +75,12 @@ class PathCost:
         With wrenches or directions, as the quantity asks.
     quantity : Quantity
         One of `criteria`.
-    connection : {"load", "A", "B", "K", "F"}
+    connection : {"A", "B", "K", "F", "load"}
         The stiffness that is read.
     loaded : bool
         Whether that stiffness is the one under the path's wrenches, balanced by the springs.
+    load : LoadKind
+        What these do while the body moves, and the point of the body at which they act.
     length : float
         Characteristic length.
     rank : int
@@ -91,6 +94,7 @@ class PathCost:
     quantity: Quantity
     connection: str
     loaded: bool
+    load: LoadKind
     length: float
     rank: int
     movable: Array
@@ -111,17 +115,22 @@ class PathCost:
             direction=None if direction is None else tuple(direction.tolist()),
             deflect=None if wrench is None else tuple(wrench.tolist()),
             world=not self.path.turns_with_body,
+            load=self.load,
+            deflect_at=self.load.at,
         )
 
-    def __call__(self, q: Array, points: Array, rotations: Array) -> Judged:
-        """Judge postures (N, n) at points (N,) of the path, their rotations (N, 3, 3) known."""
+    def __call__(self, q: Array, points: Array, poses: Array) -> Judged:
+        """Judge postures (N, n) at points (N,) of the path, their poses (N, 4, 4) known."""
         count = len(q)
         value, ratio = np.full(count, np.nan), np.full(count, np.nan)
         if not count:
             return Judged(value, value, ratio, ratio)
         outputs = tuple(dict.fromkeys((*self.quantity.outputs(self._settings(0)), "jacobian")))
-        load = self._loads(points, rotations) if self.loaded else None
-        found = analyse_many(self.elastic, q, wrench=load, outputs=outputs)
+        load = self._loads(points, poses) if self.loaded else None
+        found = analyse_many(
+            self.elastic, q, wrench=load, load_kind=self.load.kind, load_at=self.load.at,
+            outputs=outputs,
+        )  # fmt: skip
         lengths = np.array([c.is_length for c in self.elastic.mechanism.coordinates])
         for point in np.unique(points):
             rows = points == point
@@ -135,14 +144,11 @@ class PathCost:
         cost = np.where(np.isfinite(cost) & (value >= 0), cost, np.inf)
         return Judged(value, cost, ratio, side)
 
-    def _loads(self, points: Array, rotations: Array) -> Array:
-        """Wrenches (N, 6) in body components."""
+    def _loads(self, points: Array, poses: Array) -> Array:
+        """Wrenches (N, 6) in body components, about the point at which they act."""
         wrenches = np.array([self.path.wrench(i) for i in range(len(self.path))])[points]
-        if self.path.turns_with_body:
-            return wrenches
-        R_T = rotations.swapaxes(1, 2)
-        parts = [(R_T @ wrenches[:, half, None])[..., 0] for half in (slice(0, 3), slice(3, 6))]
-        return np.concatenate(parts, axis=1)
+        axes: Literal["body", "world"] = "body" if self.path.turns_with_body else "world"
+        return wrench_in_body(wrenches, poses, (0.0, 0.0, 0.0), axes)
 
     def _regularity(self, jacobian: Array, lengths: Array) -> tuple[Array, Array]:
         scaled = jacobian * np.repeat([1.0, 1.0 / self.length], 3)[:, None]

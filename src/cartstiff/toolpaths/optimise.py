@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import product
-from typing import get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,6 +27,7 @@ from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.numerics import NEAR
+from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.toolpaths.candidates import Layer, layers
 from cartstiff.toolpaths.choices import Choices, PathSolver, choices
 from cartstiff.toolpaths.cost import Judged, PathCost, criteria, ready
@@ -52,6 +53,8 @@ def optimise_path(
     criterion: str = "deflection",
     connection: str | None = None,
     loaded: bool = False,
+    load_kind: Literal["dead", "follower", "conservative"] = "dead",
+    load_at: ArrayLike = (0.0, 0.0, 0.0),
     objective: Objective = "worst",
     max_step: float | Mapping[str, float] | ArrayLike | None = None,
     singular: float = NEAR,
@@ -80,10 +83,14 @@ def optimise_path(
         A quantity of `cartstiff.toolpaths.cost.criteria`: "deflection" under the path's wrench,
         "along_free" for the stiffness along the path's directions, "translation_free_min", ...
     connection : {"load", "A", "B", "K", "F"}, optional
-        The stiffness that is read; default with `loaded` the tangent under the wrench, a dead
-        load at the frame's origin, else B.
+        The stiffness that is read; default "load", the tangent under the path's wrench, with
+        `loaded`, and "B" without.
     loaded : bool
         Whether it is the stiffness under the path's wrench.
+    load_kind : {"dead", "follower", "conservative"}
+        What that wrench does while the body moves, as in `cartstiff.analyse`.
+    load_at : array_like (3,)
+        The point of the body, in M, about and at which the path's wrenches are given.
     objective : {"worst", "mean"}
         Make the worst point as good as possible, then the sum; or the sum alone. Where larger
         is better, what is added up is one over the value.
@@ -135,8 +142,10 @@ def optimise_path(
         PlatformPoses(elastic) if isinstance(mechanism, Platform) else JointPoses(elastic)
     )
     grid = choices(solver, free, redundant, samples, list(elastic.names))
+    connection = connection or ("load" if loaded else "B")
+    load = LoadKind(load_kind, load_at)  # type: ignore[arg-type]
     cost = PathCost(
-        ready(elastic), path, criteria()[criterion], connection, loaded, solver.length,
+        ready(elastic), path, criteria()[criterion], connection, loaded, load, solver.length,
         solver.rank("none"), solver.movable,
     )  # fmt: skip
     search = _Search(solver, path, grid, cost, objective, _bounds(elastic, solver, max_step),
@@ -148,7 +157,7 @@ def optimise_path(
     judged, poses = search.judged(q, np.arange(len(path)))
     return OptimisedPath(
         elastic, path, q, poses, _angles(path, poses, free), judged.value, judged.ratio,
-        cost.quantity, connection, loaded, free,
+        cost.quantity, connection, loaded, load, free,
         None if grid.joint is None else elastic.names[grid.joint], constant,
         sum(len(layer.q) for layer in candidates), elastic.notes,
     )  # fmt: skip
@@ -189,7 +198,7 @@ class _Search:
     def judged(self, q: Array, points: Array) -> tuple[Judged, Array]:
         """Judgement of postures (N, n) at points (N,), and their poses."""
         poses = self.solver.kinematics.at(q).pose
-        return self.cost(q, points, poses[:, :3, :3]), poses
+        return self.cost(q, points, poses), poses
 
     def _costs(self, q: list[Array]) -> tuple[list[Judged], list[Array]]:
         """Judgement of each layer, and costs with what is near singularities ruled out."""

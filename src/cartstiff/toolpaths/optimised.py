@@ -12,6 +12,7 @@ from cartstiff.errors import printable
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps.quantities import Quantity
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.compute import SCHEMA
 from cartstiff.toolpaths.tool_path import ToolPath
 
@@ -62,6 +63,8 @@ class OptimisedPath:
         What `values` are.
     connection, loaded
         The stiffness that is read, and whether under the path's load.
+    load : LoadKind
+        What that load does while the body moves, and where it acts.
     free : str
         Rotation that was left free.
     joint : str or None
@@ -84,6 +87,7 @@ class OptimisedPath:
     criterion: Quantity
     connection: str
     loaded: bool
+    load: LoadKind
     free: str
     joint: str | None
     constant: ConstantChoice | None
@@ -141,6 +145,11 @@ class OptimisedPath:
                 "better": self.criterion.better,
                 "connection": self.connection,
                 "loaded": self.loaded,
+                "load": {
+                    "kind": self.load.kind,
+                    "at": list(self.load.at),
+                    "meaning": self.load.words,
+                },
             },
             "free": self.free,
             "redundant_joint": self.joint,

@@ -110,6 +110,8 @@ class Placement:
                 "mechanism": self.path.elastic.name,
                 "criterion": self.path.criterion.name,
                 "connection": self.path.connection,
+                "load_kind": self.path.load.kind,
+                "load_at": list(self.path.load.at),
                 **{f"best_{name}": value for name, value in self.place.items()},
             },
         )

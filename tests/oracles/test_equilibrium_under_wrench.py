@@ -1,0 +1,124 @@
+"""`equilibrium` under a wrench of each kind, against loads built one by one and the tangent."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.support import slope
+
+import cartstiff
+from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.geometry import se3
+from cartstiff.potentials.loads import (
+    DeadForce,
+    DeadWrench,
+    FollowerWrench,
+    SemitangentialWrench,
+)
+from cartstiff.statics.continuation import load_curve
+from cartstiff.statics.equilibrium import equilibrium
+from cartstiff.statics.toolpath import compensate
+
+KINDS = ("dead", "follower", "conservative")
+AT = np.array([0.02, -0.03, 0.06])
+WRENCH = np.array([2.0, -1.0, 3.0, 120.0, -80.0, -150.0])
+
+
+def _bars(moment: np.ndarray, size: float) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Ends of two crossed bars and the forces there whose moment is the given one."""
+    z = moment / np.linalg.norm(moment)
+    x = np.cross([0.3, 0.5, -0.8], z)
+    x /= np.linalg.norm(x)
+    y = np.cross(z, x)
+    force = np.linalg.norm(moment) / (4.0 * size)
+    ends = ((x, y), (-x, -y), (y, -x), (-y, x))
+    return [(size * end, force * direction) for end, direction in ends]
+
+
+def _one_by_one(kind: str, R: np.ndarray, axes: str) -> list:
+    """The load from dead forces at points of the body, which need no theory of moments."""
+    to_body = R.T if axes == "world" else np.eye(3)
+    moment, force = to_body @ WRENCH[:3], to_body @ WRENCH[3:]
+    if kind == "follower":
+        return [FollowerWrench([*(moment + np.cross(AT, force)), *force])]
+    loads: list = [DeadForce(R @ force, AT)]
+    if kind == "dead":
+        return [*loads, DeadWrench([*(R @ moment), 0, 0, 0])]
+    return loads + [DeadForce(R @ f, AT + end) for end, f in _bars(moment, 0.05)]
+
+
+@pytest.mark.parametrize("axes", ["body", "world"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_wrench_is_the_load_built_one_by_one(kind, axes):
+    arm = cartstiff.load("hexapod")
+    R = arm.mechanism.at(arm.q).pose[:3, :3]
+    loads = _one_by_one(kind, R, axes)
+    load = {"wrench": WRENCH, "load_kind": kind, "load_at": AT, "load_axes": axes}
+    expected, found = equilibrium(arm, *loads), equilibrium(arm, **load)
+    moved = np.abs(expected.q - arm.q).max()
+    assert moved > 1e-5
+    assert np.abs(found.q - expected.q).max() < 1e-9 * moved
+    curve = load_curve(arm, **load, to=1.0)
+    by_loads = load_curve(arm, *loads, to=1.0)
+    assert np.abs(curve.q[-1] - by_loads.q[-1]).max() < 1e-7 * moved
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", ["hexapod", "cubic", "6-ups"])
+def test_the_tangent_there_is_that_of_analyse(name, kind):
+    """Balanced by the springs, the load moves nothing: both stand at the same posture."""
+    load = {"wrench": 0.2 * WRENCH, "load_kind": kind, "load_at": AT, "load_axes": "world"}
+    here = cartstiff.analyse(cartstiff.load(name), **load)
+    state = equilibrium(here.elastic, **load, q0=here.q, limits=False, settle=False)
+    assert np.abs(state.q - here.q).max() < 1e-9
+    size = np.repeat([here.posture.length, 1.0], 3)
+
+    def motion(t, unit):
+        more = cartstiff.potentials.loads.FollowerWrench(t * unit)
+        there = equilibrium(here.elastic, more, **load, q0=here.q, limits=False, settle=False)
+        return se3.log(se3.inverse(state.pose) @ there.pose)
+
+    C = np.column_stack([slope(lambda t, u=unit: motion(t, u), 0.5) for unit in np.diag(size)])
+    missed = (here.tangent_compliance * size - C) * size[:, None]
+    assert np.abs(missed).max() < 1e-6 * np.abs(C * size[:, None]).max()
+
+
+def test_a_semitangential_wrench_is_dead_forces_on_crossed_bars():
+    """Anywhere, not only where it begins; and its derivatives are those of its energy."""
+    rng = np.random.default_rng(4)
+    start = se3.exp(rng.normal(size=6))
+    w, R = rng.normal(size=6), start[:3, :3]
+    load = SemitangentialWrench([*(R @ w[:3]), *(R @ w[3:])], R, point=AT)
+    forces = [DeadForce(R @ w[3:], AT)]
+    forces += [DeadForce(R @ f, AT + end) for end, f in _bars(w[:3], 0.3)]
+    for _ in range(5):
+        T = se3.exp(rng.normal(size=6))
+        parts = [f.on_pose(T) for f in forces]
+        for found, expected in zip(
+            load.on_pose(T), map(sum, zip(*parts, strict=True)), strict=True
+        ):
+            assert found == pytest.approx(expected, rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_compensation_under_each_kind(kind):
+    arm = cartstiff.load("hexapod")
+    path = compensate(arm, arm.q[None], WRENCH, axes="body", load_kind=kind, load_at=AT)
+    loads = _one_by_one(kind, arm.mechanism.at(arm.q).pose[:3, :3], "body")
+    by_loads = compensate(arm, arm.q[None], [loads])
+    assert np.abs(path.commands - by_loads.commands).max() < 1e-12
+    moved = np.abs(by_loads.before).max()
+    assert np.abs(path.before - by_loads.before).max() < 1e-9 * moved
+    assert np.abs(path.after).max() < 1e-7 * moved
+
+
+def test_refusals():
+    arm = cartstiff.load("hexapod")
+    with pytest.raises(UnknownNameError, match="kind of load"):
+        equilibrium(arm, wrench=WRENCH, load_kind="live")
+    with pytest.raises(UnknownNameError, match="axes"):
+        equilibrium(arm, wrench=WRENCH, load_axes="path")
+    with pytest.raises(InputError, match="point of the load"):
+        equilibrium(arm, wrench=WRENCH, load_at=[1.0, 2.0])
+    with pytest.raises(InputError, match="needs a load"):
+        load_curve(arm)
