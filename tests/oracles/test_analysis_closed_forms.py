@@ -224,7 +224,8 @@ def test_first_order_of_a_product() -> None:
     tolerances = {"x": Tolerance(3.0, 0.1), "y": Tolerance(4.0, 0.2), "z": Tolerance(1.0, 0.0)}
     found = propagate_first_order(product, tolerances)
     assert found.names == ("xy", "list[0]", "list[1]")
-    assert np.allclose(found.mean, [12.0, 3.0, 9.0])
+    assert np.allclose(found.nominal, [12.0, 3.0, 9.0])
+    assert found.mean is None  # to first order there is none
     assert np.allclose(found.deviation, [np.hypot(0.4, 0.6), 0.1, 0.4], rtol=1e-10)
     assert found.contributions is not None
     assert np.isclose(found.contributions["x"][0], 0.16 / 0.52)

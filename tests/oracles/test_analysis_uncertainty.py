@@ -67,7 +67,7 @@ def test_one_common_factor_scales_everything() -> None:
 
     found = propagate_first_order(function, {"factor": Tolerance(1.0, 0.03)})
     # Entries that are zero by symmetry keep the rounding of the others.
-    assert np.allclose(found.deviation, 0.03 * np.abs(found.mean), rtol=1e-9, atol=1e-6)
+    assert np.allclose(found.deviation, 0.03 * np.abs(found.centre), rtol=1e-9, atol=1e-6)
 
 
 def planar(lengths: tuple[float, float]) -> ElasticMechanism:

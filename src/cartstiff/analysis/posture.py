@@ -229,11 +229,10 @@ def _uncertainty(
     shares = None if p.contributions is None else np.array(list(p.contributions.values()))
     at_nominal = [x for values in nominal.values() for x in values.flat]
     for i, (name, x) in enumerate(zip(p.names, at_nominal, strict=True)):
-        if not np.isfinite(p.mean[i]):
+        if not np.isfinite(p.centre[i]):
             continue
-        # To first order there is no mean: the value at the nominal parameters stands in its place.
         entry = {
-            "nominal": x, "mean": p.mean[i] if samples else None, "deviation": p.deviation[i],
+            "nominal": x, "mean": None if p.mean is None else p.mean[i], "deviation": p.deviation[i],
             "lower": p.lower[i], "upper": p.upper[i],
         }  # fmt: skip
         if shares is not None and p.deviation[i] > 0:

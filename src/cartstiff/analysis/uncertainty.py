@@ -89,10 +89,14 @@ class Propagation:
         How it was found.
     names : tuple of str
         One per number: "key", or "key[i, j]" for entries of arrays.
-    mean, deviation : ndarray, shape (m,)
-        Expected value (first order: value at the nominal parameters) and standard deviation.
+    nominal : ndarray, shape (m,), or None
+        Values at the nominal parameters: first order only.
+    mean : ndarray, shape (m,), or None
+        Mean of the draws: Monte Carlo only. To first order there is none.
+    deviation : ndarray, shape (m,)
+        Standard deviation.
     lower, upper : ndarray, shape (m,)
-        Interval of the given level: mean -+ z deviation, or quantiles of the draws.
+        Interval of the given level: nominal value -+ z deviation, or quantiles of the draws.
     level : float
         Probability of the interval.
     contributions : dict of str to ndarray (m,), or None
@@ -106,7 +110,8 @@ class Propagation:
 
     method: Literal["first order", "Monte Carlo"]
     names: tuple[str, ...]
-    mean: Array
+    nominal: Array | None
+    mean: Array | None
     deviation: Array
     lower: Array
     upper: Array
@@ -115,14 +120,21 @@ class Propagation:
     samples: int
     failures: dict[str, int]
 
+    @property
+    def centre(self) -> Array:
+        """What the deviations are about (m,): the nominal values, or the mean of the draws."""
+        if self.mean is not None:
+            return self.mean
+        return np.full(len(self.names), np.nan) if self.nominal is None else self.nominal
+
     def of(self, name: str) -> tuple[float, float, float, float]:
-        """Mean, standard deviation, lower and upper end of one number; UnknownNameError."""
+        """Centre, standard deviation, lower and upper end of one number; UnknownNameError."""
         if name not in self.names:
             raise UnknownNameError("result", name, self.names)
         i = self.names.index(name)
-        columns = (self.mean, self.deviation, self.lower, self.upper)
-        mean, deviation, lower, upper = (float(c[i]) for c in columns)
-        return mean, deviation, lower, upper
+        columns = (self.centre, self.deviation, self.lower, self.upper)
+        centre, deviation, lower, upper = (float(c[i]) for c in columns)
+        return centre, deviation, lower, upper
 
 
 def _flatten(results: Results) -> tuple[tuple[str, ...], Array]:
@@ -174,7 +186,7 @@ def propagate_first_order(
     """
     _check(tolerances, level)
     nominal = {name: float(t.nominal) for name, t in tolerances.items()}
-    names, mean = _flatten(function(dict(nominal)))
+    names, values_there = _flatten(function(dict(nominal)))
     moving = [name for name, t in tolerances.items() if t.deviation > 0]
     sigma = np.array([tolerances[name].deviation for name in moving])
 
@@ -187,7 +199,7 @@ def propagate_first_order(
             raise InputError("the function returns other numbers from one call to the next")
         return values
 
-    effects = np.zeros((len(mean), len(moving)))
+    effects = np.zeros((len(names), len(moving)))
     for i, deviation in enumerate(sigma):
         step = np.zeros(len(moving))
         step[i] = _STEP * deviation
@@ -203,10 +215,11 @@ def propagate_first_order(
     return Propagation(
         "first order",
         names,
-        read_only(mean),
+        read_only(values_there),
+        None,
         read_only(total),
-        read_only(mean - z * total),
-        read_only(mean + z * total),
+        read_only(values_there - z * total),
+        read_only(values_there + z * total),
         level,
         contributions,
         0,
@@ -273,6 +286,7 @@ def propagate_monte_carlo(
     return Propagation(
         "Monte Carlo",
         names,
+        None,
         read_only(table.mean(axis=0)),
         read_only(table.std(axis=0, ddof=1)),
         read_only(np.quantile(table, tail, axis=0)),
