@@ -215,3 +215,27 @@ def test_another_map_s_file_is_left_alone(run: Run, refused: Refused) -> None:
     refused(*CUBIC, "--grid", "x=-0.02:0.02:4", "--grid", "yaw=0:0.2:4", "-o", "m.zarr",
             words=("x differs",))  # fmt: skip
     refused(*CUBIC, *GRID, "--stiffness", "5", "-o", "m.zarr", words=("another mechanism",))
+
+
+def test_the_load_means_what_it_means_to_analyse(
+    run: Run, refused: Refused, tmp_path: Path
+) -> None:
+    """Kind, point and axes of the load; another kind is another map."""
+    load = ("--load", "1,2,3,30,0,-100", "--world", "--load-at", "0,0,0.1")
+    words = ("map", "ur5", "--grid", "elbow_joint=1.2:1.2:1", "--quantity", "deflection", *load,
+             "-o", str(tmp_path / "m.zarr"), "--json", "--no-progress")  # fmt: skip
+    data = json.loads(run(*words, "--load-kind", "follower"))
+    assert data["connection"] == "load"
+    assert data["load"] == {
+        "kind": "follower", "at": [0.0, 0.0, 0.1], "meaning": "it turns with the body"
+    }  # fmt: skip
+    arm = cartstiff.load("ur5")
+    q = [1.2 if name == "elbow_joint" else v for name, v in zip(arm.names, arm.q, strict=True)]
+    result = cartstiff.analyse(
+        arm, q, wrench=[1, 2, 3, 30, 0, -100], load_kind="follower", load_at=[0, 0, 0.1],
+        load_axes="world",
+    )  # fmt: skip
+    moved = np.linalg.solve(result.matrices["A"], result.wrench)
+    expected = float(np.linalg.norm(moved[3:]))
+    assert data["quantities"]["deflection"]["mean"] == pytest.approx(expected, rel=1e-9)
+    assert "load_kind differs" in refused(*words)

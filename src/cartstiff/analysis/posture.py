@@ -232,8 +232,8 @@ def _uncertainty(
         if not np.isfinite(p.centre[i]):
             continue
         entry = {
-            "nominal": x, "mean": None if p.mean is None else p.mean[i], "deviation": p.deviation[i],
-            "lower": p.lower[i], "upper": p.upper[i],
+            "nominal": x, "mean": None if p.mean is None else p.mean[i],
+            "deviation": p.deviation[i], "lower": p.lower[i], "upper": p.upper[i],
         }  # fmt: skip
         if shares is not None and p.deviation[i] > 0:
             worst = int(np.argmax(shares[:, i]))

@@ -252,7 +252,8 @@ def _probe(
 
 def _require_same(there: dict[str, Any], here: dict[str, Any], path: Path) -> None:
     """Refuse to go on with another map's file, saying what differs."""
-    for key in here:
+    # What the load is before the numbers that follow from it.
+    for key in sorted(here, key=lambda name: not name.startswith("load")):
         found = _difference(there.get(key), here[key], key)
         if found is None:
             continue
