@@ -21,7 +21,7 @@ export function connectionPanel(store) {
     (value) => store.change({ connection: value }));
   connections.classList.add("connections");
   const [quantities, chooseQuantity] = choice("Quantity",
-    [["stiffness", "Stiffness K", "Wrench per motion (s)"], ["compliance", "Compliance C", "Motion per wrench (s)"]],
+    [["stiffness", "Stiffness", "Wrench per motion (s)"], ["compliance", "Compliance", "Motion per wrench (s)"]],
     (value) => store.change({ quantity: value }));
   byId("right").append(el("div", { class: "card connection-card" },
     el("div", { class: "row" }, connections, el("span", { class: "grow" }), quantities),
