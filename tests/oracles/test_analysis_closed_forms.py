@@ -176,7 +176,7 @@ def test_lengths() -> None:
 def test_modes_are_the_natural_frequencies_of_a_body_on_springs() -> None:
     K = np.diag([3.0, 4.0, 5.0, 60.0, 80.0, 100.0])
     found = modes(K, inertia_metric(2.0, np.diag([0.1, 0.2, 0.25])))
-    assert np.allclose(found.values, [20, 20, 30, 30, 40, 50])
+    assert np.allclose(found.eigenvalues, [20, 20, 30, 30, 40, 50])
 
 
 # -- a chain whose second derivatives are known from its chart -------------------------------------

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
@@ -37,6 +38,10 @@ class FreeMotions:
     hessian: Array
     terms: Callable[[], Array]
     basis: Array | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything, with the sizes of the terms as they are instead of a way to them."""
+        return {**vars(self), "terms": partial(np.asarray, self._terms)}
 
     def inverse(self, change: Array | None = None) -> numerics.Inverse | None:
         """``(H + J^T D J)^-1`` for a change D (6, 6) of the stiffness; None if singular."""
