@@ -100,7 +100,7 @@ def test_a_common_scale_compares(vis):
     [
         ({"matrix": np.ones((2, 2))}, "wrong shape"),
         ({"matrix": np.full((3, 3), np.nan)}, "finite"),
-        ({"matrix": np.eye(3), "T": np.eye(3)}, "T is not a pose"),
+        ({"matrix": np.eye(3), "T": np.eye(3)}, "T has the wrong shape"),
         ({"matrix": np.eye(3), "size": 0.0}, "size cannot be used"),
         ({"matrix": np.eye(3), "scale": "cubic"}, "unknown scale"),
         ({"matrix": np.eye(6), "freedom": "both"}, "unknown freedom"),
@@ -183,7 +183,7 @@ def test_points_of_both_signs_and_of_many_decades(vis):
     [
         (np.zeros((2, 2)), [1.0, 2.0], "shape"),
         (np.full((2, 3), np.inf), [1.0, 2.0], "finite"),
-        (np.zeros((2, 3)), [1.0], "differ in number"),
+        (np.zeros((2, 3)), [1.0], "wrong count"),
     ],
 )
 def test_points_that_are_none(vis, positions, values, words):
@@ -345,10 +345,10 @@ def test_drawing_loads_no_window_of_meshcat():
 
 
 def test_names_of_the_package():
-    from cartstiff import view
+    from cartstiff import scene
 
-    for name in view.__all__:
-        assert getattr(view, name) is not None
-    assert set(view.__all__) <= set(dir(view))
+    for name in scene.__all__:
+        assert getattr(scene, name) is not None
+    assert set(scene.__all__) <= set(dir(scene))
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
-        _ = view.nonsense
+        _ = scene.nonsense
