@@ -132,7 +132,11 @@ def test_the_gradient_is_the_derivative_of_the_energy(name):
     elastic = replace(analyse(load(name)).elastic, gravity=GRAVITY)
     rng = np.random.default_rng(9)
     mechanism = elastic.mechanism
-    q = elastic.q + 0.05 * rng.uniform(-1, 1, elastic.q.size)
+    # Beams deform little before they buckle, where their force stays: differences over that corner
+    # are no derivatives.
+    sizes = np.ones(elastic.q.size)
+    sizes[sorted(getattr(mechanism, "virtual", ()))] = 1e-3
+    q = elastic.q + 0.05 * sizes * rng.uniform(-1, 1, elastic.q.size)
     evaluation = elastic.evaluate(mechanism.at(q))
     n = evaluation.gradient.size
 
@@ -140,7 +144,7 @@ def test_the_gradient_is_the_derivative_of_the_energy(name):
         return elastic.evaluate(mechanism.at(mechanism.moved(q, d))).energy
 
     assert energy(np.zeros(n)) == pytest.approx(evaluation.energy, rel=1e-12)
-    slopes = gradient_of(energy, np.ones(n))
+    slopes = gradient_of(energy, sizes if sizes.size == n else np.ones(n))
     assert relative_error(evaluation.gradient, slopes) <= SLOPE
 
     # For a platform the coordinates of derivatives are turned on the way: only K^A's rates differ.

@@ -80,6 +80,8 @@ def natural_length(stiffness: ArrayLike, compliance: ArrayLike | None = None) ->
     ----------
     stiffness : array_like, shape (6, 6)
         Symmetric.
+    compliance : array_like, shape (6, 6), optional
+        Its inverse, where that is known better than by inversion.
 
     Raises
     ------

@@ -238,6 +238,10 @@ def description_notes(
 
     Parameters
     ----------
+    description : RobotDescription
+        The robot as its file says.
+    tree : KinematicTree
+        The joints that were kept of it.
     closed : bool
         Whether the closures of the file are kept.
 

@@ -69,7 +69,9 @@ def irregular(
     closure : Map
         Jacobian (m, n) with curvature.
     values : ndarray
-        Singular values of the scaled Jacobian, of which `rank` are not zero.
+        Singular values of the scaled Jacobian.
+    rank : int
+        How many of them are not zero.
     lost : ndarray, shape (m, m - rank)
         Covectors nu.
     N : ndarray, shape (n, f)
