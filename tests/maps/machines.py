@@ -60,10 +60,12 @@ def start_map(file: Path, *more: str, **environment: str) -> subprocess.Popen[st
 
 # The command, held at the N-th part: it says so, and waits for a line before it goes on.
 _HELD = """
-import sys
+import signal, sys
 from cartstiff.maps import run
 from cartstiff.cli.main import main
 
+# A shell starts what runs in the background with interrupts ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 bar, seen = run._bar, []
 
 def held(total, done, progress):

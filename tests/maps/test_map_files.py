@@ -280,7 +280,7 @@ def _stamps(folder):
         ({"length": 0.4}, "length differs"),
         ({"connection": "K"}, "connection differs"),
         ({"single": True}, "single differs"),
-        ({"wrench": [0, 0, 0, 1, 0, 0]}, "another mechanism"),
+        ({"wrench": [0, 0, 0, 1, 0, 0]}, "load differs"),
         ({"elastic": arm().with_springs(123.0)}, "another mechanism"),
         ({"sampling": _grid(arm(), 4, 6)}, "differs"),
         ({"sampling": RandomPostures(9, 1, arm().q, arm().q)}, "another mechanism|differs"),

@@ -149,5 +149,5 @@ def test_the_gradient_is_the_derivative_of_the_energy(name):
 
     # For a platform the coordinates of derivatives are turned on the way: only K^A's rates differ.
     if not mechanism.at(q).coordinates_are_pose:
-        rates = gradient_of(lambda d: elastic.evaluate(mechanism.at(q + d)).gradient, np.ones(n))
+        rates = gradient_of(lambda d: elastic.evaluate(mechanism.at(q + d)).gradient, sizes)
         assert relative_error(evaluation.hessian, rates) <= SLOPE
