@@ -63,6 +63,7 @@ demo: $(RUNTIME)
 
 # All checks run even if one fails; the exit status says whether any did.
 test: export CARTSTIFF_REQUIRE_BROWSER := 1
+test: export CARTSTIFF_BUILT_DOCS := docs/_build/html
 test: $(DEV)
 	@tools/provide_browser.sh $(PY) || true
 	@$(MAKE) --no-print-directory --keep-going lint format-check types docs pytest
@@ -82,7 +83,7 @@ types: $(DEV)
 docs: $(DEV)
 	@echo "== docs"
 	@if [ -f docs/conf.py ]; then \
-	  $(PY) -m sphinx -W --keep-going -q -b html docs docs/_build/html && \
+	  rm -rf docs/_build && $(PY) -m sphinx -W --keep-going -q -b html docs docs/_build/html && \
 	  echo "Wrote docs/_build/html/index.html"; \
 	else echo "none yet"; fi
 

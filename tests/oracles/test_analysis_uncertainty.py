@@ -39,12 +39,12 @@ def test_entries_of_the_matrix_follow_each_spring() -> None:
     assert list(found["parameters"]) == [f"stiffness.leg{i}" for i in range(1, 7)]
 
 
-def test_first_order_agrees_with_two_thousand_draws_on_the_cubic_platform() -> None:
+def test_first_order_agrees_with_draws_on_the_cubic_platform() -> None:
     """On a posture without symmetry; principal values that meet have no derivative."""
     result = cartstiff.analyse(cartstiff.load("cubic"), [0.05, 0.03, -0.04, 0.2, -0.1, 0.3])
     tolerances = Tolerances(0.02, 2e-4)
-    first, drawn = uncertain(result, tolerances), uncertain(result, tolerances, 2000)
-    assert drawn["samples"] == 2000
+    first, drawn = uncertain(result, tolerances), uncertain(result, tolerances, 600)
+    assert drawn["samples"] == 600
     assert drawn["failures"] == {}
     for name in (
         "stiffness[0, 0]", "stiffness[3, 3]", "stiffness[0, 4]", "centres.stiffness[0]",

@@ -175,7 +175,8 @@ def best_conditioned_length(
     r"""Length at which the condition number is smallest, and that number.
 
     For positive definite K both ln(largest) and -ln(smallest eigenvalue of K_l) are convex in
-    ln l, so a golden-section search finds the minimum. It depends on the origin of the frame.
+    ln l: the minimum lies between the neighbours of the best in a row of lengths, and the next row
+    is laid there. It depends on the origin of the frame.
 
     Raises
     ------
@@ -186,38 +187,28 @@ def best_conditioned_length(
     C = None if compliance is None else as_symmetric(compliance, "compliance")
     start = balancing_length(K)
 
-    def at(length: float) -> Array:
-        inverse = None if C is None else scale_lengths(C, 1.0 / length)
-        return numerics.eigenvalues(scale_lengths(K, length), inverse)
+    def at(lengths: Array) -> Array:
+        d = np.repeat(np.column_stack([1.0 / lengths, np.ones(lengths.size)]), 3, axis=1)
+        scale = d[:, :, None] * d[:, None, :]
+        return numerics.eigenvalues(K * scale, None if C is None else C / scale)
 
-    values = at(start)
+    values = at(np.array([start]))[0]
     if definiteness(values, zero=0.0) != "positive":
         raise UndefinedError(
             "no best length: the stiffness is not positive definite",
             code="not-positive",
             values={"eigenvalues": values.tolist(), "length": start},
         )
-
-    def cost(t: float) -> float:
-        values = at(start * float(np.exp(t)))
-        # Rounding of an ill-conditioned matrix can turn its smallest eigenvalue negative.
-        return float(values[-1] / values[0]) if values[0] > 0.0 else np.inf
-
     # At a distance t from the balancing length one block is exp(2|t|) times the other, so that the
     # condition number is at least exp(2|t|) / sqrt(3): beyond `reach` it exceeds that at t = 0.
     reach = 0.5 * float(np.log(values[-1] / values[0])) + 1.0
     low, high = -reach, reach
-    ratio = (np.sqrt(5.0) - 1.0) / 2.0
-    a, b = high - ratio * (high - low), low + ratio * (high - low)
-    cost_a, cost_b = cost(a), cost(b)
-    while high - low > 1e-7:
-        if cost_a <= cost_b:
-            high, b, cost_b = b, a, cost_a
-            a = high - ratio * (high - low)
-            cost_a = cost(a)
-        else:
-            low, a, cost_a = a, b, cost_b
-            b = low + ratio * (high - low)
-            cost_b = cost(b)
-    t = 0.5 * (low + high)
-    return float(start * np.exp(t)), cost(t)
+    while True:
+        t = np.linspace(low, high, 33)
+        found = at(start * np.exp(t))
+        # Rounding of an ill-conditioned matrix can turn its smallest eigenvalue negative.
+        cost = np.where(found[:, 0] > 0.0, numerics.condition(found), np.inf)
+        least = int(np.argmin(cost))
+        if high - low <= 1e-6:
+            return float(start * np.exp(t[least])), float(cost[least])
+        low, high = float(t[max(least - 1, 0)]), float(t[min(least + 1, 32)])

@@ -20,7 +20,7 @@ from typing import Any
 
 # What the process may take: bytes of address space, seconds of processor time.
 _MEMORY = 2 * 1024**3
-_SECONDS = 20
+_SECONDS = 8
 _ARENA = 64 * 1024**2
 _TETRAHEDRON = [1.0, 1, 1, 1, -1, -1, -1, 1, -1, -1, -1, 1]
 _FACES = [0, 1, 2, 0, 3, 1, 0, 2, 3, 1, 3, 2]
