@@ -11,7 +11,7 @@ import numpy as np
 
 import cartstiff
 from cartstiff.maps import Axis, Grid, best, compute_map, draw_map, summary, worst
-from cartstiff.report.figures_statics import save_figure
+from cartstiff.report.output import save_figure
 
 QUANTITY = "translation_free_min"
 

@@ -242,7 +242,7 @@ def test_output_file_holds_the_analysis(run: Callable[..., str], workplace: Path
         (("--inertia", "1,1,1,-1"), ("--inertia", "above zero")),
         (("--tolerance", "-0.1"), ("--tolerance", "zero or more")),
         (("--tolerance", "0"), ("--tolerance", "not all zero")),
-        (("--tolerance", "1,1,1,1"), ("--tolerance", "one to three numbers")),
+        (("--tolerance", "1,1,1,1"), ("--tolerance", "REL[,LENGTH[,ANGLE]]")),
         (("--samples", "10"), ("--samples", "--tolerance")),
         (("--tolerance", "0.1", "--samples", "1"), ("--samples", "2 and more")),
         (("--tolerance", "0.1", "--samples", "-1"), ("--samples",)),

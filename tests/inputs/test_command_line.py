@@ -92,7 +92,10 @@ BAD: dict[str, tuple[list[str], tuple[str, ...]]] = {
     "frame of the base": (["arm.urdf", "--frame", "a"], ("no joint moves", "'a'")),
     "frame of a platform": (["cubic", "--frame", "tool0"], ("unknown frame", "platform")),
     "frame twice": (["arm.urdf", "--frame", "c", "--frame", "c"], ("--frame", "more than once")),
-    "output to nowhere": (["arm.urdf", "-o", "none/result.json"], ("none/result.json", "No such")),
+    "output to nowhere": (
+        ["arm.urdf", "-o", "none/result.json"],
+        ("none/result.json", "no such folder"),
+    ),
     "output to a folder": (["arm.urdf", "-o", "folder.json"], ("folder.json", "directory")),
     "output below a file": (["arm.urdf", "-o", "arm.urdf/x.json"], ("arm.urdf/x.json",)),
     "output of another kind": (

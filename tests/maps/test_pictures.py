@@ -10,7 +10,7 @@ from tests.maps.machines import arm
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.maps import Axis, Grid, RandomPostures, compute_map, draw_map, slice_map
 from cartstiff.maps.pictures import KINDS
-from cartstiff.report.figures_statics import save_figure
+from cartstiff.report.output import save_figure
 
 QUANTITY = "translation_free_min"
 

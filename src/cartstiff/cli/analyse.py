@@ -9,13 +9,9 @@ from typing import Any
 import click
 
 from cartstiff.cli.analysis_options import AnalysisRequest, analysis_options
-from cartstiff.cli.options import (
-    LoadRequest,
-    MechanismRequest,
-    load_options,
-    mechanism_options,
-)
+from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import json_text, say
+from cartstiff.cli.types import OutputFile, json_option, option, option_group
 from cartstiff.errors import InputError
 
 __all__ = ["command"]
@@ -35,26 +31,28 @@ Examples:
 """
 
 
+_options = option_group(
+    json_option,
+    option(
+        "-o", "--output", type=OutputFile("FILE", ".json", ".npz"),
+        help="Also write the result to a .json or .npz file.",
+    ),
+    click.option(
+        "--relax", is_flag=True,
+        help="Where no wrench balances the posture: let the self-motion settle, the body held.",
+    ),
+    click.option("--strict", is_flag=True, help="Exit with code 3 if a quantity does not exist."),
+)  # fmt: skip
+
+
 @click.command(name="analyse", epilog=_EPILOG)
 @mechanism_options(
     load_help="Wrench on the body: moment about and force at the point --load-at, in the body's "
     "axes; rest positions are chosen so that the springs balance it."
 )
-@load_options(kinds=True)
+@load_options("--load")
 @analysis_options
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Also write the result to a .json or .npz file.",
-)
-@click.option(
-    "--relax",
-    is_flag=True,
-    help="Where no wrench balances the posture: let the self-motion settle, the body held.",
-)
-@click.option("--strict", is_flag=True, help="Exit with code 3 if a quantity does not exist.")
+@_options
 def command(
     request: MechanismRequest,
     applied: LoadRequest,
@@ -62,7 +60,7 @@ def command(
     output: Path | None,
     relax: bool,
     strict: bool,
-    **analysis_texts: Any,
+    **analysis_options: Any,
 ) -> None:
     """Stiffness matrices of MECHANISM at a posture, under every connection.
 
@@ -70,12 +68,9 @@ def command(
     file, or an example robot's name.
     """
     wrench = request.balanced_wrench
-    if applied.axes == "world" and wrench is None:
+    if applied.world and wrench is None:
         raise InputError("is for --load", where="--world")
-    if output is not None and output.suffix not in (".json", ".npz"):
-        raise InputError("unknown file ending", where="--output", expected=".json or .npz",
-                         got=output.name)  # fmt: skip
-    analysis = AnalysisRequest.parse(**analysis_texts)
+    analysis = AnalysisRequest(**analysis_options)
     elastic, q = request.load()
 
     import numpy as np
@@ -83,8 +78,7 @@ def command(
     from cartstiff.stiffness.compute import analyse
 
     with np.errstate(all="ignore"):  # what is not finite is refused as a whole
-        load: Any = {"wrench": wrench, "load_kind": applied.kind, "load_at": applied.at,
-                     "load_axes": applied.axes}  # fmt: skip
+        load = {"wrench": wrench, **applied.keywords}
         result = analyse(elastic, q, **load)
         if relax and any(note.code == "unbalanced" for note in result.notes):
             from cartstiff.statics.relax import relaxed

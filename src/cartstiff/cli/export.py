@@ -8,8 +8,9 @@ from typing import Any
 import click
 
 from cartstiff.cli.output import say
+from cartstiff.cli.types import OutputFile
 from cartstiff.cli.view_options import needs_view, page_options, source_from_options
-from cartstiff.errors import InputError, one_line
+from cartstiff.errors import one_line
 
 __all__ = ["command"]
 
@@ -24,7 +25,7 @@ Examples:
 @click.command(name="export", epilog=_EPILOG)
 @page_options
 @click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path), metavar="PAGE.html",
+    "-o", "--output", required=True, type=OutputFile("PAGE.html", ".html", ".htm"),
     help="File to write.",
 )  # fmt: skip
 @click.option(
@@ -37,11 +38,6 @@ def command(output: Path, frames: int, **texts: Any) -> None:
     Its sliders move among postures computed beforehand: the posture given and a sweep of every
     coordinate through it, or the postures of a trajectory.
     """
-    where = one_line(str(output))
-    if output.suffix.lower() not in (".html", ".htm"):
-        raise InputError("unknown file ending", where="-o", expected=".html", got=output.name)
-    if not output.parent.is_dir():
-        raise InputError("file cannot be written", where=where, got="no such folder")
     source = source_from_options(**texts)
     try:
         from cartstiff.page.export import export_page
@@ -53,4 +49,4 @@ def command(output: Path, frames: int, **texts: Any) -> None:
 
     text = export_page(source, frames=frames).encode()
     write_whole(output, text)
-    say(f"{where}: {len(text) / 1e6:.1f} MB")
+    say(f"{one_line(str(output))}: {len(text) / 1e6:.1f} MB")

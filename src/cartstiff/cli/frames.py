@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
-
 import click
 
-from cartstiff.cli.options import MechanismRequest, once
-from cartstiff.cli.output import say
+from cartstiff.cli.options import MechanismRequest, frame_option
+from cartstiff.cli.output import tell
+from cartstiff.cli.types import json_option
 
 __all__ = ["command"]
 
@@ -17,10 +16,8 @@ __all__ = ["command"]
     epilog="\b\nExamples:\n  cartstiff frames ur5\n  cartstiff frames my_arm.urdf --json",
 )
 @click.argument("mechanism")
-@click.option(
-    "--frame", metavar="NAME", multiple=True, callback=once, help="Body frame M: a link or site."
-)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@frame_option
+@json_option
 def command(mechanism: str, frame: str | None, as_json: bool) -> None:
     """Frames of MECHANISM as a tree, with joints, limits, springs and masses.
 
@@ -30,4 +27,4 @@ def command(mechanism: str, frame: str | None, as_json: bool) -> None:
 
     elastic, _ = MechanismRequest(mechanism, frame=frame).load()
     answer = frames_of(elastic)
-    say(json.dumps(answer, allow_nan=False) if as_json else describe_frames(answer))
+    tell(as_json, answer, mechanism, lambda: describe_frames(answer))

@@ -10,22 +10,21 @@ from typing import Any
 
 import click
 
-from cartstiff.cli.map_options import (
-    check_cuts,
-    parse_cuts,
-    sampling_from_options,
-    sampling_options,
-)
-from cartstiff.cli.options import (
-    LoadRequest,
-    MechanismRequest,
-    load_options,
-    mechanism_options,
-    once,
-)
+from cartstiff.cli.map_options import check_cuts, sampling_from_options, sampling_options
+from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import say
-from cartstiff.errors import InputError, one_line
-from cartstiff.parsing import parse_numbers
+from cartstiff.cli.types import (
+    PICTURE,
+    POINT,
+    WRENCH,
+    Number,
+    Pairs,
+    json_option,
+    option,
+    option_group,
+    repeated_option,
+)
+from cartstiff.errors import InputError, UnknownNameError, one_line
 
 __all__ = ["command"]
 
@@ -61,124 +60,108 @@ def _list_quantities(context: click.Context, _: click.Parameter, asked: bool) ->
     context.exit()
 
 
-@click.command(name="map", epilog=_EPILOG)
+class _Remembering(click.Command):
+    """Keeps the words that it was called with: the map says how it was made."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        ctx.meta["words"] = shlex.join(["cartstiff", "map", *args])
+        return super().parse_args(ctx, args)
+
+
+_options = option_group(
+    click.option(
+        "--quantity", "quantities", metavar="NAME", multiple=True,
+        help="What is kept of the stiffness; repeat it for several.",
+    ),
+    click.option(
+        "--list-quantities", is_flag=True, is_eager=True, expose_value=False,
+        callback=_list_quantities,
+        help="Print the names and end.",
+    ),
+    click.option(
+        "--connection", type=click.Choice(["load", "A", "B", "K", "F"]),
+        help="The matrix that is read; default where a load can act: load, the tangent stiffness "
+        "under it (see --load-kind, --load-at). Without a load all but F are the same.",
+    ),
+    option(
+        "--direction", type=POINT,
+        help="For stiffness along and about a direction of the body frame.",
+    ),
+    option(
+        "--deflect", type=WRENCH,
+        help="Wrench added to the load whose deflection is asked for; default the load.",
+    ),
+    option(
+        "--deflect-at", type=POINT,
+        help="Point of the body, in its frame, at which the wrench of --deflect acts; default its "
+        "origin.",
+    ),
+    option(
+        "--length", type=Number("L"),
+        help="Characteristic length at all postures; default the natural length at the default "
+        "one.",
+    ),
+    click.option(
+        "-o", "--output", type=click.Path(path_type=Path), required=True, metavar="MAP.zarr",
+        help="The map; where it exists, what is missing in it is computed.",
+    ),
+    click.option("--single", is_flag=True, help="Keep numbers in single precision."),
+    click.option(
+        "--chunk", type=click.IntRange(min=1), metavar="N",
+        help="Most postures in one of its parts.",
+    ),
+    option("--picture", type=PICTURE, help="Draw the first quantity to a .png, .svg or .pdf file."),
+    click.option(
+        "--kind",
+        type=click.Choice(["auto", "heat", "slices", "line", "histogram", "violin", "points"]),
+        default="auto", show_default=True,
+        help="Kind of the picture.",
+    ),
+    click.option(
+        "--by", metavar="NAME",
+        help="Regions of a violin (x, y, z, radius, or a coordinate), or the axis that slices "
+        "cut.",
+    ),
+    repeated_option(
+        "--slice", "cuts", type=Pairs("NAME=VALUE"),
+        help="Draw and list only the part of the map at this value of an axis.",
+    ),
+    click.option(
+        "--best", type=click.IntRange(1, 1000), metavar="N",
+        help="List the N best postures.",
+    ),
+    click.option(
+        "--worst", type=click.IntRange(1, 1000), metavar="N",
+        help="List the N worst postures.",
+    ),
+    json_option,
+    click.option(
+        "--progress/--no-progress", default=None,
+        help="Bar on standard error; default on a terminal.",
+    ),
+    click.option(
+        "--threads", type=click.IntRange(1, 1024), metavar="N",
+        help="In this process; default all.",
+    ),
+    click.option(
+        "--workers", type=click.IntRange(1, 1024), metavar="N",
+        help="Use N processes of this machine, for mechanisms without a compiled path.",
+    ),
+    click.option(
+        "--scheduler", metavar="ADDRESS",
+        help="Use the workers of a running Dask scheduler.",
+    ),
+)  # fmt: skip
+
+
+@click.command(name="map", epilog=_EPILOG, cls=_Remembering)
 @mechanism_options(
     load_help="Wrench on the body at every posture: moment about and force at the point --load-at, "
     "in the body's axes; rest positions are chosen so that the springs balance it."
 )
-@load_options(kinds=True, world="--load, --direction and --deflect")
+@load_options("--load, --direction and --deflect")
 @sampling_options
-@click.option(
-    "--quantity",
-    "quantities",
-    metavar="NAME",
-    multiple=True,
-    help="What is kept of the stiffness; repeat it for several.",
-)
-@click.option(
-    "--list-quantities",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_list_quantities,
-    help="Print the names and end.",
-)
-@click.option(
-    "--connection",
-    type=click.Choice(["load", "A", "B", "K", "F"]),
-    help="The matrix that is read; default where a load can act: load, the tangent stiffness under "
-    "it (see --load-kind, --load-at). Without a load all but F are the same.",
-)
-@click.option(
-    "--direction",
-    "direction_text",
-    metavar="X,Y,Z",
-    multiple=True,
-    callback=once,
-    help="For stiffness along and about a direction of the body frame.",
-)
-@click.option(
-    "--deflect",
-    "deflect_text",
-    metavar="MX,MY,MZ,FX,FY,FZ",
-    multiple=True,
-    callback=once,
-    help="Wrench added to the load whose deflection is asked for; default the load.",
-)
-@click.option(
-    "--deflect-at",
-    "deflect_at_text",
-    metavar="X,Y,Z",
-    multiple=True,
-    callback=once,
-    help="Point of the body, in its frame, at which the wrench of --deflect acts; default its "
-    "origin.",
-)
-@click.option(
-    "--length",
-    "length_text",
-    metavar="L",
-    multiple=True,
-    callback=once,
-    help="Characteristic length at all postures; default the natural length at the default one.",
-)
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path),
-    required=True,
-    metavar="MAP.zarr",
-    help="The map; where it exists, what is missing in it is computed.",
-)
-@click.option("--single", is_flag=True, help="Keep numbers in single precision.")
-@click.option(
-    "--chunk", type=click.IntRange(min=1), metavar="N", help="Most postures in one of its parts."
-)
-@click.option(
-    "--picture",
-    "picture_text",
-    metavar="FILE.png",
-    multiple=True,
-    callback=once,
-    help="Draw the first quantity to a .png, .svg or .pdf file.",
-)
-@click.option(
-    "--kind",
-    type=click.Choice(["auto", "heat", "slices", "line", "histogram", "violin", "points"]),
-    default="auto",
-    show_default=True,
-    help="Of picture.",
-)
-@click.option(
-    "--by",
-    metavar="NAME",
-    help="Regions of a violin (x, y, z, radius, or a coordinate), or the axis that slices cut.",
-)
-@click.option(
-    "--slice",
-    "slice_texts",
-    metavar="NAME=VALUE",
-    multiple=True,
-    help="Draw and list only the part of the map at this value of an axis.",
-)
-@click.option("--best", type=click.IntRange(1, 1000), metavar="N", help="List the N best postures.")
-@click.option(
-    "--worst", type=click.IntRange(1, 1000), metavar="N", help="List the N worst postures."
-)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-@click.option(
-    "--progress/--no-progress", default=None, help="Bar on standard error; default on a terminal."
-)
-@click.option(
-    "--threads", type=click.IntRange(1, 1024), metavar="N", help="In this process; default all."
-)
-@click.option(
-    "--workers",
-    type=click.IntRange(1, 1024),
-    metavar="N",
-    help="Use N processes of this machine, for mechanisms without a compiled path.",
-)
-@click.option("--scheduler", metavar="ADDRESS", help="Use the workers of a running Dask scheduler.")
+@_options
 @click.pass_context
 def command(
     context: click.Context,
@@ -187,17 +170,17 @@ def command(
     applied: LoadRequest,
     quantities: tuple[str, ...],
     connection: str | None,
-    direction_text: str | None,
-    deflect_text: str | None,
-    deflect_at_text: str | None,
-    length_text: str | None,
+    direction: list[float] | None,
+    deflect: list[float] | None,
+    deflect_at: list[float] | None,
+    length: float | None,
     output: Path,
     single: bool,
     chunk: int | None,
-    picture_text: str | None,
+    picture: Path | None,
     kind: str,
     by: str | None,
-    slice_texts: tuple[str, ...],
+    cuts: dict[str, float],
     best: int | None,
     worst: int | None,
     as_json: bool,
@@ -211,28 +194,20 @@ def command(
 
     The file is a Zarr folder of labelled arrays that says what it holds; xarray opens it.
     """
-    wrench = request.balanced_wrench
     if workers is not None and scheduler is not None:
         raise InputError("give --workers or --scheduler, not both")
     if not quantities:
         raise InputError("no --quantity was given", expected="a name of --list-quantities")
-    picture = None if picture_text is None else Path(picture_text)
-    if picture is not None and picture.suffix not in (".png", ".svg", ".pdf"):
-        raise InputError("unknown file ending", where="--picture",
-                         expected=".png, .svg or .pdf", got=picture.name)  # fmt: skip
-    cuts = parse_cuts(slice_texts)
-    if deflect_at_text is not None and deflect_text is None:
+    if deflect_at is not None and deflect is None:
         raise InputError("is for --deflect", where="--deflect-at")
-    given: dict[str, Any] = {
-        "wrench": wrench, "load_kind": applied.kind, "load_at": applied.at,
-        "load_axes": applied.axes, "world": applied.axes == "world",
-        "direction": None if direction_text is None
-        else parse_numbers(direction_text, "--direction", 3),
-        "deflect": None if deflect_text is None else parse_numbers(deflect_text, "--deflect", 6),
-        "length": None if length_text is None else parse_numbers(length_text, "--length", 1)[0],
+    # Dimensions have dots where names of coordinates have slashes.
+    cuts = {name.replace("/", "."): value for name, value in cuts.items()}
+    asked: dict[str, Any] = {
+        **applied.keywords, "wrench": request.balanced_wrench, "world": applied.world,
+        "direction": direction, "deflect": deflect, "length": length,
     }  # fmt: skip
-    if deflect_at_text is not None:
-        given["deflect_at"] = parse_numbers(deflect_at_text, "--deflect-at", 3)
+    if deflect_at is not None:
+        asked["deflect_at"] = deflect_at
     elastic, q = request.load()
     sampling = sampling_from_options(elastic, q, **where)
     check_cuts(cuts, sampling)
@@ -248,7 +223,7 @@ def command(
 
     job, file = prepare_map(
         elastic, sampling, quantities, output, connection=connection, single=single, chunk=chunk,
-        command=_as_typed(context), **given,
+        command=context.meta["words"], **asked,
     )  # fmt: skip
     start = time.perf_counter()
     try:
@@ -280,7 +255,7 @@ def command(
     }
     if picture is not None:
         from cartstiff.maps.pictures import draw_map
-        from cartstiff.report.figures_statics import save_figure
+        from cartstiff.report.output import save_figure
 
         save_figure(draw_map(dataset, quantities[0], kind, by=by), picture)
     if as_json:
@@ -291,30 +266,10 @@ def command(
         say(describe_map(answer))
 
 
-def _as_typed(context: click.Context) -> str:
-    """The command with the options that were given."""
-    words = ["cartstiff", "map"]
-    for parameter in context.command.params:
-        name = parameter.name or ""
-        if context.get_parameter_source(name) is not click.core.ParameterSource.COMMANDLINE:
-            continue
-        value = context.params[name]
-        values = value if isinstance(value, tuple) else (value,)
-        for one in values:
-            if isinstance(parameter, click.Option):
-                flag = parameter.opts[-1] if one is not False else parameter.secondary_opts[-1]
-                words.append(flag)
-            if not isinstance(one, bool):
-                words.append(str(one))
-    return shlex.join(words)
-
-
 def _check_picture(
     kind: str, by: str | None, sampling: Any, cuts: dict[str, float], elastic: Any
 ) -> None:
     """Refuse a picture that does not fit before the map is computed."""
-    from cartstiff.errors import UnknownNameError
-
     lengths = dict(zip(sampling.dims, sampling.shape, strict=True))
     wide = [n for n, count in lengths.items() if count > 1 and n not in cuts and n != "branch"]
     shown = {"line": 1, "heat": 2, "slices": 3}.get(kind)

@@ -7,12 +7,13 @@ import json
 import click
 
 from cartstiff.cli.output import say
+from cartstiff.cli.types import json_option
 
 __all__ = ["command"]
 
 
 @click.command(name="models", epilog="\b\nExample:\n  cartstiff models\n  cartstiff models --json")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@json_option
 def command(as_json: bool) -> None:
     """List what can be named as MECHANISM: bundled files and example robots."""
     from cartstiff.loading.catalogue import bundled_files, example_robots

@@ -1,26 +1,16 @@
-"""What commands write: files by their ending, and JSON that holds numbers only."""
+"""What commands print: text, and JSON that holds numbers only."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from pathlib import Path
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import click
 
 from cartstiff.errors import InputError, one_line, printable
 
-__all__ = ["json_text", "output_file", "print_json", "say"]
-
-
-def output_file(text: str, endings: tuple[str, ...], option: str) -> Path:
-    """Path of a file to be written, with an ending that says what is written."""
-    path = Path(text)
-    if path.suffix not in endings:
-        raise InputError("unknown file ending", where=option, expected=" or ".join(endings),
-                         got=path.name)  # fmt: skip
-    return path
+__all__ = ["json_text", "say", "tell"]
 
 
 def json_text(data: Mapping[str, Any], mechanism: str) -> str:
@@ -34,9 +24,9 @@ def json_text(data: Mapping[str, Any], mechanism: str) -> str:
         ) from None  # fmt: skip
 
 
-def print_json(data: Mapping[str, Any], mechanism: str) -> None:
-    """`json_text` on standard output."""
-    say(json_text(data, mechanism))
+def tell(as_json: bool, data: Mapping[str, Any], mechanism: str, text: Callable[[], str]) -> None:
+    """A result on standard output, as JSON or as text for reading."""
+    say(json_text(data, mechanism) if as_json else text())
 
 
 def say(text: str = "", *, error: bool = False) -> None:

@@ -2,34 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
 from cartstiff.cli.options import MechanismRequest, mechanism_options
+from cartstiff.cli.types import option_group
 from cartstiff.errors import MissingDependencyError
 
 __all__ = ["page_options", "source_from_options"]
 
 
-def page_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """MECHANISM, posture, springs, load, map and trajectory; keywords of `source_from_options`."""
-    options = [
-        click.option(
-            "--map", "map_path", type=click.Path(path_type=Path), metavar="FILE",
-            help="Also draw the points of a stiffness map, coloured.",
-        ),
-        click.option(
-            "--trajectory", "trajectory_path", type=click.Path(path_type=Path), metavar="FILE.csv",
-            help="Postures for a time slider: one a line, in joint order or under a line of names; "
-            "a column `time` in seconds may come first.",
-        ),
-    ]  # fmt: skip
-    for option in reversed(options):
-        command = option(command)
-    return mechanism_options()(command)
+#: Keywords of `source_from_options`.
+page_options = option_group(
+    mechanism_options(),
+    click.option(
+        "--map", "map_path", type=click.Path(path_type=Path), metavar="FILE",
+        help="Also draw the points of a stiffness map, coloured.",
+    ),
+    click.option(
+        "--trajectory", "trajectory_path", type=click.Path(path_type=Path), metavar="FILE.csv",
+        help="Postures for a time slider: one a line, in joint order or under a line of names; a "
+        "column `time` in seconds may come first.",
+    ),
+)  # fmt: skip
 
 
 def source_from_options(
@@ -60,8 +57,12 @@ def source_from_options(
         if other.names != elastic.names:
             return other
         stiffness = None if elastic.springs is None else elastic.springs.stiffness
-        rest = elastic.springs.rest if elastic.springs is not None and request.rest_text else None
-        return other.with_springs(stiffness if request.stiffness_text else None, rest)
+        rest = (
+            elastic.springs.rest
+            if elastic.springs is not None and request.rest is not None
+            else None
+        )
+        return other.with_springs(stiffness if request.stiffness is not None else None, rest)
 
     names = elastic.names
     return Source(

@@ -40,7 +40,7 @@ def draw_map(
     Returns
     -------
     matplotlib.figure.Figure
-        See `cartstiff.report.figures_statics.save_figure`.
+        See `cartstiff.report.output.save_figure`.
 
     Raises
     ------

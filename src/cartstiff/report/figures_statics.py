@@ -2,30 +2,15 @@
 
 from __future__ import annotations
 
-import io
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cartstiff.errors import InputError, MissingDependencyError, printable
-from cartstiff.report.output import write_whole
+from cartstiff.report.output import new_figure
 from cartstiff.statics.compensation import CompensatedPath
 from cartstiff.statics.curves import LoadCurve
 
-__all__ = ["draw_error_along_path", "draw_load_curve", "picture", "save_figure"]
-
-
-def _new_figure(rows: int = 1) -> tuple[Any, Any]:
-    """A figure that needs no window, and its axes."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise MissingDependencyError(
-            package="matplotlib", purpose="drawing a figure", extra="plots"
-        ) from None
-    figure = Figure(figsize=(6.4, 3.0 * rows + 1.2), layout="constrained")
-    return figure, figure.subplots(rows, 1, sharex=True)
+__all__ = ["draw_error_along_path", "draw_load_curve"]
 
 
 def draw_load_curve(curve: LoadCurve, *, rotation: bool = False) -> Any:
@@ -41,14 +26,15 @@ def draw_load_curve(curve: LoadCurve, *, rotation: bool = False) -> Any:
     Returns
     -------
     matplotlib.figure.Figure
-        See `save_figure`.
+        See `cartstiff.report.output.save_figure`.
 
     Raises
     ------
     MissingDependencyError
         Without matplotlib.
     """
-    figure, axes = _new_figure()
+    figure = new_figure(6.4, 4.2)
+    axes = figure.subplots()
     part = slice(0, 3) if rotation else slice(3, 6)
     size = np.linalg.norm(curve.displacement[:, part], axis=1)
     unit = "rad" if rotation else curve.elastic.units.length
@@ -95,7 +81,8 @@ def draw_error_along_path(path: CompensatedPath) -> Any:
     MissingDependencyError
         Without matplotlib.
     """
-    figure, axes = _new_figure(2)
+    figure = new_figure(6.4, 7.2)
+    axes = figure.subplots(2, 1, sharex=True)
     points = np.arange(1, len(path.q) + 1)
     length = path.elastic.units.length
     parts = ((slice(3, 6), length, "translation"), (slice(0, 3), "rad", "rotation"))
@@ -109,35 +96,3 @@ def draw_error_along_path(path: CompensatedPath) -> Any:
     axes[-1].set_xlabel("point of the path")
     axes[0].set_title(path.elastic.name)
     return figure
-
-
-def picture(figure: Any, ending: str) -> bytes:
-    """A figure as the content of a .png, .svg or .pdf file.
-
-    Raises
-    ------
-    InputError
-        For another ending.
-    """
-    if ending not in (".png", ".svg", ".pdf"):
-        raise InputError("unknown file ending", expected=".png, .svg or .pdf", got=ending)
-    from matplotlib.text import Text
-
-    buffer = io.BytesIO()
-    for text in figure.findobj(Text):  # names are no formulas, and no commands
-        text.set_text(printable(text.get_text()))
-        text.set_parse_math(False)
-    figure.savefig(buffer, format=ending[1:])
-    return buffer.getvalue()
-
-
-def save_figure(figure: Any, file: str | Path) -> None:
-    """Write a figure as .png, .svg or .pdf, whole or not at all.
-
-    Raises
-    ------
-    InputError
-        For another ending, or a place that cannot be written.
-    """
-    path = Path(file)
-    write_whole(path, picture(figure, path.suffix))

@@ -6,20 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from cartstiff.errors import MissingDependencyError
+from cartstiff.report.output import new_figure
 from cartstiff.toolpaths.optimised import OptimisedPath
 from cartstiff.toolpaths.placement import Placement
 
 __all__ = ["draw_path", "draw_placement"]
-
-
-def _figure(width: float, height: float) -> Any:
-    """A figure that needs no window."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise MissingDependencyError("matplotlib", "drawing a figure", "plots") from None
-    return Figure(figsize=(width, height), layout="constrained")
 
 
 def draw_path(result: OptimisedPath) -> Any:
@@ -28,7 +19,7 @@ def draw_path(result: OptimisedPath) -> Any:
     Returns
     -------
     matplotlib.figure.Figure
-        See `cartstiff.report.figures_statics.save_figure`.
+        See `cartstiff.report.output.save_figure`.
 
     Raises
     ------
@@ -36,7 +27,7 @@ def draw_path(result: OptimisedPath) -> Any:
         Without matplotlib.
     """
     chosen = _choice(result)
-    figure = _figure(6.4, 4.2 if chosen is None else 6.0)
+    figure = new_figure(6.4, 4.2 if chosen is None else 6.0)
     axes = np.atleast_1d(figure.subplots(1 if chosen is None else 2, 1, sharex=True))
     points = np.arange(1, len(result.q) + 1)
     if result.constant is not None:
@@ -99,7 +90,7 @@ def draw_placement(placement: Placement) -> Any:
     worst = placement.worst[index]
     label = f"worst {placement.path.criterion.name} [{placement.path.unit}]"
     titles = [f"workpiece {n} [{'rad' if n == 'yaw' else units.length}]" for n in shown]
-    figure = _figure(6.4, 4.6)
+    figure = new_figure(6.4, 4.6)
     axes = figure.subplots()
     if len(shown) < 2:
         values = placement.axes[shown[0]] if shown else np.zeros(1)

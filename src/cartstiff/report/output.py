@@ -6,16 +6,16 @@ import io
 import json
 import os
 import secrets
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cartstiff.errors import InputError, one_line
+from cartstiff.errors import InputError, MissingDependencyError, one_line, printable
 from cartstiff.stiffness.compute import PostureStiffness
 
-__all__ = ["write_result", "write_whole"]
+__all__ = ["new_figure", "picture", "save_figure", "write_files", "write_result", "write_whole"]
 
 
 def write_whole(path: Path, data: bytes) -> None:
@@ -53,10 +53,10 @@ def write_result(
     `data` is the JSON object, if it holds more than ``result.as_dict()``.
     """
     text = json.dumps(result.as_dict() if data is None else data, allow_nan=False, indent=1)
-    if path.suffix == ".json":
+    if path.suffix.lower() == ".json":
         write_whole(path, text.encode() + b"\n")
         return
-    if path.suffix != ".npz":
+    if path.suffix.lower() != ".npz":
         raise InputError("unknown file ending", expected=".json or .npz", got=path.name)
     arrays = {"q": result.q, "pose": result.pose, "description": np.array(text)}
     arrays |= {f"K_{name}": K for name, K in result.matrices.items() if K is not None}
@@ -68,3 +68,66 @@ def write_result(
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)  # type: ignore[arg-type]
     write_whole(path, buffer.getvalue())
+
+
+def write_files(*files: tuple[Path | None, Callable[[], Any]]) -> None:
+    """Write texts and figures to their files; all are made before the first is written.
+
+    A path that is None was not asked for.
+    """
+    made = []
+    for path, make in files:
+        if path is not None:
+            content = make()
+            data = content.encode() if isinstance(content, str) else picture(content, path.suffix)
+            made.append((path, data))
+    for path, data in made:
+        write_whole(path, data)
+
+
+def new_figure(width: float, height: float) -> Any:
+    """A matplotlib figure that needs no window.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without matplotlib.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise MissingDependencyError("matplotlib", "drawing a figure", "plots") from None
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def picture(figure: Any, ending: str) -> bytes:
+    """A figure as the content of a .png, .svg or .pdf file.
+
+    Raises
+    ------
+    InputError
+        For another ending.
+    """
+    ending = ending.lower()
+    if ending not in (".png", ".svg", ".pdf"):
+        raise InputError("unknown file ending", expected=".png, .svg or .pdf", got=ending)
+    from matplotlib.text import Text
+
+    buffer = io.BytesIO()
+    for text in figure.findobj(Text):  # names are no formulas, and no commands
+        text.set_text(printable(text.get_text()))
+        text.set_parse_math(False)
+    figure.savefig(buffer, format=ending[1:])
+    return buffer.getvalue()
+
+
+def save_figure(figure: Any, file: str | Path) -> None:
+    """Write a figure as .png, .svg or .pdf, whole or not at all.
+
+    Raises
+    ------
+    InputError
+        For another ending, or a place that cannot be written.
+    """
+    path = Path(file)
+    write_whole(path, picture(figure, path.suffix))

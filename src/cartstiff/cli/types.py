@@ -1,0 +1,250 @@
+"""What options take, and how they are declared: the same way on every command.
+
+Text that cannot be used is an `InputError` that names the option.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from cartstiff.errors import InputError, UnknownNameError, one_line
+from cartstiff.parsing import parse_numbers
+
+__all__ = [
+    "PICTURE",
+    "POINT",
+    "WRENCH",
+    "Axes",
+    "JointValues",
+    "Number",
+    "Numbers",
+    "OutputFile",
+    "Pairs",
+    "Values",
+    "json_option",
+    "option",
+    "option_group",
+    "repeated_option",
+]
+
+_Command = TypeVar("_Command", bound=Callable[..., Any])
+# No axis of a map has more values: it would take years.
+_MOST = 10**12
+
+
+class OptionType(click.ParamType):  # type: ignore[type-arg]
+    """Text that becomes a value; `name` stands for it in --help."""
+
+    def __init__(self, shape: str) -> None:
+        self.name = shape
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:  # noqa: ARG002
+        """Words in --help."""
+        return self.name
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # noqa: ARG002
+        """The value; what click hands over twice stays as it is."""
+        where = self.name if param is None else param.opts[-1]
+        return self.parsed(value, where) if isinstance(value, str) else value
+
+    def parsed(self, text: str, where: str) -> Any:
+        """The value of a text given to the option `where`."""
+        raise NotImplementedError
+
+
+class Numbers(OptionType):
+    """Comma-separated numbers, as many as one of `counts` (any number without)."""
+
+    def __init__(self, shape: str, *counts: int, above_zero: bool = False) -> None:
+        super().__init__(shape)
+        self.counts, self.above_zero = counts, above_zero
+
+    def parsed(self, text: str, where: str) -> Any:
+        """List of floats."""
+        numbers = parse_numbers(text, where, self.counts[0] if len(self.counts) == 1 else None)
+        if self.counts and len(numbers) not in self.counts:
+            raise InputError("wrong count", where=where, expected=self.name, got=len(numbers))
+        if self.above_zero and min(numbers) <= 0:
+            raise InputError("cannot be used", where=where, expected="above zero", got=min(numbers))
+        return numbers
+
+
+class Number(Numbers):
+    """One number."""
+
+    def __init__(self, shape: str, *, above_zero: bool = False) -> None:
+        super().__init__(shape, 1, above_zero=above_zero)
+
+    def parsed(self, text: str, where: str) -> Any:
+        """The number."""
+        return super().parsed(text, where)[0]
+
+
+WRENCH = Numbers("MX,MY,MZ,FX,FY,FZ", 6)
+POINT = Numbers("X,Y,Z", 3)
+
+
+@dataclass(frozen=True)
+class Values:
+    """Numbers for joints (or legs), whose names are known only with the mechanism."""
+
+    option: str
+    numbers: list[float] | dict[str, float]
+
+    def of(self, names: tuple[str, ...], broadcast: bool = False) -> Any:
+        """The numbers, as many as `names` (or one for all), or those of some names."""
+        if isinstance(self.numbers, dict):
+            for name in self.numbers:
+                if name not in names:
+                    raise UnknownNameError("joint", name, names, where=self.option)
+        elif broadcast and len(self.numbers) == 1:
+            return self.numbers[0]
+        elif len(self.numbers) != len(names):
+            raise InputError(
+                "wrong count", where=self.option,
+                expected=f"{len(names)} numbers ({', '.join(names)})", got=len(self.numbers),
+            )  # fmt: skip
+        return self.numbers
+
+    @property
+    def all(self) -> list[float]:
+        """Every number that was given."""
+        return list(self.numbers.values()) if isinstance(self.numbers, dict) else self.numbers
+
+
+class JointValues(OptionType):
+    """Numbers in joint order or ``name=value`` pairs, as `Values`."""
+
+    def __init__(self, rigid: bool = False) -> None:
+        super().__init__("VALUES")
+        self.rigid = rigid
+
+    def parsed(self, text: str, where: str) -> Values:
+        """What was given, not yet compared with the mechanism."""
+        if "=" not in text:
+            return Values(where, parse_numbers(text, where, rigid=self.rigid))
+        values: dict[str, float] = {}
+        for part in text.split(","):
+            name, equals, number = (piece.strip() for piece in part.partition("="))
+            if not equals:
+                raise InputError("mixes numbers and name=value pairs", where=where,
+                                 expected="one of the two forms", got=repr(part))  # fmt: skip
+            if name in values:
+                raise InputError("joint given twice", where=where, got=repr(name))
+            values[name] = parse_numbers(number, f"{where} {name}", 1, rigid=self.rigid)[0]
+        return Values(where, values)
+
+
+class Pairs(OptionType):
+    """``NAME=VALUE`` pairs as a mapping; of `names` only, if there are any."""
+
+    def __init__(self, shape: str, names: tuple[str, ...] = ()) -> None:
+        super().__init__(shape)
+        self.names = names
+
+    def parsed(self, text: str, where: str) -> dict[str, float]:
+        """Numbers by name."""
+        values: dict[str, float] = {}
+        for part in text.split(","):
+            name, equals, number = (piece.strip() for piece in part.partition("="))
+            if not equals or name in values or (self.names and name not in self.names):
+                of = f" pairs of {', '.join(self.names)}" if self.names else ""
+                raise InputError("cannot be used", where=where,
+                                 expected=f"NAME=VALUE{of}, each once", got=repr(part))  # fmt: skip
+            values[name] = parse_numbers(number, f"{where} {name}", 1)[0]
+        return values
+
+
+class Axes(OptionType):
+    """``NAME=LOW:HIGH:COUNT`` (or without a count) items as a mapping to their numbers."""
+
+    def parsed(self, text: str, where: str) -> dict[str, tuple[float, ...]]:
+        """Low, high and count by name."""
+        shape = self.name
+        size = shape.count(":") + 1
+        axes: dict[str, tuple[float, ...]] = {}
+        for item in re.split(r"[,\s]+", text.strip()):
+            name, equals, numbers = item.partition("=")
+            parts = numbers.split(":")
+            if not equals or not name or len(parts) != size:
+                raise InputError("cannot be used", where=where, expected=shape, got=repr(item))
+            values = tuple(parse_numbers(part, f"{where} {name}", 1)[0] for part in parts)
+            if size == 3 and not (values[2].is_integer() and 1 <= values[2] <= _MOST):
+                raise InputError("count cannot be used", where=f"{where} {name}",
+                                 expected="a whole number of 1 or more", got=parts[2])  # fmt: skip
+            _add(axes, name, values, where)
+        return axes
+
+
+class OutputFile(OptionType):
+    """A file to be written: an ending that says what is written, and a folder that exists."""
+
+    def __init__(self, shape: str, *endings: str) -> None:
+        super().__init__(shape)
+        self.endings = endings
+
+    def parsed(self, text: str, where: str) -> Path:
+        """Path of the file."""
+        path = Path(text)
+        if path.suffix.lower() not in self.endings:
+            raise InputError("unknown file ending", where=where,
+                             expected=" or ".join(self.endings), got=path.name)  # fmt: skip
+        if path.is_dir():
+            raise InputError("is a directory", where=one_line(text), expected="a file")
+        if not path.parent.is_dir():
+            raise InputError("file cannot be written", where=one_line(text), got="no such folder")
+        return path
+
+
+PICTURE = OutputFile("FILE.png", ".png", ".svg", ".pdf")
+
+
+def _add(values: dict[str, Any], name: str, value: object, where: str) -> None:
+    if name in values:
+        raise InputError("given twice", where=where, got=repr(name))
+    values[name] = value
+
+
+def _once(context: click.Context, parameter: click.Parameter, values: tuple[Any, ...]) -> Any:
+    if len(values) > 1:
+        raise click.BadParameter("given more than once", ctx=context, param=parameter)
+    return values[0] if values else None
+
+
+def _merged(
+    _: click.Context, parameter: click.Parameter, values: tuple[Mapping[str, Any], ...]
+) -> dict[str, Any]:
+    merged: dict[str, Any] = {}
+    for name, value in (item for mapping in values for item in mapping.items()):
+        _add(merged, name, value, parameter.opts[-1])
+    return merged
+
+
+def option(*names: str, **settings: Any) -> Callable[[_Command], _Command]:
+    """An option that must not be given twice; None without it."""
+    return click.option(*names, multiple=True, callback=_once, **settings)
+
+
+def repeated_option(*names: str, **settings: Any) -> Callable[[_Command], _Command]:
+    """An option of `Pairs` or `Axes` that may be given for several names: one mapping."""
+    return click.option(*names, multiple=True, callback=_merged, **settings)
+
+
+def option_group(*options: Callable[[Any], Any]) -> Callable[[_Command], _Command]:
+    """Several options as one decorator, in the order in which --help shows them."""
+
+    def decorate(command: _Command) -> _Command:
+        for decorator in reversed(options):
+            command = decorator(command)
+        return command
+
+    return decorate
+
+
+json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
