@@ -59,6 +59,8 @@ def read_only(values: ArrayLike) -> Array:
 
 def fixed(array: Array) -> Array:
     """The same numbers, seen through an array that cannot be written to."""
+    if not array.flags.writeable:
+        return array
     view = array.view()
     view.flags.writeable = False
     return view

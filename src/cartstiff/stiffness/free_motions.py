@@ -14,7 +14,7 @@ from cartstiff.geometry.se3 import Array
 
 __all__ = ["FreeMotions"]
 
-_NO_CHANGE = np.zeros((1, 6, 6))
+_NO_CHANGE, _NO_CHANGES = np.zeros((1, 6, 6)), np.zeros((0, 6, 6))
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,60 +30,72 @@ class FreeMotions:
     terms : callable
         Sizes (f, f) of the terms whose sum each entry of `hessian` is. A motion all of whose
         entries are below `IDLE` times these costs nothing.
+    largest : callable
+        A bound on all entries of `terms`, found with less work.
     basis : ndarray, shape (n, f), or None
         The motions; None if they are the coordinates themselves.
+    is_symmetric : bool
+        Whether `hessian` is that of an energy.
     """
 
     jacobian: Array
     hessian: Array
     terms: Callable[[], Array]
+    largest: Callable[[], float]
     basis: Array | None = None
+    is_symmetric: bool = True
 
     def __getstate__(self) -> dict[str, Any]:
         """Everything, with the sizes of the terms as they are instead of a way to them."""
-        return {**vars(self), "terms": partial(np.asarray, self._terms)}
+        terms, largest = partial(np.asarray, self._terms), partial(float, self._largest)
+        return {**vars(self), "terms": terms, "largest": largest}
 
     def inverse(self, change: Array | None = None) -> numerics.Inverse | None:
         """``(H + J^T D J)^-1`` for a change D (6, 6) of the stiffness; None if singular."""
-        changes = _NO_CHANGE if change is None else change[None]
-        inverses, errors = self._inverses(changes)
-        return _one(inverses[0], errors[0])
+        inverses, errors = self._inverses(_NO_CHANGES if change is None else change[None])
+        return _one(inverses[-1], errors[-1], self.is_symmetric and change is None)
 
     def compliance(self, change: Array | None = None) -> numerics.Inverse | None:
         """``J (H + J^T D J)^-1 J^T``, the inverse of K + D without K; None if there is none."""
-        return self.compliances(_NO_CHANGE if change is None else change[None])[0]
+        if change is None or not change.any():
+            return self.compliances()[0]
+        return self.compliances(change[None])[1]
 
     def compliances(
-        self, changes: Array, other: Array | None = None
+        self, changes: Array = _NO_CHANGES, other: Array | None = None
     ) -> list[numerics.Inverse | None]:
-        """`compliance` for several changes (k, 6, 6) at once.
+        """`compliance` of H itself, and for several changes (k, 6, 6).
 
         And, as the last one, for the Hessian (n, n) of another energy without terms to cancel.
         """
         inverses, errors = self._inverses(changes, other)
         J = self.jacobian
         C = J @ inverses @ J.T
-        symmetric = (inverses == inverses.swapaxes(1, 2)).all(axis=(1, 2))
-        if symmetric.any():
-            C[symmetric] = 0.5 * (C + C.swapaxes(1, 2))[symmetric]
-        return [_one(*each) for each in zip(C, errors.tolist(), strict=True)]
+        same = (changes == changes.swapaxes(1, 2)).reshape(len(changes), 36).tolist()
+        symmetric = [self.is_symmetric and all(each) for each in ([], *same, [])]
+        return [_one(*each) for each in zip(C, errors, symmetric, strict=False)]
 
-    def _inverses(self, changes: Array, other: Array | None = None) -> tuple[Array, Array]:
-        """Inverses of H + J^T D J (k, f, f) and their errors (k,), infinite where singular."""
-        J, k = self.jacobian, len(changes)
-        H = self.hessian + J.T @ changes @ J
+    def _inverses(self, changes: Array, other: Array | None = None) -> tuple[Array, list[float]]:
+        """Inverses of H, H + J^T D J (k, f, f) and their errors (k,), infinite where singular."""
+        J, count = self.jacobian, 1 + len(changes)
+        H = np.empty((count + (other is not None), *self.hessian.shape))
+        H[0] = self.hessian
+        added = 0.0
+        if count > 1:
+            np.add(J.T @ changes @ J, self.hessian, out=H[1:count])
+            # No entry of |J|^T |D| |J| is more than this.
+            added = float(np.vdot(changes, changes)) ** 0.5 * float(np.vdot(J, J))
         if other is not None:
-            if self.basis is not None:
-                other = self.basis.T @ other @ self.basis
-            H = np.concatenate([H, other[None]])
+            H[count] = other if self.basis is None else self.basis.T @ other @ self.basis
         inverses, errors = numerics.invert_each(H)
-        # The diagonal of |J|^T |D| |J| is at most this; it alone tells but for rare cases.
-        norms = np.sqrt((changes * changes).sum(axis=(1, 2)))[:, None]
-        least = self._least + numerics.IDLE * norms * (J * J).sum(axis=0)
-        if not (np.abs(H[:k].diagonal(0, 1, 2)) > least).all():
-            terms = self._terms + np.abs(J.T) @ np.abs(changes) @ np.abs(J)
-            idle = (np.abs(H[:k]) <= numerics.IDLE * terms).all(axis=1).any(axis=1)
-            errors[:k][idle] = np.inf
+        # A bound on what is added up alone tells but for rare cases.
+        least = numerics.IDLE * (self._largest + added)
+        diagonal = H[:count].diagonal(0, 1, 2).ravel().tolist()
+        if not min(diagonal, default=1.0) > least:
+            each = np.concatenate([_NO_CHANGE, np.abs(changes)])
+            terms = self._terms + np.abs(J.T) @ each @ np.abs(J)
+            idle = (np.abs(H[:count]) <= numerics.IDLE * terms).all(axis=1).any(axis=1)
+            errors[:count] = np.where(idle, np.inf, errors[:count]).tolist()
         return inverses, errors
 
     @cached_property
@@ -91,9 +103,8 @@ class FreeMotions:
         return self.terms()
 
     @cached_property
-    def _least(self) -> Array:
-        """Entries (f,) on the diagonal of `hessian` below which a motion may cost nothing."""
-        return np.asarray(numerics.IDLE * self._terms.diagonal())
+    def _largest(self) -> float:
+        return self.largest()
 
     def motion(self, inverse: Array, wrench: Array) -> Array:
         """Motion of all coordinates (n,) under an output force (6,)."""
@@ -101,5 +112,7 @@ class FreeMotions:
         return y if self.basis is None else np.asarray(self.basis @ y)
 
 
-def _one(matrix: Array, error: float) -> numerics.Inverse | None:
-    return numerics.Inverse(matrix, error) if error < np.inf else None
+def _one(matrix: Array, error: float, symmetric: bool) -> numerics.Inverse | None:
+    if not error < np.inf:
+        return None
+    return numerics.Inverse(0.5 * (matrix + matrix.T) if symmetric else matrix, error)

@@ -39,13 +39,12 @@ __all__ = ["DEAD_AT_ORIGIN", "SCHEMA", "PostureStiffness"]
 DEAD_AT_ORIGIN = LoadKind()
 
 _EYE_4 = np.eye(4)
-_NO_CHANGE = np.zeros((1, 6, 6))
-# K^X = K^B - (W @ _FROM_B)[X] for X = A, B, K at once: K^A = K^B - 1/2 M with the M of
+# K^X = K^B + (W @ _FROM_B)[X] for X = A, K at once: K^A = K^B - 1/2 M with the M of
 # `se3.bracket_form`, and K^X = K^A less the wrench term of the connection.
-_FROM_B = np.concatenate(
+_FROM_B = -np.concatenate(
     [
         c._symbols_by_wrench + 0.5 * se3.bracket_form(np.eye(6)).reshape(6, 36)
-        for c in (CARTAN_MINUS, BI_INVARIANT, KINEMATIC)
+        for c in (CARTAN_MINUS, KINEMATIC)
     ],
     axis=1,
 )
@@ -148,8 +147,14 @@ class PostureStiffness:
         K, W = self.reduction.stiffness, self.reduction.force
         if K is None or W is None:
             return NamedArrays(dict.fromkeys("ABKF"))
-        A, B, K_K = K - (W @ _FROM_B).reshape(3, 6, 6)
-        return NamedArrays({"A": A, "B": B, "K": K_K, "F": self._flat.stiffness})
+        A, K_K = K + self._changes
+        return NamedArrays({"A": A, "B": K, "K": K_K, "F": self._flat.stiffness})
+
+    @cached_property
+    def _changes(self) -> Array:
+        """K^A - K^B and K^K - K^B (2, 6, 6), zero without a load."""
+        W = self.wrench
+        return np.zeros((2, 6, 6)) if W is None else np.dot(W, _FROM_B).reshape(2, 6, 6)
 
     @cached_property
     def compliances(self) -> Mapping[str, Array | None]:
@@ -168,14 +173,13 @@ class PostureStiffness:
         if free is None or W is None:
             return dict.fromkeys("ABKF")
         H = self._flat.hessian
-        if W.any():
-            found = free.compliances(-(W @ _FROM_B).reshape(3, 6, 6), H)
-            return dict(zip("ABKF", found if H is not None else [*found, None], strict=True))
+        if any(W.tolist()):
+            B, A, K, *F = free.compliances(self._changes, H)
+            return {"A": A, "B": B, "K": K, "F": F[0] if F else None}
         # Then one Hessian serves all, but for a chart that is not the coordinates themselves.
         same = H is self.evaluation.hessian and self.posture.closure is None
-        found = free.compliances(_NO_CHANGE, None if same else H)
-        flat = found[0] if same else None if H is None else found[1]
-        return {**dict.fromkeys("ABK", found[0]), "F": flat}
+        B, *F = free.compliances(other=None if same else H)
+        return {**dict.fromkeys("ABK", B), "F": F[0] if F else B if same else None}
 
     @cached_property
     def is_loaded(self) -> bool:

@@ -86,6 +86,9 @@ def notes_on_digits(
 
 def _error_of_soft_directions(K: Array, C: Array, natural: Array) -> float:
     """Relative error of what the digits of K say about its softest direction."""
+    error = numerics.error_of_inverting(K, C)
+    if error == error:
+        return error
     found = numerics.invert(K)
     if found is not None:
         return found.error

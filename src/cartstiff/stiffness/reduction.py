@@ -131,6 +131,11 @@ def reduce_to(
     return _general(output, energy, closure, rows, coordinate_lengths, force, what)
 
 
+def _norm(array: Array) -> float:
+    """Root of the sum of the squares of all entries."""
+    return float(np.vdot(array, array)) ** 0.5
+
+
 def _symmetric(matrix: Array, energy: Evaluation) -> Array:
     """The matrix without the asymmetry of its rounding, where the forces have a potential."""
     return 0.5 * (matrix + matrix.T) if energy.energy == energy.energy else matrix
@@ -159,8 +164,8 @@ def _square(
     A = np.linalg.inv(J)
     force = A.T @ energy.gradient
     if given is not None:  # the springs' own torques are rounded where they are stiff
-        missed = np.abs(J.T @ given - energy.gradient)
-        if np.all(missed <= _slight(J, given, energy)):
+        missed = J.T @ given - energy.gradient
+        if not missed.any() or np.all(np.abs(missed) <= _slight(J, given, energy)):
             force = given
     curvature = output.curvature(force)
     H = energy.hessian - curvature
@@ -175,9 +180,16 @@ def _square(
         size = np.abs(energy.hessian) + np.abs(curvature)
         return np.asarray(size + least / columns / columns[:, None])
 
-    return Reduction(
-        force, K, np.zeros(0), values, n, n, FreeMotions(J, _symmetric(H, energy), terms), rates=A
+    def largest() -> float:
+        stiff = _norm(energy.hessian)
+        doubt = 0.0 if force is given else numerics.ROUNDING * stiff * _norm(A)
+        least = (numerics.EPSILON * _norm(force) + doubt) * _norm(1 / rows) / numerics.IDLE
+        return stiff + _norm(curvature) + least / float(columns.min()) ** 2
+
+    free = FreeMotions(
+        J, _symmetric(H, energy), terms, largest, is_symmetric=energy.energy == energy.energy
     )
+    return Reduction(force, K, np.zeros(0), values, n, n, free, rates=A)
 
 
 def _general(
@@ -303,10 +315,10 @@ def _general(
                 rates = columns[:, None] * (Y @ to_output @ U.T) * rows
         B = np.concatenate([Y, Z], axis=1)
         J_B = np.concatenate([J @ Y, np.zeros((len(rows), Z.shape[1]))], axis=1)
-        size = np.abs(B.T) @ terms @ np.abs(B)
         free = FreeMotions(
-            J_B / rows[:, None], _symmetric(B.T @ H_L @ B, energy), lambda: size,
-            columns[:, None] * B,
+            J_B / rows[:, None], _symmetric(B.T @ H_L @ B, energy),
+            lambda: np.abs(B.T) @ terms @ np.abs(B), lambda: _norm(terms) * float(np.vdot(B, B)),
+            columns[:, None] * B, energy.energy == energy.energy,
         )  # fmt: skip
     if states and states[0].code in ("deficient", "serial-singularity") and reachable is not None:
         states[0].values["reachable_motions"] = reachable.T.tolist()
