@@ -42,6 +42,7 @@ __all__ = [
     "inverses_of_sums",
     "invert",
     "invert_each",
+    "is_about_symmetric",
     "is_regular",
     "is_symmetric",
     "rank",
@@ -271,6 +272,16 @@ def _inverted_one_by_one(matrices: Array) -> tuple[Array, list[float]]:
 def is_symmetric(matrix: Array) -> bool:
     """Whether a square matrix is its own transpose, to the last digit."""
     return bool((matrix == matrix.T).all())
+
+
+def is_about_symmetric(matrix: Array) -> NDArray[np.bool_]:
+    """Whether all of the asymmetry of square matrices (..., n, n) may be rounding; (...)."""
+    s = np.sqrt(np.abs(np.diagonal(matrix, 0, -2, -1)))
+    skew = np.abs(matrix - matrix.swapaxes(-1, -2))
+    found: NDArray[np.bool_] = np.all(
+        skew <= SYMMETRY * s[..., :, None] * s[..., None, :], axis=(-2, -1)
+    )
+    return found
 
 
 def inverse_of_sum(inverse: Array, change: Array) -> Array | None:

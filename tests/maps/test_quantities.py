@@ -68,6 +68,10 @@ def _single(result, connection, world):
     if read == "load":  # read by its symmetric part
         K = symmetric_part(K)
         C = np.linalg.inv(K)
+    pairs = {"held": (K, C)}
+    # What is free gives way as the compliance says: by its symmetric part.
+    give = symmetric_part(result.at().compliances[connection])
+    pairs["free"] = (np.linalg.inv(give), give)
     pose = result.pose
     back = pose[:3, :3].T if world else np.eye(3)
     u = back @ np.array(DIRECTION)
@@ -75,8 +79,8 @@ def _single(result, connection, world):
     values = {}
     for freedom in ("translation", "rotation"):
         for others in ("free", "held"):
-            e = stiffness_ellipsoid(K, freedom, others).eigenvalues
-            c = compliance_ellipsoid(C, freedom, others).eigenvalues
+            e = stiffness_ellipsoid(pairs[others][0], freedom, others).eigenvalues
+            c = compliance_ellipsoid(pairs[others][1], freedom, others).eigenvalues
             values |= {
                 f"{freedom}_{others}_min": e[0],
                 f"{freedom}_{others}_max": e[2],
@@ -84,8 +88,8 @@ def _single(result, connection, world):
                 f"compliance_{freedom}_{others}_max": c[2],
             }
     for others in ("free", "held"):
-        values[f"along_{others}"] = stiffness_along(K, u, others=others)
-        values[f"about_{others}"] = stiffness_about(K, u, others=others)
+        values[f"along_{others}"] = stiffness_along(pairs[others][0], u, others=others)
+        values[f"about_{others}"] = stiffness_about(pairs[others][0], u, others=others)
     twist = compliance_deflection(result.at().compliances[connection], W).twist
     i = indices(symmetric_part(K), LENGTH)
     J = result.jacobian

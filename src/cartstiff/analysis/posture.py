@@ -117,12 +117,12 @@ def analyse_posture(
 
     def sections(r: PostureStiffness, springs: bool) -> tuple[dict[str, Any], Notes]:
         here = r.at(at)
-        name, stiffness, compliance = _matrices(r, here, connection)
+        name, stiffness = _matrices(r, here, connection)
         W = np.zeros(6) if here.wrench is None else here.wrench
         answer = summarise(
-            stiffness, W, length, connection=name, compliance=compliance, mass=mass,
-            inertia=inertia, mass_centre=mass_centre, direction=direction, threshold=threshold,
-            springs=springs,
+            stiffness, W, length, connection=name, compliance=here.compliances[name],
+            inverse=here.pair(name, "held")[1], mass=mass, inertia=inertia,
+            mass_centre=mass_centre, direction=direction, threshold=threshold, springs=springs,
         )  # fmt: skip
         notes = Notes()
         notes.entries = answer.pop("notes")
@@ -159,18 +159,14 @@ def analyse_posture(
 
 def _matrices(
     r: PostureStiffness, here: StiffnessInFrame, connection: str | None
-) -> tuple[str, dict[str, Array | None], Array | None]:
-    """What is analysed, the matrices that it is compared with, and the compliance."""
+) -> tuple[str, dict[str, Array | None]]:
+    """What is analysed, and the matrices that it is compared with."""
     if connection is None:
         connection = "load" if r.is_loaded else "B"
     names = ["A", "B", "K", "F", *(["load"] if r.is_loaded else [])]
     if connection not in names:
         names.append(connection)
-    return (
-        connection,
-        {n: here.matrices[n] for n in names},
-        (here.inverse_of_symmetric_part(connection)),
-    )
+    return connection, {n: here.matrices[n] for n in names}
 
 
 def _load(r: PostureStiffness, connection: str) -> dict[str, Any] | None:

@@ -6,12 +6,13 @@ why. `cartstiff.report.analysis` prints the same dict.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.analysis import asymmetry as asymmetries
 from cartstiff.analysis.centres import centres
 from cartstiff.analysis.compliant_axes import (
@@ -38,15 +39,15 @@ from cartstiff.analysis.normal_forms import decoupling_frame, normal_form
 from cartstiff.analysis.plain import Notes, plain
 from cartstiff.analysis.screws import Screw, eigenscrews
 from cartstiff.analysis.synthesis import realisability, realise
-from cartstiff.arrays import checked_pose, checked_unit, checked_vector
+from cartstiff.arrays import checked_matrix, checked_pose, checked_unit, checked_vector
 from cartstiff.errors import UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
+from cartstiff.stiffness.in_frame import inverse_pair
 
 __all__ = ["summarise"]
 
 _PREFERRED = ("B", "K", "F", "A", "+")
 _FREEDOMS = ("translation", "rotation")
-_OTHERS = ("held", "free")
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -57,6 +58,7 @@ def summarise(
     *,
     connection: str | None = None,
     compliance: ArrayLike | None = None,
+    inverse: ArrayLike | None = None,
     mass: float | None = None,
     inertia: ArrayLike | None = None,
     mass_centre: ArrayLike = (0.0, 0.0, 0.0),
@@ -78,9 +80,13 @@ def summarise(
         The result says which.
     connection : str, optional
         The matrix that is analysed; default the first that exists of B, K, F, A, +. An asymmetric
-        one is analysed by its symmetric part, and the result says so.
+        one is analysed by its symmetric part, and the result says so; what other freedoms do that
+        are free is read from the symmetric part of its inverse.
     compliance : array_like, shape (6, 6), optional
         In frame M. Default the inverse of the analysed matrix; needed where no stiffness exists.
+    inverse : array_like, shape (6, 6), optional
+        Inverse of the symmetric part of the analysed matrix, in frame M, where it is known better
+        than the matrix tells it.
     mass, inertia, mass_centre : float, array_like (3, 3), array_like (3,), optional
         Rigid body whose kinetic energy is the metric of "modes"; inertia about the mass centre, in
         the frame of the analysis. Default the metric of the characteristic length.
@@ -112,16 +118,18 @@ def summarise(
     notes = Notes()
     W = checked_vector(wrench, 6, "wrench")
     name = _chosen(stiffness, connection)
-    base = None if name is None else stiffness[name]
-    K = None if base is None else symmetric_part(base)
+    base = None if name is None else _moved(stiffness[name], None, move_stiffness)
     skewness = 0.0 if base is None else asymmetries.asymmetry(base, W).size
-    C = None if compliance is None else symmetric_part(compliance)
-    if T_m_n is not None:
-        K = None if K is None else symmetric_part(move_stiffness(K, T_m_n))
-        C = None if C is None else symmetric_part(move_compliance(C, T_m_n))
-    if C is None and K is not None:
-        inverse = notes.attempt("compliance", invert, K)
-        C = None if inverse is None else symmetric_part(inverse)
+    if compliance is None and base is not None:
+        compliance = notes.attempt("compliance", invert, base)
+    base = _moved(base, T_m_n, move_stiffness)
+    free = inverse_pair(base, _moved(compliance, T_m_n, move_compliance))
+    K = None if base is None else symmetric_part(base)
+    C = free[1]
+    if inverse is not None:
+        C = symmetric_part(inverse if T_m_n is None else move_compliance(inverse, T_m_n))
+    elif base is not None and not numerics.is_about_symmetric(base):
+        C = None if (found := numerics.invert(symmetric_part(base))) is None else found.matrix
     scale = characteristic_length(K, C, given=length, mass=mass, inertia=inertia)
     if K is None:
         reason = (
@@ -143,9 +151,9 @@ def summarise(
         "frame": np.eye(4) if T_m_n is None else checked_pose(T_m_n, "frame"),
         "length": scale,
         "stiffness": K,
-        "compliance": C,
-        "ellipsoids": _ellipsoids(K, C, notes),
-        "directions": _directions(K, C, axes),
+        "compliance": free[1],
+        "ellipsoids": _ellipsoids({"held": (K, C), "free": free}, notes),
+        "directions": _directions(K, free[1], axes),
     }
     result |= _of_stiffness(K, C, scale.value, metric, springs, notes)
     minus = stiffness.get("A")
@@ -169,27 +177,37 @@ def _chosen(stiffness: Mapping[str, ArrayLike | None], connection: str | None) -
     return names[0] if names else None
 
 
-def _ellipsoids(K: Array | None, C: Array | None, notes: Notes) -> dict[str, Any]:
-    """Nested by quantity, freedom and condition of the other freedoms."""
+def _moved(
+    matrix: ArrayLike | None, T_m_n: ArrayLike | None, move: Callable[..., Array]
+) -> Array | None:
+    """A matrix, if there is one, checked and in the frame of the analysis."""
+    if matrix is None:
+        return None
+    return checked_matrix(matrix) if T_m_n is None else move(matrix, T_m_n)
+
+
+def _ellipsoids(
+    pairs: Mapping[str, tuple[Array | None, Array | None]], notes: Notes
+) -> dict[str, Any]:
+    """Nested by quantity, freedom and condition of the other freedoms; `pairs` by the last."""
     tables: dict[str, Any] = {}
-    for quantity, matrix, function, inverse in (
-        ("stiffness", K, stiffness_ellipsoid, C),
-        ("compliance", C, compliance_ellipsoid, K),
+    for i, (quantity, function) in enumerate(
+        (("stiffness", stiffness_ellipsoid), ("compliance", compliance_ellipsoid))
     ):
         tables[quantity] = {
             freedom: {
                 others: None
-                if matrix is None
+                if pair[i] is None
                 else notes.attempt(
                     f"{quantity} of {freedom}, others {others}",
                     function,
-                    matrix,
+                    pair[i],
                     freedom,
                     others,
                     None,
-                    inverse,
+                    pair[1 - i],
                 )
-                for others in _OTHERS
+                for others, pair in pairs.items()
             }
             for freedom in _FREEDOMS
         }

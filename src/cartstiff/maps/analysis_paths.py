@@ -36,7 +36,7 @@ def path_quantity(path: str) -> Quantity:
         f"{path} of the analysis",
         _UNIT,
         function,
-        (*(f"stiffness_{c}" for c in CONNECTIONS), "inverse", "wrench"),
+        (*(f"stiffness_{c}" for c in CONNECTIONS), "inverse", "compliance_{connection}", "wrench"),
         "length",
         None,
     )
@@ -75,12 +75,12 @@ def _analyses(s: Stacks) -> list[dict[str, Any]]:
     wrenches = np.nan_to_num(s.arrays["wrench"])
     for i, W in enumerate(wrenches):
         matrices = {c: _or_none(s.arrays[f"stiffness_{c}"][i]) for c in CONNECTIONS}
-        compliance = _or_none(s.C[i])
+        compliance = _or_none(s.arrays[f"compliance_{settings.connection}"][i])
         rows.append(
             plain(
                 summarise(
                     matrices, W, settings.length, connection=settings.connection,
-                    compliance=compliance, springs=False,
+                    compliance=compliance, inverse=_or_none(s.C[i]), springs=False,
                 )
             )
         )  # fmt: skip

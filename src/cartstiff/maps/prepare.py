@@ -13,7 +13,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.analysis.matrices import symmetric_part
 from cartstiff.analysis.metrics import characteristic_length
 from cartstiff.arrays import checked_unit, checked_vector
 from cartstiff.errors import CartstiffError, InputError, UnknownNameError, one_line
@@ -52,9 +51,7 @@ def default_length(elastic: ElasticMechanism, connection: str = "B", **load: Any
     `load` as `wrench` and its kind in `cartstiff.analyse`.
     """
     here = analyse(elastic, **load).at()
-    K = here.matrices[connection]
-    C = here.inverse_of_symmetric_part(connection)
-    length = characteristic_length(None if K is None else symmetric_part(K), C).value
+    length = characteristic_length(*here.pair(connection, "held")).value
     return float(f"{length:.6g}")  # the same digits on every processor
 
 

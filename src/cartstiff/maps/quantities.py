@@ -35,7 +35,7 @@ from cartstiff.mechanisms.platform import Platform
 
 __all__ = ["QUANTITIES", "Quantity", "Settings", "Stacks", "choose_quantities", "evaluate"]
 
-_K, _C = ("stiffness_{matrix}",), ("inverse",)
+_K, _C, _FREE = ("stiffness_{matrix}",), ("inverse",), ("free",)
 _DEFLECT = ("compliance_{connection}", "pose", "wrench")
 _BLOCKS = {"rotation": ROTATION, "translation": TRANSLATION}
 _STIFF = {"rotation": "{force} {length}/rad", "translation": "{force}/{length}"}
@@ -46,7 +46,9 @@ _FREEDOMS: tuple[Freedom, ...] = ("translation", "rotation")
 _OTHERS: tuple[Others, ...] = ("free", "held")
 
 
-def _principal(s: Stacks, kind: str, freedom: Freedom, others: Others) -> Array:
+def _principal(
+    s: Stacks, kind: str, freedom: Freedom, others: Others, pair: Others | None = None
+) -> Array:
     """Principal values (N, 3) of stiffness or compliance, the other freedoms held or free."""
 
     def make() -> Array:
@@ -56,12 +58,13 @@ def _principal(s: Stacks, kind: str, freedom: Freedom, others: Others) -> Array:
         def one(matrix: Array, inverse: Array | None) -> Array:
             return function(matrix, freedom, others, None, inverse).eigenvalues
 
-        stack, inverse = (s.K, s.C) if stiff else (s.C, s.K)
+        K, C = s.pair(others if pair is None else pair)
+        stack, inverse = (K, C) if stiff else (C, K)
         return stacks.block_values(
             stack, inverse, _BLOCKS[freedom], stiff == (others == "held"), one
         )
 
-    return s.once(f"{kind} {freedom} {others}", make)
+    return s.once(f"{kind} {freedom} {others} {pair}", make)
 
 
 def _principal_quantities() -> list[Quantity]:
@@ -69,7 +72,7 @@ def _principal_quantities() -> list[Quantity]:
     for kind, prefix, units in (("stiffness", "", _STIFF), ("compliance", "compliance_", _SOFT)):
         for freedom in _FREEDOMS:
             for others in _OTHERS:
-                needs = (*_K, *_C)
+                needs = (*_K, *_C) if others == "held" else _FREE
                 for end, which, column in (("min", "smallest", 0), ("max", "largest", 2)):
 
                     def function(
@@ -98,18 +101,19 @@ def _on_axis(s: Stacks, block: slice, others: str) -> Array:
     u = s.direction()
     if others == "held":
         return np.einsum("ni,nij,nj->n", u, s.K[:, block, block], u)
-    C = s.C[:, block, block]
+    K, C = s.pair("free")
+    C = C[:, block, block]
     give = np.einsum("ni,nij,nj->n", u, C, u)
     with np.errstate(divide="ignore", invalid="ignore"):
         found: Array = 1.0 / give
-    exists = np.isfinite(s.K).all(axis=(1, 2))
+    exists = np.isfinite(K).all(axis=(1, 2))
     # Without a K, a direction that does not give is held by the structure: no number says how much.
     rigid = np.abs(give) <= numerics.ZERO * np.abs(C).max(axis=(1, 2))
     found[~exists & rigid] = np.nan
     function = stiffness_along if block is TRANSLATION else stiffness_about
     for i in np.flatnonzero(exists & ~np.isfinite(C).all(axis=(1, 2))):
         try:
-            found[i] = function(s.K[i], u[i], others="free")
+            found[i] = function(K[i], u[i], others="free")
         except UndefinedError:
             found[i] = np.nan
     return found
@@ -134,7 +138,7 @@ def _unstable(s: Stacks) -> Array:
 def _natural_length(s: Stacks) -> Array:
     with np.errstate(divide="ignore", invalid="ignore"):
         translation = _principal(s, "stiffness", "translation", "held")
-        rotation = _principal(s, "stiffness", "rotation", "free")
+        rotation = _principal(s, "stiffness", "rotation", "free", pair="held")
         positive = np.ones(len(translation), bool)
         for values in (translation, rotation):
             positive &= stacks.signs(values)[2] == 3
@@ -205,13 +209,13 @@ QUANTITIES: dict[str, Quantity] = {
         *_principal_quantities(),
         Quantity("along_free", "stiffness along the direction, everything else free",
                  "{force}/{length}", lambda s: _on_axis(s, TRANSLATION, "free"),
-                 (*_K, *_C, "pose"), "direction"),
+                 (*_FREE, "pose"), "direction"),
         Quantity("along_held", "stiffness along the direction, everything else held",
                  "{force}/{length}", lambda s: _on_axis(s, TRANSLATION, "held"),
                  (*_K, "pose"), "direction"),
         Quantity("about_free", "stiffness about the direction, everything else free",
                  "{force} {length}/rad", lambda s: _on_axis(s, ROTATION, "free"),
-                 (*_K, *_C, "pose"), "direction"),
+                 (*_FREE, "pose"), "direction"),
         Quantity("about_held", "stiffness about the direction, everything else held",
                  "{force} {length}/rad", lambda s: _on_axis(s, ROTATION, "held"),
                  (*_K, "pose"), "direction"),

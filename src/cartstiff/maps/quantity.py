@@ -19,6 +19,9 @@ from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 
 __all__ = ["CONNECTIONS", "Quantity", "Settings", "Stacks"]
 
+#: Connections whose matrix may be asymmetric.
+ASYMMETRIC = ("A", "load")
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -58,6 +61,13 @@ class Settings:
     def matrix(self) -> str:
         """The matrix whose symmetric part is read: for A that is B itself."""
         return "B" if self.connection == "A" else self.connection
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Outputs that `Stacks.pair` needs with the other freedoms free."""
+        if self.connection in ASYMMETRIC:
+            return f"stiffness_{self.connection}", f"compliance_{self.connection}"
+        return f"stiffness_{self.matrix}", *self.inverted
 
     @property
     def inverted(self) -> tuple[str, ...]:
@@ -106,6 +116,24 @@ class Stacks:
             return numerics.inverses_of_sums(C, D)[0] if D.any() else C
 
         return self.once("C", make)
+
+    def pair(self, others: str) -> tuple[Array, Array]:
+        """Stiffness and compliance (N, 6, 6), as `StiffnessInFrame.pair`."""
+        if others == "held" or self.settings.connection not in ASYMMETRIC:
+            return self.K, self.C
+
+        def make() -> tuple[Array, Array]:
+            K, C = self.arrays[f"stiffness_{name}"], self.arrays[f"compliance_{name}"]
+            with np.errstate(invalid="ignore"):
+                even = numerics.is_about_symmetric(K) & numerics.is_about_symmetric(C)
+            stiff, flexible = symmetric_part(K), symmetric_part(C)
+            rows = np.flatnonzero(~even & np.isfinite(K + C).all(axis=(1, 2)))
+            if rows.size:
+                stiff[rows] = numerics.invert_each(flexible[rows])[0]
+            return stiff, flexible
+
+        name = self.settings.connection
+        return self.once("free", make)
 
     def eigenvalues(self) -> Array:
         """Of the stiffness with lengths scaled (N, 6)."""
@@ -164,7 +192,7 @@ class Quantity:
     needs : tuple of str
         Outputs of `cartstiff.many.postures.analyse_many`; {connection} stands for the connection,
         {matrix} for the one whose matrix is its symmetric part; "inverse" for what the inverse
-        of that needs.
+        of that needs, "free" for what is read with other freedoms free.
     asks : {"direction", "deflect", "length"}, optional
         The setting that it depends on.
     better : {"larger", "smaller"}, optional
@@ -186,5 +214,6 @@ class Quantity:
     def outputs(self, settings: Settings) -> tuple[str, ...]:
         """Outputs of `analyse_many` that are needed."""
         names = {"matrix": settings.matrix, "connection": settings.connection}
-        found = [settings.inverted if n == "inverse" else (n.format(**names),) for n in self.needs]
+        several = {"inverse": settings.inverted, "free": settings.free}
+        found = [several.get(n) or (n.format(**names),) for n in self.needs]
         return tuple(dict.fromkeys(name for some in found for name in some))

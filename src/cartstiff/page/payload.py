@@ -14,9 +14,6 @@ import numpy as np
 
 from cartstiff.analysis.ellipsoids import Freedom
 from cartstiff.analysis.indices import indices
-from cartstiff.analysis.matrices import (
-    symmetric_part,
-)
 from cartstiff.analysis.metrics import characteristic_length
 from cartstiff.analysis.plain import plain
 from cartstiff.errors import UndefinedError
@@ -62,12 +59,12 @@ def payload(result: PostureStiffness, state: State, whole: bool = False) -> dict
     """
     T = reference_frame(result, state)
     here = result.at(T)
-    K = here.matrices[state.connection]
+    K, C = here.pair(state.connection, "held")
     shown = here.matrices if state.quantity == "stiffness" else here.compliances
     principal = _principal(here, state)
     numbers = None
     if K is not None:
-        numbers = _indices(K, here.inverse_of_symmetric_part(state.connection))
+        numbers = _indices(K, C)
     answer: dict[str, Any] = {
         "result": result.as_dict() if whole else _part(result, state.quantity),
         "has_compliance": K is not None or result.reduction.compliance is not None,
@@ -83,7 +80,10 @@ def payload(result: PostureStiffness, state: State, whole: bool = False) -> dict
         "singularity": distance_to_singularity(result),
         "legs": _legs(result),
         "verdict": verdict(
-            result, state.connection, K, None if numbers is None else numbers["definiteness"]
+            result,
+            state.connection,
+            here.matrices[state.connection],
+            None if numbers is None else numbers["definiteness"],
         ),
     }
     if T is not None:
@@ -131,9 +131,8 @@ def _principal(here: StiffnessInFrame, state: State) -> dict[str, Any] | None:
 
 def _indices(K: Array, C: Array | None) -> dict[str, Any]:
     """Of the indices those that are shown; `cartstiff.analysis.indices` has all of them."""
-    symmetric = symmetric_part(K)
-    length = characteristic_length(symmetric, C)
-    found = indices(symmetric, length.value, C)
+    length = characteristic_length(K, C)
+    found = indices(K, length.value, C)
     return {
         "length": length.value,
         "length_origin": length.origin,

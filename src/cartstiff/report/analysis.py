@@ -19,6 +19,7 @@ __all__ = ["LEVELS", "summary_text"]
 LEVELS = ("full", "short", "none")
 
 _FREEDOMS = {"translation": "rotation", "rotation": "translation"}
+_OF_FREE = '  "free" comes from the symmetric part of its inverse: motion along a force'
 _DEFINITE = {"positive": "positive definite", "negative": "negative definite"}
 
 
@@ -88,6 +89,7 @@ def _heading(s: Mapping[str, Any], u: UnitNames) -> list[str]:
     return [
         f"analysis of {what}, at {at}",
         *_load(s, u),
+        *([_OF_FREE] if s["symmetrised"] else []),
         f"  characteristic length {number(length['value'])} {u.length} ({length['reason']})",
     ]
 
@@ -193,9 +195,11 @@ def _centres(s: Mapping[str, Any], u: UnitNames, full: bool) -> list[str]:
         lines.append(f"  {label:<40} {row(point, size=size)}")
     frame, form = s["decoupling_frame"], s["normal_form"]
     if frame is not None:
+        positive = s["definiteness"] in ("positive", "positive semidefinite")
+        scale = "0 none, 1 full" if positive else "0 none; not bounded, as the matrix is indefinite"
         lines.append(
             f"  coupling of rotation and translation: {share(frame['coupling_before'])} here, "
-            f"{share(frame['coupling'])} at the point of least coupling (0 none, 1 full)"
+            f"{share(frame['coupling'])} at the point of least coupling ({scale})"
         )
     for what, found in (("normal form", form), ("decoupling frame", frame)):
         if full and found is not None:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Literal
 
-import numpy as np
-
 from cartstiff.analysis.ellipsoids import (
     Ellipsoid,
     Freedom,
@@ -63,20 +61,13 @@ def block_ellipsoid(
     UndefinedError
         See `cartstiff.analysis.ellipsoids`.
     """
-    table = here.matrices if quantity == "stiffness" else here.compliances
-    matrix = table[connection]
-    if matrix is None:
-        return None
-    symmetric = symmetric_part(matrix)
     if quantity == "stiffness":
-        inverse = here.inverse_of_symmetric_part(connection)
         how: Others = "held" if others == "block" else others
-        return stiffness_ellipsoid(symmetric, freedom, how, None, inverse)
-    K = here.matrices[connection]
-    # Under a load the symmetric part of C^A is no inverse of a symmetric part.
-    paired = K is not None and np.array_equal(matrix, matrix.T)
+        K, C = here.pair(connection, how)
+        return None if K is None else stiffness_ellipsoid(K, freedom, how, None, C)
     how = "free" if others == "block" else others
-    return compliance_ellipsoid(symmetric, freedom, how, None, K if paired else None)
+    K, C = here.pair(connection, how)
+    return None if C is None else compliance_ellipsoid(C, freedom, how, None, K)
 
 
 #: Notes that say why a stiffness does not exist.

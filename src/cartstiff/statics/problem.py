@@ -32,8 +32,8 @@ from cartstiff.statics.limits import Contact, constraint, sizes
 
 __all__ = ["Balance", "Point", "System", "spectrum"]
 
-#: How many units of rounding the evaluation of a force may be off: Jacobians of long chains lose
-#: a few, and coordinates are rounded themselves.
+#: How many units of rounding the evaluation of a force or a stiffness may be off: Jacobians of
+#: long chains lose a few, and coordinates are rounded themselves.
 ROUNDINGS = 8.0
 #: Largest move of one step onto the constraints, in natural units, and how many are tried.
 _PULL, _PULLS = 0.2, 100
@@ -120,6 +120,16 @@ class Balance:
     def miss(self) -> float:
         """Size of all unbalanced forces, each measured by the stiffness of its motion."""
         return float(np.linalg.norm(self.unbalanced / np.sqrt(self.hardness)))
+
+    @property
+    def unsure(self) -> float:
+        """How far `scaled` may be off: forces that are left move the posture, and with it H_N.
+
+        By as much as the stiffest stiffness turns over such a motion.
+        """
+        left = float(np.max(np.abs(self.unbalanced) / self.hardness, initial=0.0))
+        hardness = self.hardness.tolist()
+        return left * max(hardness) / min(hardness) if hardness else 0.0
 
     @property
     def scaled(self) -> Array:
@@ -254,7 +264,7 @@ class System:
             N = N @ np.linalg.eigh(0.5 * (K + K.T))[1]
             g, H, forces = N.T @ g, N.T @ H @ N, np.abs(N.T) @ forces
             hardness = np.abs(H)
-            lost = len(g) * EPSILON * float(point.hardness.max(initial=0.0))
+            lost = ROUNDINGS * len(g) * EPSILON * float(point.hardness.max(initial=0.0))
             own = np.maximum(np.diag(hardness), lost / IDLE)
         own = np.maximum(own, max(1e-30 * float(own.max(initial=0.0)), 1e-300))
         reach = self._reach(point.posture)

@@ -286,10 +286,11 @@ def _by_energy(balance: Balance) -> tuple[bool | None, Array, list[Note]]:
     """Verdict by the energy's second derivative, its eigenvalues, and notes."""
     values = spectrum(balance, conservative=True)
     scaled, modes = balance.modes()
-    if np.all(scaled > IDLE):
+    zero = max(IDLE, balance.unsure)
+    if np.all(scaled > zero):
         return True, values, []
     facts: dict[str, object] = {"eigenvalues": values.tolist()}
-    if np.all(scaled >= -IDLE):
+    if np.all(scaled >= -zero):
         words = (
             "a motion costs no energy to second order, or too little to be seen beside the "
             "stiffest spring: definiteness does not decide stability here"

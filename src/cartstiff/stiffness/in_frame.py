@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from cartstiff.stiffness.posture import PostureStiffness
 
-__all__ = ["StiffnessInFrame", "stiffness_in_frame"]
+__all__ = ["StiffnessInFrame", "inverse_pair", "stiffness_in_frame"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +65,32 @@ class StiffnessInFrame:
         """Whether N is M itself."""
         return bool(np.array_equal(self.T_M_N, np.eye(4)))
 
+    def pair(self, name: str, others: str) -> tuple[Array | None, Array | None]:
+        """Symmetric matrices K and C, each the other's inverse, that principal values come from.
+
+        With the other freedoms "held" K is the symmetric part of the stiffness: ``u^T K u`` is the
+        force along u per motion along u. With them "free" C is the symmetric part of the
+        compliance: ``u^T C u`` is the motion along u per force along u. Where the stiffness is
+        asymmetric, as the tangent under a dead moment, these are not each other's inverse, and
+        each reading has its own pair.
+
+        Parameters
+        ----------
+        name : str
+            A name of `matrices`.
+        others : {"held", "free"}
+            What the other freedoms do.
+
+        Returns
+        -------
+        K, C : ndarray (6, 6) or None
+            None where there is none.
+        """
+        K, C = self.matrices[name], self.compliances[name]
+        if others == "held" and K is not None:
+            return 0.5 * (K + K.T), self.inverse_of_symmetric_part(name)
+        return inverse_pair(K, C)
+
     def inverse_of_symmetric_part(self, name: str) -> Array | None:
         """Inverse (6, 6) of the symmetric part of a stiffness matrix; None if there is none."""
         C = self.compliances["B" if name in ("A", "+", "load") else name]
@@ -76,6 +102,19 @@ class StiffnessInFrame:
     def _inverse_of_symmetric_tangent(self) -> Array | None:
         C = self.compliances["B"]
         return None if C is None else numerics.inverse_of_sum(C, self.symmetric_change)
+
+
+def inverse_pair(K: Array | None, C: Array | None) -> tuple[Array | None, Array | None]:
+    """Symmetric part of a compliance C, and its inverse: that of K unless they are asymmetric."""
+    if C is None:
+        return (None if K is None else 0.5 * (K + K.T)), None
+    flexible = 0.5 * (C + C.T)
+    if K is None:
+        return None, flexible
+    if numerics.is_about_symmetric(K) and numerics.is_about_symmetric(C):
+        return 0.5 * (K + K.T), flexible
+    found = numerics.invert(flexible)
+    return (None if found is None else found.matrix), flexible
 
 
 def stiffness_in_frame(result: PostureStiffness, T_M_N: Array) -> StiffnessInFrame:

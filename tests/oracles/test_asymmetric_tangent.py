@@ -1,0 +1,83 @@
+"""Principal values of an asymmetric tangent: what is held from K, what is free from C."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import cartstiff
+from cartstiff.analysis.posture import analyse_posture
+from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
+from cartstiff.page.payload import payload
+from cartstiff.page.state import State
+from cartstiff.report.analysis import summary_text
+from cartstiff.scene.quantities import block_ellipsoid
+
+MOMENT = [3.0, -5.0, 2.0, 40.0, -30.0, -120.0]
+U = np.array([0.48, -0.6, 0.64])
+
+
+@pytest.fixture(scope="module", params=["dead", "follower"])
+def loaded(request):
+    return cartstiff.analyse(cartstiff.load("cubic"), wrench=MOMENT, load_kind=request.param)
+
+
+def test_free_stiffness_is_the_force_over_the_motion_along_it(loaded):
+    K = loaded.tangent
+    assert np.abs(K - K.T).max() > 1e-3 * np.abs(loaded.wrench).max()
+    C = np.linalg.inv(K)
+    section = analyse_posture(loaded, direction=U, wrench=[0, 0, 0, *(10.0 * U)])
+    given = next(row for row in section["directions"] if row["name"] == "given")
+    moved = 10.0 * C[3:, 3:] @ U
+    assert section["deflection"]["twist"][3:] == pytest.approx(moved, rel=1e-9)
+    assert given["along"]["free"] == pytest.approx(10.0 / (moved @ U), rel=1e-9)
+    assert given["about"]["free"] == pytest.approx(1.0 / (U @ C[:3, :3] @ U), rel=1e-9)
+    assert given["along"]["held"] == pytest.approx(U @ K[3:, 3:] @ U, rel=1e-9)
+    assert given["about"]["held"] == pytest.approx(U @ K[:3, :3] @ U, rel=1e-9)
+
+
+def test_analysis_page_picture_and_map_read_the_same(loaded):
+    K = loaded.tangent
+    C = np.linalg.inv(K)
+    blocks = {"translation": slice(3, 6), "rotation": slice(0, 3)}
+    table = analyse_posture(loaded)["ellipsoids"]
+    arrays = {
+        name: np.array(value)[None]
+        for name, value in {
+            "stiffness_load": K, "compliance_load": loaded.tangent_compliance,
+            "compliance_B": loaded.compliances["B"], "wrench": loaded.wrench,
+            "pose": loaded.pose, "stiffness_A": loaded.matrices["A"],
+        }.items()
+    }  # fmt: skip
+    settings = Settings("load", load=loaded.load)
+    for freedom, block in blocks.items():
+        held = np.linalg.eigvalsh(0.5 * (K + K.T)[block, block])
+        free = np.linalg.eigvalsh(0.5 * (C + C.T)[block, block])
+        truth = {
+            ("stiffness", "held"): held, ("stiffness", "free"): np.sort(1.0 / free),
+            ("compliance", "held"): np.sort(1.0 / held), ("compliance", "free"): free,
+        }  # fmt: skip
+        for (quantity, others), values in truth.items():
+            near = pytest.approx(values, rel=1e-8)
+            assert table[quantity][freedom][others]["eigenvalues"] == near
+            drawn = block_ellipsoid(loaded.at(), "load", quantity, freedom, others)
+            assert drawn.eigenvalues == near
+            prefix = "" if quantity == "stiffness" else "compliance_"
+            names = [f"{prefix}{freedom}_{others}_{end}" for end in ("min", "max")]
+            found = evaluate(choose_quantities(names, settings, loaded.elastic), arrays, settings)
+            assert [found[n][0] for n in names] == pytest.approx(values[[0, 2]], rel=1e-8)
+        for quantity, others in (("stiffness", "held"), ("compliance", "free")):
+            page = payload(loaded, State(connection="load", quantity=quantity))
+            assert page["principal"][freedom]["values"] == pytest.approx(
+                truth[quantity, others], rel=1e-8
+            )
+
+
+def test_a_coupling_above_one_is_not_said_to_be_full():
+    for name, words in (("stewart-gough", "not bounded"), ("cubic", "0 none, 1 full")):
+        result = cartstiff.analyse(cartstiff.load(name))
+        section = analyse_posture(result)
+        lines = summary_text(section).splitlines()
+        line = next(x for x in lines if "coupling of" in x)
+        assert words in line
+        assert (section["decoupling_frame"]["coupling_before"] > 1.0) == (words == "not bounded")
