@@ -1,0 +1,14 @@
+"""Public names: type checkers and `lazy_loader` read them here."""
+
+from .cartesian import CartesianGrid as CartesianGrid
+from .opening import open_map as open_map
+from .pictures import draw_map as draw_map
+from .reading import best as best
+from .reading import slice_map as slice_map
+from .reading import summary as summary
+from .reading import worst as worst
+from .run import compute_map as compute_map
+from .sampling import Axis as Axis
+from .sampling import Grid as Grid
+from .sampling import RandomPostures as RandomPostures
+from .sampling import Trajectory as Trajectory

@@ -1,0 +1,12 @@
+"""Public names: type checkers and `lazy_loader` read them here."""
+
+from .arrows import add_wrench as add_wrench
+from .ellipsoids import add_ellipsoid as add_ellipsoid
+from .look import Look as Look
+from .points import add_path as add_path
+from .points import add_points as add_points
+from .scales import Linear as Linear
+from .scales import Logarithmic as Logarithmic
+from .scene import Scene as Scene
+from .screws import add_screw as add_screw
+from .window import RecordingWindow as RecordingWindow
