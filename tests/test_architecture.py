@@ -18,7 +18,7 @@ PACKAGE = Path(cartstiff.__file__).parent
 #: From the bottom up; a part may import itself and what stands below it.
 LAYERS = [
     {"errors", "numerics", "version"},
-    {"parsing", "arrays"},
+    {"parsing", "arrays", "child_process"},
     {"geometry"},
     {"potentials"},
     {"mechanisms"},

@@ -181,11 +181,11 @@ class ConvergenceError(CartstiffError):
 
 
 class MissingDependencyError(CartstiffError, ImportError):
-    """An optional package is needed and not installed."""
+    """A package is needed and not installed; one that an `extra` of cartstiff adds, or its own."""
 
-    def __init__(self, package: str, purpose: str, extra: str) -> None:
+    def __init__(self, package: str, purpose: str, extra: str = "") -> None:
         self.package = package
         super().__init__(
             f"{purpose} needs the package {package}, which is not installed: "
-            f"pip install 'cartstiff[{extra}]'"
+            + (f"pip install 'cartstiff[{extra}]'" if extra else f"pip install {package}")
         )

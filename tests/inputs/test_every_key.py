@@ -213,6 +213,12 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
     "ClosedChainFile.lines": (
         FIVE_BAR, ("lines",), [LINE | {"frames": ["world", "tip"], "rest_length": 0.4}], {},
     ),
+    "SerialFile.xacro": (ARM, ("xacro",), {"kind": "long"}, {}),
+    "SerialFile.package_path": (ARM, ("package_path",), ["none"], {}),
+    "LegModel.xacro": (PAIR, ("legs", 0, "xacro"), {"kind": "long"}, {}),
+    "LegModel.package_path": (PAIR, ("legs", 0, "package_path"), ["none"], {}),
+    "ClosedChainFile.xacro": (FIVE_BAR, ("xacro",), {"kind": "long"}, {}),
+    "ClosedChainFile.package_path": (FIVE_BAR, ("package_path",), ["none"], {}),
 }  # fmt: skip
 
 
@@ -225,7 +231,7 @@ def keys() -> list[str]:
         models += model.__subclasses__()
         if not model.__name__.startswith("_"):
             found += [f"{model.__name__}.{key}" for key in model.model_fields]
-    return sorted(found)
+    return sorted(set(found))
 
 
 def write_robots(folder: Path) -> None:

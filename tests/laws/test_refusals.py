@@ -102,8 +102,10 @@ def test_other_members():
     error = ConvergenceError("lost", iterations=7, residual=1.25e-3)
     assert str(error) == "lost (7 iterations, residual 0.00125)"
     assert (error.iterations, error.residual) == (7, 1.25e-3)
-    error = MissingDependencyError("meshcat", "the viewer", "view")
-    assert str(error).endswith("pip install 'cartstiff[view]'")
+    error = MissingDependencyError("zarr", "keeping a map", "maps")
+    assert str(error).endswith("pip install 'cartstiff[maps]'")
+    error = MissingDependencyError("meshcat", "the viewer")
+    assert str(error).endswith("pip install meshcat")
     assert error.package == "meshcat"
 
 

@@ -77,4 +77,4 @@ def source_from_options(
 
 def needs_view(purpose: str) -> MissingDependencyError:
     """The refusal where tornado is missing."""
-    return MissingDependencyError("tornado", purpose, "view")
+    return MissingDependencyError("tornado", purpose)

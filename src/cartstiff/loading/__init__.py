@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,6 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 
 __all__ = ["load"]
 
-_ROBOT_FILES = (".urdf", ".xml", ".mjcf")
-
 
 def load(
     source: Any,
@@ -29,6 +27,8 @@ def load(
     locked: Mapping[str, float] | None = None,
     stiffness: float | Mapping[str, float] | ArrayLike | None = None,
     rest: float | Mapping[str, float] | ArrayLike | None = None,
+    xacro_args: Mapping[str, str] | None = None,
+    package_path: Sequence[str | Path] = (),
     **given: Any,
 ) -> ElasticMechanism:
     """Load a mechanism.
@@ -36,8 +36,9 @@ def load(
     Parameters
     ----------
     source : str, Path, pinocchio.Model, pinocchio.RobotWrapper or tuple
-        A bundled mechanism ("stewart-gough"), a mechanism file (.yaml), a URDF or MJCF file, or
-        the name of an example robot ("panda"), looked up in this order; or what Pinocchio has in
+        A bundled mechanism ("stewart-gough"), a mechanism file (.yaml), a URDF, xacro or MJCF
+        file, XML text, or the name of a robot of example-robot-data ("panda") or of
+        robot_descriptions ("ur5e_description"), looked up in this order; or what Pinocchio has in
         hand: a model, a wrapper, or a tuple (model, collision model, visual model).
     frame : str, optional
         The frame of interest, instead of the file's.
@@ -45,6 +46,11 @@ def load(
         Positions (rad, m) of joints that do not move; for serial arms and closed chains.
     stiffness, rest : float, mapping of str to float, or array_like, optional
         Of the joint springs, as in `ElasticMechanism.with_springs`.
+    xacro_args : mapping of str to str, optional
+        Arguments of a xacro file, such as ``{"ur_type": "ur5e"}``.
+    package_path : sequence of str or Path, optional
+        Folders in or under which ROS packages are looked for, before ROS_PACKAGE_PATH,
+        AMENT_PREFIX_PATH and the folders above the file.
     **given
         For Pinocchio's models, see `cartstiff.loading.pinocchio_model.from_pinocchio`: `visual`,
         `q`, `closures`, `actuated`, `name`.
@@ -68,10 +74,14 @@ def load(
                 where=one_line(str(source)),
                 expected="frame, locked, stiffness, rest",
             )
-        loaded = _from_name(source, frame, dict(locked or {}))
+        ros = _ros_keys(xacro_args, package_path)
+        loaded = _from_name(source, frame, dict(locked or {}), ros)
     else:
         from cartstiff.loading.pinocchio_model import from_pinocchio, is_pinocchio
 
+        if xacro_args or package_path:
+            raise InputError("xacro_args and package_path belong to files",
+                             got=type(source).__name__)  # fmt: skip
         if not is_pinocchio(source):
             raise InputError(
                 "mechanism is neither a name nor a path nor a Pinocchio model",
@@ -82,11 +92,36 @@ def load(
     return loaded.with_springs(stiffness, rest)
 
 
-def _from_name(source: str | Path, frame: str | None, locked: dict[str, float]) -> ElasticMechanism:
-    """A mechanism by its name or path."""
+def _ros_keys(arguments: Any, folders: Any) -> dict[str, Any]:
+    """Keys of a mechanism file that say the same."""
+    folders = [folders] if isinstance(folders, (str, Path)) else list(folders)
+    keys: dict[str, Any] = {}
+    if arguments:
+        if not isinstance(arguments, Mapping):
+            raise InputError("xacro_args is no mapping", expected="names and values",
+                             got=type(arguments).__name__)  # fmt: skip
+        keys["xacro"] = {
+            str(k): str(v).lower() if isinstance(v, bool) else str(v) for k, v in arguments.items()
+        }
+    for folder in folders:
+        if not isinstance(folder, (str, Path)) or not Path(folder).expanduser().is_dir():
+            raise InputError("no such folder", where="--package-path", got=one_line(str(folder)))
+    if folders:
+        keys["package_path"] = [str(Path(folder).expanduser().resolve()) for folder in folders]
+    return keys
+
+
+def _from_name(
+    source: str | Path, frame: str | None, locked: dict[str, float], ros: dict[str, Any]
+) -> ElasticMechanism:
+    """A mechanism by its name or path, or XML text."""
+    from cartstiff.loading.ros import ROBOT_FILES, is_description_name
+
     text = str(source)
     if not text.strip() or "\0" in text:
         raise InputError("mechanism has no name", expected="a name or a path", got=repr(text))
+    if isinstance(source, str) and text.lstrip().startswith("<"):
+        return _from_robot(text, "robot", frame, locked, ros)
     try:
         path = Path(text).expanduser()
         exists = path.exists()
@@ -94,20 +129,20 @@ def _from_name(source: str | Path, frame: str | None, locked: dict[str, float]) 
         raise InputError("not a usable path", where=one_line(text), got=str(error)) from None
     file = bundled(text)
     if file is not None:
-        return _from_file(file, frame, locked)
+        return _from_file(file, frame, locked, ros)
     suffix = path.suffix.lower()
     if suffix in (".yaml", ".yml"):
-        return _from_file(path, frame, locked)
-    if suffix in _ROBOT_FILES:
-        return _from_robot(str(path), path.stem, frame, locked)
+        return _from_file(path, frame, locked, ros)
+    if suffix in ROBOT_FILES:
+        return _from_robot(str(path), path.stem.removesuffix(".urdf"), frame, locked, ros)
     robots = example_robots()
-    if text in robots:
-        return _from_robot(text, text, frame, locked)
+    if text in robots or (is_description_name(text) and not exists):
+        return _from_robot(text, text, frame, locked, ros)
     if exists:
         raise InputError(
             "is a directory" if path.is_dir() else "unknown kind of file",
             where=one_line(text),
-            expected=".yaml, .urdf or MJCF .xml",
+            expected=".yaml, .urdf, .xacro or MJCF .xml",
         )
     if not robots and text.isidentifier():
         example_robot(text)  # says how to install the robots that this name may be one of
@@ -115,18 +150,18 @@ def _from_name(source: str | Path, frame: str | None, locked: dict[str, float]) 
 
 
 def _from_robot(
-    model: str, name: str, frame: str | None, locked: dict[str, float]
+    model: str, name: str, frame: str | None, locked: dict[str, float], ros: dict[str, Any]
 ) -> ElasticMechanism:
     from cartstiff.loading.build import serial_of
     from cartstiff.loading.build_closed import closed_chain_of
     from cartstiff.loading.defaults import default_frame
-    from cartstiff.loading.parts import joints_that_move, model_path
-    from cartstiff.loading.robot_description import read_robot_description
+    from cartstiff.loading.parts import described, joints_that_move
     from cartstiff.loading.schema import ClosedChainFile, SerialFile
 
-    description = read_robot_description(model_path(model, None))
-    facts, where = description.facts, one_line(model)
-    keys: dict[str, Any] = {"model": model, "frame": frame, "locked": locked}
+    keys: dict[str, Any] = {"model": model, "frame": frame, "locked": locked, **ros}
+    description = described(SerialFile.model_construct(kind="serial", **keys), None)
+    facts = description.facts
+    where = "XML text" if model.lstrip().startswith("<") else one_line(model)
     said = []
     if facts.gravity is not None:
         keys["gravity"] = facts.gravity.tolist()
@@ -142,7 +177,9 @@ def _from_robot(
     return serial_of(description, serial, where, name, said=said)
 
 
-def _from_file(path: Path, frame: str | None, locked: dict[str, float]) -> ElasticMechanism:
+def _from_file(
+    path: Path, frame: str | None, locked: dict[str, float], ros: dict[str, Any]
+) -> ElasticMechanism:
     from cartstiff.loading import build, build_closed
     from cartstiff.loading.schema import (
         ClosedChainFile,
@@ -164,6 +201,8 @@ def _from_file(path: Path, frame: str | None, locked: dict[str, float]) -> Elast
                 raise InputError(f"kind {file.kind} has no joints to lock", where=where,
                                  expected="kind serial or closed-chain")  # fmt: skip
             file = file.model_copy(update={"locked": {**file.locked, **locked}})
+        if ros:
+            file = _with_ros(file, ros, where)
         if isinstance(file, SerialFile):
             return build.build_serial(file, path.parent, where, name)
         if isinstance(file, (PlatformFile, SpringsFile)):
@@ -173,3 +212,15 @@ def _from_file(path: Path, frame: str | None, locked: dict[str, float]) -> Elast
         return build_closed.build_closed_chain(file, path.parent, where, name)
     except InputError as error:
         raise located(error, path, lines) from None
+
+
+def _with_ros(file: Any, ros: dict[str, Any], where: str) -> Any:
+    """A file whose robots get more xacro arguments, and more folders for packages."""
+    if hasattr(file, "model"):
+        keys = {"xacro": {**file.xacro, **ros.get("xacro", {})},
+                "package_path": [*ros.get("package_path", ()), *file.package_path]}  # fmt: skip
+        return file.model_copy(update=keys)
+    if isinstance(file.legs, list):
+        return file.model_copy(update={"legs": [_with_ros(leg, ros, where) for leg in file.legs]})
+    raise InputError(f"kind {file.kind} has no robot description", where=where,
+                     expected="no xacro arguments and no package path")  # fmt: skip

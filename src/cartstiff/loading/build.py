@@ -13,11 +13,11 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.loading.defaults import chosen_frame, default_posture
 from cartstiff.loading.parts import (
     add_payload,
+    described,
     description_notes,
     gravity_left_out,
     gravity_of,
     link_springs,
-    model_path,
     pose_of,
     put_together,
     springs_of,
@@ -26,7 +26,7 @@ from cartstiff.loading.parts import (
     weightless,
 )
 from cartstiff.loading.regular_posture import regular_posture
-from cartstiff.loading.robot_description import RobotDescription, read_robot_description
+from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.schema import (
     ParallelFile,
     PayloadModel,
@@ -35,7 +35,7 @@ from cartstiff.loading.schema import (
     SerialFile,
     SpringsFile,
 )
-from cartstiff.mechanisms.chain import Chain, Description
+from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Units
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.platform import Platform
@@ -47,7 +47,7 @@ __all__ = ["build_platform", "build_serial", "serial_of", "with_frame"]
 
 def build_serial(file: SerialFile, beside: Path | None, where: str, name: str) -> ElasticMechanism:
     """Elastic mechanism of a serial arm."""
-    description = read_robot_description(model_path(file.model, beside))
+    description = described(file, beside)
     said = gravity_left_out(file, description)
     return serial_of(description, file, where, name, said=said)
 
@@ -90,7 +90,7 @@ def serial_of(
         frame,
         offset=pose_of(file.offset),
         virtual=[names.index(name) for name in virtual_joints(file.flexible)],
-        descriptions=[Description(description.path, pieces=description.pieces)],
+        descriptions=[description.shown()],
     )
     add_payload(tree, chain, file.payload)
     soft = link_springs(file.flexible, tree, where)

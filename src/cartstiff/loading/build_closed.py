@@ -14,21 +14,18 @@ from cartstiff.loading.defaults import chosen_frame, default_posture
 from cartstiff.loading.mjcf_facts import Lifted, MjcfClosure, MjcfFacts, MjcfSpring
 from cartstiff.loading.parts import (
     add_payload,
+    described,
     description_notes,
     gravity_left_out,
     joints_that_move,
     link_springs,
-    model_path,
     pose_of,
     put_together,
     springs_of,
     tree_to,
     virtual_joints,
 )
-from cartstiff.loading.robot_description import (
-    RobotDescription,
-    read_robot_description,
-)
+from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.schema import (
     ClosedChainFile,
     ClosureModel,
@@ -99,7 +96,7 @@ def build_parallel(
     lifted: list[Lifted] = []
     for i, leg in enumerate(file.legs):
         prefix, place = f"leg{i + 1}/", f"{where}, leg {i + 1}"
-        description = read_robot_description(model_path(leg.model, beside))
+        description = described(leg, beside)
         end = chosen_frame(description, leg.frame, place, notes, f"leg {i + 1}: ")
         tree = tree_to(description, [end], leg.locked, place, notes, leg.flexible)
         notes += description_notes(description, tree)
@@ -123,7 +120,7 @@ def build_parallel(
         file_passive += [prefix + joint for joint in facts.passive]
         drawn |= {prefix + joint: value for joint, value in facts.posture.items()}
         lifted += [replace(part, body=prefix + part.body) for part in facts.lifted]
-        descriptions.append(Description(description.path, prefix, description.pieces))
+        descriptions.append(description.shown(prefix))
         ends.append(prefix + end)
     tree = merged(parts)
     body = [f"body of leg {i + 1}" for i in range(len(ends))]
@@ -170,8 +167,7 @@ def build_closed_chain(
     file: ClosedChainFile, beside: Path | None, where: str, name: str
 ) -> ElasticMechanism:
     """A tree whose frames are tied by closures, from a file or from MJCF equalities."""
-    path = model_path(file.model, beside)
-    description = read_robot_description(path, floating=file.floating)
+    description = described(file, beside, floating=file.floating)
     said = gravity_left_out(file, description)
     return closed_chain_of(description, file, where, name, said=said)
 
@@ -210,7 +206,7 @@ def closed_chain_of(
         actuated=_actuated(actuated, tree, where),
         virtual=_indices(virtual, tree),
         kind="closed-chain",
-        descriptions=[Description(description.path, pieces=description.pieces)],
+        descriptions=[description.shown()],
     )
     add_payload(tree, chain, file.payload)
     q = _assembled(chain, q, where)

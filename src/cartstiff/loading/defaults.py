@@ -92,7 +92,10 @@ def chosen_frame(
     """The frame that was named, or the default one; with a note where something was assumed."""
     model = description.model
     if frame is None:
-        frame, words = default_frame(model)
+        try:
+            frame, words = default_frame(model)
+        except InputError as error:
+            raise error.at(where) from None
         notes.append(Note("default-frame", f"{who}{words}", {"frame": frame}))
         return frame
     known = [f.name for f in model.frames]

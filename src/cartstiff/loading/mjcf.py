@@ -34,7 +34,9 @@ from cartstiff.mechanisms.shapes import (
 __all__ = ["read_mjcf"]
 
 
-def read_mjcf(path: Path) -> tuple[pin.Model, MjcfFacts, tuple[Piece, ...]]:
+def read_mjcf(
+    path: Path, where: str | None = None
+) -> tuple[pin.Model, MjcfFacts, tuple[Piece, ...]]:
     """Pinocchio model of an MJCF file, the facts beside it, and what its bodies look like.
 
     A hinge or slide has MuJoCo's own position as its coordinate. A free body has the position of
@@ -48,7 +50,7 @@ def read_mjcf(path: Path) -> tuple[pin.Model, MjcfFacts, tuple[Piece, ...]]:
     MissingDependencyError
         Without the package mujoco.
     """
-    where = one_line(str(path))
+    where = where or one_line(str(path))
     compiled = Compiled(compile_mjcf(path, where), where)
     return mjcf_model(compiled), _facts(compiled), tuple(_pieces(compiled))
 

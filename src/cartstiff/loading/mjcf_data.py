@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import json
-import os
-import signal
-import subprocess
-import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -15,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff.child_process import answer_of
 from cartstiff.errors import InputError, MissingDependencyError, one_line
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -23,8 +20,6 @@ from cartstiff.loading.yaml_file import LARGEST_NUMBER
 
 __all__ = ["LARGEST", "Compiled", "compile_mjcf", "free_name", "named", "pose"]
 
-# Seconds until a process that does not even use the processor is given up.
-_LONGEST = 120.0
 #: Pinocchio's workspace takes a second to set up for 200 joints in a row, an hour for 2000.
 LARGEST = {"nv": 200, "nbody": 5000, "nsite": 5000, "ngeom": 20000, "neq": 100, "nkey": 1000}
 _WORDS = {
@@ -47,26 +42,11 @@ def compile_mjcf(path: Path, where: str) -> dict[str, Any]:
     """The compiled model as data, by a process of its own."""
     if importlib.util.find_spec("mujoco") is None:
         raise MissingDependencyError("mujoco", "reading MJCF", "mjcf")
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
-    environment |= {
-        "PYTHONPATH": os.pathsep.join(p for p in sys.path if p),
-        "MUJOCO_GL": "disable",  # nothing is drawn; importing a window library takes long
-        "OPENBLAS_NUM_THREADS": "1",
-    }
-    command = [sys.executable, "-P", mjcf_worker.__file__, str(path.resolve()), json.dumps(LARGEST)]
-    try:
-        # In the root folder MuJoCo finds no place for log files.
-        done = subprocess.run(command, env=environment, cwd="/", stdin=subprocess.DEVNULL,
-                              capture_output=True, timeout=_LONGEST, check=False)  # fmt: skip
-    except subprocess.TimeoutExpired:
-        raise InputError("MuJoCo does not come to an end with it", where=where) from None
-    except OSError as error:
-        raise InputError("no process could be started to read it", where=where,
-                         got=error.strerror) from None  # fmt: skip
-    try:
-        data: dict[str, Any] = json.loads(done.stdout)
-    except ValueError:
-        raise InputError("MuJoCo broke down on it", where=where, got=_end_of(done)) from None
+    data = answer_of(
+        mjcf_worker.__file__, [str(path.resolve()), json.dumps(LARGEST)], where, "MuJoCo",
+        # Nothing is drawn; importing a window library takes long.
+        {"MUJOCO_GL": "disable", "OPENBLAS_NUM_THREADS": "1"},
+    )  # fmt: skip
     if data.get("missing"):
         raise MissingDependencyError("mujoco", "reading MJCF", "mjcf")
     if data.get("error") == "too large":
@@ -76,15 +56,6 @@ def compile_mjcf(path: Path, where: str) -> dict[str, Any]:
         message = str(data["error"]).replace(str(path.resolve()), path.name)
         raise InputError("not a usable MJCF", where=where, got=one_line(message, 400))
     return data
-
-
-def _end_of(done: subprocess.CompletedProcess[bytes]) -> str:
-    if done.returncode == -signal.SIGXCPU:
-        return "it took too long"
-    if done.returncode < 0:
-        return f"signal {signal.Signals(-done.returncode).name}"
-    lines = done.stderr.decode("utf-8", "replace").split("\n")
-    return next((line for line in reversed(lines) if line.strip()), f"exit {done.returncode}")
 
 
 class Compiled:

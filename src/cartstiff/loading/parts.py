@@ -16,12 +16,16 @@ from cartstiff.loading.catalogue import example_robot
 from cartstiff.loading.mjcf_facts import Lifted, MjcfFacts, Obstacle
 from cartstiff.loading.robot_description import (
     RobotDescription,
+    described_text,
+    read_robot_description,
 )
+from cartstiff.loading.ros import ROBOT_FILES, Ros, described_robot, is_description_name
 from cartstiff.loading.schema import (
     BeamModel,
     ClosedChainFile,
     FlexibleModel,
     JointSpringModel,
+    LegModel,
     LineModel,
     ParallelFile,
     PayloadModel,
@@ -49,12 +53,12 @@ from cartstiff.potentials.springs import (
 __all__ = [
     "ASSUMED_STIFFNESS",
     "add_payload",
+    "described",
     "description_notes",
     "gravity_left_out",
     "gravity_of",
     "joints_that_move",
     "link_springs",
-    "model_path",
     "pose_of",
     "put_together",
     "springs_of",
@@ -74,14 +78,29 @@ def pose_of(model: PoseModel) -> Array:
     return se3.from_roll_pitch_yaw(model.xyz, model.rpy)
 
 
-def model_path(model: str, beside: Path | None) -> Path:
-    """File of a `model:` entry: a path relative to the mechanism file, or an example robot."""
-    candidate = Path(model).expanduser()
-    if beside is not None and not candidate.is_absolute():
-        candidate = beside / candidate
-    if candidate.suffix.lower() in (".urdf", ".xml", ".mjcf") or candidate.is_file():
-        return candidate
-    return example_robot(model)
+def described(
+    file: SerialFile | LegModel | ClosedChainFile, beside: Path | None, floating: bool = False
+) -> RobotDescription:
+    """The robot of a `model:` entry: a path relative to the mechanism file, or a robot's name."""
+    for folder in file.package_path:
+        if not _from(beside, folder).is_dir():
+            raise InputError("no such folder", where="package_path", got=one_line(folder))
+    model, ros = file.model, Ros([_from(beside, p) for p in file.package_path], dict(file.xacro))
+    if model.lstrip().startswith("<"):
+        return described_text(model, floating, ros)
+    path = _from(beside, model)
+    if path.suffix.lower() not in ROBOT_FILES and not path.is_file():
+        if is_description_name(model):
+            path, more = described_robot(model)
+            ros = Ros([*ros.packages, *more.packages], {**more.arguments, **ros.arguments})
+        else:
+            path = example_robot(model)
+    return read_robot_description(path, floating, ros)
+
+
+def _from(beside: Path | None, name: str) -> Path:
+    path = Path(name).expanduser()
+    return path if beside is None or path.is_absolute() else beside / path
 
 
 def springs_of(

@@ -1,7 +1,8 @@
 """Robot descriptions: a Pinocchio model and the facts beside it.
 
 Pinocchio's parsers answer some malformed files with messages on the terminal, silence, or worse.
-A URDF is therefore checked before Pinocchio sees it (`urdf`); MJCF is MuJoCo's to read (`mjcf`).
+A URDF is therefore checked before Pinocchio sees it (`urdf`); MJCF is MuJoCo's to read (`mjcf`),
+and xacro is expanded first (`ros`).
 """
 
 from __future__ import annotations
@@ -10,8 +11,9 @@ import os
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from threading import Lock
 from typing import Any
 
@@ -20,11 +22,14 @@ import pinocchio as pin
 from cartstiff.errors import InputError, one_line
 from cartstiff.loading.mjcf import read_mjcf
 from cartstiff.loading.mjcf_facts import MjcfFacts
+from cartstiff.loading.ros import Ros, expanded_xacro, is_xacro
 from cartstiff.loading.urdf import Mimic, UrdfFacts, prepare_urdf
 from cartstiff.loading.yaml_file import read_text
+from cartstiff.mechanisms.chain import Description
 from cartstiff.mechanisms.shapes import Piece
 
-__all__ = ["RobotDescription", "parse_xml", "quiet", "read_robot_description"]
+__all__ = ["RobotDescription", "described_text", "parse_text", "parse_xml", "quiet",
+           "read_robot_description"]  # fmt: skip
 
 _LARGEST = 64 * 1024 * 1024
 
@@ -47,6 +52,10 @@ class RobotDescription:
         What the links look like, where that is not read from the file.
     held : frozenset of str
         Joints that stay at their neutral position.
+    text : str or None
+        The XML, where it is not what the file holds.
+    packages : tuple of Path
+        Folders in which package:// names are looked for first.
     """
 
     path: Path | None
@@ -55,6 +64,12 @@ class RobotDescription:
     mjcf: MjcfFacts | None = None
     pieces: tuple[Piece, ...] | None = None
     held: frozenset[str] = frozenset()
+    text: str | None = None
+    packages: tuple[Path, ...] = ()
+
+    def shown(self, prefix: str = "") -> Description:
+        """What its links look like; their names get `prefix` in front."""
+        return Description(self.path, prefix, self.pieces, self.text, self.packages)
 
     @property
     def facts(self) -> MjcfFacts:
@@ -67,16 +82,37 @@ class RobotDescription:
         return self.urdf.mimics | {n: Mimic(*rule) for n, rule in self.facts.followers.items()}
 
 
-def read_robot_description(path: Path, floating: bool = False) -> RobotDescription:
-    """Read a URDF or MJCF file; with `floating` the root of a URDF is free in F.
+def read_robot_description(
+    path: Path, floating: bool = False, ros: Ros | None = None, where: str | None = None
+) -> RobotDescription:
+    """Read a URDF, xacro or MJCF file; with `floating` the root of a URDF is free in F.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    floating : bool
+        Whether the root of a URDF moves.
+    ros : Ros, optional
+        Arguments of xacro, and where packages are looked for.
+    where : str, optional
+        What messages call the file; default its path.
 
     Raises
     ------
     InputError
         One line with the file and the element that is wrong.
     """
-    where = one_line(str(path))
-    root = parse_xml(path)
+    ros, where = ros or Ros(), where or one_line(str(path))
+    text = read_text(path, _LARGEST)
+    root = parse_text(text, where)
+    expanded = None
+    if root.tag in ("robot", "mujoco") and is_xacro(path, text):
+        expanded = expanded_xacro(path, ros, where)
+        root = parse_text(expanded, where)
+    elif ros.arguments:
+        raise InputError("is no xacro file", where=where, expected="no --xacro-arg",
+                         got=", ".join(ros.arguments))  # fmt: skip
     if root.tag == "robot":
         facts = prepare_urdf(root, where)
         text = ET.tostring(root, encoding="unicode")
@@ -86,28 +122,48 @@ def read_robot_description(path: Path, floating: bool = False) -> RobotDescripti
                 model = pin.buildModelFromXML(text, *root_joint)
             except Exception as error:
                 raise InputError("not a usable URDF", where=where, got=str(error)) from None
-        return RobotDescription(path, model, facts)
-    if root.tag == "mujoco":
-        model, mjcf, pieces = read_mjcf(path)
+        return RobotDescription(path, model, facts, text=expanded, packages=tuple(ros.packages))
+    if root.tag == "mujoco" and expanded is None:
+        model, mjcf, pieces = read_mjcf(path, where)
         return RobotDescription(path, model, mjcf=mjcf, pieces=pieces)
-    hint = " (SDF is not supported: convert it to URDF)" if root.tag == "sdf" else ""
+    if root.tag == "sdf":
+        raise InputError("SDF is not supported", where=where, expected="the same robot as URDF or "
+                         "MJCF", got=_in_sdf(root))  # fmt: skip
     raise InputError(
-        f"not a robot description{hint}", where=where, expected="<robot> (URDF) or <mujoco> (MJCF)",
+        "not a robot description", where=where, expected="<robot> (URDF) or <mujoco> (MJCF)",
         got=f"<{one_line(root.tag, 40)}>",
     )  # fmt: skip
 
 
+def described_text(text: str, floating: bool = False, ros: Ros | None = None) -> RobotDescription:
+    """`read_robot_description` for XML text in hand; its meshes are named from nowhere."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "text.xml")
+        path.write_text(text, encoding="utf-8")
+        found = read_robot_description(path, floating, ros, "XML text")
+    return replace(found, path=None, text=found.text or text if found.mjcf is None else None)
+
+
+def _in_sdf(root: ET.Element) -> str:
+    """What an SDF file holds, in words."""
+    joints = list(root.iter("joint"))
+    springs = [j.get("name") for j in joints if float(j.findtext(".//spring_stiffness") or 0)]
+    words = f"a model of {len(joints)} joints" if joints else "no joints"
+    return words + (f", springs in {', '.join(map(str, springs[:4]))}" if springs else "")
+
+
 def parse_xml(path: Path) -> ET.Element:
     """Root element of an XML file without document type (no entities, no outside files)."""
-    where = one_line(str(path))
-    text = read_text(path, _LARGEST)
+    return parse_text(read_text(path, _LARGEST), one_line(str(path)))
+
+
+def parse_text(text: str, where: str) -> ET.Element:
+    """Root element of XML text without document type (no entities, no outside files)."""
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise InputError("XML document types and entities are not supported", where=where)
     try:
         root = ET.fromstring(text)
-    except ET.ParseError as error:
-        raise InputError("not valid XML", where=where, got=str(error)) from None
-    except (ValueError, RecursionError) as error:
+    except (ET.ParseError, ValueError, RecursionError) as error:
         raise InputError("not valid XML", where=where, got=str(error)) from None
     return root
 

@@ -63,6 +63,22 @@ def _file_name(name: Any) -> str:
 
 
 FileName = Annotated[str, PlainValidator(_file_name), WithJsonSchema({"type": "string"})]
+
+
+def _argument(value: Any) -> str:
+    # What xacro calls true stands in YAML as a truth value, and numbers as numbers.
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, (str, int, float)) and len(str(value)) <= 4000:
+        return str(value)
+    raise PydanticCustomError("string_type", "text")
+
+
+Argument = Annotated[
+    str,
+    PlainValidator(_argument),
+    WithJsonSchema({"type": ["string", "number", "boolean"]}),
+]
 Flag = Annotated[bool, Field(strict=True)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Vectors = Annotated[list[Vector], Field(min_length=1, max_length=100_000)]
@@ -225,13 +241,20 @@ class _File(_Model):
     payload: PayloadModel | None = None
 
 
-class SerialFile(_File):
+class _Robot(_Model):
+    model: Annotated[FileName, Field(description="name of a robot, or path of URDF, xacro or MJCF")]
+    xacro: Annotated[
+        dict[str, Argument], Field(description="arguments of a xacro file by name")
+    ] = {}
+    package_path: Annotated[
+        list[FileName], Field(description="folders in which ROS packages are looked for first")
+    ] = []
+
+
+class SerialFile(_Robot, _File):
     """A serial arm."""
 
     kind: Literal["serial"]
-    model: Annotated[
-        FileName, Field(description="example-robot-data name, or path of URDF or MJCF")
-    ]
     frame: Annotated[Text | None, Field(description="link or site that is the body frame M")] = None
     base: Annotated[PoseModel, Field(description="the robot's root in F")] = PoseModel()
     offset: Annotated[PoseModel, Field(description="M in that frame")] = PoseModel()
@@ -268,11 +291,10 @@ class SpringsFile(_File):
     unilateral: Annotated[Flag, Field(description="cables: they cannot push")] = False
 
 
-class LegModel(_Model):
+class LegModel(_Robot):
     """One chain of a parallel mechanism, from the ground to the body."""
 
     kind: Literal["serial"] = "serial"
-    model: FileName
     frame: Text | None = None
     base: Annotated[PoseModel, Field(description="the chain's root in F")] = PoseModel()
     grip: Annotated[PoseModel, Field(description="the chain's end frame in the body frame")] = (
@@ -313,11 +335,10 @@ class ClosureModel(_Model):
     ] = None
 
 
-class ClosedChainFile(_File):
+class ClosedChainFile(_Robot, _File):
     """A tree from URDF or MJCF whose frames are tied by closures."""
 
     kind: Literal["closed-chain"]
-    model: FileName
     frame: Text | None = None
     offset: PoseModel = PoseModel()
     closures: list[ClosureModel] = []

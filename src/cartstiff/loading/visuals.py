@@ -7,7 +7,6 @@ file is named, not fatal.
 
 from __future__ import annotations
 
-import os
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +17,8 @@ import numpy as np
 import pinocchio as pin
 
 from cartstiff.errors import CartstiffError, one_line
-from cartstiff.loading.robot_description import parse_xml, quiet
+from cartstiff.loading.robot_description import parse_text, parse_xml, quiet
+from cartstiff.loading.ros_worker import package_folder
 from cartstiff.mechanisms.chain import Chain, Description
 from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Piece, Shape, Sphere
 from cartstiff.mechanisms.tree import Placement
@@ -82,19 +82,19 @@ def visuals(chain: Chain) -> tuple[list[Visual], list[str]]:
 
 
 def _pieces(description: Description) -> tuple[Sequence[Piece], list[str]]:
-    path = description.path
-    if description.pieces is not None or path is None:
+    path, text = description.path, description.text
+    if description.pieces is not None or (path is None and text is None):
         return _present(description.pieces or ())
-    root = parse_xml(path)
-    files, missing = _resolve_urdf(root, path)
+    root = parse_xml(path) if path and text is None else parse_text(str(text), description.name)
+    files, missing = _resolve_urdf(root, path or Path("/-"), description.packages)
     text = ET.tostring(root, encoding="unicode")
     with quiet():
         try:
             model = pin.buildModelFromXML(text)
             geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.VISUAL)
         except Exception as error:
-            return [], [f"no picture of {path.name}: {one_line(str(error))}"]
-    pieces, words = geometry_pieces(model, geometry, path.name, files)
+            return [], [f"no picture of {description.name}: {one_line(str(error))}"]
+    pieces, words = geometry_pieces(model, geometry, description.name, files)
     return pieces, [*missing, *words]
 
 
@@ -146,7 +146,9 @@ def geometry_pieces(
     return pieces, missing
 
 
-def _resolve_urdf(root: ET.Element, path: Path) -> tuple[dict[str, MeshFile], list[str]]:
+def _resolve_urdf(
+    root: ET.Element, path: Path, packages: Sequence[Path]
+) -> tuple[dict[str, MeshFile], list[str]]:
     """Leave links with their visuals on fixed joints; drop visuals whose mesh file is missing.
 
     Only the pose of a visual in its link is wanted, so that no joint has to move. Balls stand for
@@ -165,7 +167,7 @@ def _resolve_urdf(root: ET.Element, path: Path) -> tuple[dict[str, MeshFile], li
             mesh = None if geometry is None else geometry.find("mesh")
             if geometry is not None and mesh is not None:
                 name = mesh.get("filename", "")
-                file = _mesh_file(name, path)
+                file = _mesh_file(name, path, packages)
                 if file is None:
                     link.remove(child)
                     missing.append(f"link {link.get('name')}: mesh {one_line(name)} is missing")
@@ -193,16 +195,18 @@ def _scale(mesh: ET.Element) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _mesh_file(name: str, path: Path) -> Path | None:
+def _mesh_file(name: str, path: Path, packages: Sequence[Path]) -> Path | None:
     """File that a mesh's name means: package://, file://, absolute, or beside the URDF."""
     scheme, found, rest = name.partition("://")
     places: list[Path]
     if found and scheme in ("package", "model"):
-        searched = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
-        above = list(path.resolve().parents)
         rest = rest.lstrip("/")
         # A package is a folder above the file, or stands beside one of them.
-        places = [p / rest for p in [*above, *(Path(s) for s in searched if s)]]
+        places = [p / rest for p in [*packages, *path.resolve().parents]]
+        if not any(p.is_file() for p in places):
+            package, _, inside = rest.partition("/")
+            folder = package_folder(package, path, [str(p) for p in packages])
+            places = [] if folder is None else [folder / inside]
     elif found and scheme == "file":
         places = [Path(rest)]
     elif found:

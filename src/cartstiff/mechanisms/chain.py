@@ -66,11 +66,17 @@ class Description:
         What stands before the file's frame names in the tree.
     pieces : tuple of Piece or None
         Shapes on frames, where they do not come from the file.
+    text : str or None
+        The URDF, where it is not what the file holds.
+    packages : tuple of Path
+        Folders in which package:// names are looked for first.
     """
 
     path: Path | None
     prefix: str = ""
     pieces: tuple[Piece, ...] | None = None
+    text: str | None = None
+    packages: tuple[Path, ...] = ()
 
     @property
     def name(self) -> str:

@@ -33,7 +33,7 @@ class Page:
         except ImportError as error:
             if (error.name or "").startswith("cartstiff"):
                 raise
-            raise MissingDependencyError("tornado", "a page in the browser", "view") from None
+            raise MissingDependencyError("tornado", "a page in the browser") from None
         self._source, self._height = source, height
         self._background = Background(source, port=port)
         self.url = self._background.url

@@ -77,6 +77,6 @@ def _label(packed: bytes, path: str) -> dict[str, Any] | None:
     try:
         import msgpack
     except ImportError:
-        raise MissingDependencyError("msgpack", "a picture in a page", "view") from None
+        raise MissingDependencyError("msgpack", "a picture in a page") from None
     sprite = msgpack.unpackb(packed)["object"]["object"]
     return {"path": path, "height": sprite["scale"][1], **sprite["userData"]}

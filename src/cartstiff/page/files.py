@@ -35,7 +35,7 @@ def viewer_script() -> bytes:
     # Found, not imported: the package brings ZeroMQ along, which a page does not need.
     package = find_spec("meshcat")
     if package is None or not package.submodule_search_locations:
-        raise MissingDependencyError("meshcat", "a picture in a page", "view")
+        raise MissingDependencyError("meshcat", "a picture in a page")
     folder = Path(package.submodule_search_locations[0])
     return (folder / "viewer" / "dist" / "main.min.js").read_bytes()
 

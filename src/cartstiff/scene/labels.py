@@ -56,7 +56,7 @@ def _font():  # type: ignore[no-untyped-def]
     try:
         from PIL import ImageFont
     except ImportError:
-        raise MissingDependencyError("pillow", "a label in a picture", "view") from None
+        raise MissingDependencyError("pillow", "a label in a picture") from None
     return ImageFont.load_default(size=_DOTS - 4)
 
 

@@ -82,12 +82,12 @@ def read_mesh(path: Path) -> Mesh:
     try:
         import trimesh
     except ImportError:
-        raise MissingDependencyError("trimesh", "the mesh of a robot's link", "view") from None
+        raise MissingDependencyError("trimesh", "the mesh of a robot's link") from None
     if path.suffix.lower() == ".dae":
         try:
             import collada  # noqa: F401
         except ImportError:
-            raise MissingDependencyError("pycollada", f"the mesh {path.name}", "view") from None
+            raise MissingDependencyError("pycollada", f"the mesh {path.name}") from None
     _check_size(path)
     try:
         with warnings.catch_warnings():

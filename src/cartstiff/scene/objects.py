@@ -49,7 +49,7 @@ def arrays(values: NDArray[Any], normalized: bool = False) -> Object:
     try:
         import umsgpack
     except ImportError:
-        raise MissingDependencyError("u-msgpack-python", "a picture in a page", "view") from None
+        raise MissingDependencyError("u-msgpack-python", "a picture in a page") from None
     values = np.ascontiguousarray(values)
     if values.dtype == np.float64:
         values = values.astype(np.float32)

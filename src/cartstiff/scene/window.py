@@ -138,7 +138,7 @@ def _packer() -> Callable[[dict[str, Any]], bytes]:
     try:
         import msgpack
     except ImportError:
-        raise MissingDependencyError("msgpack", "a picture in a page", "view") from None
+        raise MissingDependencyError("msgpack", "a picture in a page") from None
 
     def arrays(value: Any) -> Any:
         """Meshcat's typed arrays, in the words of this packer."""

@@ -1,0 +1,286 @@
+"""Xacro files, packages, names of robot_descriptions, XML text."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cartstiff
+from cartstiff.errors import InputError, MissingDependencyError, UnknownNameError
+from cartstiff.loading import catalogue, ros, visuals
+from cartstiff.loading.ros_worker import package_folder
+
+pytest.importorskip("xacro")
+
+WORKER = ros.ros_worker.__file__
+SEGMENT = """
+<robot xmlns:xacro="http://wiki.ros.org/xacro">
+  <xacro:macro name="segment" params="i length">
+    <link name="l${i}"><inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0"
+      iyz="0"/></inertial><visual><geometry>
+      <mesh filename="package://arm_description/meshes/rod.stl"/></geometry></visual></link>
+    <joint name="j${i}" type="revolute"><parent link="l${i - 1}"/><child link="l${i}"/>
+      <origin xyz="0 0 ${length}"/><axis xyz="${i % 2} ${1 - i % 2} 0"/>
+      <limit lower="${radians(-170)}" upper="3" effort="1" velocity="1"/></joint>
+  </xacro:macro>
+</robot>"""
+ARM = """
+<robot xmlns:xacro="http://wiki.ros.org/xacro" name="arm">
+  <xacro:arg name="kind" default="short"/>
+  <xacro:include filename="$(find arm_description)/urdf/segment.xacro"/>
+  <xacro:property name="config"
+    value="${xacro.load_yaml('$(find arm_description)/config/$(arg kind).yaml')}"/>
+  <link name="l0"/>
+  <xacro:segment i="1" length="${config['length']}"/>
+  <xacro:segment i="2" length="${config['length']}"/>
+</robot>"""
+
+
+@pytest.fixture(scope="module")
+def workspace(tmp_path_factory):
+    """A ROS workspace with one package, whose folder has another name than the package."""
+    top = tmp_path_factory.mktemp("workspace")
+    package = top / "src" / "arm-repository"
+    for name, text in {
+        "package.xml": "<package format='3'><name>arm_description</name></package>",
+        "urdf/arm.urdf.xacro": ARM, "urdf/segment.xacro": SEGMENT,
+        "config/short.yaml": "length: 0.3", "config/long.yaml": "length: 0.9",
+        "meshes/rod.stl": "solid a\nendsolid a\n",
+    }.items():  # fmt: skip
+        (package / name).parent.mkdir(parents=True, exist_ok=True)
+        (package / name).write_text(text)
+    return top
+
+
+def reach(elastic):
+    return float(elastic.mechanism.at(np.zeros(2)).pose[2, 3])
+
+
+def test_a_xacro_file_loads_in_one_line(workspace):
+    file = workspace / "src/arm-repository/urdf/arm.urdf.xacro"
+    short = cartstiff.load(file)
+    assert (short.name, short.names) == ("arm", ("j1", "j2"))
+    assert reach(short) == 0.6
+    assert short.mechanism.tree.coordinates[0].lower == pytest.approx(np.radians(-170))
+    assert reach(cartstiff.load(file, xacro_args={"kind": "long"})) == 1.8
+    shown, missing = visuals.visuals(short.mechanism)
+    assert missing == []
+    assert {v.shape.path.name for v in shown} == {"rod.stl"}
+
+
+def test_a_mechanism_file_gives_the_arguments(workspace, tmp_path):
+    file = tmp_path / "arm.yaml"
+    file.write_text(
+        f"kind: serial\nmodel: {workspace}/src/arm-repository/urdf/arm.urdf.xacro\n"
+        "xacro: {kind: long}\n"
+    )
+    assert reach(cartstiff.load(file)) == 1.8
+    assert reach(cartstiff.load(file, xacro_args={"kind": "short"})) == 0.6
+
+
+def test_packages_are_found_where_ros_has_them(workspace, tmp_path, monkeypatch):
+    """The entry file alone, away from its package."""
+    text = "<?xml version='1.0'?>" + ARM
+    file = tmp_path / "away" / "arm.urdf.xacro"
+    file.parent.mkdir()
+    file.write_text(text)
+    with pytest.raises(InputError, match=r"package 'arm_description' is not found; .*--package"):
+        cartstiff.load(file)
+    assert reach(cartstiff.load(file, package_path=[workspace])) == 0.6
+    monkeypatch.setenv("ROS_PACKAGE_PATH", f"/nowhere:{workspace / 'src'}")
+    assert reach(cartstiff.load(file)) == 0.6
+    monkeypatch.delenv("ROS_PACKAGE_PATH")
+    share = tmp_path / "install" / "share"
+    share.mkdir(parents=True)
+    (share / "arm_description").symlink_to(workspace / "src/arm-repository")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(share.parent))
+    assert package_folder("arm_description", file) == share / "arm_description"
+    assert package_folder("../arm_description", file) is None
+
+
+@pytest.mark.parametrize(
+    ("text", "arguments", "words"),
+    [
+        (ARM, {"knid": "long"}, r"unknown xacro argument; .*closest: kind.*got 'knid'"),
+        (ARM, {"kind": "wide"}, r"it has kind.*No such file.*wide.yaml"),
+        ("<robot name='a'><link name='l'/></robot>", {}, "robot has no movable joints"),
+        ("<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'><xacro:none/></robot>", {},
+         "unknown macro name: xacro:none"),
+        ("<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'><link name='${1/0}'/></robot>",
+         {}, "division by zero"),
+        ("<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'><link name='$(arg b)'/></robot>",
+         {}, "b"),
+        ("<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'><link name='${b}'/></robot>", {},
+         "name 'b' is not defined"),
+        ("<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'>"
+         "<xacro:include filename='none.xacro'/></robot>", {}, "No such file.*none.xacro"),
+        ("<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'>"
+         "<xacro:include filename='$(find none)/a.xacro'/></robot>", {}, "package 'none'"),
+        ("<robot", {}, "not valid XML"),
+        ("<!DOCTYPE a [<!ENTITY b 'c'>]><robot/>", {}, "document types"),
+        ("<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'><a b='${9**9**9}'/></robot>",
+         {}, "took too long|too much memory|broke down"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_one_line(workspace, text, arguments, words, monkeypatch):
+    monkeypatch.setattr(ros.ros_worker, "__file__", quick_worker(workspace))
+    file = workspace / "src/arm-repository/urdf/wrong.urdf.xacro"
+    file.write_text(text)
+    with pytest.raises(InputError, match=words) as caught:
+        cartstiff.load(file, xacro_args=arguments)
+    assert "\n" not in str(caught.value)
+    assert "wrong.urdf.xacro" in str(caught.value)
+
+
+def quick_worker(folder: Path) -> str:
+    """The worker with one second of processor time."""
+    copy = folder / "worker.py"
+    copy.write_text(
+        Path(WORKER).read_text().replace("_SECONDS = 20", "_SECONDS = 1")
+    )  # fmt: skip
+    return str(copy)
+
+
+def test_a_file_that_reaches_out_is_refused(workspace):
+    """Expressions of xacro can be led to all of Python; the process lets nothing out."""
+    file = workspace / "src/arm-repository/urdf/evil.xacro"
+    target = workspace / "made"
+    attack = (
+        "[c for c in ().__class__.__base__.__subclasses__() if c.__name__ == 'Popen']"
+        f"[0](['touch', '{target}'])"
+    )
+    file.write_text(
+        f'<robot name="a" xmlns:xacro="http://ros.org/wiki/xacro"><link name="${{{attack}}}"/>'
+        "</robot>"
+    )
+    with pytest.raises(InputError, match="not a usable xacro file"):
+        cartstiff.load(file)
+    assert not target.exists()
+
+
+def test_the_worker_refuses_programs_files_and_networks():
+    import subprocess
+
+    code = (
+        f"import sys, runpy; worker = runpy.run_path({ros.ros_worker.__file__!r});"
+        "import socket, os; sys.addaudithook(worker['_refuse']); done = []\n"
+        "for act in (lambda: os.system('true'), lambda: open('/tmp/x-y-z', 'w'), socket.socket,"
+        " lambda: os.remove('/tmp/x-y-z')):\n"
+        "    try: act()\n"
+        "    except PermissionError: done.append(1)\n"
+        "open(sys.executable, 'rb').close(); print(len(done))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "4\n"
+
+
+def test_without_xacro_one_line_says_what_to_install(workspace, monkeypatch):
+    monkeypatch.setattr(ros.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(MissingDependencyError, match=r"pip install 'cartstiff\[xacro\]'"):
+        cartstiff.load(workspace / "src/arm-repository/urdf/arm.urdf.xacro")
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"package_path": "/nowhere"}, "--package-path: no such folder"),
+        ({"package_path": [3]}, "no such folder"),
+        ({"xacro_args": "kind:=long"}, "xacro_args is no mapping"),
+        ({"xacro_args": {"kind": "long"}}, "kind stewart-gough has no robot description"),
+    ],
+)
+def test_keys_that_do_not_fit(keys, words):
+    with pytest.raises(InputError, match=words):
+        cartstiff.load("stewart-gough", **keys)
+
+
+def test_arguments_belong_to_xacro_files(tmp_path):
+    file = tmp_path / "arm.urdf"
+    file.write_text("<robot name='a'><link name='l'/></robot>")
+    with pytest.raises(InputError, match=r"is no xacro file; expected no --xacro-arg, got kind"):
+        cartstiff.load(file, xacro_args={"kind": "long"})
+
+
+@pytest.fixture
+def descriptions(tmp_path, monkeypatch, workspace):
+    """A stand-in for robot_descriptions, with one robot in its cache and one that is not."""
+    package = tmp_path / "site" / "robot_descriptions"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text("")
+    (package / "_cache.py").write_text("raise SystemError('a download')")
+    (package / "_repositories.py").write_text(
+        "from types import SimpleNamespace as N\n"
+        "REPOSITORIES = {'arm': N(cache_path='arm'), 'far': N(cache_path='far')}\n"
+    )
+    body = (
+        "from os import path\nfrom ._cache import clone_to_cache\n"
+        "REPOSITORY_PATH = clone_to_cache('{0}', commit=None)\n"
+        "XACRO_PATH = path.join(REPOSITORY_PATH, 'urdf', 'arm.urdf.xacro')\n"
+        "XACRO_ARGS = {{'kind': 'long'}}\n"
+    )
+    (package / "arm_description.py").write_text(body.format("arm"))
+    (package / "far_description.py").write_text(body.format("far"))
+    cache = tmp_path / "cache"
+    cache.mkdir()
+    (cache / "arm").symlink_to(workspace / "src/arm-repository")
+    monkeypatch.setenv("ROBOT_DESCRIPTIONS_CACHE", str(cache))
+    monkeypatch.syspath_prepend(str(package.parent))
+    ros._has_descriptions.cache_clear()
+    yield
+    ros._has_descriptions.cache_clear()
+
+
+@pytest.mark.usefixtures("descriptions")
+def test_names_of_robot_descriptions():
+    assert reach(cartstiff.load("arm_description")) == 1.8
+    assert reach(cartstiff.load("arm_description", xacro_args={"kind": "short"})) == 0.6
+    with pytest.raises(InputError, match=r"robot_descriptions pull far_description"):
+        cartstiff.load("far_description")
+    with pytest.raises(UnknownNameError, match="closest: far_description, arm_description"):
+        cartstiff.load("amr_description")
+
+
+def test_without_robot_descriptions(monkeypatch):
+    monkeypatch.setattr(ros, "_has_descriptions", lambda: False)
+    with pytest.raises(MissingDependencyError, match="robot_descriptions"):
+        cartstiff.load("arm_description")
+
+
+@pytest.mark.skipif(not catalogue.example_robots(), reason="needs example-robot-data")
+def test_xml_text_is_the_file():
+    path = catalogue.example_robot("ur5")
+    text = cartstiff.load(path.read_text(), frame="tool0")
+    file = cartstiff.load(path, frame="tool0")
+    assert np.array_equal(
+        cartstiff.analyse(text, file.q).B.matrix, cartstiff.analyse(file, file.q).B.matrix
+    )
+
+
+def test_xml_text_of_mjcf():
+    pytest.importorskip("mujoco")
+    text = (
+        "<mujoco><worldbody><body><joint type='hinge' name='a' stiffness='5'/><geom size='1'/>"
+        "</body></worldbody></mujoco>"
+    )
+    assert cartstiff.load(text).springs.stiffness.tolist() == [5.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("<robot", "XML text: not valid XML"),
+        ("<robot name='a'/>", "XML text: robot has no links"),
+        ("  <html/>", "XML text: not a robot description"),
+        ("<mujoco><worldbody/></mujoco>", "XML text: robot has no movable joints"),
+        ("<mujoco><none/></mujoco>", "XML text: not a usable MJCF"),
+        ("<sdf version='1.9'><model name='a'><joint name='j'><axis><dynamics><spring_stiffness>5"
+         "</spring_stiffness></dynamics></axis></joint></model></sdf>",
+         r"SDF is not supported; expected .*URDF or MJCF, got a model of 1 joints, springs in j"),
+    ],
+)  # fmt: skip
+def test_texts_that_cannot_be_used(text, words):
+    with pytest.raises(InputError, match=words):
+        cartstiff.load(text)
