@@ -24,7 +24,7 @@ import tempfile
 import time
 from collections import Counter
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
@@ -35,7 +35,7 @@ SECONDS = 10.0
 PATIENCE = 300.0
 MIB = 1024
 # A child is made anew after so many inputs: what one leaves behind must not look like another's.
-_PER_CHILD = 400
+_PER_CHILD = 2000
 
 
 def run(
@@ -77,15 +77,20 @@ def _watch(
     command = [sys.executable, __file__, "--child", str(first), "--end", str(end), "--seed",
                str(seed), "--families", ",".join(families), "--mib", str(mib),
                "--seconds", str(seconds)]  # fmt: skip
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=folder,
-        env={**os.environ, "OMP_NUM_THREADS": "1", "CARTSTIFF_TRACEBACK": ""},
-    ) as child:  # fmt: skip
-        return _followed(child, first, end, patience, faults, tally)
+    # Into a file: a pipe that nobody empties would stop the child.
+    with (
+        (folder / "errors").open("w+b") as errors,
+        subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=errors, cwd=folder,
+            env={**os.environ, "OMP_NUM_THREADS": "1", "CARTSTIFF_TRACEBACK": ""},
+        ) as child,
+    ):  # fmt: skip
+        return _followed(child, errors, first, end, patience, faults, tally)
 
 
 def _followed(
     child: subprocess.Popen[bytes],
+    stderr: IO[bytes],
     first: int,
     end: int,
     patience: float,
@@ -118,10 +123,11 @@ def _followed(
                 tally[told["done"]] += 1
                 index = told["index"] + 1
             begun = time.monotonic()
-    errors = child.stderr.read().decode("utf-8", "replace") if child.stderr else ""
     code = child.wait()
     if code == 0:
         return index if index > first else end
+    stderr.seek(0)
+    errors = stderr.read().decode("utf-8", "replace")
     what = f"signal {-code}" if code < 0 else f"exit {code}"
     faults.append({"index": index, "fault": f"{what}: {errors[-300:]}"})
     print(f"input {index}: {what} {errors[-300:]}", flush=True)

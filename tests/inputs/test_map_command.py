@@ -52,7 +52,7 @@ def test_grid_to_file_table_and_picture(run: Run) -> None:
     assert Path("m.png").read_bytes()[:4] == b"\x89PNG"
 
     answer = _answer(run(*CUBIC, *GRID, "-o", "m.zarr", "--worst", "2", "--json"))
-    assert answer["schema"] == "cartstiff-map/2"
+    assert answer["schema"] == "cartstiff-map/3"
     assert answer["postures"] == 12
     assert answer["parts"] == {"total": 1, "computed": 0, "found": 1}
     assert answer["states"] == {"regular": 12}
@@ -133,6 +133,11 @@ def test_quantities_are_listed(run: Run) -> None:
     out = run("map", "--list-quantities")
     for name in QUANTITIES:
         assert f"\n{name} " in f"\n{out}"
+    for words in (("cubic", "--json", "--list-quantities"), ("--list-quantities", "--json")):
+        data = json.loads(run("map", *words))
+        assert data["schema"] == "cartstiff-quantities/1"
+        assert [quantity["name"] for quantity in data["quantities"]] == list(QUANTITIES)
+        assert set(data["quantities"][0]) == {"name", "unit", "description", "asks", "better"}
 
 
 @pytest.mark.parametrize(

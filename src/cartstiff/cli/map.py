@@ -50,12 +50,18 @@ def _list_quantities(context: click.Context, _: click.Parameter, asked: bool) ->
     from cartstiff.maps.quantities import QUANTITIES
     from cartstiff.mechanisms.contract import SI
 
+    found = [
+        {"name": q.name, "unit": q.unit_in(SI), "description": q.description, "asks": q.asks,
+         "better": q.better} for q in QUANTITIES.values()
+    ]  # fmt: skip
+    if "--json" in context.meta["words"]:
+        say(json.dumps({"schema": "cartstiff-quantities/1", "quantities": found}))
+        context.exit()
     width = max(map(len, QUANTITIES))
-    units = {name: q.unit_in(SI) for name, q in QUANTITIES.items()}
-    for name, quantity in QUANTITIES.items():
+    for q in found:
         needs = {"direction": "; --direction", "deflect": "; --deflect or --load",
-                 "length": "; --length"}.get(quantity.asks or "", "")  # fmt: skip
-        say(f"{name:<{width}}  {units[name]:<12} {quantity.description}{needs}")
+                 "length": "; --length"}.get(q["asks"] or "", "")  # fmt: skip
+        say(f"{q['name']:<{width}}  {q['unit']:<12} {q['description']}{needs}")
     say("\nAny other number of the analysis by its path, such as indices.best_length.")
     context.exit()
 
@@ -64,7 +70,7 @@ class _Remembering(click.Command):
     """Keeps the words that it was called with: the map says how it was made."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        ctx.meta["words"] = shlex.join(["cartstiff", "map", *args])
+        ctx.meta["words"] = ["cartstiff", "map", *args]
         return super().parse_args(ctx, args)
 
 
@@ -76,7 +82,7 @@ _options = option_group(
     click.option(
         "--list-quantities", is_flag=True, is_eager=True, expose_value=False,
         callback=_list_quantities,
-        help="Print the names and end.",
+        help="Print the names and end; with --json as one object.",
     ),
     click.option(
         "--connection", type=click.Choice(["load", "A", "B", "K", "F"]),
@@ -223,7 +229,7 @@ def command(
 
     job, file = prepare_map(
         elastic, sampling, quantities, output, connection=connection, single=single, chunk=chunk,
-        command=context.meta["words"], **asked,
+        command=shlex.join(context.meta["words"]), **asked,
     )  # fmt: skip
     start = time.perf_counter()
     try:

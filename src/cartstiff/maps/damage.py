@@ -1,13 +1,15 @@
 """What tells a whole map from a damaged one: a checksum of every file, and no links.
 
-Zarr's codec appends the CRC-32C of each chunk to its file. What describes the arrays (the
-``zarr.json`` of the folder and of each array) has one checksum in the folder's attributes.
+Zarr's codec appends the CRC-32C of each chunk to its file; which one belongs there stands in the
+chunk's mark, and for axes in the folder's attributes. What describes the arrays (the ``zarr.json``
+of the folder and of each array) has one checksum in the folder's attributes.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import os
 import stat
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,7 +17,16 @@ from typing import Any
 
 from cartstiff.errors import InputError, MissingDependencyError, one_line
 
-__all__ = ["CHECKSUM", "described", "description_checksum", "file_damage", "require_plain_files"]
+__all__ = [
+    "CHECKSUM",
+    "DamageError",
+    "checked_file",
+    "checksum_of",
+    "crc32c",
+    "described",
+    "description_checksum",
+    "require_plain_files",
+]
 
 #: Attribute of the folder that holds the checksum of its descriptions.
 CHECKSUM = "description_checksum"
@@ -78,8 +89,8 @@ def described(folder: Path, schema: str) -> dict[str, Any]:
             "is no map, or its zarr.json is damaged", where=where, expected=_ANEW
         ) from None
     if found != schema:
-        raise InputError("is a map of another version", where=where, expected=f"schema {schema}",
-                         got=found)  # fmt: skip
+        raise InputError("is a map of another version", where=where,
+                         expected=f"schema {schema}, or another file name", got=found)  # fmt: skip
     try:
         whole = attributes[CHECKSUM] == description_checksum(folder)
     except (OSError, ValueError, KeyError, TypeError):
@@ -96,23 +107,64 @@ def _text(path: Path) -> str:
     return path.read_text(encoding="utf-8")
 
 
-def file_damage(path: Path, largest: int) -> str | None:
-    """What is wrong with the file of a chunk, whose content has at most `largest` bytes."""
+class DamageError(Exception):
+    """A file of a map that is not the one that was written; says which, and what is wrong."""
+
+
+def crc32c(data: bytes) -> int:
+    """CRC-32C (Castagnoli) of some bytes.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without google-crc32c.
+    """
     try:
-        from google_crc32c import value as crc32c
+        from google_crc32c import value
     except ImportError:
         raise MissingDependencyError(
             package="google-crc32c", purpose="verifying a map", extra="maps"
         ) from None
+    return int(value(data))
+
+
+def checksum_of(path: Path) -> int:
+    """The checksum at the end of a file that has just been written."""
+    with path.open("rb") as file:
+        file.seek(-4, os.SEEK_END)
+        return int.from_bytes(file.read(), "little")
+
+
+def checked_file(path: Path, folder: Path, largest: int, checksum: int | None = None) -> bytes:
+    """The bytes of a file in a map's folder, less the checksum at its end.
+
+    Parameters
+    ----------
+    path, folder : Path
+        The file, and what its name is told from.
+    largest : int
+        Bytes of its content.
+    checksum : int, optional
+        The one that it was written with; without it, only its own counts.
+
+    Raises
+    ------
+    DamageError
+        If it is not what was written.
+    """
+    name = path.relative_to(folder).as_posix()
     try:
         # A compressor adds a little to what it cannot compress.
         if path.stat().st_size > largest + largest // 8 + 1024:
-            return "is too large"
+            raise DamageError(f"{name} is too large")
         data = path.read_bytes()
     except FileNotFoundError:
-        return "is missing"
+        raise DamageError(f"{name} is missing") from None
     except OSError as error:
-        return f"cannot be read ({error.strerror})"
-    if len(data) < 4 or int.from_bytes(data[-4:], "little") != crc32c(data[:-4]):
-        return "does not agree with its checksum"
-    return None
+        raise DamageError(f"{name} cannot be read ({error.strerror})") from None
+    own = int.from_bytes(data[-4:], "little")
+    if len(data) < 4 or own != crc32c(data[:-4]):
+        raise DamageError(f"{name} does not agree with its checksum")
+    if checksum is not None and own != checksum:
+        raise DamageError(f"{name} is not the one that was written there")
+    return data[:-4]

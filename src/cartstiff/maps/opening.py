@@ -68,11 +68,10 @@ class _Stored(_Lazy):
             *(range(a // c, ceil(b / c)) for (a, b), c in zip(ends, self.chunks, strict=True))
         ):
             chunk = file.chunk_at(place)
-            if file.is_done(chunk):
-                if (what := file.damage_of(self.name, place)) is not None:
-                    raise file.refused(chunk, what)
-            elif self.name != "q" or file.damage_of(self.name, place) is not None:
-                continue  # postures that were given stand in the file from the beginning
+            if not file.is_done(chunk):
+                continue
+            if (what := file.damage(chunk, self.name)) is not None:
+                raise file.refused(chunk, what)
             there = [
                 (max(i * c, a), min((i + 1) * c, b))
                 for i, c, (a, b) in zip(place, self.chunks, ends, strict=True)
@@ -128,8 +127,7 @@ def open_map(path: str | Path) -> xarray.Dataset:
             package=error.name or "xarray", purpose="reading a map", extra="maps"
         ) from None
     attributes = dict(file.attributes)
-    parts = attributes.pop("parts")
-    del attributes[CHECKSUM]
+    parts, axes, _ = (attributes.pop(name) for name in ("parts", "axes", CHECKSUM))
     description = json.loads(attributes["description"])
     joints = description["joints"]
     sampling = from_dict(description["sampling"])
@@ -155,8 +153,8 @@ def open_map(path: str | Path) -> xarray.Dataset:
             {"long_name": "coordinates of the posture"},
         )
     coordinates: dict[str, Any] = {"joint": joints, "xyz": ["x", "y", "z"]}
-    for name in file.axes:
-        if (what := file.damage_of(name, (0,))) is not None:
+    for name in axes:
+        if (what := file.axis_damage(name)) is not None:
             raise InputError(f"an axis is damaged: {what}", where=one_line(str(path)),
                              expected="to be computed anew by the same command")  # fmt: skip
         array = file.arrays[name]

@@ -111,11 +111,8 @@ def prepare_map(
         load is not None,
     )
     chosen = choose_quantities(list(quantities), settings, elastic)
-    if (
-        isinstance(sampling, CartesianGrid)
-        and sampling.redundancy == "best"
-        and chosen[0].better is None
-    ):
+    is_cartesian = isinstance(sampling, CartesianGrid)
+    if is_cartesian and sampling.redundancy == "best" and chosen[0].better is None:
         raise InputError(
             f"neither end of {chosen[0].name} is better", where="redundancy",
             expected="another first quantity, or the nearest posture",
@@ -179,28 +176,31 @@ def prepare_map(
         **_versions(),
         "description": json.dumps(description),
     }
-    variables = {}
-    for q in chosen:
-        variables[q.name] = {"units": q.unit_in(units), "long_name": q.description}
-        if q.better is not None:
-            variables[q.name]["better"] = q.better
-    axis_units = {
-        dimension_name(c.name): units.length if c.is_length else "rad"
-        for c in mechanism.coordinates
-    } | dict.fromkeys(("position", *_axes_in_length(sampling)), units.length)
-    state = {
+    variables: dict[str, dict[str, Any]] = {
+        q.name: {"units": q.unit_in(units), "long_name": q.description}
+        | ({} if q.better is None else {"better": q.better})
+        for q in chosen
+    }
+    variables["state"] = {
         "long_name": "state of the mechanism",
         "flag_values": [*range(len(STATES)), NOT_COMPUTED],
         "flag_meanings": " ".join([*STATES, "not-computed"]),
     }
+    variables["position"] = {
+        "units": units.length, "long_name": "position of the body frame's origin in F"
+    }  # fmt: skip
+    if job.stores_q:
+        variables["q"] = {"long_name": "coordinates of the posture"}
+    if is_cartesian:
+        variables["branches"] = {"long_name": "number of branches found at the place"}
+    axis_units = {
+        dimension_name(c.name): units.length if c.is_length else "rad"
+        for c in mechanism.coordinates
+    } | dict.fromkeys(sampling.axes if is_cartesian else (), units.length)
     return job, MapFile.create(
-        path, sampling, variables, attributes, state=state, units=axis_units,
-        q=(len(elastic.names), job.stores_q), single=single, postures_per_chunk=chunk,
+        path, sampling, variables, attributes, units=axis_units,
+        coordinates=len(elastic.names), single=single, postures_per_chunk=chunk,
     )  # fmt: skip
-
-
-def _axes_in_length(sampling: Sampling) -> tuple[str, ...]:
-    return tuple(sampling.axes) if "branch" in sampling.dims else ()
 
 
 def _positive(length: float) -> float:

@@ -340,8 +340,10 @@ class Trajectory(Sampling):
         """For JSON: a digest stands for the postures, which are in the file."""
         from hashlib import sha256
 
-        digest = sha256(np.ascontiguousarray(self.q).tobytes()).hexdigest()
-        return {"kind": "trajectory", "count": len(self.q), "sha256": digest}
+        digest = sha256(np.ascontiguousarray(self.q).tobytes())
+        if self.time is not None:
+            digest.update(b"time" + np.ascontiguousarray(self.time).tobytes())
+        return {"kind": "trajectory", "count": len(self.q), "sha256": digest.hexdigest()}
 
 
 def from_dict(data: Mapping[str, Any]) -> Sampling | None:

@@ -1,8 +1,9 @@
 """Maps in files: Zarr folders of labelled arrays that say what they are.
 
 A map is cut into chunks. A chunk's arrays are written one file each, whole or not at all, and last
-a mark that it is done. Every file carries a checksum. Whoever computes the map later begins where
-marks are missing or files are damaged.
+a mark that it is done. Every file carries a checksum; the mark repeats those of its chunk, and says
+which chunk of which map it belongs to. Whoever computes the map later begins where marks are
+missing or files are not the ones that were written.
 """
 
 from __future__ import annotations
@@ -25,16 +26,19 @@ from cartstiff.errors import InputError, MissingDependencyError, one_line
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps.damage import (
     CHECKSUM,
+    DamageError,
+    checked_file,
+    checksum_of,
+    crc32c,
     described,
     description_checksum,
-    file_damage,
     require_plain_files,
 )
-from cartstiff.maps.sampling import Sampling
+from cartstiff.maps.sampling import Axis, Sampling
 
 __all__ = ["NOT_COMPUTED", "SCHEMA", "MapFile", "chunk_shape"]
 
-SCHEMA = "cartstiff-map/2"
+SCHEMA = "cartstiff-map/3"
 
 #: Value of ``state`` where nothing has been computed yet.
 NOT_COMPUTED = 255
@@ -130,9 +134,8 @@ class MapFile:
         variables: Mapping[str, Mapping[str, Any]],
         attributes: Mapping[str, Any],
         *,
-        state: Mapping[str, Any],
         units: Mapping[str, str],
-        q: tuple[int, bool],
+        coordinates: int,
         single: bool = False,
         postures_per_chunk: int | None = None,
     ) -> MapFile:
@@ -145,15 +148,14 @@ class MapFile:
         sampling : Sampling
             Dimensions and axes.
         variables : mapping of str to mapping
-            Attributes of each quantity.
+            Attributes of each array: the quantities, ``state``, ``position``, and where they are
+            kept ``q`` and ``branches``.
         attributes : mapping
             Of the whole; values that JSON can hold.
-        state : mapping
-            Attributes of ``state``.
         units : mapping of str to str
-            Of every dimension with an axis, and "position".
-        q : (int, bool)
-            Number of coordinates of a posture, and whether they are kept in the file.
+            Of every dimension with an axis.
+        coordinates : int
+            Number of coordinates of a posture.
         single : bool
             Keep numbers in single precision.
         postures_per_chunk : int, optional
@@ -163,61 +165,53 @@ class MapFile:
         for name in sampling.dims:
             if name in _RESERVED or name in variables:
                 raise InputError("a dimension has the name of something else in the map", got=name)
-        chunk = chunk_shape(sampling, postures_per_chunk)
-        count = prod(ceil(n / c) for n, c in zip(sampling.shape, chunk, strict=True))
+        chunk, shape, dims = (
+            chunk_shape(sampling, postures_per_chunk),
+            sampling.shape,
+            sampling.dims,
+        )
+        count = prod(ceil(n / c) for n, c in zip(shape, chunk, strict=True))
         if count > _MOST_CHUNKS:
-            raise InputError(f"map of {prod(sampling.shape)} postures has too many parts",
+            raise InputError(f"map of {prod(shape)} postures has too many parts",
                              expected=f"at most {_MOST_CHUNKS}: fewer postures, or more in each",
                              got=count)  # fmt: skip
-        new = place.with_name(f".{place.name}.{os.getpid()}.new")
-        shape, dims = sampling.shape, sampling.dims
         kind = np.float32 if single else np.float64
+        own: dict[str, tuple[Any, float, tuple[int, ...], tuple[str, ...]]] = {
+            "state": (np.uint8, NOT_COMPUTED, (), ()),
+            "position": (kind, np.nan, (3,), ("xyz",)),
+            "q": (np.float64, np.nan, (coordinates,), ("joint",)),
+            "branches": (np.uint32, 0, (), ()),
+        }
+        new = place.with_name(f".{place.name}.{os.getpid()}.new")
         try:
-            parts: list[str] = []
             shutil.rmtree(new, ignore_errors=True)
             new.mkdir()
             group = zarr.create_group(new, attributes=dict(attributes), zarr_format=3)
-
-            def array(name: str, tail: tuple[int, ...], names: tuple[str, ...], dtype: Any,
-                      fill: float, **more: Any) -> None:  # fmt: skip
-                parts.append(name)
+            for name, about in variables.items():
+                dtype, fill, tail, names = own.get(name, (kind, np.nan, (), ()))
+                places = len(dims) - (name == "branches")
                 group.create_array(
-                    name, shape=(*shape, *tail), chunks=(*chunk, *tail), dtype=dtype,
-                    fill_value=fill, dimension_names=(*dims, *names), attributes=more,
-                    compressors=_compressors(),
-                )  # fmt: skip
-
-            for name, more in variables.items():
-                array(name, (), (), kind, np.nan, **more)
-            array("state", (), (), np.uint8, NOT_COMPUTED, **state)
-            array("position", (3,), ("xyz",), kind, np.nan, units=units["position"],
-                  long_name="position of the body frame's origin in F")  # fmt: skip
-            if q[1]:
-                array("q", (q[0],), ("joint",), np.float64, np.nan,
-                      long_name="coordinates of the posture")  # fmt: skip
-            if "branch" in dims:
-                parts.append("branches")
-                group.create_array(
-                    "branches", shape=shape[:-1], chunks=chunk[:-1], dtype=np.uint32,
-                    fill_value=0, dimension_names=dims[:-1], compressors=_compressors(),
-                    attributes={"long_name": "number of branches found at the place"},
+                    name, shape=(*shape[:places], *tail), chunks=(*chunk[:places], *tail),
+                    dtype=dtype, fill_value=fill, dimension_names=(*dims[:places], *names),
+                    attributes=dict(about), compressors=_compressors(),
                 )  # fmt: skip
             for name, (values, dim) in _whole(sampling).items():
-                array_of_axis = group.create_array(
+                axis = group.create_array(
                     name, shape=values.shape, chunks=values.shape, dtype=values.dtype,
-                    dimension_names=(dim,), compressors=_compressors(),
+                    dimension_names=(dim,), compressors=_compressors(plain=True),
                     attributes={"units": units.get(name, "s")},
                 )  # fmt: skip
-                _writeable(array_of_axis)[:] = values
-            if sampling.stores_q and "branch" not in dims:
-                box = tuple(slice(0, n) for n in shape)
-                _writeable(group["q"])[:] = sampling.postures(box, None)
+                _writeable(axis)[:] = values
             group.create_array(
-                "done", shape=(count,), chunks=(1,), dtype=np.uint8, fill_value=0,
-                dimension_names=("chunk",), attributes={"long_name": "whether a chunk is done"},
-                compressors=_compressors(),
+                "done", shape=(count * (1 + len(variables)),), chunks=(1 + len(variables),),
+                dtype=np.uint32, fill_value=0, dimension_names=("checksum",),
+                attributes={"long_name": "for each chunk that is done: whose it is, and the "
+                                         "checksums of its files in the order of parts"},
+                compressors=_compressors(plain=True),
             )  # fmt: skip
-            group.attrs["parts"] = parts
+            group.attrs["parts"] = list(variables)
+            group.attrs["axes"] = {n: checksum_of(_file(group[n], new, (0,)))
+                                   for n in _whole(sampling)}  # fmt: skip
             group.attrs[CHECKSUM] = description_checksum(new)
             new.rename(place)
         except OSError as error:
@@ -262,31 +256,52 @@ class MapFile:
         return [i for i in range(len(self.boxes)) if i not in done]
 
     def damaged(self) -> dict[int, str]:
-        """Complete chunks of which a file is missing or does not agree with its checksum."""
-        found = ((i, self.damage(i)) for i in sorted(self.done()))
+        """Complete chunks of which a file is missing, or is not the one that was written."""
+        found = ((i, self.damage(i, *self.attributes["parts"])) for i in sorted(self.done()))
         return {i: what for i, what in found if what is not None}
 
-    def damage(self, chunk: int) -> str | None:
-        """What is wrong with a complete chunk: the first such file, and what it is."""
-        files: list[tuple[str, tuple[int, ...]]] = [("done", (chunk,))]
-        place = tuple(int(k) for k in np.unravel_index(chunk, self.cuts))  # as `boxes` are
-        for name in self.attributes["parts"]:
-            ndim = self.arrays[name].ndim
-            files.append((name, (*place, *[0] * ndim)[:ndim]))
-        return next(filter(None, (self.damage_of(name, key) for name, key in files)), None)
+    def damage(self, chunk: int, *names: str) -> str | None:
+        """What is wrong with a complete chunk, its mark and its files of some arrays: the first."""
+        try:
+            mark = self._checked("done", (chunk,))
+            whose, *checksums = np.frombuffer(mark, "<u4").tolist()
+            if whose != self._identity(chunk):
+                return f"done/c/{chunk} is the mark of another part or map"
+            of = dict(zip(self.attributes["parts"], checksums, strict=True))
+            for name in names:
+                self._checked(name, self._place(name, chunk), of[name])
+        except DamageError as damage:
+            return str(damage)
+        return None
+
+    def _identity(self, chunk: int) -> int:
+        """What tells the mark of a chunk from those of others, and of other maps."""
+        return crc32c(f"{self.attributes[CHECKSUM]} {chunk}".encode())
+
+    def _place(self, name: str, chunk: int) -> tuple[int, ...]:
+        """Where the file of a chunk stands in an array."""
+        ndim = self.arrays[name].ndim
+        place = [int(k) for k in np.unravel_index(chunk, self.cuts)]  # as `boxes` are
+        return (*place, *[0] * ndim)[:ndim]
 
     def chunk_at(self, place: tuple[int, ...]) -> int:
         """Number of the chunk that a file of an array, by its place in it, belongs to."""
         cell = (*place, *[0] * len(self.cuts))[: len(self.cuts)]
         return int(np.ravel_multi_index(cell, self.cuts))
 
-    def damage_of(self, name: str, key: tuple[int, ...]) -> str | None:
-        """What is wrong with one file of an array."""
+    def _checked(self, name: str, key: tuple[int, ...], checksum: int | None = None) -> bytes:
+        """The content of one file of an array."""
         array = self.arrays[name]
-        file = f"{name}/{array.metadata.encode_chunk_key(key)}"
         largest = int(np.prod(array.chunks, dtype=object)) * array.dtype.itemsize
-        what = file_damage(self.path / file, largest)
-        return None if what is None else f"{file} {what}"
+        return checked_file(_file(array, self.path, key), self.path, largest, checksum)
+
+    def axis_damage(self, name: str) -> str | None:
+        """What is wrong with the file of an array in one piece."""
+        try:
+            self._checked(name, (0,), self.attributes["axes"][name])
+        except DamageError as damage:
+            return str(damage)
+        return None
 
     def refused(self, chunk: int, what: str) -> InputError:
         """The line about a damaged chunk."""
@@ -301,9 +316,12 @@ class MapFile:
 
     def mend_axes(self, sampling: Sampling) -> list[str]:
         """Write the axes anew whose files are damaged; their names."""
-        damaged = [n for n in _whole(sampling) if self.damage_of(n, (0,)) is not None]
+        damaged = [n for n in self.attributes["axes"] if self.axis_damage(n) is not None]
+        # Bit by bit what was written; those of `sampling` may differ by rounding.
+        written = json.loads(self.attributes["description"])["sampling"].get("axes", {})
         for name in damaged:
-            _writeable(self.arrays[name])[:] = _whole(sampling)[name][0]
+            values = Axis(*written[name]).values if name in written else _whole(sampling)[name][0]
+            _writeable(self.arrays[name])[:] = values
         return damaged
 
     @cached_property
@@ -321,11 +339,6 @@ class MapFile:
         """The arrays by name, as Zarr reads them."""
         return dict(self._group.arrays())
 
-    @property
-    def axes(self) -> list[str]:
-        """Names of the arrays in one piece."""
-        return [n for n in self.arrays if n != "done" and n not in self.attributes["parts"]]
-
     @cached_property
     def _group(self) -> Any:
         return _zarr().open_group(self.path, mode="r+")
@@ -336,7 +349,10 @@ class MapFile:
         for name, values in arrays.items():
             array = _writeable(self.arrays[name])
             array[box[: values.ndim] if values.ndim < len(box) else box] = values
-        self.arrays["done"][chunk] = 1
+        files = [_file(self.arrays[n], self.path, self._place(n, chunk))
+                 for n in self.attributes["parts"]]  # fmt: skip
+        mark, width = [self._identity(chunk), *map(checksum_of, files)], 1 + len(files)
+        self.arrays["done"][chunk * width : (chunk + 1) * width] = mark
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -369,11 +385,19 @@ class MapFile:
             path.unlink(missing_ok=True)
 
 
-def _compressors() -> tuple[Any, ...]:
-    """What the bytes of a chunk go through; the checksum is of what is stored."""
+def _file(array: Any, folder: Path, key: tuple[int, ...]) -> Path:
+    """The file of an array at a place."""
+    return folder / array.basename / str(array.metadata.encode_chunk_key(key))
+
+
+def _compressors(plain: bool = False) -> tuple[Any, ...]:
+    """What the bytes of a chunk go through; the checksum is of what is stored.
+
+    Where it is kept elsewhere, nothing is compressed: other releases may do it in other bytes.
+    """
     from zarr.codecs import Crc32cCodec, ZstdCodec
 
-    return ZstdCodec(level=0), Crc32cCodec()
+    return (Crc32cCodec(),) if plain else (ZstdCodec(level=0), Crc32cCodec())
 
 
 def _writeable(array: Any) -> Any:
