@@ -111,8 +111,8 @@ def prepare_map(
         load is not None,
     )
     chosen = choose_quantities(list(quantities), settings, elastic)
-    is_cartesian = isinstance(sampling, CartesianGrid)
-    if is_cartesian and sampling.redundancy == "best" and chosen[0].better is None:
+    cartesian = sampling if isinstance(sampling, CartesianGrid) else None
+    if cartesian and cartesian.redundancy == "best" and chosen[0].better is None:
         raise InputError(
             f"neither end of {chosen[0].name} is better", where="redundancy",
             expected="another first quantity, or the nearest posture",
@@ -191,12 +191,12 @@ def prepare_map(
     }  # fmt: skip
     if job.stores_q:
         variables["q"] = {"long_name": "coordinates of the posture"}
-    if is_cartesian:
+    if cartesian:
         variables["branches"] = {"long_name": "number of branches found at the place"}
     axis_units = {
         dimension_name(c.name): units.length if c.is_length else "rad"
         for c in mechanism.coordinates
-    } | dict.fromkeys(sampling.axes if is_cartesian else (), units.length)
+    } | dict.fromkeys(cartesian.axes if cartesian else (), units.length)
     return job, MapFile.create(
         path, sampling, variables, attributes, units=axis_units,
         coordinates=len(elastic.names), single=single, postures_per_chunk=chunk,
