@@ -26,6 +26,7 @@ LAYERS = [
     {"kinematics"},
     {"loading"},
     {"analysis", "statics"},
+    {"vibration"},
     {"many"},
     {"maps"},
     {"toolpaths"},

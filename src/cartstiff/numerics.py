@@ -27,6 +27,7 @@ __all__ = [
     "INVERTIBLE",
     "NEAR",
     "RANK",
+    "REPEATED",
     "ROUNDING",
     "SYMMETRY",
     "TELLING",
@@ -73,6 +74,9 @@ BALANCE: Final = 1e-8
 ROUNDING: Final = 1e-12
 #: A relative error above this is told to the reader: it is more than a few digits.
 TELLING: Final = 1e-9
+#: Squares of frequencies nearer to each other than this share are those of one subspace: within it
+#: any motion has the same frequency to six digits, and single directions are chance.
+REPEATED: Final = 1e-6
 #: An asymmetry below this share of the block's size is taken for rounding.
 SYMMETRY: Final = 1e-9
 

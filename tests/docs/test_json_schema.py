@@ -46,6 +46,11 @@ def test_output_of_equilibrium_has_the_form(name, load, held):
     _valid(equilibrium(start, load, held=held or None).as_dict(), "equilibrium")
 
 
+@pytest.mark.parametrize("name", ["stewart-simscape", "five-bar", "grasp", "3-rrr"])
+def test_output_of_modes_has_the_form(name):
+    _valid(cartstiff.modes(cartstiff.load(name)).as_dict(), "modes")
+
+
 def test_the_schema_is_one_and_refuses_what_is_wrong():
     jsonschema.Draft202012Validator.check_schema(json_schema())
     jsonschema.Draft202012Validator.check_schema(json_schema("equilibrium"))

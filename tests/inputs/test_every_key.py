@@ -32,6 +32,8 @@ PLATFORM = {
     "pose": {"xyz": [0, 0, 0.8], "rpy": [0.05, 0.02, 0.1]},
     "legs": {"stiffness": 1e5, "rest_length": 0.9},
 }
+BODY = {"mass": 4.0, "com": [0, 0, 0.1]}
+STRUTS = {"fixed": 0.3, "moving": 0.2, "fixed_com": 0.1, "moving_com": 0.2, "radius": 0.01}
 SPRINGS = PLATFORM | {"kind": "springs", "legs": {"stiffness": 1e5, "rest_length": 1.1}}
 POSTURE = dict(zip((f"j{i}" for i in range(1, 7)), (0.3, -1.1, 1.4, -0.7, 0.9, 0.2), strict=True))
 ARM = {
@@ -86,6 +88,11 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
     ),
     "JointSpringModel.stiffness": (ARM, ("springs", "j2", "stiffness"), 3e4, {}),
     "JointSpringModel.rest": (ARM, ("springs", "j2", "rest"), 0.3, {}),
+    "JointSpringModel.damping": (ARM, ("springs", "j2", "damping"), 5.0, {}),
+    "BeamModel.density": (
+        ELASTIC, ("flexible", "upper", "beam", "density"), 2700.0,
+        {"flexible": {"upper": {"beam": BEAM}}},
+    ),
     "JointSpringModel.polynomial": (ARM, ("springs", "j2"), {"polynomial": [2e4, 0, 1e5]}, {}),
     "JointSpringModel.table": (
         ARM, ("springs", "j2"), {"table": [[-4, -5e4], [0, 0], [4, 5e4]], "rest": 0.2}, {},
@@ -116,6 +123,22 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
     "LinesLegs.stiffness": (PLATFORM, ("legs", "stiffness"), [1e5, 2e5, 1e5, 1e5, 1e5, 1e5], {}),
     "LinesLegs.rest_length": (PLATFORM, ("legs", "rest_length"), 0.8, {}),
     "LinesLegs.preload": (PLATFORM, ("legs",), {"stiffness": 1e5, "preload": 300}, {}),
+    "LinesLegs.damping": (PLATFORM, ("legs", "damping"), 3.0, {}),
+    "LinesLegs.mass": (PLATFORM, ("legs", "mass"), STRUTS, {}),
+    **{
+        f"LegMassModel.{key}": (
+            PLATFORM, ("legs", "mass", key), 2 * value,
+            {"legs": PLATFORM["legs"] | {"mass": STRUTS}},
+        )
+        for key, value in STRUTS.items()
+    },
+    **{
+        f"BodyModel.{key}": (PLATFORM, ("body", key), value, {"body": BODY})
+        for key, value in (
+            ("mass", 9.0), ("com", [0, 0.1, 0]),
+            ("inertia", [[0.2, 0, 0], [0, 0.3, 0], [0, 0, 0.4]]),
+        )
+    },
     "LinesLegs.limits": (PLATFORM, ("legs", "limits"), [[0.1, 0.2]] * 6, {}),
     "LineModel.frames": (ARM, ("lines", 0, "frames"), ["world", "fore"], TAUT),
     "LineModel.points": (ARM, ("lines", 0, "points"), [[0, 0, 2], [0, 0, 0]], TAUT),
@@ -174,6 +197,7 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
             "pose": {"xyz": [0, 0, 0.7]},
             "frame": {"xyz": [0, 0, 0.1]},
             "legs": {"stiffness": 2e5},
+            "body": BODY,
         }.items()
     },
     "SpringsFile.unilateral": (SPRINGS, ("unilateral",), True, {}),
@@ -274,7 +298,16 @@ def answer(folder: Path, content: dict[str, Any]) -> str:
     limits = [(c.lower, c.upper) for c in elastic.mechanism.coordinates]
     lengths = getattr(elastic.mechanism, "limits", None)
     own = [limits, None if lengths is None else np.array(lengths).tolist()]
+    own += [None if elastic.damping is None else elastic.damping.tolist(), vibrating(elastic)]
     return json.dumps([result, own, np.array(elastic.springs.stiffness).tolist()], default=str)
+
+
+def vibrating(elastic: cartstiff.ElasticMechanism) -> object:
+    """Modes, or why there are none: what masses act on without gravity."""
+    try:
+        return cartstiff.modes(elastic).as_dict()
+    except cartstiff.UndefinedError as error:
+        return str(error)
 
 
 def changed(content: dict[str, Any], path: tuple[Any, ...], value: Any) -> dict[str, Any]:

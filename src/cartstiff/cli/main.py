@@ -36,6 +36,10 @@ _COMMANDS = {
         "The stiffest postures along a path, and where to put the workpiece.",
     ),
     "frames": ("cartstiff.cli.frames", "Frames, joints, limits, springs, masses as a tree."),
+    "modes": (
+        "cartstiff.cli.modes",
+        "Natural frequencies and modes at a posture, under its load.",
+    ),
     "models": ("cartstiff.cli.models", "What can be named as MECHANISM."),
     "view": ("cartstiff.cli.view", "A page in the browser: move the mechanism, see its stiffness."),
 }

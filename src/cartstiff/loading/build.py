@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
+from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.defaults import chosen_frame, default_posture
 from cartstiff.loading.parts import (
@@ -28,6 +29,7 @@ from cartstiff.loading.parts import (
 from cartstiff.loading.regular_posture import regular_posture
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.schema import (
+    BodyModel,
     ParallelFile,
     PayloadModel,
     PlatformFile,
@@ -39,6 +41,7 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Units
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.mechanisms.struts import Struts
 from cartstiff.mechanisms.tree_building import merged
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
 
@@ -104,7 +107,9 @@ def serial_of(
         q, chosen = regular_posture(chain, q)
         notes += chosen
     notes += [*description_notes(description, tree), *assumed]
-    return put_together(file, name, chain, q, springs, soft, notes, where, facts.lifted)
+    return put_together(
+        file, name, chain, q, springs, soft, notes, where, facts.lifted, file.springs
+    )
 
 
 def _per_leg(value: float | list[float] | None, m: int, key: str, where: str) -> Array | None:
@@ -136,9 +141,8 @@ def build_platform(file: PlatformFile | SpringsFile, where: str, name: str) -> E
                 raise InputError("limits are the wrong way round", where=f"{where}, legs.limits",
                                  expected="[shortest, longest]", got=pair)  # fmt: skip
     T_F_P = pose_of(file.pose)
-    payload = file.payload or PayloadModel(mass=0.0)
     T_P_M = pose_of(file.frame)
-    centre = T_P_M @ np.append(payload.com, 1.0)
+    mass, centre, inertia = _body(file, T_P_M, where)
     platform = Platform(
         file.base,
         file.platform,
@@ -146,8 +150,10 @@ def build_platform(file: PlatformFile | SpringsFile, where: str, name: str) -> E
         units=Units(file.units.length, file.units.force),
         kind=file.kind,
         limits=None if limits is None else [(a, b) for a, b in limits],
-        mass=payload.mass,
-        mass_centre=centre[:3],
+        mass=mass,
+        mass_centre=centre,
+        inertia=inertia,
+        struts=_struts(file, m, where),
     )
     T_F_M = T_F_P @ T_P_M
     try:
@@ -172,8 +178,45 @@ def build_platform(file: PlatformFile | SpringsFile, where: str, name: str) -> E
     )
     q = np.concatenate([file.pose.xyz, file.pose.rpy])
     gravity = gravity_of(file.gravity, where, platform.units)
-    notes = tuple(weightless(gravity, platform.mass))
-    return ElasticMechanism(name, platform, q, springs, gravity=gravity, notes=notes)
+    notes = tuple(weightless(gravity, sum(platform.masses().values())))
+    dampers = _per_leg(file.legs.damping, m, "damping", where)
+    damping = dampers if dampers is not None and dampers.any() else None
+    return ElasticMechanism(
+        name, platform, q, springs, gravity=gravity, notes=notes, damping=damping
+    )
+
+
+def _body(file: PlatformFile | SpringsFile, T_P_M: Array, where: str) -> tuple[float, Array, Array]:
+    """Mass, centre and inertia about it, in P, of the body with its payload."""
+    body, payload = file.body or BodyModel(mass=0.0), file.payload or PayloadModel(mass=0.0)
+    inertia = np.zeros((3, 3)) if body.inertia is None else np.array(body.inertia, float)
+    if np.abs(inertia - inertia.T).max() > 1e-9 * np.abs(inertia).max():
+        raise InputError("inertia is not symmetric", where=f"{where}, key body.inertia",
+                         got=inertia.tolist())  # fmt: skip
+    moments = np.linalg.eigvalsh(inertia)
+    if moments[0] < -1e-9 * moments[2] or moments[0] + moments[1] < (1 - 1e-9) * moments[2]:
+        raise InputError("no body has these moments of inertia", where=f"{where}, key body.inertia",
+                         expected="each at most the sum of the other two",
+                         got=moments.tolist())  # fmt: skip
+    parts = [(body.mass, np.array(body.com)), (payload.mass, (T_P_M @ [*payload.com, 1.0])[:3])]
+    mass = sum(m for m, _ in parts)
+    if not mass:
+        return 0.0, parts[1][1], inertia
+    centre = np.sum([m * c for m, c in parts], axis=0) / mass
+    for m, c in parts:
+        arm = se3.skew(c - centre)
+        inertia = inertia - m * arm @ arm
+    return mass, centre, inertia
+
+
+def _struts(file: PlatformFile | SpringsFile, m: int, where: str) -> Struts | None:
+    """Masses of the legs, checked."""
+    given = file.legs.mass
+    if given is None:
+        return None
+    keys = ("fixed", "moving", "fixed_com", "moving_com", "radius")
+    found = [_per_leg(getattr(given, key), m, f"mass.{key}", where) for key in keys]
+    return Struts(*(np.zeros(m) if value is None else value for value in found))
 
 
 def with_frame(file: Any, frame: str | None, where: str) -> Any:

@@ -160,7 +160,7 @@ def build_parallel(
         for spring in link_springs(leg.flexible, tree, where, f"leg{i + 1}/")
     ]
     notes += assumed
-    return put_together(file, name, chain, q, joint_springs, links, notes, where, lifted)
+    return put_together(file, name, chain, q, joint_springs, links, notes, where, lifted, springs)
 
 
 def build_closed_chain(
@@ -221,7 +221,9 @@ def closed_chain_of(
     )
     links = link_springs(file.flexible, tree, where)
     notes += [*description_notes(description, tree, closed=True), *assumed]
-    return put_together(file, name, chain, q, springs, links, notes, where, facts.lifted)
+    return put_together(
+        file, name, chain, q, springs, links, notes, where, facts.lifted, file.springs
+    )
 
 
 def _closure(entry: ClosureModel, i: int, tree: KinematicTree, q: Array, where: str) -> Closure:

@@ -220,7 +220,7 @@ def weightless(gravity: Array | None, mass: float) -> list[Note]:
 def put_together(
     file: SerialFile | ParallelFile | ClosedChainFile, name: str, chain: Chain, q: Array,
     springs: JointSprings, soft: Sequence[Potential], notes: Sequence[Note], where: str,
-    lifted: Sequence[Lifted] = (),
+    lifted: Sequence[Lifted] = (), entries: Mapping[str, JointSpringModel] | None = None,
 ) -> ElasticMechanism:  # fmt: skip
     """A chain with its springs, soft links, and what else the file puts on it."""
     gravity = gravity_of(file.gravity, where)
@@ -232,7 +232,12 @@ def put_together(
             for part in lifted
             if chain.tree.placement(part.body).joint > 0
         ]
-    return ElasticMechanism(name, chain, q, springs, tuple(potentials), gravity, (*notes, *heavy))
+    given = entries or {}
+    damping = [given[n].damping if n in given else 0.0 for n in chain.names]
+    return ElasticMechanism(
+        name, chain, q, springs, tuple(potentials), gravity, (*notes, *heavy),
+        np.array(damping) if any(damping) else None,
+    )  # fmt: skip
 
 
 def joints_that_move(description: RobotDescription, frame: str) -> set[str]:
@@ -325,7 +330,11 @@ def _give(entry: FlexibleModel) -> Give:
     start = pose_of(entry.offset)
     if entry.beam is None:
         return Give(start)
-    return Give(start, entry.beam.length, entry.beam.segments)
+    beam = entry.beam
+    own = None
+    if beam.density > 0.0:
+        own = beam.density * beam.area, beam.density * beam.Iy, beam.density * beam.Iz
+    return Give(start, beam.length, beam.segments, own)
 
 
 def virtual_joints(flexible: Mapping[str, FlexibleModel], prefix: str = "") -> list[str]:
@@ -365,7 +374,8 @@ def _beam(beam: BeamModel, indices: Array, link: str) -> Beam:
         beam.E * beam.area, beam.G * beam.J, (beam.E * beam.Iy, beam.E * beam.Iz),
         (along_z, along_y),
     )  # fmt: skip
-    return Beam(indices, beam.length / beam.segments, section, link)
+    mass = beam.density * beam.area * beam.length
+    return Beam(indices, beam.length / beam.segments, section, link, mass)
 
 
 def _extra_lines(lines: Sequence[LineModel], mechanism: Chain, q: Array) -> list[LineSprings]:

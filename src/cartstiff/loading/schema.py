@@ -26,10 +26,12 @@ from cartstiff.loading.yaml_file import LARGEST_NUMBER, Lines, read_yaml
 
 __all__ = [
     "BeamModel",
+    "BodyModel",
     "ClosedChainFile",
     "ClosureModel",
     "FlexibleModel",
     "JointSpringModel",
+    "LegMassModel",
     "LegModel",
     "LineModel",
     "MechanismFile",
@@ -109,6 +111,37 @@ class PayloadModel(_Model):
     com: Annotated[Vector, Field(description="mass centre in the body frame M")] = [0.0, 0.0, 0.0]
 
 
+class BodyModel(_Model):
+    """The platform's own mass, for vibrations and gravity."""
+
+    mass: Annotated[NotNegative, Field(description="kg, whatever the units")]
+    com: Annotated[Vector, Field(description="mass centre in P")] = [0.0, 0.0, 0.0]
+    inertia: Annotated[
+        list[Vector] | None,
+        Field(
+            min_length=3, max_length=3,
+            description="3x3 about the mass centre, axes of P; kg and the file's length squared",
+        ),
+    ] = None  # fmt: skip
+
+
+_PerLeg = NotNegative | Annotated[list[NotNegative], Field(min_length=1)]
+
+
+class LegMassModel(_Model):
+    """Two straight bars in each leg; each reaches from its joint to twice its centre's distance."""
+
+    fixed: Annotated[_PerLeg, Field(description="kg, of the bar on the base's joint")] = 0.0
+    moving: Annotated[_PerLeg, Field(description="kg, of the bar on the platform's joint")] = 0.0
+    fixed_com: Annotated[
+        _PerLeg, Field(description="distance of its centre from the base's joint")
+    ] = 0.0
+    moving_com: Annotated[
+        _PerLeg, Field(description="distance of its centre from the platform's joint")
+    ] = 0.0
+    radius: Annotated[_PerLeg, Field(description="of both bars; 0 for slender ones")] = 0.0
+
+
 _RIGID = ("rigid", math.inf)
 
 
@@ -132,6 +165,9 @@ class JointSpringModel(_Model):
         Number | None,
         Field(description="rest position; without it the spring balances the load at q"),
     ] = None
+    damping: Annotated[
+        NotNegative, Field(description="damper beside the spring, N m s/rad or N s/m")
+    ] = 0.0
 
     @model_validator(mode="after")
     def _one_law(self) -> JointSpringModel:
@@ -164,6 +200,13 @@ class BeamModel(_Model):
         Positive | None, Field(description="area times shear factor, along y; rigid if absent")
     ] = None
     shear_area_z: Annotated[Positive | None, Field(description="the same along z")] = None
+    density: Annotated[
+        NotNegative,
+        Field(
+            description="kg per volume: the beam's own mass, lumped as rigid half segments at its "
+            "nodes; the link's inertia in the robot's file stays at the near end besides"
+        ),
+    ] = 0.0
 
 
 class FlexibleModel(_Model):
@@ -201,6 +244,10 @@ class LinesLegs(_Model):
         list[Annotated[list[Positive], Field(min_length=2, max_length=2)]] | None,
         Field(description="[shortest, longest] of each leg"),
     ] = None
+    mass: LegMassModel | None = None
+    damping: Annotated[
+        _PerLeg, Field(description="dampers along the legs, force per velocity (seconds)")
+    ] = 0.0
 
     @model_validator(mode="after")
     def _one(self) -> LinesLegs:
@@ -275,6 +322,7 @@ class PlatformFile(_File):
     platform: Annotated[Vectors, Field(min_length=6, max_length=6, description="points in P")]
     pose: Annotated[PoseModel, Field(description="P in F")] = PoseModel()
     frame: Annotated[PoseModel, Field(description="M in P")] = PoseModel()
+    body: BodyModel | None = None
     legs: LinesLegs
 
 
@@ -287,6 +335,7 @@ class SpringsFile(_File):
     platform: Annotated[Vectors, Field(description="points of the body in P")]
     pose: Annotated[PoseModel, Field(description="P in F")] = PoseModel()
     frame: Annotated[PoseModel, Field(description="M in P")] = PoseModel()
+    body: BodyModel | None = None
     legs: LinesLegs
     unilateral: Annotated[Flag, Field(description="cables: they cannot push")] = False
 

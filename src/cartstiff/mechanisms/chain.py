@@ -168,6 +168,10 @@ class ChainPosture(MechanismPosture):
         """Masses' matrix (n, n)."""
         return self._state.mass_matrix()
 
+    def momentum(self) -> tuple[Array, float, Array]:
+        """Momentum (6, n) per coordinate rate, all that moves [kg], and its centre, in F."""
+        return self._state.momentum()
+
     @cached_property
     def _closures(self) -> list[tuple[Closure, Array, Map]]:
         return [(c, *self.relative(c.frame_a, c.frame_b)) for c in self._chain.closures]
@@ -318,6 +322,16 @@ class Chain(Mechanism):
         other = copy(self)
         other.tree = self.tree.with_placements(placements)
         other.body = Placement(self.body.joint, np.array(T_j_M, float))
+        return other
+
+    def with_mass(self, mass: float, centre: Array) -> Chain:
+        """The same chain with a point mass [kg] added at a point of M."""
+        other = copy(self)
+        other.tree = self.tree.with_mass(self.body, mass, centre)
+        if self.body.joint > 0:
+            bare = float(self.tree.model.inertias[self.body.joint].mass)
+            hung, bare = (0.0, bare) if self.payload is None else self.payload
+            other.payload = hung + mass, bare
         return other
 
     def masses(self) -> dict[str, float]:

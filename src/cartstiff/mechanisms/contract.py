@@ -122,6 +122,13 @@ class MechanismPosture(ABC):
         """Masses' matrix (n, n), kg and length units: kinetic energy ``1/2 dq^T M dq``; or None."""
         return None
 
+    def momentum(self) -> tuple[Array, float, Array] | None:
+        """Momentum (6, n) per coordinate rate, all that moves [kg], and its centre (3,); or None.
+
+        Moment of momentum about the origin of F, then momentum, along the axes of F.
+        """
+        return None
+
     @abstractmethod
     def chart(self) -> Map | str:
         """Map to the six coordinates that make K^F, or the reason why there is no such chart."""
@@ -172,6 +179,16 @@ class Mechanism(ABC):
     def masses(self) -> dict[str, float]:
         """Masses [kg] of what the coordinates move, by link, and of the "payload"."""
         return {}
+
+    def with_mass(self, mass: float, centre: Array) -> Mechanism:  # noqa: ARG002
+        """The same mechanism with a point mass [kg] added at a point (3,) of M.
+
+        Raises
+        ------
+        InputError
+            If it has no masses.
+        """
+        raise InputError(f"mechanisms of kind {self.kind} carry no payload", got=mass)
 
     def moved(self, q: Array, step: Array) -> Array:
         """Coordinates after a small step in the coordinates that derivatives are taken in."""

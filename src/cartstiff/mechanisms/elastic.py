@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_vector
+from cartstiff.arrays import checked_number, checked_vector
 from cartstiff.errors import InputError, joined
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Mechanism, MechanismPosture, Units, named_values
@@ -55,6 +55,9 @@ class ElasticMechanism:
         Acceleration of the uniform field in F, in m/s^2 whatever the units.
     notes : tuple of Note
         What was assumed in loading.
+    damping : ndarray or None
+        Dampers beside the springs: (n,) of the joints, moment (force) per rate, or (m,) of the
+        lines, force per velocity; None where there are none. Seconds in all units.
     """
 
     name: str
@@ -64,6 +67,7 @@ class ElasticMechanism:
     potentials: tuple[Potential, ...] = ()
     gravity: Array | None = None
     notes: tuple[Note, ...] = ()
+    damping: Array | None = None
 
     def __post_init__(self) -> None:
         rigid = self.springs.rigid if isinstance(self.springs, JointSprings) else frozenset()
@@ -163,6 +167,23 @@ class ElasticMechanism:
     def with_potential(self, *potentials: Potential) -> ElasticMechanism:
         """The same mechanism with more potentials on it."""
         return replace(self, potentials=(*self.potentials, *potentials))
+
+    def with_payload(self, mass: float, point: ArrayLike = (0.0, 0.0, 0.0)) -> ElasticMechanism:
+        """The same mechanism with a point mass [kg] fixed to a point (3,) of M.
+
+        It has inertia, and weight where the mechanism has gravity; a payload among the loads of
+        `cartstiff.equilibrium` has both without.
+
+        Raises
+        ------
+        InputError
+            For a negative mass or a point that is not three finite numbers.
+        """
+        mass = checked_number(mass, "payload mass")
+        if mass < 0.0:
+            raise InputError("payload mass cannot be used", expected="a number from zero", got=mass)
+        centre = checked_vector(point, 3, "mass centre")
+        return replace(self, mechanism=self.mechanism.with_mass(mass, centre))
 
     def balanced(
         self, at: ArrayLike | MechanismPosture, wrench: ArrayLike | None = None

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 import pinocchio as pin
 
 from cartstiff.errors import InputError, UnknownNameError
@@ -47,11 +48,31 @@ class Give:
         Of the beam; 0 for a spring.
     segments : int
         Equal parts of the beam.
+    own : tuple of float, optional
+        Of the beam's own mass: per length, and the moments of inertia per length about the y and z
+        axes of the section.
     """
 
     start: Array
     length: float = 0.0
     segments: int = 0
+    own: tuple[float, float, float] | None = None
+
+    def half(self, sign: float) -> Any:
+        """Inertia of half a segment as a rigid bar that reaches along x from the origin, or to it.
+
+        Every node of the beam carries the halves of the segments beside it: a lumped mass, with the
+        mass, the centre and the moments of inertia of the straight beam.
+        """
+        if self.own is None or not self.segments:
+            return None
+        h = 0.5 * self.length / self.segments
+        mass, about_y, about_z = (h * x for x in self.own)
+        bar = mass * h * h / 12
+        return pin.Inertia(
+            mass, np.array([sign * 0.5 * h, 0.0, 0.0]),
+            np.diag([about_y + about_z, about_y + bar, about_z + bar]),
+        )  # fmt: skip
 
     @property
     def joints(self) -> list[tuple[str, str, float]]:

@@ -13,11 +13,18 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_array, checked_pose, checked_vector, real_array
+from cartstiff.arrays import (
+    checked_array,
+    checked_pose,
+    checked_vector,
+    read_only,
+    real_array,
+)
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import SI, Coordinate, Mechanism, MechanismPosture, Units
+from cartstiff.mechanisms.struts import Struts
 from cartstiff.potentials.contract import Evaluation, Map
 from cartstiff.potentials.line_springs import LineGeometry, line_geometry, second_derivative
 from cartstiff.potentials.loads import DeadForce
@@ -25,6 +32,12 @@ from cartstiff.potentials.loads import DeadForce
 __all__ = ["Platform", "PlatformPosture"]
 
 _POSE = ("x", "y", "z", "roll", "pitch", "yaw")
+
+
+def _spatial(mass: float, centre: Array, inertia: Array) -> Array:
+    """Inertia (6, 6) of a body on its twists, from that about its mass centre."""
+    c = se3.skew(centre)
+    return read_only(np.block([[inertia - mass * c @ c, mass * c], [-mass * c, mass * np.eye(3)]]))
 
 
 def _flat(_: Array) -> Array:
@@ -60,9 +73,34 @@ class PlatformPosture(MechanismPosture):
         return se3.inverse(self.pose), Map(-se3.adjoint(self.pose), _flat)
 
     def gravity(self, acceleration: Array) -> Evaluation:
-        """Potential energy of the platform's mass in a uniform field."""
+        """Potential energy of the masses of platform and legs in a uniform field."""
         platform = self._platform
-        return DeadForce(platform.weight(acceleration), platform.mass_centre).evaluate(self)
+        held = DeadForce(platform.weight(acceleration), platform.mass_centre).evaluate(self)
+        if platform.struts is None:
+            return held
+        per_kg = acceleration / platform.units.newtons
+        legs = platform.struts.gravity(self, platform.points, per_kg)
+        return Evaluation(
+            held.energy + legs.energy, held.gradient + legs.gradient, held.hessian + legs.hessian
+        )
+
+    def mass_matrix(self) -> Array:
+        """Masses' matrix (6, 6) of body and legs, on body twists."""
+        platform = self._platform
+        if platform.struts is None:
+            return platform.body_inertia
+        return platform.body_inertia + platform.struts.mass_matrix(self.lines, platform.points)
+
+    def momentum(self) -> tuple[Array, float, Array]:
+        """Momentum per body twist, total mass, and its centre, in F."""
+        platform, mass = self._platform, self._platform.mass
+        carried = se3.adjoint_of_inverse(self.pose).T @ platform.body_inertia
+        first = mass * (self.pose[:3, :3] @ platform.mass_centre + self.pose[:3, 3])
+        if platform.struts is not None:
+            carried = carried + platform.struts.momentum(self.lines, platform.points, self.pose)
+            more, of_legs = platform.struts.centre(self.lines, platform.points, self.pose)
+            mass, first = mass + more, first + of_legs
+        return carried, mass, first / mass if mass > 0.0 else np.zeros(3)
 
     @cached_property
     def lines(self) -> LineGeometry:
@@ -106,6 +144,10 @@ class Platform(Mechanism):
         Of the body, for gravity, in kg whatever the units.
     mass_centre : array_like, shape (3,)
         Its mass centre in P.
+    inertia : array_like, shape (3, 3)
+        About its mass centre, along the axes of P; kg and the unit of length squared.
+    struts : Struts, optional
+        Masses of the legs; none by default.
     """
 
     def __init__(
@@ -119,6 +161,8 @@ class Platform(Mechanism):
         limits: Sequence[tuple[float, float]] | None = None,
         mass: float = 0.0,
         mass_centre: ArrayLike = (0.0, 0.0, 0.0),
+        inertia: ArrayLike | None = None,
+        struts: Struts | None = None,
     ) -> None:
         self.kind = kind
         self.frame = "platform"
@@ -141,6 +185,11 @@ class Platform(Mechanism):
         self.mass = float(mass)
         centre = checked_vector(mass_centre, 3, "mass centre")
         self.mass_centre = T_M_P[:3, :3] @ centre + T_M_P[:3, 3]
+        about = checked_array(np.zeros((3, 3)) if inertia is None else inertia, (3, 3), "inertia")
+        self.body_inertia = _spatial(
+            self.mass, self.mass_centre, T_M_P[:3, :3] @ about @ T_M_P[:3, :3].T
+        )
+        self.struts = struts
         self.coordinates = tuple(
             Coordinate(name, "prismatic" if i < 3 else "revolute") for i, name in enumerate(_POSE)
         )
@@ -152,7 +201,7 @@ class Platform(Mechanism):
 
     def _close(self) -> None:
         """What is kept of a platform elsewhere stays true: its arrays cannot be written to."""
-        for name in ("anchors", "points", "points_P", "T_P_M", "mass_centre"):
+        for name in ("anchors", "points", "points_P", "T_P_M", "mass_centre", "body_inertia"):
             getattr(self, name).flags.writeable = False
 
     def weight(self, acceleration: Array) -> Array:
@@ -187,8 +236,19 @@ class Platform(Mechanism):
         return self.coordinates_of(self.pose_of(q) @ se3.exp(step))
 
     def masses(self) -> dict[str, float]:
-        """Mass [kg] of the platform with its payload."""
-        return {self.frame: self.mass}
+        """Mass [kg] of the platform with its payload, and of the legs where they have one."""
+        found = {self.frame: self.mass}
+        return found if self.struts is None else found | {"legs": self.struts.mass}
+
+    def with_mass(self, mass: float, centre: Array) -> Platform:
+        """The same platform with a point mass [kg] added at a point of M."""
+        other = copy(self)
+        other.mass = self.mass + mass
+        first = self.mass * self.mass_centre + mass * np.asarray(centre, float)
+        other.mass_centre = first / other.mass if other.mass > 0.0 else self.mass_centre
+        other.body_inertia = self.body_inertia + _spatial(mass, centre, np.zeros((3, 3)))
+        other._close()
+        return other
 
     def leg_lengths(self, q: ArrayLike) -> Array:
         """Lengths of the legs at a pose."""

@@ -190,6 +190,16 @@ class KinematicTree:
         offset = None if self.mimic is None else np.asarray(self.offset, float)
         return KinematicTree(model, self.coordinates, self.frames, self.mimic, offset)
 
+    def with_mass(self, at: Placement, mass: float, point: Array) -> KinematicTree:
+        """The same tree with a point mass [kg] at a point (3,) of a frame."""
+        model = self.model.copy()
+        if at.joint > 0:
+            centre = (at.T_j_f @ np.append(point, 1.0))[:3]
+            inertia = pin.Inertia(mass, centre, np.zeros((3, 3)))
+            model.appendBodyToJoint(at.joint, inertia, pin.SE3.Identity())
+        offset = None if self.mimic is None else np.asarray(self.offset, float)
+        return KinematicTree(model, self.coordinates, self.frames, self.mimic, offset)
+
     def placements(self) -> list[Array]:
         """Poses ``T_parent_joint`` of all joints, in their order from joint 1."""
         return [np.array(T.homogeneous) for T in list(self.model.jointPlacements)[1:]]
@@ -270,6 +280,18 @@ class TreeState:
             upper = np.triu(pin.crba(model, data, self.q))
         full = upper + np.triu(upper, 1).T
         return full if (M := self.tree.mimic) is None else np.asarray(M.T @ full @ M)
+
+    def momentum(self) -> tuple[Array, float, Array]:
+        """Momentum (6, n) about F's origin per coordinate rate, mass of the tree, its centre."""
+        model = self.tree.model
+        with self.tree.workspace() as data:
+            pin.ccrba(model, data, self.q, np.zeros(model.nv))
+            about_centre = np.asarray(data.Ag)[SWAP].reshape(6, -1)
+            centre = np.array(data.com[0])
+        mass = float(self.tree.masses()[0].sum())
+        full = about_centre.copy()
+        full[:3] += se3.skew(centre) @ about_centre[3:]
+        return (full if (M := self.tree.mimic) is None else full @ M), mass, centre
 
     def _with_gravity(self, acceleration: Array) -> Any:
         model = self.tree.model

@@ -18,7 +18,13 @@ from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Coordinate
-from cartstiff.mechanisms.flexible_links import UNFRAMED, Give, masses_by_side, springs_by_joint
+from cartstiff.mechanisms.flexible_links import (
+    SEGMENT,
+    UNFRAMED,
+    Give,
+    masses_by_side,
+    springs_by_joint,
+)
 from cartstiff.mechanisms.tree import WORLD, KinematicTree, Placement, check_coordinates
 
 __all__ = ["expansion", "extended", "find_frame", "merged", "part_of", "plain_tree"]
@@ -177,12 +183,19 @@ def plain_tree(
         carried = joint in springs and frame in springs[joint].carried
         return at[joint] if carried else near[joint]
 
+    def carry(joint: int, T_j: Array, inertia: Any) -> None:
+        """Fix a mass to a joint."""
+        if inertia is not None and joint > 0:
+            plain.appendBodyToJoint(joint, inertia, pin.SE3(T_j))
+
     def soften(i: int) -> None:
         near[i] = at[i]
         if i in springs:
             name, give = springs[i].link, springs[i].give
             joint, T_j = at[i][0], at[i][1] @ give.start
-            for suffix, kind, along in give.joints:
+            carry(joint, T_j, give.half(1.0))
+            count = len(give.joints)
+            for k, (suffix, kind, along) in enumerate(give.joints, start=1):
                 full = f"{name}.{suffix}"
                 T_j = T_j @ se3.pose(translation=(along, 0.0, 0.0))
                 joint = plain.addJoint(joint, _primitive(kind), pin.SE3(T_j), full)
@@ -190,6 +203,9 @@ def plain_tree(
                     Coordinate(full, "prismatic" if kind.startswith("P") else "revolute")
                 )
                 T_j = np.eye(4)
+                if k % len(SEGMENT) == 0:  # a node of the beam
+                    carry(joint, T_j, give.half(-1.0))
+                    carry(joint, T_j, give.half(1.0) if k < count else None)
             at[i] = (joint, se3.inverse(give.end))
         for (joint, T_j), inertia in masses_by_side(model, i, springs, near, at):
             if joint > 0 and inertia.mass > 0:

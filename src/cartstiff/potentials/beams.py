@@ -155,12 +155,15 @@ class Beam(Potential):
         Stiffnesses of the section.
     link : str
         Name of the link, for remarks.
+    mass : float
+        The beam's own [kg], which the joints' inertias hold at its nodes; 0 where none was given.
     """
 
     indices: Array
     length: float
     section: Section
     link: str = ""
+    mass: float = 0.0
 
     def __post_init__(self) -> None:
         indices = np.array(self.indices, int).reshape(-1, 6)

@@ -7,6 +7,7 @@ from typing import Any
 from cartstiff.report.frames import FRAMES_SCHEMA
 from cartstiff.stiffness.applied_load import LOAD_KINDS
 from cartstiff.stiffness.compute import SCHEMA
+from cartstiff.vibration.modes import MODES_SCHEMA
 
 __all__ = ["frames_schema", "json_schema"]
 
@@ -255,12 +256,61 @@ def frames_schema() -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
 
 
+_RAGGED: dict[str, Any] = {"type": "array", "items": {"type": "array"}}
+_MODES: dict[str, Any] = {
+    "schema": {"const": MODES_SCHEMA, "description": "name and version of this form"},
+    **{key: _ANALYSIS[key] for key in ("mechanism", "frame", "order", "units", "q")},
+    "frequencies": {
+        "type": "array",
+        "items": {"type": ["number", "null"]},
+        "description": "Hz, with the load; 0 of a free motion, null where a motion grows",
+    },
+    "eigenvalues": {
+        "type": "array",
+        "description": "omega^2 in 1/s^2; [real, imaginary] where motions flutter",
+    },
+    "modes": _RAGGED | {"description": "coordinate rates, phi^T M phi = 1; of a platform twists"},
+    "twists": _RAGGED | {"description": "body twist (angular, linear) of M for each mode"},
+    "nodal_axes": {
+        "type": "array",
+        "description": "screw of each twist, in M",
+        "items": _object(
+            {
+                "direction": _or_null("array", "null: M does not move"),
+                "point": _or_null("array", "null: a translation along the direction"),
+                "pitch": _or_null("number", "length per radian; null: a translation"),
+            }
+        ),
+    },
+    "repeated": _RAGGED | {"description": "numbers (from 1) of modes with one frequency"},
+    "participation": _RAGGED
+    | {"description": "share of each coordinate in the kinetic energy of each mode"},
+    "effective_masses": _or_null("array", "kg along x, y, z of F that each mode moves"),
+    "moving_mass": _or_null("number", "kg, of all that moves"),
+    "mass_matrix": _RAGGED | {"description": "kg and the unit of length, on all coordinates"},
+    "stiffness_matrix": _RAGGED | {"description": "second derivative of all energies on the basis"},
+    "basis": _RAGGED | {"description": "motions that keep the closures, as coordinate rates"},
+    "load": _object(
+        {
+            "kind": _text("dead, follower, conservative; potentials of an equilibrium"),
+            "at": _or_null("array", "point at which it acts, in M"),
+            "wrench": _or_null("array", "moment, force about M's origin"),
+            "given": {"type": "boolean", "description": "or what the springs exert"},
+            "meaning": _text("the kind, for people"),
+        },
+        "the load that the modes belong to",
+    ),
+    "weighed": _ANALYSIS["weighed"],
+    "notes": _ANALYSIS["notes"],
+}
+
+
 def json_schema(command: str = "analyse") -> dict[str, Any]:
     """JSON Schema of what a command prints with ``--json``.
 
     Parameters
     ----------
-    command : {"analyse", "equilibrium", "frames"}
+    command : {"analyse", "equilibrium", "frames", "modes"}
         The command; the first two may add the key ``analysis``, whose content is not said here.
 
     Returns
@@ -270,6 +320,11 @@ def json_schema(command: str = "analyse") -> dict[str, Any]:
     """
     if command == "frames":
         return frames_schema()
+    if command == "modes":
+        schema = _object(_MODES, "Output of cartstiff modes --json")
+        more = {"unloaded": {"description": "the same without the load, where one is given"}}
+        schema["properties"] = _MODES | more
+        return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
     properties = dict(_ANALYSIS)
     if command == "equilibrium":
         properties |= _EQUILIBRIUM

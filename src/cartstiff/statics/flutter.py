@@ -13,6 +13,7 @@ every motion no statement is made. Damping is not modelled, and may lower the lo
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -21,15 +22,12 @@ import numpy as np
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.elastic import Note
-from cartstiff.numerics import IDLE, RANK
+from cartstiff.numerics import IDLE
+from cartstiff.potentials.contract import Potential
 from cartstiff.statics.problem import Balance, Point
+from cartstiff.statics.small_motions import COMPLEX, kinetic_matrix, spectrum_of
 
 __all__ = ["MASSLESS", "UNDAMPED", "Vibrations", "vibrations"]
-
-#: Imaginary part of omega^2 over its size above which a pair is complex: where two meet their
-#: difference goes with the root of the load, so that the rounding there is 1e-8, and this share is
-#: met at 1e-12 of the load.
-_COMPLEX = 1e-6
 
 #: Why there is no statement.
 MASSLESS = Note(
@@ -68,36 +66,32 @@ class Vibrations:
     frequency: float | None
 
 
-def vibrations(point: Point, balance: Balance, units: Units) -> Vibrations | None:
-    """Vibrations about an equilibrium; None where a motion that is left has no mass."""
-    mass = point.posture.mass_matrix()
+def vibrations(
+    point: Point, balance: Balance, units: Units, terms: Iterable[Potential] = ()
+) -> Vibrations | None:
+    """Vibrations about an equilibrium; None where a motion that is left has no mass.
+
+    `terms` is what acts besides the mechanism's own masses: payloads among it have a mass too.
+    """
+    mass = kinetic_matrix(point.posture, terms, units)
     if mass is None or balance.force.size == 0:
         return None
     columns = point.posture.coordinate_lengths
     mass = mass * columns[:, None] * columns
     if balance.free is not None:
         mass = balance.free.T @ mass @ balance.free
-    own = np.sqrt(np.diag(mass))
-    if not own.all():
+    found = spectrum_of(balance.stiffness, mass, np.abs(balance.stiffness))
+    if found.following.shape[1] or found.loose.shape[1]:
         return None
-    inertias, axes = np.linalg.eigh(mass / own[:, None] / own)
-    if not inertias[0] > RANK * inertias[-1]:
-        return None
-    # Coordinates in which M is the identity.
-    to_motion = (axes / np.sqrt(inertias)) / own[:, None]
-    squares, modes = np.linalg.eig(to_motion.T @ balance.stiffness @ to_motion)
-    order = np.argsort(squares.real)
-    squares, modes = squares[order], modes[:, order]
-    is_complex = np.abs(squares.imag) > _COMPLEX * np.abs(squares)
+    squares, modes = found.squares, found.vectors
     growing: Literal["flutter", "divergence"] | None = None
     first, frequency = 0, None
     length, force = convert_length(Units(), units)  # energies F L over kg L^2
-    if is_complex.any():
-        growing, first = "flutter", int(np.flatnonzero(is_complex)[0])
+    if found.is_complex:
+        growing = "flutter"
+        first = int(np.flatnonzero(np.abs(squares.imag) > COMPLEX * np.abs(squares))[0])
         frequency = float(np.sqrt(squares[first] * length / force).real / (2 * np.pi))
-    else:
-        squares, modes = squares.real, modes.real
-        if squares[0] < -IDLE * float(np.abs(squares).max()):
-            growing = "divergence"
-    mode = balance.motion(to_motion @ modes[:, first].real)
+    elif squares[0] < -IDLE * float(np.abs(squares).max()):
+        growing = "divergence"
+    mode = balance.motion(modes[:, first].real)
     return Vibrations(squares * length / force, mode / np.linalg.norm(mode), growing, frequency)

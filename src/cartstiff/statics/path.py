@@ -121,7 +121,10 @@ class LoadPath:
         solved = np.linalg.lstsq(bordered, right, rcond=1e-14)[0]
         along = np.append(balance.motion(solved[:-1]), solved[-1])
         along /= np.linalg.norm(along)
-        moving = None if conservative else vibrations(point, balance, self.system.elastic.units)
+        moving = None
+        if not conservative:
+            units = self.system.elastic.units
+            moving = vibrations(point, balance, units, self.system.terms)
         return State(point, balance, factor, along, values, moving, push, corrections)
 
     def _bordered(self, balance: Balance, push: Array, direction: Array) -> Array:

@@ -190,7 +190,7 @@ class System:
         self.loads = tuple(loads)
         self.held = held
         self.limits = Limits(elastic.mechanism, ignore=True) if limits is None else limits
-        self._terms = (*elastic.terms(), *self.loads)
+        self.terms = (*elastic.terms(), *self.loads)
 
     def at(self, q: ArrayLike) -> Point:
         """Everything that acts at coordinates q."""
@@ -199,7 +199,7 @@ class System:
         limited = self.limits.values(posture.q, posture.pose) if len(self.limits) else np.empty(0)
         nothing = Evaluation(0.0, np.zeros(n), np.zeros((n, n)))
         point = Point(posture.q, posture, nothing, 0.0, np.zeros(n), np.zeros((n, n)), limited)
-        for term in self._terms:
+        for term in self.terms:
             point.add(term.evaluate(posture))
         return point
 

@@ -13,7 +13,7 @@ import numpy as np
 from cartstiff.arrays import read_only
 from cartstiff.errors import joined
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.contract import MechanismPosture, Units
+from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.limits import limit_notes
 from cartstiff.mechanisms.weighed import weighed
@@ -236,9 +236,7 @@ def state_of_rest(
     notes = list(system.elastic.notes)
     conservative = not np.isnan(point.evaluation.energy)
     stable, values, found = (
-        _by_energy(balance)
-        if conservative
-        else _by_vibrations(point, balance, system.elastic.units)
+        _by_energy(balance) if conservative else _by_vibrations(system, point, balance)
     )
     notes += found
     if stages > 1:
@@ -303,10 +301,10 @@ def _by_energy(balance: Balance) -> tuple[bool | None, Array, list[Note]]:
 
 
 def _by_vibrations(
-    point: Point, balance: Balance, units: Units
+    system: System, point: Point, balance: Balance
 ) -> tuple[bool | None, Array, list[Note]]:
     """Verdict by small vibrations, where a load has no potential."""
-    found = vibrations(point, balance, units)
+    found = vibrations(point, balance, system.elastic.units, system.terms)
     words = "a load has no potential: the definiteness of its tangent proves nothing"
     notes = [Note("non-conservative", words)]
     if found is None:

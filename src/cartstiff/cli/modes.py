@@ -1,0 +1,109 @@
+"""``cartstiff modes``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from cartstiff.cli.options import (
+    LoadRequest,
+    MechanismRequest,
+    load_options,
+    mechanism_options,
+    once,
+)
+from cartstiff.cli.output import print_json, say
+from cartstiff.errors import InputError, UndefinedError
+from cartstiff.parsing import parse_numbers
+
+__all__ = ["command"]
+
+_EPILOG = """\b
+Examples:
+  cartstiff modes stewart-simscape
+  cartstiff modes ur5 --load 0,0,0,0,0,-500 --world
+  cartstiff modes panda --payload 2,0,0,0.1 --json
+"""
+
+
+@click.command(name="modes", epilog=_EPILOG)
+@mechanism_options(
+    load_help="Wrench on the body: moment about and force at the point --load-at, in the body's "
+    "axes; rest positions are chosen so that the springs balance it. The modes without it stand "
+    "beside."
+)
+@load_options(kinds=True)
+@click.option(
+    "--payload",
+    "payload_text",
+    multiple=True,
+    callback=once,
+    metavar="MASS[,X,Y,Z]",
+    help="Point mass (kg, whatever the units) fixed to a point of the body frame: it has inertia, "
+    "and weight where the file has gravity.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.option("--strict", is_flag=True, help="Exit with code 3 where there are no modes.")
+def command(
+    request: MechanismRequest,
+    applied: LoadRequest,
+    payload_text: str | None,
+    as_json: bool,
+    strict: bool,
+) -> None:
+    """Natural frequencies and modes of MECHANISM at a posture, under its load.
+
+    Small undamped motions about the rest state: K phi = omega^2 M phi with the second derivative K
+    of all energies and the masses' matrix M, on the motions that keep the closures. A load moves
+    the frequencies; every table says which load it belongs to.
+    """
+    wrench = request.balanced_wrench
+    if applied.axes == "world" and wrench is None:
+        raise InputError("is for --load", where="--world")
+    payload = None if payload_text is None else _payload(payload_text)
+    elastic, q = request.load()
+    if payload is not None:
+        elastic = elastic.with_payload(*payload)
+
+    import numpy as np
+
+    from cartstiff.vibration.modes import MODES_SCHEMA, modes
+
+    load: Any = {"wrench": wrench, "load_kind": applied.kind, "load_at": applied.at,
+                 "load_axes": applied.axes}  # fmt: skip
+    try:
+        with np.errstate(all="ignore"):
+            found = modes(elastic, q, **load)
+            bare = None if wrench is None or not any(wrench) else modes(elastic, q)
+    except UndefinedError as error:
+        if strict:
+            raise
+        note = {"code": error.code, "message": str(error), "values": dict(error.values)}
+        data: dict[str, Any] = {"schema": MODES_SCHEMA, "frequencies": [], "notes": [note]}
+        if as_json:
+            print_json(data, request.mechanism)
+        else:
+            say(f"{elastic.name}: no modes\n  [{error.code}] {error}")
+        return
+    data = found.as_dict()
+    if bare is not None:
+        told = bare.as_dict()
+        data["unloaded"] = {key: told[key] for key in ("frequencies", "eigenvalues", "load")}
+    if as_json:
+        print_json(data, request.mechanism)
+        return
+    from cartstiff.report.modes import describe_modes
+
+    say(describe_modes(found, bare))
+
+
+def _payload(text: str) -> tuple[float, list[float]]:
+    numbers = parse_numbers(text, "--payload")
+    if len(numbers) not in (1, 4):
+        raise InputError("wrong count", where="--payload", expected="MASS or MASS,X,Y,Z",
+                         got=str(len(numbers)))  # fmt: skip
+    if numbers[0] < 0.0:
+        raise InputError("cannot be used", where="--payload", expected="a mass from zero",
+                         got=numbers[0])  # fmt: skip
+    return numbers[0], numbers[1:] or [0.0, 0.0, 0.0]

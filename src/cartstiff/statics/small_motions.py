@@ -1,0 +1,198 @@
+r"""Small undamped vibrations: ``K x = omega^2 M x`` on the motions that constraints leave.
+
+M is singular where a motion moves no mass. Motions without mass that stiffness holds follow the
+others at once: with Z a basis of them, ``x + Z z``, ``Z^T K (x + Z z) = 0`` (static condensation).
+One that nothing holds either has no equation of motion: it is named and left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from cartstiff import numerics
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.contract import MechanismPosture, Units
+from cartstiff.potentials.contract import Potential
+from cartstiff.potentials.loads import DeadForce, Scaled
+
+__all__ = ["COMPLEX", "Spectrum", "kinetic_matrix", "spectrum_of"]
+
+#: Imaginary part of omega^2 over its size above which a pair is complex: where two meet their
+#: difference goes with the root of the load, so that the rounding there is 1e-8, and this share is
+#: met at 1e-12 of the load.
+COMPLEX = 1e-6
+# Below this ratio of omega^2 the small ones are taken from the compliance as well.
+_GRADED = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Solutions of ``K x = omega^2 M x``.
+
+    Attributes
+    ----------
+    squares : ndarray (k,)
+        omega^2 by increasing real part, in the units of K over those of M; complex in pairs where a
+        motion flutters. Exactly zero where a motion costs no energy.
+    vectors : ndarray (f, k)
+        Motions; ``X^T M X = 1`` where K is symmetric, else each of them has ``x^T M x = 1``.
+    left : ndarray (f, k)
+        ``left^T M vectors = 1``; the same as `vectors` where K is symmetric.
+    following : ndarray (f, z)
+        Motions without mass that follow the others.
+    quick : ndarray (f, f)
+        ``Z K_ZZ^-1 Z^T``: what these add to the response at every frequency.
+    loose : ndarray (f, l)
+        Motions with neither mass nor stiffness.
+    coupled : bool
+        Whether a loose motion takes part in the forces of the others: then there are no modes.
+    """
+
+    squares: Array
+    vectors: Array
+    left: Array
+    following: Array
+    quick: Array
+    loose: Array
+    coupled: bool
+
+    @property
+    def is_complex(self) -> bool:
+        """Whether a pair of motions flutters."""
+        return bool(np.iscomplexobj(self.squares))
+
+
+def kinetic_matrix(
+    posture: MechanismPosture, terms: Iterable[Potential], units: Units
+) -> Array | None:
+    """Masses' matrix (n, n) of a posture with the payloads among its loads; None without one.
+
+    Kinetic energy ``1/2 dq^T M dq``, masses in kg and lengths in the mechanism's unit.
+    """
+    mass = posture.mass_matrix()
+    for term in terms:
+        load: Potential = term
+        factor = 1.0
+        while isinstance(load, Scaled):
+            factor, load = factor * load.factor, load.potential
+        if not (isinstance(load, DeadForce) and load.mass > 0.0):
+            continue
+        _, to_frame = posture.relative("world", load.frame_b)
+        J = to_frame.jacobian
+        arm = np.asarray(load.point)
+        velocity = J[3:] + np.cross(J[:3], arm, axis=0)
+        if mass is None:
+            mass = np.zeros((J.shape[1], J.shape[1]))
+        mass = mass + load.mass * units.newtons * velocity.T @ velocity
+    return mass
+
+
+def spectrum_of(
+    stiffness: Array, mass: Array, terms: Array, mass_terms: Array | None = None
+) -> Spectrum:
+    """Squares of the angular frequencies and motions.
+
+    Parameters
+    ----------
+    stiffness : ndarray, shape (f, f)
+        K; symmetric where everything has an energy.
+    mass : ndarray, shape (f, f)
+        M, symmetric and positive semidefinite.
+    terms : ndarray, shape (f, f)
+        Sizes of the terms whose sum each entry of K is: a motion costs nothing if its stiffness is
+        below `numerics.IDLE` times these.
+    mass_terms : ndarray, shape (f, f), optional
+        The same for M; default M itself.
+    """
+    f = len(mass)
+    T, Z = _massive(mass, np.diag(mass if mass_terms is None else mass_terms))
+    loose, coupled = np.zeros((f, 0)), False
+    quick = np.zeros((f, f))
+    if Z.shape[1]:
+        Z, loose = _held(stiffness, terms, Z)
+        if loose.shape[1] and T.shape[1]:
+            # An entry of a semidefinite matrix is at most the root of its two diagonal ones.
+            size = np.sqrt(np.einsum("ij,ik,kj->j", np.abs(T), terms, np.abs(T)))
+            least = np.sqrt(numerics.IDLE * float(np.diag(terms).max())) * size
+            coupled = bool((np.abs(T.T @ stiffness @ loose) > least[:, None]).any())
+        if Z.shape[1]:
+            inner = np.linalg.inv(Z.T @ stiffness @ Z)
+            quick = Z @ inner @ Z.T
+            back, T = T - quick.T @ stiffness.T @ T, T - quick @ stiffness @ T
+        else:
+            back = T
+    else:
+        back = T
+    reduced = back.T @ stiffness @ T
+    if numerics.is_symmetric(stiffness):
+        squares, y, lost = _symmetric_pairs(reduced, stiffness, mass, T)
+        vectors = left = T @ y
+    else:
+        squares, vectors, left = _pairs(reduced, T, back)
+        lost = f * numerics.EPSILON * float(np.abs(squares).max(initial=0.0))
+    size = np.abs(vectors)
+    cost = np.einsum("ij,ij->j", size, terms @ size)
+    squares = np.where(np.abs(squares) <= np.maximum(numerics.IDLE * cost, lost), 0.0, squares)
+    return Spectrum(squares, vectors, left, Z, quick, loose, coupled)
+
+
+def _massive(mass: Array, size: Array) -> tuple[Array, Array]:
+    """Motions (f, r) in which M is the identity, and a basis (f, z) of those without mass."""
+    own = np.diag(mass)
+    # Below these a moment of inertia is what rounding has left of the others.
+    has = own > numerics.ZERO * size + numerics.EPSILON * float(own.max(initial=0.0))
+    sizes = np.sqrt(np.where(has, own, 1.0))
+    mass = mass * np.outer(has, has)
+    inertias, axes = np.linalg.eigh(mass / sizes[:, None] / sizes)
+    has = inertias > numerics.RANK * max(float(inertias[-1]) if inertias.size else 0.0, 0.0)
+    axes = axes / sizes[:, None]
+    if has.all():
+        return axes / np.sqrt(inertias), axes[:, :0]
+    return axes[:, has] / np.sqrt(inertias[has]), axes[:, ~has]
+
+
+def _held(stiffness: Array, terms: Array, Z: Array) -> tuple[Array, Array]:
+    """Motions without mass that stiffness holds, and those that nothing holds."""
+    size = np.sqrt(np.einsum("ij,ik,kj->j", np.abs(Z), terms, np.abs(Z)))
+    Z = Z / np.where(size > 0.0, size, 1.0)
+    block = Z.T @ stiffness @ Z
+    values, axes = np.linalg.eigh(0.5 * (block + block.T))
+    idle = np.abs(values) <= numerics.IDLE
+    loose = Z @ axes[:, idle]
+    return Z @ axes[:, ~idle], loose / np.linalg.norm(loose, axis=0)
+
+
+def _symmetric_pairs(
+    reduced: Array, stiffness: Array, mass: Array, T: Array
+) -> tuple[Array, Array, float]:
+    """Eigenvalues and orthonormal vectors, and what rounding has lost of the eigenvalues.
+
+    The small ones come from the compliance where it has them, and lose nothing.
+    """
+    reduced = 0.5 * (reduced + reduced.T)
+    values, y = np.linalg.eigh(reduced)
+    size = np.abs(values)
+    if size.size and size.min() < _GRADED * size.max() and T.shape[0] == T.shape[1]:
+        found = numerics.invert(stiffness)
+        if found is not None:
+            back = mass @ T
+            return *numerics.eigenpairs(reduced, back.T @ found.matrix @ back), 0.0
+    return values, y, len(values) * numerics.EPSILON * float(size.max(initial=0.0))
+
+
+def _pairs(reduced: Array, T: Array, back: Array) -> tuple[Array, Array, Array]:
+    """The same where forces have no energy; left and right vectors."""
+    squares, y = np.linalg.eig(reduced)
+    order = np.argsort(squares.real, kind="stable")
+    squares, y = squares[order], y[:, order]
+    if not (np.abs(squares.imag) > COMPLEX * np.abs(squares)).any():
+        squares, y = squares.real, y.real
+    y = y / np.linalg.norm(y, axis=0)
+    try:
+        z = np.linalg.inv(y).T
+    except np.linalg.LinAlgError:  # two motions have met: no basis of modes
+        z = np.full_like(y, np.nan)
+    return squares, T @ y, back @ z

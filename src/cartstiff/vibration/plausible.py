@@ -1,0 +1,112 @@
+"""Masses that a result on vibrations rests on, and whether they can be meant."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.platform import Platform
+from cartstiff.potentials.beams import Beam
+from cartstiff.potentials.loads import DeadForce
+
+__all__ = ["masses_that_move", "notes_on_masses"]
+
+# kg over the cube of the summed lengths of the links [m]: arms of robots are between 1 and 200, a
+# solid block of steel is 7850. Beyond these a unit is mistaken (grams, millimetres).
+_HEAVIEST, _LIGHTEST = 2000.0, 0.01
+
+
+def masses_that_move(elastic: ElasticMechanism) -> dict[str, float]:
+    """Masses [kg] by link, of the payload, the legs, and the payloads among the loads."""
+    found = {name: mass for name, mass in elastic.mechanism.masses().items() if mass > 0.0}
+    hung = sum(p.mass for p in elastic.potentials if isinstance(p, DeadForce))
+    if hung > 0.0:
+        found["payload among the loads"] = hung * elastic.units.newtons
+    return found
+
+
+def notes_on_masses(elastic: ElasticMechanism) -> list[Note]:
+    """What is missing or cannot be meant among the masses, with names and numbers."""
+    mechanism = elastic.mechanism
+    notes: list[Note] = []
+    if isinstance(mechanism, Platform):
+        if mechanism.struts is None:
+            words = "the legs have no mass (legs.mass): real frequencies are lower"
+            notes.append(Note("massless-struts", words, {"legs": len(mechanism.points)}))
+        if mechanism.mass > 0.0 and not np.diag(mechanism.body_inertia)[:3].any():
+            words = f"{mechanism.frame} is a point mass of {mechanism.mass:g} kg without inertia"
+            notes.append(Note("inertia-missing", words, {"links": [mechanism.frame]}))
+        return notes
+    if not isinstance(mechanism, Chain):
+        return notes
+    model = mechanism.tree.model
+    links = mechanism.tree.links()
+    bodies = {links[j]: model.inertias[j] for j in sorted(links)}
+    bare = [name for name, body in bodies.items() if not body.mass > 0.0]
+    if bare:
+        words = f"these links move and have no mass: {', '.join(bare)}"
+        notes.append(Note("massless-links", words, {"links": bare}))
+    points = [name for name, body in bodies.items() if body.mass > 0.0 and not np.any(body.inertia)]
+    if points:
+        words = f"these links are point masses, without moments of inertia: {', '.join(points)}"
+        notes.append(Note("inertia-missing", words, {"links": points}))
+    for potential in elastic.potentials:
+        if isinstance(potential, Beam):
+            notes.append(_on_beam(potential))
+    return notes + _absurd(mechanism, bodies)
+
+
+def _on_beam(beam: Beam) -> Note:
+    values = {"link": beam.link, "mass": beam.mass, "segments": len(beam.indices)}
+    if beam.mass > 0.0:
+        words = (
+            f"the beam {beam.link!r} has its {beam.mass:.4g} kg lumped as rigid half segments at "
+            f"the nodes of {len(beam.indices)} segment(s): the error of a frequency goes with the "
+            "square of a segment's length"
+        )
+        return Note("beam-lumped", words, values)
+    words = (
+        f"the beam {beam.link!r} has no mass of its own (density): the mass of its link sits "
+        "rigidly at its near end"
+    )
+    return Note("beam-massless", words, values)
+
+
+def _absurd(chain: Chain, bodies: dict[str, object]) -> list[Note]:
+    """Masses and inertias that no such machine has."""
+    model = chain.tree.model
+    steps = [float(np.linalg.norm(T.translation)) for T in list(model.jointPlacements)[1:]]
+    size = sum(steps) + float(np.linalg.norm(chain.body.T_j_f[:3, 3]))
+    total = sum(float(body.mass) for body in list(model.inertias)[1:])
+    if not (size > 0.0 and total > 0.0):
+        return []
+    notes = []
+    if not _LIGHTEST < total / size**3 < _HEAVIEST:
+        words = (
+            f"{total:.4g} kg on links of {size:.4g} m in all are hardly meant: robots carry 1 to "
+            "200 kg per cubic metre of that length (grams, or millimetres, in the file?)"
+        )
+        heavy = max(bodies, key=lambda name: bodies[name].mass)  # type: ignore[attr-defined]
+        values = {"mass": total, "length": size, "heaviest": heavy}
+        notes.append(Note("masses-absurd", words, values))
+    for name, body in bodies.items():
+        mass = float(body.mass)  # type: ignore[attr-defined]
+        if not mass > 0.0:
+            continue
+        moments = np.linalg.eigvalsh(np.array(body.inertia))  # type: ignore[attr-defined]
+        values = {"link": name, "mass": mass, "moments": moments.tolist()}
+        radius = float(np.sqrt(max(moments[2], 0.0) / mass))
+        if radius > size:
+            words = (
+                f"the inertia of {name!r} belongs to a body of {radius:.4g} m, larger than the "
+                f"robot's {size:.4g} m"
+            )
+            notes.append(Note("inertia-absurd", words, values))
+        elif moments[0] < 0.0 or moments[0] + moments[1] < (1 - 1e-6) * moments[2]:
+            words = (
+                f"no body has the moments of inertia of {name!r}: one is negative or larger than "
+                "the other two together"
+            )
+            notes.append(Note("inertia-absurd", words, values))
+    return notes
