@@ -6,16 +6,10 @@ from typing import Any
 
 import click
 
-from cartstiff.cli.options import (
-    LoadRequest,
-    MechanismRequest,
-    load_options,
-    mechanism_options,
-    once,
-)
+from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import print_json, say
+from cartstiff.cli.types import Numbers, json_option, option, option_group
 from cartstiff.errors import InputError, UndefinedError
-from cartstiff.parsing import parse_numbers
 
 __all__ = ["command"]
 
@@ -26,6 +20,16 @@ Examples:
   cartstiff modes panda --payload 2,0,0,0.1 --json
 """
 
+_options = option_group(
+    option(
+        "--payload", type=Numbers("MASS[,X,Y,Z]", 1, 4),
+        help="Point mass (kg, whatever the units) fixed to a point of the body frame: it has "
+        "inertia, and weight where the file has gravity.",
+    ),
+    json_option,
+    click.option("--strict", is_flag=True, help="Exit with code 3 where there are no modes."),
+)  # fmt: skip
+
 
 @click.command(name="modes", epilog=_EPILOG)
 @mechanism_options(
@@ -33,22 +37,12 @@ Examples:
     "axes; rest positions are chosen so that the springs balance it. The modes without it stand "
     "beside."
 )
-@load_options(kinds=True)
-@click.option(
-    "--payload",
-    "payload_text",
-    multiple=True,
-    callback=once,
-    metavar="MASS[,X,Y,Z]",
-    help="Point mass (kg, whatever the units) fixed to a point of the body frame: it has inertia, "
-    "and weight where the file has gravity.",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-@click.option("--strict", is_flag=True, help="Exit with code 3 where there are no modes.")
+@load_options("--load")
+@_options
 def command(
     request: MechanismRequest,
     applied: LoadRequest,
-    payload_text: str | None,
+    payload: list[float] | None,
     as_json: bool,
     strict: bool,
 ) -> None:
@@ -59,22 +53,22 @@ def command(
     the frequencies; every table says which load it belongs to.
     """
     wrench = request.balanced_wrench
-    if applied.axes == "world" and wrench is None:
+    if applied.world and wrench is None:
         raise InputError("is for --load", where="--world")
-    payload = None if payload_text is None else _payload(payload_text)
+    if payload is not None and payload[0] < 0.0:
+        raise InputError("cannot be used", where="--payload", expected="a mass from zero",
+                         got=payload[0])  # fmt: skip
     elastic, q = request.load()
     if payload is not None:
-        elastic = elastic.with_payload(*payload)
+        elastic = elastic.with_payload(payload[0], payload[1:] or (0.0, 0.0, 0.0))
 
     import numpy as np
 
     from cartstiff.vibration.modes import MODES_SCHEMA, modes
 
-    load: Any = {"wrench": wrench, "load_kind": applied.kind, "load_at": applied.at,
-                 "load_axes": applied.axes}  # fmt: skip
     try:
         with np.errstate(all="ignore"):
-            found = modes(elastic, q, **load)
+            found = modes(elastic, q, wrench=wrench, **applied.keywords)
             bare = None if wrench is None or not any(wrench) else modes(elastic, q)
     except UndefinedError as error:
         if strict:
@@ -96,14 +90,3 @@ def command(
     from cartstiff.report.modes import describe_modes
 
     say(describe_modes(found, bare))
-
-
-def _payload(text: str) -> tuple[float, list[float]]:
-    numbers = parse_numbers(text, "--payload")
-    if len(numbers) not in (1, 4):
-        raise InputError("wrong count", where="--payload", expected="MASS or MASS,X,Y,Z",
-                         got=str(len(numbers)))  # fmt: skip
-    if numbers[0] < 0.0:
-        raise InputError("cannot be used", where="--payload", expected="a mass from zero",
-                         got=numbers[0])  # fmt: skip
-    return numbers[0], numbers[1:] or [0.0, 0.0, 0.0]
