@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
-from cartstiff.cli.output import print_json, say
+from cartstiff.cli.output import tell
 from cartstiff.cli.types import Numbers, json_option, option, option_group
 from cartstiff.errors import InputError, UndefinedError
 
@@ -75,18 +75,13 @@ def command(
             raise
         note = {"code": error.code, "message": str(error), "values": dict(error.values)}
         data: dict[str, Any] = {"schema": MODES_SCHEMA, "frequencies": [], "notes": [note]}
-        if as_json:
-            print_json(data, request.mechanism)
-        else:
-            say(f"{elastic.name}: no modes\n  [{error.code}] {error}")
+        words = f"{elastic.name}: no modes\n  [{error.code}] {error}"
+        tell(as_json, data, request.mechanism, lambda: words)
         return
     data = found.as_dict()
     if bare is not None:
         told = bare.as_dict()
         data["unloaded"] = {key: told[key] for key in ("frequencies", "eigenvalues", "load")}
-    if as_json:
-        print_json(data, request.mechanism)
-        return
     from cartstiff.report.modes import describe_modes
 
-    say(describe_modes(found, bare))
+    tell(as_json, data, request.mechanism, lambda: describe_modes(found, bare))
