@@ -133,6 +133,19 @@ BAD: dict[str, tuple[str | bytes, tuple[str, ...]]] = {
     "two roots": (changed("</robot>", '<link name="x"/></robot>'), ("one root link", "a, x")),
     "axis without numbers": (changed(AXIS, "<axis/>"), ("'j1'", "axis has no xyz")),
     "axis in an element": (changed(AXIS, "<axis><xyz>0 0 1</xyz></axis>"), ("'j1'", "<xyz>")),
+    "an origin outside its tag": (
+        changed(AXIS, AXIS + ' xyz="0 0 1" '),
+        ("'j1' holds text", "attributes only", "xyz="),
+    ),
+    "a joint's text": (
+        changed('<parent link="a"/>', 'rpy = \'0 0 1\' <parent link="a"/>'),
+        ("'j1' holds text", "rpy ="),
+    ),
+    "text of a limit": (
+        changed('velocity="1"/>', 'velocity="1">lower="0"</limit>'),
+        ("limit holds text",),
+    ),
+    "text of the robot": (changed(J1, J1 + 'xyz="1 2 3"'), ("robot 'arm' holds text",)),
     "axis as text": (changed(AXIS, "<axis>0 0 1</axis>"), ("'j1'", "axis holds text", "0 0 1")),
     "slip in axis": (changed('<axis xyz="0 0 1"', '<axis xzy="0 0 1"'), ("'j1'", "xyz", "xzy")),
     "slip in origin": (changed("<origin xyz", "<orgin xyz", 2), ("origin", "<orgin>")),
@@ -293,6 +306,12 @@ def test_what_is_no_urdf_is_named(accepted: Accepted) -> None:
     )
     (note,) = (n for n in accepted(place(text), "--frame", "d")["notes"] if n["code"] == "ignored")
     assert note["values"]["elements"] == ["<friction> in <joint>", "<pose> in <link>"]
+
+
+def test_a_remark_between_tags_is_named(accepted: Accepted) -> None:
+    text = changed(AXIS, AXIS + " the first one ")
+    (note,) = (n for n in accepted(place(text), "--frame", "d")["notes"] if n["code"] == "ignored")
+    assert note["values"]["elements"] == ["text 'the first one' in <joint>"]
 
 
 def test_frame_is_a_link_where_a_joint_elsewhere_has_its_name(accepted: Accepted) -> None:

@@ -7,6 +7,7 @@ known extensions define are named in a note, and refused where they look like a 
 from __future__ import annotations
 
 import math
+import re
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, field
 from difflib import get_close_matches
@@ -64,6 +65,8 @@ _ATTRIBUTES = {
 }  # fmt: skip
 # Where nothing but these attributes makes sense: nothing else may stand there, nor inside.
 _STRICT = ("origin", "axis", "parent", "child", "mass", "mimic")
+# What an attribute looks like that stands outside of a tag.
+_ASSIGNMENT = re.compile(r"\w\s*=\s*[\"']")
 # Likeness (difflib's ratio) from which on an unknown name is taken for a slip of the pen: one
 # letter too many, too few or exchanged in a name of four gives 0.75 and more.
 _ALIKE = 0.7
@@ -212,6 +215,7 @@ def _understood(root: ET.Element, refuse: Any) -> list[Note]:
         place = f"{element.tag} {element.get('name')!r}" if element.get("name") else element.tag
         place = place if element.get("name") else f"{inside}{place}"
         _check_attributes(element, place, unknown, refuse)
+        _check_text(element, place, unknown, refuse)
         shown = _SHOWN.get(element.tag, ())
         for child in list(element):
             if child.tag in shown:
@@ -225,9 +229,6 @@ def _understood(root: ET.Element, refuse: Any) -> list[Note]:
                 raise refuse(f"{place} holds an element", expected="attributes only",
                              got=f"<{child.tag}>")  # fmt: skip
             unknown.append(f"<{child.tag}> in <{element.tag}>")
-        if element.tag in _STRICT and (element.text or "").strip():
-            raise refuse(f"{place} holds text", expected="attributes only",
-                         got=repr(str(element.text).strip()[:40]))  # fmt: skip
         tags = [child.tag for child in element]
         for tag in set(tags):
             if element is not root and tags.count(tag) > 1:
@@ -254,6 +255,18 @@ def _check_attributes(element: ET.Element, place: str, unknown: list[str], refus
     if strange and element.tag == "limit" and not {"lower", "upper"} & set(element.attrib):
         raise refuse(f"{place}: no lower and no upper", expected="lower=... upper=...",
                      got=", ".join(strange))  # fmt: skip
+
+
+def _check_text(element: ET.Element, place: str, unknown: list[str], refuse: Any) -> None:
+    """URDF says everything by attributes: text is one that has lost its tag, or a remark."""
+    for text in (element.text, *(child.tail for child in element)):
+        words = (text or "").strip()
+        if not words:
+            continue
+        if element.tag in _STRICT or _ASSIGNMENT.search(words):
+            raise refuse(f"{place} holds text", expected="attributes only, within a tag",
+                         got=repr(words[:40]))  # fmt: skip
+        unknown.append(f"text {words[:40]!r} in <{element.tag}>")
 
 
 def _refuse_slip(name: str, known: tuple[str, ...], what: str, got: str, refuse: Any) -> None:
