@@ -18,6 +18,7 @@ from cartstiff.cli.analysis_options import CONNECTIONS as OFFERED
 from cartstiff.cli.analysis_options import LEVELS as OFFERED_LEVELS
 from cartstiff.cli.main import main
 from cartstiff.geometry import se3
+from cartstiff.stiffness.applied_load import LoadKind
 
 LOAD = "10,-20,5,30,-40,50"
 
@@ -298,3 +299,45 @@ def test_a_spread_that_does_not_exist_is_a_dash(analysis: Callable[..., dict[str
     lines = uncertainty_lines(found, UnitNames(), full=True)
     assert len(lines) == len(whole)
     assert [line for line in lines if line.endswith("+- -, -, -")]
+
+
+def test_world_means_every_wrench_and_direction(analysis: Callable[..., dict[str, Any]]) -> None:
+    """Also of a map and, by differences, of the equilibrium."""
+    posture = ("cubic", "--pose", "0,0,0,0.3,-0.2,0.5")
+    load, push = [1.0, -2.0, 0.5, 30.0, -20.0, -90.0], [0.0, 0.0, 0.0, 0.0, 0.0, -10.0]
+    data = analysis(*posture, "--load", _listed(load), "--deflect", _listed(push), "--direction",
+                    "0,0,1", "--world")  # fmt: skip
+    cubic = cartstiff.load("cubic")
+    result = cartstiff.analyse(cubic, [0, 0, 0, 0.3, -0.2, 0.5], wrench=load, load_axes="world")
+    R = result.pose[:3, :3]
+    down = R.T @ [0.0, 0.0, 1.0]
+    given = next(row for row in data["directions"] if row["name"] == "given")
+    C = np.linalg.inv(result.tangent)
+    assert given["direction"] == pytest.approx(down, abs=1e-12)
+    assert given["along"]["free"] == pytest.approx(1.0 / (down @ C[3:, 3:] @ down), rel=1e-9)
+    assert data["deflection"]["wrench"][3:] == pytest.approx(-10.0 * down, abs=1e-12)
+    before, after = (
+        cartstiff.equilibrium(
+            result.elastic, LoadKind().acting(np.add(load, x), result.pose, "world"), q0=result.q
+        ).pose[:3, 3]
+        for x in (np.multiply(-1e-3, push), np.multiply(1e-3, push))
+    )
+    moved = R @ data["deflection"]["displacement"]
+    assert moved == pytest.approx((after - before) / 2e-3, rel=1e-5, abs=1e-9)
+
+
+def _listed(numbers: list[float]) -> str:
+    return ",".join(f"{x:g}" for x in numbers)
+
+
+@pytest.mark.parametrize("command", ["analyse", "map", "equilibrium"])
+def test_world_needs_what_it_is_about(
+    command: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    words = [command, "cubic", "--world"]
+    if command == "map":
+        words += ["--grid", "x=0:0.01:2", "--quantity", "condition", "-o", str(tmp_path / "m.zarr")]
+    with pytest.raises(SystemExit) as exit_:
+        main(words)
+    assert exit_.value.code == 2
+    assert "--world: is for --load" in capfd.readouterr().err

@@ -50,7 +50,7 @@ _options = option_group(
     load_help="Wrench on the body: moment about and force at the point --load-at, in the body's "
     "axes; rest positions are chosen so that the springs balance it."
 )
-@load_options("--load")
+@load_options("--load, --deflect and --direction")
 @analysis_options
 @_options
 def command(
@@ -68,9 +68,8 @@ def command(
     file, or an example robot's name.
     """
     wrench = request.balanced_wrench
-    if applied.world and wrench is None:
-        raise InputError("is for --load", where="--world")
-    analysis = AnalysisRequest(**analysis_options)
+    analysis = AnalysisRequest(**analysis_options, world=applied.world)
+    applied.check_world(load=wrench, deflect=analysis.deflect, direction=analysis.direction)
     elastic, q = request.load()
 
     import numpy as np

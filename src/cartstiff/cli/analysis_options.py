@@ -39,11 +39,11 @@ analysis_options = option_group(
     ),
     option(
         "--direction", type=POINT,
-        help="Also the stiffness along and about this direction of the body frame.",
+        help="Also the stiffness along and about this direction, in the body's axes.",
     ),
     option(
         "--deflect", type=WRENCH,
-        help="Linear deflection under this wrench, along the body's axes, added to the load; "
+        help="Linear deflection under this wrench, in the body's axes, added to the load; "
         "default the load itself.",
     ),
     option(
@@ -98,6 +98,7 @@ class AnalysisRequest:
     samples: int | None
     target: Path | None
     target_order: str | None
+    world: bool = False
 
     def __post_init__(self) -> None:
         """Refuse what does not go together, and zeros."""
@@ -122,6 +123,14 @@ class AnalysisRequest:
         """The desired stiffness as its file has it."""
         return None if self.target is None else read_target(self.target, self.target_order)
 
+    def _in_body(self, components: list[float] | None, result: PostureStiffness) -> Any:
+        """Three components, or twice three, in the body's axes."""
+        if components is None or not self.world:
+            return components
+        import numpy as np
+
+        return (np.reshape(components, (-1, 3)) @ result.pose[:3, :3]).ravel()
+
     def run(self, result: PostureStiffness) -> dict[str, Any]:
         """The analysis; with a progress bar on a terminal while tolerances are propagated."""
         import numpy as np
@@ -140,7 +149,8 @@ class AnalysisRequest:
                 answer = analyse_posture(
                     result, connection=self.connection, length=self.length, mass=mass,
                     inertia=inertia, at=None if self.at is None else pose(translation=self.at),
-                    direction=self.direction, wrench=self.deflect, wrench_at=self.deflect_at,
+                    direction=self._in_body(self.direction, result),
+                    wrench=self._in_body(self.deflect, result), wrench_at=self.deflect_at,
                     target=None if self.wanted is None else self.wanted.in_body_frame(result),
                     tolerances=None if self.tolerance is None else Tolerances(*self.tolerance),
                     samples=self.samples or 0, progress=progress,

@@ -51,7 +51,7 @@ _options = option_group(
     option(
         "--hold", type=Pairs("NAME=VALUE,...", _COMPONENTS),
         help="Displacement of the body prescribed in rx, ry, rz, x, y, z (rad, length), along the "
-        "axes of the unloaded body; with --world along the inertial axes.",
+        "axes of the unloaded body, or with --world the inertial axes.",
     ),
     click.option("--no-limits", is_flag=True, help="Ignore joint and leg limits."),
     option(
@@ -111,6 +111,7 @@ def command(
     for name, value in (("--hold", hold), ("--q", request.q), ("--pose", request.pose)):
         if path is not None and value is not None:
             raise InputError(f"give {name} or --path, not both")
+    applied.check_world(load=request.wrench, hold=hold, path=path)
     if curve == 0.0:
         raise InputError("not a usable factor", where="--curve", expected="a number not 0", got="0")
     elastic, q = request.load()

@@ -206,6 +206,7 @@ def command(
         raise InputError("no --quantity was given", expected="a name of --list-quantities")
     if deflect_at is not None and deflect is None:
         raise InputError("is for --deflect", where="--deflect-at")
+    applied.check_world(load=request.wrench, deflect=deflect, direction=direction)
     # Dimensions have dots where names of coordinates have slashes.
     cuts = {name.replace("/", "."): value for name, value in cuts.items()}
     asked: dict[str, Any] = {

@@ -59,6 +59,12 @@ class LoadRequest:
         """Axes of the load's components: "body" or "world"."""
         return "world" if self.world else "body"
 
+    def check_world(self, **given: object) -> None:
+        """Refuse --world where none of the options is given whose components it is about."""
+        if self.world and all(value is None for value in given.values()):
+            names = ", ".join(f"--{name}" for name in given)
+            raise InputError(f"is for {names}", where="--world")
+
 
 @dataclass(frozen=True)
 class MechanismRequest:
@@ -176,8 +182,8 @@ def load_options(world: str) -> Callable[..., Callable[..., Any]]:
     options = option_group(
         option("--load-at", type=POINT,
                help="Point of the body, in its frame, at which the load acts; default its origin."),
-        click.option("--world", is_flag=True, help=f"The components of {world} are along the "
-                     "inertial axes, not those of the body."),
+        click.option("--world", is_flag=True, help=f"Components (of {world}) are along the "
+                     "inertial axes, not those of the body. Points stay in the body's frame."),
         click.option("--load-kind", type=click.Choice(LOAD_KINDS), default="dead",
                      show_default=True,
                      help="What the load does while the body moves. dead: force and moment keep "

@@ -26,7 +26,7 @@ def deflection_lines(d: Section, u: UnitNames, full: bool) -> list[str]:
         f"{vector(d['acts_at'])} {u.length}",
         f"  the point {vector(d['point'])} {u.length} moves {number(size)} {u.length}: "
         f"{vector(d['displacement'], 4)}",
-        f"  the body turns {vector(d['twist'][:3], 4)} {u.angle}, "
+        f"  the body turns {vector(d['twist'][:3], 4)} {u.angle} (all in the body's axes), "
         f"energy {number(d['energy'])} {u.moment}",
     ]
     shares = d["shares"]
