@@ -138,7 +138,7 @@ BAD: dict[str, tuple[str | bytes, tuple[str, ...]]] = {
         ("'j1' holds text", "attributes only", "xyz="),
     ),
     "a joint's text": (
-        changed('<parent link="a"/>', 'rpy = \'0 0 1\' <parent link="a"/>'),
+        changed('<parent link="a"/>', "rpy = '0 0 1' <parent link=\"a\"/>"),
         ("'j1' holds text", "rpy ="),
     ),
     "text of a limit": (

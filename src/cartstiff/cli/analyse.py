@@ -12,7 +12,6 @@ from cartstiff.cli.analysis_options import AnalysisRequest, analysis_options
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import json_text, say
 from cartstiff.cli.types import OutputFile, json_option, option, option_group
-from cartstiff.errors import InputError
 
 __all__ = ["command"]
 
