@@ -49,7 +49,7 @@ WORDS = {
     "cli": "parse, call, print",
 }
 # Read by everything, and read at most errors.
-SMALL = {"arrays", "child_process", "numerics", "parsing", "version"}
+SMALL = {"arrays", "child_process", "graded", "numerics", "parsing", "version"}
 WIDTH, HEIGHT, GAP, MARGIN = 320, 52, 34, 20
 SIDE = 110  # room for the arrows that pass by a row
 

@@ -25,7 +25,9 @@ __all__ = [
     "EPSILON",
     "IDLE",
     "INVERTIBLE",
+    "LOST",
     "NEAR",
+    "PAIRED",
     "RANK",
     "REPEATED",
     "ROUNDING",
@@ -46,6 +48,7 @@ __all__ = [
     "is_about_symmetric",
     "is_regular",
     "is_symmetric",
+    "pair_conditions",
     "rank",
     "ratio",
 ]
@@ -77,6 +80,11 @@ TELLING: Final = 1e-9
 #: Squares of frequencies nearer to each other than this share are those of one subspace: within it
 #: any motion has the same frequency to six digits, and single directions are chance.
 REPEATED: Final = 1e-6
+#: A number with a relative error above this is none: four digits are the fewest that tell.
+LOST: Final = 1e-4
+#: Up to this condition number a stiffness and its inverse together hold all principal values: the
+#: worst stand in the middle and lose its root, 3e5 of 4e15.
+PAIRED: Final = 1e11
 #: An asymmetry below this share of the block's size is taken for rounding.
 SYMMETRY: Final = 1e-9
 
@@ -335,7 +343,7 @@ def eigenvalues(
     Returns
     -------
     ndarray, shape (..., n)
-        NaN where neither is known.
+        NaN where neither is known, and where one of them is known to less than `LOST` only.
     """
     a = _of_symmetric(matrix)
     alone = _cleaned(a)
@@ -373,7 +381,10 @@ def _cleaned(values: Array) -> Array:
 def eigenpairs(
     matrix: Array, inverse: Array | None = None, losses: tuple[float, float] = (1.0, 1.0)
 ) -> tuple[Array, Array]:
-    """`eigenvalues` (n,) of one symmetric matrix, and its eigenvectors in columns (n, n)."""
+    """`eigenvalues` (n,) of one symmetric matrix, and its eigenvectors in columns (n, n).
+
+    NaN where these lose what `eigenvalues` needs.
+    """
     a, u = np.linalg.eigh(0.5 * (matrix + matrix.T))
     if inverse is None:
         return _cleaned(a), u
@@ -384,6 +395,8 @@ def eigenpairs(
     k = int(_cut(np.abs(a[i])[None], np.abs(c[j])[None], losses)[0])
     values, vectors = np.append(a[i[:k]], c[j[k:]]), np.hstack([u[:, i[:k]], v[:, j[k:]]])
     order = np.argsort(values)
+    if _errors(np.abs(a[i])[None], np.abs(c[j])[None], np.array([k]), losses)[0] > LOST:
+        return np.full(len(a), np.nan), u
     # From two sources, so that they are at right angles only about.
     q, r = np.linalg.qr(vectors)
     return values[order], (q * np.where(r.diagonal() < 0.0, -1.0, 1.0))[:, order]
@@ -394,7 +407,20 @@ def _merged(a: Array, c: Array, losses: tuple[float, float]) -> Array:
     a = np.take_along_axis(a, np.argsort(-np.abs(a), axis=-1), -1)
     c = np.take_along_axis(c, np.argsort(-np.abs(c), axis=-1), -1)
     k = _cut(np.abs(a), np.abs(c), losses)
-    return np.sort(np.where(np.arange(a.shape[-1]) < k[:, None], a, c), axis=-1)
+    found = np.sort(np.where(np.arange(a.shape[-1]) < k[:, None], a, c), axis=-1)
+    # What neither knows may have any sign, and stand anywhere among the others.
+    found[_errors(np.abs(a), np.abs(c), k, losses) > LOST] = np.nan
+    return found
+
+
+def _errors(a: Array, c: Array, k: NDArray[np.intp], losses: tuple[float, float]) -> Array:
+    """Relative error (m,) of the worst where k are taken from a, the others from c: sizes."""
+    rows = np.arange(len(a))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        of_a = losses[0] * a[:, 0] / a[rows, np.maximum(k, 1) - 1]
+        of_c = losses[1] * c[rows, np.minimum(k, a.shape[1] - 1)] / c[:, -1]
+    worst = np.fmax(np.where(k > 0, of_a, 1.0), np.where(k < a.shape[1], of_c, 1.0))
+    return np.asarray(EPSILON * worst)
 
 
 def _cut(sizes_a: Array, sizes_c: Array, losses: tuple[float, float]) -> NDArray[np.intp]:
@@ -409,6 +435,27 @@ def _cut(sizes_a: Array, sizes_c: Array, losses: tuple[float, float]) -> NDArray
         equal = sizes_a[:, :-1] < (1.0 + 1e-6) * sizes_c[:, 1:]
     cost[:, 1:-1][equal & (cost[:, 1:-1] < np.minimum(cost[:, :1], cost[:, -1:]))] *= 1e3
     return np.argmin(np.where(np.isnan(cost), np.inf, cost), axis=-1)
+
+
+def pair_conditions(stiffness: Array, compliance: Array) -> Array:
+    """Bounds (N,) on condition numbers of matrices (N, 6, 6) with given inverses.
+
+    Lengths are measured so that both diagonal blocks of the stiffness are of one size. NaN where
+    one of the two does not exist.
+    """
+    k, c = (_squared_blocks(stack) for stack in (stiffness, compliance))
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        area = np.sqrt(np.where((k[0] > 0.0) & (k[2] > 0.0), k[0] / k[2], 1.0))
+        size = k[0] / area / area + k[1] / area + k[2]
+        return np.sqrt(size) * np.sqrt(c[0] * area * area + c[1] * area + c[2])
+
+
+def _squared_blocks(stack: Array) -> tuple[Array, Array, Array]:
+    """Squared sizes (N,) of the rotation, coupling and translation blocks of matrices."""
+    squares = stack * stack
+    turning, moving = squares[:, :3], squares[:, 3:]
+    coupling = turning[:, :, 3:].sum(axis=(1, 2)) + moving[:, :, :3].sum(axis=(1, 2))
+    return turning[:, :, :3].sum(axis=(1, 2)), coupling, moving[:, :, 3:].sum(axis=(1, 2))
 
 
 def condition(values: ArrayLike) -> Array:

@@ -20,6 +20,7 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree_building import plain_tree
 from cartstiff.potentials.springs import JointSprings
+from cartstiff.report.analysis import summary_text
 
 # What is asked of the compliance: ten digits of its largest entry, in the chain's natural units.
 TEN_DIGITS = 1e-10
@@ -122,6 +123,28 @@ class _Arm:
             found[name] = np.array([[float(C[i, j]) for j in range(6)] for i in range(6)])
         return found
 
+    def principal_values(self, q, k, W, length):
+        """Of K^B, least first: all with lengths scaled, and of blocks with the others held, free.
+
+        Also the smallest over the largest singular value of J.
+        """
+        J, n, W = self.jacobian(q), len(k), _mp(W)
+        H = mp.diag([mp.mpf(float(x)) for x in k])
+        for a in range(n):
+            for b in range(a + 1, n):
+                s = (W.T * _bracket(J[:, a], J[:, b]))[0] / 2
+                H[a, b], H[b, a] = H[a, b] - s, H[b, a] - s
+        C = J * mp.inverse(H) * J.T
+        K = mp.inverse(C)
+        scale = mp.diag([1 / mp.mpf(length)] * 3 + [mp.mpf(1)] * 3)
+        found = {"all": sorted(mp.eigsy(scale * K * scale, eigvals_only=True))}
+        for freedom, block in (("translation", slice(3, 6)), ("rotation", slice(0, 3))):
+            found[freedom, "held"] = sorted(mp.eigsy(K[block, block], eigvals_only=True))
+            give = mp.eigsy(C[block, block], eigvals_only=True)
+            found[freedom, "free"] = sorted(1 / x for x in give)
+        sizes = mp.svd_r(mp.inverse(scale) * J, compute_uv=False)
+        return {name: np.array(v, float) for name, v in found.items()}, float(min(sizes) / sizes[0])
+
 
 def _error(got, expected):
     return np.abs(got - expected).max() / np.abs(expected).max()
@@ -210,6 +233,84 @@ def test_what_is_free_near_a_singularity(distance):
     expected = (free[0], free[-1], given["along"]["free"], condition, isotropy, softness[-1] ** -2)
     for name, value in zip(names, expected, strict=True):
         assert values[name][0] == pytest.approx(value, rel=10 * known), name
+
+
+@pytest.mark.parametrize("distance", [1e-1, 1e-4, 1e-6, 1e-8, 3e-10])
+@pytest.mark.parametrize(("joints", "loaded"), [(6, False), (6, True), (7, True)])
+def test_principal_values_over_forty_decades(joints, loaded, distance):
+    """Held, free and whole: of one posture, of a map, of the page, as far as J itself is known."""
+    arm = _Arm(joints, joints)
+    rng = np.random.default_rng([joints, round(-np.log10(distance))])
+    q = arm.q.copy()
+    q[-2] = distance
+    k = 10.0 ** rng.uniform(-3, 12, joints)
+    k[rng.permutation(joints)[:2]] = 1e-3, 1e12
+    W = 3e-5 * rng.normal(size=6) * loaded
+    elastic = ElasticMechanism("arm", arm.chain, q, JointSprings(k, q))
+    result = cartstiff.analyse(elastic, q, wrench=W if loaded else None)
+    length = 0.3
+    with mp.workdps(2 * _DIGITS):  # K, inverted from C, loses as many digits as lie between
+        expected, ratio = arm.principal_values(q, k, W, length)
+    if result.matrices["B"] is None:
+        assert result.reduction.states[-1].code == "serial-singularity"
+        return
+    known = max(1e-10, 1e-14 / ratio)
+    answer = analyse_posture(result, length=length, connection="B")
+    whole = answer["indices"]
+    assert whole["eigenvalues"] == pytest.approx(expected["all"], rel=known)
+    assert whole["minimum_stiffness"] == pytest.approx(expected["all"][0], rel=TEN_DIGITS)
+    assert answer["definiteness"] == whole["definiteness"] == "positive"
+    for freedom in ("translation", "rotation"):
+        for others in ("held", "free"):
+            found = answer["ellipsoids"]["stiffness"][freedom][others]["eigenvalues"]
+            assert found == pytest.approx(expected[freedom, others], rel=known)
+            back = answer["ellipsoids"]["compliance"][freedom][others]["eigenvalues"]
+            assert back == pytest.approx(1 / np.array(found[::-1]), rel=1e-12)
+    names = ("translation_held_min", "translation_held_max", "rotation_held_min",
+             "translation_free_max", "minimum", "condition", "unstable_directions")  # fmt: skip
+    settings = Settings("B", length)
+    quantities = choose_quantities(names, settings, elastic)
+    outputs = sorted({o for quantity in quantities for o in quantity.outputs(settings)})
+    many = analyse_many(elastic, q[None], wrench=W if loaded else None, outputs=outputs)
+    values = {n: v[0] for n, v in evaluate(quantities, many.arrays, settings).items()}
+    assert many.is_regular.all() or many.counts() == {"lost-digits": 1}
+    moving, turning = expected["translation", "held"], expected["rotation", "held"]
+    assert values["translation_held_min"] == pytest.approx(moving[0], rel=known)
+    assert values["translation_held_max"] == pytest.approx(moving[2], rel=known)
+    assert values["rotation_held_min"] == pytest.approx(turning[0], rel=known)
+    free = expected["translation", "free"]
+    assert values["translation_free_max"] == pytest.approx(free[2], rel=known)
+    assert values["minimum"] == pytest.approx(expected["all"][0], rel=TEN_DIGITS)
+    condition = expected["all"][-1] / expected["all"][0]
+    assert values["condition"] == pytest.approx(condition, rel=2 * known)
+    assert values["unstable_directions"] == 0
+
+
+def test_what_neither_matrix_knows_is_no_number():
+    """Far beyond buckling: there is no root, and what stands between is in neither matrix."""
+    arm = _Arm(4, 6)
+    q = arm.q.copy()
+    q[-2] = 1e-8
+    k = np.array([3e4, 1e-3, 2e2, 1e12, 7e8, 1e12])
+    elastic = ElasticMechanism("arm", arm.chain, q, JointSprings(k, q))
+    W = np.array([0.2, -0.1, 0.3, 5.0, -2.0, 4.0])
+    result = cartstiff.analyse(elastic, q, wrench=W)
+    with mp.workdps(2 * _DIGITS):
+        expected, _ = arm.principal_values(q, k, W, 0.3)
+    assert expected["all"][0] < 0.0
+    answer = analyse_posture(result, length=0.3, connection="B")
+    assert answer["indices"] is None
+    assert answer["definiteness"] is None
+    assert "lost-digits" in {n["code"] for n in answer["notes"]}
+    assert "indices, angles" not in summary_text(answer, elastic.units.as_dict())
+    settings = Settings("B", 0.3)
+    quantities = choose_quantities(("minimum", "condition"), settings, elastic)
+    outputs = sorted({o for quantity in quantities for o in quantity.outputs(settings)})
+    many = analyse_many(elastic, q[None], wrench=W, outputs=outputs)
+    assert many.counts() == {"lost-digits": 1}
+    values = evaluate(quantities, many.arrays, settings)
+    assert np.isnan(values["minimum"]).all()
+    assert np.isnan(values["condition"]).all()
 
 
 def test_the_arm_that_people_type():

@@ -20,7 +20,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff import numerics
+from cartstiff import graded, numerics
 from cartstiff.analysis.matrices import (
     ROTATION,
     TRANSLATION,
@@ -29,12 +29,14 @@ from cartstiff.analysis.matrices import (
     eliminate,
     frame_along,
     loss_of_elimination,
+    lost_digits,
     move_compliance,
     move_stiffness,
     symmetric_part,
 )
-from cartstiff.arrays import checked_matrix, checked_unit, read_only
+from cartstiff.arrays import checked_matrix, checked_pose, checked_unit, read_only
 from cartstiff.errors import UndefinedError, UnknownNameError
+from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 
 __all__ = [
@@ -115,11 +117,19 @@ def _principal(
         values, vectors = numerics.eigenpairs(m, np.frombuffer(inverse).reshape(3, 3), losses)
     else:
         values, vectors = np.linalg.eigh(m)
+    if np.isnan(values).any():
+        raise lost_digits(values, "this block")
     sign = definiteness(values, zero=0.0 if inverse else numerics.ZERO)
+    shape = _ellipsoid(values, vectors, sign)
+    return shape.axes, shape.radii, shape.eigenvalues, sign
+
+
+def _ellipsoid(values: Array, vectors: Array, sign: Definiteness) -> Ellipsoid:
+    """From eigenvalues, smallest first, and their vectors in columns."""
     # In plain numbers: arrays of three take longer.
     (a, b, c), (d, e, f) = (_upright(vector) for vector in vectors.T[:2].tolist())
     axes = [[a, d, b * f - c * e], [b, e, c * d - a * f], [c, f, a * e - b * d]]
-    return read_only(axes), read_only(np.abs(values)), read_only(values), sign
+    return Ellipsoid(read_only(axes), read_only(np.abs(values)), read_only(values), sign)
 
 
 def _upright(vector: list[float]) -> list[float]:
@@ -198,11 +208,20 @@ def stiffness_ellipsoid(
     others: Others,
     T_m_n: ArrayLike | None = None,
     inverse: ArrayLike | None = None,
+    root: Array | None = None,
 ) -> Ellipsoid:
     """Ellipsoid of `stiffness_block`; its eigenvalues are the principal stiffnesses.
 
-    The inverse, the compliance (6, 6), gives what the stiffness has no digits for.
+    The inverse, the compliance (6, 6), gives what the stiffness has no digits for; its root
+    (6, 6), see `cartstiff.graded`, what neither has, and is all that is read where it is given.
+
+    Raises
+    ------
+    UndefinedError
+        As `stiffness_block`; code ``"lost-digits"`` where neither knows a principal value.
     """
+    if root is not None:
+        return _of_root(root, freedom, others, T_m_n, is_stiffness=True)
     return _of_pair(stiffness_block, stiffness, compliance_block, inverse, freedom, others, T_m_n)
 
 
@@ -212,12 +231,29 @@ def compliance_ellipsoid(
     others: Others,
     T_m_n: ArrayLike | None = None,
     inverse: ArrayLike | None = None,
+    root: Array | None = None,
 ) -> Ellipsoid:
     """Ellipsoid of `compliance_block`; its eigenvalues are the principal compliances.
 
-    The inverse, the stiffness (6, 6), gives what the compliance has no digits for.
+    The inverse, the stiffness (6, 6), gives what the compliance has no digits for; the root as in
+    `stiffness_ellipsoid`, with the same errors.
     """
+    if root is not None:
+        return _of_root(root, freedom, others, T_m_n, is_stiffness=False)
     return _of_pair(compliance_block, compliance, stiffness_block, inverse, freedom, others, T_m_n)
+
+
+def _of_root(
+    root: Array, freedom: Freedom, others: Others, T: ArrayLike | None, is_stiffness: bool
+) -> Ellipsoid:
+    """Ellipsoid of a block of C = G G^T or of its inverse, from G."""
+    keep, is_held = _choice(freedom, others)
+    if T is not None:
+        root = se3.adjoint(se3.inverse(checked_pose(T, "frame"))) @ root
+    values, vectors = graded.eigenpairs(graded.held(root, keep) if is_held else root[keep])
+    if not is_stiffness:
+        values, vectors = 1.0 / values[::-1], vectors[:, ::-1]
+    return _ellipsoid(values, vectors, "positive")
 
 
 def _moved(block: Callable[..., Array], matrix: ArrayLike, T: ArrayLike) -> Array:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff import numerics
+from cartstiff import graded, numerics
 from cartstiff.analysis.matrices import (
     ROTATION,
     TRANSLATION,
@@ -21,6 +21,7 @@ from cartstiff.analysis.matrices import (
     definiteness,
     eliminate,
     loss_of_elimination,
+    lost_digits,
     scale_lengths,
 )
 from cartstiff.arrays import checked_array, checked_length, read_only, real_array
@@ -102,7 +103,12 @@ def _isotropy(values: Array) -> float:
     return 0.0 if kind == "positive semidefinite" else float("nan")
 
 
-def indices(stiffness: ArrayLike, length: float, compliance: ArrayLike | None = None) -> Indices:
+def indices(
+    stiffness: ArrayLike,
+    length: float,
+    compliance: ArrayLike | None = None,
+    root: Array | None = None,
+) -> Indices:
     r"""All indices at a length scale.
 
     The exponent follows from the eigenvectors x of K_l: an eigenvalue changes as
@@ -117,12 +123,24 @@ def indices(stiffness: ArrayLike, length: float, compliance: ArrayLike | None = 
     compliance : array_like, shape (6, 6), optional
         The inverse, where it is known better than the stiffness tells it: near a singularity the
         small eigenvalues come from there.
+    root : ndarray, shape (6, 6), optional
+        Root of the inverse, see `cartstiff.graded`, from which all of them come where it is given.
+
+    Raises
+    ------
+    UndefinedError
+        Code ``"lost-digits"`` where neither stiffness nor compliance knows an eigenvalue.
     """
     K = as_symmetric(stiffness)
     C = None if compliance is None else as_symmetric(compliance, "compliance")
     scaled = scale_lengths(K, checked_length(length))
     inverse = None if C is None else scale_lengths(C, 1.0 / length)
-    values, x = numerics.eigenpairs(scaled, inverse)
+    if root is not None:
+        values, x = graded.eigenpairs(_scaled_root(root, length))
+    else:
+        values, x = numerics.eigenpairs(scaled, inverse)
+    if np.isnan(values).any():
+        raise lost_digits(values, "the stiffness matrix")
     low, high = int(np.argmin(np.abs(values))), int(np.argmax(np.abs(values)))
     ratio = condition(values)
     shares = np.sum(x[:3] ** 2, axis=0)
@@ -132,15 +150,15 @@ def indices(stiffness: ArrayLike, length: float, compliance: ArrayLike | None = 
     return Indices(
         float(length),
         read_only(values),
-        _definiteness(K, C),
+        _definiteness(K, C) if root is None else "positive",
         ratio,
         exponent,
         _isotropy(values),
         float(values[0]),
         read_only(twist),
         float(np.prod(values) * length**6),
-        condition(_of_block(K, C, TRANSLATION)),
-        condition(_of_block(K, C, ROTATION)),
+        condition(_of_block(K, C, TRANSLATION, root)),
+        condition(_of_block(K, C, ROTATION, root)),
     )
 
 
@@ -151,8 +169,15 @@ def _definiteness(K: Array, C: Array | None) -> Definiteness:
     return definiteness(values, zero=0.0)
 
 
-def _of_block(K: Array, C: Array | None, block: slice) -> Array:
+def _scaled_root(root: Array, length: float) -> Array:
+    """Root of the compliance with angles multiplied by a length."""
+    return root * np.repeat([length, 1.0], 3)[:, None]
+
+
+def _of_block(K: Array, C: Array | None, block: slice, root: Array | None) -> Array:
     """Eigenvalues of a diagonal block of K; the inverse of the block is C, the others held."""
+    if root is not None:
+        return graded.eigenvalues(graded.held(root, block))
     if C is None:
         return numerics.eigenvalues(K[block, block])
     try:
@@ -170,7 +195,7 @@ def condition_numbers(stiffness: ArrayLike, lengths: ArrayLike) -> Array:
 
 
 def best_conditioned_length(
-    stiffness: ArrayLike, compliance: ArrayLike | None = None
+    stiffness: ArrayLike, compliance: ArrayLike | None = None, root: Array | None = None
 ) -> tuple[float, float]:
     r"""Length at which the condition number is smallest, and that number.
 
@@ -188,11 +213,15 @@ def best_conditioned_length(
     start = balancing_length(K)
 
     def at(lengths: Array) -> Array:
+        if root is not None:
+            return graded.extremes(root, lengths)
         d = np.repeat(np.column_stack([1.0 / lengths, np.ones(lengths.size)]), 3, axis=1)
         scale = d[:, :, None] * d[:, None, :]
         return numerics.eigenvalues(K * scale, None if C is None else C / scale)
 
     values = at(np.array([start]))[0]
+    if np.isnan(values).any():
+        raise lost_digits(values, "the stiffness matrix")
     if definiteness(values, zero=0.0) != "positive":
         raise UndefinedError(
             "no best length: the stiffness is not positive definite",

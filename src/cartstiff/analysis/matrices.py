@@ -42,6 +42,7 @@ __all__ = [
     "frame_along",
     "invert",
     "loss_of_elimination",
+    "lost_digits",
     "move_compliance",
     "move_stiffness",
     "reach",
@@ -245,6 +246,16 @@ def _eliminated(m: Array, kept: slice | Array, others: slice | Array) -> Array:
         free = np.zeros_like(block)  # all of it was taken away
     result: Array = free / d[kept][:, None] / d[kept]
     return result
+
+
+def lost_digits(values: Array, what: str) -> UndefinedError:
+    """The error for principal values that neither a matrix nor its inverse knows."""
+    return UndefinedError(
+        f"{what} has principal values so far apart that neither it nor its inverse knows those "
+        "between",
+        code="lost-digits",
+        values={"known": numerics.LOST, "unknown": int(np.isnan(values).sum())},
+    )
 
 
 def loss_of_elimination(matrix: ArrayLike, keep: slice) -> float:

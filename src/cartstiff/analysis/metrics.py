@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff import numerics
+from cartstiff import graded, numerics
 from cartstiff.analysis.matrices import (
     ROTATION,
     TRANSLATION,
@@ -27,6 +27,7 @@ from cartstiff.analysis.matrices import (
     definiteness,
     eliminate,
     loss_of_elimination,
+    lost_digits,
 )
 from cartstiff.arrays import checked_length, checked_matrix, checked_vector, read_only
 from cartstiff.errors import InputError, UndefinedError
@@ -68,7 +69,9 @@ class CharacteristicLength:
     reason: str
 
 
-def natural_length(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> float:
+def natural_length(
+    stiffness: ArrayLike, compliance: ArrayLike | None = None, root: Array | None = None
+) -> float:
     r"""Length at which rotation and translation are equally stiff, from the stiffness alone.
 
     ``(det S / det K_tt)^(1/6)`` with ``S = K_rr - K_rt K_tt^-1 K_tr`` the rotational stiffness with
@@ -82,12 +85,18 @@ def natural_length(stiffness: ArrayLike, compliance: ArrayLike | None = None) ->
         Symmetric.
     compliance : array_like, shape (6, 6), optional
         Its inverse, where that is known better than by inversion.
+    root : ndarray, shape (6, 6), optional
+        Root of the inverse, see `cartstiff.graded`, which is all that is read where it is given.
 
     Raises
     ------
     UndefinedError
         Code ``"no-natural-length"`` unless both blocks are positive definite.
     """
+    if root is not None:
+        turning = graded.eigenvalues(root[ROTATION])
+        moving = graded.eigenvalues(graded.held(root, TRANSLATION))
+        return float(np.exp((np.log(turning).sum() - np.log(moving).sum()) / 6.0))
     K = as_symmetric(stiffness)
     if (length := _length_of_positive(K)) is not None:
         return length
@@ -164,6 +173,7 @@ def length_from_inertia(mass: float, inertia: ArrayLike) -> float:
 def characteristic_length(
     stiffness: ArrayLike | None = None,
     compliance: ArrayLike | None = None,
+    root: Array | None = None,
     *,
     given: float | None = None,
     mass: float | None = None,
@@ -180,7 +190,7 @@ def characteristic_length(
     if stiffness is None:
         return CharacteristicLength(1.0, "unit", "one unit of length: there is no stiffness matrix")
     try:
-        value = natural_length(stiffness, compliance)
+        value = natural_length(stiffness, compliance, root)
     except UndefinedError:
         reason = "one unit of length: none is natural, as the stiffness is not positive definite"
         return CharacteristicLength(1.0, "unit", reason)
@@ -240,6 +250,7 @@ def modes(
     metric: ArrayLike,
     name: str = "user",
     compliance: ArrayLike | None = None,
+    root: Array | None = None,
 ) -> MetricModes:
     r"""Eigenvalues and twists of K with respect to a metric, by Cholesky reduction.
 
@@ -251,11 +262,15 @@ def modes(
         Carried in the result; under "inertia" the result has frequencies.
     compliance : array_like, shape (6, 6), optional
         The inverse, which gives what the stiffness has no digits for.
+    root : ndarray, shape (6, 6), optional
+        Root of the inverse, see `cartstiff.graded`, from which all values come where it is given.
 
     Raises
     ------
     InputError
         If the metric is not positive definite.
+    UndefinedError
+        Code ``"lost-digits"`` where neither stiffness nor compliance knows a value.
     """
     K, M = as_symmetric(stiffness), as_symmetric(metric, "metric")
     try:
@@ -268,7 +283,12 @@ def modes(
     half = np.linalg.solve(L, K)
     reduced = np.linalg.solve(L, half.T)
     inverse = None if compliance is None else L.T @ as_symmetric(compliance, "compliance") @ L
-    values, y = numerics.eigenpairs(reduced, inverse)
+    if root is not None:
+        values, y = graded.eigenpairs(L.T @ root)
+    else:
+        values, y = numerics.eigenpairs(reduced, inverse)
+    if np.isnan(values).any():
+        raise lost_digits(values, "the stiffness matrix")
     twists = np.linalg.solve(L.T, y)
     largest = np.argmax(np.abs(twists), axis=0)
     twists *= np.sign(twists[largest, np.arange(6)])

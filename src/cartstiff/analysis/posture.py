@@ -121,8 +121,10 @@ def analyse_posture(
         W = np.zeros(6) if here.wrench is None else here.wrench
         answer = summarise(
             stiffness, W, length, connection=name, compliance=here.compliances[name],
-            inverse=here.pair(name, "held")[1], mass=mass, inertia=inertia,
-            mass_centre=mass_centre, direction=direction, threshold=threshold, springs=springs,
+            inverse=here.pair(name, "held")[1],
+            roots={others: here.root(name, others) for others in ("held", "free")},
+            mass=mass, inertia=inertia, mass_centre=mass_centre, direction=direction,
+            threshold=threshold, springs=springs,
         )  # fmt: skip
         notes = Notes()
         notes.entries = answer.pop("notes")

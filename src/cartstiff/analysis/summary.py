@@ -41,6 +41,7 @@ from cartstiff.analysis.screws import Screw, eigenscrews
 from cartstiff.analysis.synthesis import realisability, realise
 from cartstiff.arrays import checked_matrix, checked_pose, checked_unit, checked_vector
 from cartstiff.errors import UndefinedError, UnknownNameError
+from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.stiffness.in_frame import inverse_pair
 
@@ -59,6 +60,7 @@ def summarise(
     connection: str | None = None,
     compliance: ArrayLike | None = None,
     inverse: ArrayLike | None = None,
+    roots: Mapping[str, Array | None] | None = None,
     mass: float | None = None,
     inertia: ArrayLike | None = None,
     mass_centre: ArrayLike = (0.0, 0.0, 0.0),
@@ -87,6 +89,9 @@ def summarise(
     inverse : array_like, shape (6, 6), optional
         Inverse of the symmetric part of the analysed matrix, in frame M, where it is known better
         than the matrix tells it.
+    roots : mapping of str to (6, 6) array or None, optional
+        Roots of `inverse` ("held") and of the symmetric part of `compliance` ("free") in frame M,
+        see `cartstiff.graded`: principal values and indices come from them where they are given.
     mass, inertia, mass_centre : float, array_like (3, 3), array_like (3,), optional
         Rigid body whose kinetic energy is the metric of "modes"; inertia about the mass centre, in
         the frame of the analysis. Default the metric of the characteristic length.
@@ -130,7 +135,11 @@ def summarise(
         C = symmetric_part(inverse if T_m_n is None else move_compliance(inverse, T_m_n))
     elif base is not None and not numerics.is_about_symmetric(base):
         C = None if (found := numerics.invert(symmetric_part(base))) is None else found.matrix
-    scale = characteristic_length(K, C, given=length, mass=mass, inertia=inertia)
+    G = {others: None if roots is None else roots.get(others) for others in ("held", "free")}
+    if T_m_n is not None:
+        back = se3.adjoint(se3.inverse(checked_pose(T_m_n, "frame")))
+        G = {others: None if root is None else back @ root for others, root in G.items()}
+    scale = characteristic_length(K, C, G["held"], given=length, mass=mass, inertia=inertia)
     if K is None:
         reason = (
             "no stiffness matrix exists here; what follows comes from the compliance alone"
@@ -152,10 +161,10 @@ def summarise(
         "length": scale,
         "stiffness": K,
         "compliance": free[1],
-        "ellipsoids": _ellipsoids({"held": (K, C), "free": free}, notes),
+        "ellipsoids": _ellipsoids({"held": (K, C), "free": free}, G, notes),
         "directions": _directions(K, free[1], axes),
     }
-    result |= _of_stiffness(K, C, scale.value, metric, springs, notes)
+    result |= _of_stiffness(K, C, G["held"], scale.value, metric, springs, notes)
     minus = stiffness.get("A")
     result["asymmetry"] = None if minus is None else _asymmetry(minus, W)
     result["connections"] = None
@@ -187,9 +196,11 @@ def _moved(
 
 
 def _ellipsoids(
-    pairs: Mapping[str, tuple[Array | None, Array | None]], notes: Notes
+    pairs: Mapping[str, tuple[Array | None, Array | None]],
+    roots: Mapping[str, Array | None],
+    notes: Notes,
 ) -> dict[str, Any]:
-    """Nested by quantity, freedom and condition of the other freedoms; `pairs` by the last."""
+    """Nested by quantity, freedom and others; `pairs` and their `roots` by the last."""
     tables: dict[str, Any] = {}
     for i, (quantity, function) in enumerate(
         (("stiffness", stiffness_ellipsoid), ("compliance", compliance_ellipsoid))
@@ -206,6 +217,7 @@ def _ellipsoids(
                     others,
                     None,
                     pair[1 - i],
+                    roots[others],
                 )
                 for others, pair in pairs.items()
             }
@@ -265,6 +277,7 @@ _OF_STIFFNESS = (
 def _of_stiffness(
     K: Array | None,
     C: Array | None,
+    G: Array | None,
     length: float,
     metric: tuple[str, Array],
     springs: bool,
@@ -279,12 +292,12 @@ def _of_stiffness(
         notes.add(reason, f"centre ({what.replace('_', ' ')})")
     screws = eigenscrews(K)
     twists = notes.attempt("twist-compliant axes", twist_compliant_axes, K, C)
-    numbers = indices(K, length, C)
-    best = notes.attempt("indices", best_conditioned_length, K, C)
+    numbers = notes.attempt("indices", indices, K, length, C, G)
+    best = notes.attempt("indices", best_conditioned_length, K, C, G)
     judgement = realisability(K)
     found = realise(K, length) if springs and judgement.passive else None
     return {
-        "definiteness": numbers.definiteness,
+        "definiteness": None if numbers is None else numbers.definiteness,
         "centres": {
             "stiffness": points.stiffness,
             "compliance": points.compliance,
@@ -308,12 +321,14 @@ def _of_stiffness(
         },
         "wrench_compliant_axes": [_axis(a) for a in wrench_compliant_axes(K)],
         "twist_compliant_axes": None if twists is None else [_axis(a) for a in twists],
-        "indices": {
+        "indices": None
+        if numbers is None
+        else {
             **plain(numbers),
             "best_length": None if best is None else best[0],
             "condition_at_best_length": None if best is None else best[1],
         },
-        "modes": modes(K, metric[1], metric[0], C),
+        "modes": notes.attempt("modes", modes, K, metric[1], metric[0], C, G),
         "synthesis": {
             **plain(judgement),
             "springs": None if found is None else found.springs,

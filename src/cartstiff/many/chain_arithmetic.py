@@ -66,8 +66,9 @@ __all__ = ["ChainCase", "chain_program"]
 _MEETING = 1e-6
 #: Least pivot of the Hessian, as a share of its diagonal entry: what is lost is four digits.
 _SHARE = 1e-4
-#: Least pivot of the self-motion's stiffness, as a share of the largest entry, that is trusted.
-_PIVOT = 1e-7
+#: Least pivot of the self-motion's stiffness, and least size of what it leaves, as shares of the
+#: largest entry, that are trusted.
+_PIVOT = 1e-4
 
 
 @dataclass(frozen=True)
@@ -346,6 +347,7 @@ def _redundant(chain: _Chain) -> tuple[Array, Array]:
     stable: Scalar = PLAIN
     for pivot in pivots:
         stable = larger(stable, pick(limit, pivot, PLAIN, ENGINE))
+    stable = larger(stable, pick(limit * limit, norm_squared(S), PLAIN, ENGINE))
     # An unbalanced posture has no H_L; whatever else is doubtful goes to the engine.
     verdict = pick(balanced, 0.5, larger(balanced, stable), balanced)
     verdict = pick(regular, 0.5, verdict, ENGINE)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Literal
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -18,21 +19,37 @@ __all__ = ["NOT_ASSEMBLED", "REGULAR", "fill", "state_of"]
 REGULAR, NOT_ASSEMBLED = "regular", "not-assembled"
 
 
-def state_of(found: PostureStiffness, with_compliance: bool, under_load: bool = False) -> str:
+def state_of(found: PostureStiffness, outputs: Collection[str] = ()) -> str:
     """The code that stands for a posture's state.
 
     The last state of the reduction, as in `analyse` with ``strict``; else a type-2 singularity;
-    else, if compliances are asked for, a stiffness matrix (the tangent under the load, where that
-    is asked for) that has no inverse.
+    else, if compliances are among the outputs, a stiffness matrix (the tangent under the load,
+    where that is asked for) that has no inverse, or digits that are lost: of the compliance, or,
+    where its roots are asked for, of principal values that nothing holds.
     """
     if found.reduction.states:
         return found.reduction.states[-1].code
+    with_compliance = any(name.startswith("compliance") for name in outputs)
     codes = {note.code for note in found.notes} if with_compliance else set()
     codes |= {note.code for note in found.notes_on_posture}
     for code in ("type-2-singularity", "singular-stiffness"):
         if code in codes:
             return code
-    return "singular-stiffness" if under_load and found.tangent_compliance is None else REGULAR
+    if "compliance_load" in outputs and found.tangent_compliance is None:
+        return "singular-stiffness"
+    inverse = found.reduction.compliance_with_error if with_compliance else None
+    if inverse is not None and inverse.error > numerics.LOST:
+        return "lost-digits"
+    for output in outputs:
+        kind, _, which = output.partition("_")
+        others, _, name = which.partition("_")
+        if (
+            kind == "root"
+            and found.needs_root(name)
+            and found.root_of_compliance(name, others) is None
+        ):
+            return "lost-digits"
+    return REGULAR
 
 
 def fill(
@@ -57,12 +74,14 @@ def fill(
         value = _output(found, name)
         if value is not None:
             row[...] = value
-    inverses = [name for name in rows if name.startswith("compliance")]
-    return state_of(found, bool(inverses), "compliance_load" in rows), found.q
+    return state_of(found, rows), found.q
 
 
 def _output(found: PostureStiffness, name: str) -> Array | float | None:
     kind, _, connection = name.partition("_")
+    if kind == "root":
+        others, _, connection = connection.partition("_")
+        return found.root_of_compliance(connection, others)
     if connection == "load":
         return found.tangent if kind == "stiffness" else found.tangent_compliance
     if kind == "stiffness":

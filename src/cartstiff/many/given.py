@@ -6,15 +6,17 @@ from collections.abc import Mapping, Sequence
 from math import prod
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from cartstiff import numerics
 from cartstiff.arrays import checked_array, overlap
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
 __all__ = ["CONNECTIONS", "OUTPUTS", "aligned_empty", "arrays_for", "checked_count",
-           "checked_names", "checked_q", "checked_wrench", "recorded"]  # fmt: skip
+           "checked_names", "checked_q", "checked_wrench", "recorded",
+           "without_digits"]  # fmt: skip
 
 #: Whose matrices can be asked for; "load" is the tangent under the load.
 CONNECTIONS = ("A", "B", "K", "F", "load")
@@ -24,6 +26,7 @@ _LINE, _MEBIBYTE = 8, 1 << 17
 OUTPUTS = (
     "pose", "jacobian", "wrench", "energy",
     *(f"stiffness_{c}" for c in CONNECTIONS), *(f"compliance_{c}" for c in CONNECTIONS),
+    *(f"root_{others}_{c}" for others in ("held", "free") for c in CONNECTIONS),
 )  # fmt: skip
 
 
@@ -57,12 +60,37 @@ def checked_names(outputs: Sequence[str]) -> tuple[str, ...]:
 
 
 def recorded(names: Sequence[str]) -> tuple[str, ...]:
-    """Outputs that kernels compute for some outputs: the tangent under a load follows from K^B."""
+    """Outputs that kernels compute for some outputs: the tangent under a load follows from K^B.
+
+    Roots of compliances are the engine's; whether they are needed is seen from K and C.
+    """
     needed = dict.fromkeys(names)
+    for name in names:
+        if name.startswith("root"):
+            del needed[name]
+            own = _own(name)
+            needed |= {f"stiffness_{own}": None, f"compliance_{own}": None}
     for kind in ("stiffness", "compliance"):
         if needed.pop(f"{kind}_load", 0) is None:
             needed |= {f"{kind}_B": None, "wrench": None}
     return tuple(needed)
+
+
+def _own(root: str) -> str:
+    """The connection whose K and C tell whether a root is needed."""
+    connection = root.split("_")[-1]
+    return connection if connection in ("K", "F") else "B"
+
+
+def without_digits(
+    names: Sequence[str], known: Mapping[str, Array], shape: tuple[int, ...]
+) -> NDArray[np.bool_]:
+    """Postures (N,) whose K and C do not hold all principal values: roots are asked for there."""
+    found: NDArray[np.bool_] = np.zeros(shape, bool)
+    for own in dict.fromkeys(_own(n) for n in names if n.startswith("root")):
+        K, C = known[f"stiffness_{own}"], known[f"compliance_{own}"]
+        found |= numerics.pair_conditions(K, C) > numerics.PAIRED
+    return found
 
 
 def checked_count(what: str, value: object) -> int | None:

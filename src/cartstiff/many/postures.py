@@ -30,6 +30,7 @@ from cartstiff.many.given import (
     checked_q,
     checked_wrench,
     recorded,
+    without_digits,
 )
 from cartstiff.many.portable import PortableKernel
 from cartstiff.many.running import PATHS, Path, chosen, run
@@ -123,7 +124,10 @@ def analyse_many(
     outputs : sequence of str
         Any of "pose" (N, 4, 4), "jacobian" (N, 6, n), "wrench" (N, 6), "energy" (N,),
         "stiffness_X" and "compliance_X" (N, 6, 6) for X one of A, B, K, F and load, the tangent
-        under the load. Only what they need is computed.
+        under the load. Only what they need is computed. "root_held_X" and "root_free_X"
+        (N, 6, 6) are roots of the inverse of the symmetric part of "stiffness_X", and of the
+        symmetric part of "compliance_X", see `cartstiff.graded`, where stiffness and compliance
+        leave principal values without digits; NaN elsewhere.
     out : mapping of str to ndarray, optional
         Arrays of doubles to write outputs into. Memory that is used again saves the system's
         work of providing it, which costs more than the computation.
@@ -183,6 +187,11 @@ def analyse_many(
                            coordinates.shape, {})  # fmt: skip
     run(taken, kernel, coordinates, each, by_kernel, state, count, size)
     _under_load(kind, by_kernel, arrays, state)
+    lost = without_digits(names, by_kernel, state.shape)
+    state[lost & (state != UNBALANCED)] = ENGINE
+    for name in names:
+        if name.startswith("root"):
+            arrays[name][...] = np.nan
     if state.any():
         doubtful = np.flatnonzero(state == ENGINE)
         unbalanced = np.flatnonzero(state == UNBALANCED)

@@ -80,7 +80,8 @@ def _analyses(s: Stacks) -> list[dict[str, Any]]:
             plain(
                 summarise(
                     matrices, W, settings.length, connection=settings.connection,
-                    compliance=compliance, inverse=_or_none(s.C[i]), springs=False,
+                    compliance=compliance, inverse=_or_none(s.C[i]), roots=s.roots(i),
+                    springs=False,
                 )
             )
         )  # fmt: skip

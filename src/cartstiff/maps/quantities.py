@@ -55,13 +55,14 @@ def _principal(
         stiff = kind == "stiffness"
         function = stiffness_ellipsoid if stiff else compliance_ellipsoid
 
-        def one(matrix: Array, inverse: Array | None) -> Array:
-            return function(matrix, freedom, others, None, inverse).eigenvalues
+        def one(matrix: Array, inverse: Array | None, root: Array | None) -> Array:
+            return function(matrix, freedom, others, None, inverse, root).eigenvalues
 
-        K, C = s.pair(others if pair is None else pair)
+        taken = others if pair is None else pair
+        K, C = s.pair(taken)
         stack, inverse = (K, C) if stiff else (C, K)
         return stacks.block_values(
-            stack, inverse, _BLOCKS[freedom], stiff == (others == "held"), one
+            stack, inverse, s.root(taken), _BLOCKS[freedom], stiff == (others == "held"), one
         )
 
     return s.once(f"{kind} {freedom} {others} {pair}", make)
@@ -131,7 +132,7 @@ def _unstable(s: Stacks) -> Array:
     rr, tt = stacks.block_norms(s.K)
     with np.errstate(divide="ignore", invalid="ignore"):
         length = np.where((rr > 0) & (tt > 0), np.sqrt(rr / tt), 1.0)
-    values = stacks.eigenvalues(s.K, s.C, length)
+    values = stacks.eigenvalues(s.K, s.C, length, s.root("held"))
     return np.where(np.isnan(values).any(axis=1), np.nan, stacks.signs(values)[0])
 
 

@@ -66,15 +66,17 @@ class Settings:
     def free(self) -> tuple[str, ...]:
         """Outputs that `Stacks.pair` needs with the other freedoms free."""
         if self.connection in ASYMMETRIC:
-            return f"stiffness_{self.connection}", f"compliance_{self.connection}"
+            name = self.connection
+            return f"stiffness_{name}", f"compliance_{name}", f"root_free_{name}"
         return f"stiffness_{self.matrix}", *self.inverted
 
     @property
     def inverted(self) -> tuple[str, ...]:
-        """Outputs from which the inverse of that symmetric part follows."""
-        return (
-            ("compliance_B", "wrench") if self.matrix == "load" else (f"compliance_{self.matrix}",)
-        )
+        """Outputs from which the inverse of that symmetric part follows, and its root."""
+        root = f"root_held_{self.matrix}"
+        if self.matrix == "load":
+            return "compliance_B", "wrench", root
+        return f"compliance_{self.matrix}", root
 
 
 class Stacks:
@@ -135,11 +137,26 @@ class Stacks:
         name = self.settings.connection
         return self.once("free", make)
 
+    def root(self, others: str) -> Array | None:
+        """Roots (N, 6, 6), as `StiffnessInFrame.root`; NaN where a posture needs or has none."""
+        if others == "held" or self.settings.connection not in ASYMMETRIC:
+            return self.arrays.get(f"root_held_{self.settings.matrix}")
+        return self.arrays.get(f"root_free_{self.settings.connection}")
+
+    def roots(self, row: int) -> dict[str, Array | None]:
+        """Both roots of one posture, None where there is none."""
+        found: dict[str, Array | None] = {}
+        for others in ("held", "free"):
+            stack = self.root(others)
+            known = stack is not None and bool(np.isfinite(stack[row]).all())
+            found[others] = stack[row] if stack is not None and known else None
+        return found
+
     def eigenvalues(self) -> Array:
         """Of the stiffness with lengths scaled (N, 6)."""
         return self.once(
             "eigenvalues",
-            lambda: stacks.eigenvalues(self.K, self.C, self.settings.length),
+            lambda: stacks.eigenvalues(self.K, self.C, self.settings.length, self.root("held")),
         )
 
     def singular_values(self) -> Array:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cartstiff import numerics
+from cartstiff import graded, numerics
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 
@@ -68,8 +68,11 @@ def principal(blocks: Array) -> Array:
     return numerics.eigenvalues(blocks)
 
 
-def eigenvalues(K: Array, C: Array, length: float | Array) -> Array:
-    """Of stiffness matrices with lengths scaled (N, 6), as `cartstiff.analysis.indices`."""
+def eigenvalues(K: Array, C: Array, length: float | Array, G: Array | None = None) -> Array:
+    """Of stiffness matrices with lengths scaled (N, 6), as `cartstiff.analysis.indices`.
+
+    From the roots G (N, 6, 6) of C where these are no NaN.
+    """
     scaled = scale_lengths(K, length)
     found = numerics.eigenvalues(scaled)
     plain = np.asarray(numerics.condition(found) < _PLAIN)
@@ -78,7 +81,15 @@ def eigenvalues(K: Array, C: Array, length: float | Array) -> Array:
         inverse = scale_lengths(C, 1.0 / np.asarray(length))
         found[rows] = numerics.eigenvalues(scaled[rows], inverse[rows])
     found[~np.isfinite(K).all(axis=(1, 2))] = np.nan
+    sizes = np.broadcast_to(length, len(K))
+    for i, root in _rooted(G):
+        found[i] = graded.eigenvalues(root * np.repeat([sizes[i], 1.0], 3)[:, None])
     return found
+
+
+def _rooted(G: Array | None) -> list[tuple[int, Array]]:
+    """Rows that have a root, and these."""
+    return [] if G is None else [(int(i), G[i]) for i in np.flatnonzero(np.isfinite(G[:, 0, 0]))]
 
 
 #: Condition number of a block up to which it alone has digits enough for all its eigenvalues.
@@ -88,9 +99,10 @@ _PLAIN = 1e4
 def block_values(
     stack: Array,
     inverse: Array,
+    roots: Array | None,
     keep: slice,
     is_held: bool,
-    one: Callable[[Array, Array | None], Array],
+    one: Callable[[Array, Array | None, Array | None], Array],
 ) -> Array:
     """Principal values (N, 3) of a stack of matrices, the other freedoms held or free.
 
@@ -101,12 +113,14 @@ def block_values(
     ----------
     stack, inverse : ndarray, shape (N, 6, 6)
         Stiffness and compliance, or the other way round; NaN where there is none.
+    roots : ndarray, shape (N, 6, 6), optional
+        Roots of the compliance, which tell all where they are no NaN.
     keep : slice
         `ROTATION` or `TRANSLATION` of `cartstiff.analysis.matrices`.
     is_held : bool
         Whether the block is that of `stack`.
     one : callable
-        Values (3,) of one matrix and its inverse, or None if it has none.
+        Values (3,) of one matrix, and its inverse and root, or None if it has none.
     """
     found = principal((stack if is_held else inverse)[:, keep, keep])
     plain = np.asarray(numerics.condition(found) < _PLAIN)
@@ -116,15 +130,19 @@ def block_values(
     exists = np.isfinite(stack).all(axis=(1, 2))
     found[~exists] = np.nan
     known = np.atleast_1d(np.isfinite(inverse).all(axis=(1, 2)))
+    rooted = _rooted(roots)
+    plain[[i for i, _ in rooted]] = True
     for i in np.flatnonzero(exists & np.logical_not(plain)):
         try:
-            found[i] = one(stack[i], inverse[i] if known[i] else None)
+            found[i] = one(stack[i], inverse[i] if known[i] else None, None)
         except (UndefinedError, np.linalg.LinAlgError):
             found[i] = np.nan
         if not known[i] and not is_held:
             # Beside a matrix without inverse, what is only rounding of it is no number.
             rounding = numerics.ZERO * np.abs(stack[i, keep, keep]).max()
             found[i, np.abs(found[i]) <= rounding] = np.nan
+    for row, root in rooted:
+        found[row] = one(stack[row], inverse[row], root)
     return found
 
 

@@ -64,7 +64,7 @@ def payload(result: PostureStiffness, state: State, whole: bool = False) -> dict
     principal = _principal(here, state)
     numbers = None
     if K is not None:
-        numbers = _indices(K, C)
+        numbers = _indices(K, C, here.root(state.connection, "held"))
     answer: dict[str, Any] = {
         "result": result.as_dict() if whole else _part(result, state.quantity),
         "has_compliance": K is not None or result.reduction.compliance is not None,
@@ -118,7 +118,10 @@ def _principal(here: StiffnessInFrame, state: State) -> dict[str, Any] | None:
     found = {}
     freedoms: tuple[Freedom, ...] = ("translation", "rotation")
     for freedom in freedoms:
-        e = block_ellipsoid(here, state.connection, state.quantity, freedom)
+        try:
+            e = block_ellipsoid(here, state.connection, state.quantity, freedom)
+        except UndefinedError:
+            return None
         if e is None:
             return None
         found[str(freedom)] = {
@@ -129,10 +132,13 @@ def _principal(here: StiffnessInFrame, state: State) -> dict[str, Any] | None:
     return found
 
 
-def _indices(K: Array, C: Array | None) -> dict[str, Any]:
+def _indices(K: Array, C: Array | None, root: Array | None) -> dict[str, Any] | None:
     """Of the indices those that are shown; `cartstiff.analysis.indices` has all of them."""
-    length = characteristic_length(K, C)
-    found = indices(K, length.value, C)
+    length = characteristic_length(K, C, root)
+    try:
+        found = indices(K, length.value, C, root)
+    except UndefinedError:
+        return None
     return {
         "length": length.value,
         "length_origin": length.origin,

@@ -64,10 +64,12 @@ def block_ellipsoid(
     if quantity == "stiffness":
         how: Others = "held" if others == "block" else others
         K, C = here.pair(connection, how)
-        return None if K is None else stiffness_ellipsoid(K, freedom, how, None, C)
+        root = here.root(connection, how)
+        return None if K is None else stiffness_ellipsoid(K, freedom, how, None, C, root)
     how = "free" if others == "block" else others
     K, C = here.pair(connection, how)
-    return None if C is None else compliance_ellipsoid(C, freedom, how, None, K)
+    root = here.root(connection, how)
+    return None if C is None else compliance_ellipsoid(C, freedom, how, None, K, root)
 
 
 #: Notes that say why a stiffness does not exist.

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cartstiff import numerics
+from cartstiff import graded, numerics
 from cartstiff.geometry.se3 import Array
 
 __all__ = ["FreeMotions"]
@@ -74,6 +74,20 @@ class FreeMotions:
         same = (changes == changes.swapaxes(1, 2)).reshape(len(changes), 36).tolist()
         symmetric = [self.is_symmetric and all(each) for each in ([], *same, [])]
         return [_one(*each) for each in zip(C, errors, symmetric, strict=False)]
+
+    def root(
+        self, change: Array, other: Array | None = None, symmetric: bool = False
+    ) -> Array | None:
+        """G (6, 6) with ``G G^T`` the symmetric part of ``J (H + J^T D J)^-1 J^T``, or None.
+
+        See `cartstiff.graded`. With another Hessian (n, n) that one instead of H; with `symmetric`
+        only the symmetric part of what is inverted counts.
+        """
+        J, H = self.jacobian, self.hessian
+        if other is not None:
+            H = other if self.basis is None else self.basis.T @ other @ self.basis
+        H = H + J.T @ change @ J
+        return graded.root_of_compliance(J, 0.5 * (H + H.T) if symmetric else H)
 
     def _inverses(self, changes: Array, other: Array | None = None) -> tuple[Array, list[float]]:
         """Inverses of H, H + J^T D J (k, f, f) and their errors (k,), infinite where singular."""

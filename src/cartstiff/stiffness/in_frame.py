@@ -25,7 +25,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.stiffness.applied_load import LoadKind
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from cartstiff.stiffness.posture import PostureStiffness
 
@@ -59,6 +59,7 @@ class StiffnessInFrame:
     matrices: Mapping[str, Array | None]
     compliances: Mapping[str, Array | None]
     symmetric_change: Array
+    _root: Callable[[str, str], Array | None]
 
     @property
     def is_body_frame(self) -> bool:
@@ -97,6 +98,13 @@ class StiffnessInFrame:
         if C is None or name != "load" or not self.symmetric_change.any():
             return C
         return self._inverse_of_symmetric_tangent
+
+    def root(self, name: str, others: str) -> Array | None:
+        """Root of the C of `pair`, see `PostureStiffness.root_of_compliance`."""
+        G = self._root(name, others)
+        if G is None or self.is_body_frame:
+            return G
+        return np.asarray(se3.adjoint(se3.inverse(self.T_M_N)) @ G)
 
     @cached_property
     def _inverse_of_symmetric_tangent(self) -> Array | None:
@@ -141,6 +149,7 @@ def stiffness_in_frame(result: PostureStiffness, T_M_N: Array) -> StiffnessInFra
         _fixed(matrices),
         _fixed(compliances),
         read_only(change),
+        result.root_of_compliance,
     )
 
 

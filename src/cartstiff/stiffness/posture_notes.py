@@ -55,7 +55,7 @@ def notes_on_digits(
             )
         )
     if K is not None and compliance is not None:
-        error = _error_of_soft_directions(K, compliance.matrix, natural)
+        error = _error_of_soft_directions(K, compliance.matrix)
         if error > numerics.TELLING:
             is_near = numerics.ratio(reduction.singular_values) < numerics.NEAR
             words = "so near to a singularity" if is_near else "with springs so far apart"
@@ -84,7 +84,7 @@ def notes_on_digits(
     return notes
 
 
-def _error_of_soft_directions(K: Array, C: Array, natural: Array) -> float:
+def _error_of_soft_directions(K: Array, C: Array) -> float:
     """Relative error of what the digits of K say about its softest direction."""
     error = numerics.error_of_inverting(K, C)
     if error == error:
@@ -92,9 +92,7 @@ def _error_of_soft_directions(K: Array, C: Array, natural: Array) -> float:
     found = numerics.invert(K)
     if found is not None:
         return found.error
-    scale = natural * natural[:, None]
-    values = numerics.eigenvalues(K * scale, C / scale)
-    return numerics.EPSILON * float(numerics.condition(values))
+    return numerics.EPSILON * float(numerics.pair_conditions(K[None], C[None])[0])
 
 
 def _near_singular(posture: MechanismPosture, reduction: Reduction) -> list[Note]:
