@@ -322,7 +322,10 @@ def inverses_of_sums(inverses: Array, changes: Array) -> tuple[Array, NDArray[np
 
 
 def eigenvalues(
-    matrix: ArrayLike, inverse: ArrayLike | None = None, losses: tuple[float, float] = (1.0, 1.0)
+    matrix: ArrayLike,
+    inverse: ArrayLike | None = None,
+    losses: tuple[float, float] = (1.0, 1.0),
+    doubtful: bool = False,
 ) -> Array:
     r"""Eigenvalues of symmetric matrices with their signs, smallest first.
 
@@ -339,11 +342,13 @@ def eigenvalues(
         Of each matrix; NaN where there is none. Where the matrix is NaN the inverse alone is taken.
     losses : tuple of float
         Relative errors of matrix and inverse, each over `EPSILON`: what is a difference knows less.
+    doubtful : bool
+        Return what is known to less than `LOST`, too.
 
     Returns
     -------
     ndarray, shape (..., n)
-        NaN where neither is known, and where one of them is known to less than `LOST` only.
+        NaN where neither is known, and where one of the values is known to less than `LOST`.
     """
     a = _of_symmetric(matrix)
     alone = _cleaned(a)
@@ -355,7 +360,7 @@ def eigenvalues(
         result = np.where(np.isnan(a), np.sort(1.0 / _cleaned(b), axis=-1), alone)
     both = ~np.isnan(a).any(axis=-1) & ~np.isnan(c).any(axis=-1)
     if both.any():
-        result[both] = _merged(a[both], c[both], losses)
+        result[both] = _merged(a[both], c[both], losses, doubtful)
     return result
 
 
@@ -402,12 +407,14 @@ def eigenpairs(
     return values[order], (q * np.where(r.diagonal() < 0.0, -1.0, 1.0))[:, order]
 
 
-def _merged(a: Array, c: Array, losses: tuple[float, float]) -> Array:
+def _merged(a: Array, c: Array, losses: tuple[float, float], doubtful: bool) -> Array:
     """The large ones of a and the small ones of c, each (m, n), smallest first."""
     a = np.take_along_axis(a, np.argsort(-np.abs(a), axis=-1), -1)
     c = np.take_along_axis(c, np.argsort(-np.abs(c), axis=-1), -1)
     k = _cut(np.abs(a), np.abs(c), losses)
     found = np.sort(np.where(np.arange(a.shape[-1]) < k[:, None], a, c), axis=-1)
+    if doubtful or not a.shape[-1]:
+        return found
     # What neither knows may have any sign, and stand anywhere among the others.
     found[_errors(np.abs(a), np.abs(c), k, losses) > LOST] = np.nan
     return found

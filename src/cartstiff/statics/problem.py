@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import graded
 from cartstiff.errors import ConvergenceError, InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
@@ -354,7 +355,15 @@ def spectrum(balance: Balance, conservative: bool) -> Array:
     stiffness = balance.stiffness
     if conservative:
         inverse = invert(0.5 * (stiffness + stiffness.T), np.sqrt(balance.hardness))
-        return eigenvalues(stiffness, None if inverse is None else inverse.matrix)
+        if inverse is None:
+            return eigenvalues(stiffness)
+        values = eigenvalues(stiffness, inverse.matrix)
+        if np.isnan(values).any():
+            root = graded.root_of_compliance(np.eye(len(stiffness)), stiffness)
+            if root is not None:
+                return graded.eigenvalues(root)
+            return eigenvalues(stiffness, inverse.matrix, doubtful=True)
+        return values
     found = np.linalg.eigvals(stiffness)
     found = found[np.argsort(found.real)]
     return found.real if np.isrealobj(found) or not found.imag.any() else found
