@@ -15,7 +15,6 @@ from cartstiff.cli.path_file import WRENCH
 from cartstiff.cli.types import (
     PICTURE,
     Number,
-    Numbers,
     OutputFile,
     Pairs,
     json_option,
@@ -43,11 +42,6 @@ Examples:
 
 _options = option_group(
     click.option("--follower", is_flag=True, help="The same as --load-kind follower."),
-    option(
-        "--payload", type=Numbers("MASS[,X,Y,Z]", 1, 4),
-        help="Weight of a mass (kg, whatever the units of lengths and forces) at a point of the "
-        "body frame, under the file's gravity or 9.81 m/s^2.",
-    ),
     option(
         "--hold", type=Pairs("NAME=VALUE,...", _COMPONENTS),
         help="Displacement of the body prescribed in rx, ry, rz, x, y, z (rad, length), along the "
@@ -81,7 +75,6 @@ def command(
     request: MechanismRequest,
     applied: LoadRequest,
     follower: bool,
-    payload: list[float] | None,
     hold: dict[str, float] | None,
     no_limits: bool,
     curve: float | None,
@@ -114,7 +107,8 @@ def command(
     applied.check_world(load=request.wrench, hold=hold, path=path)
     if curve == 0.0:
         raise InputError("not a usable factor", where="--curve", expected="a number not 0", got="0")
-    elastic, q = request.load()
+    # A payload is a load here: it deflects the mechanism, which is at rest without it.
+    elastic, q = replace(request, payload=None).load()
 
     from cartstiff.mechanisms.contract import named_values
     from cartstiff.statics.held import Held
@@ -123,7 +117,7 @@ def command(
     if isinstance(q, dict):
         q = named_values(q, elastic.names, elastic.q, "--q")
     q = elastic.mechanism.assembled(elastic.q if q is None else q)
-    weight = _weight(elastic, payload)
+    weight = _weight(elastic, request.payload)
     kind = LoadKind(applied.load_kind, applied.keywords["load_at"])  # type: ignore[arg-type]
 
     def loads_at(q: Any, wrench: Any) -> tuple[Any, ...]:

@@ -12,19 +12,21 @@ from typing import Any
 import click
 
 from cartstiff.cli.types import (
+    PAYLOAD,
     POINT,
     WRENCH,
+    Arguments,
     JointValues,
     Numbers,
     Values,
     option,
     option_group,
+    repeated_option,
 )
 from cartstiff.errors import InputError, one_line
 from cartstiff.parsing import LARGEST
 
-__all__ = ["LoadRequest", "MechanismRequest", "frame_option", "load_options", "mechanism_options",
-           "stiffness_option"]  # fmt: skip
+__all__ = ["LoadRequest", "MechanismRequest", "load_options", "mechanism_options"]
 
 #: As `cartstiff.stiffness.applied_load.LOAD_KINDS`, which would load NumPy for --help.
 LOAD_KINDS = ("dead", "follower", "conservative")
@@ -78,6 +80,11 @@ class MechanismRequest:
     stiffness: Values | None = None
     rest: Values | None = None
     wrench: list[float] | None = None
+    tcp: list[float] | None = None
+    gravity: list[float] | None = None
+    payload: list[float] | None = None
+    xacro_args: dict[str, str] | None = None
+    package_path: tuple[Path, ...] = ()
 
     @property
     def balanced_wrench(self) -> list[float] | None:
@@ -88,18 +95,7 @@ class MechanismRequest:
 
     def load(self) -> tuple[Any, Any]:
         """The elastic mechanism, and its coordinates or None for the default posture."""
-        from cartstiff.loading import load
-
-        try:
-            Path(self.mechanism).expanduser()
-        except RuntimeError:
-            raise InputError(
-                "the home directory is not known", where=one_line(self.mechanism)
-            ) from None
-        frame = self.frame
-        if frame is not None and not 0 < len(one_line(frame, 4000)) < 4000:
-            raise InputError("unknown frame", where="--frame", expected="a name", got=repr(frame))
-        elastic = load(self.mechanism, frame=frame)
+        elastic = self.in_frame(self.frame)
         q = self._coordinates(elastic)
         names = elastic.spring_names
         are_lines = names != elastic.names
@@ -112,6 +108,35 @@ class MechanismRequest:
                 _check_range(self.rest, "zero or more")
             rest = self.rest.of(names)
         return elastic.with_springs(stiffness, rest), q
+
+    def at_posture(self) -> Any:
+        """The elastic mechanism with the posture that was given as its own."""
+        from dataclasses import replace
+
+        from cartstiff.mechanisms.contract import named_values
+
+        elastic, q = self.load()
+        if q is None:
+            return elastic
+        return replace(elastic, q=elastic.mechanism.assembled(
+            named_values(q, elastic.names, elastic.q, "--q")))  # fmt: skip
+
+    def in_frame(self, frame: str | None) -> Any:
+        """The mechanism as its file has it, with tool and weight, and another frame of interest."""
+        from cartstiff.loading import load
+
+        try:
+            Path(self.mechanism).expanduser()
+        except RuntimeError:
+            raise InputError(
+                "the home directory is not known", where=one_line(self.mechanism)
+            ) from None
+        if frame is not None and not 0 < len(one_line(frame, 4000)) < 4000:
+            raise InputError("unknown frame", where="--frame", expected="a name", got=repr(frame))
+        return load(
+            self.mechanism, frame=frame, tcp=self.tcp, gravity=self.gravity, payload=self.payload,
+            xacro_args=self.xacro_args, package_path=self.package_path,
+        )  # fmt: skip
 
     def _coordinates(self, elastic: Any) -> Any:
         """Coordinates from --q, --pose or --lengths; None without any."""
@@ -152,25 +177,48 @@ def _check_range(values: Values, expected: str, finite: bool = False) -> None:
                              expected=f"{expected}, at least {1 / LARGEST:g}")  # fmt: skip
 
 
-def mechanism_options(load_help: str = _BALANCED) -> Callable[..., Callable[..., Any]]:
+#: Which robot it is, and what it carries: the same on every command, for `MechanismRequest`.
+robot_options = option_group(
+    frame_option,
+    option("--tcp", type=Numbers("X,Y,Z[,R,P,Y]", 3, 6),
+           help="M in the frame: position, and roll, pitch, yaw about fixed axes."),
+    option("--gravity", type=POINT,
+           help="Acceleration of gravity in F in m/s^2, such as 0,0,-9.81, instead of the file's."),
+    option("--payload", type=PAYLOAD,
+           help="A mass (kg, whatever the units) on the body and its centre in M, under the "
+           "gravity of the file or option, else 9.81 m/s^2 along -z."),
+    repeated_option("--xacro-arg", "xacro_args", type=Arguments("NAME:=VALUE"),
+           help="Argument of a xacro file; repeat it for several."),
+    click.option("--package-path", type=click.Path(path_type=Path), metavar="FOLDER",
+                 multiple=True, help="Folder in or under which ROS packages are looked for."),
+    stiffness_option,
+)  # fmt: skip
+
+
+def mechanism_options(
+    load_help: str = _BALANCED, *, placed: bool = True
+) -> Callable[..., Callable[..., Any]]:
     """Argument MECHANISM and the options that place and load it.
 
-    The command gets a `MechanismRequest` as its keyword ``request``.
+    The command gets a `MechanismRequest` as its keyword ``request``; without `placed` there are
+    only those that say which robot it is, its posture among them.
     """
+    posture = option(
+        "--q", type=JointValues(),
+        help="Posture: numbers in joint order or name=value pairs, rad and m.",
+    )  # fmt: skip
     options = option_group(
         click.argument("mechanism"),
-        option("--q", type=JointValues(),
-               help="Posture: numbers in joint order or name=value pairs, rad and m."),
+        posture,
         option("--pose", type=Numbers("X,Y,Z,R,P,Y", 6),
                help="Posture of a platform: position and roll, pitch, yaw about fixed axes."),
         option("--lengths", type=Numbers("L1,...,L6"),
                help="Posture of a six-legged platform by its leg lengths, near the file's pose."),
-        frame_option,
-        stiffness_option,
+        robot_options,
         option("--rest", type=JointValues(),
                help="Rest positions of the joints (rest lengths of legs), as for --q."),
         option("--load", "wrench", type=WRENCH, help=load_help),
-    )  # fmt: skip
+    ) if placed else option_group(click.argument("mechanism"), posture, robot_options)  # fmt: skip
     return _gathered(options, "request", MechanismRequest)
 
 
@@ -199,7 +247,7 @@ def _gathered(options: Callable[[Any], Any], keyword: str, kind: type[Any]) -> C
     def decorate(command: Callable[..., Any]) -> Any:
         @wraps(command)
         def gathered(*arguments: Any, **values: Any) -> Any:
-            own = {f.name: values.pop(f.name) for f in fields(kind)}
+            own = {f.name: values.pop(f.name) for f in fields(kind) if f.name in values}
             return command(*arguments, **{keyword: kind(**own)}, **values)
 
         return options(gathered)

@@ -8,13 +8,7 @@ from typing import Any
 
 import click
 
-from cartstiff.cli.options import (
-    LoadRequest,
-    MechanismRequest,
-    frame_option,
-    load_options,
-    stiffness_option,
-)
+from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import tell
 from cartstiff.cli.types import (
     PICTURE,
@@ -125,19 +119,14 @@ _options = option_group(
 
 
 @click.command(name="path", epilog=_EPILOG)
-@click.argument("mechanism")
+@mechanism_options(placed=False)
 @click.argument("path_file", metavar="PATH.csv", type=click.Path(path_type=Path))
-@frame_option
-@stiffness_option
 @_options
 def command(
-    mechanism: str,
+    request: MechanismRequest,
     path_file: Path,
-    frame: str | None,
-    stiffness: Values | None,
     free_axis: str | None,
     free_rotation: bool,
-    wrench: list[float] | None,
     applied: LoadRequest,
     direction: list[float] | None,
     axes: str | None,
@@ -170,7 +159,7 @@ def command(
                          expected="--loaded as well")  # fmt: skip
     free = "rotation" if free_rotation else free_axis or "none"
     region = _region(place)
-    elastic, _ = MechanismRequest(mechanism, frame=frame, stiffness=stiffness).load()
+    elastic = request.at_posture()
 
     from cartstiff.cli.path_file import read_path_file
     from cartstiff.report.figures_toolpaths import draw_path, draw_placement
@@ -179,7 +168,9 @@ def command(
     from cartstiff.toolpaths.optimise import optimise_path
     from cartstiff.toolpaths.placement import best_placement
 
-    path = read_path_file(path_file, free=free, wrench=wrench, direction=direction, axes=axes)
+    path = read_path_file(
+        path_file, free=free, wrench=request.wrench, direction=direction, axes=axes
+    )
     options |= {"free": free, "loaded": loaded, "load_kind": applied.load_kind,
                 "load_at": applied.keywords["load_at"]}  # fmt: skip
     if max_step is not None:

@@ -17,9 +17,11 @@ from cartstiff.errors import InputError, UnknownNameError, one_line
 from cartstiff.parsing import parse_numbers
 
 __all__ = [
+    "PAYLOAD",
     "PICTURE",
     "POINT",
     "WRENCH",
+    "Arguments",
     "Axes",
     "JointValues",
     "Number",
@@ -86,6 +88,18 @@ class Number(Numbers):
         return super().parsed(text, where)[0]
 
 
+class Arguments(OptionType):
+    """One ``NAME:=VALUE`` pair of texts, as ROS people write it, as a mapping."""
+
+    def parsed(self, text: str, where: str) -> dict[str, str]:
+        """The value by its name."""
+        name, equals, value = text.partition(":=")
+        if not equals or not name.strip():
+            raise InputError("cannot be used", where=where, expected=self.name, got=repr(text))
+        return {name.strip(): value}
+
+
+PAYLOAD = Numbers("MASS[,X,Y,Z]", 1, 4)
 WRENCH = Numbers("MX,MY,MZ,FX,FY,FZ", 6)
 POINT = Numbers("X,Y,Z", 3)
 

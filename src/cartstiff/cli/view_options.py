@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from cartstiff.cli.options import MechanismRequest, mechanism_options
+from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.types import option_group
 from cartstiff.errors import MissingDependencyError
 
@@ -17,6 +17,7 @@ __all__ = ["page_options", "source_from_options"]
 #: Keywords of `source_from_options`.
 page_options = option_group(
     mechanism_options(),
+    load_options("--load"),
     click.option(
         "--map", "map_path", type=click.Path(path_type=Path), metavar="FILE",
         help="Also draw the points of a stiffness map, coloured.",
@@ -31,6 +32,7 @@ page_options = option_group(
 
 def source_from_options(
     request: MechanismRequest,
+    applied: LoadRequest,
     map_path: Path | None,
     trajectory_path: Path | None,
 ) -> Any:
@@ -45,15 +47,14 @@ def source_from_options(
     elastic, q = request.load()
     import numpy as np
 
-    from cartstiff.loading import load as load_mechanism
     from cartstiff.page.source import Source, read_cloud, read_trajectory
     from cartstiff.stiffness.compute import analyse
 
     with np.errstate(all="ignore"):
-        first = analyse(elastic, q, wrench=load)
+        first = analyse(elastic, q, wrench=load, **applied.keywords)
 
     def reload(name: str) -> Any:
-        other = load_mechanism(request.mechanism, frame=name)
+        other = request.in_frame(name)
         if other.names != elastic.names:
             return other
         stiffness = None if elastic.springs is None else elastic.springs.stiffness
@@ -69,6 +70,9 @@ def source_from_options(
         elastic=elastic,
         q=first.q,
         load=None if load is None else np.array(load),
+        load_kind=applied.load_kind,  # type: ignore[arg-type]
+        load_at=None if applied.load_at is None else tuple(applied.load_at),  # type: ignore[arg-type]
+        load_axes="inertial" if applied.world else "body",
         reload=reload,
         trajectory=None if trajectory_path is None else read_trajectory(trajectory_path, names),
         cloud=None if map_path is None else read_cloud(map_path),

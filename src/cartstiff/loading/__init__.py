@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.errors import InputError, UnknownNameError, one_line
@@ -19,6 +21,9 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 
 __all__ = ["load"]
 
+# What a robot description alone may be given, whether it has loops or none.
+_SHARED = ("model", "frame", "locked", "offset", "gravity", "payload", "xacro", "package_path")
+
 
 def load(
     source: Any,
@@ -27,9 +32,12 @@ def load(
     locked: Mapping[str, float] | None = None,
     stiffness: float | Mapping[str, float] | ArrayLike | None = None,
     rest: float | Mapping[str, float] | ArrayLike | None = None,
+    tcp: ArrayLike | None = None,
+    gravity: ArrayLike | None = None,
+    payload: ArrayLike | None = None,
     xacro_args: Mapping[str, str] | None = None,
     package_path: Sequence[str | Path] = (),
-    **given: Any,
+    **of_model: Any,
 ) -> ElasticMechanism:
     """Load a mechanism.
 
@@ -46,12 +54,19 @@ def load(
         Positions (rad, m) of joints that do not move; for serial arms and closed chains.
     stiffness, rest : float, mapping of str to float, or array_like, optional
         Of the joint springs, as in `ElasticMechanism.with_springs`.
+    tcp : array_like (3,), (6,) or (4, 4), optional
+        M in the frame of interest: x, y, z[, roll, pitch, yaw] about fixed axes, or the pose.
+    gravity : array_like (3,), optional
+        Acceleration of the uniform field in F, m/s^2, instead of the file's.
+    payload : array_like (1,) or (4,), optional
+        A mass [kg] on the body, and its centre in M; beside that of the file. Without any gravity
+        it brings that of the earth along, along -z of F, and a note says so.
     xacro_args : mapping of str to str, optional
         Arguments of a xacro file, such as ``{"ur_type": "ur5e"}``.
     package_path : sequence of str or Path, optional
         Folders in or under which ROS packages are looked for, before ROS_PACKAGE_PATH,
         AMENT_PREFIX_PATH and the folders above the file.
-    **given
+    **of_model
         For Pinocchio's models, see `cartstiff.loading.pinocchio_model.from_pinocchio`: `visual`,
         `q`, `closures`, `actuated`, `name`.
 
@@ -67,15 +82,15 @@ def load(
     """
     if frame is not None and not isinstance(frame, str):
         raise InputError("frame is not a name", expected="text", got=frame)
+    given = {"frame": frame, "locked": dict(locked or {}), **_tool(tcp, gravity, payload)}
     if isinstance(source, (str, Path)):
-        if given:
+        if of_model:
             raise InputError(
-                f"{min(given)!r} belongs to Pinocchio's models only",
+                f"{min(of_model)!r} belongs to Pinocchio's models only",
                 where=one_line(str(source)),
-                expected="frame, locked, stiffness, rest",
+                expected="frame, locked, stiffness, rest, tcp, gravity, payload",
             )
-        ros = _ros_keys(xacro_args, package_path)
-        loaded = _from_name(source, frame, dict(locked or {}), ros)
+        loaded = _from_name(source, {**given, **_ros_keys(xacro_args, package_path)})
     else:
         from cartstiff.loading.pinocchio_model import from_pinocchio, is_pinocchio
 
@@ -88,8 +103,39 @@ def load(
                 expected="str, Path, pinocchio.Model, RobotWrapper or a tuple of models",
                 got=type(source).__name__,
             )
-        loaded = from_pinocchio(source, frame=frame, locked=locked, **given)
+        loaded = from_pinocchio(source, given=given, **of_model)
+    if payload is not None and loaded.gravity is None:
+        from cartstiff.loading.parts import EARTH
+
+        words = f"a payload was given and no gravity: (0, 0, -{EARTH:g}) m/s^2 acts"
+        note = Note("gravity-assumed", words, {"gravity": [0.0, 0.0, -EARTH]})
+        field = np.array([0.0, 0.0, -EARTH])
+        loaded = replace(loaded, gravity=field, notes=(*loaded.notes, note))
     return loaded.with_springs(stiffness, rest)
+
+
+def _tool(tcp: Any, gravity: Any, payload: Any) -> dict[str, Any]:
+    """What hangs on the robot and pulls at it, checked; as `build.with_given` takes it."""
+    from cartstiff.arrays import checked_pose, checked_vector
+    from cartstiff.geometry import se3
+
+    found: dict[str, Any] = {}
+    if tcp is not None:
+        if np.shape(tcp) == (4, 4):
+            found["tcp"] = checked_pose(tcp, "tcp")
+        else:
+            numbers = checked_vector(tcp, 3 if np.size(tcp) == 3 else 6, "tcp")
+            found["tcp"] = se3.from_roll_pitch_yaw(numbers[:3], (*numbers[3:], 0, 0, 0)[:3])
+    if gravity is not None:
+        found["gravity"] = checked_vector(gravity, 3, "gravity").tolist()
+    if payload is not None:
+        numbers = checked_vector(
+            np.atleast_1d(payload), 1 if np.size(payload) == 1 else 4, "payload"
+        )
+        if numbers[0] < 0:
+            raise InputError("mass is negative", where="payload", got=f"{numbers[0]:g}")
+        found["payload"] = float(numbers[0]), (*numbers[1:].tolist(), 0.0, 0.0, 0.0)[:3]
+    return found
 
 
 def _ros_keys(arguments: Any, folders: Any) -> dict[str, Any]:
@@ -111,9 +157,7 @@ def _ros_keys(arguments: Any, folders: Any) -> dict[str, Any]:
     return keys
 
 
-def _from_name(
-    source: str | Path, frame: str | None, locked: dict[str, float], ros: dict[str, Any]
-) -> ElasticMechanism:
+def _from_name(source: str | Path, given: dict[str, Any]) -> ElasticMechanism:
     """A mechanism by its name or path, or XML text."""
     from cartstiff.loading.ros import ROBOT_FILES, is_description_name
 
@@ -121,7 +165,7 @@ def _from_name(
     if not text.strip() or "\0" in text:
         raise InputError("mechanism has no name", expected="a name or a path", got=repr(text))
     if isinstance(source, str) and text.lstrip().startswith("<"):
-        return _from_robot(text, "robot", frame, locked, ros)
+        return _from_robot(text, "robot", given)
     try:
         path = Path(text).expanduser()
         exists = path.exists()
@@ -129,15 +173,15 @@ def _from_name(
         raise InputError("not a usable path", where=one_line(text), got=str(error)) from None
     file = bundled(text)
     if file is not None:
-        return _from_file(file, frame, locked, ros)
+        return _from_file(file, given)
     suffix = path.suffix.lower()
     if suffix in (".yaml", ".yml"):
-        return _from_file(path, frame, locked, ros)
+        return _from_file(path, given)
     if suffix in ROBOT_FILES:
-        return _from_robot(str(path), path.stem.removesuffix(".urdf"), frame, locked, ros)
+        return _from_robot(str(path), path.stem.removesuffix(".urdf"), given)
     robots = example_robots()
     if text in robots or (is_description_name(text) and not exists):
-        return _from_robot(text, text, frame, locked, ros)
+        return _from_robot(text, text, given)
     if exists:
         raise InputError(
             "is a directory" if path.is_dir() else "unknown kind of file",
@@ -149,40 +193,38 @@ def _from_name(
     raise UnknownNameError("mechanism", text, [*bundled_files(), *robots])
 
 
-def _from_robot(
-    model: str, name: str, frame: str | None, locked: dict[str, float], ros: dict[str, Any]
-) -> ElasticMechanism:
-    from cartstiff.loading.build import serial_of
+def _from_robot(model: str, name: str, given: dict[str, Any]) -> ElasticMechanism:
+    from cartstiff.loading.build import serial_of, with_given
     from cartstiff.loading.build_closed import closed_chain_of
     from cartstiff.loading.defaults import default_frame
     from cartstiff.loading.parts import described, joints_that_move
     from cartstiff.loading.schema import ClosedChainFile, SerialFile
 
-    keys: dict[str, Any] = {"model": model, "frame": frame, "locked": locked, **ros}
-    description = described(SerialFile.model_construct(kind="serial", **keys), None)
-    facts = description.facts
     where = "XML text" if model.lstrip().startswith("<") else one_line(model)
+    serial = with_given(SerialFile.model_construct(kind="serial", model=model), given, where)
+    description = described(serial, None)
+    facts = description.facts
     said = []
-    if facts.gravity is not None:
-        keys["gravity"] = facts.gravity.tolist()
+    if facts.gravity is not None and serial.gravity is None:
+        gravity = facts.gravity.tolist()
+        serial = serial.model_copy(update={"gravity": gravity})
         shown = ", ".join(f"{g:g}" for g in facts.gravity)
         words = f"gravity ({shown}) m/s^2 acts, as the MJCF file says"
-        said.append(Note("gravity-of-file", words, {"gravity": keys["gravity"]}))
+        said.append(Note("gravity-of-file", words, {"gravity": gravity}))
     if facts.closures:
-        moving = joints_that_move(description, frame or default_frame(description.model)[0])
+        moving = joints_that_move(description, serial.frame or default_frame(description.model)[0])
         if any(tie.joints & moving for tie in facts.closures):
-            closed = ClosedChainFile.model_construct(kind="closed-chain", **keys)
+            closed = ClosedChainFile.model_construct(
+                kind="closed-chain",
+                **{key: getattr(serial, key) for key in _SHARED},
+            )
             return closed_chain_of(description, closed, where, name, said=said, alone=True)
-    serial = SerialFile.model_construct(kind="serial", **keys)
     return serial_of(description, serial, where, name, said=said)
 
 
-def _from_file(
-    path: Path, frame: str | None, locked: dict[str, float], ros: dict[str, Any]
-) -> ElasticMechanism:
+def _from_file(path: Path, given: dict[str, Any]) -> ElasticMechanism:
     from cartstiff.loading import build, build_closed
     from cartstiff.loading.schema import (
-        ClosedChainFile,
         ParallelFile,
         PlatformFile,
         SerialFile,
@@ -195,14 +237,7 @@ def _from_file(
     where = one_line(str(path))
     name = file.name or path.stem
     try:
-        file = build.with_frame(file, frame, where)
-        if locked:
-            if not isinstance(file, (SerialFile, ClosedChainFile)):
-                raise InputError(f"kind {file.kind} has no joints to lock", where=where,
-                                 expected="kind serial or closed-chain")  # fmt: skip
-            file = file.model_copy(update={"locked": {**file.locked, **locked}})
-        if ros:
-            file = _with_ros(file, ros, where)
+        file = build.with_given(file, given, where)
         if isinstance(file, SerialFile):
             return build.build_serial(file, path.parent, where, name)
         if isinstance(file, (PlatformFile, SpringsFile)):
@@ -212,15 +247,3 @@ def _from_file(
         return build_closed.build_closed_chain(file, path.parent, where, name)
     except InputError as error:
         raise located(error, path, lines) from None
-
-
-def _with_ros(file: Any, ros: dict[str, Any], where: str) -> Any:
-    """A file whose robots get more xacro arguments, and more folders for packages."""
-    if hasattr(file, "model"):
-        keys = {"xacro": {**file.xacro, **ros.get("xacro", {})},
-                "package_path": [*ros.get("package_path", ()), *file.package_path]}  # fmt: skip
-        return file.model_copy(update=keys)
-    if isinstance(file.legs, list):
-        return file.model_copy(update={"legs": [_with_ros(leg, ros, where) for leg in file.legs]})
-    raise InputError(f"kind {file.kind} has no robot description", where=where,
-                     expected="no xacro arguments and no package path")  # fmt: skip

@@ -30,6 +30,7 @@ from cartstiff.loading.regular_posture import regular_posture
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.schema import (
     BodyModel,
+    ClosedChainFile,
     ParallelFile,
     PayloadModel,
     PlatformFile,
@@ -45,7 +46,7 @@ from cartstiff.mechanisms.struts import Struts
 from cartstiff.mechanisms.tree_building import merged
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
 
-__all__ = ["build_platform", "build_serial", "serial_of", "with_frame"]
+__all__ = ["build_platform", "build_serial", "serial_of", "with_given"]
 
 
 def build_serial(file: SerialFile, beside: Path | None, where: str, name: str) -> ElasticMechanism:
@@ -219,10 +220,86 @@ def _struts(file: PlatformFile | SpringsFile, m: int, where: str) -> Struts | No
     return Struts(*(np.zeros(m) if value is None else value for value in found))
 
 
-def with_frame(file: Any, frame: str | None, where: str) -> Any:
-    """File with another frame of interest, from the command line."""
-    if frame is None:
-        return file
+def with_given(file: Any, given: Mapping[str, Any], where: str) -> Any:
+    """A file with what was given beside it, which counts before what it says itself.
+
+    Parameters
+    ----------
+    file : a model of the schema
+        What the file says.
+    given : mapping
+        "frame", "locked", "tcp" (pose of M in that frame), "gravity", "payload" (mass, centre in
+        M; added to the file's), "xacro", "package_path"; as many as there are.
+    where : str
+        The file, for messages.
+
+    Raises
+    ------
+    InputError
+        For what the file's kind does not have.
+    """
+    keys: dict[str, Any] = {}
+    if (frame := given.get("frame")) is not None:
+        file = _with_frame(file, frame, where)
+    if locked := given.get("locked"):
+        if not isinstance(file, (SerialFile, ClosedChainFile)):
+            raise InputError(f"kind {file.kind} has no joints to lock", where=where,
+                             expected="kind serial or closed-chain")  # fmt: skip
+        keys["locked"] = {**file.locked, **locked}
+    if given.get("xacro") or given.get("package_path"):
+        file = _with_ros(file, given, where)
+    payload = file.payload
+    if (T := given.get("tcp")) is not None:
+        back = se3.inverse(T)
+        if isinstance(file, (SerialFile, ClosedChainFile)):
+            keys["offset"] = _model_of(pose_of(file.offset) @ T)
+        elif isinstance(file, (PlatformFile, SpringsFile)):
+            keys["frame"] = _model_of(pose_of(file.frame) @ T)
+        else:  # the body frame itself
+            grips = [_model_of(back @ pose_of(leg.grip)) for leg in file.legs]
+            keys["legs"] = [
+                leg.model_copy(update={"grip": grip})
+                for leg, grip in zip(file.legs, grips, strict=True)
+            ]
+            if file.pose is not None:
+                keys["pose"] = _model_of(pose_of(file.pose) @ T)
+        if payload is not None:
+            centre = (back @ np.append(payload.com, 1.0))[:3]
+            payload = payload.model_copy(update={"com": centre.tolist()})
+    if (more := given.get("payload")) is not None:
+        mass, centre = more
+        own = payload or PayloadModel(mass=0.0)
+        total = own.mass + mass
+        com = np.array(centre) if total == 0 else (
+            (own.mass * np.array(own.com) + mass * np.array(centre)) / total
+        )  # fmt: skip
+        payload = PayloadModel(mass=total, com=com.tolist())
+    if (gravity := given.get("gravity")) is not None:
+        keys["gravity"] = list(gravity)
+    if payload is not file.payload:
+        keys["payload"] = payload
+    return file.model_copy(update=keys) if keys else file
+
+
+def _model_of(T: Array) -> PoseModel:
+    return PoseModel(xyz=T[:3, 3].tolist(), rpy=se3.roll_pitch_yaw(T).tolist())
+
+
+def _with_ros(file: Any, given: Mapping[str, Any], where: str) -> Any:
+    """A file whose robots get more xacro arguments, and more folders for packages."""
+    if hasattr(file, "model"):
+        keys = {"xacro": {**file.xacro, **given.get("xacro", {})},
+                "package_path": [*given.get("package_path", ()), *file.package_path]}  # fmt: skip
+        return file.model_copy(update=keys)
+    if isinstance(file.legs, list):
+        legs = [_with_ros(leg, given, where) for leg in file.legs]
+        return file.model_copy(update={"legs": legs})
+    raise InputError(f"kind {file.kind} has no robot description", where=where,
+                     expected="no xacro arguments and no package path")  # fmt: skip
+
+
+def _with_frame(file: Any, frame: str, where: str) -> Any:
+    """File with another frame of interest."""
     if isinstance(file, (PlatformFile, SpringsFile)):
         if frame == "platform":
             return file

@@ -52,6 +52,7 @@ from cartstiff.potentials.springs import (
 
 __all__ = [
     "ASSUMED_STIFFNESS",
+    "EARTH",
     "add_payload",
     "described",
     "description_notes",
@@ -68,9 +69,10 @@ __all__ = [
 
 #: N m/rad (N/m) taken where nobody gave a joint stiffness; said in the notes.
 ASSUMED_STIFFNESS = 1.0e4
-# m/s^2: on the earth, and beyond any planet and machine in motion; 386 in/s^2 and 981 cm/s^2
-# are beyond it.
-_EARTH, _STRONGEST = 9.81, 300.0
+#: m/s^2 on the earth.
+EARTH = 9.81
+# Beyond any planet and machine in motion; 386 in/s^2 and 981 cm/s^2 are beyond it.
+_STRONGEST = 300.0
 
 
 def pose_of(model: PoseModel) -> Array:
@@ -199,12 +201,12 @@ def gravity_of(gravity: Sequence[float] | None, where: str, units: Units = SI) -
     if gravity is None or not any(gravity):
         return None
     size = float(np.linalg.norm(gravity))
-    in_units = _EARTH * convert_length(SI, units)[0]
+    in_units = EARTH * convert_length(SI, units)[0]
     other = units.length != SI.length and abs(size - in_units) < 0.02 * in_units
     if size > _STRONGEST or other:
         raise InputError(
             "gravity is in m/s^2 in every file, whatever its units", where=f"{where}, key gravity",
-            expected=f"at most {_STRONGEST:g}; {_EARTH:g} on the earth", got=f"{size:g}",
+            expected=f"at most {_STRONGEST:g}; {EARTH:g} on the earth", got=f"{size:g}",
         )  # fmt: skip
     return se3.read_only(gravity)
 

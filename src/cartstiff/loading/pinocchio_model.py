@@ -17,7 +17,7 @@ from cartstiff.arrays import checked_vector
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.build import serial_of
+from cartstiff.loading.build import serial_of, with_given
 from cartstiff.loading.build_closed import closed_chain_of
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.schema import ClosedChainFile, ClosureModel, SerialFile
@@ -53,6 +53,7 @@ def from_pinocchio(
     actuated: Sequence[str] = (),
     floating: bool = False,
     name: str | None = None,
+    given: Mapping[str, Any] | None = None,
 ) -> ElasticMechanism:
     """Elastic mechanism of a Pinocchio model.
 
@@ -81,6 +82,8 @@ def from_pinocchio(
         Whether a free-flying root moves; by default it is held where `q` has it.
     name : str, optional
         Name of the mechanism; default the model's.
+    given : mapping, optional
+        More of what `cartstiff.loading.build.with_given` takes: "tcp", "gravity", "payload".
 
     Raises
     ------
@@ -89,40 +92,43 @@ def from_pinocchio(
     UnknownNameError
         For a frame or joint that the model does not have.
     """
-    given, wrapper = model, None
+    keys = {"frame": frame, "locked": dict(locked or {}), **(given or {})}
+    locked, wrapper = keys["locked"], None
     if isinstance(model, pin.RobotWrapper):
-        wrapper, given, visual = model, model.model, visual or model.visual_model
+        wrapper, model, visual = model, model.model, visual or model.visual_model
     elif isinstance(model, tuple):
-        given, visual = model[0], visual or (model[-1] if len(model) > 1 else None)
-    if not isinstance(given, pin.Model):
+        model, visual = model[0], visual or (model[-1] if len(model) > 1 else None)
+    if not isinstance(model, pin.Model):
         raise InputError(
             "not a Pinocchio model", expected="pinocchio.Model, RobotWrapper or a tuple of models",
-            got=type(given).__name__,
+            got=type(model).__name__,
         )  # fmt: skip
     if visual is not None and not isinstance(visual, pin.GeometryModel):
         raise InputError("not a geometry model", expected="pinocchio.GeometryModel",
                          got=type(visual).__name__)  # fmt: skip
-    name = name or given.name or "pinocchio model"
+    name = name or model.name or "pinocchio model"
     where = f"Pinocchio model {name!r}"
-    configuration, notes = _configuration(given, wrapper, q)
-    own, mimics = _with_plain_joints(given)
+    configuration, notes = _configuration(model, wrapper, q)
+    own, mimics = _with_plain_joints(model)
     ties = [_tie(own, closure, i, where) for i, closure in enumerate(closures)]
-    pieces, words = ([], []) if visual is None else geometry_pieces(given, visual, name, None, True)
+    pieces, words = ([], []) if visual is None else geometry_pieces(model, visual, name, None, True)
     notes += [Note("not-shown", word) for word in words]
-    held = frozenset() if floating else _hold_root(own, given, configuration, notes)
+    held = frozenset() if floating else _hold_root(own, model, configuration, notes)
     description = RobotDescription(None, own, UrdfFacts(mimics), pieces=tuple(pieces), held=held)
-    posture = {} if configuration is None else _positions(given, configuration, mimics)
-    posture = {joint: value for joint, value in posture.items() if joint not in (locked or {})}
+    posture = {} if configuration is None else _positions(model, configuration, mimics)
+    posture = {joint: value for joint, value in posture.items() if joint not in locked}
     if not ties and actuated:
         raise InputError("actuated joints are named, but there are no closures", where=where,
                          expected="closures=[pinocchio.RigidConstraintModel(...)]")  # fmt: skip
-    common: dict[str, Any] = {"model": name, "frame": frame, "locked": dict(locked or {})}
+    serial = with_given(SerialFile.model_construct(kind="serial", model=name), keys, where)
     if ties:
+        common = {
+            key: getattr(serial, key) for key in ("frame", "locked", "offset", "gravity", "payload")
+        }
         closed = ClosedChainFile.model_construct(
-            kind="closed-chain", closures=ties, actuated=list(actuated), **common
+            kind="closed-chain", model=name, closures=ties, actuated=list(actuated), **common
         )
         return closed_chain_of(description, closed, where, name, posture, notes)
-    serial = SerialFile.model_construct(kind="serial", **common)
     return serial_of(description, serial, where, name, posture, notes)
 
 

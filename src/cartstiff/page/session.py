@@ -89,7 +89,11 @@ class Session:
     @property
     def start(self) -> State:
         """What is shown at first: the matrix that exists, stiffness where there is one."""
-        state = State(q=self._q.tolist(), load=_six(self.source.load))
+        source = self.source
+        state = State(
+            q=self._q.tolist(), load=_six(source.load), load_kind=source.load_kind,
+            load_at=source.load_at, load_axes=source.load_axes,
+        )  # fmt: skip
         result = self.result(state)
         quantity = "compliance" if result.reduction.stiffness is None and \
             result.compliances["B"] is not None else "stiffness"  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -72,7 +73,9 @@ class Source:
     q : ndarray (n,) or None
         Posture shown at first; default the mechanism's.
     load : ndarray (6,) or None
-        Wrench shown at first, in M.
+        Wrench shown at first.
+    load_kind, load_at, load_axes
+        What it does, where and along which axes, as in `cartstiff.page.state.State`.
     reload : callable or None
         Gives the mechanism with another frame of interest, by name.
     trajectory : Trajectory or None
@@ -87,6 +90,9 @@ class Source:
     reload: Callable[[str], ElasticMechanism] | None = None
     trajectory: Trajectory | None = None
     cloud: Cloud | None = None
+    load_kind: Literal["dead", "follower", "conservative"] = "dead"
+    load_at: tuple[float, float, float] | None = None
+    load_axes: Literal["body", "inertial"] = "body"
 
 
 def read_trajectory(path: Path, names: tuple[str, ...]) -> Trajectory:
