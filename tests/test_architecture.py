@@ -30,6 +30,7 @@ LAYERS = [
     {"many"},
     {"maps"},
     {"toolpaths"},
+    {"identify"},
     {"report"},
     {"scene"},
     {"page"},

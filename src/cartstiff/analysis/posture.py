@@ -85,7 +85,8 @@ def analyse_posture(
     target : array_like, shape (6, 6), optional
         Desired K^B in M, for which joint (or leg) stiffnesses are given.
     tolerances : Tolerances, optional
-        Standard deviations of the parameters.
+        Standard deviations of the parameters; without them those of measured springs count, where
+        the mechanism has any.
     samples : int
         Draws for a Monte Carlo propagation of the tolerances; 0 propagates to first order.
     threshold : float
@@ -142,6 +143,8 @@ def analyse_posture(
             found = notes.attempt("joint stiffness for the target", target_section, result, target)
         answer["synthesis"] = {**(answer["synthesis"] or {}), "target": plain(found)}
     answer["uncertainty"] = None
+    if tolerances is None and result.elastic.identified is not None:
+        tolerances = Tolerances()  # measured springs bring their own
     if tolerances is not None:
         parameters = Parameters(result, tolerances)
         answer["uncertainty"] = plain(
@@ -213,9 +216,13 @@ def _uncertainty(
 
     try:
         p: Propagation = (
-            propagate_monte_carlo(function, named, samples=samples)
+            propagate_monte_carlo(
+                function, named, samples=samples, correlation=parameters.correlation
+            )
             if samples
-            else propagate_first_order(function, named)
+            else propagate_first_order(
+                function, named, correlation=parameters.correlation, degrees=parameters.degrees
+            )
         )
     except InputError as error:
         raise UndefinedError(f"within the tolerances {error}", code="no-samples") from None

@@ -1,6 +1,7 @@
 r"""Parameters of an elastic mechanism with their tolerances.
 
-Parameters: the stiffness of every spring; for chains the placement of each joint on its
+Parameters: the stiffness of every spring, or, where springs were measured, their compliances with
+the covariance of that measurement; for chains the placement of each joint on its
 predecessor and of the body frame on the last joint (translations, and rotations about the
 placement's own axes); for platforms the points of base and platform.
 
@@ -24,6 +25,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elements import Elements
 from cartstiff.mechanisms.platform import Platform, PlatformPosture
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
@@ -71,7 +73,8 @@ class Parameters:
     result : PostureStiffness
         The nominal mechanism, posture and load; never modified.
     tolerances : Tolerances
-        Only parameters with a deviation above zero are listed.
+        Only parameters with a deviation above zero are listed. Without one of the stiffness, the
+        compliances of measured springs are.
     """
 
     result: PostureStiffness
@@ -81,8 +84,9 @@ class Parameters:
     def named(self) -> dict[str, Tolerance]:
         """Nominal value and deviation by name.
 
-        "stiffness.<spring>"; "placement.<joint>.x" to ".rz" and "frame.x" to ".rz" for chains;
-        "base.<leg>.x" and "platform.<leg>.x" to ".z" for platforms. Rotations are nominally zero.
+        "stiffness.<spring>", or "compliance.<spring>" where they were measured;
+        "placement.<joint>.x" to ".rz" and "frame.x" to ".rz" for chains; "base.<leg>.x" and
+        "platform.<leg>.x" to ".z" for platforms. Rotations are nominally zero.
         """
         elastic, t = self.result.elastic, self.tolerances
         found: dict[str, Tolerance] = {}
@@ -92,6 +96,11 @@ class Parameters:
                 k = float(elastic.springs.stiffness[i])
                 if k > 0 and i not in laws:
                     found[f"stiffness.{name}"] = Tolerance(k, t.stiffness * k)
+        if t.stiffness == 0 and (known := elastic.identified) is not None:
+            spread = np.sqrt(known.covariance.diagonal())
+            for pattern, c, s in zip(known.patterns, known.values, spread, strict=True):
+                lower = 0.0 if pattern.is_diagonal else -np.inf
+                found[f"compliance.{pattern.name}"] = Tolerance(float(c), float(s), lower=lower)
         for name, value in self._geometry.items():
             deviation = t.angle if name.rsplit(".", 1)[1] in _RXYZ else t.length
             if deviation > 0:
@@ -101,6 +110,47 @@ class Parameters:
                 "no parameter of this mechanism has a tolerance", code="no-parameters"
             )
         return found
+
+    @cached_property
+    def correlation(self) -> Array | None:
+        """Of the named parameters; None where all are independent."""
+        known, names = self.result.elastic.identified, list(self.named)
+        measured = [i for i, name in enumerate(names) if name.startswith("compliance.")]
+        if known is None or not measured:
+            return None
+        R = np.eye(len(names))
+        spread = np.sqrt(known.covariance.diagonal())
+        spread[spread == 0.0] = 1.0
+        own = known.covariance / np.multiply.outer(spread, spread)
+        np.fill_diagonal(own, 1.0)
+        R[np.ix_(measured, measured)] = own
+        return R
+
+    @property
+    def degrees(self) -> float:
+        """Degrees of freedom of measured springs; infinite for tolerances that are given."""
+        known = self.result.elastic.identified
+        if known is None or known.degrees is None or self.correlation is None:
+            return float(np.inf)
+        return known.degrees
+
+    @cached_property
+    def _elements(self) -> Elements:
+        return Elements(self.result.elastic)
+
+    def _measured_springs(
+        self, elastic: ElasticMechanism, values: Mapping[str, float]
+    ) -> ElasticMechanism:
+        """The mechanism with other compliances of measured springs; itself if none is named."""
+        known = self.result.elastic.identified
+        if known is None or not any(name.startswith("compliance.") for name in values):
+            return elastic
+        at = [values.get(f"compliance.{n}", c) for n, c in zip(
+            known.names, known.values, strict=True)]  # fmt: skip
+        change = np.array(at, float) - known.values
+        patterns = self._elements.patterns(known.patterns)
+        compliance = self._elements.compliance + np.tensordot(change, patterns, axes=1)
+        return self._elements.with_compliance(compliance)
 
     @cached_property
     def _geometry(self) -> dict[str, float]:
@@ -181,6 +231,7 @@ class Parameters:
             for i, name in enumerate(elastic.spring_names):
                 k[i] = values.get(f"stiffness.{name}", k[i])
             elastic = replace(elastic, springs=elastic.springs.replaced(k, elastic.springs.rest))
+        elastic = self._measured_springs(elastic, values)
         elastic = self._placed_at(elastic, values)
         posture = elastic.mechanism.closed(q)
         springs, old = elastic.springs, self.result.elastic.springs

@@ -45,11 +45,14 @@ class Tolerance:
         Standard deviation, not negative, in the parameter's unit.
     distribution : {"normal", "uniform"}
         Used by Monte Carlo.
+    lower : float
+        Values from here down do not exist, as of a compliance: differences stay above.
     """
 
     nominal: float
     deviation: float
     distribution: Literal["normal", "uniform"] = "normal"
+    lower: float = -np.inf
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -70,6 +73,12 @@ class Tolerance:
                 "limits are out of order", expected="lower <= upper", got=(lower, upper)
             )
         return cls(0.5 * (lower + upper), (upper - lower) / float(np.sqrt(12.0)), "uniform")
+
+    @property
+    def step(self) -> float:
+        """Step of differences, in standard deviations: twice it stays above `lower`."""
+        room = self.nominal - self.lower
+        return min(_STEP, 0.25 * room / self.deviation) if self.deviation > 0.0 else _STEP
 
     def draw(self, rng: np.random.Generator, count: int) -> Array:
         """Independent values, shape (count,)."""
@@ -150,6 +159,35 @@ def _flatten(results: Results) -> tuple[tuple[str, ...], Array]:
     return tuple(names), np.array(values)
 
 
+def _factor(level: float, degrees: float) -> float:
+    """Half width of an interval over the standard deviation."""
+    if np.isinf(degrees):
+        return NormalDist().inv_cdf(0.5 + 0.5 * level)
+    from scipy.special import stdtrit
+
+    return float(stdtrit(degrees, 0.5 + 0.5 * level))
+
+
+def _draws(
+    tolerances: Mapping[str, Tolerance],
+    rng: np.random.Generator,
+    samples: int,
+    correlation: ArrayLike | None,
+) -> dict[str, Array]:
+    """Values of each parameter (samples,); those that are correlated are normal."""
+    draws = {name: t.draw(rng, samples) for name, t in tolerances.items()}
+    if correlation is None:
+        return draws
+    R = checked_array(correlation, (len(tolerances),) * 2, "correlation")
+    values, vectors = np.linalg.eigh(R)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    together = rng.standard_normal((samples, len(R))) @ root.T
+    for i, (name, t) in enumerate(tolerances.items()):
+        if np.count_nonzero(R[i]) > 1:
+            draws[name] = t.nominal + t.deviation * together[:, i]
+    return draws
+
+
 def _check(tolerances: Mapping[str, Tolerance], level: float) -> None:
     if not tolerances:
         raise InputError("no tolerances given", expected="at least one parameter")
@@ -162,6 +200,8 @@ def propagate_first_order(
     tolerances: Mapping[str, Tolerance],
     *,
     level: float = 0.95,
+    correlation: ArrayLike | None = None,
+    degrees: float = np.inf,
 ) -> Propagation:
     r"""Propagate standard deviations through the function's derivatives.
 
@@ -175,9 +215,14 @@ def propagate_first_order(
         From a dict of parameter values to a dict of numbers or arrays, or to one array; NaN entries
         stay NaN.
     tolerances : mapping of str to Tolerance
-        Independent parameters.
+        Parameters.
     level : float
         Probability of the interval, normal distribution assumed.
+    correlation : array_like (n, n), optional
+        Of the parameters, in their order; default: independent. A parameter's share of the variance
+        then holds half of what it has in common with each other one, and may be negative.
+    degrees : float
+        Of freedom of Student's t, where the deviations are estimates themselves.
 
     Raises
     ------
@@ -201,15 +246,20 @@ def propagate_first_order(
 
     effects = np.zeros((len(names), len(moving)))
     for i, deviation in enumerate(sigma):
-        step = np.zeros(len(moving))
-        step[i] = _STEP * deviation
+        step, share = np.zeros(len(moving)), tolerances[moving[i]].step
+        step[i] = share * deviation
         near, far = at(step) - at(-step), at(2.0 * step) - at(-2.0 * step)
-        effects[:, i] = (8.0 * near - far) / (12.0 * _STEP)
-    variance = np.sum(effects**2, axis=1)
+        effects[:, i] = (8.0 * near - far) / (12.0 * share)
+    R = np.eye(len(moving))
+    if correlation is not None:
+        among = [i for i, t in enumerate(tolerances.values()) if t.deviation > 0]
+        R = checked_array(correlation, (len(tolerances),) * 2, "correlation")[np.ix_(among, among)]
+    parts = effects * (effects @ R)
+    variance = np.maximum(np.sum(parts, axis=1), 0.0)
     total = np.sqrt(variance)
-    z = NormalDist().inv_cdf(0.5 + 0.5 * level)
+    z = _factor(level, degrees)
     with np.errstate(invalid="ignore", divide="ignore"):
-        shares = effects.T**2 / variance
+        shares = parts.T / variance
     contributions = {name: read_only(np.where(variance > 0, 0.0, np.nan)) for name in tolerances}
     contributions |= {name: read_only(s) for name, s in zip(moving, shares, strict=True)}
     return Propagation(
@@ -234,15 +284,16 @@ def propagate_monte_carlo(
     samples: int = 1000,
     seed: int = 0,
     level: float = 0.95,
+    correlation: ArrayLike | None = None,
 ) -> Propagation:
-    r"""Mean, standard deviation and quantiles over independent draws of the parameters.
+    r"""Mean, standard deviation and quantiles over draws of the parameters.
 
-    Nothing is clipped: a draw for which the function raises a `CartstiffError` is counted under
-    `failures` and left out.
+    Nothing is clipped: a draw below a parameter's `lower`, or for which the function raises a
+    `CartstiffError`, is counted under `failures` and left out.
 
     Parameters
     ----------
-    function, tolerances, level
+    function, tolerances, level, correlation
         As in `propagate_first_order`.
     samples : int
         Number of draws, at least 2. Quantiles at 95 % need some hundred.
@@ -260,11 +311,14 @@ def propagate_monte_carlo(
     if samples < 2:
         raise InputError("too few samples", expected="at least 2", got=samples)
     rng = np.random.default_rng(seed)
-    draws = {name: t.draw(rng, samples) for name, t in tolerances.items()}
+    draws = _draws(tolerances, rng, samples, correlation)
     names: tuple[str, ...] | None = None
     rows: list[Array] = []
     failures: dict[str, int] = {}
     for s in range(samples):
+        if any(draws[name][s] <= t.lower for name, t in tolerances.items()):
+            failures["below-zero"] = failures.get("below-zero", 0) + 1
+            continue
         try:
             found, values = _flatten(function({name: float(d[s]) for name, d in draws.items()}))
         except CartstiffError as error:

@@ -35,6 +35,10 @@ _COMMANDS = {
         "cartstiff.cli.path",
         "The stiffest postures along a path, and where to put the workpiece.",
     ),
+    "identify": (
+        "cartstiff.cli.identify",
+        "Joint stiffness from measured loads and deflections, and what to measure.",
+    ),
     "frames": ("cartstiff.cli.frames", "Frames, joints, limits, springs, masses as a tree."),
     "modes": (
         "cartstiff.cli.modes",

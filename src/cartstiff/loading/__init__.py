@@ -224,6 +224,7 @@ def _from_robot(model: str, name: str, given: dict[str, Any]) -> ElasticMechanis
 
 def _from_file(path: Path, given: dict[str, Any]) -> ElasticMechanism:
     from cartstiff.loading import build, build_closed
+    from cartstiff.loading.findings import with_findings
     from cartstiff.loading.schema import (
         ParallelFile,
         PlatformFile,
@@ -239,11 +240,13 @@ def _from_file(path: Path, given: dict[str, Any]) -> ElasticMechanism:
     try:
         file = build.with_given(file, given, where)
         if isinstance(file, SerialFile):
-            return build.build_serial(file, path.parent, where, name)
-        if isinstance(file, (PlatformFile, SpringsFile)):
-            return build.build_platform(file, where, name)
-        if isinstance(file, ParallelFile):
-            return build_closed.build_parallel(file, path.parent, where, name)
-        return build_closed.build_closed_chain(file, path.parent, where, name)
+            elastic = build.build_serial(file, path.parent, where, name)
+        elif isinstance(file, (PlatformFile, SpringsFile)):
+            elastic = build.build_platform(file, where, name)
+        elif isinstance(file, ParallelFile):
+            elastic = build_closed.build_parallel(file, path.parent, where, name)
+        else:
+            elastic = build_closed.build_closed_chain(file, path.parent, where, name)
+        return elastic if file.identified is None else with_findings(elastic, file.identified)
     except InputError as error:
         raise located(error, path, lines) from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.loading.yaml_file import LARGEST, read_text
 from cartstiff.parsing import parse_numbers
 
-__all__ = ["Rows", "read_rows"]
+__all__ = ["Cells", "Rows", "read_cells", "read_rows"]
 
 
 class Rows(NamedTuple):
@@ -58,6 +59,78 @@ class Rows(NamedTuple):
         raise InputError("wrong count", where=self.place, expected=expected, got=str(width))
 
 
+class Cells(NamedTuple):
+    """What a file of named columns holds, as text; cells may be empty.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The columns'.
+    rows : list of list of str
+        One per line, each as long as `names`.
+    places : list of str
+        File and line of each row.
+    place : str
+        File and line of the names.
+    """
+
+    names: tuple[str, ...]
+    rows: list[list[str]]
+    places: list[str]
+    place: str
+
+
+def read_cells(path: Path, what: str, largest: int = LARGEST) -> Cells:
+    """Rows of text under a line of names; for tables in which not every cell is a number.
+
+    Parameters
+    ----------
+    path, what, largest
+        As in `read_rows`.
+
+    Raises
+    ------
+    InputError
+        With file and line: no line of names, no rows, a row of another length.
+    """
+    lines = _lines(path, largest)
+    begin, first = next(lines, (one_line(str(path)), ""))
+    names = _names(first, begin)
+    if names is None:
+        raise InputError("no line of names", where=begin, expected="names of the columns first")
+    rows, places = list[list[str]](), list[str]()
+    for place, line in lines:
+        cells = [cell.strip().strip('"') for cell in line.split(",")]
+        if len(cells) != len(names):
+            raise InputError("wrong count", where=place, expected=f"{len(names)} cells",
+                             got=str(len(cells)))  # fmt: skip
+        rows.append(cells)
+        places.append(place)
+    if not rows:
+        raise InputError(f"no {what}", where=one_line(str(path)),
+                         expected="one a line, comma-separated")  # fmt: skip
+    return Cells(names, rows, places, begin)
+
+
+def _lines(path: Path, largest: int) -> Iterator[tuple[str, str]]:
+    """Place and text of each line; empty ones and those that start with # are left out."""
+    where = one_line(str(path))
+    for number, line in enumerate(read_text(path, largest).splitlines(), start=1):
+        if line.strip() and not line.lstrip().startswith("#"):
+            yield f"{where}, line {number}", line
+
+
+def _names(line: str, place: str) -> tuple[str, ...] | None:
+    """Names of columns, or None for a line of numbers."""
+    cells = tuple(cell.strip().strip('"') for cell in line.split(","))
+    if not any(map(_is_word, cells)):
+        return None
+    twice = [name for name in cells if cells.count(name) > 1]
+    if twice:
+        raise InputError("column named twice", where=place, got=repr(twice[0]))
+    return cells
+
+
 def read_rows(path: Path, what: str, largest: int = LARGEST) -> Rows:
     """Rows of numbers from a file.
 
@@ -81,18 +154,10 @@ def read_rows(path: Path, what: str, largest: int = LARGEST) -> Rows:
     where = one_line(str(path))
     names: tuple[str, ...] | None = None
     begin, rows = where, list[list[float]]()
-    for number, line in enumerate(read_text(path, largest).splitlines(), start=1):
-        if not line.strip() or line.lstrip().startswith("#"):
-            continue
-        place = f"{where}, line {number}"
+    for place, line in _lines(path, largest):
         if names is None and not rows:
-            begin = place
-            cells = tuple(cell.strip().strip('"') for cell in line.split(","))
-            if any(map(_is_word, cells)):
-                names = cells
-                twice = [name for name in names if names.count(name) > 1]
-                if twice:
-                    raise InputError("column named twice", where=place, got=repr(twice[0]))
+            begin, names = place, _names(line, place)
+            if names is not None:
                 continue
         width = len(names) if names else len(rows[0]) if rows else None
         rows.append(parse_numbers(line, place, width))

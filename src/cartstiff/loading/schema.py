@@ -30,6 +30,8 @@ __all__ = [
     "ClosedChainFile",
     "ClosureModel",
     "FlexibleModel",
+    "FoundModel",
+    "IdentifiedModel",
     "JointSpringModel",
     "LegMassModel",
     "LegModel",
@@ -273,6 +275,39 @@ class LineModel(_Model):
         return self
 
 
+class FoundModel(_Model):
+    """A compliance that was measured: of one spring, of springs that are equal, or of a link."""
+
+    name: Text
+    value: Annotated[Number, Field(description="compliance; of a beam a share of the file's own")]
+    elements: Annotated[
+        list[tuple[Text, Text, Number]] | None,
+        Field(description="pairs of springs and factors, where it is not one spring's own"),
+    ] = None
+
+
+class IdentifiedModel(_Model):
+    """How well the stiffnesses are known; written by `cartstiff identify -o`."""
+
+    compliances: Annotated[list[FoundModel], Field(max_length=1000)]
+    covariance: Annotated[
+        list[list[Number]], Field(description="of the compliances, in the file's units")
+    ]
+    degrees: Annotated[
+        Positive | None, Field(description="of freedom of Student's t; normal if absent")
+    ] = None
+    level: Annotated[float, Field(gt=0.0, lt=1.0, description="of intervals that are told")] = 0.95
+    rows: Annotated[int, Field(strict=True, ge=0, description="measurements")] = 0
+    date: Text | None = None
+    source: Text | None = None
+    undetermined: Annotated[
+        list[Text], Field(description="springs of which the measurements say nothing")
+    ] = []
+    at_least: Annotated[
+        dict[str, Positive], Field(description="springs without an upper end, and the lower one")
+    ] = {}
+
+
 class _File(_Model):
     name: Annotated[Text | None, Field(description="name shown to people")] = None
     description: Annotated[Text | None, Field(description="what the mechanism is, for readers")] = (
@@ -286,6 +321,7 @@ class _File(_Model):
         Field(description="acceleration in F, m/s^2 whatever the units; none if absent"),
     ] = None
     payload: PayloadModel | None = None
+    identified: IdentifiedModel | None = None
 
 
 class _Robot(_Model):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +18,9 @@ from cartstiff.potentials.gravity import Gravity
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.loads import Load, Scaled
 from cartstiff.potentials.springs import JointSprings
+
+if TYPE_CHECKING:
+    from cartstiff.mechanisms.identified import Identified
 
 __all__ = ["ElasticMechanism", "Note", "assumed_stiffness"]
 
@@ -58,6 +61,8 @@ class ElasticMechanism:
     damping : ndarray or None
         Dampers beside the springs: (n,) of the joints, moment (force) per rate, or (m,) of the
         lines, force per velocity; None where there are none. Seconds in all units.
+    identified : Identified or None
+        How well the stiffnesses are known, where they were measured.
     """
 
     name: str
@@ -68,6 +73,7 @@ class ElasticMechanism:
     gravity: Array | None = None
     notes: tuple[Note, ...] = ()
     damping: Array | None = None
+    identified: Identified | None = None
 
     def __post_init__(self) -> None:
         rigid = self.springs.rigid if isinstance(self.springs, JointSprings) else frozenset()
@@ -155,7 +161,10 @@ class ElasticMechanism:
             laws = {j: law for j, law in springs.laws.items() if names[j] not in given}
             springs = replace(springs, laws=laws)
         notes = self.notes if stiffness is None else _still_assumed(self.notes, stiffness)
-        return replace(self, springs=springs.replaced(k, rests), notes=notes)
+        # What was measured is not known of springs that are given anew.
+        identified = self.identified if stiffness is None else None
+        springs = springs.replaced(k, rests)
+        return replace(self, springs=springs, notes=notes, identified=identified)
 
     @property
     def spring_names(self) -> tuple[str, ...]:

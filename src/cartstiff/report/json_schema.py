@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from cartstiff.report.frames import FRAMES_SCHEMA
+from cartstiff.report.identify_schema import identify_schema
 from cartstiff.stiffness.applied_load import LOAD_KINDS
 from cartstiff.stiffness.compute import SCHEMA
 from cartstiff.vibration.modes import MODES_SCHEMA
@@ -162,6 +163,21 @@ _EQUILIBRIUM: dict[str, Any] = {
         "minItems": 6, "maxItems": 6,
         "description": "rotation vector and translation of the body frame, axes of F",
     },
+    "displacement_uncertainty": {
+        "anyOf": [
+            {"type": "null"},
+            _object(
+                {
+                    **{
+                        key: _NUMBERS | {"minItems": 6, "maxItems": 6}
+                        for key in ("sd", "lower", "upper")
+                    },
+                    "level": {"type": "number"},
+                }
+            ),
+        ],
+        "description": "of the displacement, from springs that were measured; else null",
+    },
     "elastic_wrench": _WRENCH
     | {
         "description": "the wrench that springs and structure balance, in M; where the structure's "
@@ -310,7 +326,7 @@ def json_schema(command: str = "analyse") -> dict[str, Any]:
 
     Parameters
     ----------
-    command : {"analyse", "equilibrium", "frames", "modes"}
+    command : {"analyse", "equilibrium", "frames", "modes", "identify"}
         The command; the first two may add the key ``analysis``, whose content is not said here.
 
     Returns
@@ -325,6 +341,8 @@ def json_schema(command: str = "analyse") -> dict[str, Any]:
         more = {"unloaded": {"description": "the same without the load, where one is given"}}
         schema["properties"] = _MODES | more
         return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+    if command == "identify":
+        return identify_schema(_ANALYSIS["notes"], _ANALYSIS["mechanism"], _ANALYSIS["units"])
     properties = dict(_ANALYSIS)
     if command == "equilibrium":
         properties |= _EQUILIBRIUM

@@ -9,6 +9,7 @@ the method.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Literal
 
 from numpy.typing import ArrayLike
@@ -25,6 +26,7 @@ from cartstiff.statics.limits import Contact
 from cartstiff.statics.newton import Solution, solve
 from cartstiff.statics.problem import System
 from cartstiff.statics.rest import Equilibrium, Reactions, state_of_rest
+from cartstiff.statics.sensitivity import chosen_forces
 from cartstiff.stiffness.applied_load import LoadKind
 
 __all__ = ["Equilibrium", "Held", "Reactions", "equilibrium"]
@@ -102,6 +104,7 @@ def equilibrium(
         if isinstance(q0, Mapping)
         else elastic.mechanism.checked(q0, "q0")
     )  # fmt: skip
+    given = elastic
     elastic = elastic.balanced(q)
     start = elastic.mechanism.at(q)
     if held is not None:
@@ -109,6 +112,7 @@ def equilibrium(
     if wrench is not None:
         kind = LoadKind(load_kind, load_at)  # type: ignore[arg-type]
         loads = (*loads, kind.acting(wrench, start.pose, load_axes))
+    chosen = None if elastic.identified is None else chosen_forces(given, elastic, start)
     system = System(elastic, loads, held, Limits(elastic.mechanism, ignore=not limits))
     stages = 1
     try:
@@ -120,7 +124,8 @@ def equilibrium(
         if staged is None:
             raise error from None
         solution, stages = staged, _STAGES
-    return state_of_rest(system, solution, start, stages)
+    state = state_of_rest(system, solution, start, stages)
+    return state if elastic.identified is None else replace(state, _chosen=chosen)
 
 
 def _in_stages(system: System, q: Array, iterations: int, settle: bool) -> Solution | None:

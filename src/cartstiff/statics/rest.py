@@ -15,6 +15,7 @@ from cartstiff.errors import joined
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elements import Elements
 from cartstiff.mechanisms.limits import limit_notes
 from cartstiff.mechanisms.weighed import weighed
 from cartstiff.numerics import EPSILON, IDLE
@@ -113,6 +114,8 @@ class Equilibrium:
     notes: tuple[Note, ...]
     _system: System
     _solution: Solution
+    #: Forces (E,) of the elements at the start whose rest positions were chosen there; or None.
+    _chosen: Array | None = None
 
     def __repr__(self) -> str:
         stable = {True: "stable", False: "unstable", None: "stability not decided"}[self.stable]
@@ -142,6 +145,23 @@ class Equilibrium:
     def displacement(self) -> Array:
         """From the start: rotation vector and translation (6,) of the body frame, axes of F."""
         return displacement_between(self.start.pose, self.pose)
+
+    @cached_property
+    def displacement_deviation(self) -> Array | None:
+        """Standard deviation (6,) of `displacement` that measured springs leave; None without."""
+        known = self.elastic.identified
+        if known is None:
+            return None
+        from cartstiff.statics.sensitivity import motion_by_compliance
+
+        elements = Elements(self.elastic)
+        patterns = elements.patterns(known.patterns)
+        motion = motion_by_compliance(
+            self.posture, self._solution.balance, elements, patterns, self._chosen
+        )
+        turned = np.kron(np.eye(2), self.pose[:3, :3]) @ self.posture.motion.jacobian @ motion
+        variance = np.einsum("ip,pr,ir->i", turned, known.covariance, turned)
+        return read_only(np.sqrt(np.maximum(variance, 0.0)))
 
     @cached_property
     def stiffness(self) -> PostureStiffness:
@@ -200,6 +220,19 @@ class Equilibrium:
         notes = (*self.notes, *(Note(*state) for state in reduction.states))
         return PostureStiffness(elastic, self.q, posture, evaluation, reduction, notes)
 
+    def _uncertainty(self) -> dict[str, Any] | None:
+        """Deviation and interval of the displacement, where springs were measured."""
+        known, s = self.elastic.identified, self.displacement_deviation
+        if known is None or s is None:
+            return None
+        half = known.factor * s
+        return {
+            "sd": s.tolist(),
+            "lower": (self.displacement - half).tolist(),
+            "upper": (self.displacement + half).tolist(),
+            "level": known.level,
+        }
+
     def as_dict(self) -> dict[str, Any]:
         """The object printed by ``cartstiff equilibrium --json``: the stiffness's, and more."""
         values: list[Any] = self.eigenvalues.tolist()
@@ -213,6 +246,7 @@ class Equilibrium:
             "history": list(self.history),
             "eigenvalues": values,
             "displacement": self.displacement.tolist(),
+            "displacement_uncertainty": self._uncertainty(),
             "elastic_wrench": _plain(self.elastic_stiffness.wrench),
             "reactions": {
                 "held": dict(self.reactions.held),

@@ -1,0 +1,179 @@
+"""From measurements to springs: the whole way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.identify.checks import checked, contradictions, inflation_of
+from cartstiff.identify.fitting import Fit, fitted
+from cartstiff.identify.intervals import estimates
+from cartstiff.identify.least_squares import Noise
+from cartstiff.identify.linear_model import LinearModel, Model
+from cartstiff.identify.measurements import Measurements
+from cartstiff.identify.notes import notes_of
+from cartstiff.identify.observations import base_rotation
+from cartstiff.identify.result import Identification, Rejected
+from cartstiff.identify.robust import Robust, robust_fit
+from cartstiff.identify.sessions import OFFSETS, aligned, nuisance_of
+from cartstiff.identify.unknowns import Unknowns, unknowns_of
+from cartstiff.mechanisms.elastic import ElasticMechanism
+
+__all__ = ["FITS", "identify"]
+
+FITS = ("plain", "robust")
+
+
+def identify(
+    elastic: ElasticMechanism,
+    measured: Measurements,
+    *,
+    sought: Sequence[str] = (),
+    ties: Sequence[Sequence[str]] = (),
+    known: Mapping[str, float] | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
+    offsets: Literal["none", "translation", "rigid"] = "rigid",
+    loaded: bool = False,
+    fit: Literal["plain", "robust"] = "plain",
+    reject: float | Literal["suspects"] | None = None,
+    level: float = 0.95,
+    progress: Callable[[int, float], None] | None = None,
+) -> Identification:
+    r"""Springs of a mechanism from measured loads and deflections, with honest intervals.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        Its geometry is taken as known; its springs are where the search starts.
+    measured : Measurements
+        From `read_measurements`.
+    sought, ties, known, priors
+        What is to be found, see `cartstiff.identify.unknowns.unknowns_of`.
+    offsets : {"rigid", "translation", "none"}
+        What is unknown of the measuring frame in each session; for positions only.
+    loaded : bool
+        Fit the equilibrium under load itself, not displacements linear in the load.
+    fit : {"plain", "robust"}
+        Whose estimates are told first: least squares, or the robust fit, which is made anyway.
+    reject : float or "suspects", optional
+        Rows that are left out: those that the robust fit suspects, or those with a number
+        beyond this many standard deviations from it.
+    level : float
+        Probability of the intervals.
+    progress : callable, optional
+        Called with the number of a step and the size of its change.
+
+    Returns
+    -------
+    Identification
+        Estimates with intervals, covariance, suspects, checks of the model, notes.
+
+    Raises
+    ------
+    InputError
+        For fewer numbers than unknowns, rows that contradict each other, and what cannot be used.
+    ConvergenceError
+        If the fit does not settle.
+    """
+    _check(offsets, fit, reject, level)
+    unknowns = unknowns_of(elastic, sought, ties=ties, known=known, priors=priors)
+    contradictions(measured)
+    rows = measured.rows
+    measured = _in_f(unknowns, measured, offsets)
+    model, found, robust = _fits(unknowns, measured, offsets, loaded, progress)
+    rejected: tuple[Rejected, ...] = ()
+    if reject is not None:
+        drop = robust.suspects if reject == "suspects" else robust.beyond(float(reject))
+        reasons = robust.reasons(model.observations, measured)
+        rejected = tuple(Rejected(int(measured.rows[n]), reasons[n]) for n in drop)
+        if rejected:
+            keep = np.ones(len(measured), bool)
+            keep[drop] = False
+            measured = measured.chosen(keep)
+            model, found, robust = _fits(unknowns, measured, offsets, loaded, progress)
+    chosen = robust.fit if fit == "robust" else found
+    seen = model.observations
+    checks = checked(model, chosen, unknowns, measured, rows_in_fit(robust, fit, len(seen)))
+    inflation = inflation_of(checks)
+    told = estimates(chosen.solved, unknowns, level, inflation)
+    if loaded:
+        from cartstiff.identify.profile import with_profiles
+
+        told = with_profiles(told, model, unknowns, chosen, measured, offsets, level)
+    result = Identification(
+        elastic, unknowns, measured, len(rows), rejected, model, chosen, found, robust, tuple(told),
+        checks, level, fit, offsets, loaded, inflation,
+    )  # fmt: skip
+    return replace(result, notes=tuple(notes_of(result)))
+
+
+def rows_in_fit(robust: Robust, fit: str, count: int) -> NDArray[np.bool_]:
+    """Which numbers the chosen fit rests on (m,)."""
+    return robust.kept if fit == "robust" else np.ones(count, bool)
+
+
+def _check(offsets: str, fit: str, reject: float | str | None, level: float) -> None:
+    if offsets not in OFFSETS:
+        raise UnknownNameError("kind of offset", offsets, OFFSETS, where="--offsets")
+    if fit not in FITS:
+        raise UnknownNameError("fit", fit, FITS, where="--fit")
+    if not 0.0 < level < 1.0:
+        raise InputError("level cannot be used", where="--level", expected="between 0 and 1",
+                         got=level)  # fmt: skip
+    if isinstance(reject, str) and reject != "suspects":
+        raise InputError("unknown rule", where="--reject", got=repr(reject),
+                         expected="suspects, or a number of standard deviations")  # fmt: skip
+    if isinstance(reject, float | int) and not reject >= 1.0:
+        raise InputError("rule cannot be used", where="--reject", got=reject,
+                         expected="suspects, or at least 1 standard deviation")  # fmt: skip
+
+
+def _in_f(unknowns: Unknowns, measured: Measurements, offsets: str) -> Measurements:
+    """Positions in F, from the sessions' own frames."""
+    if not measured.session or offsets != "rigid":
+        return measured
+    elastic = unknowns.elements.elastic
+    poses = LinearModel(unknowns, measured).poses
+    base = base_rotation(elastic)
+    points = (poses[:, :3, 3] + poses[:, :3, :3] @ np.asarray(measured.point)) @ base
+    return aligned(measured, points)
+
+
+def _fits(
+    unknowns: Unknowns, measured: Measurements, offsets: str, loaded: bool,
+    progress: Callable[[int, float], None] | None,
+) -> tuple[Model, Fit, Robust]:  # fmt: skip
+    """The plain and the robust fit."""
+    linear = LinearModel(unknowns, measured)
+    model: Model = linear
+    start = None
+    seen = linear.observations
+    noise = Noise.of(seen.deviation, seen.is_angle)
+    nuisance = nuisance_of(seen, measured, offsets).columns
+    _check_count(len(seen), unknowns, nuisance.shape[1])
+    found = fitted(linear, unknowns, noise, nuisance=nuisance)
+    if loaded:
+        from cartstiff.identify.loaded_model import LoadedModel
+
+        model = LoadedModel(unknowns, measured, linear)
+        known = found.solved.is_determined & (found.theta > 0.0)
+        start = np.where(known | ~unknowns.is_bounded, found.theta, unknowns.nominal)
+        found = fitted(model, unknowns, noise, nuisance=nuisance, start=start, progress=progress)
+    robust = robust_fit(model, unknowns, noise, nuisance, found)
+    return model, found, robust
+
+
+def _check_count(numbers: int, unknowns: Unknowns, offsets: int) -> None:
+    priors = sum(u.prior is not None for u in unknowns.parameters)
+    wanted = len(unknowns.parameters) + offsets
+    if numbers + priors < wanted:
+        raise InputError(
+            "fewer numbers than unknowns", got=f"{numbers} measured",
+            expected=f"at least {wanted} ({len(unknowns.parameters)} compliances"
+            + (f", {offsets} offsets of sessions)" if offsets else ")"),
+        )  # fmt: skip

@@ -1,0 +1,220 @@
+r"""What small loads do: displacements linear in the load, and their derivatives by each compliance.
+
+By the theorem of the unit load a measured number ``a . xi`` has, with F the forces in the elements
+per unit wrench (`cartstiff.stiffness.influence`), the derivative
+
+    d(a . xi) / d theta = (F a)^T S (F W)
+
+Where the forces follow from the load alone (open chains, six legs) the displacement is linear in
+the compliances; elsewhere F is evaluated anew at every step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cartstiff.arrays import Array
+from cartstiff.errors import InputError, UndefinedError
+from cartstiff.identify.measurements import Measurements
+from cartstiff.identify.observations import Observations, observe, wrenches
+from cartstiff.identify.unknowns import Unknowns
+from cartstiff.many.postures import analyse_many
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.platform import Platform
+from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.potentials.loads import Load, Scaled
+from cartstiff.potentials.springs import JointSprings
+from cartstiff.stiffness.compute import analyse
+from cartstiff.stiffness.influence import influence
+
+__all__ = ["LinearModel", "Model", "at_rest", "derivatives"]
+
+
+class Model(Protocol):
+    """What a fit asks of a mechanism."""
+
+    @property
+    def observations(self) -> Observations:
+        """What was measured."""
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the prediction is linear in the parameters, so that one step suffices."""
+
+    def at(self, theta: Array) -> tuple[Array, Array]:
+        """Predictions (m,) and derivatives (m, P) at parameters (P,)."""
+
+
+def at_rest(elastic: ElasticMechanism) -> ElasticMechanism:
+    """The mechanism with all rest positions open, without gravity and loads."""
+    springs = elastic.springs
+    if springs is not None:
+        rest = np.full(len(springs.stiffness), np.nan)
+        if isinstance(springs, JointSprings):
+            springs = JointSprings(_with_rigid(springs), rest, springs.laws)
+        else:
+            springs = replace(springs.replaced(springs.stiffness, rest), unilateral=False)
+    inner = tuple(p for p in elastic.potentials if not isinstance(p, (Load, Scaled)))
+    return replace(elastic, springs=springs, potentials=inner, gravity=None)
+
+
+def _with_rigid(springs: JointSprings) -> Array:
+    k = springs.stiffness.copy()
+    k[list(springs.rigid)] = np.inf
+    return k
+
+
+@dataclass(frozen=True, eq=False)
+class LinearModel:
+    """Displacements of small loads.
+
+    Attributes
+    ----------
+    unknowns : Unknowns
+        What is sought; its mechanism is the one measured.
+    measured : Measurements
+        The rows.
+    """
+
+    unknowns: Unknowns
+    measured: Measurements
+
+    @cached_property
+    def _rest(self) -> ElasticMechanism:
+        return at_rest(self.unknowns.elements.elastic)
+
+    @cached_property
+    def _is_open(self) -> bool:
+        """Whether the forces are the Jacobian's rows: an open chain of springs."""
+        elastic = self._rest
+        lines = any(isinstance(p, LineSprings) for p in elastic.potentials)
+        mechanism = elastic.mechanism
+        return (
+            isinstance(mechanism, Chain) and not mechanism.closures and not lines
+            and isinstance(elastic.springs, JointSprings) and not elastic.springs.laws
+        )  # fmt: skip
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the forces do not depend on the compliances."""
+        mechanism = self._rest.mechanism
+        legs = isinstance(mechanism, Platform) and len(self.unknowns.elements.names) == 6
+        return self._is_open or legs
+
+    @cached_property
+    def _distinct(self) -> tuple[Array, NDArray[np.intp]]:
+        """Postures that differ (k, n), and which of them each row has (N,)."""
+        groups = self.measured.postures
+        _, first = np.unique(groups, return_index=True)
+        return self.measured.q[first], groups
+
+    @cached_property
+    def poses(self) -> Array:
+        """``T_F_M`` (N, 4, 4) of the rigid mechanism."""
+        q, groups = self._distinct
+        if self._is_open:
+            return self._kinematics[0][groups]
+        return np.array([self._rest.mechanism.at(row).pose for row in q])[groups]
+
+    @cached_property
+    def _kinematics(self) -> tuple[Array, Array]:
+        """Poses and Jacobians of the distinct postures of an open chain."""
+        found = analyse_many(self._rest, self._distinct[0], outputs=("pose", "jacobian"),
+                             path="portable")  # fmt: skip
+        if not np.isfinite(found["jacobian"]).all():
+            raise InputError("a posture has no Jacobian", got=str(found.counts()))
+        return found["pose"], found["jacobian"]
+
+    @cached_property
+    def observations(self) -> Observations:
+        """What was measured, number by number."""
+        return observe(self.measured, self.unknowns.elements.elastic, self.poses)
+
+    @cached_property
+    def _loads(self) -> tuple[Array, Array]:
+        """Wrench (m, 6) that each number answers, and whether the weight's part does (m,)."""
+        loaded, reference, _ = wrenches(self.measured, self.unknowns.elements.elastic, self.poses)
+        seen = self.observations
+        W = loaded[seen.row] - np.where(seen.is_absolute[:, None], 0.0, reference[seen.row])
+        return W, seen.is_absolute
+
+    @cached_property
+    def _weights(self) -> Array:
+        """Generalised forces (k, n) of the mechanism's own weight in the distinct postures."""
+        elastic = self.unknowns.elements.elastic
+        q, groups = self._distinct
+        wanted = np.zeros(len(q), bool)
+        wanted[groups[self.observations.row[self.observations.is_absolute]]] = True
+        first = elastic.mechanism.at(q[0])
+        found = np.zeros((len(q), first.motion.jacobian.shape[1]))
+        if elastic.gravity is not None:
+            for i in np.flatnonzero(wanted):
+                found[i] = -elastic.mechanism.at(q[i]).gravity(elastic.gravity).gradient
+        return found
+
+    def _forces(self, theta: Array) -> tuple[Array, Array, Array, Array]:
+        """Per distinct posture: F (k, E, 6), C (k, 6, 6), and the weight's forces and twist."""
+        q, _ = self._distinct
+        weights = self._weights
+        Gamma = self.unknowns.compliance(theta)
+        if self._is_open:
+            J = self._kinematics[1]
+            at = [self._rest.names.index(n) for n in self.unknowns.elements.names]
+            J = J[:, :, at]
+            F = J.swapaxes(1, 2)
+            own = weights[:, at]
+            return F, J @ Gamma @ F, own, np.einsum("kie,ef,kf->ki", J, Gamma, own)
+        elastic = at_rest(self.unknowns.mechanism(theta))
+        elements = type(self.unknowns.elements)(elastic)
+        parts = []
+        for row, weight in zip(q, weights, strict=True):
+            try:
+                parts.append(influence(analyse(elastic, row), elements, weight))
+            except UndefinedError as error:
+                place = np.flatnonzero((self.measured.q == row).all(axis=1))[0]
+                raise InputError(
+                    f"row {self.measured.rows[place]}: {error}", expected="a posture in which the "
+                    "springs hold the mechanism",
+                ) from None  # fmt: skip
+        return (
+            np.array([p.forces for p in parts]), np.array([p.compliance for p in parts]),
+            np.array([p.weight_forces for p in parts]), np.array([p.weight_twist for p in parts]),
+        )  # fmt: skip
+
+    def at(self, theta: Array) -> tuple[Array, Array]:
+        """Predictions (m,) and derivatives (m, P)."""
+        F, C, own_forces, own_twist = self._forces(theta)
+        seen = self.observations
+        W, weighs = self._loads
+        place = self._distinct[1][seen.row]
+        a = seen.functional
+        felt = np.einsum("mei,mi->me", F[place], W) + weighs[:, None] * own_forces[place]
+        seen_by = np.einsum("mei,mi->me", F[place], a)
+        twist = np.einsum("mij,mj->mi", C[place], W) + weighs[:, None] * own_twist[place]
+        A = derivatives(seen_by, felt, self.unknowns.patterns)
+        return np.einsum("mi,mi->m", a, twist), A
+
+    def forces_in(self, theta: Array) -> tuple[Array, Array]:
+        """Forces (m, E) in the elements under each number's load, and under its functional."""
+        F, _, own_forces, _ = self._forces(theta)
+        seen = self.observations
+        W, weighs = self._loads
+        place = self._distinct[1][seen.row]
+        felt = np.einsum("mei,mi->me", F[place], W) + weighs[:, None] * own_forces[place]
+        return felt, np.einsum("mei,mi->me", F[place], seen.functional)
+
+
+def derivatives(seen_by: Array, felt: Array, patterns: Array | Sequence[Array]) -> Array:
+    """``(F a)^T S (F W)`` (m, P) from forces (m, E) and patterns (P, E, E)."""
+    columns = []
+    for S in patterns:
+        i, j = np.nonzero(S)
+        columns.append((seen_by[:, i] * felt[:, j]) @ S[i, j])
+    return np.stack(columns, axis=1)

@@ -1,0 +1,180 @@
+r"""Large loads and weight: the equilibrium itself, and its derivatives by each compliance.
+
+In every row the joints' springs are at rest where the row says (what the motors are told). The
+arm's weight, hung masses and the wrench act; the displacement of a difference is that between two
+equilibria, with and without the load. The derivative by a compliance is that of
+`cartstiff.statics.sensitivity`, at each of the two.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cartstiff.arrays import Array
+from cartstiff.errors import CartstiffError, ConvergenceError
+from cartstiff.geometry import se3
+from cartstiff.identify.linear_model import LinearModel
+from cartstiff.identify.measurements import Measurements
+from cartstiff.identify.observations import Observations, field_of, wrenches
+from cartstiff.identify.unknowns import Unknowns
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elements import Elements
+from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.potentials.loads import DeadForce, DeadWrench, Load, Scaled
+from cartstiff.potentials.springs import JointSprings
+from cartstiff.statics.newton import solve
+from cartstiff.statics.problem import System
+from cartstiff.statics.sensitivity import motion_by_compliance
+
+__all__ = ["LoadedModel"]
+
+
+class _State(NamedTuple):
+    """Pose of M, and twist of M (along its axes) per parameter (6, P)."""
+
+    pose: Array
+    twists: Array
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedModel:
+    """Equilibria under the rows' loads.
+
+    Attributes
+    ----------
+    unknowns : Unknowns
+        What is sought.
+    measured : Measurements
+        The rows.
+    linear : LinearModel
+        Of the same rows: their observations.
+    """
+
+    unknowns: Unknowns
+    measured: Measurements
+    linear: LinearModel
+
+    #: Whether the prediction is linear in the parameters.
+    is_linear = False
+
+    @property
+    def observations(self) -> Observations:
+        """What was measured, number by number."""
+        return self.linear.observations
+
+    @cached_property
+    def _settings(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """First row of each posture and load, and which of them each row has (N,)."""
+        groups = self.measured.settings
+        _, first = np.unique(groups, return_index=True)
+        return first, groups
+
+    @cached_property
+    def _loads(self) -> tuple[Array, Array]:
+        """Loads along F (N, 6), and the reference's forces along F (N, 3)."""
+        elastic = self.unknowns.elements.elastic
+        _, _, inertial = wrenches(self.measured, elastic, self.linear.poses)
+        weight0 = np.multiply.outer(self.measured.mass0, field_of(elastic))
+        return inertial, weight0 / elastic.units.newtons
+
+    def at(self, theta: Array) -> tuple[Array, Array]:
+        """Predictions (m,) and derivatives (m, P).
+
+        Raises
+        ------
+        ConvergenceError
+            If a row has no equilibrium, with its number.
+        """
+        seen, p = self.observations, np.asarray(self.measured.point)
+        bare = _bare(self.unknowns.mechanism(theta))
+        first, groups = self._settings
+        differs = np.zeros(len(self.measured), bool)
+        differs[seen.row[~seen.is_absolute]] = True
+        references: dict[bytes, _State] = {}
+        inertial, weight0 = self._loads
+        y, A = np.zeros(len(seen)), np.zeros((len(seen), len(theta)))
+        for k, n in enumerate(first):
+            rows = np.flatnonzero(groups == k)
+            at = np.flatnonzero(np.isin(seen.row, rows))
+            elastic = _told(bare, self.measured.q[n])
+            loaded = self._state(elastic, n, inertial[n])
+            rigid = _State(self.linear.poses[n], np.zeros((6, len(theta))))
+            before = rigid
+            if differs[rows].any():
+                key = self.measured.q[n].tobytes() + weight0[n].tobytes()
+                if key not in references:
+                    still = np.append(np.zeros(3), weight0[n])
+                    references[key] = self._state(elastic, n, still)
+                before = references[key]
+            for i in at:
+                start = rigid if seen.is_absolute[i] else before
+                y[i], A[i] = _between(start, loaded, seen.axis[i], bool(seen.is_angle[i]), p)
+        return y, A
+
+    def _state(self, elastic: ElasticMechanism, n: int, load: Array) -> _State:
+        """Equilibrium of a row under a wrench along F."""
+        q = self.measured.q[n]
+        P = len(self.unknowns.parameters)
+        loads: list[Load] = []
+        if load[:3].any():
+            loads.append(DeadWrench(load, point=self.measured.load_at))
+        elif load.any():
+            loads.append(DeadForce(load[3:], self.measured.load_at))
+        if not loads and elastic.gravity is None:
+            return _State(elastic.mechanism.at(q).pose, np.zeros((6, P)))
+        system = System(elastic, loads)
+        try:
+            found = solve(system, q, settle=False)
+        except CartstiffError as error:
+            raise ConvergenceError(
+                f"row {self.measured.rows[n]}: {error}", iterations=0, residual=np.nan
+            ) from None
+        posture, elements = found.point.posture, Elements(elastic)
+        motion = motion_by_compliance(posture, found.balance, elements, self.unknowns.patterns)
+        return _State(posture.pose, posture.motion.jacobian @ motion)
+
+
+def _bare(elastic: ElasticMechanism) -> ElasticMechanism:
+    """The mechanism without loads of its own; its cables hold like bars."""
+    inner = tuple(p for p in elastic.potentials if not isinstance(p, (Load, Scaled)))
+    springs = elastic.springs
+    if isinstance(springs, LineSprings):
+        springs = replace(springs, unilateral=False)
+    return replace(elastic, potentials=inner, springs=springs)
+
+
+def _told(elastic: ElasticMechanism, q: Array) -> ElasticMechanism:
+    """The mechanism with its springs at rest where the motors are told to be."""
+    springs = elastic.springs
+    if isinstance(springs, JointSprings):
+        k, rest = springs.stiffness.copy(), q.copy()
+        k[list(springs.rigid)], rest[list(springs.rigid)] = np.inf, np.nan
+        return replace(elastic, springs=JointSprings(k, rest, springs.laws))
+    if isinstance(springs, LineSprings):
+        posture = elastic.mechanism.at(q)
+        lengths = getattr(posture, "lines").lengths  # noqa: B009 - a platform's posture has lines
+        return replace(elastic, springs=springs.replaced(springs.stiffness, lengths))
+    return elastic
+
+
+def _between(
+    start: _State, end: _State, axis: Array, is_angle: bool, point: Array
+) -> tuple[float, Array]:
+    """Displacement of a point, or turn, along an axis of F between two states; derivatives."""
+    R, R0 = end.pose[:3, :3], start.pose[:3, :3]
+    if is_angle:
+        turn = se3.log(se3.pose(R @ R0.T))[:3]
+        return float(axis @ turn), axis @ (R @ end.twists[:3] - R0 @ start.twists[:3])
+    moved = end.pose[:3, 3] + R @ point - start.pose[:3, 3] - R0 @ point
+    rates = R @ _of_point(end.twists, point) - R0 @ _of_point(start.twists, point)
+    return float(axis @ moved), axis @ rates
+
+
+def _of_point(twists: Array, point: Array) -> Array:
+    """``v + omega x p`` for columns of twists (6, P)."""
+    return np.asarray(twists[3:] - se3.skew(point) @ twists[:3])

@@ -1,0 +1,138 @@
+"""What a campaign assumed and found, in words."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cartstiff.identify.columns import POSITION
+from cartstiff.identify.observations import EARTH
+from cartstiff.mechanisms.elastic import Note
+
+if TYPE_CHECKING:
+    from cartstiff.identify.result import Identification
+
+__all__ = ["notes_of"]
+
+_FEW = 5.0
+
+
+def notes_of(result: Identification) -> list[Note]:
+    """Notes on a finished campaign."""
+    return [*_assumed(result), *_found(result), *_doubts(result)]
+
+
+def _assumed(result: Identification) -> list[Note]:
+    elastic, measured = result.elastic, result.measured
+    notes = [n for n in elastic.notes if n.code not in ("stiffness-assumed", "default-posture")]
+    masses = bool(measured.mass.any() or measured.mass0.any())
+    if masses and elastic.gravity is None:
+        words = "hung masses pull with 9.81 m/s^2 along -z of F: the mechanism names no gravity"
+        notes.append(Note("gravity-assumed", words, {"gravity": list(EARTH)}))
+    if not result.loaded:
+        words = (
+            "displacements are taken as linear in the load, joints as where they are told: "
+            "--loaded fits the equilibrium itself"
+        )
+        notes.append(Note("linear-model", words))
+    absolute = result.model.observations.is_absolute.any()
+    if absolute and (not measured.session or result.offsets == "none"):
+        words = (
+            "positions are taken in F exactly: errors of geometry and of the measuring frame go "
+            "into the springs (column session gives each session an offset of its own)"
+        )
+        notes.append(Note("frame-taken-as-known", words))
+    if (
+        absolute
+        and measured.session
+        and result.offsets == "translation"
+        and any(name in measured.values for name in POSITION)
+    ):
+        notes.append(Note("axes-taken-as-known", "the measuring frames' axes are taken as F's"))
+    estimated = [w for w, entry in result.noise().items() if entry["sigma_is_estimated"]]
+    if estimated:
+        kinds = " and of ".join(f"{kind}s" for kind in estimated)
+        words = f"no standard deviation was given: that of {kinds} is estimated"
+        sizes = {w: result.noise()[w]["sigma"] for w in estimated}
+        notes.append(Note("deviation-estimated", words, {"sigma": sizes}))
+    return notes
+
+
+def _found(result: Identification) -> list[Note]:
+    notes = []
+    lost = [e.name for e in result.estimates if e.verdict == "not-identifiable"]
+    if lost:
+        words = f"not identifiable from these rows: {', '.join(lost)}"
+        notes.append(Note("not-identifiable", words, {"springs": lost}))
+    least = {e.name: e.stiffness_interval[0] for e in result.estimates if e.verdict == "at-least"}
+    if least:
+        shown = ", ".join(f"{name} at least {k:.5g}" for name, k in least.items())
+        words = f"no upper end, the rows may come from a rigid spring: {shown}"
+        notes.append(Note("at-least", words, {"springs": least}))
+    wrong = [e.name for e in result.estimates if e.verdict == "negative"]
+    if wrong:
+        words = (
+            f"the compliance of {', '.join(wrong)} comes out negative beyond its interval: the "
+            "model or the signs of load and displacement are wrong"
+        )
+        notes.append(Note("negative-compliance", words, {"springs": wrong}))
+    active = result.chosen.solved.active
+    if active.any():
+        names = [result.unknowns.names[p] for p in np.flatnonzero(active)]
+        words = (
+            f"least squares would make {', '.join(names)} negative: zero is taken, and the others "
+            "follow; intervals are those without the bound"
+        )
+        notes.append(Note("bound-active", words, {"springs": names}))
+    if result.suspects:
+        reasons = result.robust.reasons(result.model.observations, result.measured)
+        shown = "; ".join(
+            f"row {result.measured.rows[n]} ({reasons[int(n)]})" for n in result.robust.suspects
+        )
+        used = "left out by the robust fit" if result.fit == "robust" else "used all the same"
+        notes.append(Note("suspects", f"suspect, and {used}: {shown}", {"rows": result.suspects}))
+    if result.rejected:
+        shown = "; ".join(f"row {r.row} ({r.reason})" for r in result.rejected)
+        notes.append(Note("rejected", f"left out by --reject: {shown}",
+                          {"rows": [r.row for r in result.rejected]}))  # fmt: skip
+    return notes
+
+
+def _doubts(result: Identification) -> list[Note]:
+    notes, checks = [], result.checks
+    if result.inflation > 1.0:
+        words = (
+            f"the scatter is {result.inflation:.3g} times what the deviations given explain "
+            f"(probability {checks.probability:.2g}): all intervals are wider by that"
+        )
+        notes.append(Note("scatter-larger", words, {"factor": result.inflation}))
+    if checks.lack_of_fit is not None and checks.lack_of_fit < 0.01:
+        words = (
+            "repeats agree with each other better than with the model (probability "
+            f"{checks.lack_of_fit:.2g}): something that it does not know bends the rows"
+        )
+        notes.append(Note("lack-of-fit", words, {"probability": checks.lack_of_fit}))
+    meaning = {
+        "backlash": "a play or friction of {size} in {name}",
+        "stiffening": "a compliance of {name} that changes with its torque ({size} per unit)",
+        "drift": "a drift of {size} per second in {name}",
+    }
+    for p in checks.patterns:
+        what = meaning[p.kind].format(size=f"{p.size:.3g}", name=p.name)
+        words = f"the residuals look like {what} (probability {p.probability:.2g} without)"
+        notes.append(Note("residual-pattern", words, vars(p)))
+    if result.degrees < _FEW:
+        words = (
+            f"the noise is estimated from {result.degrees:.3g} degrees of freedom: "
+            "intervals are wide for that alone, more rows or known deviations help most"
+        )
+        notes.append(Note("few-rows", words, {"degrees": result.degrees}))
+    differing = []
+    for e, theta in zip(result.estimates, result.robust.fit.theta, strict=True):
+        if e.interval is not None and not e.interval[0] <= theta <= e.interval[1]:
+            differing.append(e.name)
+    if differing and result.fit == "plain":
+        words = f"the robust fit lies outside the intervals of {', '.join(differing)}"
+        notes.append(Note("robust-differs", words, {"springs": differing}))
+    return notes

@@ -1,0 +1,179 @@
+r"""One number per line: what was measured, as a functional of the body's small motion.
+
+A displacement component along the unit vector u (inertial axes) of the point p of the body is
+``a . xi`` with the twist xi of M and ``a = (p x R^T u, R^T u)``; a rotation about u is
+``a = (R^T u, 0)``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cartstiff.arrays import Array
+from cartstiff.geometry import se3
+from cartstiff.identify.columns import DISPLACEMENT, POSITION, ROTATION, TURN
+from cartstiff.identify.measurements import Measurements
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.elastic import ElasticMechanism
+
+__all__ = ["EARTH", "Observations", "base_rotation", "field_of", "observe", "wrenches"]
+
+#: m/s^2, where the mechanism names no gravity: that a hung mass pulls with.
+EARTH: Final = (0.0, 0.0, -9.81)
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """All measured numbers.
+
+    Attributes
+    ----------
+    row : ndarray of int (m,)
+        Place of each number's row.
+    column : tuple of str (m,)
+        What was measured.
+    is_angle, is_absolute : ndarray of bool (m,)
+        Rotations; positions and orientations themselves, which contain the arm's own sag.
+    functional : ndarray (m, 6)
+        On the twist of M, in its axes.
+    target : ndarray (m,)
+        The measured displacement; of a position, less that of the rigid mechanism.
+    deviation : ndarray (m,)
+        Standard deviation; NaN where it is to be estimated.
+    axis, place : ndarray (m, 3)
+        Unit vector in F, and the measured point in F: for the offsets of sessions.
+    """
+
+    row: NDArray[np.intp]
+    column: tuple[str, ...]
+    is_angle: NDArray[np.bool_]
+    is_absolute: NDArray[np.bool_]
+    functional: Array
+    target: Array
+    deviation: Array
+    axis: Array
+    place: Array
+
+    def __len__(self) -> int:
+        return len(self.target)
+
+
+def base_rotation(elastic: ElasticMechanism) -> Array:
+    """Rotation (3, 3) of the mechanism's first link, which is fixed, in F."""
+    mechanism = elastic.mechanism
+    if isinstance(mechanism, Chain) and mechanism.kind == "serial":
+        for name, placement in mechanism.tree.frames.items():
+            if placement.joint == 0 and name not in ("world", "universe"):
+                return np.array(placement.T_j_f[:3, :3])
+    return np.eye(3)
+
+
+def field_of(elastic: ElasticMechanism) -> Array:
+    """Acceleration (3,) that hung masses feel, in F, m/s^2."""
+    return np.array(EARTH if elastic.gravity is None else elastic.gravity, float)
+
+
+def wrenches(
+    measured: Measurements, elastic: ElasticMechanism, poses: Array
+) -> tuple[Array, Array, Array]:
+    """Loads on M in its axes (N, 6), those of the reference state, and the forces' part in F.
+
+    Returns
+    -------
+    loaded, reference : ndarray (N, 6)
+        (moment, force) about the origin of M: all that is hung; and of `mass0` alone.
+    inertial : ndarray (N, 6)
+        The load at `load_at` along the axes of F.
+    """
+    R = poses[:, :3, :3]
+    given = measured.wrench.reshape(-1, 2, 3)
+    if measured.axes == "body":
+        given = np.einsum("nij,nkj->nki", R, given)
+    elif measured.axes == "base":
+        given = given @ base_rotation(elastic).T
+    weight = np.multiply.outer(measured.mass, field_of(elastic)) / elastic.units.newtons
+    weight0 = np.multiply.outer(measured.mass0, field_of(elastic)) / elastic.units.newtons
+    nothing = np.zeros_like(weight)
+    total = given + np.stack([nothing, weight], axis=1)
+    reference = np.stack([nothing, weight0], axis=1)
+    at = np.asarray(measured.load_at)
+
+    def in_body(inertial: Array) -> Array:
+        W = np.einsum("nji,nkj->nki", R, inertial).reshape(-1, 6)
+        W[:, :3] += np.cross(at, W[:, 3:])
+        return W
+
+    return in_body(total), in_body(reference), total.reshape(-1, 6)
+
+
+def observe(measured: Measurements, elastic: ElasticMechanism, poses: Array) -> Observations:
+    """Flatten measurements, row by row.
+
+    Parameters
+    ----------
+    measured : Measurements
+        The rows.
+    elastic : ElasticMechanism
+        What was measured.
+    poses : ndarray (N, 4, 4)
+        ``T_F_M`` of the rigid mechanism in each row.
+    """
+    R, p = poses[:, :3, :3], np.asarray(measured.point)
+    base = base_rotation(elastic)
+    points = poses[:, :3, 3] + R @ p
+    absolute = (*POSITION, *TURN)
+    rigid = _rigid(points, R, base, measured)
+    parts = []
+    for name, values in measured.values.items():
+        rows = np.flatnonzero(~np.isnan(values))
+        if not rows.size:
+            continue
+        is_angle = name in ROTATION or name in TURN
+        if name == "d":
+            axis = measured.direction[rows] @ base.T
+        else:
+            group = next(g for g in (DISPLACEMENT, ROTATION, POSITION, TURN) if name in g)
+            axis = np.tile(base[:, group.index(name)], (len(rows), 1))
+        along = np.einsum("nji,nj->ni", R[rows], axis)
+        a = np.zeros((len(rows), 6))
+        if is_angle:
+            a[:, :3] = along
+        else:
+            a[:, :3], a[:, 3:] = np.cross(p, along), along
+        target = rigid[name][rows] if name in rigid else values[rows]
+        parts.append((rows, [name] * len(rows), np.full(len(rows), is_angle),
+                      np.full(len(rows), name in absolute), a, target,
+                      measured.deviations[name][rows], axis, points[rows]))  # fmt: skip
+    if not parts:
+        none, points, no = np.zeros(0), np.zeros((0, 3)), np.zeros(0, np.bool_)
+        rows = np.zeros(0, np.intp)
+        return Observations(rows, (), no, no, np.zeros((0, 6)), none, none, points, points)
+    columns = [np.concatenate([part[i] for part in parts]) for i in range(9)]
+    order = np.argsort(columns[0], kind="stable")
+    row, column, angle, whole, a, target, sd, axis, place = (c[order] for c in columns)
+    return Observations(row, tuple(column.tolist()), angle, whole, a, target, sd, axis, place)
+
+
+def _rigid(points: Array, R: Array, base: Array, measured: Measurements) -> dict[str, Array]:
+    """Positions and orientations less those of the rigid mechanism, along base axes."""
+    found: dict[str, Array] = {}
+    at = points @ base
+    for i, name in enumerate(POSITION):
+        if name in measured.values:
+            found[name] = measured.values[name] - at[:, i]
+    if TURN[0] in measured.values:
+        turned = np.stack([measured.values[name] for name in TURN], axis=1)
+        known = np.flatnonzero(~np.isnan(turned[:, 0]))
+        error = np.full((len(turned), 3), np.nan)
+        for n in known:
+            seen = se3.from_roll_pitch_yaw(np.zeros(3), turned[n])[:3, :3]
+            T = np.eye(4)
+            T[:3, :3] = seen @ (base.T @ R[n]).T
+            error[n] = se3.log(T)[:3]
+        for i, name in enumerate(TURN):
+            found[name] = error[:, i]
+    return found

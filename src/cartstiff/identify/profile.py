@@ -1,0 +1,115 @@
+r"""Profile likelihood: intervals where the linear one misleads.
+
+The sum of squares of a nonlinear fit with one parameter held at ``c -+ t s``, the others moved as
+the linear fit says, should have grown by ``t^2 sigma^2``. Where it has not, within a tenth, the
+others are fitted anew along the parameter, and the interval ends where
+``S(c) - S = t^2 sigma^2`` [BatesWatts]_.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from cartstiff.arrays import Array
+from cartstiff.errors import CartstiffError
+from cartstiff.identify.fitting import Fit, fitted
+from cartstiff.identify.intervals import Estimate, quantile
+from cartstiff.identify.least_squares import Noise
+from cartstiff.identify.linear_model import Model
+from cartstiff.identify.measurements import Measurements
+from cartstiff.identify.sessions import nuisance_of
+from cartstiff.identify.unknowns import Unknowns
+
+__all__ = ["with_profiles"]
+
+_TELLING = 0.1
+_EVALUATIONS = 12
+
+
+def with_profiles(
+    told: Sequence[Estimate], model: Model, unknowns: Unknowns, fit: Fit, measured: Measurements,
+    offsets: str, level: float,
+) -> list[Estimate]:  # fmt: skip
+    """Estimates with profile intervals where the model bends within the linear ones."""
+    seen, found = model.observations, fit.solved
+    nuisance = nuisance_of(seen, measured, offsets).columns
+    fixed_noise = Noise(found.deviation, seen.is_angle.astype(np.intp), (True, True))
+    t = quantile(level, found.degrees)
+    prior = [(p, *u.prior) for p, u in enumerate(unknowns.parameters) if u.prior is not None]
+
+    def cost(theta: Array) -> float:
+        y, _ = model.at(theta)
+        r = (seen.target - y) / found.deviation
+        if nuisance.size:
+            N = nuisance / found.deviation[:, None]
+            r = r - N @ np.linalg.lstsq(N, r, rcond=None)[0]
+        extra = sum(((theta[p] - value) / s) ** 2 for p, value, s in prior)
+        return float(r @ r + extra)
+
+    least = cost(fit.theta)
+    answer = []
+    for p, e in enumerate(told):
+        if e.verdict not in ("determined", "at-least") or e.deviation is None:
+            answer.append(e)
+            continue
+        slope = found.covariance[:, p] / found.covariance[p, p]
+        slope = np.where(np.isnan(slope), 0.0, slope)
+        bends = False
+        for side in (-1.0, 1.0):
+            theta = fit.theta + side * t * e.deviation * slope
+            if np.any(theta[unknowns.is_bounded] <= 0.0):
+                continue
+            try:
+                grown = cost(theta) - least
+            except CartstiffError:
+                bends = True
+                continue
+            bends |= abs(grown - t * t) > _TELLING * t * t
+        if not bends:
+            answer.append(e)
+            continue
+        ends = tuple(
+            _end(model, unknowns, fixed_noise, nuisance, fit.theta, p, e.deviation, side, t,
+                 cost, least)
+            for side in (-1.0, 1.0)
+        )  # fmt: skip
+        low, high = ends
+        verdict = e.verdict
+        if unknowns.is_bounded[p]:
+            verdict = "at-least" if low <= 0.0 else "determined"
+            low = max(low, 0.0)
+        answer.append(replace(e, interval=(low, high), verdict=verdict, method="profile"))
+    return answer
+
+
+def _end(
+    model: Model, unknowns: Unknowns, noise: Noise, nuisance: Array, theta: Array, p: int,
+    deviation: float, side: float, t: float, cost: object, least: float,
+) -> float:  # fmt: skip
+    """Where the profile has grown by t^2: secant steps in its root, which is nearly linear."""
+    if not callable(cost):
+        raise TypeError("cost is no function")
+    start, reach, last = theta.copy(), t, (0.0, 0.0)
+    for _ in range(_EVALUATIONS):
+        value = float(theta[p] + side * reach * deviation)
+        if unknowns.is_bounded[p] and value <= 0.0:
+            if last[0] == 0.0 or last[1] < t:
+                return 0.0
+            value = 0.5 * float(theta[p] + side * last[0] * deviation)
+            reach = abs(value - theta[p]) / deviation
+        try:
+            one = fitted(model, unknowns, noise, nuisance=nuisance, start=start, fixed=(p, value))
+            root = np.sqrt(max(cost(one.theta) - least, 0.0))
+        except CartstiffError:
+            reach = 0.5 * (reach + last[0])
+            continue
+        start = one.theta
+        if abs(root - t) < 0.005 * t:
+            return value
+        slope = (root - last[1]) / (reach - last[0]) if reach != last[0] else 1.0
+        last = (reach, root)
+        reach = reach + (t - root) / max(slope, 0.1)
+    return float(theta[p] + side * last[0] * deviation)

@@ -1,0 +1,324 @@
+"""A table of measurements (CSV) into numbers in the mechanism's units."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from cartstiff.arrays import Array
+from cartstiff.errors import ConvergenceError, InputError, UndefinedError, one_line
+from cartstiff.identify.columns import (
+    DISPLACEMENT,
+    LOAD,
+    MEASURED,
+    POSITION,
+    ROTATION,
+    TURN,
+    Column,
+    column_of,
+    kinds_of,
+)
+from cartstiff.identify.measurements import Measurements
+from cartstiff.loading.csv_file import Cells, read_cells
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.contract import SI, convert_length
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.platform import Platform
+from cartstiff.parsing import LARGEST
+
+__all__ = ["AXES", "read_measurements"]
+
+AXES = ("base", "body", "world")
+_LARGEST_FILE = 1 << 27
+# Undeclared numbers that cannot be SI: displacements beyond this share of the mechanism's size,
+# positions beyond this many of it, small rotations and joint angles beyond these [rad].
+_FAR, _AWAY, _TILTED, _TURNS = 0.2, 20.0, 0.5, 4.0 * math.pi
+
+
+def read_measurements(
+    path: Path,
+    elastic: ElasticMechanism,
+    *,
+    axes: str = "base",
+    units: Mapping[str, str] | None = None,
+    deviations: Mapping[str, float] | None = None,
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    load_at: tuple[float, float, float] | None = None,
+    open_cells: bool = False,
+) -> Measurements:
+    """Read and check a table of measurements.
+
+    Parameters
+    ----------
+    path : Path
+        CSV with a line of column names; see the how-to "Which joint stiffness do I enter?".
+    elastic : ElasticMechanism
+        What was measured.
+    axes : {"base", "body", "world"}
+        Along which the wrench columns are.
+    units : mapping of str to str, optional
+        Units by kind ("length": "mm") of columns without one in their head; SI otherwise.
+    deviations : mapping of str to float, optional
+        Standard deviations by column, in SI, where the table has none.
+    point, load_at : tuple of 3 floats
+        Points of the body in M: measured; and loaded, default the measured one.
+    open_cells : bool
+        Whether nothing need be measured yet.
+
+    Raises
+    ------
+    InputError
+        With file, line and column.
+    """
+    cells = read_cells(path, "measurements", _LARGEST_FILE)
+    kinds = kinds_of(elastic)
+    columns = [
+        column_of(head, kinds, units or {}, f"{cells.place}, column {i + 1}")
+        for i, head in enumerate(cells.names)
+    ]
+    names = [column.name for column in columns]
+    for name in names:
+        if names.count(name) > 1 or (f"q_{name}" in names and name not in MEASURED):
+            raise InputError("column named twice", where=cells.place, got=repr(name))
+    table = {
+        column.name: _numbers(cells, i, column)
+        for i, column in enumerate(columns)
+        if column.kind != "text"
+    }
+    count = len(cells.rows)
+    length, force = convert_length(SI, elastic.units)
+    q = _postures(table, columns, elastic, cells, length)
+    reach = elastic.mechanism.at(elastic.q).length / length
+    _check_sizes(columns, table, reach, cells)
+    factors = np.repeat([force * length, force], 3)
+    wrench = np.stack([_loads(table, name, count) for name in LOAD], axis=1) * factors
+    values, sds = _measured(table, cells, dict(deviations or {}), length, open_cells)
+    session: tuple[str, ...] = ()
+    if "session" in names:
+        at = names.index("session")
+        session = tuple(row[at] for row in cells.rows)
+        for name, place in zip(session, cells.places, strict=True):
+            if not name:
+                raise InputError("no session", where=place, expected="a name in every row")
+    mass, mass0 = _loads(table, "mass", count), _loads(table, "mass0", count)
+    if np.any(mass < 0) or np.any(mass0 < 0):
+        row = int(np.flatnonzero((mass < 0) | (mass0 < 0))[0])
+        raise InputError("mass cannot be used", where=cells.places[row], expected="zero or more",
+                         got=f"{min(mass[row], mass0[row]):g}")  # fmt: skip
+    found = Measurements(
+        q, wrench, mass, mass0, axes, values, sds, _directions(table, cells, values), session,
+        table.get("time", np.full(count, np.nan)), point, point if load_at is None else load_at,
+    )  # fmt: skip
+    _check_loads(found, elastic, cells)
+    return found
+
+
+def _numbers(cells: Cells, i: int, column: Column) -> Array:
+    """Numbers of one column in SI; NaN where a cell is empty."""
+    found = np.full(len(cells.rows), np.nan)
+    for n, row in enumerate(cells.rows):
+        text = row[i]
+        if not text:
+            continue
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value) or "_" in text or abs(value) > LARGEST:
+            raise InputError(
+                f"column {column.name!r}: not a finite number", where=cells.places[n],
+                expected="a number, or nothing", got=repr(text),
+            )  # fmt: skip
+        found[n] = value * column.factor
+    return found
+
+
+def _loads(table: Mapping[str, Array], name: str, count: int) -> Array:
+    """A load's column; what is not there, or empty, does not act."""
+    return np.nan_to_num(table[name]) if name in table else np.zeros(count)
+
+
+def _postures(
+    table: Mapping[str, Array], columns: list[Column], elastic: ElasticMechanism, cells: Cells,
+    length: float,
+) -> Array:  # fmt: skip
+    """Coordinates (N, n), closed chains assembled."""
+    mechanism = elastic.mechanism
+    q = np.tile(elastic.q, (len(cells.rows), 1))
+    given = np.zeros(len(elastic.names), bool)
+    for j, coordinate in enumerate(mechanism.coordinates):
+        for name in (f"q_{coordinate.name}", coordinate.name):
+            if name not in table or name in MEASURED:
+                continue
+            values = table[name]
+            if np.isnan(values).any():
+                row = int(np.flatnonzero(np.isnan(values))[0])
+                raise InputError(f"no posture: column {name!r} is empty", where=cells.places[row])
+            q[:, j] = values * (length if coordinate.is_length else 1.0)
+            given[j] = True
+            column = next(c for c in columns if c.name == name)
+            if not coordinate.is_length and not column.declared:
+                _check_angle(name, values, coordinate.lower, coordinate.upper, cells)
+    needed = np.ones(len(given), bool)
+    if isinstance(mechanism, Chain):
+        needed[list(mechanism.virtual | mechanism.rigid)] = False
+        if mechanism.closures:
+            passive = np.ones(len(given), bool)
+            driven = mechanism.actuated
+            if driven is None and elastic.springs is not None:
+                driven = tuple(np.flatnonzero(elastic.springs.stiffness > 0))
+            passive[list(driven or ())] = False
+            needed &= ~passive
+    if isinstance(mechanism, Platform) and not given.any():
+        needed[:] = False  # it stands at the file's pose
+    missing = [elastic.names[j] for j in np.flatnonzero(needed & ~given)]
+    if missing:
+        prefix = "q_" if missing[0] in MEASURED else ""
+        raise InputError(
+            f"column {prefix + missing[0]!r} is missing: the posture is not known",
+            where=cells.place, expected=", ".join(
+                f"{'q_' if elastic.names[j] in MEASURED else ''}{elastic.names[j]}"
+                for j in np.flatnonzero(needed)
+            ),
+        )  # fmt: skip
+    if isinstance(mechanism, Chain) and mechanism.closures:
+        known: dict[bytes, Array] = {}
+        for n, row in enumerate(q):
+            key = row.tobytes()
+            if key not in known:
+                try:
+                    known[key] = mechanism.closed(row).q
+                except (ConvergenceError, UndefinedError) as error:
+                    raise InputError(
+                        str(error), where=cells.places[n],
+                        expected="a posture that closes the chain",
+                    ) from None  # fmt: skip
+            q[n] = known[key]
+    return q
+
+
+def _check_angle(name: str, values: Array, lower: float, upper: float, cells: Cells) -> None:
+    """Refuse degrees given as radians, and say so."""
+    row = int(np.argmax(np.abs(values)))
+    far = abs(float(values[row])) > _TURNS
+    if np.isfinite(lower) and np.isfinite(upper):
+        beyond = (values < lower - 1.0) | (values > upper + 1.0)
+        row = int(np.argmax(beyond)) if beyond.any() else row
+        far = far or bool(beyond.any())
+    if far:
+        raise InputError(
+            f"column {name!r} holds degrees given as radians, it seems", where=cells.places[row],
+            expected=f"{name!r} in rad, or the head '{name} [deg]'", got=f"{values[row]:g} rad",
+        )  # fmt: skip
+
+
+def _check_sizes(
+    columns: list[Column], table: Mapping[str, Array], reach: float, cells: Cells
+) -> None:
+    """Refuse numbers that cannot be SI where no unit is declared."""
+    for column in columns:
+        if column.declared or column.name not in table:
+            continue
+        name = column.name.removeprefix("sd_")
+        limit, unit = {
+            **dict.fromkeys((*DISPLACEMENT, "d"), (_FAR * reach, "m")),
+            **dict.fromkeys(POSITION, (_AWAY * reach, "m")),
+            **dict.fromkeys(ROTATION, (_TILTED, "rad")),
+            **dict.fromkeys(TURN, (_TURNS, "rad")),
+        }.get(name, (math.inf, ""))  # fmt: skip
+        size = np.nan_to_num(np.abs(table[column.name]))
+        row = int(np.argmax(size))
+        if size[row] > limit:
+            other = "[mm]" if unit == "m" else "[deg]"
+            raise InputError(
+                f"column {column.name!r} declares no unit and cannot be in {unit}",
+                where=cells.places[row], expected=f"at most {limit:.3g} {unit}, or a head such as "
+                f"'{column.name} {other}'", got=f"{size[row]:g} {unit}",
+            )  # fmt: skip
+
+
+def _measured(
+    table: Mapping[str, Array], cells: Cells, given: dict[str, float], length: float, is_open: bool
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Values and deviations by column, in the mechanism's units."""
+    for name in given:
+        if name not in table:
+            raise InputError(f"a standard deviation for {name!r}, which is not in the table",
+                             where="--sd", expected=f"a column {name!r}")  # fmt: skip
+    values, sds = {}, {}
+    for name, kind in MEASURED.items():
+        spread = table.get(f"sd_{name}")
+        if name not in table:
+            if spread is not None:
+                raise InputError(f"column 'sd_{name}' without its column", where=cells.place,
+                                 expected=f"a column {name!r}")  # fmt: skip
+            continue
+        factor = length if kind == "length" else 1.0
+        if spread is None:
+            spread = np.full(len(cells.rows), given.get(name, np.nan))
+        bad = (spread <= 0) | (np.isnan(spread) & ~np.isnan(table[name]) & (f"sd_{name}" in table))
+        if bad.any():
+            row = int(np.argmax(bad))
+            raise InputError(f"standard deviation of {name!r} cannot be used",
+                             where=cells.places[row], expected="above zero",
+                             got=f"{spread[row]:g}")  # fmt: skip
+        values[name], sds[name] = table[name] * factor, spread * factor
+    if not values and not is_open:
+        raise InputError("nothing was measured: no column says what", where=cells.place,
+                         expected=f"some of {', '.join(MEASURED)}")  # fmt: skip
+    turned = [name in values for name in TURN]
+    if any(turned) and not all(turned):
+        raise InputError("an orientation needs all of roll, pitch, yaw", where=cells.place)
+    for name in TURN[1:] if all(turned) else ():
+        if (np.isnan(values[name]) != np.isnan(values[TURN[0]])).any():
+            row = int(np.argmax(np.isnan(values[name]) != np.isnan(values[TURN[0]])))
+            raise InputError("an orientation needs all of roll, pitch, yaw",
+                             where=cells.places[row])  # fmt: skip
+    if values and not is_open:
+        nothing = np.all([np.isnan(v) for v in values.values()], axis=0)
+        if nothing.any():
+            raise InputError("nothing was measured in this row",
+                             where=cells.places[int(np.argmax(nothing))])  # fmt: skip
+    return values, sds
+
+
+def _directions(table: Mapping[str, Array], cells: Cells, values: Mapping[str, Array]) -> Array:
+    """Unit vectors of the dial gauge (N, 3)."""
+    names = ("nx", "ny", "nz")
+    found = np.full((len(cells.rows), 3), np.nan)
+    there = [name in table for name in names]
+    if "d" not in values:
+        if any(there):
+            raise InputError("a direction without a dial gauge", where=cells.place,
+                             expected="a column 'd'")  # fmt: skip
+        return found
+    if not all(there):
+        raise InputError("column 'd' needs its direction", where=cells.place,
+                         expected="columns nx, ny, nz")  # fmt: skip
+    found = np.stack([table[name] for name in names], axis=1)
+    size = np.linalg.norm(found, axis=1)
+    bad = ~np.isnan(values["d"]) & ~(size > 0.0)
+    if bad.any():
+        raise InputError("the dial gauge has no direction", expected="nx, ny, nz, not all zero",
+                         where=cells.places[int(np.argmax(bad))])  # fmt: skip
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return found / size[:, None]
+
+
+def _check_loads(found: Measurements, elastic: ElasticMechanism, cells: Cells) -> None:
+    """Refuse tables in which nothing acts."""
+    acts = found.wrench.any(axis=1) | (found.mass != found.mass0)
+    absolute = np.zeros(len(found), bool)
+    for name in (*POSITION, *TURN):
+        if name in found.values:
+            absolute |= ~np.isnan(found.values[name])
+    weight = elastic.gravity is not None and any(elastic.mechanism.masses().values())
+    if not acts.any() and not (absolute.any() and weight):
+        words = "the load is zero everywhere: no spring is stretched"
+        if absolute.any():
+            words += ", and no gravity acts on the mechanism"
+        raise InputError(words, where=one_line(cells.place),
+                         expected="columns fx, fy, fz, mx, my, mz or mass")  # fmt: skip

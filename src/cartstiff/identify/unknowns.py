@@ -1,0 +1,291 @@
+"""What is to be found: compliances, ties between them, and what is known of them already."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cartstiff.arrays import Array
+from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elements import CompliancePattern, Elements
+from cartstiff.potentials.beams import Beam
+from cartstiff.potentials.springs import CoupledSprings
+
+__all__ = ["Unknown", "Unknowns", "unknowns_of"]
+
+#: Groups that can be asked for, besides single springs by name.
+_GROUPS = ("joints", "links", "lines", "all")
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One parameter: a compliance, in the units of the mechanism.
+
+    Attributes
+    ----------
+    pattern : CompliancePattern
+        Where it acts.
+    unit : str
+        Of its stiffness.
+    nominal : float
+        Where the search starts: the mechanism's own.
+    prior : tuple of float or None
+        Known compliance and its standard deviation.
+    is_scale : bool
+        Whether it multiplies a beam's own compliance, of which it is a share.
+    """
+
+    pattern: CompliancePattern
+    unit: str
+    nominal: float
+    prior: tuple[float, float] | None = None
+    is_scale: bool = False
+
+    @property
+    def name(self) -> str:
+        """Of the parameter."""
+        return self.pattern.name
+
+    @property
+    def has_stiffness(self) -> bool:
+        """Whether its inverse is a stiffness: not of entries of a matrix beside the diagonal."""
+        return self.pattern.is_diagonal
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """All parameters, and the compliances that are known.
+
+    Attributes
+    ----------
+    elements : Elements
+        Of the mechanism.
+    parameters : tuple of Unknown
+        In their order.
+    patterns : ndarray (P, E, E)
+        S of each.
+    known : ndarray (E, E)
+        Compliances that are not sought.
+    """
+
+    elements: Elements
+    parameters: tuple[Unknown, ...]
+    patterns: Array
+    known: Array
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the parameters."""
+        return tuple(u.name for u in self.parameters)
+
+    @property
+    def nominal(self) -> Array:
+        """Start values (P,)."""
+        return np.array([u.nominal for u in self.parameters])
+
+    @property
+    def is_bounded(self) -> Array:
+        """Which cannot be negative (P,)."""
+        return np.array([u.pattern.is_diagonal for u in self.parameters], bool)
+
+    @property
+    def sizes(self) -> Array:
+        """Natural size of each parameter (P,): what the mechanism's own compliances make it."""
+        own = np.sqrt(np.diag(self.elements.compliance))
+        both = np.multiply.outer(own, own)
+        return np.array([float((both[S != 0] / np.abs(S[S != 0])).max()) for S in self.patterns])
+
+    def compliance(self, theta: Array) -> Array:
+        """Gamma (E, E)."""
+        return self.known + np.tensordot(theta, self.patterns, axes=1)
+
+    def mechanism(self, theta: Array) -> ElasticMechanism:
+        """The mechanism with these compliances; those at zero are all but rigid."""
+        floor = np.where(self.is_bounded, 1e-9 * np.abs(self.nominal), -np.inf)
+        return self.elements.with_compliance(self.compliance(np.maximum(theta, floor)))
+
+
+def unknowns_of(
+    elastic: ElasticMechanism,
+    sought: Sequence[str] = (),
+    *,
+    ties: Sequence[Sequence[str]] = (),
+    known: Mapping[str, float] | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
+) -> Unknowns:
+    """What is to be found in a mechanism.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        Its springs are where the search starts.
+    sought : sequence of str
+        Names of springs (joints, legs, lines), of links that give (their whole 6x6, or
+        "LINK:diagonal"; a beam's share), or "joints", "links", "lines", "all". Default: "joints".
+    ties : sequence of sequences of str
+        Springs that are equal.
+    known : mapping of str to float, optional
+        Stiffnesses that are held.
+    priors : mapping of str to (float, float), optional
+        Stiffnesses that are known up to a standard deviation, and that.
+
+    Raises
+    ------
+    UnknownNameError
+        For a name that is no spring.
+    InputError
+        For one that is named twice or cannot be used.
+    """
+    elements = Elements(elastic)
+    names = _expanded(elastic, elements, sought or ("joints",))
+    Gamma = elements.compliance.copy()
+    for name, k in (known or {}).items():
+        i = elements.index(name, "--known")
+        _check_stiffness(k, "--known", name)
+        Gamma[i, i] = 1.0 / k
+    held = set(known or {})
+    tied = _checked_ties(elements, ties, held)
+    parameters: list[Unknown] = []
+    for name in names:
+        if name in held or any(name in group[1:] for group in tied):
+            continue
+        group = next((g for g in tied if g[0] == name), (name,))
+        prior = _prior(group, priors or {})
+        if name in elements.names:
+            i = elements.index(name)
+            unit = _unit(elastic, bool(elements.is_length[i]))
+            start = float(np.mean([Gamma[elements.index(n), elements.index(n)] for n in group]))
+            pattern = CompliancePattern(" = ".join(group), tuple((n, n, 1.0) for n in group))
+            parameters.append(Unknown(pattern, unit, start, prior))
+        else:
+            parameters += _of_link(elastic, elements, name)
+    for name in priors or {}:
+        if not any(name in u.name.split(" = ") for u in parameters):
+            raise UnknownNameError("spring", name, [u.name for u in parameters], where="--prior")
+    if not parameters:
+        raise InputError("nothing is to be found", expected="a spring that is not held")
+    patterns = elements.patterns([u.pattern for u in parameters])
+    rest = np.where(patterns.any(axis=0), 0.0, Gamma)
+    return Unknowns(elements, tuple(parameters), patterns, rest)
+
+
+def _expanded(elastic: ElasticMechanism, elements: Elements, sought: Sequence[str]) -> list[str]:
+    """Single springs and links, each once."""
+    links = _links(elastic)
+    own = [n for n in elements.names if not any(n in members for members in links.values())]
+    lines = [n for n in own if n.startswith("line") and n not in elastic.names]
+    joints = [n for n in own if n not in lines]
+    found: list[str] = []
+    for word in sought:
+        more = {"joints": joints, "links": list(links), "lines": lines,
+                "all": [*joints, *links, *lines]}.get(word, [word])  # fmt: skip
+        link = word.partition(":")[0]
+        if more == [word] and word not in elements.names and link not in links:
+            valid = (*_GROUPS, *joints, *lines, *links, *elements.names)
+            raise UnknownNameError("spring", word, valid, where="--unknown")
+        if not more:
+            raise InputError(f"the mechanism has no {word}", where="--unknown",
+                             expected=", ".join(elements.names))  # fmt: skip
+        found += [name for name in more if name not in found]
+    if not found:
+        raise InputError("the mechanism has no spring to be found")
+    return found
+
+
+def _links(elastic: ElasticMechanism) -> dict[str, list[str]]:
+    """Links that give, with the names of their virtual joints."""
+    found = {}
+    for potential in elastic.potentials:
+        if isinstance(potential, (CoupledSprings, Beam)):
+            members = [elastic.names[j] for j in np.asarray(potential.indices).reshape(-1)]
+            found[potential.link or members[0].rpartition(".")[0]] = members
+    return found
+
+
+def _of_link(elastic: ElasticMechanism, elements: Elements, word: str) -> list[Unknown]:
+    """Parameters of a link: entries of its 6x6 compliance, or a beam's share of its own."""
+    name, _, form = word.partition(":")
+    members = _links(elastic)[name]
+    at = [elements.index(m) for m in members]
+    C = elements.compliance[np.ix_(at, at)]
+    for potential in elastic.potentials:
+        if isinstance(potential, Beam) and potential.link == name:
+            entries = tuple(
+                (members[i], members[j], float(C[i, j]))
+                for i in range(len(at)) for j in range(i, len(at)) if C[i, j] != 0.0
+            )  # fmt: skip
+            pattern = CompliancePattern(f"{name} (beam)", entries)
+            return [Unknown(pattern, "of the file's", 1.0, is_scale=True)]
+    chosen = [m.rpartition(".")[2] for m in members]
+    if form not in ("", "diagonal"):
+        chosen = [part.strip() for part in form.split(",")]
+        for part in chosen:
+            if f"{name}.{part}" not in members:
+                valid = ["diagonal", *(m.rpartition(".")[2] for m in members)]
+                raise UnknownNameError("axis of a link", part, valid, where=f"--unknown {word}")
+    found = []
+    for i, a in enumerate(members):
+        for j in range(i, len(members)):
+            b = members[j]
+            short = a.rpartition(".")[2], b.rpartition(".")[2]
+            if i != j and form:
+                continue
+            if not set(short) <= set(chosen):
+                continue
+            own = a if i == j else f"{a}*{short[1]}"
+            length = [bool(elements.is_length[elements.index(n)]) for n in (a, b)]
+            unit = _unit(elastic, length[0]) if length[0] == length[1] else elastic.units.force
+            found.append(Unknown(CompliancePattern(own, ((a, b, 1.0),)), unit, float(C[i, j])))
+    return found
+
+
+def _unit(elastic: ElasticMechanism, is_length: bool) -> str:
+    units = elastic.units
+    return f"{units.force}/{units.length}" if is_length else f"{units.moment}/rad"
+
+
+def _checked_ties(
+    elements: Elements, ties: Sequence[Sequence[str]], held: set[str]
+) -> list[tuple[str, ...]]:
+    found: list[tuple[str, ...]] = []
+    seen: set[str] = set()
+    for group in ties:
+        if len(group) < 2:
+            raise InputError("a tie needs two springs", where="--tie", expected="A=B",
+                             got="=".join(group))  # fmt: skip
+        for name in group:
+            i = elements.index(name, "--tie")
+            if name in seen or name in held:
+                raise InputError(f"spring {name!r} is tied twice, or held", where="--tie")
+            if elements.is_length[i] != elements.is_length[elements.index(group[0])]:
+                raise InputError("a tie joins an angle and a distance", where="--tie",
+                                 got="=".join(group))  # fmt: skip
+            seen.add(name)
+        found.append(tuple(group))
+    return found
+
+
+def _prior(
+    group: Sequence[str], priors: Mapping[str, tuple[float, float]]
+) -> tuple[float, float] | None:
+    """Compliance and its deviation, from those of a stiffness."""
+    for name in group:
+        if name in priors:
+            k, deviation = priors[name]
+            _check_stiffness(k, "--prior", name)
+            if not deviation > 0.0:
+                raise InputError(
+                    f"deviation of {name!r} cannot be used", where="--prior", got=deviation,
+                    expected="above zero; --known holds a stiffness",
+                )  # fmt: skip
+            return 1.0 / k, deviation / k**2
+    return None
+
+
+def _check_stiffness(k: float, where: str, name: str) -> None:
+    if not (np.isfinite(k) and k > 0.0):
+        raise InputError(f"stiffness of {name!r} cannot be used", where=where,
+                         expected="above zero", got=k)  # fmt: skip

@@ -1,0 +1,208 @@
+r"""The elastic parts of a mechanism as one list of springs, with their compliance matrix.
+
+Each *element* is one scalar deflection x_e with its force: a joint on its spring, a leg, a line, a
+virtual joint of a link that gives. With B = dx/dq and Gamma the compliances, block by block,
+
+    forces  t = Gamma^-1 x,      Phi'' = B^T Gamma^-1 B + (what the forces do by turning)
+
+A compliance parameter is a symmetric pattern S on the elements: Gamma = ... + theta S.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from cartstiff.arrays import Array
+from cartstiff.errors import UnknownNameError
+from cartstiff.mechanisms.contract import MechanismPosture
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.potentials.beams import Beam
+from cartstiff.potentials.line_springs import LineSprings, line_geometry
+from cartstiff.potentials.springs import CoupledSprings, JointSprings
+
+__all__ = ["CompliancePattern", "Elements"]
+
+
+@dataclass(frozen=True)
+class CompliancePattern:
+    """Where a compliance parameter acts: a symmetric matrix S on the elements.
+
+    Attributes
+    ----------
+    name : str
+        Of the parameter.
+    entries : tuple of (str, str, float)
+        Names of two elements and S there; S is symmetric, and each pair stands once.
+    """
+
+    name: str
+    entries: tuple[tuple[str, str, float], ...]
+
+    @property
+    def is_diagonal(self) -> bool:
+        """Whether only elements by themselves yield, so that the parameter is not negative."""
+        return all(a == b and weight > 0 for a, b, weight in self.entries)
+
+
+class Elements:
+    """The elements of an elastic mechanism.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        Rigid and passive joints, and those with a nonlinear law, are no elements.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of joints, legs ("leg1"), lines ("line1"), virtual joints ("forearm.px").
+    is_length : ndarray of bool (E,)
+        Whether the deflection is a distance.
+    """
+
+    def __init__(self, elastic: ElasticMechanism) -> None:
+        self.elastic = elastic
+        names: list[str] = []
+        lengths: list[bool] = []
+        #: Potential (-1: the springs), its own indices, and where its elements begin.
+        self._parts: list[tuple[int, Array, int]] = []
+        coordinates = elastic.mechanism.coordinates
+        springs = elastic.springs
+        if isinstance(springs, JointSprings):
+            own = np.flatnonzero(~springs.is_passive)
+            own = own[[j not in springs.laws and j not in springs.rigid for j in own]]
+            self._parts.append((-1, own, 0))
+            names += [coordinates[j].name for j in own]
+            lengths += [coordinates[j].is_length for j in own]
+        elif springs is not None:
+            self._parts.append((-1, np.arange(len(springs.stiffness)), 0))
+            names += list(elastic.spring_names)
+            lengths += [True] * len(springs.stiffness)
+        lines = 0
+        for i, potential in enumerate(elastic.potentials):
+            if isinstance(potential, (CoupledSprings, Beam)):
+                indices = np.asarray(potential.indices, int).reshape(-1)
+                self._parts.append((i, indices, len(names)))
+                names += [coordinates[j].name for j in indices]
+                lengths += [coordinates[j].is_length for j in indices]
+            elif isinstance(potential, LineSprings):
+                m = len(potential.stiffness)
+                self._parts.append((i, np.arange(m), len(names)))
+                names += [f"line{lines + k + 1}" for k in range(m)]
+                lengths += [True] * m
+                lines += m
+        self.names = tuple(names)
+        self.is_length = np.array(lengths, bool)
+
+    def index(self, name: str, where: str | None = None) -> int:
+        """Place of an element; UnknownNameError."""
+        if name not in self.names:
+            raise UnknownNameError("spring", name, self.names, where=where)
+        return self.names.index(name)
+
+    def _potential(self, part: int) -> object:
+        return self.elastic.springs if part < 0 else self.elastic.potentials[part]
+
+    @cached_property
+    def stiffness(self) -> Array:
+        """Gamma^-1 (E, E); of a beam at rest."""
+        K = np.zeros((len(self.names),) * 2)
+        for part, own, start in self._parts:
+            potential, at = self._potential(part), np.arange(start, start + len(own))
+            if isinstance(potential, JointSprings):
+                K[at, at] = potential.stiffness[own]
+            elif isinstance(potential, LineSprings):
+                K[at, at] = potential.stiffness
+            elif isinstance(potential, CoupledSprings):
+                K[np.ix_(at, at)] = potential.matrix
+            elif isinstance(potential, Beam):
+                q = self.elastic.q.copy()
+                q[own] = 0.0
+                posture = self.elastic.mechanism.at(q)
+                K[np.ix_(at, at)] = potential.evaluate(posture).hessian[np.ix_(own, own)]
+        return K
+
+    @cached_property
+    def compliance(self) -> Array:
+        """Gamma (E, E)."""
+        C = np.zeros_like(self.stiffness)
+        for _, own, start in self._parts:
+            block = slice(start, start + len(own))
+            C[block, block] = np.linalg.inv(self.stiffness[block, block])
+        return C
+
+    def rows(self, posture: MechanismPosture) -> Array:
+        """B (E, n): deflection of each element per coordinate rate."""
+        n = posture.motion.jacobian.shape[1]
+        B = np.zeros((len(self.names), n))
+        for part, own, start in self._parts:
+            potential, at = self._potential(part), np.arange(start, start + len(own))
+            if isinstance(potential, LineSprings):
+                T, to_pose = posture.relative(potential.frame_a, potential.frame_b)
+                lines = line_geometry(T, potential.anchors, potential.points).lines
+                B[at] = lines @ to_pose.jacobian
+            else:
+                B[at, own] = 1.0
+        return B
+
+    def forces(self, posture: MechanismPosture) -> Array:
+        """Force (E,) of each element at a posture; zero where its rest position is open."""
+        t = np.zeros(len(self.names))
+        for part, own, start in self._parts:
+            potential, at = self._potential(part), np.arange(start, start + len(own))
+            if isinstance(potential, JointSprings):
+                t[at] = potential.torque(posture.q)[own]
+            elif isinstance(potential, LineSprings):
+                T, _ = posture.relative(potential.frame_a, potential.frame_b)
+                lengths = line_geometry(T, potential.anchors, potential.points).lengths
+                t[at] = np.nan_to_num(potential.tensions(lengths))
+            elif isinstance(potential, (CoupledSprings, Beam)):
+                t[at] = potential.evaluate(posture).gradient[own]
+        return t
+
+    def patterns(self, patterns: Sequence[CompliancePattern]) -> Array:
+        """S of each parameter (P, E, E)."""
+        found = np.zeros((len(patterns), len(self.names), len(self.names)))
+        for p, pattern in enumerate(patterns):
+            for a, b, weight in pattern.entries:
+                i, j = self.index(a, pattern.name), self.index(b, pattern.name)
+                found[p, i, j] = found[p, j, i] = weight
+        return found
+
+    def with_compliance(self, compliance: Array) -> ElasticMechanism:
+        """The mechanism with another Gamma (E, E); of a beam only a multiple of its own."""
+        elastic = self.elastic
+        springs, potentials = elastic.springs, list(elastic.potentials)
+        for part, own, start in self._parts:
+            potential = self._potential(part)
+            block = slice(start, start + len(own))
+            C = compliance[block, block]
+            if isinstance(potential, JointSprings):
+                k = potential.stiffness.copy()
+                k[own] = 1.0 / np.diag(C)
+                k[list(potential.rigid)] = np.inf
+                springs = JointSprings(k, _rest(potential), potential.laws)
+            elif isinstance(potential, LineSprings):
+                lines = potential.replaced(1.0 / np.diag(C), potential.rest_length)
+                if part < 0:
+                    springs = lines
+                else:
+                    potentials[part] = lines
+            elif isinstance(potential, CoupledSprings):
+                K = np.linalg.inv(C)
+                potentials[part] = replace(potential, matrix=0.5 * (K + K.T))
+            elif isinstance(potential, Beam):
+                factor = float(np.trace(self.compliance[block, block]) / np.trace(C))
+                potentials[part] = replace(potential, section=potential.section.times(factor))
+        return replace(elastic, springs=springs, potentials=tuple(potentials))
+
+
+def _rest(springs: JointSprings) -> Array:
+    """Rest positions, none for rigid joints."""
+    rest = springs.rest.copy()
+    rest[list(springs.rigid)] = np.nan
+    return rest

@@ -1,0 +1,89 @@
+"""What is known of springs that were measured: the covariance of their compliances."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from cartstiff.arrays import Array, checked_array, fixed
+from cartstiff.errors import InputError
+from cartstiff.mechanisms.elements import CompliancePattern
+
+__all__ = ["Identified"]
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """Where a mechanism's stiffnesses come from, and how well they are known.
+
+    Attributes
+    ----------
+    patterns : tuple of CompliancePattern
+        The compliances that were found, in the mechanism's units.
+    values : ndarray (P,)
+        Their estimates; of a beam its share of the file's own.
+    covariance : ndarray (P, P)
+        Of the estimates.
+    degrees : float or None
+        Degrees of freedom of Student's t; None for a normal distribution.
+    level : float
+        Probability of the intervals that are told.
+    rows : int
+        Measurements they rest on.
+    date, source : str
+        When, and from what.
+    undetermined : tuple of str
+        Springs whose stiffness in the file is no finding: the rows said nothing about them.
+    at_least : mapping of str to float
+        Springs whose interval has no upper end, with its lower one.
+    """
+
+    patterns: tuple[CompliancePattern, ...]
+    values: Array
+    covariance: Array
+    degrees: float | None = None
+    level: float = 0.95
+    rows: int = 0
+    date: str = ""
+    source: str = ""
+    undetermined: tuple[str, ...] = ()
+    at_least: Mapping[str, float] | None = None
+
+    def __post_init__(self) -> None:
+        P = len(self.patterns)
+        C = checked_array(self.covariance, (P, P), "covariance of compliances")
+        size = abs(C).max(initial=0.0)
+        if abs(C - C.T).max(initial=0.0) > 1e-9 * size or (C.diagonal() < 0.0).any():
+            raise InputError("covariance of compliances must be symmetric, variances not negative")
+        object.__setattr__(self, "covariance", fixed(0.5 * (C + C.T)))
+        values = checked_array(self.values, (P,), "compliances")
+        object.__setattr__(self, "values", fixed(values))
+
+    @cached_property
+    def factor(self) -> float:
+        """Half width of an interval over the standard deviation."""
+        from scipy.special import ndtri, stdtrit
+
+        tail = 0.5 + 0.5 * self.level
+        return float(ndtri(tail) if self.degrees is None else stdtrit(self.degrees, tail))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the compliances."""
+        return tuple(pattern.name for pattern in self.patterns)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "compliances": dict(zip(self.names, self.values.tolist(), strict=True)),
+            "covariance": self.covariance.tolist(),
+            "degrees": self.degrees,
+            "level": self.level,
+            "rows": self.rows,
+            "date": self.date,
+            "source": self.source,
+            "undetermined": list(self.undetermined),
+            "at_least": dict(self.at_least or {}),
+        }

@@ -1,0 +1,122 @@
+"""Arms, and campaigns made by differences of poses: nothing here asks for a Jacobian."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+import cartstiff
+from cartstiff.geometry import se3
+
+_JOINTS = {
+    # name: (type, origin, axis) of each joint
+    "elbow": [
+        ("revolute", (0, 0, 0.3), (0, 0, 1)), ("revolute", (0.05, 0, 0.1), (0, 1, 0)),
+        ("revolute", (0, 0, 0.45), (0, 1, 0)), ("revolute", (0.1, 0, 0.2), (1, 0, 0)),
+        ("revolute", (0.2, 0, 0), (0, 1, 0)), ("revolute", (0.08, 0, 0), (1, 0, 0)),
+    ],
+    "scara": [
+        ("revolute", (0, 0, 0.4), (0, 0, 1)), ("revolute", (0.3, 0, 0), (0, 0, 1)),
+        ("prismatic", (0.25, 0, 0), (0, 0, 1)), ("revolute", (0, 0, -0.1), (0, 0, 1)),
+    ],
+    "seven": [
+        ("revolute", (0, 0, 0.3), (0, 0, 1)), ("revolute", (0, 0, 0), (0, 1, 0)),
+        ("revolute", (0, 0, 0.35), (0, 0, 1)), ("revolute", (0.07, 0, 0), (0, 1, 0)),
+        ("revolute", (-0.07, 0, 0.35), (0, 0, 1)), ("revolute", (0, 0, 0), (0, 1, 0)),
+        ("revolute", (0.08, 0, 0.1), (0, 0, 1)),
+    ],
+}  # fmt: skip
+
+SPRINGS = {
+    "elbow": (4.0e4, 2.5e4, 1.5e4, 6.0e3, 4.0e3, 3.0e3),
+    "scara": (3.0e4, 1.2e4, 8.0e5, 2.0e3),
+    "seven": (3.0e4, 3.0e4, 1.5e4, 1.5e4, 6.0e3, 5.0e3, 2.0e3),
+}
+
+
+def arm(name: str, folder: Path, *, springs: tuple[float, ...] | None = None, extra: str = ""):
+    """A mechanism file of an arm (its path); joints are j1, j2, ..., tool 0.05 m off the last."""
+    links, joints = ['<link name="base"/>'], []
+    for i, (kind, xyz, axis) in enumerate(_JOINTS[name], start=1):
+        links.append(
+            f'<link name="l{i}"><inertial><mass value="{8.0 / i:.3f}"/>'
+            '<origin xyz="0.03 0.01 0.02"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" '
+            'ixz="0" iyz="0"/></inertial></link>'
+        )
+        joints.append(
+            f'<joint name="j{i}" type="{kind}"><parent link="{"base" if i == 1 else f"l{i - 1}"}"/>'
+            f'<child link="l{i}"/><origin xyz="{" ".join(map(str, xyz))}"/>'
+            f'<axis xyz="{" ".join(map(str, axis))}"/>'
+            '<limit lower="-2.9" upper="2.9" effort="1" velocity="1"/></joint>'
+        )
+    last = len(_JOINTS[name])
+    links.append('<link name="tool"/>')
+    joints.append(
+        f'<joint name="flange" type="fixed"><parent link="l{last}"/><child link="tool"/>'
+        '<origin xyz="0.05 0.02 0.09"/></joint>'
+    )
+    (folder / f"{name}.urdf").write_text(
+        f'<robot name="{name}">{"".join(links)}{"".join(joints)}</robot>', "utf-8"
+    )
+    k = SPRINGS[name] if springs is None else springs
+    entries = "".join(f"  j{i + 1}: {{stiffness: {value!r}}}\n" for i, value in enumerate(k))
+    path = folder / f"{name}.yaml"
+    path.write_text(
+        f"kind: serial\nmodel: {name}.urdf\nframe: tool\nsprings:\n{entries}{extra}", "utf-8"
+    )
+    return path
+
+
+def jacobian(elastic, q, h=1e-4):
+    """World-axes Jacobian (rotation, translation) at M's origin, by differences of poses."""
+    q = np.asarray(q, float)
+    columns = []
+    for j in range(len(q)):
+        total = np.zeros(6)
+        for steps, weight in ((1, 8.0), (2, -1.0)):
+            e = np.zeros(len(q))
+            e[j] = steps * h
+            a, b = elastic.mechanism.at(q + e).pose, elastic.mechanism.at(q - e).pose
+            turn = se3.log(np.vstack([np.c_[a[:3, :3] @ b[:3, :3].T, np.zeros(3)], [0, 0, 0, 1]]))
+            total += weight * np.r_[turn[:3], a[:3, 3] - b[:3, 3]]
+        columns.append(total / (12.0 * h))
+    return np.array(columns).T
+
+
+def random_campaign(elastic, truth, rows, seed, sd=2e-5, force=80.0, moment=0.0):
+    """Postures, wrenches in F and displacements (rotation, translation) with noise."""
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-1.5, 1.5, (rows, len(truth)))
+    W = np.hstack([rng.normal(size=(rows, 3)) * moment, rng.normal(size=(rows, 3)) * force])
+    motion = []
+    for one, load in zip(q, W, strict=True):
+        J = jacobian(elastic, one)
+        motion.append(J @ ((J.T @ load) / np.asarray(truth)))
+    return q, W, np.array(motion) + rng.normal(size=(rows, 6)) * sd
+
+
+def write_table(path: Path, columns: dict[str, np.ndarray]) -> Path:
+    """A table of named columns; NaN is an empty cell."""
+    lines = [",".join(columns)]
+    for row in zip(*columns.values(), strict=True):
+        lines.append(",".join("" if isinstance(x, float) and np.isnan(x) else (
+            x if isinstance(x, str) else repr(float(x))) for x in row))  # fmt: skip
+    path.write_text("\n".join(lines) + "\n", "utf-8")
+    return path
+
+
+def table_of(path, q, W, d, *, measured=("dx", "dy", "dz"), sd=None) -> Path:
+    """A table in SI."""
+    columns = {f"j{j + 1}": q[:, j] for j in range(q.shape[1])}
+    columns |= dict(zip(("mx", "my", "mz", "fx", "fy", "fz"), W.T, strict=True))
+    every = dict(zip(("drx", "dry", "drz", "dx", "dy", "dz"), d.T, strict=True))
+    columns |= {name: every[name] for name in measured}
+    if sd is not None:
+        columns |= {f"sd_{name}": np.full(len(q), sd) for name in measured}
+    return write_table(path, columns)
+
+
+def load(path: Path):
+    """The mechanism of a file."""
+    return cartstiff.load(str(path))
