@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import click
 
@@ -16,10 +16,10 @@ from cartstiff.cli.identify_options import (
     ties_of,
     units_of,
 )
-from cartstiff.cli.options import once
-from cartstiff.cli.output import output_file, print_json, say
+from cartstiff.cli.options import frame_option
+from cartstiff.cli.output import tell
+from cartstiff.cli.types import PICTURE, POINT, OutputFile, json_option, option, option_group
 from cartstiff.errors import one_line
-from cartstiff.parsing import parse_numbers
 
 __all__ = ["command"]
 
@@ -30,119 +30,124 @@ Examples:
   cartstiff identify arm.yaml measured.csv --units mm,deg --reject suspects --plot residuals.png
   cartstiff identify ur5 measured.csv --tie wrist_1_joint=wrist_2_joint --known wrist_3_joint=8000
 """
-_Command = TypeVar("_Command", bound=Callable[..., Any])
+
+_about_the_table = option_group(
+    option("--point", type=POINT,
+           help="Point of the body, in its frame, that was measured; default its origin."),
+    option("--load-at", type=POINT,
+           help="Point of the body, in its frame, at which loads act; default the measured one."),
+    click.option("--axes", type=click.Choice(["base", "body", "world"]), default="base",
+                 show_default=True, help="Axes of the columns mx,my,mz,fx,fy,fz."),
+    option("--gravity", type=POINT, help="Acceleration in F, m/s^2, instead of the file's: the "
+           "arm's own weight acts."),
+    option("--units", metavar="UNITS", help="Units of columns without one in their head, such as "
+           "mm,deg; SI otherwise."),
+    click.option("--sd", metavar="COLUMN=VALUE[UNIT]", multiple=True,
+                 help="Standard deviation of a column, such as dx=0.02mm; else estimated."),
+)  # fmt: skip
+_about_the_fit = option_group(
+    click.option(
+        "--unknown", metavar="NAME", multiple=True,
+        help="What is to be found: a spring, leg or line by name; joints (the default), lines, "
+        "links; a link that gives: LINK (its 6x6), LINK:diagonal, LINK:rx,ry.",
+    ),
+    click.option("--tie", metavar="A=B", multiple=True, help="Springs that are equal."),
+    click.option("--known", metavar="NAME=K", multiple=True, help="A stiffness that is held."),
+    click.option("--prior", metavar="NAME=K,SD", multiple=True,
+                 help="A stiffness that is known up to a standard deviation."),
+    click.option("--offsets", type=click.Choice(["rigid", "translation", "none"]), default="rigid",
+                 show_default=True, help="What is unknown of the measuring frame in each session."),
+    click.option("--loaded", is_flag=True,
+                 help="Fit the equilibrium under load, not displacements linear in it."),
+    click.option("--fit", type=click.Choice(["plain", "robust"]), default="plain",
+                 show_default=True, help="Whose estimates are told first."),
+    option("--reject", metavar="RULE", help="Leave rows out: suspects of the robust fit, or those "
+           "beyond so many standard deviations from it."),
+    click.option("--level", type=float, default=0.95, show_default=True,
+                 help="Probability of the intervals."),
+)  # fmt: skip
 
 
-def _single(*names: str, **settings: Any) -> Callable[[_Command], _Command]:
-    """An option that must not be given twice."""
-    return click.option(*names, multiple=True, callback=once, **settings)
+@dataclass(frozen=True)
+class _Request:
+    """What the options about table and fit say."""
+
+    point: list[float] | None
+    load_at: list[float] | None
+    axes: str
+    gravity: list[float] | None
+    units: str | None
+    sd: tuple[str, ...]
+    unknown: tuple[str, ...]
+    tie: tuple[str, ...]
+    known: tuple[str, ...]
+    prior: tuple[str, ...]
+    offsets: str
+    loaded: bool
+    fit: str
+    reject: str | None
+    level: float
+
+    @property
+    def of_table(self) -> dict[str, Any]:
+        """Keywords for reading the table."""
+        units = units_of(self.units)
+        return {
+            "axes": self.axes, "units": units, "deviations": deviations_of(self.sd, units),
+            "point": tuple(self.point or (0.0, 0.0, 0.0)),
+            "load_at": None if self.load_at is None else tuple(self.load_at),
+        }  # fmt: skip
+
+    @property
+    def of_unknowns(self) -> dict[str, Any]:
+        """Keywords about what is to be found."""
+        known = stiffnesses_of(self.known, "--known", 1)
+        priors = stiffnesses_of(self.prior, "--prior", 2)
+        return {
+            "sought": [part for text in self.unknown for part in _words(text)],
+            "ties": ties_of(self.tie),
+            "known": {name: values[0] for name, values in known.items()},
+            "priors": {name: (values[0], values[1]) for name, values in priors.items()},
+        }
+
+    @property
+    def of_fit(self) -> dict[str, Any]:
+        """Keywords for the fit."""
+        return {
+            "offsets": self.offsets, "loaded": self.loaded, "fit": self.fit,
+            "reject": reject_of(self.reject), "level": self.level,
+        }  # fmt: skip
+
+    def mechanism(self, name: str, frame: str | None) -> Any:
+        """The mechanism that was, or is to be, measured."""
+        from dataclasses import replace
+
+        from cartstiff.loading import load
+        from cartstiff.loading.parts import gravity_of
+
+        elastic = load(name, frame=frame)
+        if self.gravity is None:
+            return elastic
+        return replace(elastic, gravity=gravity_of(self.gravity, "--gravity", elastic.units))
 
 
 @click.command(name="identify", epilog=_EPILOG)
 @click.argument("mechanism")
 @click.argument("table", metavar="DATA.csv")
-@_single("--frame", metavar="NAME", help="Body frame M: a link or site.")
-@_single(
-    "--point",
-    "point_text",
-    metavar="X,Y,Z",
-    help="Point of the body, in its frame, that was measured; default its origin.",
-)
-@_single(
-    "--load-at",
-    "load_at_text",
-    metavar="X,Y,Z",
-    help="Point of the body, in its frame, at which loads act; default the measured one.",
-)
-@click.option(
-    "--axes",
-    type=click.Choice(["base", "body", "world"]),
-    default="base",
-    show_default=True,
-    help="Axes of the columns mx,my,mz,fx,fy,fz.",
-)
-@_single(
-    "--gravity",
-    "gravity_text",
-    metavar="X,Y,Z",
-    help="Acceleration in F, m/s^2, instead of the file's; the arm's own weight then acts.",
-)
-@_single(
-    "--units",
-    "units_text",
-    metavar="UNITS",
-    help="Units of columns without one in their head, such as mm,deg; SI otherwise.",
-)
-@click.option(
-    "--sd",
-    "sd_texts",
-    metavar="COLUMN=VALUE[UNIT]",
-    multiple=True,
-    help="Standard deviation of a column, such as dx=0.02mm; else estimated.",
-)
-@click.option(
-    "--unknown",
-    "unknown_texts",
-    metavar="NAME",
-    multiple=True,
-    help="What is to be found: a spring, leg or line by name; joints (the default), lines, links; "
-    "a link that gives, LINK (its 6x6) or LINK:diagonal or LINK:rx,ry.",
-)
-@click.option("--tie", "tie_texts", metavar="A=B", multiple=True, help="Springs that are equal.")
-@click.option(
-    "--known", "known_texts", metavar="NAME=K", multiple=True, help="A stiffness that is held."
-)
-@click.option(
-    "--prior",
-    "prior_texts",
-    metavar="NAME=K,SD",
-    multiple=True,
-    help="A stiffness that is known up to a standard deviation.",
-)
-@click.option(
-    "--offsets",
-    type=click.Choice(["rigid", "translation", "none"]),
-    default="rigid",
-    show_default=True,
-    help="What is unknown of the measuring frame in each session.",
-)
-@click.option(
-    "--loaded", is_flag=True, help="Fit the equilibrium under load, not displacements linear in it."
-)
-@click.option(
-    "--fit",
-    type=click.Choice(["plain", "robust"]),
-    default="plain",
-    show_default=True,
-    help="Whose estimates are told first.",
-)
-@_single(
-    "--reject",
-    "reject_text",
-    metavar="RULE",
-    help="Leave rows out: suspects of the robust fit, or those beyond so many standard "
-    "deviations from it.",
-)
-@click.option(
-    "--level", type=float, default=0.95, show_default=True, help="Probability of the intervals."
-)
-@_single(
+@frame_option
+@_about_the_table
+@_about_the_fit
+@option(
     "-o",
     "--output",
-    "output_text",
-    metavar="FILE.yaml",
+    type=OutputFile("FILE.yaml", ".yaml", ".yml"),
     help="Write a mechanism file with the stiffnesses and their covariance.",
 )
-@_single(
-    "--plot",
-    "plot_text",
-    metavar="FILE.png",
-    help="Draw the residuals against load, posture and time.",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@option("--plot", type=PICTURE, help="Draw the residuals against load, posture and time.")
+@json_option
 def command(
-    mechanism: str, table: str, frame: str | None, as_json: bool, output_text: str | None,
-    plot_text: str | None, **texts: Any,
+    mechanism: str, table: str, frame: str | None, output: Path | None, plot: Path | None,
+    as_json: bool, **texts: Any,
 ) -> None:  # fmt: skip
     """Joint stiffness of MECHANISM from the loads and deflections in DATA.csv.
 
@@ -151,88 +156,49 @@ def command(
     roll,pitch,yaw; standard deviations sd_NAME; session; time. The page "Which joint stiffness do
     I enter?" says how to measure.
     """
-    out = None if output_text is None else output_file(output_text, (".yaml", ".yml"), "--output")
-    plot = None if plot_text is None else output_file(plot_text, (".png", ".svg", ".pdf"), "--plot")
-    elastic, settings, keywords = _settings(mechanism, frame, **texts)
+    request = _Request(**{f.name: texts[f.name] for f in fields(_Request)})
+    of_table, of_unknowns, of_fit = request.of_table, request.of_unknowns, request.of_fit
+    elastic = request.mechanism(mechanism, frame)
 
     import numpy as np
 
     from cartstiff.identify.campaign import identify
     from cartstiff.identify.table import read_measurements
 
-    measured = read_measurements(Path(table), elastic, **settings)
+    measured = read_measurements(Path(table), elastic, **of_table)
     with np.errstate(all="ignore"):
-        result = identify(elastic, measured, **keywords, progress=_progress)
-    files: list[tuple[Path, bytes]] = []
-    if out is not None:
-        from cartstiff.identify.writing import mechanism_file
+        result = identify(elastic, measured, **of_unknowns, **of_fit, progress=_progress)
+    _write(result, mechanism, frame, Path(table), output, plot)
 
-        where = one_line(Path(table).name)
-        files.append((out, mechanism_file(result, mechanism, frame, out, where)))
-    if plot is not None:
+    from cartstiff.report.identification import describe_identification
+
+    tell(as_json, result.as_dict(), mechanism, lambda: describe_identification(result))
+
+
+def _write(
+    result: Any, mechanism: str, frame: str | None, table: Path, output: Path | None,
+    plot: Path | None,
+) -> None:  # fmt: skip
+    """The files that were asked for."""
+    from cartstiff.identify.writing import mechanism_file
+    from cartstiff.report.output import write_files
+
+    def found() -> str:
+        if output is None:
+            raise TypeError("no file was asked for")
+        return mechanism_file(result, mechanism, frame, output, one_line(table.name)).decode()
+
+    def drawn() -> Any:
         from cartstiff.report.figures_identification import draw_residuals
-        from cartstiff.report.figures_statics import picture
 
-        files.append((plot, picture(draw_residuals(result), plot.suffix)))
-    from cartstiff.report.output import write_whole
+        return draw_residuals(result)
 
-    for path, data in files:
-        write_whole(path, data)
-    if as_json:
-        print_json(result.as_dict(), mechanism)
-    else:
-        from cartstiff.report.identification import describe_identification
-
-        say(describe_identification(result))
-
-
-def _settings(
-    mechanism: str, frame: str | None, *, point_text: str | None, load_at_text: str | None,
-    axes: str, gravity_text: str | None, units_text: str | None, sd_texts: tuple[str, ...],
-    unknown_texts: tuple[str, ...], tie_texts: tuple[str, ...], known_texts: tuple[str, ...],
-    prior_texts: tuple[str, ...], offsets: str, loaded: bool, fit: str, reject_text: str | None,
-    level: float,
-) -> tuple[Any, dict[str, Any], dict[str, Any]]:  # fmt: skip
-    """The mechanism, keywords for reading the table, and for the campaign."""
-    units = units_of(units_text)
-    settings: dict[str, Any] = {
-        "axes": axes, "units": units, "deviations": deviations_of(sd_texts, units),
-        "point": _point(point_text, "--point"),
-        "load_at": None if load_at_text is None else _point(load_at_text, "--load-at"),
-    }  # fmt: skip
-    keywords: dict[str, Any] = {
-        "sought": [part for text in unknown_texts for part in _words(text)],
-        "ties": ties_of(tie_texts),
-        "known": {n: v[0] for n, v in stiffnesses_of(known_texts, "--known", 1).items()},
-        "priors": {n: (v[0], v[1]) for n, v in stiffnesses_of(prior_texts, "--prior", 2).items()},
-        "offsets": offsets, "loaded": loaded, "fit": fit, "reject": reject_of(reject_text),
-        "level": level,
-    }  # fmt: skip
-    gravity = None if gravity_text is None else parse_numbers(gravity_text, "--gravity", 3)
-
-    from dataclasses import replace
-
-    from cartstiff.loading import load
-    from cartstiff.loading.parts import gravity_of
-
-    elastic = load(mechanism, frame=frame)
-    if gravity is not None:
-        elastic = replace(elastic, gravity=gravity_of(gravity, "--gravity", elastic.units))
-    return elastic, settings, keywords
+    write_files((output, found), (plot, drawn))
 
 
 def _words(text: str) -> list[str]:
     """Names separated by commas; the axes of a link stay with it."""
-    if ":" in text:
-        return [text.strip()]
-    return [part.strip() for part in text.split(",")]
-
-
-def _point(text: str | None, option: str) -> tuple[float, float, float]:
-    if text is None:
-        return (0.0, 0.0, 0.0)
-    x, y, z = parse_numbers(text, option, 3)
-    return (x, y, z)
+    return [text.strip()] if ":" in text else [part.strip() for part in text.split(",")]
 
 
 def _progress(step: int, change: float) -> None:

@@ -71,8 +71,8 @@ class Column:
 def posture_columns(elastic: ElasticMechanism) -> dict[str, str]:
     """Columns that say where the mechanism stands, and their kinds.
 
-    Joints by name, or with "q_" before it; of a closed chain its actuated joints must be given,
-    and others may. A platform's pose is q_x, q_y, q_z, q_roll, q_pitch, q_yaw.
+    Joints by name, or with "q" and an underscore before it; of a closed chain its actuated joints
+    must be given, and others may. A platform's pose is "q_x" to "q_yaw".
     """
     mechanism = elastic.mechanism
     found = {}

@@ -6,8 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cartstiff import numerics
+from cartstiff.arrays import Array
+from cartstiff.errors import CartstiffError
 from cartstiff.identify.columns import POSITION
+from cartstiff.identify.linear_model import LinearModel
+from cartstiff.identify.loaded_model import LoadedModel
 from cartstiff.identify.observations import EARTH
+from cartstiff.identify.writing import written_values
 from cartstiff.mechanisms.elastic import Note
 
 if TYPE_CHECKING:
@@ -16,11 +22,13 @@ if TYPE_CHECKING:
 __all__ = ["notes_of"]
 
 _FEW = 5.0
+# Rows whose equilibrium is looked at: those that move most.
+_LOOKED_AT = 3
 
 
 def notes_of(result: Identification) -> list[Note]:
     """Notes on a finished campaign."""
-    return [*_assumed(result), *_found(result), *_doubts(result)]
+    return [*_assumed(result), *_found(result), *_doubts(result), *_limits(result)]
 
 
 def _assumed(result: Identification) -> list[Note]:
@@ -97,6 +105,55 @@ def _found(result: Identification) -> list[Note]:
         notes.append(Note("rejected", f"left out by --reject: {shown}",
                           {"rows": [r.row for r in result.rejected]}))  # fmt: skip
     return notes
+
+
+def _limits(result: Identification) -> list[Note]:
+    """How far the linear model reaches, and whether matrices found are stiffnesses."""
+    notes = []
+    values = written_values(result)
+    if not result.loaded and isinstance(result.model, LinearModel):
+        notes += _against_equilibrium(result, result.model, values)
+    Gamma = result.unknowns.compliance(values)
+    entries = result.unknowns.parameters
+    if any(not u.pattern.is_diagonal for u in entries):
+        lowest = numerics.eigenvalues(Gamma)[0]
+        if lowest <= 0.0:
+            words = (
+                "the compliance found for a link has a negative eigenvalue: the noise is larger "
+                "than its smallest entries; --unknown LINK:diagonal asks for less"
+            )
+            notes.append(Note("not-definite", words, {"lowest": float(lowest)}))
+    return notes
+
+
+def _against_equilibrium(result: Identification, model: LinearModel, values: Array) -> list[Note]:
+    """The equilibrium under load beside the linear displacement, in the rows that move most."""
+    seen, unknowns = model.observations, result.unknowns
+    y, _ = model.at(values)
+    size = np.abs(y) / result.chosen.solved.deviation
+    worst = list(dict.fromkeys(seen.row[np.argsort(-size)].tolist()))[:_LOOKED_AT]
+    keep = np.zeros(len(result.measured), bool)
+    keep[worst] = True
+    some = result.measured.chosen(keep)
+    linear = LinearModel(unknowns, some)
+    try:
+        bent, _ = LoadedModel(unknowns, some, linear).at(values)
+    except CartstiffError:
+        return []
+    straight, _ = linear.at(values)
+    mine = np.isin(seen.row, np.flatnonzero(keep))
+    deviation = result.chosen.solved.deviation[mine]
+    apart = np.abs(bent - straight) / deviation
+    i = int(np.argmax(apart))
+    if not apart[i] > 1.0:
+        return []
+    row = int(some.rows[linear.observations.row[i]])
+    words = (
+        f"in row {row} the equilibrium under load differs from the linear displacement by "
+        f"{apart[i]:.3g} standard deviations: fit it with --loaded"
+    )
+    values_ = {"row": row, "linear": float(straight[i]), "loaded": float(bent[i])}
+    return [Note("linear-differs", words, values_)]
 
 
 def _doubts(result: Identification) -> list[Note]:

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from cartstiff.errors import MissingDependencyError, printable
+from cartstiff.errors import printable
 from cartstiff.identify.result import Identification
+from cartstiff.report.output import new_figure
 
 __all__ = ["draw_residuals"]
 
@@ -31,10 +32,6 @@ def draw_residuals(result: Identification) -> Any:
     MissingDependencyError
         Without matplotlib.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise MissingDependencyError("matplotlib", "drawing a figure", "plots") from None
     measured, seen, found = result.measured, result.model.observations, result.chosen.solved
     force = np.linalg.norm(measured.wrench[:, 3:], axis=1) / result.elastic.units.newtons
     weight = measured.mass * 9.81
@@ -47,7 +44,7 @@ def draw_residuals(result: Identification) -> Any:
     has_time = not np.isnan(time).any() and np.ptp(time) > 0.0
     standard = found.residual / found.deviation
     suspect = np.isin(seen.row, result.robust.suspects)
-    figure = Figure(figsize=(9.0, 7.2), layout="constrained")
+    figure = new_figure(9.0, 7.2)
     axes = figure.subplots(2, 2)
     over = (
         (load[seen.row], f"{name} [{unit}]"),
