@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import tell
 from cartstiff.cli.types import Numbers, json_option, option, option_group
-from cartstiff.errors import InputError, UndefinedError
+from cartstiff.errors import InputError, UndefinedError, UnknownNameError
+
+if TYPE_CHECKING:
+    from cartstiff.vibration.modes import Modes
 
 __all__ = ["command"]
 
@@ -18,6 +21,8 @@ Examples:
   cartstiff modes stewart-simscape
   cartstiff modes ur5 --load 0,0,0,0,0,-500 --world
   cartstiff modes panda --payload 2,0,0,0.1 --json
+  cartstiff modes ur5 --load 0,0,0,0,0,-500 --compare A,B,K,F,energy
+  cartstiff modes stewart-simscape --sensitivities --tolerance 0.05,0.0001
 """
 
 _options = option_group(
@@ -25,6 +30,19 @@ _options = option_group(
         "--payload", type=Numbers("MASS[,X,Y,Z]", 1, 4),
         help="Point mass (kg, whatever the units) fixed to a point of the body frame: it has "
         "inertia, and weight where the file has gravity.",
+    ),
+    option(
+        "--compare", metavar="NAMES",
+        help="What 6x6 matrices at the tip make of the frequencies: some of A,B,K,F,load,energy.",
+    ),
+    click.option(
+        "--sensitivities", is_flag=True,
+        help="Derivative of each frequency by each stiffness, mass and length.",
+    ),
+    option(
+        "--tolerance", type=Numbers("REL[,LENGTH[,ANGLE]]", 1, 2, 3),
+        help="Standard deviations: relative of every spring stiffness, absolute of every length "
+        "and rotation (rad) of the geometry; gives an interval for each frequency.",
     ),
     json_option,
     click.option("--strict", is_flag=True, help="Exit with code 3 where there are no modes."),
@@ -43,6 +61,9 @@ def command(
     request: MechanismRequest,
     applied: LoadRequest,
     payload: list[float] | None,
+    compare: str | None,
+    sensitivities: bool,
+    tolerance: list[float] | None,
     as_json: bool,
     strict: bool,
 ) -> None:
@@ -58,6 +79,9 @@ def command(
     if payload is not None and payload[0] < 0.0:
         raise InputError("cannot be used", where="--payload", expected="a mass from zero",
                          got=payload[0])  # fmt: skip
+    if tolerance is not None and (min(tolerance) < 0.0 or not any(tolerance)):
+        raise InputError("cannot be used", where="--tolerance",
+                         expected="zero or more, not all zero", got=tolerance)  # fmt: skip
     elastic, q = request.load()
     if payload is not None:
         elastic = elastic.with_payload(payload[0], payload[1:] or (0.0, 0.0, 0.0))
@@ -84,4 +108,43 @@ def command(
         data["unloaded"] = {key: told[key] for key in ("frequencies", "eigenvalues", "load")}
     from cartstiff.report.modes import describe_modes
 
-    tell(as_json, data, request.mechanism, lambda: describe_modes(found, bare))
+    extra = _more(found, data, compare, sensitivities, tolerance)
+    tell(as_json, data, request.mechanism, lambda: describe_modes(found, bare, extra))
+
+
+def _more(
+    found: Modes, data: dict[str, Any], compare: str | None, wanted: bool,
+    tolerance: list[float] | None,
+) -> list[str]:  # fmt: skip
+    """Adds what was asked for to the JSON object, and gives it as lines."""
+    from cartstiff.report.modes import (
+        describe_comparison,
+        describe_intervals,
+        describe_sensitivities,
+    )
+
+    lines: list[str] = []
+    if compare is not None:
+        from cartstiff.vibration.comparison import compare as compared
+
+        names = [name.strip() for name in compare.split(",")]
+        try:
+            shortcuts = compared(found, names)
+        except UnknownNameError as error:
+            raise error.at("--compare") from None
+        data["compare"] = [shortcut.as_dict() for shortcut in shortcuts]
+        lines += describe_comparison(shortcuts)
+    if wanted or tolerance is not None:
+        from cartstiff.analysis.tolerances import Tolerances
+        from cartstiff.vibration.sensitivities import intervals
+        from cartstiff.vibration.sensitivities import sensitivities as derivatives
+
+        known = derivatives(found)
+        if wanted:
+            data["sensitivities"] = known.as_dict()
+            lines += describe_sensitivities(known)
+        if tolerance is not None:
+            band = intervals(found, Tolerances(*tolerance), given=known)
+            data["intervals"] = band.as_dict()
+            lines += describe_intervals(found, band)
+    return lines

@@ -338,7 +338,12 @@ def json_schema(command: str = "analyse") -> dict[str, Any]:
         return frames_schema()
     if command == "modes":
         schema = _object(_MODES, "Output of cartstiff modes --json")
-        more = {"unloaded": {"description": "the same without the load, where one is given"}}
+        more = {
+            "unloaded": {"description": "the same without the load, where one is given"},
+            "compare": {"description": "with --compare: frequencies of 6x6 matrices at the tip"},
+            "sensitivities": {"description": "with --sensitivities: Hz per unit"},
+            "intervals": {"description": "with --tolerance"},
+        }
         schema["properties"] = _MODES | more
         return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
     if command == "identify":

@@ -8,9 +8,16 @@ import numpy as np
 
 from cartstiff.errors import joined
 from cartstiff.report.layout import number, percent, table, vector
+from cartstiff.vibration.comparison import Shortcut
 from cartstiff.vibration.modes import Modes
+from cartstiff.vibration.sensitivities import FrequencyInterval, Sensitivities
 
-__all__ = ["describe_modes"]
+__all__ = [
+    "describe_comparison",
+    "describe_intervals",
+    "describe_modes",
+    "describe_sensitivities",
+]
 
 
 def describe_modes(found: Modes, unloaded: Modes | None = None, extra: Sequence[str] = ()) -> str:
@@ -121,4 +128,71 @@ def _axes(found: Modes) -> list[str]:
                 f"{number(screw.pitch, 3)}"
             )
         lines.append(f"  {i + 1:>3}  {words}")
+    return lines
+
+
+def describe_comparison(shortcuts: Sequence[Shortcut]) -> list[str]:
+    """Frequencies by matrices at the tip beside the true ones, as lines."""
+    lines = ["", "What 6x6 matrices at the tip make of them, in Hz; largest error"]
+    for shortcut in shortcuts:
+        if shortcut.all_masses is None:
+            lines.append(f"  {shortcut.name:<7} {shortcut.missing}")
+            continue
+        if shortcut.name == "energy":
+            lines.append(f"  energy  {_list(shortcut.all_masses)}  the full problem")
+            continue
+        lines.append(
+            f"  K^{shortcut.name:<5} {_list(shortcut.all_masses)}  {_worst(shortcut.errors)} with "
+            "all masses as the tip feels them"
+        )
+        if shortcut.body_alone is not None:
+            lines.append(
+                f"          {_list(shortcut.body_alone)}  {_worst(shortcut.body_errors)} with the "
+                "rigid body at the tip alone"
+            )
+    return lines
+
+
+def _list(values: np.ndarray) -> str:
+    return " ".join(f"{_hertz(f):>9}" for f in values)
+
+
+def _worst(errors: np.ndarray | None) -> str:
+    if errors is None or not np.isfinite(errors).any():
+        return "-"
+    return percent(float(errors[np.nanargmax(np.abs(errors))]))
+
+
+#: Rows of sensitivities that are shown, those that matter most.
+_ROWS = 20
+
+
+def describe_sensitivities(known: Sensitivities) -> list[str]:
+    """Change of each frequency for one per cent of each stiffness and mass, a mm of each length."""
+    small = {"rx", "ry", "rz"}
+    rows = []
+    for name, row, relative in zip(known.names, known.frequencies, known.relative, strict=True):
+        geometry = name.partition(".")[0] not in ("stiffness", "mass")
+        unit = "per mrad" if name.rsplit(".", 1)[1] in small else "per 0.001 length"
+        shown = 1e-3 * row if geometry else relative
+        rows.append((name, unit if geometry else "per 1 %", shown))
+    rows.sort(key=lambda entry: -float(np.nanmax(np.abs(entry[2]), initial=0.0)))
+    count = rows[0][2].size if rows else 0
+    lines = ["", "Sensitivities: change of each frequency in Hz"]
+    titles = ["parameter", "", *(f"mode {i + 1}" for i in range(count))]
+    lines += table(
+        titles, [[name, unit, *(number(x, 3) for x in shown)] for name, unit, shown in rows[:_ROWS]]
+    )
+    if len(rows) > _ROWS:
+        lines.append(f"  {len(rows) - _ROWS} more, which matter less, with --json")
+    if known.left_out:
+        lines.append(f"  {known.left_out}")
+    return lines
+
+
+def describe_intervals(found: Modes, band: FrequencyInterval) -> list[str]:
+    """Interval of each frequency."""
+    lines = ["", f"Intervals that hold {100 * band.level:g} per cent, in Hz, to first order"]
+    for i, (f, low, high) in enumerate(zip(found.frequencies, band.low, band.high, strict=True)):
+        lines.append(f"  {i + 1:>3}  {_hertz(f)}  from {low:.6g} to {high:.6g}")
     return lines

@@ -12,7 +12,7 @@ moves the stiffness: modes belong to one load, which every result names.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
 from typing import Any, Literal
@@ -33,7 +33,7 @@ from cartstiff.statics.small_motions import Spectrum, kinetic_matrix, spectrum_o
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 from cartstiff.vibration.plausible import masses_that_move, notes_on_masses
 
-__all__ = ["MODES_SCHEMA", "Modes", "modes"]
+__all__ = ["MODES_SCHEMA", "Modes", "modes", "stiffness_under_load"]
 
 #: Name and version of the form of `Modes.as_dict`.
 MODES_SCHEMA = "cartstiff-modes/1"
@@ -57,6 +57,8 @@ class Modes:
         K and M on the basis.
     spectrum : Spectrum
         Their solutions, in the mechanism's units.
+    result : PostureStiffness or None
+        What a held posture was analysed as; None of an equilibrium.
     """
 
     elastic: ElasticMechanism
@@ -66,6 +68,7 @@ class Modes:
     stiffness: Array
     mass: Array
     spectrum: Spectrum
+    result: PostureStiffness | None = None
     _told: tuple[Note, ...] = ()
 
     def __repr__(self) -> str:
@@ -371,16 +374,9 @@ def _held_at(result: PostureStiffness) -> Modes:
         state = reduction.states[-1]
         raise UndefinedError(state.message, code=state.code, values=state.values)
     columns = posture.coordinate_lengths
-    J, D = posture.motion.jacobian, result.change_by_load
-    H, terms = result.evaluation.hessian, np.abs(result.evaluation.hessian)
-    if np.any(W):
-        curvature = posture.motion.curvature(W)
-        H = H - curvature + J.T @ D @ J
-        terms = terms + np.abs(curvature) + np.abs(J.T) @ np.abs(D) @ np.abs(J)
-    basis = np.diag(columns)
+    H, terms = stiffness_under_load(result)
+    D, basis = result.change_by_load, np.diag(columns)
     if posture.closure is not None and reduction.motions is not None:
-        curvature = posture.closure.curvature(reduction.multipliers)
-        H, terms = H + curvature, terms + np.abs(curvature)
         stiff = np.abs(H * np.outer(columns, columns)).max(axis=0, initial=0.0)
         basis = columns[:, None] * numerics.graded_basis(reduction.motions, stiff)[0]
     terms = terms + _rounded(result) / np.outer(columns, columns)
@@ -404,9 +400,27 @@ def _held_at(result: PostureStiffness) -> Modes:
             {"wrench": W.tolist()},
         ))  # fmt: skip
     elastic = result.elastic
-    return _solved(
+    found = _solved(
         elastic, posture, load, basis, K, size, elastic.terms(), elastic.units, tuple(told)
     )
+    return replace(found, result=result)
+
+
+def stiffness_under_load(result: PostureStiffness) -> tuple[Array, Array]:
+    """K_q (n, n) on all coordinates with the parts of load and closures; sizes of its terms.
+
+    ``Hess Phi - S_W + J^T (K^load - K^B) J + sum lam_k c_k''``.
+    """
+    posture, W, D = result.posture, result.wrench, result.change_by_load
+    H, terms = result.evaluation.hessian, np.abs(result.evaluation.hessian)
+    if W is not None and np.any(W):
+        J, curvature = posture.motion.jacobian, posture.motion.curvature(W)
+        H = H - curvature + J.T @ D @ J
+        terms = terms + np.abs(curvature) + np.abs(J.T) @ np.abs(D) @ np.abs(J)
+    if posture.closure is not None and result.reduction.multipliers.any():
+        curvature = posture.closure.curvature(result.reduction.multipliers)
+        H, terms = H + curvature, terms + np.abs(curvature)
+    return H, terms
 
 
 def _rounded(result: PostureStiffness) -> float:
@@ -450,4 +464,4 @@ def _solved(
             code="massless-free-motion",
             values={"shapes": (basis @ found.loose).T.tolist()},
         )
-    return Modes(elastic, posture, load, basis, stiffness, mass, found, told)
+    return Modes(elastic, posture, load, basis, stiffness, mass, found, None, told)

@@ -1,0 +1,167 @@
+r"""What shortcuts make of the frequencies: a 6x6 stiffness and a mass at the tip.
+
+Engineers take ``J^-T K_q J^-1`` and the rigid body at the tip. Of a mechanism with six free motions
+the pair (K^X, Lambda) with ``Lambda = (J M^-1 J^T)^-1``, all masses as the tip feels them, has the
+frequencies of (``J^T K^X J``, M): right where K^X is the tangent under the load, off by the load's
+part elsewhere. With the rigid body at the tip alone all other masses are missing besides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cartstiff import numerics
+from cartstiff.errors import UnknownNameError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.contract import Units, convert_length
+from cartstiff.mechanisms.platform import Platform
+from cartstiff.vibration.modes import Modes
+
+__all__ = ["COMPARED", "Shortcut", "compare", "mass_at_tip"]
+
+#: What can be compared: stiffness matrices, the load's tangent, and the energy itself.
+COMPARED = ("A", "B", "K", "F", "load", "energy")
+
+
+@dataclass(frozen=True, eq=False)
+class Shortcut:
+    """Frequencies of a stiffness matrix at the tip.
+
+    Attributes
+    ----------
+    name : str
+        Of the matrix; "energy" is the full problem.
+    all_masses, body_alone : ndarray (6,) or None
+        Hz, with all masses as the tip feels them, and with the rigid body at the tip alone; NaN of
+        motions that grow or swing with complex omega^2. None where either does not exist.
+    errors, body_errors : ndarray or None
+        Relative, against the nearest of the true ones (each in its place where they are six).
+    missing : str or None
+        Why there are none.
+    """
+
+    name: str
+    all_masses: Array | None
+    body_alone: Array | None
+    errors: Array | None
+    body_errors: Array | None
+    missing: str | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        return {
+            "name": self.name,
+            "missing": self.missing,
+            **{
+                key: None if (x := getattr(self, key)) is None else _plain(x)
+                for key in ("all_masses", "body_alone", "errors", "body_errors")
+            },
+        }
+
+
+def _plain(values: Array) -> list[float | None]:
+    return [float(x) if np.isfinite(x) else None for x in values]
+
+
+def mass_at_tip(found: Modes) -> Array | None:
+    """Lambda (6, 6): all masses as M feels them; None where M cannot move in every direction."""
+    J, sizes = found.posture.motion.jacobian @ found.basis, np.diag(found.mass)
+    if not (sizes > 0.0).all():
+        return None
+    lengths = np.repeat([1.0, 1.0 / found.posture.length], 3)[:, None]
+    values = np.linalg.svd(lengths * J, compute_uv=False)
+    inverse = numerics.invert(found.mass)
+    if J.shape[1] < 6 or not numerics.is_regular(values) or inverse is None:
+        return None
+    mobility = numerics.invert(J @ inverse.matrix @ J.T)
+    return None if mobility is None else mobility.matrix
+
+
+def _body(found: Modes) -> Array | None:
+    """Inertia (6, 6) of the rigid body that M is fixed to."""
+    mechanism = found.elastic.mechanism
+    if isinstance(mechanism, Platform):
+        return mechanism.body_inertia if mechanism.mass > 0.0 else None
+    if not isinstance(mechanism, Chain) or mechanism.body.joint == 0:
+        return None
+    body = mechanism.tree.model.inertias[mechanism.body.joint]
+    if not body.mass > 0.0:
+        return None
+    inertia = np.array(body.matrix())[se3.SWAP][:, se3.SWAP]
+    to_joint = se3.adjoint(mechanism.body.T_j_f)
+    return np.asarray(to_joint.T @ inertia @ to_joint)
+
+
+def _frequencies(K: Array, mass: Array | None, units: Units) -> Array | None:
+    """Hz (6,), NaN where omega^2 is negative or complex."""
+    if mass is None:
+        return None
+    inverse = numerics.invert(mass)
+    if inverse is None:
+        return None
+    squares = np.linalg.eigvals(inverse.matrix @ K)
+    length, force = convert_length(Units(), units)
+    real = np.abs(squares.imag) <= numerics.REPEATED * np.abs(squares)
+    with np.errstate(invalid="ignore"):
+        hertz = np.sqrt(squares.real * length / force) / (2 * np.pi)
+    return np.sort(np.where(real, hertz, np.nan))
+
+
+def _errors(hertz: Array | None, true: Array) -> Array | None:
+    if hertz is None:
+        return None
+    with np.errstate(invalid="ignore", divide="ignore"):
+        if hertz.size == true.size:
+            return hertz / np.sort(true) - 1.0
+        away = np.abs(hertz[:, None] - true)
+        away = np.where(np.isnan(away), np.inf, away)
+        return hertz / true[np.argmin(away, axis=1)] - 1.0
+
+
+def compare(found: Modes, names: Sequence[str] = COMPARED) -> list[Shortcut]:
+    """Frequencies by 6x6 matrices at the tip beside the true ones.
+
+    Parameters
+    ----------
+    found : Modes
+        Of a held posture.
+    names : sequence of str
+        Of `COMPARED`.
+
+    Raises
+    ------
+    UnknownNameError
+        For another name.
+    """
+    for name in names:
+        if name not in COMPARED:
+            raise UnknownNameError("comparison", name, COMPARED)
+    true, result, units = found.frequencies, found.result, found.elastic.units
+    everything, body = mass_at_tip(found), _body(found)
+    answers = []
+    for name in names:
+        if name == "energy":
+            zero = np.zeros_like(true)
+            answers.append(Shortcut(name, true, None, zero, None))
+            continue
+        K = None
+        if result is not None:
+            K = result.tangent if name == "load" else result.matrices[name]
+        if K is None:
+            why = "of an equilibrium only the energy" if result is None else f"no K^{name} here"
+            answers.append(Shortcut(name, None, None, None, None, why))
+            continue
+        carried, alone = (_frequencies(K, m, units) for m in (everything, body))
+        missing = None
+        if carried is None:
+            missing = "the masses as the tip feels them do not exist here"
+        answers.append(
+            Shortcut(name, carried, alone, _errors(carried, true), _errors(alone, true), missing)
+        )
+    return answers

@@ -1,0 +1,155 @@
+"""Sensitivities against differences of frequencies, and shortcuts against what they leave out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.support import loaded_arm
+from tests.vibration.test_modes import LENGTH, M_1, K, column
+
+from cartstiff import analyse, load, modes
+from cartstiff.analysis.tolerances import Parameters, Tolerances
+from cartstiff.errors import InputError, UndefinedError
+from cartstiff.vibration.comparison import compare
+from cartstiff.vibration.sensitivities import intervals, sensitivities
+
+#: Two rounds of central differences.
+DIFFERENCES = 1e-5
+
+
+def _by_differences(result, name, step):
+    """df/dp from frequencies at a neighbouring parameter."""
+    parameters = Parameters(result, Tolerances(1e-3, 1e-3, 1e-3))
+    nominal = parameters.named[name].nominal
+    ends = [modes(parameters.at({name: nominal + s * step})).frequencies for s in (1, -1)]
+    return (ends[0] - ends[1]) / (2 * step)
+
+
+def _arm():
+    arm = loaded_arm("RRPRRR", seed=4)
+    return analyse(arm.elastic, arm.q, wrench=arm.wrench, load_kind="conservative")
+
+
+CASES = {
+    "arm": (_arm, ["stiffness.j3", "placement.j2.x", "placement.j4.ry", "frame.rz"]),
+    "dead moment": (
+        lambda: analyse(load("ur5"), wrench=[20.0, -10.0, 30.0, 50.0, 100.0, -200.0]),
+        ["stiffness.elbow_joint", "placement.wrist_1_joint.z"],
+    ),
+    "platform": (
+        lambda: analyse(_uneven(), wrench=[3.0, 1.0, -2.0, 100.0, -50.0, -2000.0],
+                        load_kind="conservative"),
+        ["stiffness.leg2", "base.leg3.x", "platform.leg5.z"],
+    ),
+    "six legs": (
+        lambda: analyse(load("6-ups"), load_kind="conservative"),
+        ["stiffness.leg2_slide", "placement.leg3_slide.x"],
+    ),
+    "closed chain": (
+        lambda: analyse(load("five-bar"), load_kind="conservative"),
+        ["stiffness.left_motor"],
+    ),
+}  # fmt: skip
+
+
+def _uneven():
+    """A platform without repeated modes."""
+    elastic = load("stewart-simscape")
+    return elastic.with_springs({"leg1": 15e6, "leg2": 17e6, "leg4": 30e6})
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_against_differences(case):
+    make, names = CASES[case]
+    result = make()
+    found = modes(result)
+    known = sensitivities(found)
+    for name in names:
+        k = name.startswith("stiffness")
+        step = 1e-4 * known.values[known.names.index(name)] if k else 1e-5
+        wanted = _by_differences(result, name, step)
+        size = np.abs(wanted).max()
+        # Two frequencies of the six legs are near to each other, and turn into one another.
+        least = 30 * DIFFERENCES if case == "six legs" else DIFFERENCES
+        assert np.abs(known.of(name) - wanted).max() < least * size, name
+    with pytest.raises(InputError, match="unknown parameter"):
+        known.of("stiffness.nothing")
+
+
+def test_masses_against_differences():
+    """A mass more at the tip, where the link's mass is."""
+    elastic = column()
+    known = sensitivities(modes(elastic), geometry=False)
+    h = 1e-5
+    ends = [modes(column(masses=(M_1, 1.25 + s * h))).frequencies for s in (1, -1)]
+    assert known.of("mass.tip") == pytest.approx((ends[0] - ends[1]) / (2 * h), rel=1e-7)
+    platform = sensitivities(modes(_uneven()), geometry=False)
+    base = load("stewart-simscape").mechanism
+    centre = base.mass_centre
+    heavier, lighter = (modes(_uneven().with_payload(m, centre)).frequencies for m in (2e-4, 0.0))
+    slope = (heavier - lighter) / 2e-4
+    assert platform.of("mass.platform") == pytest.approx(slope, rel=1e-3, abs=1e-3)
+
+
+def test_scaling_laws():
+    """All stiffnesses by a factor: f by its root; all masses: by the inverse root."""
+    found = modes(_uneven())
+    known = sensitivities(found, geometry=False)
+    per_share = known.values[:, None] * known.frequencies
+    springs = np.array([name.startswith("stiffness") for name in known.names])
+    assert per_share[springs].sum(axis=0) == pytest.approx(0.5 * found.frequencies, rel=1e-10)
+    # The body's own moments of inertia are no parameter; those of point masses are.
+    one = column(masses=(M_1,), stiffness=(K,))
+    known = sensitivities(modes(one), geometry=False)
+    f = np.sqrt(K / M_1) / (2 * np.pi * LENGTH)
+    assert known.of("mass.tip") == pytest.approx([-0.5 * f / M_1])
+    assert known.of("stiffness.j0") == pytest.approx([0.5 * f / K])
+
+
+def test_repeated_modes_part_as_a_subspace():
+    """A softer leg parts the pair: the slopes are those of the subspace, whatever its basis."""
+    known = sensitivities(modes(load("stewart-simscape")), geometry=False)
+    elastic = load("stewart-simscape")
+    h = 2e3
+    ends = [modes(elastic.with_springs({"leg1": 20e6 + s * h})).frequencies for s in (1, -1)]
+    slopes = (ends[0] - modes(elastic).frequencies) / h
+    assert known.of("stiffness.leg1")[:2] == pytest.approx(slopes[:2], rel=1e-3, abs=1e-9)
+
+
+def test_intervals():
+    found = modes(column(masses=(M_1,), stiffness=(K,)))
+    f = found.frequencies
+    band = intervals(found, Tolerances(stiffness=0.1))
+    assert band.deviations == pytest.approx(0.05 * f)
+    assert band.high - f == pytest.approx(1.959964 * 0.05 * f)
+    # The same deviation as a variance of the compliance.
+    same = intervals(found, compliance_covariance=[[(0.1 / K) ** 2]])
+    assert same.deviations == pytest.approx(band.deviations)
+    with pytest.raises(InputError, match="level"):
+        intervals(found, level=1.0)
+    with pytest.raises(InputError, match="identified springs"):
+        intervals(found, compliance_covariance=[[1.0]], joints=("j7",))
+
+
+def test_shortcuts():
+    """Unloaded, all matrices with all masses are right; under a load only its tangent is."""
+    bare = {s.name: s for s in compare(modes(load("ur5")))}
+    for name in "ABKF":
+        assert np.abs(bare[name].errors).max() < 1e-9
+        assert bare[name].body_errors.max() > 0.5  # the arm's own masses are missing
+    loaded = modes(load("ur5"), wrench=[0, 0, 0, 0, 400.0, -3000.0])
+    found = {s.name: s for s in compare(loaded)}
+    assert np.abs(found["load"].errors).max() < 1e-9
+    assert np.abs(found["K"].errors).max() < 1e-9  # a dead force at the origin
+    assert np.abs(found["F"].errors).max() > 1e-3
+    assert np.abs(found["energy"].errors).max() == 0.0
+    five = {s.name: s for s in compare(modes(load("five-bar")), ("A", "F"))}
+    assert five["F"].missing is not None
+    with pytest.raises(InputError, match="comparison"):
+        compare(loaded, ("X",))
+
+
+def test_flutter_has_no_sensitivities():
+    W = [0.0, 0.0, 0.0, -3.0 * K / LENGTH, 0.0, 0.0]
+    with pytest.raises(UndefinedError, match="flutter"):
+        sensitivities(modes(column(), wrench=W, load_kind="follower"))
