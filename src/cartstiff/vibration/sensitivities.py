@@ -144,12 +144,12 @@ def sensitivities(found: Modes, *, geometry: bool = True) -> Sensitivities:
                     ends.append(_matrices(parameters.at({name: entry.nominal + sign * step})))
             except CartstiffError:
                 continue
-            dK, dM, dC = (
-                None if a is None or b is None else (a - b) / (2 * step)
-                for a, b in zip(*ends, strict=True)
-            )
+            (K_1, M_1, C_1), (K_2, M_2, C_2) = ends
+            per = 1 / (2 * step)
+            dC = None if C_1 is None or C_2 is None else per * (C_1 - C_2)
+            change = _derivative(found, per * (K_1 - K_2), per * (M_1 - M_2), dC)
             names, values = [*names, name], [*values, entry.nominal]
-            rows.append(_derivative(found, dK, dM, dC))
+            rows.append(change)
     squares = np.array(rows).reshape(len(names), -1)
     with np.errstate(divide="ignore", invalid="ignore"):
         f = found.frequencies
@@ -170,7 +170,7 @@ def _matrices(result: PostureStiffness) -> tuple[Array, Array, Array | None]:
     return K, mass, None if closure is None else closure.jacobian
 
 
-def _derivative(found: Modes, dK: Array | None, dM: Array | None, dC: Array | None) -> Array:
+def _derivative(found: Modes, dK: Array, dM: Array, dC: Array | None) -> Array:
     """d(omega^2) (k,) in 1/s^2 for changes of the matrices on all coordinates."""
     length, force = convert_length(Units(), found.elastic.units)
     right, left = found.basis @ found.spectrum.vectors, found.basis @ found.spectrum.left
@@ -179,11 +179,7 @@ def _derivative(found: Modes, dK: Array | None, dM: Array | None, dC: Array | No
     rates = np.empty(squares.size)
     for group in found.groups:
         phi, psi, x = right[:, group], left[:, group], squares[group]
-        form = np.zeros((len(group), len(group)))
-        if dK is not None:
-            form += psi.T @ dK @ phi
-        if dM is not None:
-            form -= (psi.T @ dM @ phi) * x
+        form = psi.T @ dK @ phi - (psi.T @ dM @ phi) * x
         if dC is not None and carried is not None:
             mu_phi, mu_psi = carried[0][:, group], carried[1][:, group]
             form += mu_psi.T @ dC @ phi + (dC @ psi).T @ mu_phi
