@@ -18,6 +18,7 @@ from .loading import load as load
 from .loading.pinocchio_model import from_pinocchio as from_pinocchio
 from .many.postures import Postures as Postures
 from .many.postures import analyse_many as analyse_many
+from .many.single import analyse as analyse
 from .maps.cartesian import CartesianGrid as CartesianGrid
 from .maps.opening import open_map as open_map
 from .maps.pictures import draw_map as draw_map
@@ -48,7 +49,6 @@ from .statics.held import Held as Held
 from .statics.rest import Equilibrium as Equilibrium
 from .statics.toolpath import compensate as compensate
 from .stiffness.compute import PostureStiffness as PostureStiffness
-from .stiffness.compute import analyse as analyse
 from .stiffness.tensor import Compliance as Compliance
 from .stiffness.tensor import StiffnessTensor as StiffnessTensor
 from .toolpaths.optimise import optimise_path as optimise_path

@@ -9,12 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
+import numpy as np
+
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import inverse, norm_squared, skew, zeros
-from cartstiff.many.tape import Scalar, larger, pick
+from cartstiff.many.tape import Scalar, absolute, larger, pick
+from cartstiff.numerics import EPSILON, NEAR, TELLING
 
-__all__ = ["ENGINE", "PLAIN", "UNBALANCED", "connections", "limited", "scaled_inverse",
-           "unsymmetric_part"]  # fmt: skip
+__all__ = ["ENGINE", "PLAIN", "UNBALANCED", "connections", "limited", "noteworthy",
+           "scaled_inverse", "unsymmetric_part"]  # fmt: skip
 
 #: Verdicts on a posture: the numbers stand; the engine decides; no wrench balances it.
 PLAIN, ENGINE, UNBALANCED = 0.0, 1.0, 2.0
@@ -78,6 +81,30 @@ def add_compliances(
             found[output], doubt = scaled_inverse(K, length)
             verdict = larger(verdict, doubt)
     return verdict
+
+
+def noteworthy(
+    squared_condition: Scalar, *pairs: tuple[Array, Array], margin: float = 2.0
+) -> Array:
+    """Two numbers: 1 and more where notes may tell of a near singularity, and of lost digits.
+
+    Bounds on the squared condition of the scaled Jacobian, and on that of matrices which are given
+    with their inverses, each divided by the sizes of the diagonal; with a margin, as the engine
+    finds them in another order, or along other motions.
+    """
+    lost: Scalar = 0.0
+    for matrix, other in pairs:
+        sizes = [absolute(x) for x in matrix.diagonal()]
+        squares: Scalar = 0.0
+        others: Scalar = 0.0
+        for i, row in enumerate(sizes):
+            for j, column in enumerate(sizes):
+                size = row * column
+                squares = squares + matrix[i, j] * matrix[i, j] / size
+                others = others + other[i, j] * other[i, j] * size
+        lost = larger(lost, squares * others * (margin * EPSILON / TELLING) ** 2)
+        lost = larger(lost, squares * 1e-2)  # else other sizes are taken
+    return np.array([squared_condition * (1.01 * NEAR) ** 2, lost], object)
 
 
 def changed_compliance(C: Array, D: Array, length: Scalar) -> tuple[Array, Scalar]:

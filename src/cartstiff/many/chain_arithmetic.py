@@ -54,6 +54,7 @@ from cartstiff.many.arithmetic import (
     changed_compliance,
     connections,
     limited,
+    noteworthy,
     unsymmetric_part,
 )
 from cartstiff.many.chain_twists import ChainConstants, ChainKinematics, Field
@@ -263,6 +264,7 @@ class _Chain:
         limit = self.area * (JACOBIAN_CONDITION / max(length, found.reach)) ** 2
         condition = self.condition((self.J * self.columns).T, (A / self.columns[:, None]).T)
         self.verdict = larger(self.verdict, pick(condition, limit, PLAIN, ENGINE))
+        self.squared_condition = condition
         return A
 
     def condition(self, forward: Array, backward: Array) -> Scalar:
@@ -325,7 +327,8 @@ def _redundant(chain: _Chain) -> tuple[Array, Array]:
     n, columns = chain.n, chain.columns
     Q = reflections((chain.J * columns).T)
     inverse_R = upper_inverse(Q.R)
-    regular = limited(chain.condition(Q.R, inverse_R), JACOBIAN_CONDITION**2)
+    chain.squared_condition = chain.condition(Q.R, inverse_R)
+    regular = limited(chain.squared_condition, JACOBIAN_CONDITION**2)
     W = chain.load()
     balanced: Scalar = PLAIN
     if W is None:
@@ -371,6 +374,7 @@ def _deficient(chain: _Chain) -> Array:
         W = Q.apply(w)
         W[3:] = W[3:] / length
     chain.verdict = larger(chain.verdict, verdict)
+    chain.squared_condition = condition
     return W
 
 
@@ -433,6 +437,13 @@ def chain_program(case: ChainCase, wanted: Collection[str]) -> Program:
     # What does not balance stays so, whatever its stiffness would be.
     both = larger(chain.verdict, verdict)
     found["verdict"] = np.array([pick(chain.verdict, 1.5, both, chain.verdict)], object)
+    if "noteworthy" in wanted and stiffness and "compliance_B" in found:
+        H = chain.lagrangian(W)
+        L, inverses, _ = positive_factor(H)
+        softness = congruence(below(L, np.eye(n)), np.diag(inverses))
+        pairs = (H, softness), (stiffness["B"], found["compliance_B"])
+        margin = 2.0 if n == 6 else 100.0
+        found["noteworthy"] = noteworthy(chain.squared_condition, *pairs, margin=margin)
     outputs = {name: found[name] for name in (*wanted, "verdict") if name in found}
     shared = ["stiffness", "rest", "forces"] + (["wrench"] if case.wrench == "shared" else [])
     return tape.program(outputs, shared)

@@ -37,6 +37,7 @@ from cartstiff.many.arithmetic import (
     add_compliances,
     connections,
     limited,
+    noteworthy,
 )
 from cartstiff.many.tape import Program, Scalar, Tape, cosine, larger, pick, sine, square_root
 
@@ -161,6 +162,7 @@ def platform_program(case: PlatformCase, wanted: Collection[str]) -> Program:
 
     found: dict[str, Array] = {}
     decomposition, inverse_R = None, zeros(6, 6)
+    squared_condition: Scalar = 0.0
     if m >= 6:
         decomposition = reflections(lines)
         inverse_R = upper_inverse(decomposition.R)
@@ -170,7 +172,8 @@ def platform_program(case: PlatformCase, wanted: Collection[str]) -> Program:
         inverse_norm = norm_squared(inverse_R[:3]) + norm_squared(
             inverse_R[3:] * (1.0 / case.length)
         )
-        verdict = larger(verdict, limited(R_norm * inverse_norm, JACOBIAN_CONDITION**2))
+        squared_condition = R_norm * inverse_norm
+        verdict = larger(verdict, limited(squared_condition, JACOBIAN_CONDITION**2))
     # Tensions and stretches of the lines, and the wrench.
     taut = k
     W: Array | None = None
@@ -220,6 +223,8 @@ def platform_program(case: PlatformCase, wanted: Collection[str]) -> Program:
     found.update({f"stiffness_{name}": K for name, K in stiffness.items()})
     verdict = larger(verdict, add_compliances(found, stiffness, wanted, case.length))
     found["verdict"] = np.array([verdict], object)
+    if "noteworthy" in wanted and decomposition is not None and "compliance_B" in found:
+        found["noteworthy"] = noteworthy(squared_condition, (K_B, found["compliance_B"]))
     outputs = {name: found[name] for name in (*wanted, "verdict") if name in found}
     shared = ["stiffness", "rest", "forces"] + (["wrench"] if case.wrench == "shared" else [])
     return tape.program(outputs, shared)

@@ -56,7 +56,7 @@ def _compiled_kernel(case: Case, names: tuple[str, ...]) -> Any:
 
 
 @lru_cache(maxsize=8)
-def _has(package: str) -> bool:
+def has_package(package: str) -> bool:
     return find_spec(package) is not None
 
 
@@ -78,7 +78,7 @@ def chosen(
     ordered = tuple(name for name in OUTPUTS if name in names)
     if path == "portable":
         return found, _portable_kernel(found.case, ordered), "asked for"
-    if not _has("llvmlite"):
+    if not has_package("llvmlite"):
         error = MissingDependencyError("llvmlite", "the compiled path", "maps")
         if path == "compiled":
             raise error
@@ -104,7 +104,7 @@ def lasting_path(
     if isinstance(found, str):
         return "engine"
     ordered = tuple(name for name in OUTPUTS if name in recorded(names))
-    compiles = _has("llvmlite") and count >= WORTH_COMPILING
+    compiles = has_package("llvmlite") and count >= WORTH_COMPILING
     if compiles and program_for(found.case, ordered).size <= LARGEST_PROGRAM:
         return "compiled"
     return "portable"

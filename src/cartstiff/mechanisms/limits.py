@@ -3,12 +3,13 @@ r"""What is within limits: decided here, for joints and for the legs of platform
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
+from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.mechanisms.elastic import Note
 from cartstiff.mechanisms.platform import Platform
 
@@ -20,6 +21,15 @@ _SLACK = 1e-13
 # degrees.
 _TURN = 2.0 * np.pi
 _DEGREES = ". Degrees? Angles are in radians"
+
+
+class _Placed(Protocol):
+    """Coordinates and pose of M: all that limits depend on."""
+
+    @property
+    def q(self) -> Array: ...
+    @property
+    def pose(self) -> Array: ...
 
 
 class Limits:
@@ -58,6 +68,7 @@ class Limits:
         self.names = tuple(names[j] for j in self.columns)
         self.lower = pairs[self.columns, 0]
         self.upper = pairs[self.columns, 1]
+        self._each = [(int(j), *map(float, pairs[j])) for j in self.columns]
 
     def __len__(self) -> int:
         return len(self.names)
@@ -69,6 +80,14 @@ class Limits:
         ends = self.legs.points[self.columns] @ pose[..., :3, :3].swapaxes(-1, -2)
         lines = ends + pose[..., None, :3, 3] - self.legs.anchors[self.columns]
         return np.asarray(np.linalg.norm(lines, axis=-1))
+
+    def holds(self, q: Array, pose: Array) -> bool:
+        """Whether everything is within its limits at one posture, to the last digit."""
+        if self.legs is not None:
+            values = self.values(q, pose).tolist()
+            return all(lo <= x <= hi for x, (_, lo, hi) in zip(values, self._each, strict=True))
+        known = q.tolist()  # a few numbers are compared sooner than arrays
+        return all(lo <= known[j] <= hi for j, lo, hi in self._each)
 
     def side(self, values: Array, sizes: Array | float = 1.0) -> Array:
         """-1 where a quantity (..., m) is below its limit, 1 above, 0 within (to rounding)."""
@@ -98,7 +117,7 @@ def finite(numbers: Mapping[str, float]) -> dict[str, float | None]:
     return {name: x if np.isfinite(x) else None for name, x in numbers.items()}
 
 
-def limit_notes(mechanism: Mechanism, posture: MechanismPosture, what: str = "") -> list[Note]:
+def limit_notes(mechanism: Mechanism, posture: _Placed, what: str = "") -> list[Note]:
     """Notes of what is beyond its limits at a posture, and of angles that look like degrees.
 
     Parameters
@@ -106,22 +125,23 @@ def limit_notes(mechanism: Mechanism, posture: MechanismPosture, what: str = "")
     mechanism : Mechanism
         The mechanism.
     posture : MechanismPosture
-        At its coordinates.
+        At its coordinates; anything with `q` and `pose`.
     what : str
         Words before the message: which posture is meant.
     """
     limits = _limits_of(mechanism)
-    values = limits.values(posture.q, posture.pose)
     turned: dict[str, float] = {}
-    if limits.legs is None and np.abs(posture.q).max(initial=0.0) > 2.0 * _TURN:
+    farthest = max(map(abs, posture.q.tolist()), default=0.0)
+    if limits.legs is None and farthest > 2.0 * _TURN:
         turned = {
             c.name: x
             for c, x in zip(mechanism.coordinates, posture.q.tolist(), strict=True)
             if c.type == "revolute" and abs(x) > 2.0 * _TURN and c.name not in limits.names
         }
-    if not turned and not (values < limits.lower).any() and not (values > limits.upper).any():
+    if not turned and limits.holds(posture.q, posture.pose):
         return []
     notes = []
+    values = limits.values(posture.q, posture.pose)
     sides = limits.side(values)
     if sides.any():
         angles = {c.name: c.type == "revolute" for c in mechanism.coordinates}

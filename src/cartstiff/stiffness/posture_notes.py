@@ -12,7 +12,7 @@ from cartstiff.mechanisms.limits import limit_notes
 from cartstiff.mechanisms.weighed import weighed
 from cartstiff.stiffness.reduction import Reduction
 
-__all__ = ["notes_on_digits", "notes_on_posture"]
+__all__ = ["near_serial", "near_type_2", "notes_on_digits", "notes_on_posture"]
 
 
 def notes_on_posture(
@@ -22,7 +22,8 @@ def notes_on_posture(
     return (
         *elastic.notes,
         *(Note(*state) for state in reduction.states),
-        *_near_singular(posture, reduction),
+        *(near_serial(posture, reduction.singular_values) if reduction.rank == 6 else ()),
+        *near_type_2(posture, reduction.motions),
         *elastic.remarks(posture),
         *limit_notes(elastic.mechanism, posture),
         *weighed(elastic).notes,
@@ -95,41 +96,45 @@ def _error_of_soft_directions(K: Array, C: Array) -> float:
     return numerics.EPSILON * float(numerics.pair_conditions(K[None], C[None])[0])
 
 
-def _near_singular(posture: MechanismPosture, reduction: Reduction) -> list[Note]:
-    """Warnings where a Jacobian has lost rank or is about to."""
-    notes = []
-    values = reduction.singular_values
-    if reduction.rank == 6 and values[5] < numerics.NEAR * values[0]:
-        notes.append(
-            Note(
-                "near-serial-singularity",
-                f"the end-effector hardly moves in one direction: smallest over largest singular "
-                f"value {values[5] / values[0]:.2g}",
-                {"singular_values": values.tolist(), "characteristic_length": posture.length},
-            )
+def near_serial(posture: MechanismPosture, values: Array) -> list[Note]:
+    """A warning where six singular values of the scaled Jacobian tell that it is near to losing."""
+    if not values[5] < numerics.NEAR * values[0]:
+        return []
+    return [
+        Note(
+            "near-serial-singularity",
+            f"the end-effector hardly moves in one direction: smallest over largest singular "
+            f"value {values[5] / values[0]:.2g}",
+            {"singular_values": values.tolist(), "characteristic_length": posture.length},
         )
-    if posture.actuation is not None:
-        rates = posture.actuation * posture.coordinate_lengths
-        if reduction.motions is not None:
-            rates = rates @ reduction.motions
-        values = np.linalg.svd(rates, compute_uv=False)
-        if len(values) == rates.shape[1] and values[-1] < numerics.NEAR * values[0]:
-            motions = np.linalg.svd(rates)[2]
-            if reduction.motions is not None:
-                motions = motions @ reduction.motions.T
-            lost = int(np.sum(values <= numerics.RANK * values[0]))
-            weak = lost or int(np.sum(values < numerics.NEAR * values[0]))
-            notes.append(
-                Note(
-                    "type-2-singularity" if lost else "near-type-2-singularity",
-                    f"the actuators {'do not' if lost else 'hardly'} hold the mechanism in {weak} "
-                    f"direction(s): smallest over largest singular value "
-                    f"{values[-1] / values[0]:.2g}",
-                    {
-                        "singular_values": values.tolist(),
-                        "characteristic_length": posture.length,
-                        "directions": (motions[-weak:] * posture.coordinate_lengths).tolist(),
-                    },
-                )
-            )
-    return notes
+    ]
+
+
+def near_type_2(posture: MechanismPosture, free: Array | None = None) -> list[Note]:
+    """A warning where the actuators do not hold the free motions (n, f), or hardly."""
+    if posture.actuation is None:
+        return []
+    rates = posture.actuation * posture.coordinate_lengths
+    if free is not None:
+        rates = rates @ free
+    values = np.linalg.svd(rates, compute_uv=False)
+    if len(values) < rates.shape[1] or not values[-1] < numerics.NEAR * values[0]:
+        return []
+    motions = np.linalg.svd(rates)[2]
+    if free is not None:
+        motions = motions @ free.T
+    lost = int(np.sum(values <= numerics.RANK * values[0]))
+    weak = lost or int(np.sum(values < numerics.NEAR * values[0]))
+    return [
+        Note(
+            "type-2-singularity" if lost else "near-type-2-singularity",
+            f"the actuators {'do not' if lost else 'hardly'} hold the mechanism in {weak} "
+            f"direction(s): smallest over largest singular value "
+            f"{values[-1] / values[0]:.2g}",
+            {
+                "singular_values": values.tolist(),
+                "characteristic_length": posture.length,
+                "directions": (motions[-weak:] * posture.coordinate_lengths).tolist(),
+            },
+        )
+    ]

@@ -29,11 +29,12 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.potentials.contract import Evaluation, Map
 from cartstiff.stiffness.closures import State, decompose, irregular
 from cartstiff.stiffness.free_motions import FreeMotions
 
-__all__ = ["Reduction", "State", "reduce_to"]
+__all__ = ["Reduction", "State", "reduce_to", "scaled_values"]
 
 
 @dataclass(frozen=True)
@@ -129,6 +130,13 @@ def reduce_to(
         if result is not None:
             return result
     return _general(output, energy, closure, rows, coordinate_lengths, force, what)
+
+
+def scaled_values(posture: MechanismPosture) -> Array:
+    """Singular values of the length-scaled Jacobian of a posture."""
+    rows = np.repeat([1.0, 1 / posture.length], 3)
+    scaled = posture.motion.jacobian * rows[:, None] * posture.coordinate_lengths
+    return np.linalg.svd(scaled, compute_uv=False)
 
 
 def _norm(array: Array) -> float:

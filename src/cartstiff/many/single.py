@@ -1,0 +1,303 @@
+"""One posture at a time by machine code, where a mechanism is asked for again and again.
+
+The first questions to a mechanism go to the engine. From `_OFTEN` on machine code is made beside
+them; once it is there it answers where it finds a posture plainly regular. What it does not compute
+is asked of the engine when it is read: every answer is the engine's, to rounding.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import weakref
+from collections.abc import Mapping
+from copy import copy
+from dataclasses import replace
+from functools import cached_property, wraps
+from itertools import zip_longest
+from threading import Thread, main_thread
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff import numerics
+from cartstiff.arrays import NamedArrays, checked_vector
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.contract import MechanismPosture
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.limits import limit_notes
+from cartstiff.mechanisms.weighed import weighed
+from cartstiff.potentials.contract import Evaluation, Potential
+from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.stiffness import compute
+from cartstiff.stiffness.posture import DEAD_AT_ORIGIN, PostureStiffness
+from cartstiff.stiffness.posture_notes import near_serial, near_type_2
+from cartstiff.stiffness.reduction import Reduction, scaled_values
+
+__all__ = ["analyse"]
+
+#: Questions to a mechanism from which on machine code is made: as long as some 2000 of them takes
+#: the making, beside the work.
+_OFTEN = 200
+_NAMES = ("pose", "jacobian", "wrench", "energy",
+          *(f"{kind}_{c}" for kind in ("stiffness", "compliance") for c in "ABKF"),
+          "verdict", "noteworthy")  # fmt: skip
+
+
+class QuickPosture(PostureStiffness):
+    """A posture whose numbers machine code has found; the engine is asked for everything else."""
+
+    def __init__(
+        self, code: _Code, asked: ElasticMechanism, q: Array, given: Array | None, record: Array
+    ) -> None:
+        record.flags.writeable = False
+        vars(self).update(
+            q=q, load=DEAD_AT_ORIGIN, _load_is_given=given is not None and any(given.tolist()),
+            _code=code, _asked=asked, _given=given, _record=record,
+        )  # fmt: skip
+
+    _code: _Code
+    _asked: ElasticMechanism
+    _given: Array | None
+    _record: Array
+
+    def __reduce__(self) -> Any:
+        """Between processes it is the engine's answer that goes."""
+        return copy, (self._engine,)
+
+    @cached_property
+    def _engine(self) -> PostureStiffness:
+        return compute.analyse(self._asked, self.q, wrench=self._given)
+
+    @cached_property
+    def elastic(self) -> ElasticMechanism:
+        """The mechanism with the rest positions that were used."""
+        return self._engine.elastic
+
+    @cached_property
+    def posture(self) -> MechanismPosture:
+        """Kinematics at q."""
+        return self._asked.mechanism.at(self.q)
+
+    @cached_property
+    def evaluation(self) -> Evaluation:
+        """Energy, gradient, Hessian in the coordinates."""
+        return self._engine.evaluation
+
+    @cached_property
+    def reduction(self) -> Reduction:
+        """The reduction to the end-effector."""
+        return self._engine.reduction
+
+    @property
+    def pose(self) -> Array:
+        """``T_F_M`` (4, 4)."""
+        return self._record[self._code.pose].reshape(4, 4)
+
+    @property
+    def wrench(self) -> Array:
+        """W = dPhi in the body frame."""
+        return self._record[self._code.wrench]
+
+    @property
+    def energy(self) -> float:
+        """Potential energy of all that acts: springs, gravity, and loads added as potentials."""
+        return float(self._record[self._code.energy])
+
+    @property
+    def stored_energy(self) -> float:
+        """Energy of springs and other potentials, without that of gravity and of loads."""
+        return self.energy if self._code.is_inner else self._engine.stored_energy
+
+    @property
+    def jacobian(self) -> Array | None:
+        """Body Jacobian of the joint coordinates; for a platform d(pose)/d(leg lengths)."""
+        place = self._code.jacobian
+        return None if place is None else self._record[place].reshape(6, -1)
+
+    @cached_property
+    def matrices(self) -> Mapping[str, Array | None]:
+        """K^A, K^B, K^K, K^F as arrays (6, 6), None where one does not exist."""
+        return self._named(self._code.matrices)
+
+    @cached_property
+    def compliances(self) -> Mapping[str, Array | None]:
+        """Inverses of `matrices`, found without them."""
+        return self._named(self._code.compliances)
+
+    def _named(self, place: slice) -> NamedArrays:
+        each = self._record[place].reshape(-1, 6, 6)
+        return NamedArrays(dict(zip_longest("ABKF", each)))
+
+    @cached_property
+    def tangent(self) -> Array | None:
+        """K^load (6, 6), as in `PostureStiffness`."""
+        K = self.matrices["B"]
+        return None if K is None else K + self.change_by_load
+
+    @cached_property
+    def tangent_compliance(self) -> Array | None:
+        """Inverse of `tangent`."""
+        C, change = self.compliances["B"], self.change_by_load
+        if C is None or not change.any():
+            return C
+        found, is_plain = numerics.inverses_of_sums(C[None], change[None])
+        return found[0] if is_plain[0] else self._engine.tangent_compliance
+
+    @cached_property
+    def notes(self) -> tuple[Note, ...]:
+        """What was assumed, and why something does not exist."""
+        if not self._record[self._code.digits] < 1.0:
+            return self._engine.notes
+        return (*self.notes_on_posture, *self._code.notes_on_chart)
+
+    @cached_property
+    def notes_on_posture(self) -> tuple[Note, ...]:
+        """The `notes` without those on matrices."""
+        mechanism, near = self._asked.mechanism, list[Note]()
+        if not self._record[self._code.near] < 1.0:
+            near = near_type_2(self.posture)
+            if not self.posture.coordinates_are_pose:
+                near += near_serial(self.posture, scaled_values(self.posture))
+        return (
+            *self._asked.notes, *near, *limit_notes(mechanism, self), *self._code.notes_on_weight,
+        )  # fmt: skip
+
+
+class _Code:
+    """Machine code for a mechanism under a wrench, or under none, and memory for it to work in."""
+
+    def __init__(self, elastic: ElasticMechanism, case: Any, shared: Mapping[str, Array]) -> None:
+        from cartstiff.many.compiled import CompiledKernel
+        from cartstiff.many.plans import program_for
+
+        program = program_for(case, _NAMES)
+        steps, at = list[int](), dict[str, slice]()
+        for name, own in program.outputs.items():
+            at[name] = slice(len(steps), len(steps) + len(own))
+            steps += own
+        steps += steps[-1:] * (len(steps) % 2)  # records are written by pairs
+        self.pose, self.wrench, self.jacobian = at["pose"], at["wrench"], at.get("jacobian")
+        self.matrices, self.compliances = (
+            slice(at[f"{kind}_A"].start, at[f"{kind}_{'F' if f'{kind}_F' in at else 'K'}"].stop)
+            for kind in ("stiffness", "compliance")
+        )
+        self.energy, self._verdict = at["energy"].start, at["verdict"].start
+        self.near, self.digits = at["noteworthy"].start, at["noteworthy"].start + 1
+        self.is_inner = elastic.inner_terms() is None
+        self._shared = {name: np.ascontiguousarray(rows) for name, rows in shared.items()}
+        self._kernel = CompiledKernel(replace(program, outputs={"record": tuple(steps)}), width=2)
+        self._entry = self._kernel.entry(False)
+        self._free: list[_Memory] = []
+        self._n = len(elastic.mechanism.coordinates)
+        chart = elastic.mechanism.at(elastic.q).chart()
+        self.notes_on_chart = (Note("no-chart", chart),) if isinstance(chart, str) else ()
+        self.notes_on_weight = tuple(weighed(elastic).notes)
+
+    def record(self, q: Array, wrench: Array | None) -> Array | None:
+        """All numbers of a posture; None where it is not plainly regular."""
+        try:
+            memory = self._free.pop()
+        except IndexError:
+            memory = _Memory(self._kernel, self._n, self._shared)
+        memory.q[:] = q
+        if wrench is not None:
+            memory.wrench[:] = wrench
+        memory.progress[:] = [0, 0]
+        self._entry(*memory.arguments)
+        found = memory.record.copy() if memory.record[self._verdict] == 0.0 else None
+        self._free.append(memory)
+        return found
+
+
+class _Memory:
+    """What one call reads and writes; as many are made as are used at the same time."""
+
+    def __init__(self, kernel: Any, n: int, shared: Mapping[str, Array]) -> None:
+        from cartstiff.many.given import address_of, aligned_empty
+
+        program = kernel.program
+        self.q, self.wrench = np.empty((kernel.block, n)), np.empty((1, 6))
+        written = aligned_empty(kernel.block, len(program.outputs["record"]))
+        scratch = aligned_empty(kernel.scratch)
+        scratch[:] = 0.0
+        self.record = written[0]
+        self.progress = (ctypes.c_int64 * 2)()
+        inputs = {**shared, "q": self.q, "wrench": self.wrench}
+        read = [address_of(inputs[name]) for name in kernel.arrays]
+        self.arguments = (
+            1, (ctypes.c_void_p * len(read))(*read),
+            (ctypes.c_void_p * 1)(address_of(written)), address_of(scratch), self.progress,
+        )  # fmt: skip
+        self._held = inputs, written, scratch
+
+
+class _Asked:
+    """How often a mechanism was asked for, and its machine code once there is any."""
+
+    def __init__(self, elastic: ElasticMechanism, key: tuple[int, bool]) -> None:
+        self.elastic = weakref.ref(elastic, lambda _: _known.pop(key, None))
+        self.count = 0
+        self.code: _Code | None = None
+
+    def again(self, loaded: bool) -> None:
+        """One more question; the code is made beside it where it pays."""
+        self.count += 1
+        if self.count == _OFTEN:
+            Thread(target=self._make, args=(loaded,), name="cartstiff-code").start()
+
+    def _make(self, loaded: bool) -> None:
+        from cartstiff.many.plans import plan, program_for
+        from cartstiff.many.running import LARGEST_PROGRAM, has_package
+
+        elastic = self.elastic()
+        if elastic is None or not has_package("llvmlite") or not _is_plain(elastic, loaded):
+            return
+        found = plan(elastic, "shared" if loaded else "none")
+        if isinstance(found, str) or found.regular != "regular" or found.has_derivatives:
+            return
+        program = program_for(found.case, _NAMES)
+        waited_for = main_thread().is_alive()
+        if "noteworthy" in program.outputs and program.size <= LARGEST_PROGRAM and waited_for:
+            self.code = _Code(elastic, found.case, found.shared)
+
+
+def _is_plain(elastic: ElasticMechanism, loaded: bool) -> bool:
+    """Whether nothing of it can change, and no energy has a remark on a posture."""
+    if elastic.gravity is not None and elastic.gravity.flags.writeable:
+        return False
+    return (elastic.springs is not None or not loaded) and all(
+        type(term).remarks is Potential.remarks
+        or (isinstance(term, LineSprings) and not term.unilateral)
+        for term in elastic.terms()
+    )
+
+
+_known: dict[tuple[int, bool], _Asked] = {}
+
+
+@wraps(compute.analyse)
+def analyse(  # noqa: D103
+    elastic: ElasticMechanism,
+    q: ArrayLike | Mapping[str, float] | None = None,
+    *,
+    wrench: ArrayLike | None = None,
+    **load: Any,
+) -> PostureStiffness:
+    # What it says about itself is what `compute.analyse` says.
+    if load or isinstance(q, Mapping):
+        return compute.analyse(elastic, q, wrench=wrench, **load)
+    key = id(elastic), wrench is not None
+    asked = _known.get(key)
+    if asked is None:
+        asked = _known[key] = _Asked(elastic, key)
+    code = asked.code
+    if code is None:
+        asked.again(wrench is not None)
+        return compute.analyse(elastic, q, wrench=wrench)
+    values = elastic.mechanism.checked(elastic.q if q is None else q)
+    given = None if wrench is None else checked_vector(wrench, 6, "wrench")
+    record = code.record(values, given)
+    if record is None:
+        return compute.analyse(elastic, values, wrench=given)
+    return QuickPosture(code, elastic, values, given, record)

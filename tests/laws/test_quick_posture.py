@@ -1,0 +1,136 @@
+"""One posture by machine code is one posture by the engine: numbers, notes, errors, processes."""
+
+from __future__ import annotations
+
+import pickle
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import cartstiff
+from cartstiff.errors import InputError
+from cartstiff.many import single
+from cartstiff.stiffness import compute
+
+pytest.importorskip("llvmlite")
+
+WRENCH = np.array([4.0, -3.0, 2.0, 20.0, 30.0, -40.0])
+# The same formulas in another order; the worst of these postures has a condition of some 1e3.
+SAME = 1e-11
+
+
+def asked_often(elastic, wrench=None):
+    """Ask until there is machine code, as somebody would who sweeps over postures."""
+    for _ in range(single._OFTEN):
+        cartstiff.analyse(elastic, wrench=wrench)
+    for thread in threading.enumerate():
+        if thread.name == "cartstiff-code":
+            thread.join()
+
+
+def assert_same(a, b):
+    if b is None:
+        assert a is None
+    else:
+        assert np.abs(a - b).max() <= SAME * np.abs(b).max()
+
+
+@pytest.mark.parametrize(
+    ("name", "wrench", "spread", "quick"),
+    [
+        ("ur5", None, 0.4, 20),
+        ("ur5", WRENCH, 1.5, 15),
+        ("panda", WRENCH, 0.4, 15),
+        ("hexapod", None, 0.02, 20),
+        ("stewart-gough", None, 0.2, 20),  # near a type-2 singularity everywhere
+        ("cable-robot", None, 0.01, 0),  # slack cables are remarked on
+        ("xarm7", None, 2.0, 5),
+    ],
+)
+def test_every_answer_is_the_engines(name, wrench, spread, quick):
+    elastic = cartstiff.load(name)
+    asked_often(elastic, wrench)
+    rng = np.random.default_rng(3)
+    found = 0
+    for _ in range(20):
+        q = elastic.q + rng.uniform(-spread, spread, len(elastic.q))
+        ours = cartstiff.analyse(elastic, q, wrench=wrench)
+        engine = compute.analyse(elastic, q, wrench=wrench)
+        found += isinstance(ours, single.QuickPosture)
+        assert [n.code for n in ours.notes] == [n.code for n in engine.notes]
+        assert [n.code for n in ours.notes_on_posture] == [n.code for n in engine.notes_on_posture]
+        for c in "ABKF":
+            if engine.matrices[c] is not None:
+                assert_same(ours.matrices[c], engine.matrices[c])
+            if engine.compliances[c] is not None:
+                assert_same(ours.compliances[c], engine.compliances[c])
+        assert_same(ours.pose, engine.pose)
+        assert np.abs(ours.wrench - engine.wrench).max() <= SAME * (1 + np.abs(engine.wrench).max())
+        assert ours.energy == pytest.approx(engine.energy, rel=SAME, abs=1e-15)
+        assert ours.stored_energy == pytest.approx(engine.stored_energy, rel=SAME, abs=1e-15)
+        if engine.jacobian is not None:
+            assert_same(ours.jacobian, engine.jacobian)
+        if engine.tangent is not None and engine.tangent_compliance is not None:
+            assert_same(ours.tangent, engine.tangent)
+            assert_same(ours.tangent_compliance, engine.tangent_compliance)
+        assert ours.is_loaded == engine.is_loaded
+        assert ours.as_dict().keys() == engine.as_dict().keys()
+    assert found >= quick
+
+
+@pytest.fixture(scope="module")
+def arm():
+    elastic = cartstiff.load("ur5")
+    asked_often(elastic)
+    return elastic
+
+
+@pytest.mark.parametrize("bend", [0.0, 1e-12, 1e-9, 1e-6, 1e-3, 0.05, 0.3])
+def test_near_singularities_the_notes_are_the_engines(arm, bend):
+    q = arm.q.copy()
+    q[2] = bend  # the elbow straight
+    ours, engine = cartstiff.analyse(arm, q), compute.analyse(arm, q)
+    assert [n.as_dict().keys() for n in ours.notes] == [n.as_dict().keys() for n in engine.notes]
+    assert [n.code for n in ours.notes] == [n.code for n in engine.notes]
+
+
+def test_beyond_limits_it_says_so(arm):
+    q = arm.q.copy()
+    q[0] = 20.0
+    ours = cartstiff.analyse(arm, q)
+    assert isinstance(ours, single.QuickPosture)
+    assert ours.notes == compute.analyse(arm, q).notes
+    assert "beyond-limits" in {n.code for n in ours.notes}
+
+
+def test_refusals_and_what_is_not_computed_are_the_engines(arm):
+    with pytest.raises(InputError, match="wrong count"):
+        cartstiff.analyse(arm, [0.0] * 5)
+    with pytest.raises(InputError, match="finite"):
+        cartstiff.analyse(arm, [np.nan] * 6)
+    ours = cartstiff.analyse(arm)
+    assert isinstance(ours, single.QuickPosture)
+    engine = compute.analyse(arm)
+    assert ours.reduction.rank == 6
+    assert np.array_equal(ours.elastic.springs.rest, engine.elastic.springs.rest)
+    assert repr(ours) == repr(engine)
+    assert np.allclose(ours.B.matrix, engine.B.matrix, rtol=SAME)
+    assert isinstance(cartstiff.analyse(arm, strict=True), compute.PostureStiffness)
+
+
+def test_between_processes_goes_the_engines_answer(arm):
+    ours = cartstiff.analyse(arm)
+    again = pickle.loads(pickle.dumps(ours))
+    assert type(again) is compute.PostureStiffness
+    assert np.allclose(again.matrices["B"], ours.matrices["B"], rtol=SAME)
+
+
+def test_what_may_change_is_left_to_the_engine():
+    field = np.array([0.0, 0.0, -9.81])
+    elastic = replace(cartstiff.load("ur5"), gravity=field)
+    asked_often(elastic)
+    before = cartstiff.analyse(elastic).energy
+    field *= 2.0
+    assert cartstiff.analyse(elastic).energy != before
