@@ -290,7 +290,7 @@ class TestWaysToRun:
     def test_without_llvmlite(self, monkeypatch):
         from cartstiff.errors import MissingDependencyError
 
-        monkeypatch.setattr(running, "_has", lambda _: False)
+        monkeypatch.setattr(running, "has_package", lambda _: False)
         elastic, q, _, _ = ur5()
         found = analyse_many(elastic, q)
         assert found.path == "portable"

@@ -57,6 +57,7 @@ def _compiled_kernel(case: Case, names: tuple[str, ...]) -> Any:
 
 @lru_cache(maxsize=8)
 def has_package(package: str) -> bool:
+    """Whether a package is installed."""
     return find_spec(package) is not None
 
 

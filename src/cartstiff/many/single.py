@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import ctypes
 import weakref
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import replace
 from functools import cached_property, wraps
 from itertools import zip_longest
 from threading import Thread, main_thread
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,7 +34,9 @@ from cartstiff.stiffness.posture import DEAD_AT_ORIGIN, PostureStiffness
 from cartstiff.stiffness.posture_notes import near_serial, near_type_2
 from cartstiff.stiffness.reduction import Reduction, scaled_values
 
-__all__ = ["analyse"]
+__all__ = ["QuickPosture", "analyse"]
+
+Ask = TypeVar("Ask", bound=Callable[..., PostureStiffness])
 
 #: Questions to a mechanism from which on machine code is made: as long as some 2000 of them takes
 #: the making, beside the work.
@@ -276,28 +278,34 @@ def _is_plain(elastic: ElasticMechanism, loaded: bool) -> bool:
 _known: dict[tuple[int, bool], _Asked] = {}
 
 
-@wraps(compute.analyse)
-def analyse(  # noqa: D103
-    elastic: ElasticMechanism,
-    q: ArrayLike | Mapping[str, float] | None = None,
-    *,
-    wrench: ArrayLike | None = None,
-    **load: Any,
-) -> PostureStiffness:
-    # What it says about itself is what `compute.analyse` says.
-    if load or isinstance(q, Mapping):
-        return compute.analyse(elastic, q, wrench=wrench, **load)
-    key = id(elastic), wrench is not None
-    asked = _known.get(key)
-    if asked is None:
-        asked = _known[key] = _Asked(elastic, key)
-    code = asked.code
-    if code is None:
-        asked.again(wrench is not None)
-        return compute.analyse(elastic, q, wrench=wrench)
-    values = elastic.mechanism.checked(elastic.q if q is None else q)
-    given = None if wrench is None else checked_vector(wrench, 6, "wrench")
-    record = code.record(values, given)
-    if record is None:
-        return compute.analyse(elastic, values, wrench=given)
-    return QuickPosture(code, elastic, values, given, record)
+def _quicker(engine: Ask) -> Ask:
+    """`analyse` with the same arguments and words about itself."""
+
+    @wraps(engine)
+    def analyse(
+        elastic: ElasticMechanism,
+        q: ArrayLike | Mapping[str, float] | None = None,
+        *,
+        wrench: ArrayLike | None = None,
+        **load: Any,
+    ) -> PostureStiffness:
+        if load or isinstance(q, Mapping):
+            return engine(elastic, q, wrench=wrench, **load)
+        key = id(elastic), wrench is not None
+        asked = _known.get(key)
+        if asked is None:
+            asked = _known[key] = _Asked(elastic, key)
+        if (code := asked.code) is None:
+            asked.again(wrench is not None)
+            return engine(elastic, q, wrench=wrench)
+        values = elastic.mechanism.checked(elastic.q if q is None else q)
+        given = None if wrench is None else checked_vector(wrench, 6, "wrench")
+        record = code.record(values, given)
+        if record is None:
+            return engine(elastic, values, wrench=given)
+        return QuickPosture(code, elastic, values, given, record)
+
+    return cast(Ask, analyse)
+
+
+analyse = _quicker(compute.analyse)
