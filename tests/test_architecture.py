@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -93,6 +94,16 @@ def test_imports_point_one_way(part, path):
             continue
         allowed = LEVEL[other] < LEVEL[part]
         assert allowed, f"{path.name}:{line}: {part} must not import {other}"
+
+
+def test_files_named_on_the_page_exist():
+    page = (PACKAGE.parents[1] / "docs" / "architecture.md").read_text(encoding="utf-8")
+    named = re.findall(r"`((?:\w+/)*\w+\.py)`", page)
+    roots = (PACKAGE, PACKAGE.parents[1])
+    assert len(named) > 40
+    assert not [name for name in named if not any((root / name).exists() for root in roots)]
+    steps = page.partition("in this order")[2].partition("## Where")[0]
+    assert len(re.findall(r"^\d+\. `[\w/]+\.py`: \S", steps, re.MULTILINE)) == 24
 
 
 @FILES

@@ -120,15 +120,12 @@ class _Request:
 
     def mechanism(self, name: str, frame: str | None) -> Any:
         """The mechanism that was, or is to be, measured."""
-        from dataclasses import replace
-
         from cartstiff.loading import load
-        from cartstiff.loading.parts import gravity_of
 
         elastic = load(name, frame=frame)
         if self.gravity is None:
             return elastic
-        return replace(elastic, gravity=gravity_of(self.gravity, "--gravity", elastic.units))
+        return elastic.with_gravity(self.gravity, where="--gravity")
 
 
 @click.command(name="identify", epilog=_EPILOG)

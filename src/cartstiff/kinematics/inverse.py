@@ -15,7 +15,7 @@ from cartstiff.kinematics.branches import Branches, Search
 from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.kinematics.legs import legs_of, searched, working_modes
 from cartstiff.kinematics.platform_poses import Free, PlatformPoses
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.platform import Platform
 
 __all__ = ["Free", "inverse_kinematics"]
@@ -103,7 +103,7 @@ def inverse_kinematics(
     for index, T in enumerate(wanted):
         if not is_pose(T):
             raise InputError(f"pose {index + 1} is not a rigid motion", got=T.tolist())
-    if isinstance(elastic.mechanism, Platform):
+    if isinstance(checked_elastic(elastic).mechanism, Platform):
         q, good = PlatformPoses(elastic, limits).solve(wanted, np.empty((len(wanted), 6)))
         found = [
             Branches(q[i : i + 1][good[i : i + 1]], Search(1, (), int(good[i]), int(good[i])))

@@ -105,12 +105,11 @@ def load(
             )
         loaded = from_pinocchio(source, given=given, **of_model)
     if payload is not None and loaded.gravity is None:
-        from cartstiff.loading.parts import EARTH
+        from cartstiff.mechanisms.contract import EARTH
 
         words = f"a payload was given and no gravity: (0, 0, -{EARTH:g}) m/s^2 acts"
         note = Note("gravity-assumed", words, {"gravity": [0.0, 0.0, -EARTH]})
-        field = np.array([0.0, 0.0, -EARTH])
-        loaded = replace(loaded, gravity=field, notes=(*loaded.notes, note))
+        loaded = replace(loaded, notes=(*loaded.notes, note)).with_gravity()
     return loaded.with_springs(stiffness, rest)
 
 

@@ -17,14 +17,12 @@ from cartstiff.loading.parts import (
     described,
     description_notes,
     gravity_left_out,
-    gravity_of,
     link_springs,
     pose_of,
     put_together,
     springs_of,
     tree_to,
     virtual_joints,
-    weightless,
 )
 from cartstiff.loading.regular_posture import regular_posture
 from cartstiff.loading.robot_description import RobotDescription
@@ -178,13 +176,10 @@ def build_platform(file: PlatformFile | SpringsFile, where: str, name: str) -> E
         unilateral=isinstance(file, SpringsFile) and file.unilateral,
     )
     q = np.concatenate([file.pose.xyz, file.pose.rpy])
-    gravity = gravity_of(file.gravity, where, platform.units)
-    notes = tuple(weightless(gravity, sum(platform.masses().values())))
     dampers = _per_leg(file.legs.damping, m, "damping", where)
     damping = dampers if dampers is not None and dampers.any() else None
-    return ElasticMechanism(
-        name, platform, q, springs, gravity=gravity, notes=notes, damping=damping
-    )
+    elastic = ElasticMechanism(name, platform, q, springs, damping=damping)
+    return elastic.with_gravity(file.gravity, where=f"{where}, key gravity")
 
 
 def _body(file: PlatformFile | SpringsFile, T_P_M: Array, where: str) -> tuple[float, Array, Array]:

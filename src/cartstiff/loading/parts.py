@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,6 @@ from cartstiff.loading.schema import (
     SerialFile,
 )
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note, assumed_stiffness
 from cartstiff.mechanisms.flexible_links import Give
 from cartstiff.mechanisms.tree import KinematicTree
@@ -52,27 +52,20 @@ from cartstiff.potentials.springs import (
 
 __all__ = [
     "ASSUMED_STIFFNESS",
-    "EARTH",
     "add_payload",
     "described",
     "description_notes",
     "gravity_left_out",
-    "gravity_of",
     "joints_that_move",
     "link_springs",
     "pose_of",
     "put_together",
     "springs_of",
     "tree_to",
-    "weightless",
 ]
 
 #: N m/rad (N/m) taken where nobody gave a joint stiffness; said in the notes.
 ASSUMED_STIFFNESS = 1.0e4
-#: m/s^2 on the earth.
-EARTH = 9.81
-# Beyond any planet and machine in motion; 386 in/s^2 and 981 cm/s^2 are beyond it.
-_STRONGEST = 300.0
 
 
 def pose_of(model: PoseModel) -> Array:
@@ -190,56 +183,25 @@ def add_payload(tree: KinematicTree, chain: Chain, payload: PayloadModel | None)
         tree.model.appendBodyToJoint(chain.body.joint, inertia, pin.SE3.Identity())
 
 
-def gravity_of(gravity: Sequence[float] | None, where: str, units: Units = SI) -> Array | None:
-    """Acceleration in m/s^2, or None where it is absent or zero.
-
-    Raises
-    ------
-    InputError
-        For a field that is meant in other units, or too strong to be meant.
-    """
-    if gravity is None or not any(gravity):
-        return None
-    size = float(np.linalg.norm(gravity))
-    in_units = EARTH * convert_length(SI, units)[0]
-    other = units.length != SI.length and abs(size - in_units) < 0.02 * in_units
-    if size > _STRONGEST or other:
-        raise InputError(
-            "gravity is in m/s^2 in every file, whatever its units", where=f"{where}, key gravity",
-            expected=f"at most {_STRONGEST:g}; {EARTH:g} on the earth", got=f"{size:g}",
-        )  # fmt: skip
-    return se3.read_only(gravity)
-
-
-def weightless(gravity: Array | None, mass: float) -> list[Note]:
-    """Note on gravity that acts on nothing."""
-    if gravity is None or mass > 0:
-        return []
-    words = "the file's gravity acts on no mass: no moving link has one, and there is no payload"
-    return [Note("weightless", words, {"gravity": gravity.tolist()})]
-
-
 def put_together(
     file: SerialFile | ParallelFile | ClosedChainFile, name: str, chain: Chain, q: Array,
     springs: JointSprings, soft: Sequence[Potential], notes: Sequence[Note], where: str,
     lifted: Sequence[Lifted] = (), entries: Mapping[str, JointSpringModel] | None = None,
 ) -> ElasticMechanism:  # fmt: skip
     """A chain with its springs, soft links, and what else the file puts on it."""
-    gravity = gravity_of(file.gravity, where)
-    heavy = weightless(gravity, float(chain.tree.masses()[0].sum()))
+    elastic = ElasticMechanism(name, chain, q, springs, notes=tuple(notes))
+    elastic = elastic.with_gravity(file.gravity, where=f"{where}, key gravity")
     potentials = [*soft, *_extra_lines(file.lines, chain, q)]
-    if gravity is not None:
+    if elastic.gravity is not None:
         potentials += [
-            DeadForce(-part.mass * gravity, part.point, part.body)
+            DeadForce(-part.mass * elastic.gravity, part.point, part.body)
             for part in lifted
             if chain.tree.placement(part.body).joint > 0
         ]
     given = entries or {}
-    damping = [given[n].damping if n in given else 0.0 for n in chain.names]
-    return ElasticMechanism(
-        name, chain, q, springs, tuple(potentials), gravity, (*notes, *heavy),
-        np.array(damping) if any(damping) else None,
-    )  # fmt: skip
+    damping = np.array([given[n].damping if n in given else 0.0 for n in chain.names])
+    elastic = replace(elastic, damping=damping if damping.any() else None)
+    return elastic.with_potential(*potentials)
 
 
 def joints_that_move(description: RobotDescription, frame: str) -> set[str]:

@@ -15,7 +15,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
 __all__ = ["CONNECTIONS", "OUTPUTS", "aligned_empty", "arrays_for", "checked_count",
-           "checked_names", "checked_q", "checked_wrench", "recorded",
+           "checked_names", "checked_q", "checked_wrench", "full_name", "recorded",
            "without_digits"]  # fmt: skip
 
 #: Whose matrices can be asked for; "load" is the tangent under the load.
@@ -48,11 +48,16 @@ def checked_wrench(elastic: ElasticMechanism, wrench: ArrayLike | None, count: i
     return array
 
 
+def full_name(name: str) -> str:
+    """The name of an output: "K" is short for "stiffness_K"."""
+    return f"stiffness_{name}" if name in CONNECTIONS else name
+
+
 def checked_names(outputs: Sequence[str]) -> tuple[str, ...]:
     """Names of outputs, each once."""
     if isinstance(outputs, str):
         raise InputError("outputs is one word", expected="a sequence of names", got=outputs)
-    names = tuple(dict.fromkeys(outputs))
+    names = tuple(dict.fromkeys(full_name(name) for name in outputs))
     for name in names:
         if name not in OUTPUTS:
             raise UnknownNameError("output", str(name), OUTPUTS)
@@ -116,7 +121,7 @@ def arrays_for(
     inputs: Mapping[str, Array | None],
 ) -> dict[str, Array]:
     """The arrays to fill: those given in `out`, which share no memory with others, and new ones."""
-    given = dict(out or {})
+    given = {full_name(name): array for name, array in (out or {}).items()}
     for name in given:
         if name not in names:
             raise UnknownNameError("output", str(name), names, where="out")

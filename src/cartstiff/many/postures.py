@@ -12,13 +12,13 @@ import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
-from cartstiff.errors import UnknownNameError
+from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.arithmetic import ENGINE, UNBALANCED
 from cartstiff.many.engine import REGULAR, fill
@@ -29,13 +29,15 @@ from cartstiff.many.given import (
     checked_names,
     checked_q,
     checked_wrench,
+    full_name,
     recorded,
     without_digits,
 )
 from cartstiff.many.portable import PortableKernel
 from cartstiff.many.running import PATHS, Path, chosen, run
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
+from cartstiff.stiffness.labelled import AXES, labelled
 
 __all__ = ["OUTPUTS", "Postures", "analyse_many"]
 
@@ -59,6 +61,8 @@ class Postures:
         What computed the regular postures.
     reason : str
         Why nothing faster did; empty if nothing is.
+    names : tuple of str
+        Names of the coordinates.
     """
 
     q: Array
@@ -67,12 +71,20 @@ class Postures:
     codes: tuple[str, ...]
     path: str
     reason: str = ""
+    names: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> Array:
         try:
-            return self.arrays[name]
+            return self.arrays[full_name(name)]
         except KeyError:
             raise UnknownNameError("output", name, self.arrays) from None
+
+    def __getattr__(self, name: str) -> Array:
+        """Outputs as attributes: ``postures.K``, ``postures.wrench``."""
+        arrays = vars(self).get("arrays", {})
+        if full_name(name) in arrays:
+            return self[name]
+        raise AttributeError(f"no output or attribute {name!r}; outputs: {', '.join(arrays)}")
 
     def __len__(self) -> int:
         return len(self.state)
@@ -86,6 +98,51 @@ class Postures:
     def is_regular(self) -> NDArray[np.bool_]:
         """Which postures are regular (N,)."""
         return self.state == 0
+
+    def to_xarray(self) -> Any:
+        """`xarray.Dataset` with labels: q, state, and every output; matrices by their letters.
+
+        Raises
+        ------
+        MissingDependencyError
+            Without xarray.
+        """
+        axes: dict[str, tuple[str, ...]] = {
+            "pose": ("row", "column"), "jacobian": ("motion", "coordinate"), "wrench": ("wrench",),
+            "energy": (), "stiffness": ("wrench", "motion"), "compliance": ("motion", "wrench"),
+            "root": ("motion", "factor"),
+        }  # fmt: skip
+        arrays: dict[str, tuple[tuple[str, ...], Array]] = {
+            "q": (("posture", "coordinate"), self.q),
+            "state": (("posture",), np.array(self.codes)[self.state]),
+        }
+        for name, array in self.arrays.items():
+            kind, _, letter = name.partition("_")
+            # "wrench" names an axis, so that the array of wrenches needs another name.
+            short = {"stiffness": f"K_{letter}", "compliance": f"C_{letter}", "wrench": "W"}
+            arrays[short.get(kind, name)] = ("posture", *axes[kind]), array
+        labels = {**AXES, "posture": range(len(self)), "coordinate": self.names}
+        return labelled(arrays, labels, path=self.path)
+
+    def to_pandas(self) -> Any:
+        """`pandas.DataFrame` of the 6x6 matrices: a row an entry, a column a matrix.
+
+        Its index is posture, wrench component, motion component; ``unstack`` turns components
+        into columns. Everything else is in `to_xarray`.
+
+        Raises
+        ------
+        InputError
+            If no matrix was asked for.
+        MissingDependencyError
+            Without xarray.
+        """
+        names = [name for name in self.arrays if name.startswith(("stiffness", "compliance"))]
+        if not names:
+            raise InputError("no matrices are among the outputs", expected='outputs=["K"]',
+                             got=", ".join(self.arrays))  # fmt: skip
+        short = [f"{name[0].upper().replace('S', 'K')}_{name.partition('_')[2]}" for name in names]
+        return self.to_xarray()[short].to_dataframe(("posture", "wrench", "motion"))
 
     def counts(self) -> dict[str, int]:
         """How many postures are in each state that occurs."""
@@ -124,10 +181,10 @@ def analyse_many(
     outputs : sequence of str
         Any of "pose" (N, 4, 4), "jacobian" (N, 6, n), "wrench" (N, 6), "energy" (N,),
         "stiffness_X" and "compliance_X" (N, 6, 6) for X one of A, B, K, F and load, the tangent
-        under the load. Only what they need is computed. "root_held_X" and "root_free_X"
-        (N, 6, 6) are roots of the inverse of the symmetric part of "stiffness_X", and of the
-        symmetric part of "compliance_X", see `cartstiff.graded`, where stiffness and compliance
-        leave principal values without digits; NaN elsewhere.
+        under the load; "X" alone is short for "stiffness_X". Only what they need is computed.
+        "root_held_X" and "root_free_X" (N, 6, 6) are roots of the inverse of the symmetric part of
+        "stiffness_X", and of the symmetric part of "compliance_X", see `cartstiff.graded`, where
+        stiffness and compliance leave principal values without digits; NaN elsewhere.
     out : mapping of str to ndarray, optional
         Arrays of doubles to write outputs into. Memory that is used again saves the system's
         work of providing it, which costs more than the computation.
@@ -154,7 +211,7 @@ def analyse_many(
     MissingDependencyError
         If `path` is "compiled" and llvmlite is not installed.
     """
-    coordinates = checked_q(elastic, q)
+    coordinates = checked_q(checked_elastic(elastic), q)
     loads = checked_wrench(elastic, wrench, len(coordinates))
     names = checked_names(outputs)
     count = checked_count("threads", threads) or os.cpu_count() or 1
@@ -176,7 +233,7 @@ def analyse_many(
             coordinates = coordinates.copy()
         everything = np.arange(len(state))
         _by_engine(elastic, coordinates, loads, arrays, everything, state, codes, kind, load_axes)
-        return Postures(coordinates, arrays, state, tuple(codes), "engine", reason)
+        return Postures(coordinates, arrays, state, tuple(codes), "engine", reason, elastic.names)
     if each is not None and (load_axes != "body" or any(kind.at)):
         posed = np.broadcast_to(np.eye(4), (1, 4, 4)) if load_axes == "body" else analyse_many(
             elastic, coordinates, wrench=np.zeros(6), outputs=("pose",), threads=threads,
@@ -205,7 +262,7 @@ def analyse_many(
     elif len(state):
         state[:] = _index(codes, taken.regular)
     ran = "portable" if isinstance(kernel, PortableKernel) else "compiled"
-    return Postures(coordinates, arrays, state, tuple(codes), ran, reason)
+    return Postures(coordinates, arrays, state, tuple(codes), ran, reason, elastic.names)
 
 
 def _under_load(

@@ -18,7 +18,7 @@ from cartstiff.maps.opening import open_map
 from cartstiff.maps.prepare import prepare_map
 from cartstiff.maps.sampling import Sampling
 from cartstiff.maps.store import MapFile
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 
 if TYPE_CHECKING:
     import xarray
@@ -123,7 +123,7 @@ def compute_map(
         After Ctrl-C; the file is valid and the same call goes on with it.
     """
     job, map_file = prepare_map(
-        elastic, sampling, quantities, file, connection=connection, length=length,
+        checked_elastic(elastic), sampling, quantities, file, connection=connection, length=length,
         direction=direction, deflect=deflect, deflect_at=deflect_at, world=world, wrench=wrench,
         load_kind=load_kind, load_at=load_at, load_axes=load_axes, single=single, chunk=chunk,
         command=command,

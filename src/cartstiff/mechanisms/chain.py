@@ -334,10 +334,19 @@ class Chain(Mechanism):
             other.payload = hung + mass, bare
         return other
 
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Names of the frames that potentials can act between, and --frame can name."""
+        names = (name for name in self.tree.frames if name.rpartition("/")[2] != "universe")
+        return ("body", *names)
+
     def masses(self) -> dict[str, float]:
         """Masses [kg] of what each joint carries, by its first link, and of the payload."""
         own, _ = self.tree.masses()
-        found = {name: float(own[j - 1]) for j, name in sorted(self.tree.links().items())}
+        # A model put together by hand may have masses on joints without a frame.
+        joints = {int(j) + 1: str(self.tree.model.names[int(j) + 1]) for j in np.flatnonzero(own)}
+        links = joints | self.tree.links()
+        found = {name: float(own[j - 1]) for j, name in sorted(links.items())}
         if self.payload is None:
             return found
         hung, bare = self.payload

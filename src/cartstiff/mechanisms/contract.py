@@ -10,16 +10,18 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import Array, checked_number, checked_vector
+from cartstiff.arrays import Array, checked_number, checked_vector, fixed
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.potentials.contract import Evaluation, Map
 
 __all__ = [
+    "EARTH",
     "SI",
     "Coordinate",
     "Mechanism",
     "MechanismPosture",
     "Units",
+    "checked_gravity",
     "convert_length",
     "named_values",
 ]
@@ -52,6 +54,36 @@ class Units:
 
 
 SI = Units()
+#: m/s^2 on the earth.
+EARTH = 9.81
+# Beyond any planet and machine in motion; 386 in/s^2 and 981 cm/s^2 are beyond it.
+_STRONGEST = 300.0
+
+
+def checked_gravity(
+    gravity: ArrayLike | None, units: Units = SI, where: str | None = None
+) -> Array | None:
+    """Acceleration in m/s^2 (3,), or None where it is absent or zero.
+
+    Raises
+    ------
+    InputError
+        For a field that is meant in other units, or too strong to be meant.
+    """
+    if gravity is None:
+        return None
+    field = checked_vector(gravity, 3, "gravity", where=where)
+    size = float(np.linalg.norm(field))
+    if size == 0.0:
+        return None
+    in_units = EARTH * convert_length(SI, units)[0]
+    other = units.length != SI.length and abs(size - in_units) < 0.02 * in_units
+    if size > _STRONGEST or other:
+        raise InputError(
+            "gravity is in m/s^2, whatever the units of the mechanism", where=where,
+            expected=f"at most {_STRONGEST:g}; {EARTH:g} on the earth", got=f"{size:g}",
+        )  # fmt: skip
+    return fixed(field)
 
 
 def convert_length(unit_from: Units, unit_to: Units) -> tuple[float, float]:
@@ -175,6 +207,16 @@ class Mechanism(ABC):
     def assembled(self, q_start: ArrayLike) -> Array:
         """Coordinates near `q_start` that satisfy the closures."""
         return self.closed(q_start).q
+
+    @property
+    def bounds(self) -> dict[str, tuple[float, float]]:
+        """Lower and upper limit of what is limited, by name; infinite where there is none."""
+        return {c.name: (c.lower, c.upper) for c in self.coordinates}
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Names of the frames that potentials can act between."""
+        return ("world", "body")
 
     def masses(self) -> dict[str, float]:
         """Masses [kg] of what the coordinates move, by link, and of the "payload"."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +13,13 @@ from numpy.typing import ArrayLike
 from cartstiff.arrays import checked_number, checked_vector
 from cartstiff.errors import InputError, joined
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.contract import Mechanism, MechanismPosture, Units, named_values
+from cartstiff.mechanisms.contract import (
+    Mechanism,
+    MechanismPosture,
+    Units,
+    checked_gravity,
+    named_values,
+)
 from cartstiff.potentials.contract import Evaluation, Potential
 from cartstiff.potentials.gravity import Gravity
 from cartstiff.potentials.line_springs import LineSprings
@@ -22,7 +29,7 @@ from cartstiff.potentials.springs import JointSprings
 if TYPE_CHECKING:
     from cartstiff.mechanisms.identified import Identified
 
-__all__ = ["ElasticMechanism", "Note", "assumed_stiffness"]
+__all__ = ["ElasticMechanism", "Note", "assumed_stiffness", "checked_elastic"]
 
 
 @dataclass(frozen=True)
@@ -103,6 +110,45 @@ class ElasticMechanism:
     def names(self) -> tuple[str, ...]:
         """Names of the coordinates."""
         return self.mechanism.names
+
+    @property
+    def limits(self) -> dict[str, tuple[float, float]]:
+        """Lower and upper limit of each joint (rad, lengths), or of each leg of a platform."""
+        return self.mechanism.bounds
+
+    @property
+    def masses(self) -> dict[str, float]:
+        """Masses [kg] of what the joints carry, by the first link, and of the "payload"."""
+        return self.mechanism.masses()
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Names of the frames that loads and springs can act on."""
+        return self.mechanism.frames
+
+    def with_gravity(
+        self, acceleration: ArrayLike | None = (0.0, 0.0, -9.81), *, where: str | None = None
+    ) -> ElasticMechanism:
+        """The same mechanism in another uniform field; a note says where it acts on no mass.
+
+        Parameters
+        ----------
+        acceleration : array_like (3,), optional
+            In F, in m/s^2 whatever the units of the mechanism; None: no gravity.
+        where : str, optional
+            For messages: where it was given.
+
+        Raises
+        ------
+        InputError
+            For a field that is meant in other units, or too strong to be meant.
+        """
+        gravity = checked_gravity(acceleration, self.units, where)
+        notes = [note for note in self.notes if note.code != "weightless"]
+        if gravity is not None and not sum(self.masses.values()) > 0:
+            words = "gravity acts on no mass: no moving link has one, and there is no payload"
+            notes.append(Note("weightless", words, {"gravity": gravity.tolist()}))
+        return replace(self, gravity=gravity, notes=tuple(notes))
 
     def with_springs(
         self,
@@ -326,6 +372,15 @@ class ElasticMechanism:
             return others
         n = posture.motion.jacobian.shape[1]
         return Evaluation(0.0, np.zeros(n), np.zeros((n, n)))
+
+
+def checked_elastic(source: object) -> ElasticMechanism:
+    """The mechanism itself; InputError that says what to do where it is a name or a model."""
+    if isinstance(source, ElasticMechanism):
+        return source
+    shown = repr(source) if isinstance(source, (str, Path)) else "a name, file or model"
+    raise InputError("not a mechanism with springs", expected=f"cartstiff.load({shown})",
+                     got=type(source).__name__)  # fmt: skip
 
 
 def assumed_stiffness(value: float, joints: Sequence[str], of: Sequence[str]) -> Note:

@@ -56,13 +56,8 @@ class Limits:
 
     def __init__(self, mechanism: Mechanism, ignore: bool = False) -> None:
         self.legs = mechanism if isinstance(mechanism, Platform) else None
-        if self.legs is not None:  # its legs are limited, not its pose
-            bounds = self.legs.limits
-            pairs = np.empty((0, 2)) if bounds is None else np.asarray(bounds, float)
-            names = [f"leg{s + 1}" for s in range(len(pairs))]
-        else:
-            pairs = np.array([(c.lower, c.upper) for c in mechanism.coordinates], float)
-            names = list(mechanism.names)
+        names = list(mechanism.bounds)
+        pairs = np.array(list(mechanism.bounds.values()), float).reshape(-1, 2)
         finite = np.isfinite(pairs).any(axis=1)
         self.columns = np.flatnonzero(finite & (not ignore))
         self.names = tuple(names[j] for j in self.columns)

@@ -235,6 +235,12 @@ class Platform(Mechanism):
         """Coordinates after a small body twist `step`."""
         return self.coordinates_of(self.pose_of(q) @ se3.exp(step))
 
+    @property
+    def bounds(self) -> dict[str, tuple[float, float]]:
+        """Shortest and longest length of each leg; the pose itself has no limits."""
+        limits = [] if self.limits is None else self.limits.tolist()
+        return {f"leg{i + 1}": (low, high) for i, (low, high) in enumerate(limits)}
+
     def masses(self) -> dict[str, float]:
         """Mass [kg] of the platform with its payload, and of the legs where they have one."""
         found = {self.frame: self.mass}

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from cartstiff.arrays import checked_array, checked_vector
 from cartstiff.errors import MissingDependencyError
 from cartstiff.mechanisms.contract import named_values
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.page.source import Source, Trajectory
 from cartstiff.stiffness.compute import analyse
 
@@ -141,6 +141,7 @@ def show(
     MissingDependencyError
         Without tornado or meshcat.
     """
+    checked_elastic(elastic)
     values: Any = named_values(q, elastic.names, elastic.q, "q") if isinstance(q, dict) else q
     with np.errstate(all="ignore"):
         first = analyse(elastic, values, wrench=wrench)

@@ -60,12 +60,9 @@ def _limit(value: float) -> float | None:
 
 
 def _frames_on(chain: Chain, joint: int) -> list[str]:
-    """What can be named: Pinocchio's name for F, "universe", is no frame of the file."""
-    return [
-        name
-        for name, place in chain.tree.frames.items()
-        if place.joint == joint and name.rpartition("/")[2] != "universe"
-    ]
+    """Frames of the file that are fixed to a joint."""
+    frames = chain.tree.frames
+    return [name for name in chain.frames[1:] if frames[name].joint == joint]
 
 
 def _joints(elastic: ElasticMechanism, chain: Chain) -> list[dict[str, Any]]:

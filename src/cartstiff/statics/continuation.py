@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import named_values
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.limits import Limits, limit_notes
 from cartstiff.mechanisms.weighed import weighed
 from cartstiff.numerics import IDLE
@@ -86,6 +86,7 @@ def load_curve(
     ConvergenceError
         If there is no equilibrium without the load.
     """
+    checked_elastic(elastic)
     if not loads and wrench is None:
         raise InputError("a load-deflection curve needs a load")
     if not (np.isfinite(to) and to != 0.0):

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from cartstiff.errors import ConvergenceError, InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import named_values
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import Scaled
@@ -98,7 +98,7 @@ def equilibrium(
     """
     if iterations < 1:
         raise InputError("bound on the steps cannot be used", expected="1 or more", got=iterations)
-    names = elastic.names
+    names = checked_elastic(elastic).names
     q = elastic.q if q0 is None else (
         named_values(q0, names, elastic.q, "q0")
         if isinstance(q0, Mapping)

@@ -29,6 +29,7 @@ from cartstiff.statics.problem import Balance, Point, System, spectrum
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.reduction import reduce_to
 from cartstiff.stiffness.showing import numbers_text
+from cartstiff.stiffness.tensor import StiffnessTensor
 
 __all__ = ["Equilibrium", "Reactions", "state_of_rest"]
 
@@ -135,6 +136,11 @@ class Equilibrium:
     def pose(self) -> Array:
         """``T_F_M`` (4, 4)."""
         return self.posture.pose
+
+    @property
+    def K(self) -> StiffnessTensor:  # noqa: N802
+        """K^K there with the loads' part included; `stiffness` has everything else."""
+        return self.stiffness.K
 
     @property
     def is_conservative(self) -> bool:

@@ -22,7 +22,7 @@ from cartstiff.arrays import checked_array, is_pose
 from cartstiff.errors import CartstiffError, ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note, checked_elastic
 from cartstiff.mechanisms.limits import Limits, finite, limit_notes
 from cartstiff.mechanisms.weighed import weighed
 from cartstiff.potentials.contract import Potential
@@ -81,7 +81,7 @@ def compensate(
         Code ``"not-compensable"`` if no command balances the load at a point: joints without
         springs would have to.
     """
-    if elastic.springs is None:
+    if checked_elastic(elastic).springs is None:
         raise InputError(f"{elastic.name} has no springs whose rest positions could be commanded")
     postures = _postures(elastic, path, q0)
     kind = LoadKind(load_kind or ("dead" if axes == "world" else "follower"), load_at)  # type: ignore[arg-type]

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from cartstiff.arrays import checked_vector, fixed
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.mechanisms.contract import named_values
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 from cartstiff.stiffness.posture import DEAD_AT_ORIGIN, SCHEMA, PostureStiffness
 from cartstiff.stiffness.reduction import reduce_to
@@ -71,6 +71,7 @@ def analyse(
     UndefinedError
         With `strict`, for a singular, unbalanced or buckled state.
     """
+    checked_elastic(elastic)
     if q is None:
         values = elastic.q
     elif isinstance(q, Mapping):

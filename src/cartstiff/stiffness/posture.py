@@ -22,7 +22,7 @@ from cartstiff.geometry.connections import (
     Connection,
 )
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.contract import MechanismPosture
+from cartstiff.mechanisms.contract import MechanismPosture, Units
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.potentials.contract import Evaluation
 from cartstiff.stiffness.applied_load import LoadKind
@@ -31,7 +31,7 @@ from cartstiff.stiffness.in_frame import StiffnessInFrame, stiffness_in_frame
 from cartstiff.stiffness.posture_notes import notes_on_digits, notes_on_posture
 from cartstiff.stiffness.reduction import Reduction
 from cartstiff.stiffness.showing import SCHEMA, posture_dict, posture_html, posture_text
-from cartstiff.stiffness.tensor import StiffnessTensor
+from cartstiff.stiffness.tensor import Compliance, StiffnessTensor
 
 __all__ = ["DEAD_AT_ORIGIN", "SCHEMA", "PostureStiffness"]
 
@@ -84,6 +84,16 @@ class PostureStiffness:
 
     def _repr_html_(self) -> str:
         return posture_html(self, self.matrices)
+
+    @property
+    def frame(self) -> str:
+        """Name of the body frame M."""
+        return self.elastic.mechanism.frame
+
+    @property
+    def units(self) -> Units:
+        """Units of every number."""
+        return self.elastic.units
 
     @property
     def pose(self) -> Array:
@@ -278,6 +288,23 @@ class PostureStiffness:
         found = self.reduction.free.compliance(self.change_by_load)
         return None if found is None else found.matrix
 
+    @property
+    def compliance(self) -> Compliance:
+        """Compliance under the load, C^load: motion per wrench that is added; unloaded, C^B too.
+
+        It exists at kinematic singularities and for fewer than six joints as well.
+
+        Raises
+        ------
+        UndefinedError
+            Where a motion costs nothing, or nothing balances the posture.
+        """
+        C = self.tangent_compliance
+        if C is None:
+            raise UndefinedError("no compliance exists here: a motion costs nothing, or nothing "
+                                 "balances the posture", code="no-compliance")  # fmt: skip
+        return Compliance(C, self.load.connection, self.pose, self.frame, self.units)
+
     def at(self, T_M_N: ArrayLike | None = None) -> StiffnessInFrame:
         """Matrices, compliances, wrench and tangent in a frame N of the body.
 
@@ -361,7 +388,7 @@ class PostureStiffness:
         if K is None or W is None:
             state = self.reduction.states[-1]
             raise UndefinedError(state.message, code=state.code, values=state.values)
-        frame, units = self.elastic.mechanism.frame, self.elastic.units
+        frame, units = self.frame, self.units
         named = connection if isinstance(connection, str) else connection.name
         C = self.compliances.get(named)
         if connection == "+" and self.compliances["A"] is not None:

@@ -24,6 +24,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.connections import NAMED, Connection, Field
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import SI, Units, convert_length
+from cartstiff.stiffness.labelled import AXES, labelled
 from cartstiff.stiffness.showing import matrix_html
 
 __all__ = ["Compliance", "StiffnessTensor", "format_matrix"]
@@ -43,8 +44,41 @@ def format_matrix(matrix: Array, row_units: Sequence[str], title: str = "", digi
     return "\n".join(lines)
 
 
+class _Labelled:
+    """A 6x6 matrix in one of the two orders; NumPy, xarray and pandas see it."""
+
+    matrix: Array
+    order: Order
+    #: Letter of the matrix, and what its rows and columns are.
+    _letter = "K"
+    _axes = ("wrench", "motion")
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        """NumPy sees the matrix."""
+        return np.array(self.matrix, dtype=dtype)
+
+    def __getitem__(self, index: Any) -> Any:
+        """Entries of the matrix: ``K[3:, 3:]``."""
+        return self.matrix[index]
+
+    @property
+    def T(self) -> Array:  # noqa: N802
+        """The transposed matrix."""
+        return self.matrix.T
+
+    def to_xarray(self) -> Any:
+        """`xarray.DataArray` with the components' names; MissingDependencyError without xarray."""
+        angular = self.order == se3.ANGULAR_LINEAR
+        axes = {n: v if angular else (*v[3:], *v[:3]) for n, v in AXES.items()}
+        return labelled({self._letter: (self._axes, self.matrix)}, axes)[self._letter]
+
+    def to_pandas(self) -> Any:
+        """`pandas.DataFrame` with the components' names on rows and columns."""
+        return self.to_xarray().to_pandas()
+
+
 @dataclass(frozen=True, eq=False)
-class StiffnessTensor:
+class StiffnessTensor(_Labelled):
     """A Cartesian stiffness matrix with everything that gives it a meaning.
 
     Attributes
@@ -85,10 +119,6 @@ class StiffnessTensor:
             raise InputError(
                 "unknown order", expected="angular-linear or linear-angular", got=self.order
             )
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
-        """NumPy sees the matrix."""
-        return np.array(self.matrix, dtype=dtype)
 
     def __call__(self, x: Field | ArrayLike, y: Field | ArrayLike) -> float:
         """K(X, Y): fields are evaluated at the pose, arrays are twists in the tensor's order."""
@@ -348,8 +378,11 @@ def _scale_symbols(symbols: Array, a: float) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Compliance:
+class Compliance(_Labelled):
     """A compliance matrix: twist (rows) per wrench (columns); the inverse of a stiffness matrix."""
+
+    _letter = "C"
+    _axes = ("motion", "wrench")
 
     matrix: Array
     connection: Connection
@@ -357,10 +390,6 @@ class Compliance:
     frame: str
     units: Units
     order: Order = "angular-linear"
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
-        """NumPy sees the matrix."""
-        return np.array(self.matrix, dtype=dtype)
 
     def to_order(self, order: Order) -> Compliance:
         """Components in another order."""

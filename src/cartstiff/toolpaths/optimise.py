@@ -24,7 +24,7 @@ from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.kinematics.platform_poses import Free, PlatformPoses
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.numerics import NEAR
 from cartstiff.stiffness.applied_load import LoadKind
@@ -125,7 +125,7 @@ def optimise_path(
         ``"path-unreachable"``, ``"path-beyond-limits"``, ``"path-near-singular"``,
         ``"path-without-stiffness"``, ``"path-discontinuous"``.
     """
-    mechanism = elastic.mechanism
+    mechanism = checked_elastic(elastic).mechanism
     connection = connection or ("load" if loaded else "B")
     if isinstance(mechanism, Chain) and mechanism.closures:
         raise InputError("paths are for serial arms and platforms", got=mechanism.kind)
