@@ -8,7 +8,16 @@ import click
 
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import tell
-from cartstiff.cli.types import Numbers, json_option, option, option_group
+from cartstiff.cli.response import RESPONSES, ResponseRequest
+from cartstiff.cli.types import (
+    PICTURE,
+    POINT,
+    Numbers,
+    OutputFile,
+    json_option,
+    option,
+    option_group,
+)
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 
 if TYPE_CHECKING:
@@ -22,15 +31,11 @@ Examples:
   cartstiff modes ur5 --load 0,0,0,0,0,-500 --world
   cartstiff modes panda --payload 2,0,0,0.1 --json
   cartstiff modes ur5 --load 0,0,0,0,0,-500 --compare A,B,K,F,energy
+  cartstiff modes ur5 --response 5:100 --damping 0.02 --direction 0,0,1 --plot bode.png
   cartstiff modes stewart-simscape --sensitivities --tolerance 0.05,0.0001
 """
 
 _options = option_group(
-    option(
-        "--payload", type=Numbers("MASS[,X,Y,Z]", 1, 4),
-        help="Point mass (kg, whatever the units) fixed to a point of the body frame: it has "
-        "inertia, and weight where the file has gravity.",
-    ),
     option(
         "--compare", metavar="NAMES",
         help="What 6x6 matrices at the tip make of the frequencies: some of A,B,K,F,load,energy.",
@@ -44,6 +49,33 @@ _options = option_group(
         help="Standard deviations: relative of every spring stiffness, absolute of every length "
         "and rotation (rad) of the geometry; gives an interval for each frequency.",
     ),
+    option(
+        "--response", metavar="LOW:HIGH[:COUNT]",
+        help="Response of the body to a force at it between two frequencies [Hz], 400 by default "
+        "in equal ratios (in equal steps from 0).",
+    ),
+    click.option(
+        "--kind", type=click.Choice(RESPONSES), default="receptance", show_default=True,
+        help="Displacement, velocity or acceleration per force; or motion of the body per motion "
+        "of the base.",
+    ),
+    option("--point", type=POINT, help="Point of the body, in its frame, for --response."),
+    option(
+        "--direction", type=POINT,
+        help="Direction for --response, along the body's axes (of the base's for a "
+        "transmissibility); default x, y and z.",
+    ),
+    option(
+        "--damping", type=Numbers("RATIO[,RATIO...]"),
+        help="Damping ratio of every mode, or one for each, for --response.",
+    ),
+    option(
+        "--rayleigh", type=Numbers("ALPHA,BETA", 2),
+        help="Damping alpha M + beta K [1/s, s], for --response. Dampers of the mechanism's file "
+        "always act.",
+    ),
+    option("--csv", type=OutputFile("FILE.csv", ".csv"), help="Write the response."),
+    option("--plot", type=PICTURE, help="Draw the response as a Bode diagram."),
     json_option,
     click.option("--strict", is_flag=True, help="Exit with code 3 where there are no modes."),
 )  # fmt: skip
@@ -60,12 +92,12 @@ _options = option_group(
 def command(
     request: MechanismRequest,
     applied: LoadRequest,
-    payload: list[float] | None,
     compare: str | None,
     sensitivities: bool,
     tolerance: list[float] | None,
     as_json: bool,
     strict: bool,
+    **response_options: Any,
 ) -> None:
     """Natural frequencies and modes of MECHANISM at a posture, under its load.
 
@@ -74,17 +106,12 @@ def command(
     the frequencies; every table says which load it belongs to.
     """
     wrench = request.balanced_wrench
-    if applied.world and wrench is None:
-        raise InputError("is for --load", where="--world")
-    if payload is not None and payload[0] < 0.0:
-        raise InputError("cannot be used", where="--payload", expected="a mass from zero",
-                         got=payload[0])  # fmt: skip
+    applied.check_world(load=wrench)
     if tolerance is not None and (min(tolerance) < 0.0 or not any(tolerance)):
         raise InputError("cannot be used", where="--tolerance",
                          expected="zero or more, not all zero", got=tolerance)  # fmt: skip
+    response = ResponseRequest(**response_options)
     elastic, q = request.load()
-    if payload is not None:
-        elastic = elastic.with_payload(payload[0], payload[1:] or (0.0, 0.0, 0.0))
 
     import numpy as np
 
@@ -109,6 +136,7 @@ def command(
     from cartstiff.report.modes import describe_modes
 
     extra = _more(found, data, compare, sensitivities, tolerance)
+    extra += response.run(found, data)
     tell(as_json, data, request.mechanism, lambda: describe_modes(found, bare, extra))
 
 

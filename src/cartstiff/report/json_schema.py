@@ -343,6 +343,7 @@ def json_schema(command: str = "analyse") -> dict[str, Any]:
             "compare": {"description": "with --compare: frequencies of 6x6 matrices at the tip"},
             "sensitivities": {"description": "with --sensitivities: Hz per unit"},
             "intervals": {"description": "with --tolerance"},
+            "response": {"description": "with --response: curves as [real, imaginary]"},
         }
         schema["properties"] = _MODES | more
         return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

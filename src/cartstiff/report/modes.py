@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cartstiff.errors import joined
 from cartstiff.report.layout import number, percent, table, vector
 from cartstiff.vibration.comparison import Shortcut
 from cartstiff.vibration.modes import Modes
+from cartstiff.vibration.response import FrequencyResponse
 from cartstiff.vibration.sensitivities import FrequencyInterval, Sensitivities
 
 __all__ = [
     "describe_comparison",
     "describe_intervals",
     "describe_modes",
+    "describe_response",
     "describe_sensitivities",
 ]
 
@@ -196,3 +199,19 @@ def describe_intervals(found: Modes, band: FrequencyInterval) -> list[str]:
     for i, (f, low, high) in enumerate(zip(found.frequencies, band.low, band.high, strict=True)):
         lines.append(f"  {i + 1:>3}  {_hertz(f)}  from {low:.6g} to {high:.6g}")
     return lines
+
+
+def describe_response(response: FrequencyResponse, direction: ArrayLike | None) -> list[str]:
+    """Largest values of each curve, and its values at both ends."""
+    lines = ["", f"Response: {response.kind} in {response.unit}, "
+             f"{response.frequencies[0]:.6g} to {response.frequencies[-1]:.6g} Hz"]  # fmt: skip
+    for name, values in response.curves(direction).items():
+        size = np.abs(values)
+        if not np.isfinite(size).any():
+            continue
+        top = int(np.nanargmax(size))
+        lines.append(
+            f"  {name:<10} {size[0]:.4g} at the start, largest {size[top]:.4g} at "
+            f"{response.frequencies[top]:.6g} Hz, {size[-1]:.4g} at the end"
+        )
+    return lines + [f"  [{note.code}] {note.message}" for note in response.notes]

@@ -1,0 +1,104 @@
+"""``--response`` of ``cartstiff modes``: what is asked, and how it is written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cartstiff.errors import InputError
+from cartstiff.parsing import parse_numbers
+
+if TYPE_CHECKING:
+    from cartstiff.vibration.modes import Modes
+
+__all__ = ["RESPONSES", "ResponseRequest"]
+
+#: As `cartstiff.vibration.response.KINDS`, which would load NumPy for --help, and one more.
+RESPONSES = ("receptance", "mobility", "accelerance", "transmissibility")
+
+_COUNT, _MOST = 400, 1_000_000
+
+
+@dataclass(frozen=True)
+class ResponseRequest:
+    """The options about the response, checked."""
+
+    response: str | None
+    kind: str
+    point: list[float] | None
+    direction: list[float] | None
+    damping: list[float] | None
+    rayleigh: list[float] | None
+    csv: Path | None
+    plot: Path | None
+
+    def __post_init__(self) -> None:
+        if self.response is None:
+            for name in ("point", "direction", "damping", "rayleigh", "csv", "plot"):
+                if getattr(self, name) is not None:
+                    raise InputError("is for --response", where=f"--{name}")
+            if self.kind != RESPONSES[0]:
+                raise InputError("is for --response", where="--kind")
+            return
+        self._range()
+        if self.direction is not None and not any(self.direction):
+            raise InputError("must not be zero", where="--direction", got=self.direction)
+        for name in ("damping", "rayleigh"):
+            given = getattr(self, name)
+            if given is not None and min(given) < 0.0:
+                raise InputError("cannot be used", where=f"--{name}", expected="zero or more",
+                                 got=given)  # fmt: skip
+
+    def _range(self) -> tuple[float, float, int]:
+        parts = (self.response or "").split(":")
+        if len(parts) not in (2, 3):
+            raise InputError("cannot be used", where="--response", expected="LOW:HIGH[:COUNT]",
+                             got=self.response)  # fmt: skip
+        numbers = [parse_numbers(part, "--response", 1)[0] for part in parts]
+        low, high = numbers[:2]
+        count = numbers[2] if len(numbers) == 3 else _COUNT
+        if not 0.0 <= low < high:
+            raise InputError("frequencies cannot be used", where="--response",
+                             expected="0 <= LOW < HIGH, in Hz", got=self.response)  # fmt: skip
+        if not (count == int(count) and 2 <= count <= _MOST):
+            raise InputError("count cannot be used", where="--response",
+                             expected=f"a whole number from 2 to {_MOST}", got=count)  # fmt: skip
+        return low, high, int(count)
+
+    def run(self, found: Modes, data: dict[str, Any]) -> list[str]:
+        """Computes, adds to the JSON object, writes the files; lines for people."""
+        if self.response is None:
+            return []
+        import numpy as np
+
+        from cartstiff.report.modes import describe_response
+        from cartstiff.vibration.damping import Damping
+        from cartstiff.vibration.response import frequency_response, transmissibility
+
+        low, high, count = self._range()
+        hertz = np.geomspace(low, high, count) if low > 0.0 else np.linspace(low, high, count)
+        alpha, beta = self.rayleigh or (0.0, 0.0)
+        damping = Damping(self.damping or 0.0, alpha, beta)
+        at = self.point or (0.0, 0.0, 0.0)
+        answer: Any = (
+            transmissibility(found, hertz, damping, at=at)
+            if self.kind == "transmissibility"
+            else frequency_response(found, hertz, damping, kind=self.kind, at=at)  # type: ignore[arg-type]
+        )
+        data["response"] = answer.as_dict(self.direction)
+        files = []
+        if self.csv is not None:
+            files.append((self.csv, answer.as_csv(self.direction).encode()))
+        if self.plot is not None:
+            from cartstiff.report.figures_modes import draw_response
+            from cartstiff.report.output import picture
+
+            files.append((self.plot, picture(draw_response(answer, self.direction, found),
+                                             self.plot.suffix)))  # fmt: skip
+        if files:
+            from cartstiff.report.output import write_whole
+
+            for path, content in files:
+                write_whole(path, content)
+        return describe_response(answer, self.direction)

@@ -1,0 +1,54 @@
+"""Pictures of responses over frequency."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.vibration.modes import Modes
+from cartstiff.vibration.response import FrequencyResponse
+
+__all__ = ["draw_response"]
+
+
+def draw_response(
+    response: FrequencyResponse, direction: ArrayLike | None = None, found: Modes | None = None
+) -> Any:
+    """Bode diagram: size and phase of each curve, frequencies of the modes as thin lines.
+
+    Parameters
+    ----------
+    response : FrequencyResponse
+        What is drawn.
+    direction : array_like (3,), optional
+        One curve along it; default x, y and z.
+    found : Modes, optional
+        Whose frequencies are marked.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7, 5), layout="constrained")
+    size, phase = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
+    for name, values in response.curves(direction).items():
+        shown = np.where(np.abs(values) > 0.0, np.abs(values), np.nan)
+        if np.isfinite(shown).any():
+            size.semilogy(response.frequencies, shown, label=name)
+            phase.plot(response.frequencies, np.degrees(np.angle(values)))
+    for f in [] if found is None else found.frequencies:
+        if response.frequencies[0] <= f <= response.frequencies[-1]:
+            for axis in (size, phase):
+                axis.axvline(f, color="0.8", linewidth=0.8, zorder=0)
+    if response.frequencies[0] > 0.0:
+        size.set_xscale("log")
+    size.set(ylabel=f"{response.kind} [{response.unit}]")
+    phase.set(xlabel="frequency [Hz]", ylabel="phase [deg]", ylim=(-190, 190),
+              yticks=[-180, -90, 0, 90, 180])  # fmt: skip
+    if size.get_legend_handles_labels()[0]:
+        size.legend()
+    return figure

@@ -1,0 +1,70 @@
+"""The command `cartstiff modes` as a user runs it."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from cartstiff.cli.modes import command
+from cartstiff.errors import InputError, UndefinedError
+
+
+def run(*arguments):
+    found = CliRunner().invoke(command, list(arguments), catch_exceptions=False)
+    assert found.exit_code == 0, found.output
+    return found.output
+
+
+def test_the_load_stands_beside_none():
+    data = json.loads(run("five-bar", "--load", "0,0,0,0,-300,0", "--json"))
+    assert data["load"]["given"]
+    assert data["frequencies"] != data["unloaded"]["frequencies"]
+    text = run("five-bar", "--load", "0,0,0,0,-300,0")
+    assert "under its dead load" in text
+    assert "unloaded" in text
+
+
+def test_everything_at_once(tmp_path):
+    csv, plot = tmp_path / "h.csv", tmp_path / "h.png"
+    arguments = [
+        "five-bar", "--compare", "energy,F", "--sensitivities", "--tolerance", "0.1",
+        "--response", "0:50:20", "--damping", "0.02", "--direction", "1,0,0", "--csv", str(csv),
+        "--plot", str(plot),
+    ]  # fmt: skip
+    data = json.loads(run(*arguments, "--json"))
+    assert {"compare", "sensitivities", "intervals", "response"} <= set(data)
+    assert len(csv.read_text().splitlines()) == 21
+    assert plot.read_bytes().startswith(b"\x89PNG")
+    text = run(*arguments)
+    for words in ("What 6x6 matrices", "Sensitivities", "Intervals that hold 95", "Response"):
+        assert words in text
+
+
+def test_no_masses_is_a_state():
+    data = json.loads(run("cubic", "--json"))
+    assert data["frequencies"] == []
+    assert data["notes"][0]["code"] == "no-mass"
+    with pytest.raises(UndefinedError, match="has a mass"):
+        run("cubic", "--strict")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--response", "5"], "LOW:HIGH"),
+        (["--response", "9:5"], "0 <= LOW < HIGH"),
+        (["--response", "1:5:1.5"], "whole number"),
+        (["--damping", "0.1"], "is for --response"),
+        (["--kind", "mobility"], "is for --response"),
+        (["--response", "1:5", "--damping", "-0.1"], "zero or more"),
+        (["--response", "1:5", "--direction", "0,0,0"], "must not be zero"),
+        (["--compare", "A,Q"], "comparison"),
+        (["--tolerance", "0"], "not all zero"),
+        (["--world"], "is for --load"),
+    ],
+)
+def test_what_is_refused(arguments, words):
+    with pytest.raises(InputError, match=words):
+        run("five-bar", *arguments)

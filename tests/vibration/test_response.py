@@ -1,0 +1,117 @@
+"""Responses: sums over modes against full matrices, closed forms, statics at frequency zero."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.support import loaded_arm, relative_error
+from tests.vibration.test_modes import LENGTH, M_1, K, column
+
+from cartstiff import analyse, load, modes
+from cartstiff.errors import InputError
+from cartstiff.vibration.damping import Damping, poles
+from cartstiff.vibration.response import frequency_response, transmissibility
+
+#: Two ways through the same matrices.
+AGREE = 1e-9
+
+
+def _arm():
+    arm = loaded_arm("RRPRRR", seed=4)
+    return analyse(arm.elastic, arm.q, wrench=arm.wrench, load_kind="conservative")
+
+
+def _damped_platform():
+    elastic = load("stewart-simscape").with_springs({"leg1": 15e6, "leg4": 30e6})
+    return replace(elastic, damping=np.array([500.0, 0.0, 300.0, 100.0, 0.0, 200.0]))
+
+
+SUBJECTS = {
+    "arm under load": _arm,
+    "platform with dampers": _damped_platform,
+    "closed chain": lambda: load("five-bar"),
+    "massless motions": lambda: load("3-rrr"),
+    "dead moment": lambda: analyse(load("ur5"), wrench=[20.0, -10.0, 30.0, 50.0, 100.0, -200.0]),
+}
+DAMPINGS = {
+    "one ratio": Damping(0.02),
+    "Rayleigh": Damping(0.0, mass=0.7, stiffness=1e-4),
+    "both": Damping(0.01, mass=0.1, stiffness=1e-5),
+}
+
+
+@pytest.mark.parametrize("subject", SUBJECTS)
+@pytest.mark.parametrize("damping", DAMPINGS)
+def test_modes_and_matrices_agree(subject, damping):
+    found, how = modes(SUBJECTS[subject]()), DAMPINGS[damping]
+    hertz = np.linspace(0.0, 1.3 * found.frequencies[-1], 25)
+    for answer in (frequency_response, transmissibility):
+        a = answer(found, hertz, how, at=[0.01, 0.02, -0.03])
+        b = answer(found, hertz, how, at=[0.01, 0.02, -0.03], method="matrices")
+        for x, y in zip(a.matrix, b.matrix, strict=True):
+            assert np.abs(x - y).max() < AGREE * np.abs(y).max()
+
+
+@pytest.mark.parametrize("subject", ["arm under load", "platform with dampers", "massless motions"])
+def test_static_compliance_at_zero(subject):
+    subject = SUBJECTS[subject]()
+    result = subject if hasattr(subject, "wrench") else analyse(subject)
+    H = frequency_response(modes(result), [0.0], 0.05).matrix[0]
+    assert relative_error(H.real, result.tangent_compliance) < 1e-9
+    assert np.abs(H.imag).max() < 1e-12 * np.abs(H).max()
+
+
+def test_one_mass_on_a_spring():
+    """H = l^2 / (k - omega^2 m l^2 + i omega c), and its derivatives."""
+    c = 0.3
+    elastic = replace(column(masses=(M_1,), stiffness=(K,)), damping=np.array([c]))
+    hertz = np.array([0.1, 0.2, 0.35, 1.0])
+    w = 2 * np.pi * hertz
+    H = LENGTH**2 / (K - w**2 * M_1 * LENGTH**2 + 1j * w * c)
+    for kind, power in (("receptance", 0), ("mobility", 1), ("accelerance", 2)):
+        found = frequency_response(modes(elastic), hertz, kind=kind)
+        assert found.along([0, 1, 0]) == pytest.approx((1j * w) ** power * H, rel=1e-12)
+    T = transmissibility(modes(elastic), hertz).along([0, 1, 0])
+    k, d = K / LENGTH**2, c / LENGTH**2
+    assert pytest.approx((k + 1j * w * d) / (k - w**2 * M_1 + 1j * w * d), rel=1e-12) == T
+    f, ratio = poles(modes(elastic), Damping())
+    own = np.sqrt(K / M_1) / LENGTH
+    zeta = c / (2 * M_1 * LENGTH**2 * own)
+    assert ratio == pytest.approx([zeta])
+    assert f == pytest.approx([own * np.sqrt(1 - zeta**2) / (2 * np.pi)])
+
+
+def test_reciprocity_and_notes():
+    found = modes(_damped_platform())
+    H = frequency_response(found, [50.0, 700.0], 0.01).matrix
+    assert relative_error(np.abs(H - H.swapaxes(1, 2)), np.zeros_like(H.real)) < 1e-9 * 1e300
+    assert np.abs(H - H.swapaxes(1, 2)).max() < 1e-12 * np.abs(H).max()
+    bare = modes(load("stewart-simscape"))
+    assert [n.code for n in frequency_response(bare, [1.0]).notes] == ["undamped-response"]
+    at_pole = frequency_response(column_at_pole := modes(column(stiffness=(0.0, K))), [0.0])
+    assert np.isnan(at_pole.matrix).all()
+    assert column_at_pole.frequencies[0] == 0.0
+
+
+def test_what_is_refused_and_written():
+    found = modes(column())
+    with pytest.raises(InputError, match="kind of response"):
+        frequency_response(found, [1.0], kind="inertance")
+    with pytest.raises(InputError, match="frequencies"):
+        frequency_response(found, [-1.0])
+    with pytest.raises(InputError, match="method"):
+        frequency_response(found, [1.0], method="guess")
+    with pytest.raises(InputError, match="wrong count of damping ratios"):
+        frequency_response(found, [1.0], Damping([0.1, 0.2, 0.3]))
+    with pytest.raises(InputError, match="damping ratios"):
+        Damping(-0.1)
+    with pytest.raises(InputError, match="Rayleigh"):
+        Damping(mass=-1.0)
+    response = frequency_response(found, [1.0, 2.0], 0.02)
+    lines = response.as_csv().splitlines()
+    assert lines[0].startswith("frequency_Hz,real_x,imaginary_x")
+    row = [float(x) for x in lines[2].split(",")]
+    assert row[3] + 1j * row[4] == response.along([0, 1, 0])[1]
+    assert response.unit == "m/N"
