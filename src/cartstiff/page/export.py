@@ -19,6 +19,7 @@ import numpy as np
 
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.errors import CartstiffError, InputError, printable
+from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.page.answer import Answer
@@ -48,6 +49,7 @@ _VARIANTS = [
 ]
 # What of a payload is the same for every connection and quantity.
 _COMMON = ("result", "has_compliance", "position", "angles", "singularity", "legs")
+_MATRICES = ("stiffness", "compliance")
 _MOST_FRAMES = 2_000
 
 
@@ -97,16 +99,15 @@ def export_steps(
     here = replace(source, elastic=elastic, reload=None, cloud=source.cloud)
     session = Session(here, picture)
     first = session.start if state is None else state
-    # The load stays where it acts.
-    first = first.model_copy(
-        update={"moved": None, "axes": "body", "point": (0.0, 0.0, 0.0), "load_at": first.acts_at}
-        | dict.fromkeys(_PARTS, True)
-    )
     hello = session.hello().data
     base = session.result(first)
-    first = first.model_copy(update={"q": base.q.tolist()})
+    shown = first.model_copy(update={"moved": None, "q": base.q.tolist()})
+    # What is hidden at first can be shown.
+    first = shown.model_copy(update=dict.fromkeys(_PARTS, True))
     frames_of = _trajectory_frames if source.trajectory is not None else _sweep_frames
     results, sweeps, path = yield from frames_of(session, first, base, frames)
+    if first.ghost is not None and (other := _reached(session, first, np.array(first.ghost), None)):
+        results.append(other)  # the numbers of posture A
 
     recorder = _Recorder(session, first)
     records: list[dict[str, Any]] = []
@@ -115,20 +116,26 @@ def export_steps(
         yield
     data = recorder.data(records)
     data["hello"] = hello | {
-        "state": first.model_dump(),
+        "state": shown.model_dump(),
+        "bounds": records[0]["bounds"],
         "only_trajectory": source.trajectory is not None,
     }
     data |= {"sweeps": sweeps, "path": path}
-    data["analysis"] = summary_text(
-        analyse_posture(base, connection=first.connection), elastic.units.as_dict(), "full"
+    at = ", ".join(f"{x:.6g}" for x in base.q)
+    analysis = analyse_posture(
+        base, connection=first.connection, at=se3.pose(np.eye(3), first.point)
     )
+    data["analysis"] = {
+        "title": f"Analysis of K^{first.connection} in the posture of the file, q = {at}",
+        "text": summary_text(analysis, elastic.units.as_dict(), "full"),
+    }
     data["made"] = {
         "by": f"cartstiff {__version__}",
         "frames": len(results),
-        "state": first.model_dump(exclude_defaults=True),
+        "state": shown.model_dump(exclude_defaults=True),
     }
     yield
-    lists = [data["start"], *data["cameras"].values(), *data["themes"].values()]
+    lists = [data["start"], *data["themes"].values()]
     lists += [numbers for frame in records for numbers in frame["pictures"].values()]
     data["commands"], binary = compacted(recorder.pictures.commands, lists)
     packed = Answer(data, binary).pack()
@@ -236,27 +243,26 @@ class _Recorder:
         """One frame."""
         self._first = self._first or result
         frame: dict[str, Any] = {"variants": {}, "pictures": {}}
+        frame["bounds"] = self._picture.bounds(result)
         with np.errstate(all="ignore"):
             for key, look in self._looks():
                 numbers = payload(result, look, whole=True)
                 legend = self._draw(result, look)
-                frame |= {name: numbers[name] for name in _COMMON}
-                rest = {
-                    name: value for name, value in numbers.items()
-                    if name not in (*_COMMON, "stiffness", "compliance", "frame")
-                }  # fmt: skip
+                # The matrices of a reference point: the same for every connection.
+                frame |= {n: numbers[n] for n in (*_COMMON, look.quantity, "frame")}
+                rest = {n: x for n, x in numbers.items() if n not in (*frame, *_MATRICES)}
                 _shorten_axes(rest["principal"])
                 text = json.dumps({"numbers": rest, "legend": legend}, allow_nan=False)
                 frame["variants"][key] = self._variants.setdefault(text, len(self._variants))
                 frame["pictures"][key] = len(self._states)
                 self._states.append(self.pictures.state())
-        for quantity in ("stiffness", "compliance"):
+        for quantity in _MATRICES:
             for table in (frame["variants"], frame["pictures"]):
                 table[f"{quantity}/+"] = table[f"{quantity}/A"]
         return frame
 
     def data(self, records: list[dict[str, Any]]) -> dict[str, Any]:
-        """Everything recorded, with the parts, themes and cameras of the page."""
+        """Everything recorded, with the parts and themes of the page."""
         first = self._first
         if first is None:
             raise InputError("nothing to export")
@@ -273,17 +279,10 @@ class _Recorder:
                 key: in_order(self._states[i], changing) for key, i in frame["pictures"].items()
             }
         differing = {k for k in themes["light"] if themes["light"][k] != themes["dark"].get(k)}
-        cameras = {}
-        for preset in ("iso", "front", "side", "top", "fit"):
-            self._picture.camera(preset)
-            changes = self._picture.changes_by_path()
-            cameras[preset] = [self.pictures.number(*change) for change in changes.items()]
-        start = in_order(self._states[0], set(self._states[0]))
         return {
             "frames": records,
             "variants": [json.loads(text) for text in self._variants],
-            "start": start + cameras["iso"],
-            "cameras": cameras,
+            "start": in_order(self._states[0], set(self._states[0])),
             "themes": {name: in_order(state, differing & same) for name, state in themes.items()},
             "parts": parts,
         }

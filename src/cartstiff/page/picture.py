@@ -42,9 +42,9 @@ class Picture:
             cloud.positions, cloud.values[quantity], quantity, cloud.units[quantity]
         )
 
-    def camera(self, preset: str) -> None:
-        """Look from a named place."""
-        self._scene.camera(preset)
+    def bounds(self, result: PostureStiffness) -> list[list[float]]:
+        """Two corners, in the viewer's units, of what has to be in the picture at a posture."""
+        return self._scene.bounds(result).tolist()
 
     def changes(self) -> list[bytes]:
         """Commands since the last call."""

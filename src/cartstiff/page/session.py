@@ -25,7 +25,7 @@ from cartstiff.page.picture import Picture
 from cartstiff.page.source import Source
 from cartstiff.page.state import (
     Analysis,
-    Camera,
+    Bounds,
     Draw,
     Frame,
     Message,
@@ -108,8 +108,8 @@ class Session:
 
     # -- answers ----------------------------------------------------------------------------
 
-    def hello(self, number: int = 0) -> Answer:
-        """Everything a new page needs, and the whole picture as it is."""
+    def hello(self, number: int = 0, now: State | None = None) -> Answer:
+        """Everything a new page needs, and the whole picture as it is; `now` is shown at once."""
         source, trajectory, cloud = self.source, self.source.trajectory, self.source.cloud
         state = self.start
         data = {
@@ -118,6 +118,7 @@ class Session:
             "version": __version__,
             "mechanism": describe_mechanism(self._elastic, self._q, source.reload is not None),
             "state": state.model_dump(),
+            "now": None if now is None else now.model_dump(),
             "trajectory": None
             if trajectory is None
             else {"time": trajectory.time.tolist(), "timed": trajectory.timed},
@@ -129,8 +130,9 @@ class Session:
                 "thinned": cloud.thinned,
             },
         }
-        self._draw(self.result(state), state)
-        self.picture.camera("iso")
+        result = self.result(state)
+        self._draw(result, state)
+        data["bounds"] = self.picture.bounds(result)
         return Answer(data, self.picture.whole())
 
     def answer(self, message: Message) -> Answer:
@@ -154,9 +156,9 @@ class Session:
             if isinstance(message, Result):
                 whole = self.result(message.state).as_dict()
                 return Answer({"id": message.id, "do": "result", "result": whole})
-            if isinstance(message, Camera):
-                self.picture.camera(message.preset)
-                return Answer({"id": message.id, "do": "camera"}, self.picture.changes())
+            if isinstance(message, Bounds):
+                room = self.picture.bounds(self.result(message.state))
+                return Answer({"id": message.id, "do": "bounds", "bounds": room})
             if isinstance(message, Frame):
                 return self._other_frame(message)
             if isinstance(message, Analysis):
@@ -225,11 +227,13 @@ class Session:
         known = describe_mechanism(self._elastic, self._q)["frames"]
         if reload is None or message.name not in known:
             raise UnknownNameError("frame", message.name, known if reload else ())
-        if message.name != self._elastic.mechanism.frame:
-            elastic = reload(message.name)
-            same = elastic.names == self._elastic.names
-            self._start(elastic, self._q if same else None)
-        return self.hello(message.id)
+        if message.name == self._elastic.mechanism.frame:
+            return self.hello(message.id)
+        # The frames offered move with the same joint: coordinates and springs are the same.
+        before, state = self.result(message.state).pose, message.state
+        self._start(reload(message.name), self._q)
+        after = self.result(state.model_copy(update={"load": None})).pose
+        return self.hello(message.id, _seen_from(state, se3.inverse(after) @ before))
 
     def _analysis(self, message: Analysis) -> Answer:
         result = self.result(message.state)
@@ -239,7 +243,8 @@ class Session:
             at=se3.pose(np.eye(3), message.state.point),
         )
         text = summary_text(answer, self._elastic.units.as_dict(), "full")
-        return Answer({"id": message.id, "do": "analysis", "text": text})
+        title = f"Analysis of K^{message.state.connection}"
+        return Answer({"id": message.id, "do": "analysis", "title": title, "text": text})
 
     def _sweep(self, message: Sweep) -> _Work:
         i, n = message.coordinate, len(self._q)
@@ -283,6 +288,17 @@ class Session:
                 return series_row(self.result(at), at)
         except CartstiffError:
             return None
+
+
+def _seen_from(state: State, T: Array) -> State:
+    """The same with another frame N of the body, ``T_N_M``: numbers at N, the load where it was."""
+    new: dict[str, Any] = {"point": (0.0, 0.0, 0.0)}
+    if state.load is not None:
+        new["load_at"] = tuple((T[:3, :3] @ state.acts_at + T[:3, 3]).tolist())
+        if state.load_axes == "body":
+            turned = [T[:3, :3] @ state.load[:3], T[:3, :3] @ state.load[3:]]
+            new["load"] = _six(np.concatenate(turned))
+    return state.model_copy(update=new)
 
 
 def _six(values: Array | None) -> tuple[float, float, float, float, float, float] | None:

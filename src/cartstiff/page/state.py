@@ -16,7 +16,7 @@ __all__ = [
     "CONNECTIONS",
     "LARGEST_MESSAGE",
     "Analysis",
-    "Camera",
+    "Bounds",
     "Draw",
     "Export",
     "Frame",
@@ -170,14 +170,13 @@ class Frame(_Asked):
     name: _Short
 
 
-class Camera(_Asked):
-    """Where the picture is seen from."""
+class Bounds(_Asked):
+    """How much room the picture of a state takes."""
 
-    do: Literal["camera"]
-    preset: Literal["fit", "front", "side", "top", "iso"]
+    do: Literal["bounds"]
 
 
-Message = Draw | Numbers | Result | Sweep | Series | Analysis | Export | Frame | Camera
+Message = Draw | Numbers | Result | Sweep | Series | Analysis | Export | Frame | Bounds
 _MESSAGES: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="do")])
 _STATE: TypeAdapter[State] = TypeAdapter(State)
 _T = TypeVar("_T")

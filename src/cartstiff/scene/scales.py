@@ -1,7 +1,7 @@
 """How large a value is drawn, and what the legend says about it.
 
-A scale stays as it is while the picture remains of a useful size, so that postures can be compared;
-it then moves on to the next round number, and the legend says so.
+A scale follows from the value alone, and from values that it is told to refer to: the same matrix
+is drawn alike, whatever was drawn before. The legend says what the scale is.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def round_number(x: float) -> float:
 
 
 class _Scale(ABC):
-    """A scale that follows the values, or is settled by those that are drawn together.
+    """A scale for the values that are drawn next.
 
     Parameters
     ----------
@@ -48,14 +48,18 @@ class _Scale(ABC):
         scale._settled = True
         return scale
 
+    def refer(self, values: Array) -> None:
+        """Keep to the scale that fits these values (any shape) as long as a size is of use."""
+        if (found := _sizes(values)) is not None:
+            self._refer(*found)
+
     def fit(self, values: Array) -> None:
-        """Choose the scale anew if values (any shape) would come out too small or too large."""
-        if self._settled:
-            return
-        sizes = [abs(v) for v in values.ravel().tolist() if isfinite(v)]
-        largest = max(sizes, default=0.0)
-        if largest > 0.0:
-            self._choose(sizes, largest)
+        """Choose the scale for values (any shape) that are drawn next."""
+        if not self._settled and (found := _sizes(values)) is not None:
+            self._choose(*found)
+
+    @abstractmethod
+    def _refer(self, sizes: list[float], largest: float) -> None: ...
 
     @abstractmethod
     def _choose(self, sizes: list[float], largest: float) -> None: ...
@@ -69,6 +73,13 @@ class _Scale(ABC):
         """What a length means."""
 
 
+def _sizes(values: Array) -> tuple[list[float], float] | None:
+    """Absolute values and their largest; None where there is none above zero."""
+    sizes = [abs(v) for v in values.ravel().tolist() if isfinite(v)]
+    largest = max(sizes, default=0.0)
+    return (sizes, largest) if largest > 0.0 else None
+
+
 class Linear(_Scale):
     """Length = value / `per_length`, a round number of value units per unit of length.
 
@@ -77,12 +88,22 @@ class Linear(_Scale):
 
     kind: Literal["linear"] = "linear"
     per_length = 0.0
+    _reference = 0.0
 
-    def _choose(self, sizes: list[float], largest: float) -> None:  # noqa: ARG002
-        if self.per_length and 0.3 < largest / self.per_length / self._target < 1.6:
-            return
+    def _refer(self, sizes: list[float], largest: float) -> None:
+        self._reference = self._round(sizes, largest)
+
+    def _choose(self, sizes: list[float], largest: float) -> None:
+        self.per_length = self._reference
+        if not self._reference:
+            self.per_length = self._round(sizes, largest)
+        elif not 0.05 < (size := largest / self._reference / self._target) <= 2.5:
+            # Whole powers of ten: the length then lies between a quarter and 2.5 times the target.
+            self.per_length *= 10.0 ** ceil(log10(size / 2.5))
+
+    def _round(self, sizes: list[float], largest: float) -> float:  # noqa: ARG002
         # Rounded down, so that a value is drawn up to 2.5 times the target length at most.
-        self.per_length = round_number(1.6 * largest / self._target)
+        return round_number(1.6 * largest / self._target)
 
     def length(self, values: Array) -> Array:
         """Lengths of the absolute values."""
@@ -104,18 +125,23 @@ class Logarithmic(_Scale):
     kind: Literal["log"] = "log"
     zero = 0.0
     per_decade = 0.0
+    _reference: tuple[float, float] | None = None  # log10 of `zero`, and `per_decade`
+
+    def _refer(self, sizes: list[float], largest: float) -> None:
+        self._reference = self._round(sizes, largest)
 
     def _choose(self, sizes: list[float], largest: float) -> None:
-        # What is rounding beside the largest counts as zero and has no length.
-        small, large = log10(min(v for v in sizes if v > numerics.ZERO * largest)), log10(largest)
-        if self.zero:
-            zero = log10(self.zero)
-            reach = (large - zero) * self.per_decade / self._target
-            if 0.3 <= small - zero <= 3.5 and 0.6 <= reach <= 1.3:
-                return
-        zero = floor(small - 0.7)
-        self.zero = float(f"1e{zero}")
-        self.per_decade = self._target / ceil(large - zero)
+        zero, per_decade = self._round(sizes, largest)
+        if self._reference is not None:
+            first, step = self._reference
+            reach = (log10(largest) - first) * step / self._target
+            if 0.3 <= log10(_smallest(sizes, largest)) - first <= 3.5 and 0.6 <= reach <= 1.3:
+                zero, per_decade = self._reference
+        self.zero, self.per_decade = float(f"1e{zero:.0f}"), per_decade
+
+    def _round(self, sizes: list[float], largest: float) -> tuple[float, float]:
+        zero = floor(log10(_smallest(sizes, largest)) - 0.7)
+        return zero, self._target / ceil(log10(largest) - zero)
 
     def length(self, values: Array) -> Array:
         """Lengths of the absolute values."""
@@ -133,6 +159,11 @@ class Logarithmic(_Scale):
         }
 
 
+def _smallest(sizes: list[float], largest: float) -> float:
+    """What is rounding beside the largest counts as zero and has no length."""
+    return min(v for v in sizes if v > numerics.ZERO * largest)
+
+
 Scale = Linear | Logarithmic
 
 
@@ -143,9 +174,9 @@ class Tension:
         self.limit = 0.0
 
     def fit(self, tensions: Array) -> None:
-        """Choose the limit anew if it is exceeded, or far above what there is."""
+        """Choose the limit for the tensions that are drawn next."""
         largest = float(np.abs(tensions).max(initial=0.0))
-        if 0.0 < largest < np.inf and not 0.15 * self.limit < largest <= self.limit:
+        if 0.0 < largest < np.inf:
             self.limit = 2.0 * round_number(largest)
             if self.limit < largest:
                 self.limit = 5.0 * round_number(largest)

@@ -6,7 +6,7 @@ Objects are sent once; a new posture moves and stretches them, some twenty-five 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,11 +32,13 @@ from cartstiff.scene.quantities import block_ellipsoid, load_at, matrices_at, re
 from cartstiff.scene.scales import Linear, Logarithmic
 from cartstiff.scene.screws import AxesPicture, CentresPicture, compliant_lines, eigenscrew_lines
 from cartstiff.scene.stage import Stage
-from cartstiff.stiffness.compute import PostureStiffness
+from cartstiff.stiffness.compute import PostureStiffness, analyse
 from cartstiff.stiffness.in_frame import StiffnessInFrame
 
 __all__ = ["Look", "Scene"]
 
+Quantity = Literal["stiffness", "compliance"]
+_QUANTITIES: tuple[Quantity, Quantity] = ("stiffness", "compliance")
 _FREEDOMS: tuple[Freedom, Freedom] = ("translation", "rotation")
 _COLOURS = {"translation": theme.TRANSLATION, "rotation": theme.ROTATION}
 #: Largest semi-axis of an ellipsoid, over the size of the mechanism.
@@ -70,6 +72,7 @@ class Scene:
         self._theme = ""
         self._ghost: MechanismPicture | None = None
         self._ghost_at: tuple[float, ...] | None = None
+        self._usual: dict[tuple[str, str], Array] = {}
         self.notes: list[str] = []
 
     # -- the picture -------------------------------------------------------------------------
@@ -148,6 +151,16 @@ class Scene:
         """Look from "iso" (also "fit", "home"), "front", "side" or "top"."""
         self._stage.camera(preset)
 
+    def bounds(self, result: PostureStiffness) -> Array:
+        """Lowest and highest corner (2, 3), in the viewer's units, of what a picture has to hold."""
+        posture = result.posture
+        around = _RADIUS * self._stage.size * np.array([[-1.0] * 3, [1.0] * 3])
+        points = [extent(self._elastic, posture), result.pose[:3, 3] + around]
+        if self._theme:
+            points.append(self._mechanism.corners(posture))
+        every = np.concatenate(points)
+        return self._stage.seen(np.array([every.min(axis=0), every.max(axis=0)]))
+
     # -- parts -------------------------------------------------------------------------------
 
     def _build(self, name: str) -> None:
@@ -196,6 +209,7 @@ class Scene:
             return {"shown": False, "reason": reason or f"no {look.quantity} exists here"}
         if picture_or_none is None:
             scale = (Logarithmic if look.scale == "log" else Linear)(_RADIUS * self._stage.size)
+            scale.refer(self._usual_values(look.quantity, freedom))
             place = self._node[f"{freedom} ellipsoid"][f"{look.quantity} {look.scale}"]
             picture_or_none = EllipsoidPicture(
                 place, _COLOURS[freedom], scale, self._stage.size, theme.THEMES[look.theme],
@@ -205,6 +219,20 @@ class Scene:
         return picture_or_none.draw(
             shape, here.pose, self._unit(freedom, look.quantity), look.axes, look.labels
         )
+
+    def _usual_values(self, quantity: Quantity, freedom: Freedom) -> Array:
+        """Principal values of K^B in the mechanism's own posture: sizes do not depend on history."""
+        if not self._usual:
+            with np.errstate(all="ignore"):
+                here = analyse(self._elastic).at(None)
+                for q in _QUANTITIES:
+                    for f in _FREEDOMS:
+                        try:
+                            shape = block_ellipsoid(here, "B", q, f)
+                        except UndefinedError:
+                            shape = None
+                        self._usual[q, f] = np.zeros(3) if shape is None else shape.eigenvalues
+        return self._usual[quantity, freedom]
 
     def _unit(self, freedom: str, quantity: str) -> str:
         units = self._elastic.units

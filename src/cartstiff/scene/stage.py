@@ -75,13 +75,18 @@ class Stage:
     def frame(self, points: Array) -> None:
         """Put the middle of some points (n, 3) where the viewer's camera turns about."""
         self._low, self._high = points.min(axis=0), points.max(axis=0)
+        self._middle = 0.5 * (self._low + self._high)
         place = np.diag([self.scale] * 3 + [1.0])
-        place[:3, 3] = -0.5 * self.scale * (self._low + self._high)
+        place[:3, 3] = -self.scale * self._middle
         self.node.set_transform(place)
 
     def frame_also(self, corners: Array) -> None:
         """The same with what else has to be in the picture."""
         self.frame(np.concatenate([self._points, corners]))
+
+    def seen(self, points: Array) -> Array:
+        """Points (n, 3) of F in the units of the viewer, from where its camera turns about."""
+        return self.scale * (points - self._middle)
 
     def dress(self, look: theme.Theme) -> None:
         """Background and ground in the colours of a theme."""

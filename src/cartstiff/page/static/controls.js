@@ -1,6 +1,6 @@
 // Load, springs, reference point, and what the picture shows.
 
-import { byId, choice, el, short } from "./dom.js";
+import { byId, choice, el, short, toast } from "./dom.js";
 
 /** Numbers in a row of fields; calls back with all of them when one has changed. */
 function fields(names, onchange, step = "any") {
@@ -76,7 +76,8 @@ export function controls(store) {
 
     // -- reference point
     frameSelect = el("select", { "aria-label": "Frame M", onchange: () =>
-      store.ask({ do: "frame", name: frameSelect.value }).catch((error) => {
+      store.ask({ do: "frame", name: frameSelect.value }).then(() =>
+        toast(`The numbers are for the origin of ${frameSelect.value}; posture, load and springs are as before`)).catch((error) => {
         frameSelect.value = mechanism.frame;
         store.tell("error", error.message);
       }) }, ...mechanism.frames.map((name) => el("option", { value: name, selected: name === mechanism.frame }, name)));
@@ -168,7 +169,8 @@ export function pictureControls(store) {
   const cameras = byId("cameras");
   for (const [preset, text] of [["iso", "3D"], ["front", "Front"], ["side", "Side"], ["top", "Top"], ["fit", "Fit"]]) {
     cameras.append(el("button", { type: "button", title: `View: ${text.toLowerCase()}`, "data-preset": preset,
-      onclick: () => store.ask({ do: "camera", preset }).catch(() => {}) }, text));
+      onclick: () => store.ask({ do: "bounds" })
+        .then(({ bounds }) => store.pane.look(preset, bounds), (error) => store.tell("error", error.message)) }, text));
   }
 
   store.on("state", () => {

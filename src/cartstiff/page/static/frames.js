@@ -1,6 +1,6 @@
 // Answers from the frames of an exported page: what a server would say, computed beforehand.
 
-const LINE = "Exported page: sliders move among computed postures.";
+const LINE = "Exported page: each slider runs through computed postures; the others then stand as in the file.";
 
 export class FramesSource {
   constructor(data, commands) {
@@ -32,10 +32,10 @@ export class FramesSource {
     if (message.do === "draw") return this.draw(id, state);
     if (message.do === "numbers") return [{ id, do: "numbers", numbers: this.numbers(this.data.frames[this.nearest(state)], state) }, []];
     if (message.do === "result") return [{ id, do: "result", result: this.data.frames[this.nearest(state)].result }, []];
-    if (message.do === "camera") return [{ id, do: "camera" }, this.data.cameras[message.preset].map((i) => this.commands[i])];
+    if (message.do === "bounds") return [{ id, do: "bounds", bounds: this.data.frames[this.nearest(state)].bounds }, []];
     if (message.do === "sweep") return [{ id, do: "sweep", seconds: 0, ...this.sweep(message.coordinate, state) }, []];
     if (message.do === "series") return [{ id, do: "series", seconds: 0, ...this.series(state) }, []];
-    if (message.do === "analysis") return [{ id, do: "analysis", text: this.data.analysis }, []];
+    if (message.do === "analysis") return [{ id, do: "analysis", ...this.data.analysis }, []];
     throw new Error("an exported page cannot do that; `cartstiff view` can");
   }
 
@@ -78,7 +78,7 @@ export class FramesSource {
 
   numbers(frame, state) {
     const { variants, pictures, ...common } = frame;
-    return { ...common, ...this.variant(frame, state).numbers, stiffness: null, compliance: null, frame: null };
+    return { ...common, ...this.variant(frame, state).numbers };
   }
 
   /** What the boxes under "Show" hide and show. */
@@ -87,6 +87,10 @@ export class FramesSource {
     for (const [key, paths] of Object.entries(this.data.parts)) {
       if (!state[key]) for (const path of paths) commands.push({ type: "set_property", path, property: "visible", value: false });
     }
+    // The file holds the picture of one posture A only.
+    const { ghost } = this.data.hello.state;
+    if (ghost) commands.push({ type: "set_property", path: "/meshcat/cartstiff/ghost", property: "visible",
+      value: JSON.stringify(ghost) === JSON.stringify(state.ghost) });
     return commands;
   }
 

@@ -22,8 +22,8 @@ export function shortcuts(store, parts) {
   const keys = [
     ["?", "this list", () => showHelp()],
     ["h", "home posture", () => toHome(store)],
-    ["r", "random posture", () => toRandom(store)],
-    ["0", "all coordinates zero", () => !store.hello.mechanism.platform && toZero(store)],
+    ["r", "random posture", () => store.source.live && toRandom(store)],
+    ["0", "all coordinates zero", () => store.source.live && !store.hello.mechanism.platform && toZero(store)],
     ["a", "pin or drop posture A", () => (store.pinned ? store.unpin() : store.pin())],
     ["b", "back to posture A", () => store.pinned && store.goTo(store.pinned.q)],
     ["1", "connection A", connection("A")],

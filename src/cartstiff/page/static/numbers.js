@@ -132,11 +132,14 @@ export async function showReport(store) {
   const dialog = byId("report");
   if (dialog.open) return dialog.close();
   const text = el("pre", {}, "…");
-  dialog.replaceChildren(el("div", { class: "row" }, el("h2", {}, `Analysis of K^${store.state.connection}`),
+  const title = el("h2", {}, "Analysis");
+  dialog.replaceChildren(el("div", { class: "row" }, title,
     el("span", { class: "grow" }), el("button", { type: "button", onclick: () => dialog.close() }, "Close")), text);
   dialog.showModal();
   try {
-    text.textContent = (await store.ask({ do: "analysis" })).text;
+    const answer = await store.ask({ do: "analysis" });
+    title.textContent = answer.title;
+    text.textContent = answer.text;
   } catch (error) {
     text.textContent = error.message;
   }
@@ -156,9 +159,10 @@ export function legendBox(store) {
       el("span", { class: `mark ${mark}`, "aria-hidden": "true" }, MARKS[mark] ?? "·"), ` ${text}`)));
     box.hidden = lines.length === 0;
     if (legend.cloud) {
-      const { label, unit, lower, upper, stops = [] } = legend.cloud;
+      const { label, unit, lower, upper, log, stops = [] } = legend.cloud;
       bar.hidden = false;
-      bar.replaceChildren(el("span", { class: "small" }, unit ? `${label}, ${unit}` : label),
+      const words = [label, unit, log && "logarithmic"].filter(Boolean).join(", ");
+      bar.replaceChildren(el("span", { class: "small" }, words),
         el("span", { class: "gradient", style: `background: linear-gradient(to right, ${stops.join(", ")})` }),
         el("span", { class: "ends small num" }, el("span", {}, short(lower)), el("span", {}, short(upper))));
     }

@@ -6,6 +6,10 @@ import { spreadLabels } from "./labels.js";
 
 // Time (ms) without a picture after which the next is not left to wait for the screen's turn.
 const REST = 250;
+// Directions from the mechanism to the camera.
+const DIRECTIONS = { iso: [1, -1.05, 0.75], front: [1, 0, 0.12], side: [0, -1, 0.12], top: [0, -1e-3, 1] };
+// Distance of the camera over that at which the sphere around everything just fits.
+const FILLED = 0.95;
 
 export class Pane {
   constructor() {
@@ -57,9 +61,35 @@ export class Pane {
     }
   }
 
-  reset(commands) {
+  /** A new picture; seen from where the last one was, or from the preset of a first one. */
+  reset(commands, bounds) {
+    const { camera, controls } = this.viewer;
+    const [eye, target] = [camera.position.clone(), controls.target.clone()];
     this.viewer.handle_command({ type: "delete", path: "/meshcat" });
     this.apply(commands);
+    if (this.seen) {
+      camera.position.copy(eye);
+      controls.target.copy(target);
+    } else this.look("iso", bounds);
+    this.seen = true;
+  }
+
+  /** Look from a preset, or with "fit" from the present side, so that all between two corners is seen. */
+  look(preset, [low, high]) {
+    const { camera, controls } = this.viewer;
+    const { clientWidth: width, clientHeight: height } = this.node;
+    // The viewer's camera lives in a frame with y up.
+    const up = ([x, y, z]) => [x, z, -y];
+    const middle = up(low.map((x, i) => (x + high[i]) / 2));
+    const direction = preset === "fit" ? camera.position.clone().sub(controls.target)
+      : camera.position.clone().set(...up(DIRECTIONS[preset]));
+    const free = Math.max(0.3, (height - this.covered) / Math.max(1, height));
+    const half = Math.tan((camera.fov * Math.PI) / 360) * Math.min(free, width / Math.max(1, height));
+    const radius = Math.max(1e-9, Math.hypot(...low.map((x, i) => high[i] - x)) / 2);
+    controls.target.set(...middle);
+    camera.position.copy(controls.target).add(direction.normalize().multiplyScalar(FILLED * radius / Math.sin(Math.atan(half))));
+    controls.update();
+    this.viewer.set_dirty();
   }
 
   /** The picture as a PNG file. */

@@ -16,12 +16,13 @@ export function posePanel(store) {
   const back = el("button", { type: "button", hidden: true, title: "Go back to posture A (b)",
     onclick: () => store.pinned && store.goTo(store.pinned.q) }, "→ A");
   const zero = button("Zero", "All coordinates zero, where the limits allow it (0)", () => toZero(store));
+  const random = button("Random", "A random posture within the limits (r)", () => toRandom(store));
   const panel = el("div", { class: "card" },
     el("div", { class: "row head" }, el("h2", {}, "Posture"), el("span", { class: "grow" }), unitButton),
     el("div", { class: "row buttons" },
       button("Home", "The posture of the file (h)", () => toHome(store)),
       zero,
-      button("Random", "A random posture within the limits (r)", () => toRandom(store)),
+      random,
       el("span", { class: "grow" }), back, pin),
     list, legs);
   byId("left").append(panel);
@@ -41,7 +42,8 @@ export function posePanel(store) {
     rows.length = 0;
     list.replaceChildren();
     const { coordinates, sliders, platform } = hello.mechanism;
-    zero.hidden = platform || sliders.length !== coordinates.length;
+    zero.hidden = platform || sliders.length !== coordinates.length || !store.source.live;
+    random.hidden = !store.source.live;
     for (const index of sliders) {
       const row = sliderRow(store, index, coordinates[index]);
       rows.push(row);

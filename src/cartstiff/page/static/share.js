@@ -65,8 +65,12 @@ export function sharing(store) {
     button("Link", "Copy the address of this state", () => copy(location.href.split("#")[0] + "#" + toHash(store), "Address")),
     button("PNG", "The picture as PNG file", async () => download(`${file(store)}.png`, await store.pane.image())),
     button("JSON", "The numbers at this posture, as `cartstiff analyse --json` prints them", async () => {
-      const { result } = await store.ask({ do: "result" });
-      download(`${file(store)}.json`, `${JSON.stringify(result, null, 1)}\n`, "application/json");
+      try {
+        const { result } = await store.ask({ do: "result" });
+        download(`${file(store)}.json`, `${JSON.stringify(result, null, 1)}\n`, "application/json");
+      } catch (error) {
+        store.tell("error", error.message);
+      }
     }),
     html);
   store.on("hello", () => { html.hidden = !store.source.live; });
@@ -80,14 +84,14 @@ export function sharing(store) {
     const wishes = fromHash(location.hash, hello.state);
     const frame = new URLSearchParams(location.hash.slice(1)).get("frame");
     if (frame && frame !== hello.mechanism.frame && store.source.live) {
-      store.ask({ do: "frame", name: frame }).then(() => store.change(wishes), (error) => store.tell("error", error.message));
+      store.ask({ do: "frame", name: frame }).then(() => {
+        store.change(wishes);
+        store.compareWith(wishes.ghost);
+      }, (error) => store.tell("error", error.message));
     } else if (Object.keys(wishes).length) {
       Object.assign(store.state, wishes);
-      if (wishes.ghost) {
-        store.pinned = { q: wishes.ghost, numbers: null };
-        store.refreshPinned();
-      }
-    }
+      store.compareWith(wishes.ghost);
+    } else store.compareWith(hello.state.ghost);
   });
   store.on("numbers", () => {
     clearTimeout(timer);
@@ -102,9 +106,8 @@ export function sharing(store) {
   });
   window.addEventListener("hashchange", () => {
     const wishes = fromHash(location.hash, store.hello.state);
-    store.pinned = wishes.ghost ? { q: wishes.ghost, numbers: null } : null;
     store.change({ ...store.hello.state, theme: store.state.theme, ...wishes });
-    store.tell("pinned", store.pinned);
+    store.compareWith(wishes.ghost);
   });
 }
 

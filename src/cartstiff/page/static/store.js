@@ -95,16 +95,17 @@ export class Store {
     this.waiting.clear();
     const again = this.hello !== null && this.hello.mechanism.frame === data.mechanism.frame &&
       this.hello.mechanism.name === data.mechanism.name;
-    const kept = again ? this.state : null;
+    const kept = again ? this.state : data.now;
     const looks = this.state;
     this.hello = data;
     this.state = kept ?? { ...data.state, ...(looks ? LOOKS(looks) : {}) };
     this.busy = null;
-    this.pane.reset(commands);
-    if (!again) this.pinned = null;
+    this.pane.reset(commands, data.bounds);
+    if (!kept) this.pinned = null;
     this.tell("hello", data);
     this.tell("state", this.state);
     waiting?.resolve(data);
+    if (data.now && this.pinned) this.refreshPinned();
     this.draw();
   }
 
@@ -145,6 +146,13 @@ export class Store {
     this.wanted = false;
     for (const { reject } of this.waiting.values()) reject(new Error("the connection was lost"));
     this.waiting.clear();
+  }
+
+  /** Coordinates as posture A, or none. */
+  compareWith(q) {
+    this.pinned = q ? { q: q.slice(), numbers: null } : null;
+    this.tell("pinned", this.pinned);
+    return this.refreshPinned();
   }
 
   /** Posture A under the connection, quantity and axes that are shown now. */
