@@ -169,7 +169,7 @@ def test_each_connection_shows_the_api_s_matrix(serve, pages):
         assert np.array_equal(exact, expected), name
         assert page.get_attribute(f'[data-value="{name}"]', "aria-checked") == "true"
         assert close(matrix(page), result.tensor(name).matrix), name
-        badge = page.inner_text(".badge")
+        badge = page.inner_text(".connection-card .badge")
         assert ("asymmetric" in badge) == (name in "A+"), name
     page.keyboard.press("1")
     page.keyboard.press("s")

@@ -28,8 +28,8 @@ class NoPicture:
     def cloud(self, cloud: Any, quantity: str) -> dict[str, Any]:
         return {"label": quantity, "unit": cloud.units[quantity]}
 
-    def camera(self, preset: str) -> None:
-        self.drawn.append(preset)
+    def bounds(self, result: Any) -> list[list[float]]:
+        return [[0.0] * 3, [1.0] * 3]
 
     def changes(self) -> list[bytes]:
         return [b"change"]

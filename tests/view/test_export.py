@@ -17,6 +17,7 @@ from tests.view.conftest import unpacked
 
 import cartstiff
 from cartstiff.errors import InputError
+from cartstiff.geometry import se3
 from cartstiff.page.compact import compacted
 from cartstiff.page.export import export_page
 from cartstiff.page.files import page_script
@@ -122,13 +123,15 @@ def test_the_state_of_a_tab_is_exported():
     state = State(q=[0.01, 0, 0, 0, 0, 0.1], stiffness=[2e6] * 6, connection="A", theme="dark",
                   load=(0, 0, 0, 0, 0, -500), point=(0.0, 0.0, 0.1))  # fmt: skip
     data, _ = held(export_page(Source(arm), frames=2, state=state))
-    # The reference point is M's origin there, but the load goes on acting at the tab's point.
     springs = arm.with_springs(2e6)
     expected = cartstiff.analyse(springs, state.q, wrench=state.load, load_at=state.point).as_dict()
     assert data["frames"][0]["result"] == json.loads(json.dumps(expected))
     assert data["hello"]["state"]["connection"] == "A"
-    assert data["hello"]["state"]["point"] == [0.0, 0.0, 0.0]
-    assert data["hello"]["state"]["load_at"] == [0.0, 0.0, 0.1]
+    assert data["hello"]["state"]["point"] == [0.0, 0.0, 0.1]
+    at_point = cartstiff.analyse(springs, state.q, wrench=state.load, load_at=state.point)
+    T = se3.pose(translation=[0.0, 0.0, 0.1])
+    shown = data["frames"][0]["stiffness"]["A"]
+    assert np.allclose(shown, at_point.at(T).matrices["A"], rtol=1e-14)
     assert data["made"]["state"]["theme"] == "dark"
 
 

@@ -262,6 +262,31 @@ def test_whatever_comes_is_drawn_in_a_useful_size(series):
         assert log.length(values)[0] > 0 or a * b < 1e-9
 
 
+@given(st.lists(_sizes, min_size=1, max_size=6), _sizes, st.sampled_from([Linear, Logarithmic]))
+def test_the_same_value_is_drawn_alike_whatever_was_drawn_before(history, reference, kind):
+    fresh, used = kind(0.2), kind(0.2)
+    for scale in (fresh, used):
+        scale.refer(np.array([reference]))
+    for x in history:
+        used.fit(np.array([x]))
+    value = np.array([history[0]])
+    for scale in (fresh, used):
+        scale.fit(value)
+    assert used.length(value) == fresh.length(value)
+    assert 0.02 < used.length(value)[0] <= 0.51
+
+
+def test_a_scale_keeps_to_what_it_refers_to():
+    """Within a factor of ten, a longer axis is a larger value."""
+    scale = Linear(0.2)
+    scale.refer(np.array([100.0]))
+    lengths = []
+    for x in (30.0, 90.0, 130.0, 150.0):
+        scale.fit(np.array([x]))
+        lengths.append(float(scale.length(np.array([x]))[0]))
+    assert np.all(np.diff(lengths) > 0)
+
+
 def test_scales_of_nothing():
     for scale in (Linear(1.0), Logarithmic(1.0)):
         scale.fit(np.zeros(3))

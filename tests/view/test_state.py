@@ -60,7 +60,7 @@ def test_what_the_page_sends_back_is_what_it_got():
         ('{"id": 1, "do": "sweep", "coordinate": 0, "steps": 100000}', "steps"),
         ('{"id": 1, "do": "export", "frames": 100000}', "frames"),
         ('{"id": 1, "do": "frame", "name": ""}', "name"),
-        ('{"id": 1, "do": "camera", "preset": "inside"}', "preset"),
+        ('{"id": 1, "do": "bounds", "preset": "inside"}', "preset"),
         ("[" * 30_000, "recursion"),
     ],
     ids=lambda text: text[-40:],

@@ -246,6 +246,7 @@ def _from_file(path: Path, given: dict[str, Any]) -> ElasticMechanism:
             elastic = build_closed.build_parallel(file, path.parent, where, name)
         else:
             elastic = build_closed.build_closed_chain(file, path.parent, where, name)
+        elastic = replace(elastic, source=" ".join((file.source or "").split()))
         return elastic if file.identified is None else with_findings(elastic, file.identified)
     except InputError as error:
         raise located(error, path, lines) from None

@@ -70,6 +70,8 @@ class ElasticMechanism:
         lines, force per velocity; None where there are none. Seconds in all units.
     identified : Identified or None
         How well the stiffnesses are known, where they were measured.
+    source : str
+        Where the numbers come from, for readers; empty where nobody has said it.
     """
 
     name: str
@@ -81,6 +83,7 @@ class ElasticMechanism:
     notes: tuple[Note, ...] = ()
     damping: Array | None = None
     identified: Identified | None = None
+    source: str = ""
 
     def __post_init__(self) -> None:
         rigid = self.springs.rigid if isinstance(self.springs, JointSprings) else frozenset()

@@ -81,6 +81,7 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array, frames: bool = True)
             for name, k, unit in zip(elastic.spring_names, stiffness, spring_units, strict=False)
         ],
         "takes_load": springs is not None,
+        "source": elastic.source,
         "platform": isinstance(mechanism, Platform),
         "connections": [
             {"name": name, "title": title, "meaning": meaning}

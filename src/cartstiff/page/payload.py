@@ -216,7 +216,19 @@ def series_row(result: PostureStiffness, state: State) -> dict[str, Any]:
         "translation": None if principal is None else principal["translation"]["values"],
         "rotation": None if principal is None else principal["rotation"]["values"],
         "singularity": min(ratios, default=None),
+        "margins": _margins(result),
     }
+
+
+def _margins(result: PostureStiffness) -> list[float]:
+    """Length less natural length of every cable: it is taut where this is positive."""
+    posture, springs = result.posture, result.elastic.springs
+    if not isinstance(posture, PlatformPosture) or not isinstance(springs, LineSprings):
+        return []
+    if not springs.unilateral or not springs.is_complete:
+        return []
+    margins: list[float] = (posture.lines.lengths - springs.rest_length).tolist()
+    return margins
 
 
 def _asymmetries(matrices: _Matrices) -> dict[str, float | None]:

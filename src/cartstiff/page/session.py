@@ -22,6 +22,7 @@ from cartstiff.page.answer import Answer
 from cartstiff.page.description import describe_mechanism, slider_ranges
 from cartstiff.page.payload import payload, series_row
 from cartstiff.page.picture import Picture
+from cartstiff.page.refining import widest_jump
 from cartstiff.page.source import Source
 from cartstiff.page.state import (
     Analysis,
@@ -42,6 +43,8 @@ from cartstiff.version import __version__
 __all__ = ["Session", "refusal"]
 
 _Work = Generator[None, None, Answer]
+# A sweep is refined to this share of its first step.
+_FINEST = 64
 
 
 class PictureMaker(Protocol):
@@ -255,7 +258,7 @@ class Session:
         values = np.linspace(lower, upper, message.steps)
         # Outwards from where the mechanism stands: a closed chain keeps its branch.
         order = np.argsort(np.abs(values - base[i]), kind="stable")
-        rows: list[dict[str, Any] | None] = [None] * len(values)
+        rows: dict[float, dict[str, Any] | None] = {}
         last = {-1: base, 1: base}
         for k in order:
             side = 1 if values[k] >= base[i] else -1
@@ -264,10 +267,20 @@ class Session:
             row = self._row(message.state, q, i)
             if row is not None:
                 last[side] = np.array(row["q"])
-            rows[k] = row
+            rows[float(values[k])] = row
             yield
+        narrow = (upper - lower) / (message.steps - 1) / _FINEST
+        for _ in range(2 * message.steps):
+            if (middle := widest_jump(rows, narrow)) is None:
+                break
+            near = min((x for x in rows if rows[x]), key=lambda x: abs(x - middle))
+            q = np.array((rows[near] or {})["q"])
+            q[i] = middle
+            rows[middle] = self._row(message.state, q, i)
+            yield
+        at = sorted(rows)
         return Answer({"id": message.id, "do": "sweep", "coordinate": i,
-                       "at": values.tolist(), "rows": rows})  # fmt: skip
+                       "at": at, "rows": [rows[x] for x in at]})  # fmt: skip
 
     def _series(self, message: Series) -> _Work:
         trajectory = self.source.trajectory

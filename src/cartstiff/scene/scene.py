@@ -152,7 +152,7 @@ class Scene:
         self._stage.camera(preset)
 
     def bounds(self, result: PostureStiffness) -> Array:
-        """Lowest and highest corner (2, 3), in the viewer's units, of what a picture has to hold."""
+        """Lowest and highest corner (2, 3), in the viewer's units, of what has to be seen."""
         posture = result.posture
         around = _RADIUS * self._stage.size * np.array([[-1.0] * 3, [1.0] * 3])
         points = [extent(self._elastic, posture), result.pose[:3, 3] + around]
@@ -221,7 +221,7 @@ class Scene:
         )
 
     def _usual_values(self, quantity: Quantity, freedom: Freedom) -> Array:
-        """Principal values of K^B in the mechanism's own posture: sizes do not depend on history."""
+        """Principal values of K^B in the mechanism's own posture: sizes have no history."""
         if not self._usual:
             with np.errstate(all="ignore"):
                 here = analyse(self._elastic).at(None)

@@ -1,5 +1,7 @@
 // Answers from the frames of an exported page: what a server would say, computed beforehand.
 
+import { toast } from "./dom.js";
+
 const LINE = "Exported page: each slider runs through computed postures; the others then stand as in the file.";
 
 export class FramesSource {
@@ -52,6 +54,15 @@ export class FramesSource {
       if (d < distance) [best, distance] = [i, d];
     }
     return best;
+  }
+
+  /** Say once that other coordinates have gone back: the file holds one sweep of each. */
+  saySnapped(wanted, got, moved) {
+    if (this.said || moved === null) return;
+    const { sliders } = this.data.hello.mechanism;
+    if (!sliders.some((i) => i !== moved && Math.abs(wanted[i] - got[i]) > 1e-9)) return;
+    this.said = true;
+    toast("This file holds a sweep of each slider alone: the others have gone back");
   }
 
   /** The value of a coordinate at the next frame in a direction. */

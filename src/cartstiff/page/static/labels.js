@@ -16,7 +16,10 @@ function onScreen(sprite, camera) {
   const [x, , , , , y] = camera.projectionMatrix.elements;
   const width = Math.hypot(world[0], world[1], world[2]) * x / 2;
   const height = Math.hypot(world[4], world[5], world[6]) * y / 2;
-  return { sprite, x: middle.x, y: middle.y, width, height };
+  // A label of what is seen is not cut off at the edge.
+  const inside = (at, half) => (Math.abs(at) < 1 ? Math.max(half - 1, Math.min(1 - half, at)) : at);
+  const [x0, y0] = [inside(middle.x, width), inside(middle.y, height)];
+  return { sprite, x: x0, y: y0, shift: [(x0 - middle.x) / (2 * width), (y0 - middle.y) / (2 * height)], width, height };
 }
 
 /** Move the labels of a scene apart; one that stood free stays where it was. */
@@ -39,7 +42,7 @@ export function spreadLabels(scene, camera) {
     const before = sprite.userData.place;
     const place = before && free(before) ? before : PLACES.find(free) ?? PLACES[0];
     sprite.userData.place = place;
-    sprite.center.set(0.5 - place[0] * GAP, 0.5 - place[1] * GAP);
+    sprite.center.set(0.5 - place[0] * GAP - label.shift[0], 0.5 - place[1] * GAP - label.shift[1]);
     placed.push({ x: label.x + 2 * place[0] * width * GAP, y: label.y + 2 * place[1] * height * GAP, width, height });
   }
 }

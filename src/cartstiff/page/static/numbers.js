@@ -13,6 +13,20 @@ export function verdictLine(store) {
     if (text.textContent !== words) text.textContent = words;
     node.title = title ?? words;
   };
+  const chip = el("span", { class: "badge chip", hidden: true });
+  node.after(chip);
+
+  /** What is said of the springs' numbers belongs beside what follows from them. */
+  function doubt() {
+    const { source } = store.hello.mechanism;
+    const assumed = store.numbers.result.notes.find(({ code }) => code === "stiffness-assumed");
+    const words = assumed ? "stiffness assumed" : store.state.stiffness ? "" : /illustrative/i.test(source) ? "stiffness illustrative" : "";
+    chip.hidden = !words;
+    chip.textContent = words;
+    chip.dataset.level = "warning";
+    chip.title = assumed ? assumed.message : source;
+  }
+
   store.on("hello", ({ mechanism }) => {
     byId("name").textContent = mechanism.name;
     byId("kind").textContent = `${mechanism.kind}, frame ${mechanism.frame}`;
@@ -22,6 +36,7 @@ export function verdictLine(store) {
     const { level, title } = store.numbers.verdict;
     const notes = store.numbers.result.notes.map(({ message }) => message);
     set(level, title, [title, ...notes].join("\n"));
+    doubt();
   });
 }
 

@@ -224,10 +224,10 @@ export function strip(store) {
     series.rows.forEach((row, i) => {
       const values = row?.[freedom];
       if (values && !(values[0] < -1e-12 * Math.max(...values.map(Math.abs)))) return;
-      const x = placeX(series.at[i], width);
-      const step = (width - MARGIN.left - MARGIN.right) / (series.at.length - 1);
-      plot.append(svg("rect", { class: values ? "gap negative" : "gap", x: Math.max(MARGIN.left, x - step / 2), y: MARGIN.top,
-        width: step, height: height - MARGIN.top - MARGIN.bottom }));
+      const middle = (a, b) => placeX((series.at[a] + series.at[clamp(b, 0, series.at.length - 1)]) / 2, width);
+      const x = middle(i, i - 1);
+      plot.append(svg("rect", { class: values ? "gap negative" : "gap", x, y: MARGIN.top,
+        width: middle(i, i + 1) - x, height: height - MARGIN.top - MARGIN.bottom }));
     });
     lines.forEach((values, k) => {
       let path = "";

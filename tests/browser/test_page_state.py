@@ -1,0 +1,163 @@
+"""What a page keeps, and what it frames: nothing a user has chosen is lost without a word."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.browser.test_page import close, matrix
+from tools.screenshot import settled
+
+import cartstiff
+from cartstiff.geometry import se3
+from cartstiff.page.state import State
+
+# Where the tool is on the screen, within [-1, 1] in both directions if it is in the picture.
+TOOL = """() => {
+    const { viewer } = window.cartstiff.pane;
+    let found = null;
+    viewer.scene.updateMatrixWorld(true);
+    viewer.camera.updateMatrixWorld(true);
+    viewer.camera.updateProjectionMatrix();
+    viewer.scene.traverse((node) => { if (node.name === "M") found = node; });
+    const p = viewer.camera.position.clone().setFromMatrixPosition(found.matrixWorld);
+    p.project(viewer.camera);
+    return [p.x, p.y];
+}"""
+
+
+@pytest.fixture
+def ur5(serve, pages):
+    return pages.shared(serve("ur5").url)
+
+
+def changed(page, **wishes):
+    page.evaluate("(wishes) => window.cartstiff.change(wishes)", wishes)
+    settled(page)
+
+
+def test_another_frame_keeps_posture_load_springs_and_posture_a(serve, pages):
+    page = pages.open(serve("ur5").url)
+    q = [0.3, -1.0, 1.2, -0.4, 0.9, 0.1]
+    springs = [2e4, 3e4, 2e4, 5e3, 5e3, 4e3]
+    changed(page, q=q, moved=None, stiffness=springs, load=[1, 2, 3, 40, -50, 60],
+            point=[0.0, 0.02, 0.1])  # fmt: skip
+    page.keyboard.press("a")
+    settled(page)
+    page.click("summary:has-text('Reference point')")
+    page.select_option("select[aria-label='Frame M']", "wrist_3_link")
+    page.wait_for_selector("#kind:has-text('wrist_3_link')")
+    settled(page)
+    state = page.evaluate("() => window.cartstiff.state")
+    assert state["q"] == q
+    assert state["stiffness"] == springs
+    assert page.evaluate("() => window.cartstiff.pinned.q") == q
+    # The load is the same one: what it does to the joints has not changed.
+    before = cartstiff.analyse(
+        cartstiff.load("ur5").with_springs(springs), q,
+        wrench=[1, 2, 3, 40, -50, 60], load_at=[0, 0.02, 0.1],
+    )  # fmt: skip
+    after = cartstiff.analyse(
+        cartstiff.load("ur5", frame="wrist_3_link").with_springs(springs), q,
+        wrench=state["load"], load_at=state["load_at"],
+    )  # fmt: skip
+    apart = se3.inverse(after.pose) @ before.pose
+    point = apart[:3, :3] @ [0, 0.02, 0.1] + apart[:3, 3]
+    assert np.allclose(state["load_at"], point, atol=1e-12)
+    assert np.allclose(after.at(apart).matrices["B"], before.matrices["B"], rtol=1e-9, atol=1e-6)
+    assert close(matrix(page), after.tangent)
+
+
+def test_fit_frames_the_posture_that_is_shown(ur5):
+    arm = cartstiff.load("ur5")
+    draw = np.random.default_rng(4)
+    for _ in range(8):
+        changed(ur5, q=draw.uniform(-3.1, 3.1, len(arm.names)).tolist(), moved=None)
+        ur5.click("#cameras [data-preset=fit]")
+        ur5.wait_for_timeout(50)
+        assert np.abs(ur5.evaluate(TOOL)).max() < 0.95
+
+
+@pytest.mark.parametrize("viewport", [(1024, 768), (390, 844), (1280, 720)])
+def test_the_first_view_holds_the_tool_and_nothing_is_wider_than_the_screen(serve, pages, viewport):
+    width, height = viewport
+    page = pages.open(serve("ur5").url, viewport={"width": width, "height": height})
+    settled(page)
+    assert np.abs(page.evaluate(TOOL)).max() < 0.95
+    assert page.evaluate("() => document.documentElement.scrollWidth") <= width
+    page.context.close()
+
+
+def test_the_same_matrix_is_drawn_alike_whatever_was_before(ur5):
+    radii = "() => window.cartstiff.legend.lines.map(({ text }) => text)"
+    first = ur5.evaluate(radii)
+    changed(ur5, q=[0.0, -0.05, 0.1, 0.0, 0.3, 0.0], moved=None)
+    changed(ur5, stiffness=[1e7] * 6)
+    changed(ur5, stiffness=None, q=ur5.evaluate("() => window.cartstiff.hello.state.q"))
+    assert ur5.evaluate(radii) == first
+    for _ in range(2):
+        ur5.keyboard.press("t")
+        settled(ur5)
+        assert ur5.evaluate(radii) == first
+
+
+def test_a_dead_server_is_said_when_the_numbers_are_asked_for(pages):
+    from cartstiff.page.run import Background
+    from cartstiff.page.source import Source
+
+    server = Background(Source(cartstiff.load("cubic")))
+    page = pages.open(server.url)
+    settled(page)
+    page.watch.console.clear()
+    server.close()
+    page.wait_for_selector("body.lost")
+    page.click("text=JSON")
+    page.wait_for_selector("#banner:has-text('connection was lost')")
+    # The browser itself reports the socket; nothing else is left unhandled.
+    assert not [t for t in page.watch.console if "Uncaught" in t or "connection was lost" in t]
+    page.watch.console.clear()
+    page.context.close()
+
+
+def test_springs_that_nobody_measured_are_said_beside_the_verdict(serve, pages):
+    page = pages.shared(serve("ur5").url)
+    chip = page.locator("header .chip")
+    assert chip.inner_text() == "stiffness illustrative"
+    changed(page, stiffness=[1e4] * 6)
+    assert not chip.is_visible()
+
+
+def test_an_exported_page_keeps_point_axes_and_posture_a(serve, pages, tmp_path):
+    from cartstiff.page.export import export_page
+    from cartstiff.page.source import Source
+
+    arm = cartstiff.load("ur5")
+    other = [0.1, -1.2, 1.3, -0.2, 0.8, 0.0]
+    state = State(q=arm.q.tolist(), point=(0.0, 0.0, 0.2), axes="inertial", labels=False,
+                  ghost=other)  # fmt: skip
+    file = tmp_path / "ur5.html"
+    file.write_text(export_page(Source(arm), frames=3, state=state), encoding="utf-8")
+    page = pages.open(file.as_uri(), offline=True)
+    settled(page)
+    result = cartstiff.analyse(arm)
+    T = se3.pose(result.pose[:3, :3].T, [0, 0, 0.2])
+    assert close(matrix(page), result.at(T).matrices["load"])
+    assert not page.evaluate("() => window.cartstiff.state.labels")
+    assert page.evaluate("() => window.cartstiff.pinned.q") == other
+    assert page.evaluate("() => window.cartstiff.pinned.numbers.result.q") == other
+    for name in ("Zero", "Random"):
+        assert not page.locator(f"button:has-text('{name}')").is_visible()
+    # Another posture A has no picture in the file.
+    path = "['meshcat', 'cartstiff', 'ghost']"
+    shown = f"() => window.cartstiff.pane.viewer.scene_tree.find({path}).object.visible"
+    assert page.evaluate(shown)
+    page.focus("#slider-1")
+    page.keyboard.press("ArrowRight")
+    settled(page)
+    page.keyboard.press("a")
+    settled(page)
+    page.keyboard.press("a")
+    settled(page)
+    assert not page.evaluate(shown)
+    page.keyboard.press("i")
+    page.wait_for_selector("#report h2:has-text('in the posture of the file, q = ')")
+    page.context.close()
