@@ -183,9 +183,9 @@ def test_the_file_written_carries_the_covariance_into_analyse(tmp_path, capfd):
         assert entry["deviation"] == pytest.approx(spread[i], rel=1e-5)
         half = student.ppf(0.975, known.identified.degrees) * spread[i]
         assert entry["upper"] - entry["nominal"] == pytest.approx(half, rel=1e-5)
-    drawn = analyse_posture(result, wrench=W, samples=400)["uncertainty"]
+    drawn = analyse_posture(result, wrench=W, samples=60)["uncertainty"]
     entry = drawn["numbers"]["deflection.displacement[0]"]
-    assert entry["deviation"] == pytest.approx(spread[0], rel=0.12)
+    assert entry["deviation"] == pytest.approx(spread[0], rel=0.35)
     # Springs given anew are not the measured ones.
     assert known.with_springs(1e4).identified is None
 

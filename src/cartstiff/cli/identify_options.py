@@ -11,7 +11,7 @@ from cartstiff.parsing import parse_numbers
 
 __all__ = ["deviations_of", "reject_of", "stiffnesses_of", "ties_of", "units_of"]
 
-_VALUE = re.compile(r"\s*([^\s\[\]]+)\s*(?:\[?([^\[\]]+)\]?)?\s*")
+_VALUE = re.compile(r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*\[?([A-Za-z][^\[\]]*)?\]?")
 
 
 def units_of(text: str | None) -> dict[str, str]:

@@ -168,8 +168,9 @@ def _between(
     """Displacement of a point, or turn, along an axis of F between two states; derivatives."""
     R, R0 = end.pose[:3, :3], start.pose[:3, :3]
     if is_angle:
-        turn = se3.log(se3.pose(R @ R0.T))[:3]
-        return float(axis @ turn), axis @ (R @ end.twists[:3] - R0 @ start.twists[:3])
+        turn = se3.log(se3.pose(R @ R0.T))
+        rates = R @ end.twists[:3] - R @ start.twists[:3]
+        return float(axis @ turn[:3]), axis @ se3.right_jacobian_inverse(-turn)[:3, :3] @ rates
     moved = end.pose[:3, 3] + R @ point - start.pose[:3, 3] - R0 @ point
     rates = R @ _of_point(end.twists, point) - R0 @ _of_point(start.twists, point)
     return float(axis @ moved), axis @ rates
