@@ -40,6 +40,7 @@ __all__ = [
     "eigenvalues",
     "equilibration",
     "error_of_inverting",
+    "first_independent",
     "graded_basis",
     "inverse_of_sum",
     "inverses_of_sums",
@@ -164,9 +165,9 @@ def graded_basis(
     softest = stiffness.min(where=stiffness > 0.0, initial=np.inf)
     weights = np.sqrt(np.where(stiffness > 0.0, stiffness, 1e-4 * min(softest, 1e300)))
     if across is None or f <= n - f:
-        leading = _first_independent(motions.T * weights)
+        leading = first_independent(motions.T * weights)
     else:
-        leading = np.delete(np.arange(n), _first_independent(across.T / weights))
+        leading = np.delete(np.arange(n), first_independent(across.T / weights))
     basis = motions @ np.linalg.inv(motions[leading])
     size = np.abs(basis)
     basis[(size <= RANK * size.max(axis=0)) & (stiffness[:, None] > stiffness[leading])] = 0.0
@@ -174,8 +175,8 @@ def graded_basis(
     return basis, leading
 
 
-def _first_independent(columns: Array) -> NDArray[np.intp]:
-    """Independent columns of a matrix (m, n) of rank m, the largest first."""
+def first_independent(columns: Array) -> NDArray[np.intp]:
+    """Indices (m,) of independent columns of a matrix (m, n) of rank m, the largest first."""
     m = len(columns)
     found = np.empty(m, np.intp)
     size = np.einsum("ij,ij->j", columns, columns)

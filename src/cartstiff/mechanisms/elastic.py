@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.arrays import checked_number, checked_vector
 from cartstiff.errors import InputError, joined
 from cartstiff.geometry.se3 import Array
@@ -320,12 +321,12 @@ class ElasticMechanism:
         missing = np.where(settled, gradient - springs.torque(posture.q), 0.0)
         if posture.closure is not None:
             C = posture.closure.jacobian
-            lam = np.linalg.lstsq(C[:, settled].T, missing[settled], rcond=1e-10)[0]
+            lam = np.linalg.lstsq(C[:, settled].T, missing[settled], rcond=numerics.RANK)[0]
             gradient = gradient - C.T @ lam
             missing = np.where(settled, missing - C.T @ lam, 0.0)
         largest = int(np.argmax(np.abs(missing)))
         size = max(size, float(np.abs(gradient).max()))
-        if every and abs(missing[largest]) > 1e-9 * size + 1e-12:
+        if every and abs(missing[largest]) > numerics.BALANCE * size + numerics.ROUNDING:
             raise InputError(
                 f"the springs cannot balance this wrench: joint {self.names[largest]!r} has no "
                 "spring and would have to carry a torque",
@@ -364,6 +365,25 @@ class ElasticMechanism:
             found = term.evaluate(posture)
             total = found if total is None else _sum(total, found)
         return total
+
+    def line_springs_apart(self, posture: MechanismPosture) -> tuple[Array, Array, Array] | None:
+        """Lines g (m, 6) that hold the body to the ground, their k (m,), the rest of the Hessian.
+
+        None where the coordinates are not the body's pose, or no lines hold it.
+        """
+        if not posture.coordinates_are_pose:
+            return None
+        lines, k, rest = [], [], np.zeros((6, 6))
+        for term in self.terms():
+            held = isinstance(term, LineSprings) and (term.frame_a, term.frame_b)
+            if isinstance(term, LineSprings) and held == ("world", "body"):
+                g, stiffness, turning = term.apart(posture.pose)
+                lines.append(g)
+                k.append(stiffness)
+                rest = rest + turning
+            else:
+                rest = rest + term.evaluate(posture).hessian
+        return (np.concatenate(lines), np.concatenate(k), rest) if lines else None
 
     def _with_springs_added(
         self, posture: MechanismPosture, others: Evaluation | None

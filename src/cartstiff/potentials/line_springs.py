@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.arrays import checked_array
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
@@ -25,6 +26,8 @@ __all__ = ["LineGeometry", "LineSprings", "line_geometry"]
 
 
 _EYE = np.eye(3)
+#: Sums of a few dozen products are exact to so many roundings of their terms.
+_ADDED = 64.0
 
 
 class LineGeometry(NamedTuple):
@@ -101,6 +104,9 @@ class LineSprings(PosePotential):
         lines balance the load at the posture (see `balanced`).
     unilateral : bool
         Cables: a line shorter than its rest length is slack and carries nothing.
+    balanced_at : tuple of ndarray (m,), (m,), or None
+        Lengths, and the tensions that were chosen there: through the rest length of a stiff line
+        they would come back rounded. None where the rest lengths were given.
     """
 
     anchors: Array
@@ -108,6 +114,7 @@ class LineSprings(PosePotential):
     stiffness: Array
     rest_length: Array
     unilateral: bool = False
+    balanced_at: tuple[Array, Array] | None = None
 
     def __post_init__(self) -> None:
         for name, width in (("anchors", 3), ("points", 3), ("stiffness", 0), ("rest_length", 0)):
@@ -127,7 +134,10 @@ class LineSprings(PosePotential):
 
     def tensions(self, lengths: Array) -> Array:
         """Tension k (l - l0) of each line; zero for a slack cable."""
-        t = self.stiffness * (lengths - self.rest_length)
+        if self.balanced_at is None:
+            t = self.stiffness * (lengths - self.rest_length)
+        else:
+            t = self.balanced_at[1] + self.stiffness * (lengths - self.balanced_at[0])
         return np.maximum(t, 0.0) if self.unilateral else t
 
     def is_taut(self, lengths: Array) -> Array:
@@ -156,7 +166,7 @@ class LineSprings(PosePotential):
 
     def replaced(self, stiffness: Array, rest: Array) -> LineSprings:
         """The same lines with other stiffnesses and rest lengths."""
-        return replace(self, stiffness=stiffness, rest_length=rest)
+        return replace(self, stiffness=stiffness, rest_length=rest, balanced_at=None)
 
     @property
     def is_complete(self) -> bool:
@@ -185,14 +195,17 @@ class LineSprings(PosePotential):
         present = self.stiffness * np.nan_to_num(geometry.lengths - self.rest_length)
         tensions = present[free] if np.count_nonzero(free) > 6 else np.zeros(matrix.shape[1])
         missing = wanted * scale - matrix @ tensions
-        tensions = tensions + np.linalg.lstsq(matrix, missing, rcond=1e-12)[0]
-        missed = np.abs(matrix @ tensions - wanted * scale).max(initial=0.0)
-        rounding = 1e-13 * size * float(np.abs(present).max(initial=0.0))
-        if missed > 1e-9 * np.abs(gradient * scale).max(initial=0.0) + rounding:
+        tensions = tensions + np.linalg.lstsq(matrix, missing, rcond=numerics.RANK)[0]
+        missed = np.abs(matrix @ tensions - wanted * scale)
+        summed = np.abs(matrix) @ np.abs(tensions) + np.abs(geometry.lines.T * scale[:, None]) @ (
+            np.abs(present)
+        )
+        limit = numerics.BALANCE * np.abs(gradient * scale).max(initial=0.0)
+        if np.any(missed > limit + _ADDED * numerics.EPSILON * summed):
             raise InputError(
                 "no tensions of the lines balance this load at this pose",
                 expected="a load that the lines can carry (not a type-2 singularity)",
-                got=f"unbalanced part {missed:.3g}",
+                got=f"unbalanced part {missed.max():.3g}",
             )
         if self.unilateral and tensions.min(initial=0.0) < 0:
             tensions = self._pulling(matrix, wanted * scale, present[free])
@@ -203,7 +216,10 @@ class LineSprings(PosePotential):
             )
         rest = self.rest_length.copy()
         rest[free] = geometry.lengths[free] - tensions / self.stiffness[free]
-        return self.replaced(self.stiffness, rest)
+        exerted = self.tensions(geometry.lengths)
+        exerted[free] = tensions
+        balanced = geometry.lengths, exerted
+        return replace(self, rest_length=rest, balanced_at=balanced)
 
     @staticmethod
     def _pulling(matrix: Array, wanted: Array, present: Array) -> Array:
@@ -218,18 +234,27 @@ class LineSprings(PosePotential):
         for floor in (0.1 * float(np.maximum(present, 0.0).mean()), 0.0):
             least = np.full(matrix.shape[1], floor)
             more, missed = nnls(matrix, wanted - matrix @ least)
-            if missed <= 1e-9 * size:
+            if missed <= numerics.BALANCE * size:
                 return np.asarray(least + more)
         return -np.ones(matrix.shape[1])
 
     def on_pose(self, T_a_b: Array) -> tuple[float, Array, Array]:
         """Energy, wrench and K^B in components of frame b."""
         geometry = line_geometry(T_a_b, self.anchors, self.points)
-        t = self.tensions(geometry.lengths)
-        k = self.stiffness
-        if self.unilateral:
-            k = np.where(self.is_taut(geometry.lengths), k, 0.0)
+        t, k = self.tensions(geometry.lengths), self._taut(geometry.lengths)
         stretch = geometry.lengths - self.rest_length
         K = (geometry.lines.T * k) @ geometry.lines
         K += second_derivative(geometry, self.points, t)
         return 0.5 * float(t @ stretch), t @ geometry.lines, K
+
+    def apart(self, T_a_b: Array) -> tuple[Array, Array, Array]:
+        """Lines g (m, 6), stiffnesses k (m,), and what the tensions make: K^B less sum k g g^T."""
+        geometry = line_geometry(T_a_b, self.anchors, self.points)
+        rest = second_derivative(geometry, self.points, self.tensions(geometry.lengths))
+        return geometry.lines, self._taut(geometry.lengths), rest
+
+    def _taut(self, lengths: Array) -> Array:
+        """Stiffnesses, zero for slack cables."""
+        if not self.unilateral:
+            return self.stiffness
+        return np.where(self.is_taut(lengths), self.stiffness, 0.0)

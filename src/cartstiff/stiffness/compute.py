@@ -3,6 +3,7 @@ r"""From an elastic mechanism at a posture to the stiffness matrices under every
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Literal
 
 from numpy.typing import ArrayLike
@@ -15,6 +16,7 @@ from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 from cartstiff.stiffness.posture import DEAD_AT_ORIGIN, SCHEMA, PostureStiffness
 from cartstiff.stiffness.reduction import reduce_to
 from cartstiff.stiffness.settled_links import settled
+from cartstiff.stiffness.springs_apart import springs_apart
 
 __all__ = ["SCHEMA", "PostureStiffness", "analyse"]
 
@@ -102,6 +104,7 @@ def analyse(
         posture.length,
         posture.coordinate_lengths,
         force=given,
+        apart=partial(springs_apart, elastic, posture) if posture.coordinates_are_pose else None,
     )
     result = PostureStiffness(
         elastic, fixed(posture.q), posture, energy, reduction, load=kind,

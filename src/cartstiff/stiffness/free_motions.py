@@ -17,6 +17,14 @@ __all__ = ["FreeMotions"]
 _NO_CHANGE, _NO_CHANGES = np.zeros((1, 6, 6)), np.zeros((0, 6, 6))
 
 
+def _nothing() -> None:
+    return None
+
+
+def _given(motions: FreeMotions | None) -> FreeMotions | None:
+    return motions
+
+
 @dataclass(frozen=True, eq=False)
 class FreeMotions:
     r"""Motions that are free, each in its own unit, and what the energy does along them.
@@ -36,6 +44,13 @@ class FreeMotions:
         The motions; None if they are the coordinates themselves.
     is_symmetric : bool
         Whether `hessian` is that of an energy.
+    apart : callable
+        The same motions in a basis that keeps stiff springs from soft ones, or None: taken where
+        `hessian` has lost digits.
+    springs : tuple of ndarray (m, n), (m,), or None
+        Rates of springs per coordinate, and their stiffnesses, that `hessian` keeps apart.
+    error : float
+        Relative error of `jacobian`.
     """
 
     jacobian: Array
@@ -44,11 +59,19 @@ class FreeMotions:
     largest: Callable[[], float]
     basis: Array | None = None
     is_symmetric: bool = True
+    apart: Callable[[], FreeMotions | None] = _nothing
+    springs: tuple[Array, Array] | None = None
+    error: float = 0.0
 
     def __getstate__(self) -> dict[str, Any]:
         """Everything, with the sizes of the terms as they are instead of a way to them."""
         terms, largest = partial(np.asarray, self._terms), partial(float, self._largest)
-        return {**vars(self), "terms": terms, "largest": largest}
+        return {
+            **vars(self),
+            "terms": terms,
+            "largest": largest,
+            "apart": partial(_given, self._apart),
+        }
 
     def inverse(self, change: Array | None = None) -> numerics.Inverse | None:
         """``(H + J^T D J)^-1`` for a change D (6, 6) of the stiffness; None if singular."""
@@ -83,9 +106,11 @@ class FreeMotions:
         See `cartstiff.graded`. With another Hessian (n, n) that one instead of H; with `symmetric`
         only the symmetric part of what is inverted counts.
         """
+        if self._apart is not None:
+            return self._apart.root(change, other, symmetric)
         J, H = self.jacobian, self.hessian
         if other is not None:
-            H = other if self.basis is None else self.basis.T @ other @ self.basis
+            H = self._in_basis(other)[0]
         H = H + J.T @ change @ J
         return graded.root_of_compliance(J, 0.5 * (H + H.T) if symmetric else H)
 
@@ -94,14 +119,20 @@ class FreeMotions:
         J, count = self.jacobian, 1 + len(changes)
         H = np.empty((count + (other is not None), *self.hessian.shape))
         H[0] = self.hessian
-        added = 0.0
+        added = loss = 0.0
         if count > 1:
             np.add(J.T @ changes @ J, self.hessian, out=H[1:count])
             # No entry of |J|^T |D| |J| is more than this.
             added = float(np.vdot(changes, changes)) ** 0.5 * float(np.vdot(J, J))
         if other is not None:
-            H[count] = other if self.basis is None else self.basis.T @ other @ self.basis
+            H[count], loss = self._in_basis(other)
         inverses, errors = numerics.invert_each(H)
+        if max(errors) > numerics.TELLING and self._apart is not None:
+            inverses, errors = self._apart._inverses(changes, other)
+            basis, own = self._apart.jacobian, self._apart.error
+            return basis @ inverses @ basis.T, [error + own for error in errors]
+        if other is not None and loss > errors[count]:
+            errors[count] = loss if loss < numerics.EPSILON * numerics.INVERTIBLE else np.inf
         # A bound on what is added up alone tells but for rare cases.
         least = numerics.IDLE * (self._largest + added)
         diagonal = H[:count].diagonal(0, 1, 2).ravel().tolist()
@@ -111,6 +142,28 @@ class FreeMotions:
             idle = (np.abs(H[:count]) <= numerics.IDLE * terms).all(axis=1).any(axis=1)
             errors[:count] = np.where(idle, np.inf, errors[:count]).tolist()
         return inverses, errors
+
+    def _in_basis(self, other: Array) -> tuple[Array, float]:
+        """Another Hessian (n, n) on the motions, and the relative error that it has there."""
+        if self.basis is None:
+            return other, 0.0
+        if self.springs is None:
+            return self.basis.T @ other @ self.basis, 0.0
+        rates, k = self.springs
+        size = (np.abs(rates.T) * k) @ np.abs(rates)
+        rest = other - (rates.T * k) @ rates
+        own = self.basis.T @ rates.T
+        found = (own * k) @ own.T
+        # What only the springs make is known exactly.
+        if np.all(np.abs(rest) <= 32.0 * numerics.EPSILON * size):
+            return found, 0.0
+        rounding = np.abs(self.basis.T) @ size @ np.abs(self.basis)
+        loss = numerics.EPSILON * float((rounding.diagonal() / found.diagonal()).max())
+        return found + self.basis.T @ rest @ self.basis, loss
+
+    @cached_property
+    def _apart(self) -> FreeMotions | None:
+        return self.apart()
 
     @cached_property
     def _terms(self) -> Array:

@@ -13,13 +13,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.arrays import read_only
+from cartstiff.arrays import NamedArrays, read_only
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.stiffness.applied_load import LoadKind
@@ -154,4 +153,4 @@ def stiffness_in_frame(result: PostureStiffness, T_M_N: Array) -> StiffnessInFra
 
 
 def _fixed(table: dict[str, Array | None]) -> Mapping[str, Array | None]:
-    return MappingProxyType({n: None if M is None else read_only(M) for n, M in table.items()})
+    return NamedArrays(table)

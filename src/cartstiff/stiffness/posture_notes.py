@@ -50,7 +50,8 @@ def notes_on_digits(
         notes.append(
             Note(
                 "lost-digits",
-                "springs and load nearly cancel along a motion: the compliance is known to a "
+                "springs and load nearly cancel along a motion, or legs are nearly dependent: the "
+                "compliance is known to a "
                 f"relative error of about {compliance.error:.1g}",
                 {"matrix": "compliance", "relative_error": compliance.error},
             )

@@ -22,7 +22,8 @@ Motions are combined by `cartstiff.numerics.graded_basis`: stiff and soft spring
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -101,6 +102,7 @@ def reduce_to(
     coordinate_lengths: Array,
     force: Array | None = None,
     what: str = "end-effector",
+    apart: Callable[[], FreeMotions | None] | None = None,
 ) -> Reduction:
     """Reduce an energy in coordinates to an output; equations (1) to (3) of this module.
 
@@ -120,13 +122,15 @@ def reduce_to(
         The physical wrench, where the structure carries a part that the coordinates do not feel.
     what : str
         Name of the output in messages.
+    apart : callable, optional
+        See `FreeMotions`.
     """
     per_length = 1 / length
     rows = np.array([1.0, 1.0, 1.0, per_length, per_length, per_length])
     J = output.jacobian
     m, n = J.shape
     if closure is None and n == m:
-        result = _square(output, energy, rows, coordinate_lengths, force)
+        result = _square(output, energy, rows, coordinate_lengths, force, apart)
         if result is not None:
             return result
     return _general(output, energy, closure, rows, coordinate_lengths, force, what)
@@ -162,7 +166,12 @@ def _slight(J: Array, given: Array, energy: Evaluation) -> Array:
 
 
 def _square(
-    output: Map, energy: Evaluation, rows: Array, columns: Array, given: Array | None
+    output: Map,
+    energy: Evaluation,
+    rows: Array,
+    columns: Array,
+    given: Array | None,
+    apart: Callable[[], FreeMotions | None] | None,
 ) -> Reduction | None:
     """As many coordinates as outputs and no closure: K = J^-T H_L J^-1; None if J is singular."""
     J = output.jacobian
@@ -197,6 +206,8 @@ def _square(
     free = FreeMotions(
         J, _symmetric(H, energy), terms, largest, is_symmetric=energy.energy == energy.energy
     )
+    if apart is not None:
+        free = replace(free, apart=apart)
     return Reduction(force, K, np.zeros(0), values, n, n, free, rates=A)
 
 

@@ -1,0 +1,132 @@
+"""Compliance of platforms near type-2 singularities, springs over fifteen decades, in 80 digits."""
+
+from __future__ import annotations
+
+import pickle
+
+import mpmath as mp
+import numpy as np
+import pytest
+from tests.support import platform_mechanism
+
+import cartstiff
+from cartstiff.analysis.posture import analyse_posture
+from cartstiff.many.postures import analyse_many
+from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
+from cartstiff.potentials.loads import DeadForce
+
+CORNERS = np.repeat(2 * np.pi / 3 * np.arange(3), 2)
+
+
+def hexagons(rng, distance, decades):
+    """Six legs between symmetric hexagons; turned by a right angle they are singular."""
+    base, top = (
+        np.array([[r * np.cos(a), r * np.sin(a), 0.0] for a in CORNERS + np.tile([-h, h], 3)])
+        for r, h in ((0.5, 0.3), (0.3, 0.7))
+    )
+    k = 10.0 ** rng.uniform(-3, decades - 3, 6)
+    k[rng.permutation(6)[:2]] = 1e-3, 10.0 ** (decades - 3)
+    q = np.array([0.0, 0.0, 0.4, 0.0, 0.0, 0.5 * np.pi - distance])
+    return platform_mechanism(base, top, k, np.full(6, np.nan), q=q)
+
+
+def skew(a):
+    return mp.matrix([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
+
+
+def exact(elastic, tensions):
+    """K^B of the legs with given tensions."""
+    roll, pitch, yaw = (mp.mpf(float(x)) for x in elastic.q[3:])
+    c, s = mp.cos, mp.sin
+    R = (
+        mp.matrix([[c(yaw), -s(yaw), 0], [s(yaw), c(yaw), 0], [0, 0, 1]])
+        * mp.matrix([[c(pitch), 0, s(pitch)], [0, 1, 0], [-s(pitch), 0, c(pitch)]])
+        * mp.matrix([[1, 0, 0], [0, c(roll), -s(roll)], [0, s(roll), c(roll)]])
+    )
+    p, K, m = mp.matrix(elastic.q[:3].tolist()), mp.zeros(6, 6), elastic.mechanism
+    legs = zip(m.anchors, m.points, elastic.springs.stiffness, tensions, strict=True)
+    for anchor, point, k, t in legs:
+        b = mp.matrix(point.tolist())
+        along = b - R.T * (mp.matrix(anchor.tolist()) - p)
+        length = mp.norm(along)
+        u = along / length
+        D, g, turning = mp.zeros(3, 6), mp.zeros(6, 1), mp.zeros(6, 6)
+        D[:, :3], D[:, 3:] = -skew(b), mp.eye(3)
+        g[:3, 0], g[3:, 0] = skew(b) * u, u
+        bu = b * u.T
+        turning[:3, :3] = (bu + bu.T) / 2 - (b.T * u)[0] * mp.eye(3)
+        turning[:3, 3:], turning[3:, :3] = -skew(u) / 2, skew(u) / 2
+        across = D.T * (mp.eye(3) - u * u.T) * D / length
+        K += mp.mpf(float(k)) * g * g.T + mp.mpf(float(t)) * (across + turning)
+    return K
+
+
+def promised(result):
+    notes = [n.values for n in result.notes if n.code == "lost-digits"]
+    return max((v["relative_error"] for v in notes if v["matrix"] == "compliance"), default=0.0)
+
+
+@pytest.mark.parametrize("distance", [1e-1, 1e-3, 1e-5, 1e-7, 1e-9])
+@pytest.mark.parametrize(("decades", "loaded"), [(2, False), (15, False), (15, True)])
+def test_compliance_near_a_type_2_singularity(distance, decades, loaded):
+    rng = np.random.default_rng([decades, round(-np.log10(distance))])
+    elastic = hexagons(rng, distance, decades)
+    # What the softest leg bears, so near to where the legs hold nothing.
+    W = 1e-4 * distance**2 * rng.normal(size=6) if loaded else None
+    result = cartstiff.analyse(elastic, wrench=W)
+    tensions = result.elastic.springs.tensions(result.posture.lines.lengths)
+    with mp.workdps(80):
+        K = exact(elastic, tensions)
+        C = np.array(mp.inverse(K).tolist(), float)
+        softest = min(1 / float(x) for x in mp.eigsy(mp.inverse(K)[3:, 3:], eigvals_only=True))
+        held = min(float(x) for x in mp.eigsy(K[3:, 3:], eigvals_only=True))
+    found = result.compliances["B"]
+    known = max(1e-9, promised(result))
+    assert np.abs(found - C).max() <= known * np.abs(C).max()
+    assert promised(result) <= 1e-14 / distance or loaded
+    if not loaded:
+        flat = result.compliances["F"]
+        assert np.abs(flat - C).max() <= max(1e-9, 1e-14 / distance) * np.abs(C).max()
+    answer = analyse_posture(result, connection="B")["ellipsoids"]["stiffness"]["translation"]
+    assert answer["free"]["eigenvalues"][0] == pytest.approx(softest, rel=known)
+    assert answer["held"]["eigenvalues"][0] == pytest.approx(held, rel=max(1e-8, 100 * known))
+    quantities = choose_quantities(
+        ("translation_free_min", "translation_held_min"), Settings("B", 0.3), elastic
+    )
+    outputs = sorted({o for quantity in quantities for o in quantity.outputs(Settings("B", 0.3))})
+    many = analyse_many(elastic, elastic.q[None], wrench=W, outputs=outputs)
+    values = evaluate(quantities, many.arrays, Settings("B", 0.3))
+    assert values["translation_free_min"][0] == pytest.approx(softest, rel=known)
+    assert values["translation_held_min"][0] == pytest.approx(held, rel=max(1e-8, 100 * known))
+    again = pickle.loads(pickle.dumps(result))
+    assert np.array_equal(again.compliances["B"], found)
+
+
+def test_tensions_behind_stiff_legs_are_those_that_were_chosen():
+    """1e12 N/m times the rounding of a length is 1e-4 N: a wrench of 1e-6 N is met all the same."""
+    elastic = hexagons(np.random.default_rng(1), 0.5, 15)
+    W = 1e-6 * np.array([0.1, -0.2, 0.3, 1.0, 2.0, -1.5])
+    result = cartstiff.analyse(elastic, wrench=W)
+    springs, posture = result.elastic.springs, result.posture
+    tensions = springs.tensions(posture.lines.lengths)
+    assert posture.lines.lines.T @ tensions == pytest.approx(W, rel=1e-11, abs=1e-17)
+    assert result.evaluation.gradient == pytest.approx(W, rel=1e-11, abs=1e-17)
+    # Given rest lengths are what counts again.
+    given = result.elastic.with_springs(
+        rest=dict(zip(elastic.spring_names, springs.rest, strict=True))
+    )
+    expected = springs.stiffness * (posture.lines.lengths - springs.rest)
+    assert np.array_equal(given.springs.tensions(posture.lines.lengths), expected)
+
+
+def test_weight_beside_stiff_legs():
+    """What is neither a leg nor a tension stands beside the legs' stiffness, not in it."""
+    elastic = hexagons(np.random.default_rng(2), 1e-4, 15)
+    loads = (DeadForce([0.0, 0.0, -1e-9], [0.0, 0.0, 0.05]),)
+    result = cartstiff.analyse(elastic.with_potential(*loads))
+    tensions = result.elastic.springs.tensions(result.posture.lines.lengths)
+    with mp.workdps(80):
+        K = exact(elastic, tensions) + mp.matrix(loads[0].evaluate(result.posture).hessian.tolist())
+        C = np.array(mp.inverse(K).tolist(), float)
+    found = result.compliances["B"]
+    assert np.abs(found - C).max() <= max(1e-9, promised(result)) * np.abs(C).max()
