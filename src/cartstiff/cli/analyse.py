@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from cartstiff.cli.analysis_options import AnalysisRequest, analysis_options
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import json_text, say
+from cartstiff.cli.target_file import ORDERS
 from cartstiff.cli.types import OutputFile, json_option, option, option_group
+
+if TYPE_CHECKING:
+    from cartstiff.stiffness.compute import PostureStiffness
 
 __all__ = ["command"]
 
@@ -40,6 +44,14 @@ _options = option_group(
         "--relax", is_flag=True,
         help="Where no wrench balances the posture: let the self-motion settle, the body held.",
     ),
+    click.option(
+        "--order", type=click.Choice(ORDERS),
+        help="Also the matrices as a controller has them: linear-angular is translation first.",
+    ),
+    click.option(
+        "--axes", type=click.Choice(("body", "base")),
+        help="Also the matrices along these axes, about the body frame's origin.",
+    ),
     click.option("--strict", is_flag=True, help="Exit with code 3 if a quantity does not exist."),
 )  # fmt: skip
 
@@ -58,6 +70,8 @@ def command(
     as_json: bool,
     output: Path | None,
     relax: bool,
+    order: str | None,
+    axes: str | None,
     strict: bool,
     **analysis_options: Any,
 ) -> None:
@@ -83,6 +97,8 @@ def command(
 
             result = analyse(elastic, relaxed(elastic, result.q), **load)
         data = result.as_dict()
+        if order is not None or axes is not None:
+            data["as_controller"] = _as_controller(result, order or ORDERS[0], axes or "body")
     text = json_text(data, request.mechanism)
     if analysis.level != "none":
         data["analysis"] = analysis.run(result)
@@ -101,6 +117,8 @@ def command(
             from cartstiff.report.analysis import summary_text
 
             shown = summary_text(data["analysis"], elastic.units.as_dict(), analysis.level)
+        if "as_controller" in data:
+            shown = "\n".join([*_matrices_text(data["as_controller"]), shown])
         say(describe(result, shown))
         if not relax and any(note.code == "unbalanced" for note in result.notes):
             say("  --relax lets the self-motion settle, with the body held where it is")
@@ -111,3 +129,28 @@ def command(
         say(f"cartstiff: {names} does not exist here ({reasons})", error=True)
         sys.stdout.flush()
         raise click.exceptions.Exit(3)
+
+
+def _as_controller(result: PostureStiffness, order: Any, axes: Any) -> dict[str, Any]:
+    """The matrices in another order or along other axes, about M's origin."""
+    found = {
+        name: None if K is None else result.tensor(name).as_controller(order=order, axes=axes)
+        for name, K in result.matrices.items()
+    }
+    return {
+        "order": order, "axes": axes,
+        "stiffness": {name: None if K is None else K.tolist() for name, K in found.items()},
+    }  # fmt: skip
+
+
+def _matrices_text(found: dict[str, Any]) -> list[str]:
+    """The same as text."""
+    import numpy as np
+
+    from cartstiff.stiffness.tensor import format_matrix
+
+    lines = [f"As a controller has them: order {found['order']}, {found['axes']} axes", ""]
+    for name, K in found["stiffness"].items():
+        if K is not None:
+            lines += [*format_matrix(np.array(K), [""] * 6, f"K^{name}").split("\n"), ""]
+    return lines

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from cartstiff.cli.controller import ControllerRequest
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import tell
 from cartstiff.cli.response import RESPONSES, ResponseRequest
+from cartstiff.cli.target_file import ORDERS
 from cartstiff.cli.types import (
     PICTURE,
     POINT,
@@ -32,6 +35,7 @@ Examples:
   cartstiff modes panda --payload 2,0,0,0.1 --json
   cartstiff modes ur5 --load 0,0,0,0,0,-500 --compare A,B,K,F,energy
   cartstiff modes ur5 --response 5:100 --damping 0.02 --direction 0,0,1 --plot bode.png
+  cartstiff modes panda --impedance wanted.json --ratio 0.7 -o controller.yaml
   cartstiff modes stewart-simscape --sensitivities --tolerance 0.05,0.0001
 """
 
@@ -76,6 +80,28 @@ _options = option_group(
     ),
     option("--csv", type=OutputFile("FILE.csv", ".csv"), help="Write the response."),
     option("--plot", type=PICTURE, help="Draw the response as a Bode diagram."),
+    option(
+        "--impedance", type=click.Path(path_type=Path), metavar="FILE",
+        help="Stiffness wanted of a controller at the body frame (6x6; .json, .csv or .npy): "
+        "damping by double diagonalisation with the masses at the posture, joint-space gains, and "
+        "the parameter layouts of controllers with what they lose.",
+    ),
+    click.option(
+        "--order", type=click.Choice(ORDERS),
+        help=f"Order of the rows of --impedance; default what its file says, else {ORDERS[0]}.",
+    ),
+    click.option(
+        "--axes", type=click.Choice(("body", "base")), default="body", show_default=True,
+        help="Axes of --impedance, about the body frame's origin.",
+    ),
+    option(
+        "--ratio", type=Numbers("RATIO[,RATIO...]", 1, 6),
+        help="Damping ratios of the six oscillators of --impedance, softest first; default 0.7.",
+    ),
+    option(
+        "-o", "--output", type=OutputFile("FILE", ".json", ".yaml"),
+        help="Write the controller of --impedance.",
+    ),
     json_option,
     click.option("--strict", is_flag=True, help="Exit with code 3 where there are no modes."),
 )  # fmt: skip
@@ -95,6 +121,11 @@ def command(
     compare: str | None,
     sensitivities: bool,
     tolerance: list[float] | None,
+    impedance: Path | None,
+    order: str | None,
+    axes: str,
+    ratio: list[float] | None,
+    output: Path | None,
     as_json: bool,
     strict: bool,
     **response_options: Any,
@@ -111,6 +142,7 @@ def command(
         raise InputError("cannot be used", where="--tolerance",
                          expected="zero or more, not all zero", got=tolerance)  # fmt: skip
     response = ResponseRequest(**response_options)
+    controller = ControllerRequest(impedance, order, axes, ratio, output)
     elastic, q = request.load()
 
     import numpy as np
@@ -137,6 +169,7 @@ def command(
 
     extra = _more(found, data, compare, sensitivities, tolerance)
     extra += response.run(found, data)
+    extra += controller.run(found, data)
     tell(as_json, data, request.mechanism, lambda: describe_modes(found, bare, extra))
 
 

@@ -46,9 +46,17 @@ def draw_response(
                 axis.axvline(f, color="0.8", linewidth=0.8, zorder=0)
     if response.frequencies[0] > 0.0:
         size.set_xscale("log")
+        phase.xaxis.set_major_formatter("{x:g}")
+        phase.xaxis.set_minor_formatter("{x:g}" if _is_narrow(response.frequencies) else "")
+    size.yaxis.set_major_formatter("{x:.0e}")
     size.set(ylabel=f"{response.kind} [{response.unit}]")
     phase.set(xlabel="frequency [Hz]", ylabel="phase [deg]", ylim=(-190, 190),
               yticks=[-180, -90, 0, 90, 180])  # fmt: skip
     if size.get_legend_handles_labels()[0]:
         size.legend()
     return figure
+
+
+def _is_narrow(frequencies: np.ndarray) -> bool:
+    """Whether a logarithmic axis would have one or two numbers on it."""
+    return bool(frequencies[-1] < 10.0 * frequencies[0])

@@ -343,6 +343,7 @@ def json_schema(command: str = "analyse") -> dict[str, Any]:
             "compare": {"description": "with --compare: frequencies of 6x6 matrices at the tip"},
             "sensitivities": {"description": "with --sensitivities: Hz per unit"},
             "intervals": {"description": "with --tolerance"},
+            "impedance": {"description": "with --impedance: a controller's gains and layouts"},
             "response": {"description": "with --response: curves as [real, imaginary]"},
         }
         schema["properties"] = _MODES | more
@@ -353,5 +354,8 @@ def json_schema(command: str = "analyse") -> dict[str, Any]:
     if command == "equilibrium":
         properties |= _EQUILIBRIUM
     schema = _object(properties, f"Output of cartstiff {command} --json")
-    schema["properties"] = properties | {"analysis": {"description": "unless --analysis none"}}
+    schema["properties"] = properties | {
+        "analysis": {"description": "unless --analysis none"},
+        "as_controller": {"description": "with --order, --axes: the matrices in these"},
+    }
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

@@ -8,14 +8,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.errors import joined
+from cartstiff.mechanisms.contract import Units
 from cartstiff.report.layout import number, percent, table, vector
+from cartstiff.stiffness.tensor import format_matrix
 from cartstiff.vibration.comparison import Shortcut
+from cartstiff.vibration.controllers import LAYOUTS, Impedance, layout
 from cartstiff.vibration.modes import Modes
 from cartstiff.vibration.response import FrequencyResponse
 from cartstiff.vibration.sensitivities import FrequencyInterval, Sensitivities
 
 __all__ = [
     "describe_comparison",
+    "describe_impedance",
     "describe_intervals",
     "describe_modes",
     "describe_response",
@@ -215,3 +219,26 @@ def describe_response(response: FrequencyResponse, direction: ArrayLike | None) 
             f"{response.frequencies[top]:.6g} Hz, {size[-1]:.4g} at the end"
         )
     return lines + [f"  [{note.code}] {note.message}" for note in response.notes]
+
+
+def describe_impedance(answer: Impedance, units: Units) -> list[str]:
+    """Damping of a controller, what the square-root rule makes of it, what layouts lose."""
+    blocks = [f"[{units.moment} s/rad | {units.force} s]"] * 3
+    blocks += [f"[{units.force} s/rad | {units.force} s/{units.length}]"] * 3
+    lines = [
+        "",
+        "Impedance controller: damping by double diagonalisation, axes of the body, angular first",
+        *format_matrix(answer.damping, blocks).split("\n"),
+        f"  closed loop without damping  {_list(answer.frequencies)} Hz",
+        "  by square roots instead the ratios are "
+        + " ".join(f"{x:.3g}" for x in answer.ratios)
+        + f", and {percent(answer.coupling)} couples them",
+    ]
+    if answer.dropped:
+        lines.append(f"  antisymmetric part dropped: {percent(answer.dropped)}")
+    for name, meaning in LAYOUTS.items():
+        found = layout(answer.stiffness, answer.pose, name)
+        values = "the matrix" if len(found.values) > 6 else vector(found.values, 5)
+        lost = ", ".join(f"{what} {percent(x)}" for what, x in found.lost.items() if x)
+        lines += [f"  {name}: {meaning}", f"    {values}; lost: {lost or 'nothing'}"]
+    return lines

@@ -321,6 +321,63 @@ class StiffnessTensor(_Labelled):
         }
 
     @classmethod
+    def from_controller(
+        cls, matrix: ArrayLike, *, order: Order = "linear-angular",
+        axes: Literal["body", "base"] = "base", pose: ArrayLike | None = None, frame: str = "body",
+        units: Units = SI,
+    ) -> StiffnessTensor:  # fmt: skip
+        """The stiffness that an impedance controller was given, as K^B of the body frame, unloaded.
+
+        Parameters
+        ----------
+        matrix : array_like (6, 6)
+            Symmetric, about M's origin.
+        order : {"linear-angular", "angular-linear"}
+            Of its rows and columns; most controllers have translation first.
+        axes : {"base", "body"}
+            Along which its components are: those of F or those of M.
+        pose : array_like (4, 4), optional
+            ``T_F_M``, which base axes ask for.
+        frame, units
+            As of any tensor.
+
+        Raises
+        ------
+        InputError
+            For a matrix that is not symmetric, other words, or base axes without a pose.
+        """
+        K = checked_array(matrix, (6, 6), "stiffness of the controller")
+        if np.abs(K - K.T).max() > numerics.SYMMETRY * np.abs(K).max():
+            raise InputError("stiffness of the controller is not symmetric",
+                             expected="its symmetric part: without an error there is no load",
+                             got=f"|K - K^T| up to {np.abs(K - K.T).max():.3g}")  # fmt: skip
+        if axes not in ("body", "base"):
+            raise InputError("unknown axes", expected="body or base", got=repr(axes))
+        if axes == "base" and pose is None:
+            raise InputError("base axes need the pose", expected="pose=T_F_M")
+        T = np.eye(4) if pose is None else checked_pose(pose)
+        given = T if axes == "body" else se3.pose(translation=T[:3, 3])
+        found = cls(K, NAMED["B"], np.zeros(6), given, frame, units, order)
+        return found if axes == "body" else found.to_frame(se3.pose(T[:3, :3]), frame)
+
+    def as_controller(
+        self, *, order: Order = "linear-angular", axes: Literal["body", "base"] = "base"
+    ) -> Array:
+        """The matrix (6, 6) in the order and along the axes of a controller; see `from_controller`.
+
+        Raises
+        ------
+        InputError
+            For another order or other axes.
+        """
+        if axes not in ("body", "base"):
+            raise InputError("unknown axes", expected="body or base", got=repr(axes))
+        there = (
+            self if axes == "body" else self.to_frame(se3.pose(self.pose[:3, :3].T), "base axes")
+        )
+        return there.to_order(order).matrix
+
+    @classmethod
     def from_dict(cls, data: dict[str, Any]) -> StiffnessTensor:
         """Inverse of `as_dict`."""
         try:

@@ -1,0 +1,81 @@
+"""``--impedance`` of ``cartstiff modes``: a controller's stiffness and damping at a posture."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cartstiff.cli.target_file import read_target
+from cartstiff.errors import InputError
+
+if TYPE_CHECKING:
+    from cartstiff.vibration.modes import Modes
+
+__all__ = ["ControllerRequest"]
+
+
+@dataclass(frozen=True)
+class ControllerRequest:
+    """The options about the controller, checked."""
+
+    impedance: Path | None
+    order: str | None
+    axes: str
+    ratio: list[float] | None
+    output: Path | None
+
+    def __post_init__(self) -> None:
+        if self.impedance is None:
+            for name in ("order", "ratio", "output"):
+                if getattr(self, name) is not None:
+                    raise InputError("is for --impedance", where=f"--{name}")
+            if self.axes != "body":
+                raise InputError("is for --impedance", where="--axes")
+        elif self.ratio is not None and min(self.ratio) < 0.0:
+            raise InputError("cannot be used", where="--ratio", expected="zero or more",
+                             got=self.ratio)  # fmt: skip
+
+    def run(self, found: Modes, data: dict[str, Any]) -> list[str]:
+        """Computes, adds to the JSON object, writes the file; lines for people."""
+        if self.impedance is None:
+            return []
+        from cartstiff.report.modes import describe_impedance
+        from cartstiff.stiffness.tensor import StiffnessTensor
+        from cartstiff.vibration.controllers import impedance
+
+        target = read_target(self.impedance, self.order)
+        wanted = StiffnessTensor.from_controller(
+            target.matrix, order=target.order, axes=self.axes, pose=found.posture.pose,  # type: ignore[arg-type]
+            frame=found.elastic.mechanism.frame, units=found.elastic.units,
+        )  # fmt: skip
+        answer = impedance(found, wanted, self.ratio or 0.7)
+        told = {
+            "given": {"order": target.order, "axes": self.axes, "ratios": self.ratio or [0.7]},
+            "q": dict(zip(found.elastic.names, found.q.tolist(), strict=True)),
+            "units": found.elastic.units.as_dict(),
+            **answer.as_dict(),
+        }
+        data["impedance"] = told
+        if self.output is not None:
+            from cartstiff.report.output import write_whole
+
+            write_whole(self.output, _text(told, self.output.suffix).encode())
+        return describe_impedance(answer, found.elastic.units)
+
+
+def _text(told: dict[str, Any], ending: str) -> str:
+    """JSON, or the same as YAML: one key a line, rows of matrices in brackets."""
+    if ending == ".json":
+        return json.dumps(told, allow_nan=False, indent=1) + "\n"
+    lines = []
+    for key, value in told.items():
+        if isinstance(value, dict):
+            lines.append(f"{key}:")
+            lines += [f"  {json.dumps(k)}: {json.dumps(v)}" for k, v in value.items()]
+        elif value and isinstance(value, list) and isinstance(value[0], list):
+            lines += [f"{key}:", *(f"  - {json.dumps(row)}" for row in value)]
+        else:
+            lines.append(f"{key}: {json.dumps(value)}")
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,155 @@
+"""Damping of impedance controllers, and the same stiffness in the dress of controllers."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.support import random_pose
+from tests.vibration.test_modes_command import run
+
+from cartstiff import StiffnessTensor, analyse, load, modes
+from cartstiff.errors import InputError, UndefinedError
+from cartstiff.vibration.controllers import (
+    double_diagonalisation,
+    impedance,
+    layout,
+    square_root_damping,
+)
+
+
+def _random(rng, spread):
+    """Symmetric positive definite, eigenvalues over some decades."""
+    Q, _ = np.linalg.qr(rng.normal(size=(6, 6)))
+    return (Q * 10.0 ** rng.uniform(0, spread, 6)) @ Q.T
+
+
+@settings(max_examples=25)
+@given(seed=st.integers(0, 10**6), ratio=st.floats(0.0, 2.0))
+def test_double_diagonalisation_makes_all_three_diagonal(seed, ratio):
+    rng = np.random.default_rng(seed)
+    M, K = _random(rng, 2), _random(rng, 3)
+    M, K = 0.5 * (M + M.T), 0.5 * (K + K.T)
+    D, V, squares = double_diagonalisation(M, K, ratio)
+    omega = np.sqrt(squares)
+    # Each entry over those of the diagonal, which a basis of such condition leaves 1e-12.
+    for matrix, diagonal in ((M, np.ones(6)), (K, squares), (D, 2 * ratio * omega)):
+        size = np.abs(V.T) @ np.abs(matrix) @ np.abs(V)
+        left = np.abs(V.T @ matrix @ V - np.diag(diagonal))
+        assert (left <= 1e-12 * size + 1e-300).all()
+
+
+def test_damping_that_was_asked_for():
+    rng = np.random.default_rng(1)
+    M, K = np.diag([2.0, 3.0, 4.0, 1.0, 1.0, 5.0]), np.diag([8.0, 3.0, 1.0, 9.0, 4.0, 5.0])
+    wanted = 2 * 0.7 * np.sqrt(np.diag(M) * np.diag(K))
+    assert double_diagonalisation(M, K, 0.7)[0] == pytest.approx(np.diag(wanted))
+    assert square_root_damping(M, K, 0.7) == pytest.approx(np.diag(wanted))
+    M, K = _random(rng, 1), _random(rng, 1)
+    M, K = 0.5 * (M + M.T), 0.5 * (K + K.T)
+    ratios = [0.1, 0.2, 0.4, 0.6, 0.8, 0.9]
+    D, _, squares = double_diagonalisation(M, K, ratios)
+    n = np.zeros((6, 6))
+    poles = np.linalg.eigvals(
+        np.block([[n, np.eye(6)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
+    )
+    upper = poles[poles.imag > 0]
+    upper = upper[np.argsort(np.abs(upper))]
+    assert np.abs(upper) ** 2 == pytest.approx(squares)
+    assert -upper.real / np.abs(upper) == pytest.approx(ratios)
+    for bad, words in (
+        ((-M, K), "mass is not positive definite"), ((M, -K), "not positive semidefinite"),
+        ((M, K + np.triu(np.ones((6, 6)), 1)), "not symmetric"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=words):
+            double_diagonalisation(*bad)
+    with pytest.raises(InputError, match="damping ratios"):
+        double_diagonalisation(M, K, [0.1, 0.2])
+
+
+def test_impedance_of_an_arm():
+    found = modes(load("panda"))
+    K = np.diag([30.0, 30, 20, 1000, 1500, 800])
+    answer = impedance(found, K, 0.7)
+    J = found.posture.motion.jacobian
+    assert answer.joint_damping == pytest.approx(J.T @ answer.damping @ J)
+    back = J @ np.linalg.inv(found.full_mass) @ J.T
+    assert answer.mass @ back == pytest.approx(np.eye(6), abs=1e-8)
+    assert 0 < answer.coupling < 1
+    # The physical wrench of another frame of rows and columns is the same controller.
+    pose = found.posture.pose
+    tensor = StiffnessTensor(K, analyse(load("panda")).B.connection, np.zeros(6), pose)
+    base = tensor.as_controller(order="linear-angular", axes="base")
+    again = StiffnessTensor.from_controller(base, pose=pose)
+    assert impedance(found, again, 0.7).damping == pytest.approx(answer.damping, rel=1e-9)
+    with pytest.raises(UndefinedError, match="masses as the body feels"):
+        impedance(modes(load("five-bar")), K)
+
+
+def test_layouts_say_what_they_lose():
+    rng = np.random.default_rng(2)
+    pose = random_pose(rng)
+    plain = np.diag([30.0, 20.0, 10.0, 900.0, 800.0, 700.0])
+    franka = layout(plain, pose, "franka")
+    assert sorted(franka.values[:3]) == [700.0, 800.0, 900.0]
+    assert not any(franka.lost.values())
+    R = pose[:3, :3]
+    # What is diagonal in the base's axes is nothing lost to KUKA, a, b, c about z, y, x.
+    A = np.kron(np.eye(2), R)
+    kuka = layout(A.T @ plain @ A, pose, "kuka")
+    assert kuka.values == pytest.approx((900.0, 800.0, 700.0, 10.0, 20.0, 30.0))
+    assert max(kuka.lost.values()) < 1e-12
+    whole = layout(A.T @ plain @ A, pose, "full")
+    assert np.reshape(whole.values, (6, 6)) == pytest.approx(
+        np.diag([900.0, 800.0, 700.0, 30.0, 20.0, 10.0]), abs=1e-9
+    )
+    coupled = plain.copy()
+    coupled[0, 3] = coupled[3, 0] = 0.5 * np.sqrt(30.0 * 900.0)
+    assert layout(coupled, np.eye(4), "kuka").lost["coupling"] == pytest.approx(0.5)
+    skew = plain.copy()
+    skew[0, 1] += 9.0
+    assert layout(skew, np.eye(4), "full").lost["antisymmetric"] == pytest.approx(4.5 / 900)
+    with pytest.raises(InputError, match="layout"):
+        layout(plain, pose, "abb")
+
+
+def test_from_controller_and_back():
+    rng = np.random.default_rng(3)
+    K, pose = _random(rng, 2), random_pose(rng)
+    K = 0.5 * (K + K.T)
+    for order in ("linear-angular", "angular-linear"):
+        for axes in ("body", "base"):
+            tensor = StiffnessTensor.from_controller(K, order=order, axes=axes, pose=pose)
+            assert tensor.pose == pytest.approx(pose)
+            assert tensor.as_controller(order=order, axes=axes) == pytest.approx(K, rel=1e-10)
+    # Base axes, translation first: the translational block is turned.
+    tensor = StiffnessTensor.from_controller(K, pose=pose).to_order("angular-linear")
+    R = pose[:3, :3]
+    assert R @ tensor.matrix[3:, 3:] @ R.T == pytest.approx(K[:3, :3])
+    with pytest.raises(InputError, match="base axes need the pose"):
+        StiffnessTensor.from_controller(K)
+    with pytest.raises(InputError, match="not symmetric"):
+        StiffnessTensor.from_controller(K + np.triu(np.ones((6, 6)), 1), axes="body")
+    with pytest.raises(InputError, match="unknown axes"):
+        tensor.as_controller(axes="world")
+    with pytest.raises(InputError, match="unknown axes"):
+        StiffnessTensor.from_controller(K, axes="world", pose=pose)
+
+
+def test_command(tmp_path):
+    wanted, out = tmp_path / "wanted.json", tmp_path / "controller.yaml"
+    K = np.diag([1000.0, 1500, 800, 30, 30, 20]).tolist()
+    wanted.write_text(json.dumps({"matrix": K, "order": "linear-angular"}))
+    arguments = ["6-ups", "--impedance", str(wanted), "--axes", "base", "-o", str(out)]
+    data = json.loads(run(*arguments, "--json"))["impedance"]
+    assert data["layouts"]["kuka"]["values"] == pytest.approx([1000.0, 1500, 800, 20, 30, 30])
+    from ruamel.yaml import YAML
+
+    written = YAML(typ="safe").load(out.read_text())
+    assert written["damping"] == data["damping"]
+    assert "double diagonalisation" in run(*arguments)
+    with pytest.raises(InputError, match="is for --impedance"):
+        run("6-ups", "--ratio", "0.7")
