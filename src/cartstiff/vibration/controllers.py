@@ -71,8 +71,8 @@ def double_diagonalisation(
     try:
         L = np.linalg.cholesky(M)
     except np.linalg.LinAlgError:
-        least = f"smallest eigenvalue {np.linalg.eigvalsh(M)[0]:.3g}"
-        raise InputError("mass is not positive definite", got=least) from None
+        got = f"smallest eigenvalue {np.linalg.eigvalsh(M)[0]:.3g}"
+        raise InputError("mass is not positive definite", got=got) from None
     half = np.linalg.solve(L, K)
     squares, y = np.linalg.eigh(_half(np.linalg.solve(L, half.T)))
     least = -numerics.IDLE * float(np.abs(squares).max(initial=0.0))
