@@ -18,8 +18,21 @@ from cartstiff.cli.identify_options import (
 )
 from cartstiff.cli.options import frame_option
 from cartstiff.cli.output import tell
-from cartstiff.cli.types import PICTURE, POINT, OutputFile, json_option, option, option_group
-from cartstiff.errors import one_line
+from cartstiff.cli.plan_request import PlanRequest
+from cartstiff.cli.types import (
+    PICTURE,
+    POINT,
+    WRENCH,
+    Axes,
+    JointValues,
+    Number,
+    OutputFile,
+    json_option,
+    option,
+    option_group,
+    repeated_option,
+)
+from cartstiff.errors import InputError, one_line
 
 __all__ = ["command"]
 
@@ -29,6 +42,10 @@ Examples:
   cartstiff identify arm.yaml measured.csv --sd d=0.005mm -o known.yaml
   cartstiff identify arm.yaml measured.csv --units mm,deg --reject suspects --plot residuals.png
   cartstiff identify ur5 measured.csv --tie wrist_1_joint=wrist_2_joint --known wrist_3_joint=8000
+
+  cartstiff identify ur5 --plan 12 --mass 5 --sd d=0.005mm --csv to_do.csv
+  cartstiff identify ur5 --plan 6 --force 100 --sd dx=0.02mm --have measured.csv --criterion worst
+  cartstiff identify ur5 to_do.csv --simulate 1 --sd d=0.005mm --csv measured.csv
 """
 
 _about_the_table = option_group(
@@ -65,6 +82,35 @@ _about_the_fit = option_group(
            "beyond so many standard deviations from it."),
     click.option("--level", type=float, default=0.95, show_default=True,
                  help="Probability of the intervals."),
+)  # fmt: skip
+
+
+_about_a_plan = option_group(
+    option("--plan", "count", type=click.IntRange(1, 10_000), metavar="N",
+           help="Choose N rows to measure instead; DATA.csv is not needed."),
+    option("--criterion", type=click.Choice(["all", "worst", "posture"]),
+           help="What the plan makes best: the determinant of all compliances (all, the default), "
+           "the widest interval, or the deflection at the posture --q under --load."),
+    option("--q", type=JointValues(), help="Posture of --criterion posture; default the file's."),
+    option("--load", type=WRENCH, help="Load of --criterion posture, along F."),
+    option("--mass", type=Number("KG", above_zero=True), help="Mass that the plan hangs."),
+    option("--force", type=Number("N", above_zero=True),
+           help="Force that the plan pushes with, along an axis of F."),
+    repeated_option("--range", "ranges", type=Axes("JOINT=LOW:HIGH"),
+                    help="Range of a joint in the plan, rad or m."),
+    repeated_option("--within", type=Axes("AXIS=LOW:HIGH"), help="Volume of the measured point in "
+                    "the plan: x, y, z in F; z keeps it off the floor."),
+    option("--candidates", type=click.IntRange(1, 100_000), metavar="N",
+           help="Random postures that the plan chooses from; default 1000."),
+    option("--have", type=click.Path(path_type=Path), metavar="FILE.csv",
+           help="Rows that are measured already: what to add."),
+    option("--simulate", type=click.IntRange(min=0), metavar="SEED",
+           help="Fill the columns of --sd into the rows of DATA.csv, with noise of that size, as "
+           "MECHANISM would show them."),
+    option("--outliers", type=click.IntRange(min=1), metavar="N",
+           help="Rows of --simulate with an error of 20 standard deviations."),
+    option("--csv", type=OutputFile("FILE.csv", ".csv"),
+           help="Write the rows of --plan, to be filled in, or of --simulate."),
 )  # fmt: skip
 
 
@@ -130,10 +176,11 @@ class _Request:
 
 @click.command(name="identify", epilog=_EPILOG)
 @click.argument("mechanism")
-@click.argument("table", metavar="DATA.csv")
+@click.argument("table", metavar="[DATA.csv]", required=False)
 @frame_option
 @_about_the_table
 @_about_the_fit
+@_about_a_plan
 @option(
     "-o",
     "--output",
@@ -143,8 +190,8 @@ class _Request:
 @option("--plot", type=PICTURE, help="Draw the residuals against load, posture and time.")
 @json_option
 def command(
-    mechanism: str, table: str, frame: str | None, output: Path | None, plot: Path | None,
-    as_json: bool, **texts: Any,
+    mechanism: str, table: str | None, frame: str | None, output: Path | None,
+    plot: Path | None, as_json: bool, **texts: Any,
 ) -> None:  # fmt: skip
     """Joint stiffness of MECHANISM from the loads and deflections in DATA.csv.
 
@@ -155,6 +202,18 @@ def command(
     """
     request = _Request(**{f.name: texts[f.name] for f in fields(_Request)})
     of_table, of_unknowns, of_fit = request.of_table, request.of_unknowns, request.of_fit
+    asked = PlanRequest(**{f.name: texts[f.name] for f in fields(PlanRequest)})
+    asked.check(table)
+    if table is None or asked.simulate is not None:
+        if output is not None or plot is not None:
+            raise InputError("-o and --plot need measurements", expected="DATA.csv, measured")
+        elastic = request.mechanism(mechanism, frame)
+        if table is None:
+            data, text = asked.run_plan(elastic, of_table, of_unknowns, request)
+        else:
+            data, text = asked.run_simulation(elastic, table, of_table, request)
+        tell(as_json, data, mechanism, text)
+        return
     elastic = request.mechanism(mechanism, frame)
 
     import numpy as np

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -63,14 +63,19 @@ class Measurements:
     def __len__(self) -> int:
         return len(self.q)
 
-    def chosen(self, keep: NDArray[np.bool_]) -> Measurements:
+    def taken(self, places: Sequence[int]) -> Measurements:
+        """Rows at some places, in that order, numbered anew; a place may stand twice."""
+        at = list(places)
+        return replace(self.chosen(np.array(at, np.intp)), rows=np.arange(1, len(at) + 1))
+
+    def chosen(self, keep: NDArray[np.bool_] | NDArray[np.intp]) -> Measurements:
         """Some of the rows."""
         return replace(
             self, q=self.q[keep], wrench=self.wrench[keep], mass=self.mass[keep],
             mass0=self.mass0[keep], values={n: v[keep] for n, v in self.values.items()},
             deviations={n: v[keep] for n, v in self.deviations.items()},
             direction=self.direction[keep], time=self.time[keep], rows=self.rows[keep],
-            session=tuple(self.session[n] for n in np.flatnonzero(keep) if self.session),
+            session=tuple(np.array(self.session)[keep].tolist()) if self.session else (),
         )  # fmt: skip
 
     @cached_property

@@ -9,9 +9,10 @@ from cartstiff.report.layout import number, table
 
 if TYPE_CHECKING:
     from cartstiff.identify.intervals import Estimate
+    from cartstiff.identify.plan import Plan
     from cartstiff.identify.result import Identification
 
-__all__ = ["describe_identification"]
+__all__ = ["describe_identification", "describe_plan"]
 
 
 def describe_identification(result: Identification) -> str:
@@ -68,3 +69,38 @@ def _row(e: Estimate, robust: float) -> tuple[str, ...]:
         e.name, number(e.stiffness), number(low), number(high, missing="no end"), e.unknown.unit,
         number(e.compliance), number(e.deviation, 3), number(shown), words,
     )  # fmt: skip
+
+
+def describe_plan(found: Plan) -> str:
+    """Rows chosen, the intervals they will give, and how these fall with the number of rows."""
+    data, rows = found.as_dict(), found.rows
+    elastic = found.unknowns.elements.elastic
+    what = {"all": "all compliances (D-optimal)", "worst": "the widest interval",
+            "posture": "the deflection at the test posture"}[found.criterion]  # fmt: skip
+    lines = [f"{elastic.name}: {len(rows)} rows chosen for {what}", "", "Rows"]
+    names = elastic.names
+    heads = ["row", *names, "mass [kg]", f"force in F [{elastic.units.force}]"]
+    body = []
+    for i, (q, mass, W) in enumerate(zip(rows.q, rows.mass, rows.wrench, strict=True)):
+        shown = ", ".join(number(float(x), 4) for x in W[3:])
+        body.append([str(i + 1), *(f"{x:.4f}" for x in q), number(float(mass), 4), f"({shown})"])
+    lines += table(heads, body)
+    lines += ["", f"Predicted {100 * found.level:g} % intervals of the file's stiffnesses"]
+    body = []
+    for entry in data["parameters"]:
+        low, high = entry["interval"]
+        lost = entry["relative_sd"] is None
+        body.append([
+            entry["name"], number(entry["stiffness"]), number(low),
+            "-" if lost else number(high, missing="no end"), entry["unit"],
+            "not identifiable" if lost else f"+- {100 * found.factor * entry['relative_sd']:.3g} %",
+        ])  # fmt: skip
+    lines += table(("spring", "stiffness", "from", "to", "unit", "of the compliance"), body)
+    lines += ["", "Widest interval with the number of rows"]
+    for entry in data["by_rows"]:
+        worst = entry["worst_relative_sd"]
+        shown = "not all are determined" if worst is None else f"+- {100 * 1.96 * worst:.3g} %"
+        lines.append(f"  {entry['rows']:>4}  {shown}")
+    if found.lost:
+        lines.append(f"no candidate tells anything about {', '.join(found.lost)}")
+    return joined(lines)

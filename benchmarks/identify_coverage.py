@@ -1,0 +1,97 @@
+"""How often intervals of identified springs hold the truth, over synthetic campaigns.
+
+    python benchmarks/identify_coverage.py [CAMPAIGNS]
+
+Three arms, a platform and a closed chain; 12 to 60 rows; wrenches, hung weights, dial gauges; every
+other campaign with known standard deviations. Prints the share of 95 % intervals that hold the true
+compliance, of parameters called determined and of those called "at least"; how many springs were
+called not identifiable, and how many of the determined ones are off by more than six deviations.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+import cartstiff
+from cartstiff.identify.campaign import identify
+from cartstiff.identify.candidates import candidates
+from cartstiff.identify.synthetic import simulated
+
+# Share of the campaigns and of the deflection that noise is.
+_MIX = (("elbow", 0.3), ("scara", 0.2), ("seven", 0.2), ("cubic", 0.2), ("five-bar", 0.1))
+
+
+def _mechanism(name: str, folder: Path) -> cartstiff.ElasticMechanism:
+    if name in ("cubic", "five-bar"):
+        return cartstiff.load(name)
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+    from tests.identify.campaigns import arm
+
+    return cartstiff.load(str(arm(name, folder)))
+
+
+def _campaign(elastic: cartstiff.ElasticMechanism, seed: int) -> tuple[Counter[str], int]:
+    rng = np.random.default_rng(seed)
+    rows, kind = int(rng.integers(12, 61)), seed % 3
+    stiffest = float(elastic.springs.stiffness.max())
+    columns = ("d",) if kind == 2 else ("dx", "dy", "dz")
+    force = 100.0 if stiffest < 1e7 else 1e-5 * stiffest
+    load = {"mass": force / 9.81} if kind == 1 else {"force": force}
+    planar = elastic.mechanism.kind == "closed-chain"
+    if planar:
+        columns, load = ("dx", "dy"), {"force": force}
+    offered = candidates(elastic, dict.fromkeys(columns, 1.0), count=rows, seed=seed, **load)
+    still = simulated(elastic, offered, dict.fromkeys(columns, 1e-30), seed=seed)
+    moved = np.concatenate([v[~np.isnan(v)] for v in still.values.values()])
+    sd = float(np.sqrt(np.mean(moved**2))) * 0.03
+    measured = simulated(elastic, offered, dict.fromkeys(columns, sd), seed=seed,
+                         tell_deviations=bool(seed % 2))  # fmt: skip
+    result = identify(elastic, measured)
+    found: Counter[str] = Counter()
+    for e, c in zip(result.estimates, result.unknowns.nominal, strict=True):
+        found[e.verdict] += 1
+        if e.interval is not None and e.deviation:
+            held = e.interval[0] <= c <= e.interval[1]
+            found[f"{e.verdict} held"] += held
+            found["far off"] += abs(e.compliance - c) > 6.0 * e.deviation
+    return found, rows
+
+
+def main(campaigns: int = 1000) -> None:
+    """Run and print."""
+    total: Counter[str] = Counter()
+    with tempfile.TemporaryDirectory() as folder:
+        start = 0
+        for name, share in _MIX:
+            elastic = _mechanism(name, Path(folder))
+            found: Counter[str] = Counter()
+            begin, count = time.perf_counter(), max(1, round(share * campaigns))
+            for seed in range(start, start + count):
+                found += _campaign(elastic, seed)[0]
+            start += count
+            total += found
+            spent = (time.perf_counter() - begin) / count
+            print(f"{name:>9}: {count} campaigns, {_line(found)}, {1e3 * spent:.0f} ms each",
+                  flush=True)  # fmt: skip
+    print(f"{'all':>9}: {_line(total)}")
+
+
+def _line(found: Counter[str]) -> str:
+    parts = []
+    for verdict in ("determined", "at-least", "negative"):
+        if count := found[verdict]:
+            share = 100 * found[f"{verdict} held"] / count
+            parts.append(f"{verdict} {found[f'{verdict} held']}/{count} = {share:.1f} %")
+    parts.append(f"not identifiable {found['not-identifiable']}")
+    parts.append(f"far off {found['far off']}")
+    return ", ".join(parts)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 1000)

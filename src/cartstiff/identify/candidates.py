@@ -1,0 +1,149 @@
+"""Postures and loads that could be measured: from joint ranges, a volume, what may be hung."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import pi
+
+import numpy as np
+
+from cartstiff.arrays import Array
+from cartstiff.errors import ConvergenceError, InputError, UnknownNameError
+from cartstiff.identify.columns import MEASURED, TURN
+from cartstiff.identify.measurements import Measurements
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.platform import Platform
+
+__all__ = ["candidates"]
+
+# Of a joint without limits, and of a platform about its file's pose [rad; shares of its size].
+_RANGE, _TILT, _SHIFT = pi, 0.3, 0.2
+_TRIES = 20
+
+
+def candidates(
+    elastic: ElasticMechanism,
+    deviations: Mapping[str, float],
+    *,
+    count: int = 1000,
+    seed: int = 0,
+    mass: float = 0.0,
+    force: float = 0.0,
+    ranges: Mapping[str, Sequence[float]] | None = None,
+    within: Mapping[str, Sequence[float]] | None = None,
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    load_at: tuple[float, float, float] | None = None,
+) -> Measurements:
+    """Random postures that can be reached and seen, each with a load.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        Its joint limits hold.
+    deviations : mapping of str to float
+        What would be measured, with standard deviations, in the mechanism's units.
+    count, seed : int
+        Number of candidates, and the seed of the draw.
+    mass : float
+        Hung at `load_at`, in kg, pulling along gravity.
+    force : float
+        Pushed with along +-x, +-y or +-z of F, drawn for each posture, where no mass is hung.
+    ranges : mapping of str to (low, high), optional
+        Narrower than the joints' limits.
+    within : mapping of str to (low, high), optional
+        Of the measured point's x, y, z in F: the volume that is seen, and may be entered.
+    point, load_at : tuple of 3 floats
+        As in `read_measurements`.
+
+    Raises
+    ------
+    InputError
+        If nothing acts, a column cannot be measured, or no posture is left.
+    """
+    if not (mass > 0.0 or force > 0.0):
+        raise InputError("no load is planned", expected="a mass to hang, or a force to push with")
+    for name in deviations:
+        if name not in MEASURED or name in TURN:
+            raise InputError("column cannot be planned", got=repr(name),
+                             expected=", ".join(n for n in MEASURED if n not in TURN))  # fmt: skip
+    rng = np.random.default_rng(seed)
+    low, high = _ranges(elastic, ranges or {})
+    box = dict(within or {})
+    for axis in box:
+        if axis not in ("x", "y", "z"):
+            raise InputError("axis of the volume cannot be used", where="--within",
+                             expected="x, y, z", got=repr(axis))  # fmt: skip
+    kept: list[Array] = []
+    for _ in range(_TRIES * count):
+        q = _posture(elastic, rng.uniform(low, high))
+        if q is None:
+            continue
+        pose = elastic.mechanism.at(q).pose
+        at = pose[:3, 3] + pose[:3, :3] @ np.asarray(point)
+        if all(limits[0] <= at["xyz".index(a)] <= limits[1] for a, limits in box.items()):
+            kept.append(q)
+            if len(kept) == count:
+                break
+    if not kept:
+        raise InputError("no posture is left in the volume and the ranges", where="--within",
+                         expected="a volume that the mechanism reaches")  # fmt: skip
+    N = len(kept)
+    wrench = np.zeros((N, 6))
+    if not mass > 0.0:
+        along, sign = rng.integers(0, 3, N), np.where(rng.random(N) < 0.5, -1.0, 1.0)
+        wrench[np.arange(N), 3 + along] = sign * force
+    direction = rng.normal(size=(N, 3))
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    return Measurements(
+        np.array(kept), wrench, np.full(N, mass), np.zeros(N), "world",
+        {name: np.zeros(N) for name in deviations},
+        {name: np.full(N, s) for name, s in deviations.items()},
+        direction if "d" in deviations else np.full((N, 3), np.nan), (), np.full(N, np.nan),
+        point, point if load_at is None else load_at,
+    )  # fmt: skip
+
+
+def _ranges(elastic: ElasticMechanism, given: Mapping[str, Sequence[float]]) -> tuple[Array, Array]:
+    """Lowest and highest coordinates; those that follow others stay where they are."""
+    mechanism = elastic.mechanism
+    low, high = elastic.q.copy(), elastic.q.copy()
+    free = np.ones(len(low), bool)
+    if isinstance(mechanism, Chain):
+        free[list(mechanism.virtual)] = False
+        if mechanism.closures:
+            free[:] = False
+            free[list(mechanism.actuated or ())] = True
+    for j, c in enumerate(mechanism.coordinates):
+        if not free[j]:
+            continue
+        if isinstance(mechanism, Platform):
+            width = _TILT if not c.is_length else _SHIFT * mechanism.length
+            low[j], high[j] = elastic.q[j] - width, elastic.q[j] + width
+            continue
+        width = 0.5 * mechanism.at(elastic.q).length if c.is_length else _RANGE
+        looped = isinstance(mechanism, Chain) and bool(mechanism.closures)
+        width = 0.3 * width if looped else width
+        centre = elastic.q[j] if looped or not np.isfinite(c.lower + c.upper) else 0.0
+        low[j] = c.lower if np.isfinite(c.lower) and not looped else centre - width
+        high[j] = c.upper if np.isfinite(c.upper) and not looped else centre + width
+        if not looped and not c.is_length:  # further than a turn away is the same posture
+            low[j], high[j] = max(low[j], -_RANGE), min(high[j], _RANGE)
+    for name, (a, b) in given.items():
+        if name not in elastic.names:
+            raise UnknownNameError("joint", name, elastic.names, where="--range")
+        if not a <= b:
+            raise InputError(f"range of {name!r} is the wrong way round", where="--range",
+                             expected="LOW:HIGH", got=f"{a:g}:{b:g}")  # fmt: skip
+        low[elastic.names.index(name)], high[elastic.names.index(name)] = a, b
+    return low, high
+
+
+def _posture(elastic: ElasticMechanism, q: Array) -> Array | None:
+    """The posture, assembled; None where that fails."""
+    if isinstance(elastic.mechanism, Chain) and elastic.mechanism.closures:
+        try:
+            return elastic.mechanism.closed(q).q
+        except ConvergenceError:
+            return None
+    return q

@@ -1,0 +1,265 @@
+r"""Which postures and loads to measure, before anything is measured.
+
+Each candidate adds ``G_i = sum a a^T / s^2`` to the information M of the compliances, in shares of
+their present values. Three criteria:
+
+* all: the largest determinant of M (D-optimal, [AtkinsonDonev]_);
+* worst: the smallest widest interval, ``max_j (M^-1)_jj``;
+* posture: the smallest error of the deflection at the user's own posture under the user's own load,
+  ``tr(L M^-1 L^T)`` (test-pose criterion, [KlimchikTestPose]_).
+
+The rows are chosen greedily, then each is exchanged for any candidate as long as that helps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cartstiff import numerics
+from cartstiff.arrays import Array
+from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.identify.intervals import quantile
+from cartstiff.identify.linear_model import LinearModel
+from cartstiff.identify.measurements import Measurements
+from cartstiff.identify.unknowns import Unknowns
+
+__all__ = ["CRITERIA", "Plan", "information", "plan"]
+
+CRITERIA = ("all", "worst", "posture")
+_PASSES = 20
+#: Information that stands for "nothing is known" while too few rows are chosen: a thousandth of a
+#: percent of what one row tells.
+_FAINT = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Rows to be measured, and what they will tell.
+
+    Attributes
+    ----------
+    unknowns : Unknowns
+        What is sought.
+    rows : Measurements
+        The chosen postures and loads, in the order of their choice; nothing measured yet.
+    criterion : str
+        Of the choice.
+    counts : ndarray of int (k,)
+        Numbers of rows for which intervals are predicted.
+    deviations : ndarray (k, P)
+        Predicted standard deviations, in shares of the compliances; infinite where not determined.
+    factor : float
+        Half width of an interval over the standard deviation, at the full number of rows.
+    lost : tuple of str
+        Springs that no candidate tells anything about by themselves.
+    level : float
+        Probability of the intervals.
+    """
+
+    unknowns: Unknowns
+    rows: Measurements
+    criterion: str
+    counts: NDArray[np.intp]
+    deviations: Array
+    factor: float
+    lost: tuple[str, ...]
+    level: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        found = []
+        for p, u in enumerate(self.unknowns.parameters):
+            s = float(self.deviations[-1, p])
+            k = 1.0 / u.nominal if u.has_stiffness and not u.is_scale else None
+            half = self.factor * s
+            found.append({
+                "name": u.name, "stiffness": k, "unit": u.unit,
+                "relative_sd": s if np.isfinite(s) else None,
+                "interval": [None, None] if k is None or not np.isfinite(s) else [
+                    k / (1.0 + half), k / (1.0 - half) if half < 1.0 else None
+                ],
+            })  # fmt: skip
+        falls = [
+            {"rows": int(n), "worst_relative_sd": float(w) if np.isfinite(w) else None}
+            for n, w in zip(self.counts, self._worst, strict=True)
+        ]
+        return {
+            "schema": "cartstiff-identify-plan/1", "criterion": self.criterion,
+            "rows": len(self.rows), "level": self.level, "parameters": found,
+            "by_rows": falls, "not_identifiable": list(self.lost),
+        }  # fmt: skip
+
+    @property
+    def _worst(self) -> Array:
+        known = [p for p, n in enumerate(self.unknowns.names) if n not in self.lost]
+        return self.deviations[:, known].max(axis=1)
+
+
+def information(unknowns: Unknowns, measured: Measurements) -> Array:
+    """G (N, P, P) of each row, of compliances in shares of their present values."""
+    model = LinearModel(unknowns, measured)
+    seen = model.observations
+    _, A = model.at(unknowns.nominal)
+    if np.isnan(seen.deviation).any():
+        raise InputError("a plan needs standard deviations", where="--sd",
+                         expected="one for each column that is measured")  # fmt: skip
+    scaled = A * unknowns.sizes / seen.deviation[:, None]
+    G = np.zeros((len(measured), A.shape[1], A.shape[1]))
+    np.add.at(G, seen.row, scaled[:, :, None] * scaled[:, None, :])
+    return G
+
+
+def plan(
+    unknowns: Unknowns,
+    offered: Measurements,
+    count: int,
+    *,
+    criterion: Literal["all", "worst", "posture"] = "all",
+    test: tuple[Array, Array] | None = None,
+    have: Measurements | None = None,
+    level: float = 0.95,
+) -> Plan:
+    """Choose rows from candidates.
+
+    Parameters
+    ----------
+    unknowns : Unknowns
+        What is sought.
+    offered : Measurements
+        From `candidates`, with standard deviations.
+    count : int
+        Rows to choose; a candidate may be taken more than once.
+    criterion : {"all", "worst", "posture"}
+        What is made best.
+    test : (q, wrench), optional
+        The user's posture (n,) and wrench (6,) on M along F, for "posture".
+    have : Measurements, optional
+        Rows that are measured already, with standard deviations.
+    level : float
+        Probability of the predicted intervals.
+
+    Raises
+    ------
+    InputError
+        For fewer rows than one, no posture to test, or candidates that tell nothing.
+    """
+    if criterion not in CRITERIA:
+        raise UnknownNameError("criterion", criterion, CRITERIA, where="--criterion")
+    if count < 1:
+        raise InputError("number of rows cannot be used", where="--plan", expected="1 or more",
+                         got=count)  # fmt: skip
+    G = information(unknowns, offered)
+    start = np.zeros(G.shape[1:]) if have is None else information(unknowns, have).sum(axis=0)
+    known = _seen(G.sum(axis=0) + start)
+    if not known.any():
+        raise InputError("no candidate tells anything about a spring",
+                         expected="other loads, or columns to be measured")  # fmt: skip
+    inner = np.ix_(known, known)
+    G, start = G[:, known][:, :, known], start[inner]
+    one = float(np.median(np.trace(G, axis1=1, axis2=2))) / len(start)
+    faint = _FAINT * one * np.eye(len(start))
+    effects = None
+    if criterion == "posture":
+        if test is None:
+            raise InputError("the criterion needs a posture and a load", where="--criterion",
+                             expected="--q and --load")  # fmt: skip
+        effects = _effects(unknowns, *test)[:, known]
+        if not effects.any():
+            raise InputError("the load of the test posture moves nothing", where="--load")
+    cost = _cost(criterion, effects)
+    chosen = _greedy(G, start + faint, count, cost)
+    order = list(chosen)
+    chosen = _exchanged(G, start + faint, chosen, cost)
+    P = len(unknowns.parameters)
+    counts, spreads = [], []
+    for n in range(1, count + 1):
+        picked = chosen if n == count else order[:n]
+        M = start + G[picked].sum(axis=0)
+        spread = np.full(P, np.inf)
+        spread[known] = _spread(M)
+        counts.append(n)
+        spreads.append(spread)
+    numbers = len(chosen) * len(offered.values) + (0 if have is None else len(have) * len(
+        have.values))  # fmt: skip
+    rows = offered.taken(chosen)
+    names = tuple(n for n, is_known in zip(unknowns.names, known, strict=True) if not is_known)
+    return Plan(
+        unknowns, rows, criterion, np.array(counts), np.array(spreads),
+        quantile(level, max(numbers - int(known.sum()), 1)), names, level,
+    )  # fmt: skip
+
+
+def _seen(M: Array) -> NDArray[np.bool_]:
+    """Parameters (P,) that all candidates together determine."""
+    size = np.sqrt(np.diag(M))
+    there = size > numerics.RANK * size.max(initial=0.0)
+    scale = np.where(there, 1.0 / np.where(there, size, 1.0), 0.0)
+    values, vectors = np.linalg.eigh(M * scale[:, None] * scale)
+    lost = vectors[:, values <= numerics.ROUNDING * values.max()]
+    return np.asarray(there & (np.linalg.norm(lost, axis=1) <= numerics.ROUNDING**0.25))
+
+
+def _effects(unknowns: Unknowns, q: Array, wrench: Array) -> Array:
+    """Displacement (3, P) of M at a posture per share of each compliance."""
+    one = Measurements(
+        q[None], wrench[None], np.zeros(1), np.zeros(1), "world",
+        {n: np.zeros(1) for n in ("dx", "dy", "dz")}, {n: np.ones(1) for n in ("dx", "dy", "dz")},
+        np.full((1, 3), np.nan), (), np.full(1, np.nan),
+    )  # fmt: skip
+    return LinearModel(unknowns, one).at(unknowns.nominal)[1] * unknowns.sizes
+
+
+def _cost(criterion: str, effects: Array | None) -> Callable[[Array], Array]:
+    """Cost (k,) of informations (k, P, P); infinite for singular ones."""
+
+    def of(M: Array) -> Array:
+        if criterion == "all":
+            sign, value = np.linalg.slogdet(M)
+            return np.where(sign > 0, -value, np.inf)
+        inverse = np.linalg.inv(M)
+        if effects is not None:
+            return np.einsum("ip,kpr,ir->k", effects, inverse, effects)
+        return inverse.diagonal(0, 1, 2).max(axis=1)
+
+    return of
+
+
+def _greedy(G: Array, start: Array, count: int, cost: Callable[[Array], Array]) -> list[int]:
+    M, chosen = start.copy(), []
+    for _ in range(count):
+        best = int(np.argmin(cost(M + G)))
+        chosen.append(best)
+        M = M + G[best]
+    return chosen
+
+
+def _exchanged(
+    G: Array, start: Array, chosen: list[int], cost: Callable[[Array], Array]
+) -> list[int]:
+    """Each row exchanged for the candidate that helps most, until none does."""
+    chosen = list(chosen)
+    M = start + G[chosen].sum(axis=0)
+    now = float(cost(M[None])[0])
+    for _ in range(_PASSES):
+        before = now
+        for i, old in enumerate(chosen):
+            costs = cost(M - G[old] + G)
+            best = int(np.argmin(costs))
+            if costs[best] < now - numerics.TELLING * abs(now):
+                M, chosen[i], now = M - G[old] + G[best], best, float(costs[best])
+        if not now < before:
+            break
+    return chosen
+
+
+def _spread(M: Array) -> Array:
+    """Standard deviations from an information; infinite where it is singular."""
+    inverse = numerics.invert(M)
+    if inverse is None:
+        return np.full(len(M), np.inf)
+    return np.sqrt(np.maximum(inverse.matrix.diagonal(), 0.0))

@@ -1,0 +1,155 @@
+"""What to measure: predictions against campaigns, plans against chance, and the way through."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from tests.identify.campaigns import SPRINGS, arm, load
+
+import cartstiff
+from cartstiff.cli.main import main
+from cartstiff.identify.campaign import identify
+from cartstiff.identify.candidates import candidates
+from cartstiff.identify.intervals import estimates
+from cartstiff.identify.least_squares import Noise, solved
+from cartstiff.identify.linear_model import LinearModel
+from cartstiff.identify.plan import information, plan
+from cartstiff.identify.synthetic import simulated
+from cartstiff.identify.unknowns import unknowns_of
+
+
+@pytest.fixture(scope="module")
+def offered(tmp_path_factory):
+    elastic = load(arm("elbow", tmp_path_factory.mktemp("plan")))
+    found = candidates(elastic, {"d": 1e-5}, count=600, force=100.0, within={"z": (0.1, 2.0)})
+    return elastic, unknowns_of(elastic), found
+
+
+def test_candidates_keep_their_ranges_and_volume(offered):
+    elastic, _, found = offered
+    assert len(found) == 600
+    assert np.abs(found.q).max() <= 2.9
+    heights = [elastic.mechanism.at(q).pose[2, 3] for q in found.q[:50]]
+    assert min(heights) >= 0.1
+    narrow = candidates(elastic, {"d": 1e-5}, count=20, mass=5.0, ranges={"j2": (0.1, 0.2)})
+    assert narrow.q[:, 1].min() >= 0.1
+    assert narrow.q[:, 1].max() <= 0.2
+    with pytest.raises(cartstiff.InputError, match="no posture is left"):
+        candidates(elastic, {"d": 1e-5}, count=2, mass=5.0, within={"z": (9.0, 10.0)})
+
+
+def test_a_plan_beats_chance_and_predicts_what_campaigns_find(offered):
+    """12 of 600 against 1000 random choices of 12; then 200 campaigns with the planned rows."""
+    _, unknowns, found = offered
+    best = plan(unknowns, found, 12)
+    G = information(unknowns, found)
+    rng = np.random.default_rng(0)
+    chance = np.median([
+        np.sqrt(np.linalg.inv(G[rng.choice(600, 12, replace=False)].sum(0)).diagonal().max())
+        for _ in range(1000)
+    ])  # fmt: skip
+    assert chance > 2.0 * best.deviations[-1].max()
+    widest = plan(unknowns, found, 12, criterion="worst")
+    assert widest.deviations[-1].max() <= best.deviations[-1].max()
+    assert best.counts.tolist() == list(range(1, 13))
+    assert (np.diff([d.max() for d in best.deviations[6:]]) <= 1e-9).all()
+
+    model = LinearModel(unknowns, best.rows)
+    y, A = model.at(unknowns.nominal)
+    noise = Noise.of(np.full(len(y), np.nan), np.zeros(len(y), bool))
+    halves = []
+    for _ in range(200):
+        fit = solved(A, y + rng.normal(size=len(y)) * 1e-5, noise, sizes=unknowns.sizes,
+                     bounded=unknowns.is_bounded)  # fmt: skip
+        widths = [e.deviation for e in estimates(fit, unknowns, 0.95, 1.0)]
+        halves.append(widths / unknowns.nominal)
+    realised = np.mean(halves, axis=0)
+    assert realised == pytest.approx(best.deviations[-1], rel=0.1)
+
+
+def test_the_posture_criterion_serves_that_posture(offered):
+    elastic, unknowns, found = offered
+    q, W = np.array([0.3, 0.6, 0.8, 0.1, -0.7, 0.2]), np.array([0, 0, 0, 0, 0, -100.0])
+    own = plan(unknowns, found, 8, criterion="posture", test=(q, W))
+    every = plan(unknowns, found, 8)
+
+    def error(p):
+        J = cartstiff.analyse(elastic, q).jacobian
+        R = elastic.mechanism.at(q).pose[:3, :3]
+        body = np.r_[np.zeros(3), R.T @ W[3:]]
+        L = (J * (J.T @ body) / np.array(SPRINGS["elbow"]))[3:]
+        M = information(unknowns, p.rows).sum(axis=0)
+        return np.trace(L @ np.linalg.inv(M) @ L.T)
+
+    assert error(own) < error(every)
+    more = plan(unknowns, found, 2, have=own.rows)
+    assert more.deviations[-1].max() < own.deviations[-1].max()
+
+
+def test_most_intervals_hold_the_truth(offered):
+    """A small version of benchmarks/identify_coverage.py."""
+    elastic, unknowns, found = offered
+    hits = count = 0
+    for seed in range(24):
+        rng = np.random.default_rng(seed)
+        rows = found.taken(rng.choice(600, int(rng.integers(14, 40)), replace=False))
+        told = bool(seed % 2)
+        result = identify(elastic, simulated(elastic, rows, {"dx": 2e-5, "dz": 2e-5}, seed=seed,
+                                             tell_deviations=told))  # fmt: skip
+        for e, c in zip(result.estimates, unknowns.nominal, strict=True):
+            if e.verdict == "determined":
+                count += 1
+                hits += e.interval[0] <= c <= e.interval[1]
+    assert count > 100
+    assert 0.90 < hits / count <= 0.995
+
+
+def test_from_a_plan_to_a_file_by_the_command_line(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    arm("elbow", tmp_path)
+
+    def run(*arguments, code=0):
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as exit_:
+            main(["identify", "elbow.yaml", *arguments])
+        out, err = capfd.readouterr()
+        assert exit_.value.code == code, err
+        return out if code == 0 else err
+
+    sd = [x for name in ("dx", "dy", "dz") for x in ("--sd", f"{name}=0.02mm")]
+    shown = json.loads(run("--plan", "9", "--force", "90", *sd, "--csv", "to_do.csv", "--json",
+                           "--candidates", "200"))  # fmt: skip
+    assert shown["rows"] == 9
+    assert [entry["rows"] for entry in shown["by_rows"]] == list(range(1, 10))
+    assert "rows chosen for all compliances" in run(
+        "--plan", "2", "--mass", "5", *sd, "--candidates", "50"
+    )
+    head = (tmp_path / "to_do.csv").read_text().splitlines()[0]
+    assert head.endswith("dx [m],dy [m],dz [m]")
+    assert "nothing was measured" in run("to_do.csv", code=2)
+    out = run("to_do.csv", "--simulate", "3", *sd, "--csv", "done.csv", "--json", "--outliers", "1")
+    bad = json.loads(out)["outliers"]
+    found = json.loads(run("done.csv", *sd, "--reject", "suspects", "--json", "-o", "known.yaml",
+                           "--plot", "r.png"))  # fmt: skip
+    assert [r["row"] for r in found["rejected"]] == bad
+    for entry, k in zip(found["parameters"], SPRINGS["elbow"], strict=True):
+        assert entry["stiffness"] == pytest.approx(k, rel=0.3)
+    assert (tmp_path / "r.png").read_bytes().startswith(b"\x89PNG")
+    more = run("--plan", "3", "--force", "90", *sd, "--have", "done.csv", "--criterion", "posture",
+               "--load", "0,0,0,0,0,-50", "--candidates", "50")  # fmt: skip
+    assert "the deflection at the test posture" in more
+    for arguments, words in (
+        ((), "DATA.csv, or --plan N"), (("done.csv", "--mass", "3"), "--mass: is for --plan"),
+        (("--plan", "3", *sd), "no load is planned"), (("--plan", "3", "--mass", "1"), "--sd"),
+        (("--plan", "3", "--mass", "1", "--force", "1", *sd), "--mass or --force"),
+        (("done.csv", "--plan", "3"), "DATA.csv or --plan"),
+        (("done.csv", "--simulate", "3", *sd), "--csv FILE.csv"),
+        (("done.csv", "--outliers", "3"), "is for --simulate"),
+        (("--plan", "3", "--mass", "1", "--criterion", "posture", *sd), "--load"),
+        (("--plan", "3", "--mass", "1", "--load", "0,0,0,0,0,1", *sd), "--criterion posture"),
+        (("--plan", "3", "--mass", "1", *sd, "--range", "j9=0:1"), "unknown joint"),
+        (("--plan", "3", "--mass", "1", *sd, "-o", "x.yaml"), "need measurements"),
+    ):  # fmt: skip
+        assert words in run(*arguments, code=2)
