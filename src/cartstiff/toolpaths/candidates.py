@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.joint_poses import SAME, distinct
@@ -146,15 +147,21 @@ class _Cells:
         both = _joined(known, found)
         keep: list[int] = []
         first = len(known.q)
+        turns = np.where(self.solver.periodic, 2 * np.pi / self.solver.sizes, 0.0)
+        places = both.q / self.solver.sizes
+        places = np.where(turns > 0, places % np.where(turns > 0, turns, 1.0), places)
+        places = np.where((turns > 0) & (places >= turns), 0.0, places)  # by rounding
         for cell in np.unique(found.cell):
-            own = [int(i) for i in np.flatnonzero(known.cell == cell)]
-            for i in np.flatnonzero(found.cell == cell) + first:
-                step = (both.q[own] - both.q[i]) / self.solver.sizes
-                turns = np.where(self.solver.periodic, np.round(step / (2 * np.pi)), 0.0)
-                near = np.linalg.norm(step - 2 * np.pi * turns, axis=1) < 0.5 * spacing
-                if not near.any():
-                    own.append(int(i))
-                    keep.append(int(i))
+            rows = np.flatnonzero(both.cell == cell)
+            tree = cKDTree(places[rows], boxsize=turns)
+            near = tree.query_pairs(0.5 * spacing, output_type="ndarray")
+            taken = rows < first
+            before: dict[int, list[int]] = {}
+            for i, j in near.tolist():
+                before.setdefault(j, []).append(i)
+            for j in np.flatnonzero(~taken).tolist():
+                taken[j] = not any(taken[i] for i in before.get(j, ()))
+            keep += rows[taken & (rows >= first)].tolist()
         rows = np.array(keep, int)
         return Layer(both.q[rows], both.cell[rows])
 

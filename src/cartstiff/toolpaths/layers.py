@@ -22,6 +22,8 @@ Objective = Literal["worst", "mean"]
 
 # Costs are equal within this: the worst one must not exclude itself by rounding.
 _EQUAL = 1.0 + 1e-12
+# Candidates of a layer that are tried at first; four times as many each time after.
+_FEW = 100
 
 
 def best_way(
@@ -50,13 +52,26 @@ def best_way(
     """
     if objective not in get_args(Objective):
         raise UnknownNameError("objective", str(objective), get_args(Objective))
-    bound = np.inf
+    usable = [np.flatnonzero(np.isfinite(c)) for c in costs]
     if objective == "worst":
-        total, reached, _ = _forward(costs, steps, np.inf, worst=True)
+        total, reached, _ = _among_few(costs, steps, usable, worst=True)
         if total is None:
             return None, reached
-        bound = float(total.min()) * _EQUAL
-    total, reached, origins = _forward(costs, steps, bound, worst=False)
+        bound = float(total.min())
+        better = [rows[c[rows] < bound] for c, rows in zip(costs, usable, strict=True)]
+        if all(map(len, better)):
+            total, *_ = _forward(costs, steps, _linked(steps, better), worst=True)
+            bound = bound if total is None else float(total.min())
+        usable = [rows[c[rows] <= bound * _EQUAL] for c, rows in zip(costs, usable, strict=True)]
+    total, reached, origins = _among_few(costs, steps, usable, worst=False)
+    if total is not None:
+        # A way through a candidate costs at least it and the cheapest of all other layers.
+        least = [float(c[rows].min()) for c, rows in zip(costs, usable, strict=True)]
+        spare = float(total.min()) * _EQUAL - sum(least)
+        usable = [
+            rows[c[rows] <= own + spare] for c, rows, own in zip(costs, usable, least, strict=True)
+        ]
+        total, reached, origins = _forward(costs, steps, _linked(steps, usable), worst=False)
     if total is None:
         return None, reached
     k = int(np.argmin(total))
@@ -67,14 +82,43 @@ def best_way(
     return way[::-1], reached
 
 
-def _forward(
-    costs: Sequence[Array],
-    steps: Callable[[int, Array, Array], Array],
-    bound: float,
+_Ways = tuple[Array | None, list[Array], list[Array]]
+
+
+def _among_few(
+    costs: Sequence[Array], steps: Callable[[int, Array, Array], Array], usable: Sequence[Array],
     worst: bool,
-) -> tuple[Array | None, list[Array], list[Array]]:
+) -> _Ways:  # fmt: skip
+    """`_forward` among the cheapest of each layer: ever more, until there is a way, or all."""
+    count, most = _FEW, max(map(len, usable))
+    while count < most:
+        few = [
+            np.sort(rows[np.argsort(c[rows], kind="stable")[:count]])
+            for c, rows in zip(costs, usable, strict=True)
+        ]
+        found = _forward(costs, steps, few, worst)
+        if found[0] is not None:
+            return found
+        count *= 4
+    return _forward(costs, steps, usable, worst)
+
+
+def _linked(steps: Callable[[int, Array, Array], Array], usable: Sequence[Array]) -> list[Array]:
+    """What the smallest layer can be reached from, or reaches: a way goes through nothing else."""
+    found = list(usable)
+    smallest = int(np.argmin([len(rows) for rows in usable]))
+    for i in range(smallest - 1, -1, -1):
+        found[i] = found[i][np.isfinite(steps(i, found[i], found[i + 1])).any(axis=1)]
+    for i in range(smallest + 1, len(found)):
+        found[i] = found[i][np.isfinite(steps(i - 1, found[i - 1], found[i])).any(axis=0)]
+    return found
+
+
+def _forward(
+    costs: Sequence[Array], steps: Callable[[int, Array, Array], Array], usable: Sequence[Array],
+    worst: bool,
+) -> _Ways:  # fmt: skip
     """Costs of the best ways to the last layer, candidates reached, and whence each is reached."""
-    usable = [np.flatnonzero(np.isfinite(c) & (c <= bound)) for c in costs]
     reached, origins = [usable[0]], []
     total = costs[0][usable[0]]
     for i in range(1, len(costs)):

@@ -230,11 +230,16 @@ class _Search:
         if not self.grid.is_grid:
             return None
         best: tuple[float, ConstantChoice] | None = None
-        for cell in range(self.grid.count):
+        least = np.full((len(costs), self.grid.count), np.inf)
+        for row, cost, cell in zip(least, costs, cells, strict=True):
+            np.minimum.at(row, cell[cell >= 0], cost[cell >= 0])
+        # No way through a cell costs less than its cheapest candidates.
+        bounds = least.max(axis=0) if self.objective == "worst" else least.sum(axis=0)
+        sides = [j.side for j in judged]
+        for cell in np.argsort(bounds, kind="stable"):
+            if not bounds[cell] < (np.inf if best is None else best[0]):
+                break
             own = [np.flatnonzero(c == cell) for c in cells]
-            if not all(np.isfinite(c[rows]).any() for c, rows in zip(costs, own, strict=True)):
-                continue
-            sides = [j.side for j in judged]
             found = self._way(
                 *([a[rows] for a, rows in zip(every, own, strict=True)]
                   for every in (q, costs, sides))
@@ -246,7 +251,7 @@ class _Search:
             size = float(taken.max() if self.objective == "worst" else taken.sum())
             if best is None or size < best[0]:
                 values = np.array([j.value[k] for j, k in zip(judged, rows, strict=True)])
-                best = size, ConstantChoice(self.grid.at(cell), found[0], values)
+                best = size, ConstantChoice(self.grid.at(int(cell)), found[0], values)
         return None if best is None else best[1]
 
     def _way(
