@@ -67,7 +67,10 @@ def test_json_and_csv_agree(run, seam, tmp_path):
     )
     assert data["schema"] == "cartstiff/1"
     with file.open(encoding="utf-8") as handle:
-        rows = list(csv.DictReader(handle))
+        rows = [
+            {name.partition(" [")[0]: value for name, value in row.items()}
+            for row in csv.DictReader(handle)
+        ]
     assert len(rows) == len(data["q"]) == 3
     q = [[float(row[name]) for name in data["joints"]] for row in rows]
     np.testing.assert_array_equal(q, data["q"])

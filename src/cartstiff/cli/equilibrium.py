@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
-from cartstiff.cli.output import tell
+from cartstiff.cli.output import say_unused, tell
 from cartstiff.cli.path_file import WRENCH
 from cartstiff.cli.types import (
     PICTURE,
@@ -178,7 +178,9 @@ def _compensate(
     from cartstiff.statics.toolpath import compensate
 
     n = len(elastic.names)
-    _, table = read_rows(path, "postures").arranged(elastic.names, (*elastic.names, *WRENCH))
+    rows = read_rows(path, "postures", units=elastic.units)
+    _, table, unused = rows.arranged(elastic.names, (*elastic.names, *WRENCH))
+    say_unused(path, unused)
     postures, wrenches = table[:, :n], [wrench] * len(table)
     if table.shape[1] > n:
         if wrench is not None:

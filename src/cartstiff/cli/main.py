@@ -45,6 +45,7 @@ _COMMANDS = {
         "Natural frequencies and modes at a posture, under its load.",
     ),
     "models": ("cartstiff.cli.models", "What can be named as MECHANISM."),
+    "poses": ("cartstiff.cli.poses", "A table of postures as robot controllers show them."),
     "view": ("cartstiff.cli.view", "A page in the browser: move the mechanism, see its stiffness."),
 }
 

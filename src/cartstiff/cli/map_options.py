@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from cartstiff.cli.output import say_unused
 from cartstiff.cli.types import Axes, option, option_group, repeated_option
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.parsing import parse_numbers
@@ -116,7 +117,7 @@ def sampling_from_options(
     if q is not None:
         base = np.asarray(named_values(q, elastic.names, elastic.q, "--q"), float)
     if trajectory is not None:
-        return Trajectory.from_table(_table(trajectory), elastic, base)
+        return Trajectory.from_table(_table(trajectory, elastic), elastic, base)
     option = "--grid" if grid else "--range" if random else "--cartesian"
     try:
         if grid:
@@ -135,15 +136,20 @@ def sampling_from_options(
         raise error if error.where and option != "--range" else error.at(option) from None
 
 
-def _table(path: Path) -> dict[str, Any]:
+def _table(path: Path, elastic: Any) -> dict[str, Any]:
     """Columns of a CSV file by the names in its first line."""
     from cartstiff.loading.csv_file import read_rows
 
-    rows = read_rows(path, "postures", _LARGEST_FILE)
+    rows = read_rows(path, "postures", _LARGEST_FILE, elastic.units)
     if rows.names is None:
         raise InputError("columns have no names", where=rows.place,
                          expected="a line of names, then one posture a line")  # fmt: skip
-    return dict(zip(rows.names, rows.values.T, strict=True))
+    table = dict(zip(rows.names, rows.values.T, strict=True))
+    if set(elastic.names) <= set(table):  # what else a table holds is not asked for here
+        more = [name for name in table if name not in (*elastic.names, "time")]
+        say_unused(path, more)
+        table = {name: column for name, column in table.items() if name not in more}
+    return table
 
 
 def check_cuts(cuts: dict[str, float], sampling: Any) -> None:

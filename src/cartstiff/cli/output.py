@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import click
 
 from cartstiff.errors import InputError, one_line, printable
 
-__all__ = ["json_text", "say", "tell"]
+__all__ = ["json_text", "say", "say_unused", "tell"]
 
 
 def json_text(data: Mapping[str, Any], mechanism: str) -> str:
@@ -32,3 +33,10 @@ def tell(as_json: bool, data: Mapping[str, Any], mechanism: str, text: Callable[
 def say(text: str = "", *, error: bool = False) -> None:
     """Text on standard output, or standard error; every command writes through here."""
     click.echo(printable(text), err=error)
+
+
+def say_unused(path: Path, names: Sequence[str]) -> None:
+    """On standard error, that columns of a table play no part."""
+    if names:
+        words = one_line(", ".join(names), 300)
+        say(f"cartstiff: {one_line(str(path))}: not needed here: {words}", error=True)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from cartstiff.errors import InputError, UnknownNameError, one_line
 
 if TYPE_CHECKING:
+    from cartstiff.mechanisms.contract import Units
     from cartstiff.toolpaths.tool_path import ToolPath
 
 __all__ = ["WRENCH", "read_path_file"]
@@ -27,12 +28,14 @@ def read_path_file(
     wrench: list[float] | None = None,
     direction: list[float] | None = None,
     axes: str | None = None,
+    units: Units | None = None,
 ) -> ToolPath:
     """A path from a file.
 
-    The first line may name the columns: x, y, z with roll, pitch, yaw (about fixed axes) or with
-    ax, ay, az (the tool's axis), and mx, my, mz, fx, fy, fz (wrench), dx, dy, dz (direction) if
-    wanted. Without names: x, y, z, roll, pitch, yaw, and a wrench if there are twelve columns.
+    The first line may name the columns, with units (``x [mm]``, ``yaw [deg]``): x, y, z with roll,
+    pitch, yaw (about fixed axes) or with ax, ay, az (the tool's axis), and mx, my, mz, fx, fy, fz
+    (wrench), dx, dy, dz (direction) if wanted. Without names: x, y, z, roll, pitch, yaw, and a
+    wrench if there are twelve columns.
     Lines that start with # are left out.
 
     Parameters
@@ -47,6 +50,9 @@ def read_path_file(
         Axes of wrenches and directions; default those of the file's poses, of F where the file
         gives the tool's axis alone.
 
+    units : Units, optional
+        What lengths and forces come in; default SI.
+
     Raises
     ------
     InputError
@@ -56,12 +62,13 @@ def read_path_file(
 
     from cartstiff.geometry import se3
     from cartstiff.loading.csv_file import read_rows
+    from cartstiff.mechanisms.contract import SI
     from cartstiff.toolpaths.tool_path import ToolPath
 
     where = one_line(str(file))
-    rows = read_rows(file, "points")
+    rows = read_rows(file, "points", units=units or SI)
     if rows.names is None:
-        names, values = rows.arranged((*_POSITION, *_ANGLES), (*_POSITION, *_ANGLES, *WRENCH))
+        names, values, _ = rows.arranged((*_POSITION, *_ANGLES), (*_POSITION, *_ANGLES, *WRENCH))
     else:
         names, values = tuple(name.lower() for name in rows.names), rows.values
         _check_names(names, rows.place)

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
+from cartstiff.cli.output import say_unused
 from cartstiff.cli.types import option_group
 from cartstiff.errors import MissingDependencyError
 
@@ -65,7 +66,10 @@ def source_from_options(
         )
         return other.with_springs(stiffness if request.stiffness is not None else None, rest)
 
-    names = elastic.names
+    trajectory = None
+    if trajectory_path is not None:
+        trajectory = read_trajectory(trajectory_path, elastic.names, elastic.units)
+        say_unused(trajectory_path, trajectory.unused)
     return Source(
         elastic=elastic,
         q=first.q,
@@ -74,7 +78,7 @@ def source_from_options(
         load_at=None if applied.load_at is None else tuple(applied.load_at),  # type: ignore[arg-type]
         load_axes="inertial" if applied.world else "body",
         reload=reload,
-        trajectory=None if trajectory_path is None else read_trajectory(trajectory_path, names),
+        trajectory=trajectory,
         cloud=None if map_path is None else read_cloud(map_path),
     )
 

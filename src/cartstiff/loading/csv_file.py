@@ -1,8 +1,10 @@
-"""Files of comma-separated numbers, one row a line."""
+"""Tables of numbers in text files, one row a line, with units in the head."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
+from difflib import get_close_matches
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,6 +13,7 @@ import numpy as np
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.yaml_file import LARGEST, read_text
+from cartstiff.mechanisms.contract import FORCES, LENGTHS, SI, Units, convert_length
 from cartstiff.parsing import parse_numbers
 
 __all__ = ["Cells", "Rows", "read_cells", "read_rows"]
@@ -33,10 +36,11 @@ class Rows(NamedTuple):
     names: tuple[str, ...] | None
     place: str
 
-    def arranged(self, *layouts: tuple[str, ...]) -> tuple[tuple[str, ...], Array]:
-        """The layout that fits, and the columns in its order.
+    def arranged(self, *layouts: tuple[str, ...]) -> tuple[tuple[str, ...], Array, tuple[str, ...]]:
+        """The layout that fits, the columns in its order, and the names of what is not needed.
 
-        Named columns may stand in any order; others are told by their number.
+        Named columns may stand in any order, and others beside them that belong to no layout, nor
+        look like a slip of the pen; columns without names are told by their number.
 
         Raises
         ------
@@ -44,11 +48,15 @@ class Rows(NamedTuple):
             If none fits.
         """
         width = self.values.shape[1]
-        for layout in layouts:
+        wanted = {name for layout in layouts for name in layout}
+        for layout in sorted(layouts, key=len, reverse=True):
             if self.names is None and len(layout) == width:
-                return layout, self.values
-            if self.names is not None and sorted(self.names) == sorted(layout):
-                return layout, self.values[:, [self.names.index(name) for name in layout]]
+                return layout, self.values, ()
+            if self.names is not None and set(layout) <= set(self.names):
+                more = tuple(name for name in self.names if name not in layout)
+                if not any(n in wanted or get_close_matches(n, wanted - {*layout}) for n in more):
+                    columns = [self.names.index(name) for name in layout]
+                    return layout, self.values[:, columns], more
         if self.names is not None:
             expected = " or ".join(", ".join(layout) for layout in layouts)
             raise InputError("columns do not fit", where=self.place, expected=expected,
@@ -125,17 +133,17 @@ def _names(line: str, place: str) -> tuple[str, ...] | None:
     cells = tuple(cell.strip().strip('"') for cell in line.split(","))
     if not any(map(_is_word, cells)):
         return None
-    twice = [name for name in cells if cells.count(name) > 1]
-    if twice:
-        raise InputError("column named twice", where=place, got=repr(twice[0]))
+    _refuse_twice(cells, place)
     return cells
 
 
-def read_rows(path: Path, what: str, largest: int = LARGEST) -> Rows:
+def read_rows(path: Path, what: str, largest: int = LARGEST, units: Units = SI) -> Rows:
     """Rows of numbers from a file.
 
-    Words in the first line are the names of the columns. Empty lines and lines that start with #
-    are left out.
+    Words in the first line are the names of the columns, with units in square brackets where they
+    are not rad and those of `units`: ``elbow [deg]``, ``x [mm]``. Cells are separated by commas,
+    semicolons or tabs; between semicolons and tabs a comma is the decimal one. Empty lines and
+    lines that start with # are left out.
 
     Parameters
     ----------
@@ -145,6 +153,8 @@ def read_rows(path: Path, what: str, largest: int = LARGEST) -> Rows:
         What a row is, in the plural.
     largest : int
         Bytes that are read at most.
+    units : Units
+        What lengths and forces come in.
 
     Raises
     ------
@@ -153,17 +163,65 @@ def read_rows(path: Path, what: str, largest: int = LARGEST) -> Rows:
     """
     where = one_line(str(path))
     names: tuple[str, ...] | None = None
-    begin, rows = where, list[list[float]]()
+    begin, rows, factors, separator = where, list[list[float]](), list[float](), ","
     for place, line in _lines(path, largest):
         if names is None and not rows:
-            begin, names = place, _names(line, place)
+            separator = next((mark for mark in ";\t" if mark in line), ",")
+            begin, names = place, _names(line.replace(separator, ","), place)
             if names is not None:
+                both = [_named_unit(cell, units, place) for cell in names]
+                names, factors = tuple(n for n, _ in both), [factor for _, factor in both]
+                _refuse_twice(names, place)
                 continue
         width = len(names) if names else len(rows[0]) if rows else None
-        rows.append(parse_numbers(line, place, width))
+        rows.append(_numbers(line, separator, place, width))
     if not rows:
         raise InputError(f"no {what}", where=where, expected="one a line, comma-separated")
-    return Rows(np.array(rows), names, begin)
+    return Rows(np.array(rows) * (factors or 1.0), names, begin)
+
+
+def _numbers(line: str, separator: str, place: str, width: int | None) -> list[float]:
+    if separator != ",":
+        if "," in line and "." in line:
+            raise InputError("decimal commas and points in one line", where=place,
+                             expected="one of them", got=repr(line))  # fmt: skip
+        line = line.replace(",", ".").replace(separator, ",")
+    elif width is not None and line.count(",") == 2 * width - 1:
+        raise InputError("commas between numbers and in them, it seems", where=place,
+                         expected="semicolons between numbers with decimal commas",
+                         got=repr(line))  # fmt: skip
+    return parse_numbers(line, place, width)
+
+
+_PLAIN = {"": 1.0, "1": 1.0, "-": 1.0, "rad": 1.0, "mrad": 1e-3, "deg": np.pi / 180,
+          "\N{DEGREE SIGN}": np.pi / 180, "s": 1.0, "ms": 1e-3}  # fmt: skip
+
+
+def _named_unit(cell: str, units: Units, place: str) -> tuple[str, float]:
+    """Name of a column, and the factor that takes its numbers to radians, seconds and `units`."""
+    found = re.fullmatch(r"(.*?)\s*\[([^\]]*)\]", cell)
+    if found is None:
+        return cell, 1.0
+    name, unit = found[1], " ".join(found[2].split())
+    if unit in _PLAIN:
+        return name, float(_PLAIN[unit])
+    length, force = convert_length(SI, units)
+    known = {u: size * length for u, size in LENGTHS.items()}
+    known |= {u: size * force for u, size in FORCES.items()}
+    known |= {f"{f}{gap}{u}": a * force * b * length for f, a in FORCES.items()
+              for u, b in LENGTHS.items() for gap in ("", " ", "*")}  # fmt: skip
+    if unit not in known:
+        raise InputError(
+            f"column {name!r} has an unknown unit", where=place, got=repr(unit),
+            expected=f"{', '.join([*LENGTHS, *FORCES])}, N m, deg, rad, s",
+        )  # fmt: skip
+    return name, known[unit]
+
+
+def _refuse_twice(names: tuple[str, ...], place: str) -> None:
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise InputError("column named twice", where=place, got=repr(twice[0]))
 
 
 def _is_word(cell: str) -> bool:

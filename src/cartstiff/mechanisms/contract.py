@@ -16,6 +16,8 @@ from cartstiff.potentials.contract import Evaluation, Map
 
 __all__ = [
     "EARTH",
+    "FORCES",
+    "LENGTHS",
     "SI",
     "Coordinate",
     "Mechanism",
@@ -27,8 +29,9 @@ __all__ = [
 ]
 
 
-_LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
-_FORCES = {"N": 1.0, "kN": 1e3, "mN": 1e-3, "daN": 10.0, "lbf": 4.4482216152605, "kgf": 9.80665}
+#: Units of length in m, of force in N.
+LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
+FORCES = {"N": 1.0, "kN": 1e3, "mN": 1e-3, "daN": 10.0, "lbf": 4.4482216152605, "kgf": 9.80665}
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,7 @@ class Units:
     @property
     def newtons(self) -> float:
         """Newtons in the unit of force; masses are kg and accelerations m/s^2 in all units."""
-        return _FORCES[self.force]
+        return FORCES[self.force]
 
     def as_dict(self) -> dict[str, str]:
         """For JSON."""
@@ -95,12 +98,12 @@ def convert_length(unit_from: Units, unit_to: Units) -> tuple[float, float]:
         For a unit that is not known.
     """
     for units in (unit_from, unit_to):
-        if units.length not in _LENGTHS:
-            raise InputError("unknown length unit", expected=", ".join(_LENGTHS), got=units.length)
-        if units.force not in _FORCES:
-            raise InputError("unknown force unit", expected=", ".join(_FORCES), got=units.force)
-    length = _LENGTHS[unit_from.length] / _LENGTHS[unit_to.length]
-    force = _FORCES[unit_from.force] / _FORCES[unit_to.force]
+        if units.length not in LENGTHS:
+            raise InputError("unknown length unit", expected=", ".join(LENGTHS), got=units.length)
+        if units.force not in FORCES:
+            raise InputError("unknown force unit", expected=", ".join(FORCES), got=units.force)
+    length = LENGTHS[unit_from.length] / LENGTHS[unit_to.length]
+    force = FORCES[unit_from.force] / FORCES[unit_to.force]
     return length, force
 
 

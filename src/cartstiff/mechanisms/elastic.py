@@ -154,6 +154,14 @@ class ElasticMechanism:
             notes.append(Note("weightless", words, {"gravity": gravity.tolist()}))
         return replace(self, gravity=gravity, notes=tuple(notes))
 
+    @property
+    def names_with_units(self) -> list[str]:
+        """Names of the coordinates as heads of a table: "elbow [rad]"."""
+        return [
+            f"{c.name} [{self.units.length if c.is_length else 'rad'}]"
+            for c in self.mechanism.coordinates
+        ]
+
     def with_springs(
         self,
         stiffness: float | Mapping[str, float] | ArrayLike | None = None,

@@ -12,6 +12,7 @@ import numpy as np
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.csv_file import read_rows
+from cartstiff.mechanisms.contract import SI, Units
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
 __all__ = ["Cloud", "Source", "Trajectory", "read_cloud", "read_trajectory"]
@@ -33,11 +34,14 @@ class Trajectory:
         Seconds, or the postures' numbers where no times are known.
     timed : bool
         Whether `time` is in seconds.
+    unused : tuple of str
+        Columns of the file that say something else.
     """
 
     q: Array
     time: Array
     timed: bool = False
+    unused: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +99,7 @@ class Source:
     load_axes: Literal["body", "inertial"] = "body"
 
 
-def read_trajectory(path: Path, names: tuple[str, ...]) -> Trajectory:
+def read_trajectory(path: Path, names: tuple[str, ...], units: Units = SI) -> Trajectory:
     """A trajectory from CSV: one posture a line, in joint order or under a line of names.
 
     A column named ``t`` or ``time``, or a first one more than there are coordinates, is the time in
@@ -106,11 +110,11 @@ def read_trajectory(path: Path, names: tuple[str, ...]) -> Trajectory:
     InputError
         With file and line.
     """
-    rows = read_rows(path, "postures")
+    rows = read_rows(path, "postures", units=units)
     if rows.names is not None:
         named = tuple("time" if x.lower() in ("t", "time") else x for x in rows.names)
         rows = rows._replace(names=named)
-    columns, table = rows.arranged(names, ("time", *names))
+    columns, table, unused = rows.arranged(names, ("time", *names))
     where = one_line(str(path))
     if len(table) > _MOST_POSTURES:
         raise InputError("too many postures", where=where, expected=f"at most {_MOST_POSTURES}",
@@ -119,7 +123,7 @@ def read_trajectory(path: Path, names: tuple[str, ...]) -> Trajectory:
     time = table[:, 0] if timed else np.arange(float(len(table)))
     if np.any(np.diff(time) < 0):
         raise InputError("times must not decrease", where=where)
-    return Trajectory(table[:, -len(names) :], time, timed)
+    return Trajectory(table[:, -len(names) :], time, timed, unused)
 
 
 def read_cloud(path: Path) -> Cloud:

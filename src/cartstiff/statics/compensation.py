@@ -101,13 +101,14 @@ class CompensatedPath:
         }
 
     def as_csv(self) -> str:
-        """Commands and errors, one line a point."""
+        """Commands, errors and the postures that are wanted, one line a point."""
         header = ",".join(
             [f"command_{name}" for name in self.elastic.spring_names]
             + [f"before_{c}" for c in COMPONENTS]
             + [f"after_{c}" for c in COMPONENTS]
+            + self.elastic.names_with_units
         )
-        table = np.column_stack([self.commands, self.before, self.after])
+        table = np.column_stack([self.commands, self.before, self.after, self.q])
         buffer = io.StringIO()
         np.savetxt(buffer, table, delimiter=",", fmt="%.17g", header=header, comments="")
         return printable(buffer.getvalue())

@@ -12,7 +12,7 @@ from cartstiff.errors import printable
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps.quantities import Quantity
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
-from cartstiff.stiffness.applied_load import LoadKind
+from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 from cartstiff.stiffness.compute import SCHEMA
 from cartstiff.toolpaths.tool_path import ToolPath
 
@@ -169,12 +169,29 @@ class OptimisedPath:
             "notes": [note.as_dict() for note in self.notes],
         }
 
+    @property
+    def wrenches(self) -> Array | None:
+        """The path's wrenches (m, 6) about M's origin, along M's axes at each posture."""
+        if self.path.wrenches is None:
+            return None
+        given = np.array([self.path.wrench(i) for i in range(len(self.path))])
+        axes: Any = "body" if self.path.turns_with_body else "world"
+        return wrench_in_body(given, self.poses, self.load.at, axes)
+
     def as_csv(self) -> str:
-        """Coordinates, free angle, criterion and distance from singularity, one line a point."""
-        columns, names = [self.q], list(self.elastic.names)
+        """One line a point: coordinates, wrench, free angle, criterion, distance from singularity.
+
+        `cartstiff equilibrium --path`, `view --trajectory`, `map --trajectory` and `poses` read it.
+        """
+        units, columns = self.elastic.units, [self.q]
+        names = self.elastic.names_with_units
+        if (W := self.wrenches) is not None:
+            columns.append(W)
+            names += [f"{c} [{units.moment}]" for c in ("mx", "my", "mz")]
+            names += [f"{c} [{units.force}]" for c in ("fx", "fy", "fz")]
         if self.angles is not None:
             columns.append(self.angles[:, None])
-            names.append("free_angle")
+            names.append("free_angle [rad]")
         columns.append(np.column_stack([self.values, self.ratios]))
         names += [self.criterion.name, "singular_ratio"]
         if self.constant is not None:

@@ -1,0 +1,60 @@
+"""``cartstiff poses``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from cartstiff.cli.options import MechanismRequest, mechanism_options
+from cartstiff.cli.output import say, say_unused
+from cartstiff.cli.types import OutputFile, option
+
+__all__ = ["command"]
+
+_EPILOG = """\b
+Examples:
+  cartstiff poses ur5 commands.csv --for kuka
+  cartstiff poses kr210.urdf commands.csv --tcp 0,0,0.2 --for kuka -o program.csv
+"""
+
+
+@click.command(name="poses", epilog=_EPILOG)
+@mechanism_options(placed=False)
+@click.argument("table", metavar="TABLE.csv", type=click.Path(path_type=Path))
+@click.option(
+    "--for",
+    "controller",
+    type=click.Choice(["kuka", "fanuc", "abb", "ur"]),
+    required=True,
+    help="kuka: X,Y,Z,A,B,C. fanuc: X,Y,Z,W,P,R. abb: quaternion q1..q4. ur: rotation vector.",
+)
+@option("-o", "--output", type=OutputFile("FILE.csv", ".csv"), help="Write the table there.")
+def command(
+    request: MechanismRequest, table: Path, controller: str, output: Path | None
+) -> None:  # fmt: skip
+    """Postures of a table as a robot controller shows them: joints and poses in mm and degrees.
+
+    TABLE.csv is what `path` or `equilibrium --path` wrote, or one posture a line. Commands that
+    compensate the deflection (columns command_JOINT) are taken where the table has them. Poses are
+    those of M in the base that the controller believes to have, without deflection.
+    """
+    elastic = request.at_posture()
+
+    from cartstiff.loading.csv_file import read_rows
+    from cartstiff.report.output import write_whole
+    from cartstiff.report.robot_table import robot_table
+
+    rows = read_rows(table, "postures", units=elastic.units)
+    commands = tuple(f"command_{name}" for name in elastic.names)
+    commanded = rows.names is not None and set(commands) <= set(rows.names)
+    _, q, unused = rows.arranged(commands if commanded else elastic.names)
+    text = robot_table(elastic, q, controller)
+    known = ("before_", "after_", *elastic.names)  # written beside commands, and said below
+    say_unused(table, [name for name in unused if not (commanded and name.startswith(known))])
+    if output is None:
+        say(text.rstrip("\n"))
+        return
+    write_whole(output, text.encode())
+    what = "commands that compensate the deflection" if commanded else "postures"
+    say(f"{output}: {len(q)} {what}")

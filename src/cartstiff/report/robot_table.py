@@ -1,0 +1,77 @@
+"""Postures and poses as robot controllers show them: millimetres and degrees."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from cartstiff.arrays import checked_array
+from cartstiff.errors import UnknownNameError, printable
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.contract import SI, Units, convert_length
+from cartstiff.mechanisms.elastic import ElasticMechanism
+
+__all__ = ["CONTROLLERS", "orientation_of", "robot_table"]
+
+#: How controllers write a pose; the first three are millimetres along the base's axes.
+CONTROLLERS = {
+    "kuka": ("X [mm]", "Y [mm]", "Z [mm]", "A [deg]", "B [deg]", "C [deg]"),
+    "fanuc": ("X [mm]", "Y [mm]", "Z [mm]", "W [deg]", "P [deg]", "R [deg]"),
+    "abb": ("X [mm]", "Y [mm]", "Z [mm]", "q1", "q2", "q3", "q4"),
+    "ur": ("X [mm]", "Y [mm]", "Z [mm]", "RX [rad]", "RY [rad]", "RZ [rad]"),
+}
+
+
+def orientation_of(R: ArrayLike, controller: str) -> Array:
+    """Orientations (m, 3, 3) in a controller's numbers (m, 3 or 4).
+
+    "kuka": A, B, C with ``R = Rz(A) Ry(B) Rx(C)``; "fanuc": W, P, R with
+    ``R = Rz(R) Ry(P) Rx(W)``; both in degrees. "abb": the unit quaternion q1 (real part), q2, q3,
+    q4 with q1 not negative. "ur": the rotation vector in rad.
+
+    Raises
+    ------
+    UnknownNameError
+        For another controller.
+    """
+    if controller not in CONTROLLERS:
+        raise UnknownNameError("controller", controller, CONTROLLERS)
+    turns = Rotation.from_matrix(checked_array(R, [("N", 3, 3)], "rotations"))
+    if controller == "abb":
+        return np.asarray(turns.as_quat(canonical=True, scalar_first=True))
+    if controller == "ur":
+        return np.asarray(turns.as_rotvec())
+    angles = np.asarray(turns.as_euler("ZYX", degrees=True, suppress_warnings=True))
+    return angles if controller == "kuka" else angles[:, ::-1]
+
+
+def robot_table(elastic: ElasticMechanism, q: ArrayLike, controller: str) -> str:
+    """CSV of joints (deg, mm) and the poses of M in F, as a controller shows them.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        The mechanism, with M at the tool.
+    q : array_like (m, n)
+        Coordinates that are commanded.
+    controller : str
+        A name of `CONTROLLERS`.
+
+    Raises
+    ------
+    UnknownNameError
+        For another controller.
+    """
+    Q = checked_array(q, [("N", len(elastic.names))], "postures")
+    poses = np.array([elastic.mechanism.at(row).pose for row in Q])
+    to_mm = convert_length(elastic.units, Units("mm", SI.force))[0]
+    lengths = np.array([c.is_length for c in elastic.mechanism.coordinates])
+    names = [f"{c.name} [{'mm' if c.is_length else 'deg'}]" for c in elastic.mechanism.coordinates]
+    columns = np.column_stack([
+        np.where(lengths, Q * to_mm, np.degrees(Q)), poses[:, :3, 3] * to_mm,
+        orientation_of(poses[:, :3, :3], controller),
+    ])  # fmt: skip
+    lines = [",".join([*names, *CONTROLLERS[controller]])]
+    lines += [",".join(f"{x + 0.0:.6f}" for x in row) for row in columns]
+    return printable("\n".join(lines) + "\n")

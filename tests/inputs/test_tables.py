@@ -1,0 +1,175 @@
+"""One table for every command: units in the head, semicolons, what is not needed, controllers."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.spatial.transform import Rotation
+
+from cartstiff.cli.main import command as cartstiff_command
+from cartstiff.errors import CartstiffError, InputError
+from cartstiff.loading.csv_file import read_rows
+from cartstiff.mechanisms.contract import Units
+from cartstiff.report.robot_table import CONTROLLERS, orientation_of
+
+
+def table(tmp_path, text, **keys):
+    path = tmp_path / "table.csv"
+    path.write_text(text, encoding="utf-8")
+    return read_rows(path, "rows", **keys)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a [deg],x [mm],fx [kN],m [N mm]\n90,1500,0.2,3000\n",
+        "a [deg];x [mm];fx [kN];m [N mm]\n90,0;1500;0,2;3000\n",
+        "a [rad]\tx [m]\tfx\tm [Nm]\n1,5707963267948966\t1,5\t200\t3\n",
+        "# by hand\na [°] , x[cm], fx [N], m [kN*mm]\n 90,150,200, 3\n",
+    ],
+)
+def test_heads_give_units_and_semicolons_decimal_commas(tmp_path, text):
+    rows = table(tmp_path, text)
+    assert rows.names == ("a", "x", "fx", "m")
+    assert np.allclose(rows.values, [[np.pi / 2, 1.5, 200, 3]], rtol=1e-12)
+
+
+def test_lengths_come_in_the_mechanism_s_units(tmp_path):
+    rows = table(tmp_path, "x [mm],f [N],m [N m]\n1500,2000,3\n", units=Units("cm", "kN"))
+    assert np.allclose(rows.values, [[150, 2, 0.3]])
+
+
+def test_without_names_semicolons_serve_as_well(tmp_path):
+    assert table(tmp_path, "1,5;2\n3;4,5\n").values.tolist() == [[1.5, 2], [3, 4.5]]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a [grad],b\n1,2\n", "line 1: column 'a' has an unknown unit; expected m, dm.*got 'grad'"),
+        ("a [deg],a [rad]\n1,2\n", "column named twice"),
+        ("a;b\n1,5;2.5\n", "line 2: decimal commas and points in one line"),
+        ("a,b\n1,5,2,5\n", "line 2: commas between numbers and in them, it seems; expected semi"),
+        ("a;b\n1;2;3\n", "line 2: wrong count; expected 2"),
+        ("a;b\n1;x\n", "line 2: not a finite number"),
+        ("a [deg]\n", "no rows"),
+    ],
+)
+def test_tables_that_cannot_be_meant(tmp_path, text, words):
+    with pytest.raises(InputError, match=words) as caught:
+        table(tmp_path, text)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_is_not_needed_is_named_and_slips_are_refused(tmp_path):
+    rows = table(tmp_path, "b,free_angle,a\n1,2,3\n")
+    layout, values, unused = rows.arranged(("a", "b"), ("time", "a", "b"))
+    assert (layout, values.tolist(), unused) == (("a", "b"), [[3, 1]], ("free_angle",))
+    for text in ("a,b,tiem\n1,2,3\n", "a,b,fx\n1,2,3\n"):
+        with pytest.raises(InputError, match="columns do not fit"):
+            table(tmp_path, text).arranged(("a", "b"), ("time", "a", "b", "fx", "fy"))
+
+
+@pytest.mark.parametrize("controller", CONTROLLERS)
+def test_controllers_numbers_lead_back_to_the_rotation(controller):
+    """Composed as each maker's manual says, from elementary rotations."""
+    R = Rotation.random(50, rng=np.random.default_rng(1)).as_matrix()
+    numbers = orientation_of(R, controller)
+
+    def about(axis, angle):
+        return Rotation.from_euler(axis, angle, degrees=True).as_matrix()
+
+    for one, wanted in zip(numbers, R, strict=True):
+        if controller == "kuka":
+            found = about("z", one[0]) @ about("y", one[1]) @ about("x", one[2])
+        elif controller == "fanuc":
+            found = about("z", one[2]) @ about("y", one[1]) @ about("x", one[0])
+        elif controller == "abb":
+            w, v = one[0], one[1:]
+            V = np.cross(np.eye(3), v)
+            found = np.eye(3) + 2 * w * V + 2 * V @ V
+            assert w >= 0
+        else:
+            angle = np.linalg.norm(one)
+            k = one / angle
+            V = np.cross(np.eye(3), k)
+            found = np.eye(3) + np.sin(angle) * V + (1 - np.cos(angle)) * V @ V
+        assert np.abs(found - wanted).max() < 1e-12
+
+
+def run(*words):
+    done = CliRunner().invoke(cartstiff_command, list(map(str, words)), catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+KR = [("z", "0 0 0.33", 3.2), ("y", "0.35 0 0.42", 2.4), ("y", "0 0 1.25", 3.6),
+      ("x", "0.96 0 -0.054", 6.1), ("y", "0.54 0 0", 2.1), ("x", "0.193 0 0", 6.1)]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def big_arm(tmp_path_factory):
+    """An arm of the size of a KR210, and a seam for it in mm and degrees."""
+    folder = tmp_path_factory.mktemp("seam")
+    axes = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
+    parts = ["<link name='l0'/>"]
+    for i, (axis, at, limit) in enumerate(KR, 1):
+        parts.append(
+            f"<link name='l{i}'/><joint name='a{i}' type='revolute'><parent link='l{i - 1}'/>"
+            f"<child link='l{i}'/><origin xyz='{at}'/><axis xyz='{axes[axis]}'/><limit "
+            f"lower='-{limit}' upper='{limit}' effort='1' velocity='1'/></joint>"
+        )
+    parts.append(
+        "<link name='tool0'/><joint name='t' type='fixed'><parent link='l6'/><child link='tool0'/>"
+        "<origin xyz='0.0375 0 0' rpy='0 1.57079632679 0'/></joint>"
+    )
+    arm = folder / "kr.urdf"
+    arm.write_text(f"<robot name='kr'>{''.join(parts)}</robot>")
+    seam = ["x [mm];y [mm];z [mm];roll [deg];pitch [deg];yaw [deg]"]
+    seam += [f"1600;{y},5;900;0;170;0" for y in range(-390, 400, 20)]
+    (folder / "seam.csv").write_text("\n".join(seam))
+    return arm
+
+
+def test_a_seam_in_four_commands(big_arm):
+    """What one command writes the next one reads; the poses come back in the robot's words."""
+    folder = big_arm.parent
+    robot = [big_arm, "--tcp", "0,0,0.2", "--stiffness", "2e6,2e6,1.5e6,3e5,3e5,2e5"]
+    p, c, k = (folder / name for name in ("p.csv", "c.csv", "k.csv"))
+    run("path", *robot, folder / "seam.csv", "--load", "0,0,0,0,0,-300", "--world", "--csv", p)
+    answer = json.loads(
+        run("equilibrium", *robot, "--path", p, "--csv", c, "--json").split("\n")[-2]
+    )
+    assert answer["summary"]["before"]["translation_max"] > 1e-4
+    assert answer["summary"]["after"]["translation_max"] < 1e-9
+    from cartstiff.page.source import read_trajectory
+
+    shown = read_trajectory(c, tuple(f"a{i}" for i in range(1, 7)))
+    assert np.allclose(shown.q, read_rows(p, "rows").values[:, :6], atol=1e-12)
+    assert "40 commands that compensate" in run("poses", *robot, c, "--for", "kuka", "-o", k)
+    head, *lines = k.read_text().splitlines()
+    assert head.endswith("a6 [deg],X [mm],Y [mm],Z [mm],A [deg],B [deg],C [deg]")
+    kuka = np.array([[float(x) for x in line.split(",")] for line in lines])
+    assert kuka.shape == (40, 12)
+    wanted = np.array([[1600, y + 0.5, 900] for y in range(-390, 400, 20)])
+    # The load pushes down: the commands lie above, by about the deflection.
+    assert 0.1 < (kuka[:, 8] - wanted[:, 2]).min() < 2
+    plain = run("poses", *robot, p, "--for", "kuka").splitlines()[-1].split(",")
+    assert np.allclose([float(x) for x in plain[6:9]], wanted[-1], atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--for", "siemens"], "Invalid value for '--for'"),
+        ([], "Missing option '--for'"),
+        (["--for", "ur", "-o", "x.txt"], "unknown file ending"),
+    ],
+)
+def test_poses_that_cannot_be_written(big_arm, words, said):
+    done = CliRunner().invoke(cartstiff_command, ["poses", str(big_arm), "x.csv", *words])
+    assert said in done.output or (isinstance(done.exception, CartstiffError)
+                                   and said in str(done.exception))  # fmt: skip
