@@ -289,7 +289,7 @@ def _quicker(engine: Ask) -> Ask:
         wrench: ArrayLike | None = None,
         **load: Any,
     ) -> PostureStiffness:
-        if load or isinstance(q, Mapping):
+        if load or isinstance(q, Mapping) or not isinstance(elastic, ElasticMechanism):
             return engine(elastic, q, wrench=wrench, **load)
         key = id(elastic), wrench is not None
         asked = _known.get(key)
