@@ -20,6 +20,7 @@ from cartstiff.errors import InputError
 __all__ = [
     "Array",
     "NamedArrays",
+    "Result",
     "checked_array",
     "checked_length",
     "checked_matrix",
@@ -64,6 +65,16 @@ def fixed(array: Array) -> Array:
     view = array.view()
     view.flags.writeable = False
     return view
+
+
+class Result:
+    """A frozen dataclass whose arrays are its own and cannot be written to."""
+
+    def __post_init__(self) -> None:
+        """Copy the arrays."""
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, name, read_only(value))
 
 
 class NamedArrays(Mapping[str, Array | None]):

@@ -18,7 +18,6 @@ from cartstiff.analysis.centres import (
     point_of_least_coupling,
 )
 from cartstiff.analysis.compliant_axes import (
-    stiffness_from_axes,
     twist_compliant_axes,
     wrench_compliant_axes,
 )
@@ -38,7 +37,6 @@ from cartstiff.analysis.metrics import inertia_metric, length_metric, modes, nat
 from cartstiff.analysis.normal_forms import (
     decoupling_frame,
     normal_form,
-    normal_form_of_compliance,
 )
 from cartstiff.analysis.screws import SWAP_FORM, eigenscrews
 from cartstiff.geometry import se3
@@ -142,11 +140,6 @@ def test_normal_forms_have_diagonal_coupling_and_belong_to_the_body(seed: int) -
     assert np.allclose(form.matrix, move_stiffness(K, form.T_m_n), atol=1e-7)
     assert np.allclose(form.coupling, other.coupling, atol=CLOSE * 1e4)
     assert np.isclose(form.coupling.sum(), np.trace(K[:3, 3:]), atol=CLOSE * 1e4)
-    C = np.linalg.inv(K)
-    dual = normal_form_of_compliance(C)
-    off = dual.matrix[3:, :3] - np.diag(dual.coupling)
-    assert np.abs(off).max() < CLOSE * np.abs(C).max()
-    assert np.isclose(dual.coupling.sum(), np.trace(C[3:, :3]), rtol=1e-6, atol=1e-12)
 
 
 def test_normal_form_of_a_decoupled_stiffness_takes_the_translational_axes() -> None:
@@ -221,7 +214,10 @@ def test_compliant_axes_are_frame_independent_and_rebuild_the_matrix(seed: int) 
     _, K, _, moved = pair(seed)
     axes = (*wrench_compliant_axes(K), *twist_compliant_axes(K))
     others = (*wrench_compliant_axes(moved), *twist_compliant_axes(moved))
-    assert np.allclose(stiffness_from_axes(axes), K, atol=CLOSE * 1e4)
+    rotations = np.repeat([1.0, 0.0], 3)  # of a twist-compliant axis its direction alone
+    shares = [a.components * (rotations if a.kind == "twist" else 1.0) for a in axes]
+    rebuilt = sum(a.stiffness * np.outer(w, w) for a, w in zip(axes, shares, strict=True))
+    assert np.allclose(rebuilt, K, atol=CLOSE * 1e4)
     for a, b in zip(axes, others, strict=True):
         assert np.isclose(a.stiffness, b.stiffness, rtol=1e-8)
         assert np.isclose(a.screw.pitch, b.screw.pitch, atol=1e-6)

@@ -20,7 +20,7 @@ from cartstiff.analysis.matrices import (
     scale_lengths,
     symmetric_part,
 )
-from cartstiff.arrays import checked_length, checked_matrix, checked_vector, read_only
+from cartstiff.arrays import Result, checked_length, checked_matrix, checked_vector
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -45,7 +45,7 @@ def _block(matrix: Array, i: int, j: int) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Asymmetry:
+class Asymmetry(Result):
     """Asymmetry of a stiffness beside its prediction from the wrench.
 
     Attributes
@@ -84,7 +84,7 @@ def asymmetry(stiffness: ArrayLike, wrench: ArrayLike) -> Asymmetry:
     scales[scales == 0.0] = 1.0
     residual = float((np.abs(measured - predicted) / scales).max())
     size = float((np.abs(measured) / scales).max())
-    return Asymmetry(read_only(measured), read_only(predicted), residual, size, residual < 1e-8)
+    return Asymmetry(measured, predicted, residual, size, residual < 1e-8)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ from cartstiff.analysis.matrices import (
     as_symmetric,
     invert,
 )
-from cartstiff.arrays import read_only
+from cartstiff.arrays import Result
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -148,7 +148,7 @@ def point_of_least_coupling(stiffness: ArrayLike) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Centres:
+class Centres(Result):
     """All centres of one elasticity; what does not exist is None, with the reason.
 
     Attributes
@@ -174,7 +174,7 @@ def centres(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Centre
     C = None if compliance is None else as_symmetric(compliance, "compliance")
     try:
         C = invert(K) if C is None else C
-        found["compliance"] = read_only(centre_of_compliance(C))
+        found["compliance"] = centre_of_compliance(C)
     except UndefinedError as error:
         reasons["compliance"] = error
     for name, function in (
@@ -183,7 +183,7 @@ def centres(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Centre
         ("least_coupling", point_of_least_coupling),
     ):
         try:
-            found[name] = read_only(function(K))
+            found[name] = function(K)
         except UndefinedError as error:
             reasons[name] = error
     return Centres(

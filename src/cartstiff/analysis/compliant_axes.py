@@ -25,20 +25,19 @@ from cartstiff.analysis.matrices import (
     eliminate,
 )
 from cartstiff.analysis.screws import Screw, screw_of_twist, screw_of_wrench
-from cartstiff.arrays import read_only
+from cartstiff.arrays import Result
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 
 __all__ = [
     "CompliantAxis",
-    "stiffness_from_axes",
     "twist_compliant_axes",
     "wrench_compliant_axes",
 ]
 
 
 @dataclass(frozen=True, eq=False)
-class CompliantAxis:
+class CompliantAxis(Result):
     """A wrench-compliant or twist-compliant axis.
 
     Attributes
@@ -76,13 +75,11 @@ def wrench_compliant_axes(stiffness: ArrayLike) -> tuple[CompliantAxis, ...]:
         moment = K[ROTATION, TRANSLATION] @ e
         if abs(k) > numerics.ZERO * largest:
             w = np.concatenate([moment / k, e])
-            result.append(
-                CompliantAxis("wrench", float(k), screw_of_wrench(w, length), read_only(w))
-            )
+            result.append(CompliantAxis("wrench", float(k), screw_of_wrench(w, length), w))
         else:
-            nowhere = Screw(read_only(e), read_only(np.full(3, np.nan)), float("nan"))
+            nowhere = Screw(e, np.full(3, np.nan), float("nan"))
             w = np.concatenate([np.full(3, np.nan), e])
-            result.append(CompliantAxis("wrench", float(k), nowhere, read_only(w)))
+            result.append(CompliantAxis("wrench", float(k), nowhere, w))
     return tuple(result)
 
 
@@ -118,7 +115,7 @@ def twist_compliant_axes(
     for k, g in zip(values, axes.T, strict=True):
         g = g if g[np.argmax(np.abs(g))] > 0 else -g
         t = np.concatenate([g, -np.linalg.solve(D, K[TRANSLATION, ROTATION] @ g)])
-        result.append(CompliantAxis("twist", float(k), screw_of_twist(t, length), read_only(t)))
+        result.append(CompliantAxis("twist", float(k), screw_of_twist(t, length), t))
     return tuple(result)
 
 
@@ -131,21 +128,5 @@ def _from_compliance(C: Array, length: float) -> tuple[CompliantAxis, ...]:
         g = g if g[np.argmax(np.abs(g))] > 0 else -g
         t = k * (C[:, ROTATION] @ g)
         t[ROTATION] = g
-        result.append(CompliantAxis("twist", float(k), screw_of_twist(t, length), read_only(t)))
+        result.append(CompliantAxis("twist", float(k), screw_of_twist(t, length), t))
     return tuple(result)
-
-
-def stiffness_from_axes(axes: tuple[CompliantAxis, ...]) -> Array:
-    r"""Add six compliant axes up to the (6, 6) stiffness, [LipkinPatterson]_.
-
-    ``sum k w w^T`` over wrench-compliant axes, plus ``sum k (g, 0) (g, 0)^T`` over twist-compliant
-    ones (g the direction): a congruence decomposition of K.
-    """
-    K = np.zeros((6, 6))
-    for axis in axes:
-        w = axis.components
-        if axis.kind == "twist":
-            w = np.concatenate([w[:3], np.zeros(3)])
-        if axis.stiffness != 0.0:
-            K += axis.stiffness * np.outer(w, w)
-    return K

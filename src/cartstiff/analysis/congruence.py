@@ -30,7 +30,7 @@ from cartstiff.analysis.matrices import (
     require_full_rank,
     scale_jacobian,
 )
-from cartstiff.arrays import checked_array, checked_matrix, checked_vector, read_only
+from cartstiff.arrays import Result, checked_array, checked_matrix, checked_vector
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -69,7 +69,7 @@ def _joint_matrix(value: ArrayLike, n: int) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class JointStiffness:
+class JointStiffness(Result):
     """Joint stiffness matrix for a desired Cartesian stiffness, with its feasibility.
 
     Attributes
@@ -181,11 +181,11 @@ def joint_stiffness(
     root = np.sqrt(np.abs(np.diag(H)))
     stable = definiteness(np.linalg.eigvalsh(H / np.outer(root, root))) if root.all() else "zero"
     return JointStiffness(
-        read_only(Kq),
-        read_only(S),
-        read_only(J.T @ W),
+        Kq,
+        S,
+        J.T @ W,
         definiteness(values),
-        read_only(values),
+        values,
         off,
         off < 1e-9,
         None if fit is None else fit.residual < 1e-8,

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.analysis.matrices import invert
-from cartstiff.arrays import checked_array, checked_matrix, checked_vector, read_only, real_array
+from cartstiff.arrays import Result, checked_array, checked_matrix, checked_vector, real_array
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 
@@ -23,7 +22,6 @@ __all__ = [
     "Deflection",
     "JointShares",
     "SpringShares",
-    "body_deflection",
     "compliance_deflection",
     "displacement_of_point",
     "joint_shares",
@@ -39,7 +37,7 @@ def displacement_of_point(twist: ArrayLike, point: ArrayLike) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Deflection:
+class Deflection(Result):
     """Deflection of a body under an added wrench.
 
     Attributes
@@ -70,30 +68,11 @@ def compliance_deflection(
     C = checked_matrix(compliance, "compliance")
     W, p = checked_vector(wrench, 6, "wrench"), checked_vector(point, 3, "point")
     twist = C @ W
-    return Deflection(
-        read_only(W),
-        read_only(twist),
-        read_only(p),
-        read_only(displacement_of_point(twist, p)),
-        0.5 * float(W @ twist),
-    )
-
-
-def body_deflection(
-    stiffness: ArrayLike, wrench: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0)
-) -> Deflection:
-    """Deflection ``K^-1 dW`` from a stiffness (6, 6) of any connection.
-
-    Raises
-    ------
-    UndefinedError
-        Code ``"singular"`` if K has no inverse.
-    """
-    return compliance_deflection(invert(stiffness), wrench, point)
+    return Deflection(W, twist, p, displacement_of_point(twist, p), 0.5 * float(W @ twist))
 
 
 @dataclass(frozen=True, eq=False)
-class JointShares:
+class JointShares(Result):
     """Each joint's part in a deflection.
 
     Attributes
@@ -168,21 +147,12 @@ def joint_shares(
     total = displacements.sum(axis=1)
     size = float(total @ total)
     share = total @ displacements / size if size > 0 else np.full(n, np.nan)
-    deflection = Deflection(
-        read_only(W), read_only(twist), read_only(p), read_only(total), 0.5 * float(W @ twist)
-    )
-    return JointShares(
-        deflection,
-        read_only(motion),
-        read_only(twists),
-        read_only(displacements),
-        read_only(share),
-        read_only(0.5 * motion * torque),
-    )
+    deflection = Deflection(W, twist, p, total, 0.5 * float(W @ twist))
+    return JointShares(deflection, motion, twists, displacements, share, 0.5 * motion * torque)
 
 
 @dataclass(frozen=True, eq=False)
-class SpringShares:
+class SpringShares(Result):
     """Each spring's part in the energy of a deflection.
 
     Attributes
@@ -226,10 +196,4 @@ def spring_shares(
     energy = 0.5 * force * elongation
     whole = deflection.energy
     share = energy / whole if whole != 0.0 else np.full(len(energy), np.nan)
-    return SpringShares(
-        read_only(elongation),
-        read_only(force),
-        read_only(energy),
-        read_only(share),
-        1.0 - float(share.sum()),
-    )
+    return SpringShares(elongation, force, energy, share, 1.0 - float(share.sum()))

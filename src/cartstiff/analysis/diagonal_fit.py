@@ -15,11 +15,11 @@ from cartstiff.analysis.matrices import (
     scale_jacobian,
 )
 from cartstiff.arrays import (
+    Result,
     checked_array,
     checked_length,
     checked_matrix,
     checked_vector,
-    read_only,
 )
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
@@ -32,7 +32,7 @@ _LOCKED = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class DiagonalFit:
+class DiagonalFit(Result):
     """Independent non-negative joint springs that come closest to a desired stiffness.
 
     Attributes
@@ -93,8 +93,8 @@ def fit_diagonal(
     K_l, J_l = K / d[:, None] / d, scale_jacobian(J, scale)
     fit = _fit_stiffness if J.shape[1] == 6 else _fit_compliance
     springs, found, residual = fit(K_l, J_l, S)
-    cartesian = None if found is None else read_only(found * d[:, None] * d)
-    return DiagonalFit(read_only(springs), cartesian, residual, scale)
+    cartesian = None if found is None else found * d[:, None] * d
+    return DiagonalFit(springs, cartesian, residual, scale)
 
 
 def _nnls(columns: list[Array], target: Array) -> Array:

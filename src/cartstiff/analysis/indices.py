@@ -24,7 +24,7 @@ from cartstiff.analysis.matrices import (
     lost_digits,
     scale_lengths,
 )
-from cartstiff.arrays import checked_array, checked_length, read_only, real_array
+from cartstiff.arrays import Result, checked_array, checked_length, real_array
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 
@@ -39,7 +39,7 @@ __all__ = [
 
 
 @dataclass(frozen=True, eq=False)
-class Indices:
+class Indices(Result):
     """Indices of a symmetric stiffness at one length scale.
 
     Attributes
@@ -149,13 +149,13 @@ def indices(
     twist = twist * np.sign(twist[np.argmax(np.abs(x[:, 0]))])
     return Indices(
         float(length),
-        read_only(values),
+        values,
         _definiteness(K, C) if root is None else "positive",
         ratio,
         exponent,
         _isotropy(values),
         float(values[0]),
-        read_only(twist),
+        twist,
         float(np.prod(values) * length**6),
         condition(_of_block(K, C, TRANSLATION, root)),
         condition(_of_block(K, C, ROTATION, root)),

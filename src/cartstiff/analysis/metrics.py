@@ -29,7 +29,7 @@ from cartstiff.analysis.matrices import (
     loss_of_elimination,
     lost_digits,
 )
-from cartstiff.arrays import checked_length, checked_matrix, checked_vector, read_only
+from cartstiff.arrays import Result, checked_length, checked_matrix, checked_vector
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -199,7 +199,7 @@ def characteristic_length(
 
 
 @dataclass(frozen=True, eq=False)
-class MetricModes:
+class MetricModes(Result):
     """Solutions of ``K v = lambda M v``.
 
     Attributes
@@ -295,7 +295,5 @@ def modes(
     frequencies = None
     if name == "inertia":
         with np.errstate(invalid="ignore"):
-            frequencies = read_only(np.sqrt(values) / (2.0 * np.pi))
-    return MetricModes(
-        name, read_only(values), frequencies, read_only(twists), definiteness(values, zero=0.0)
-    )
+            frequencies = np.sqrt(values) / (2.0 * np.pi)
+    return MetricModes(name, values, frequencies, twists, definiteness(values, zero=0.0))

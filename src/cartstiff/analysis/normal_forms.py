@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.analysis.centres import (
-    centre_of_compliance,
     centre_of_stiffness,
     point_of_least_coupling,
 )
@@ -20,11 +19,10 @@ from cartstiff.analysis.matrices import (
     ROTATION,
     TRANSLATION,
     as_symmetric,
-    move_compliance,
     move_stiffness,
     symmetric_part,
 )
-from cartstiff.arrays import read_only
+from cartstiff.arrays import Result
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 
@@ -33,12 +31,11 @@ __all__ = [
     "NormalForm",
     "decoupling_frame",
     "normal_form",
-    "normal_form_of_compliance",
 ]
 
 
 @dataclass(frozen=True, eq=False)
-class NormalForm:
+class NormalForm(Result):
     """A matrix in its normal frame N.
 
     Attributes
@@ -93,33 +90,11 @@ def normal_form(stiffness: ArrayLike) -> NormalForm:
     B = _clean_coupling(K[ROTATION, TRANSLATION] - lever, K[ROTATION, TRANSLATION], lever)
     T = se3.pose(_axes(B, D), p)
     moved = symmetric_part(move_stiffness(K, T))
-    return NormalForm(
-        read_only(T), read_only(moved), read_only(np.diag(moved[ROTATION, TRANSLATION]))
-    )
-
-
-def normal_form_of_compliance(compliance: ArrayLike) -> NormalForm:
-    """Frame at the centre of compliance with C_tr diagonal, and C there, [Loncaric]_.
-
-    Raises
-    ------
-    UndefinedError
-        Code ``"no-centre-of-compliance"``.
-    """
-    C = as_symmetric(compliance, "compliance")
-    p = centre_of_compliance(C)
-    D = C[ROTATION, ROTATION]
-    lever = se3.skew(p) @ D
-    B = _clean_coupling(C[TRANSLATION, ROTATION] - lever, C[TRANSLATION, ROTATION], lever)
-    T = se3.pose(_axes(B, D), p)
-    moved = symmetric_part(move_compliance(C, T))
-    return NormalForm(
-        read_only(T), read_only(moved), read_only(np.diag(moved[TRANSLATION, ROTATION]))
-    )
+    return NormalForm(T, moved, np.diag(moved[ROTATION, TRANSLATION]))
 
 
 @dataclass(frozen=True, eq=False)
-class DecouplingFrame:
+class DecouplingFrame(Result):
     """The frame in which rotation and translation are coupled least.
 
     Attributes
@@ -160,6 +135,4 @@ def decoupling_frame(stiffness: ArrayLike) -> DecouplingFrame:
         axes[:, 2] *= -1.0
     T = se3.pose(axes, p)
     moved = symmetric_part(move_stiffness(K, T))
-    return DecouplingFrame(
-        read_only(T), read_only(moved), _coupling_index(moved), _coupling_index(K)
-    )
+    return DecouplingFrame(T, moved, _coupling_index(moved), _coupling_index(K))

@@ -22,7 +22,7 @@ from cartstiff.analysis.matrices import (
     definiteness,
     scale_lengths,
 )
-from cartstiff.arrays import checked_length, checked_vector, read_only
+from cartstiff.arrays import Result, checked_length, checked_vector
 from cartstiff.geometry.se3 import Array
 
 __all__ = [
@@ -45,7 +45,7 @@ _INFINITE_PITCH = 1e-11
 
 
 @dataclass(frozen=True, eq=False)
-class Screw:
+class Screw(Result):
     """A line with a pitch.
 
     Attributes
@@ -73,7 +73,7 @@ def _screw(along: Array, moment: Array, length: float) -> Screw:
         point, pitch = np.cross(along, moment) / size**2, float(along @ moment) / size**2
     if np.all(np.isfinite(unit)) and unit[np.argmax(np.abs(unit))] < 0:
         unit = -unit
-    return Screw(read_only(unit), read_only(point), pitch)
+    return Screw(unit, point, pitch)
 
 
 def screw_of_twist(twist: ArrayLike, length: float = 1.0) -> Screw:
@@ -93,7 +93,7 @@ def screw_of_wrench(wrench: ArrayLike, length: float = 1.0) -> Screw:
 
 
 @dataclass(frozen=True, eq=False)
-class Eigenscrew:
+class Eigenscrew(Result):
     """One solution of ``K s = lambda Delta s``.
 
     Attributes
@@ -190,4 +190,4 @@ def _eigenscrew(mu: float, x: Array, length: float) -> Eigenscrew:
     if value != 0.0:
         rotational = value * screw.pitch
         translational = value / screw.pitch if screw.pitch != 0.0 else float("inf")
-    return Eigenscrew(screw, value, rotational, translational, read_only(twist))
+    return Eigenscrew(screw, value, rotational, translational, twist)

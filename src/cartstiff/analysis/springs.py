@@ -12,17 +12,15 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_unit, checked_vector, read_only
-from cartstiff.errors import InputError
+from cartstiff.arrays import Result
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["Spring", "line_spring", "parallel_stiffness"]
+__all__ = ["Spring", "parallel_stiffness"]
 
 
 @dataclass(frozen=True, eq=False)
-class Spring:
+class Spring(Result):
     """One spring of a parallel connection.
 
     Attributes
@@ -52,26 +50,6 @@ class Spring:
             return np.concatenate([self.direction, np.zeros(3)])
         moment = np.cross(self.point, self.direction) + self.pitch * self.direction
         return np.concatenate([moment, self.direction])
-
-
-def line_spring(stiffness: float, point: ArrayLike, direction: ArrayLike) -> Spring:
-    """Line spring through a point, along a direction.
-
-    Raises
-    ------
-    InputError
-        If the stiffness is not positive or the direction is zero.
-    """
-    k = float(stiffness)
-    if not (np.isfinite(k) and k > 0):
-        raise InputError("spring stiffness cannot be used", expected="a positive number", got=k)
-    return Spring(
-        "line",
-        k,
-        read_only(checked_unit(direction)),
-        read_only(checked_vector(point, 3, "point")),
-        0.0,
-    )
 
 
 def parallel_stiffness(springs: Iterable[Spring]) -> Array:

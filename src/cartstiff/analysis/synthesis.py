@@ -32,13 +32,13 @@ from cartstiff.analysis.matrices import (
     block_scales,
     scale_lengths,
 )
-from cartstiff.analysis.screws import SWAP_FORM, eigenscrews, screw_of_wrench
+from cartstiff.analysis.screws import SWAP_FORM, screw_of_wrench
 from cartstiff.analysis.springs import Spring, parallel_stiffness
-from cartstiff.arrays import read_only
+from cartstiff.arrays import Result
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["Realisability", "Realisation", "eigenscrew_springs", "realisability", "realise"]
+__all__ = ["Realisability", "Realisation", "realisability", "realise"]
 
 # A column counts as torsional when its force is below this share of its length-scaled moment.
 _TORSIONAL = 1e-9
@@ -49,7 +49,7 @@ _ATTEMPTS = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Realisability:
+class Realisability(Result):
     """Whether springs can realise a stiffness, and which.
 
     Attributes
@@ -101,12 +101,12 @@ def realisability(stiffness: ArrayLike) -> Realisability:
         share,
         int(np.sum(np.abs(relative) > numerics.ZERO)),
         screws,
-        read_only(relative),
+        relative,
     )
 
 
 @dataclass(frozen=True, eq=False)
-class Realisation:
+class Realisation(Result):
     """Springs and how well they reproduce the matrix.
 
     Attributes
@@ -243,9 +243,7 @@ def _spring(w: Array, length: float, straight: bool) -> Spring:
     size = float(np.linalg.norm(force))
     if size * length <= _TORSIONAL * float(np.linalg.norm(moment)):
         k = float(moment @ moment)
-        return Spring(
-            "torsional", k, read_only(moment / np.sqrt(k)), read_only(np.zeros(3)), float("inf")
-        )
+        return Spring("torsional", k, moment / np.sqrt(k), np.zeros(3), float("inf"))
     screw = screw_of_wrench(w, length)
     return Spring(
         "line" if straight else "screw",
@@ -260,36 +258,3 @@ def _residual(springs: tuple[Spring, ...], K: Array) -> float:
     scales = np.kron(block_scales(K), np.ones((3, 3)))
     scales[scales == 0.0] = 1.0
     return float((np.abs(parallel_stiffness(springs) - K) / scales).max())
-
-
-def eigenscrew_springs(stiffness: ArrayLike) -> Realisation:
-    r"""Six screw springs along the eigenscrews of a positive definite stiffness.
-
-    ``K = sum k_i w_i w_i^T``, w_i the unit wrench on the eigenscrew of pitch h_i and eigenvalue
-    lambda_i, ``k_i = lambda_i / (2 h_i)``. Geometric: the springs move with the body, but
-    all have a pitch.
-
-    Raises
-    ------
-    UndefinedError
-        Code ``"not-positive"`` if K is not positive definite.
-    """
-    K = as_symmetric(stiffness)
-    found = eigenscrews(K)
-    if found.definiteness != "positive":
-        raise UndefinedError(
-            "the eigenscrews carry springs only where the stiffness is positive definite",
-            code="not-positive",
-            values={"definiteness": found.definiteness, "eigenscrews": len(found.screws)},
-        )
-    springs = tuple(
-        Spring(
-            "screw",
-            e.eigenvalue / (2.0 * e.screw.pitch),
-            e.screw.direction,
-            e.screw.point,
-            e.screw.pitch,
-        )
-        for e in found.screws
-    )
-    return Realisation(springs, _residual(springs, K), realisability(K))

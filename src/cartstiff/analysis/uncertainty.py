@@ -65,15 +65,6 @@ class Tolerance:
         if self.distribution not in ("normal", "uniform"):
             raise UnknownNameError("distribution", self.distribution, ("normal", "uniform"))
 
-    @classmethod
-    def from_limits(cls, lower: float, upper: float) -> Tolerance:
-        """Uniform between two limits: deviation (upper - lower) / sqrt(12)."""
-        if not lower <= upper:
-            raise InputError(
-                "limits are out of order", expected="lower <= upper", got=(lower, upper)
-            )
-        return cls(0.5 * (lower + upper), (upper - lower) / float(np.sqrt(12.0)), "uniform")
-
     @property
     def step(self) -> float:
         """Step of differences, in standard deviations: twice it stays above `lower`."""

@@ -27,7 +27,6 @@ __all__ = [
     "State",
     "Sweep",
     "read_message",
-    "read_state",
 ]
 
 #: Bytes of a message that are read; a longer one is refused.
@@ -178,7 +177,6 @@ class Bounds(_Asked):
 
 Message = Draw | Numbers | Result | Sweep | Series | Analysis | Export | Frame | Bounds
 _MESSAGES: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="do")])
-_STATE: TypeAdapter[State] = TypeAdapter(State)
 _T = TypeVar("_T")
 
 
@@ -192,11 +190,6 @@ def read_message(text: str | bytes) -> Message:
         number that is not finite.
     """
     return _read(_MESSAGES, text)
-
-
-def read_state(text: str | bytes) -> State:
-    """A state alone, as in the address of a page; refused like a message."""
-    return _read(_STATE, text)
 
 
 def _read(kind: TypeAdapter[_T], text: str | bytes) -> _T:
