@@ -127,6 +127,8 @@ def summarise(
     skewness = 0.0 if base is None else asymmetries.asymmetry(base, W).size
     if compliance is None and base is not None:
         compliance = notes.attempt("compliance", invert, base)
+    elif compliance is not None:
+        compliance = checked_matrix(compliance, "compliance")
     base = _moved(base, T_m_n, move_stiffness)
     free = inverse_pair(base, _moved(compliance, T_m_n, move_compliance))
     K = None if base is None else symmetric_part(base)

@@ -6,14 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cartstiff.errors import ConvergenceError, InputError
+from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.chain import Chain, Closure
-from cartstiff.mechanisms.tree import KinematicTree, Placement
+from cartstiff.kinematics.joint_poses import JointPoses
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.tree import KinematicTree
 
 __all__ = ["leg_at_pose"]
 
-_POSE, _END = "the pose of the file", "the body at the end of the leg"
 # Starts of a leg besides the file's posture, and the seed that makes them the same every time.
 _STARTS, _SEED = 16, 0
 
@@ -53,39 +54,18 @@ def leg_at_pose(
     InputError
         If the leg does not reach the pose.
     """
-    at = tree.placement(end)
-    own = {_POSE: Placement(0, T_root_B), _END: Placement(at.joint, at.T_j_f @ T_end_B)}
-    offset = None if tree.mimic is None else np.asarray(tree.offset, float)
-    tied = KinematicTree(
-        tree.model, tree.coordinates, {**tree.frames, **own}, tree.mimic, offset
+    elastic = ElasticMechanism(leg, Chain(tree, end, offset=T_end_B, virtual=virtual), q)
+    limited, free = JointPoses(elastic), JointPoses(elastic, limits=False)
+    spread = limited.random_starts(_STARTS, np.random.default_rng(_SEED))
+    starts = np.concatenate([q[None], spread])
+    poses = np.broadcast_to(T_root_B, (len(starts), 4, 4))
+    for solver in (limited, free):
+        postures, reached = solver.unwound().solve(poses, starts)
+        if reached.any():
+            return solver.within(postures[reached][:1])[0]
+    left = np.abs(free.task(postures, poses, "none")[0]).max(axis=1).min()
+    raise InputError(
+        "the pose cannot be reached", where=f"{where}, key pose",
+        expected="a pose that every leg reaches",
+        got=f"{leg}, which stays {left:.3g} (rad or characteristic lengths) away",
     )  # fmt: skip
-    chain = Chain(tied, _END, closures=[Closure(_POSE, _END, "weld")])
-    lower, upper = (np.array([getattr(c, s) for c in tree.coordinates]) for s in ("lower", "upper"))
-    turns = np.array([c.type == "revolute" for c in tree.coordinates])
-    low = np.where(np.isfinite(lower), lower, np.where(turns, -np.pi, -chain.at(q).length))
-    high = np.where(np.isfinite(upper), upper, np.where(turns, np.pi, chain.at(q).length))
-    low, high = np.minimum(low, high), np.maximum(low, high)
-    rng = np.random.default_rng(_SEED)
-    beyond, nearest = None, np.inf
-    for attempt in range(_STARTS + 1):
-        start = q.copy() if not attempt else rng.uniform(low, high)
-        start[virtual] = q[virtual]
-        try:
-            x = chain.closed(start, hold=virtual).q
-        except ConvergenceError as error:
-            nearest = min(nearest, float(error.residual))
-            continue
-        if not np.array_equal(x[virtual], q[virtual]):
-            continue  # a link that gives was bent
-        turned = x - 2 * np.pi * np.round(x / (2 * np.pi))
-        x = np.where(turns & (lower <= turned) & (turned <= upper), turned, x)
-        if np.all((lower <= x) & (x <= upper)):
-            return x
-        beyond = x if beyond is None else beyond
-    if beyond is None:
-        raise InputError(
-            "the pose cannot be reached", where=f"{where}, key pose",
-            expected="a pose that every leg reaches",
-            got=f"{leg}, which stays {nearest:.3g} (rad or length) away",
-        )  # fmt: skip
-    return beyond
