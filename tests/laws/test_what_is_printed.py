@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
@@ -97,3 +99,37 @@ def test_frequencies_are_in_hertz():
     assert found["eigenvalues"] == pytest.approx(squares, rel=1e-9)
     assert found["frequencies"] == pytest.approx(np.sqrt(squares) / (2 * np.pi), rel=1e-9)
     assert analyse_posture(result)["modes"]["frequencies"] is None
+
+
+@pytest.mark.parametrize("name", ["delta", "3-rrr", "6-ups", "panda"])
+def test_a_mechanism_without_its_springs_has_zeros_and_no_rounding(name):
+    """Its passive joints let it go; what is left is what the flexible parts hold."""
+    elastic = cartstiff.load(name)
+    result = cartstiff.analyse(elastic.with_springs(0.0))
+    section = analyse_posture(result)
+    length = result.posture.length
+    K = np.array(section["stiffness"]) * np.outer(*[np.repeat([1.0, length], 3)] * 2)
+    assert result.compliances["B"] is None
+    for freedom, block in (("rotation", slice(0, 3)), ("translation", slice(3, 6))):
+        size = np.abs(K[block, block]).max()
+        assert size == 0.0 or size > 1e-12 * np.abs(K).max()
+        for others in ("held", "free"):
+            values = np.abs(section["ellipsoids"]["stiffness"][freedom][others]["eigenvalues"])
+            scaled = values * (1.0 if freedom == "rotation" else length**2)
+            assert np.all((scaled == 0.0) | (scaled > 1e-12 * np.abs(K).max()))
+    assert section["indices"]["minimum_stiffness"] == 0.0
+    assert "compliance does" not in describe(result)
+
+
+def test_lines_in_a_tilted_plane_hold_nothing_out_of_it(tmp_path):
+    R = se3.exp([0.3, -0.7, 0.4, 0, 0, 0])[:3, :3]
+    square = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) @ R.T
+    file = tmp_path / "lines.yaml"
+    lines = {"base": (2.0 * square).tolist(), "platform": square.tolist()}
+    legs = {"stiffness": 1e4, "preload": 0.0}
+    file.write_text(json.dumps({"kind": "springs", **lines, "legs": legs}), encoding="utf-8")
+    result = cartstiff.analyse(cartstiff.load(file))
+    values = analyse_posture(result)["ellipsoids"]["stiffness"]
+    assert values["rotation"]["held"]["eigenvalues"] == [0.0, 0.0, 0.0]
+    assert values["translation"]["held"]["eigenvalues"] == pytest.approx([0, 2e4, 2e4], abs=1e-9)
+    assert values["translation"]["held"]["eigenvalues"][0] == 0.0

@@ -13,7 +13,7 @@ stiffness are the same at every point of the body; the other two depend on the p
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -269,7 +269,10 @@ def _of_pair(
 ) -> Ellipsoid:
     """Ellipsoid of a block of a matrix; the same block of the inverse matrix is its inverse."""
     if inverse is None:
-        return ellipsoid(block(matrix, *choice))
+        T = np.eye(4) if choice[2] is None else choice[2]
+        keep = _choice(*choice[:2])[0]
+        size = float(np.abs(_moved(block, matrix, T)[keep, keep]).max())
+        return _without_rounding(ellipsoid(block(matrix, *choice)), size)
     found: list[Array | None] = []
     failures = []
     for function, whole in ((block, matrix), (block_of_inverse, inverse)):
@@ -299,6 +302,16 @@ def _of_pair(
         symmetric_part(m).tobytes(), symmetric_part(c).tobytes(), losses
     )
     return Ellipsoid(axes, radii, values, sign, float(np.abs(m - m.T).max()) / 2.0)
+
+
+def _without_rounding(found: Ellipsoid, size: float) -> Ellipsoid:
+    """Principal values that are only the rounding of a block of this size are zero."""
+    values = found.eigenvalues
+    values = np.where(np.abs(values) <= numerics.ZERO * size, 0.0, values)
+    sign = definiteness(values, zero=0.0)
+    return replace(
+        found, eigenvalues=read_only(values), radii=read_only(np.abs(values)), definiteness=sign
+    )
 
 
 def _on_axis(

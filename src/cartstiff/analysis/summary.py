@@ -61,6 +61,7 @@ def summarise(
     compliance: ArrayLike | None = None,
     inverse: ArrayLike | None = None,
     roots: Mapping[str, Array | None] | None = None,
+    is_singular: bool = False,
     mass: float | None = None,
     inertia: ArrayLike | None = None,
     mass_centre: ArrayLike = (0.0, 0.0, 0.0),
@@ -92,6 +93,8 @@ def summarise(
     roots : mapping of str to (6, 6) array or None, optional
         Roots of `inverse` ("held") and of the symmetric part of `compliance` ("free") in frame M,
         see `cartstiff.graded`: principal values and indices come from them where they are given.
+    is_singular : bool
+        Whether the analysed matrix is known to have no inverse, whatever its rounding says.
     mass, inertia, mass_centre : float, array_like (3, 3), array_like (3,), optional
         Rigid body whose kinetic energy is the metric of "modes"; inertia about the mass centre, in
         the frame of the analysis. Default the metric of the characteristic length.
@@ -125,7 +128,10 @@ def summarise(
     name = _chosen(stiffness, connection)
     base = None if name is None else _moved(stiffness[name], None, move_stiffness)
     skewness = 0.0 if base is None else asymmetries.asymmetry(base, W).size
-    if compliance is None and base is not None:
+    if is_singular:
+        what = "stiffness is singular: it has no inverse"
+        notes.add(UndefinedError(what, code="singular"), "compliance")
+    elif compliance is None and base is not None:
         compliance = notes.attempt("compliance", invert, base)
     elif compliance is not None:
         compliance = checked_matrix(compliance, "compliance")

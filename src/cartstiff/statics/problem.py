@@ -33,8 +33,8 @@ from cartstiff.statics.limits import Contact, constraint, sizes
 
 __all__ = ["Balance", "Point", "System", "spectrum"]
 
-#: How many units of rounding the evaluation of a force or a stiffness may be off: Jacobians of
-#: long chains lose a few, and coordinates are rounded themselves.
+#: How many units of rounding the evaluation of a force may be off: Jacobians of long chains lose
+#: a few, and coordinates are rounded themselves.
 ROUNDINGS = 8.0
 #: Largest move of one step onto the constraints, in natural units, and how many are tried.
 _PULL, _PULLS = 0.2, 100
@@ -265,7 +265,7 @@ class System:
             N = N @ np.linalg.eigh(0.5 * (K + K.T))[1]
             g, H, forces = N.T @ g, N.T @ H @ N, np.abs(N.T) @ forces
             hardness = np.abs(H)
-            lost = ROUNDINGS * len(g) * EPSILON * float(point.hardness.max(initial=0.0))
+            lost = len(g) * EPSILON * float(point.hardness.max(initial=0.0))
             own = np.maximum(np.diag(hardness), lost / IDLE)
         own = np.maximum(own, max(1e-30 * float(own.max(initial=0.0)), 1e-300))
         reach = self._reach(point.posture)

@@ -8,6 +8,7 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cartstiff import graded, numerics
 from cartstiff.geometry.se3 import Array
@@ -172,6 +173,14 @@ class FreeMotions:
     @cached_property
     def _largest(self) -> float:
         return self.largest()
+
+    @cached_property
+    def idle(self) -> NDArray[np.bool_]:
+        """Which motions (f,) cost nothing: all that acts along them is rounding of its terms."""
+        H = self.hessian
+        if min(H.diagonal().tolist(), default=1.0) > numerics.IDLE * self._largest:
+            return np.zeros(len(H), bool)
+        return np.all(np.abs(H) <= numerics.IDLE * self._terms, axis=1)
 
     def motion(self, inverse: Array, wrench: Array) -> Array:
         """Motion of all coordinates (n,) under an output force (6,)."""

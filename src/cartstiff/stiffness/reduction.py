@@ -143,6 +143,36 @@ def scaled_values(posture: MechanismPosture) -> Array:
     return np.linalg.svd(scaled, compute_uv=False)
 
 
+#: How many units of rounding the direction of a spring may be off.
+_GEOMETRY = 16.0
+_COMPLIANCE_ALONE = "the stiffness matrix does not exist, the compliance does"
+_NEITHER = "the stiffness matrix does not exist, nor the compliance, as a motion costs nothing"
+
+
+def _inverse(matrix: Array, sizes: Array) -> Array:
+    """Inverse of a regular matrix, with zeros for entries that may be rounding alone.
+
+    `sizes` (n,) are those of the numbers whose sums and products each column of the matrix is.
+    """
+    inverse: Array = np.linalg.inv(matrix)
+    size = np.abs(inverse)
+    rounding = len(matrix) * numerics.EPSILON * np.outer(size.sum(axis=1), sizes @ size)
+    inverse[size <= rounding] = 0.0
+    return inverse
+
+
+def _without_noise(K: Array, rows: Array) -> Array:
+    """K with zeros for motions that no spring feels but by the rounding of its own geometry.
+
+    A spring k whose rate along a motion is rounded to 0 still adds ``k EPSILON^2`` there.
+    """
+    own = np.abs(K.diagonal()) / rows**2
+    noise = own <= (_GEOMETRY * numerics.EPSILON) ** 2 * own.max(initial=0.0)
+    if noise.any():
+        K = np.where(noise[:, None] | noise, 0.0, K)
+    return K
+
+
 def _norm(array: Array) -> float:
     """Root of the sum of the squares of all entries."""
     return float(np.vdot(array, array)) ** 0.5
@@ -186,7 +216,7 @@ def _square(
             force = given
     curvature = output.curvature(force)
     H = energy.hessian - curvature
-    K, n = _symmetric(A.T @ H @ A, energy), len(values)
+    n = len(values)
 
     def terms() -> Array:
         doubt = np.zeros(n)
@@ -208,6 +238,10 @@ def _square(
     )
     if apart is not None:
         free = replace(free, apart=apart)
+    idle = free.idle
+    if idle.any() and free.inverse() is None:
+        H = np.where(idle[:, None] | idle, 0.0, H)
+    K = _without_noise(_symmetric(A.T @ H @ A, energy), rows)
     return Reduction(force, K, np.zeros(0), values, n, n, free, rates=A)
 
 
@@ -250,13 +284,16 @@ def _general(
     U, values, Vt = np.linalg.svd(J @ orthonormal)
     rank = numerics.rank(values)
     U, lost, along = U[:, :rank], U[:, rank:], orthonormal @ Vt[rank:].T
+    if rank == len(rows):
+        U = np.eye(rank)  # else rounding of the basis stands where K is zero
 
     # Self-motions Z, led by the stiffest; the other leaders, as many as the rank, make the output.
     across = (U.T @ J @ N).T
     Z, chosen = numerics.graded_basis(along[leading], stiff[leading], across)
     others = np.delete(np.arange(freedoms), chosen)
     Z, Y = N @ Z, N[:, others]
-    to_output = np.linalg.inv(across[others].T)  # motions of Y per reachable output
+    # Motions of Y per reachable output.
+    to_output = _inverse(across[others].T, (np.abs(J) @ np.abs(Y)).max(axis=0, initial=0.0))
 
     # Balance: a self-motion must feel no torque, whatever wrench acts on the output.
     felt = np.abs(Z.T @ g)
@@ -308,8 +345,7 @@ def _general(
                 kind,
                 f"the {what} cannot move in {len(rows) - rank} of {len(rows)} directions here"
                 + ("" if kind == "deficient" else " (serial singularity)")
-                + ": the stiffness matrix does not exist, the compliance does; the wrench along "
-                "them is carried by the structure"
+                + f": {_COMPLIANCE_ALONE}; the wrench along them is carried by the structure"
                 + (" and is taken as zero in the scaled norm" if force is None else ""),
                 {
                     "rank": rank,
@@ -324,12 +360,16 @@ def _general(
     if held is not None:
         Z, inner = held
         S = Y.T @ H_L @ Y
+        size = np.abs(Y)
+        idle = (np.abs(S) <= numerics.IDLE * (size.T @ terms @ size)).all(axis=1)
+        S[idle], S[:, idle] = 0.0, 0.0  # what costs nothing is no rounding either
         if Z.shape[1]:
             S = S - (Y.T @ H_L @ Z) @ inner @ (Z.T @ H_L @ Y)
         reachable_K = _symmetric(to_output.T @ S @ to_output, energy)  # in the basis U
         reachable = U / rows[:, None]
         if rank == len(rows):
             K = _symmetric((U @ reachable_K @ U.T) * rows[:, None] * rows, energy)
+            K = _without_noise(K, rows)
             if along.shape[1] == 0:
                 rates = columns[:, None] * (Y @ to_output @ U.T) * rows
         B = np.concatenate([Y, Z], axis=1)
@@ -344,6 +384,9 @@ def _general(
         states[0].values["reachable_stiffness"] = (
             None if reachable_K is None else reachable_K.tolist()
         )
+        if free is not None and free.inverse() is None:
+            words = states[0].message.replace(_COMPLIANCE_ALONE, _NEITHER)
+            states[0] = states[0]._replace(message=words)
     return Reduction(
         w * rows, K, lam, values, rank, freedoms, free, reachable, reachable_K, rates, motions,
         states,
