@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import sqrt
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,36 +21,13 @@ from cartstiff.arrays import is_pose, read_only
 from cartstiff.errors import ConvergenceError, InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.closures import Closure, TiedState, Ties
 from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.mechanisms.shapes import Piece
 from cartstiff.mechanisms.tree import WORLD, KinematicTree, Placement, TreeState
 from cartstiff.potentials.contract import Evaluation, Map
 
 __all__ = ["OWN_COORDINATES", "Chain", "ChainPosture", "Closure", "Description"]
-
-_ROWS = {"weld": slice(0, 6), "point": slice(3, 6)}
-
-
-@dataclass(frozen=True)
-class Closure:
-    """Frame b tied to frame a: a common point, or the same pose.
-
-    Attributes
-    ----------
-    frame_a, frame_b : str
-        Names of frames of the tree.
-    type : {"point", "weld"}
-        What is tied.
-    """
-
-    frame_a: str
-    frame_b: str
-    type: Literal["point", "weld"]
-
-    @property
-    def rows(self) -> slice:
-        """Rows of the relative twist that vanish."""
-        return _ROWS[self.type]
 
 
 @dataclass(frozen=True)
@@ -90,24 +66,6 @@ OWN_COORDINATES = Map(np.eye(6), lambda _: np.zeros((6, 6)))
 
 # Axes nearer to a point than this share of the mechanism's size pass through it.
 _APART = 1e-9
-# Closer than this to closure the residual's Jacobian is the relative twist's, to rounding.
-_CLOSED = 1e-14
-
-
-def _residual(closure: Closure, T_a_b: Array) -> Array:
-    """A weld's log(T_a_b); a common point's position in b's directions."""
-    if closure.type == "weld":
-        return se3.log(T_a_b)
-    return T_a_b[:3, 3] @ T_a_b[:3, :3]
-
-
-def _residual_jacobian(closure: Closure, T_a_b: Array, J: Array) -> Array:
-    residual = _residual(closure, T_a_b)
-    if closure.type == "point":
-        return J[3:] + se3.skew(residual) @ J[:3]
-    if np.abs(residual).max() < _CLOSED:
-        return J
-    return se3.right_jacobian_inverse(residual) @ J
 
 
 def _mean_distance(jacobian: Array, reach: float) -> float | None:
@@ -140,7 +98,7 @@ class ChainPosture(MechanismPosture):
         reach = max(map(abs, self.pose[:3, 3].tolist()))
         length = _mean_distance(self.motion.jacobian, reach)
         if length is None:
-            everywhere = se3.adjoint_of_inverse(self.pose) @ self._state._world_jacobian
+            everywhere = se3.adjoint_of_inverse(self.pose) @ self._state.world_jacobian
             length = _mean_distance(everywhere, reach)
         return 1.0 if length is None else length
 
@@ -173,39 +131,33 @@ class ChainPosture(MechanismPosture):
         return self._state.momentum()
 
     @cached_property
-    def _closures(self) -> list[tuple[Closure, Array, Map]]:
-        return [(c, *self.relative(c.frame_a, c.frame_b)) for c in self._chain.closures]
+    def _tied(self) -> TiedState | None:
+        ties = self._chain.ties
+        return None if ties is None else TiedState(ties, self._state)
 
     @cached_property
     def residual(self) -> Array | None:  # type: ignore[override]
         """Closure residual (m,), lengths and angles mixed; None without closures."""
-        chain = self._chain
-        if not (chain.closures or chain.rigid):
-            return None
-        held = np.zeros(len(chain.rigid))  # where they are
-        return np.concatenate([*(_residual(c, T) for c, T, _ in self._closures), held])
+        tied, rigid = self._tied, self._chain.rigid
+        if not rigid:
+            return None if tied is None else tied.residual
+        held = np.zeros(len(rigid))  # where they are
+        return held if tied is None else np.concatenate([tied.residual, held])
 
     @cached_property
     def closure(self) -> Map | None:  # type: ignore[override]
         """Map to the closure residual; last come the rigid coordinates, in order."""
-        if not (self._chain.closures or self._chain.rigid):
+        tied, rigid = self._tied, sorted(self._chain.rigid)
+        if tied is None and not rigid:
             return None
-        parts = self._closures
-        loops = [_residual_jacobian(c, T, m.jacobian) for c, T, m in parts]
-        held = np.eye(self.q.size)[sorted(self._chain.rigid)]
-        jacobian = np.concatenate([*loops, held])
-        return Map(jacobian, self._closure_curvature)
+        held = np.eye(self.q.size)[rigid]
+        loops = held[:0] if tied is None else tied.jacobian()
+        return Map(np.concatenate([loops, held]) if rigid else loops, self._closure_curvature)
 
     def _closure_curvature(self, multipliers: Array) -> Array:
-        total = np.zeros((self.q.size, self.q.size))
-        start = 0
-        for c, _, to_pose in self._closures:
-            w = np.zeros(6)
-            count = c.rows.stop - c.rows.start
-            w[c.rows] = multipliers[start : start + count]
-            total += to_pose.curvature(w)
-            start += count
-        return total
+        if self._tied is None or not any(multipliers.tolist()):
+            return np.zeros((self.q.size, self.q.size))
+        return self._tied.curvature(multipliers[: len(self._tied.residual)])
 
     @property
     def actuation(self) -> Array | None:  # type: ignore[override]
@@ -306,6 +258,12 @@ class Chain(Mechanism):
         other.rigid = rigid
         return other
 
+    @cached_property
+    def ties(self) -> Ties | None:
+        """What of the closures does not depend on the posture; None if there are none."""
+        places = [(self.placement(c.frame_a), self.placement(c.frame_b)) for c in self.closures]
+        return Ties(self.closures, places, self.tree) if places else None
+
     def placement(self, name: str) -> Placement:
         """Placement of "world", "body" or a named frame of the tree."""
         if name == "body":
@@ -322,6 +280,7 @@ class Chain(Mechanism):
         other = copy(self)
         other.tree = self.tree.with_placements(placements)
         other.body = Placement(self.body.joint, np.array(T_j_M, float))
+        vars(other).pop("ties", None)
         return other
 
     def with_mass(self, mass: float, centre: Array) -> Chain:

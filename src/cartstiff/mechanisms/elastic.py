@@ -327,6 +327,8 @@ class ElasticMechanism:
             return gradient
         settled = ~chosen
         missing = np.where(settled, gradient - springs.torque(posture.q), 0.0)
+        if not missing.any():
+            return gradient
         if posture.closure is not None:
             C = posture.closure.jacobian
             lam = np.linalg.lstsq(C[:, settled].T, missing[settled], rcond=numerics.RANK)[0]

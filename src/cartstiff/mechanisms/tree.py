@@ -10,7 +10,7 @@ exact, with no tensor; Pinocchio's own second derivatives are not used.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -244,11 +244,17 @@ class TreeState:
             pin.computeJointJacobians(tree.model, data, self.q)
             self._poses = data.oMi.copy()
             # eigenpy hands a matrix with one column over as a vector.
-            self._world_jacobian = np.asarray(data.J)[SWAP].reshape(6, -1)
+            #: Twists (6, joints) of the joints about F's origin, along F's axes.
+            self.world_jacobian = np.asarray(data.J).take(SWAP, axis=0).reshape(6, -1)
 
     def pose(self, frame: Placement) -> Array:
         """Pose ``T_F_f``."""
         return np.asarray(self._poses[frame.joint].homogeneous @ frame.T_j_f)
+
+    def joint_poses(self, joints: Sequence[int]) -> Array:
+        """Poses ``T_F_j`` (m, 4, 4) of some joints."""
+        poses = {joint: self._poses[joint].homogeneous for joint in set(joints)}
+        return np.array([poses[joint] for joint in joints])
 
     def relative(self, a: Placement, b: Placement) -> tuple[Array, Map]:
         """Pose ``T_a_b`` and its map: body twist of b against a, in components of b."""
@@ -256,7 +262,7 @@ class TreeState:
         path = self.tree.path(a.joint, b.joint)
         to_b = se3.adjoint_of_inverse(T_F_b)
         T_a_b = T_F_b if _is_world(a) else se3.inverse(self.pose(a)) @ T_F_b
-        world = self._world_jacobian
+        world = self.world_jacobian
         J = to_b @ (world if path.identity else world * path.signs)
         curvature = _BracketCurvature(J, path, self.tree.mimic)
         return T_a_b, Map(J if self.tree.mimic is None else J @ self.tree.mimic, curvature)
@@ -312,6 +318,9 @@ class _BracketCurvature:
         self.mimic = mimic
 
     def __call__(self, wrench: Array) -> Array:
+        if not any(wrench.tolist()):
+            n = self.jacobian.shape[1] if self.mimic is None else self.mimic.shape[1]
+            return np.zeros((n, n))
         J = self.jacobian if self.path.identity else self.jacobian[:, self.path.order]
         S = se3.chain_curvature(J, wrench)
         if not self.path.identity:

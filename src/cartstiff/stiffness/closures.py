@@ -42,6 +42,8 @@ class Closures(NamedTuple):
 
     def forces(self, right: Array, where: Array) -> Array:
         """Multipliers of least norm with ``C^T lam = right`` in the chosen coordinates."""
+        if not any(right.tolist()):
+            return np.zeros(len(self.U))
         share = (self.V * self.values[: self.rank])[where]
         lam: Array = self.U @ np.linalg.lstsq(share, right[where], rcond=numerics.RANK)[0]
         return lam

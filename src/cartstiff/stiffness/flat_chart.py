@@ -103,8 +103,9 @@ def _hessian_in(
     H: Array = energy.hessian - chart.curvature(mu)
     if closure is not None:
         balance = chart.jacobian.T @ mu - energy.gradient
-        lam = np.linalg.lstsq(closure.jacobian.T, balance, rcond=numerics.RANK)[0]
-        H = H + closure.curvature(lam)
+        if any(balance.tolist()):
+            lam = np.linalg.lstsq(closure.jacobian.T, balance, rcond=numerics.RANK)[0]
+            H = H + closure.curvature(lam)
     return H
 
 

@@ -1,0 +1,125 @@
+r"""Closures of a chain, all at once: residual, Jacobian, curvature.
+
+A closure ties frame b to frame a. A weld's residual is log(T_a_b), a common point's the position of
+b's origin in b's directions. At closure its second derivative is the bracket form along the path
+from a to b (up to terms that vanish on the motions that keep the closure).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.tree import KinematicTree, Placement, TreeState
+
+__all__ = ["Closure", "TiedState", "Ties"]
+
+_ROWS = {"weld": slice(0, 6), "point": slice(3, 6)}
+# Closer than this to closure the residual's Jacobian is the relative twist's, to rounding.
+_CLOSED = 1e-14
+
+
+@dataclass(frozen=True)
+class Closure:
+    """Frame b tied to frame a: a common point, or the same pose.
+
+    Attributes
+    ----------
+    frame_a, frame_b : str
+        Names of frames of the tree.
+    type : {"point", "weld"}
+        What is tied.
+    """
+
+    frame_a: str
+    frame_b: str
+    type: Literal["point", "weld"]
+
+    @property
+    def rows(self) -> slice:
+        """Rows of the relative twist that vanish."""
+        return _ROWS[self.type]
+
+
+class Ties:
+    """What of c closures does not depend on the posture.
+
+    Parameters
+    ----------
+    closures : sequence of Closure
+        At least one.
+    places : sequence of (Placement, Placement)
+        Of their frames a and b in the tree.
+    tree : KinematicTree
+        The joints.
+    """
+
+    def __init__(
+        self,
+        closures: Sequence[Closure],
+        places: Sequence[tuple[Placement, Placement]],
+        tree: KinematicTree,
+    ) -> None:
+        ends = [*(a for a, _ in places), *(b for _, b in places)]
+        self.joints = [end.joint for end in ends]
+        self.local = np.array([end.T_j_f for end in ends])
+        paths = [tree.path(a.joint, b.joint) for a, b in places]
+        #: (c, 1, joints): -1 on the way up from a, +1 on the way down to b.
+        self.signs = np.array([path.signs for path in paths])[:, None]
+        #: (c, joints, joints): 1/2 for a joint before another on the path.
+        self.before = np.zeros((len(paths), tree.model.nv, tree.model.nv))
+        for half, path in zip(self.before, paths, strict=True):
+            half[path.block] = np.triu(np.full((len(path.order),) * 2, 0.5), 1)
+        is_weld = np.array([c.type == "weld" for c in closures])
+        self.welds, self.points = np.flatnonzero(is_weld), np.flatnonzero(~is_weld)
+        #: (c, 6): which components of the relative twists vanish.
+        self.rows = np.repeat(np.stack([is_weld, np.ones(len(is_weld), bool)], axis=1), 3, axis=1)
+
+
+class TiedState:
+    """Closures at one posture of the tree.
+
+    Attributes
+    ----------
+    residual : ndarray (m,)
+        Lengths and angles mixed.
+    """
+
+    def __init__(self, ties: Ties, state: TreeState) -> None:
+        self._ties, self._mimic = ties, state.tree.mimic
+        count = len(ties.rows)
+        poses = state.joint_poses(ties.joints) @ ties.local
+        T_F_b = poses[count:]
+        self._twists = se3.adjoint_of_inverse(T_F_b) @ (state.world_jacobian * ties.signs)
+        T = se3.inverse(poses[:count]) @ T_F_b
+        self._missed = np.zeros((count, 6))
+        if ties.points.size:
+            at = T[ties.points]
+            self._missed[ties.points, 3:] = (at[:, None, :3, 3] @ at[:, :3, :3])[:, 0]
+        if ties.welds.size:
+            self._missed[ties.welds] = se3.log(T[ties.welds])
+        self.residual = self._missed[ties.rows]
+
+    def jacobian(self) -> Array:
+        """Jacobian (m, n) of the residual."""
+        ties, J = self._ties, self._twists
+        if np.abs(self._missed).max() >= _CLOSED:
+            J, points, welds = J.copy(), ties.points, ties.welds
+            J[points, 3:] += se3.skew(self._missed[points, 3:]) @ J[points, :3]
+            J[welds] = se3.right_jacobian_inverse(self._missed[welds]) @ J[welds]
+        rows = J[ties.rows]
+        return rows if self._mimic is None else rows @ self._mimic
+
+    def curvature(self, multipliers: Array) -> Array:
+        """``sum_k multipliers_k Hess(residual_k)`` (n, n), symmetric."""
+        w = np.zeros((len(self._ties.rows), 6))
+        w[self._ties.rows] = multipliers
+        J = self._twists
+        upper = (J.swapaxes(1, 2) @ se3.bracket_form(w) @ J * self._ties.before).sum(axis=0)
+        S: Array = upper + upper.T
+        return S if self._mimic is None else self._mimic.T @ S @ self._mimic
