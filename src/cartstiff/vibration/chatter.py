@@ -1,0 +1,396 @@
+r"""Chatter in milling: how deep a cut may be before the tool regenerates its own waves.
+
+The cutter, with N teeth, cuts from the entry to the exit angle. A tooth at angle phi meets the chip
+``h = dx sin phi + dy cos phi`` made by its motion since the tooth before, with a tangential force
+``K_t a h`` and a radial one K_r times that; x is the feed, y the normal to it, angles count from y.
+So ``F = 1/2 a K_t A(t) (r(t) - r(t - tau))`` with the directional coefficients A [AltintasBudak]_.
+
+*Zeroth order*: A is replaced by its mean ``N/(2 pi) alpha``. With the receptance G (2 x 2) at the
+tool the limit at a chatter frequency is, mu an eigenvalue of ``alpha G`` and ``Lambda = -1/mu``,
+
+    a = -2 pi Re Lambda / (N K_t) (1 + (Im Lambda / Re Lambda)^2)
+
+*Semi-discretisation* [InspergerStepan]_: the period is cut into m steps in which A is constant and
+the delayed position is known; the cut is stable where the transition over a period shrinks every
+motion. It sees the second family of lobes (period doubling) of small immersions, which the mean
+does not. Its error goes with the step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.arrays import checked_array, checked_number, checked_unit, checked_vector, fixed
+from cartstiff.errors import CartstiffError, InputError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.vibration.damping import Damping, damping_matrix, state_space
+from cartstiff.vibration.modes import Modes, modes
+from cartstiff.vibration.response import frequency_response
+
+__all__ = ["Lobes", "Milling", "depth_by_semi_discretisation", "limiting_depth",
+           "limiting_depths", "lobes", "transition_radius"]  # fmt: skip
+
+# Frequencies between which chatter is sought, as shares of the lowest and the highest mode.
+_BELOW, _ABOVE, _COUNT = 0.5, 1.8, 4000
+
+
+@dataclass(frozen=True)
+class Milling:
+    """A cutter and its force law.
+
+    Attributes
+    ----------
+    tangential : float
+        K_t, force per area.
+    radial : float
+        K_r: radial over tangential force.
+    teeth : int
+        N.
+    entry, exit : float
+        Angles [rad] at which a tooth enters and leaves, from the normal in the direction of the
+        cutter's turn, ``0 <= entry < exit <= pi``. Half immersion: 0 to pi/2 up-milling, pi/2 to pi
+        down-milling; a slot: 0 to pi.
+    feed, normal : tuple of float
+        Directions of the feed and of the normal to it, in M; at right angles.
+    at : tuple of float
+        The tool's tip, in M.
+
+    Raises
+    ------
+    InputError
+        For numbers that cannot be used.
+    """
+
+    tangential: float
+    radial: float
+    teeth: int
+    entry: float
+    exit: float
+    feed: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    normal: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    at: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if not checked_number(self.tangential, "cutting coefficient") > 0.0:
+            raise InputError("cutting coefficient cannot be used", expected="above zero",
+                             got=self.tangential)  # fmt: skip
+        checked_number(self.radial, "radial coefficient")
+        if not (self.teeth == int(self.teeth) and self.teeth >= 1):
+            raise InputError("number of teeth cannot be used", expected="a whole number from 1",
+                             got=self.teeth)  # fmt: skip
+        if not 0.0 <= self.entry < self.exit <= np.pi + 1e-12:
+            raise InputError("immersion cannot be used", expected="0 <= entry < exit <= pi",
+                             got=[self.entry, self.exit])  # fmt: skip
+        u, v = checked_unit(self.feed, "feed"), checked_unit(self.normal, "normal")
+        if abs(u @ v) > 1e-6:
+            raise InputError("feed and normal are not at right angles", got=float(u @ v))
+        checked_vector(self.at, 3, "tool's tip")
+
+    @property
+    def directions(self) -> Array:
+        """Feed and normal as rows (2, 3)."""
+        return np.stack([checked_unit(self.feed), checked_unit(self.normal)])
+
+    @property
+    def mean(self) -> Array:
+        """Alpha (2, 2), which ``N / (2 pi)`` makes the mean of A."""
+        r = self.radial
+
+        def at(p: float) -> Array:
+            s, c = np.sin(2 * p), np.cos(2 * p)
+            return 0.5 * np.array(
+                [
+                    [c - 2 * r * p + r * s, -s - 2 * p + r * c],
+                    [-s + 2 * p + r * c, -c - 2 * r * p - r * s],
+                ]
+            )
+
+        return at(self.exit) - at(self.entry)
+
+    def directional(self, turn: float) -> Array:
+        """A (2, 2) when the first tooth is at an angle."""
+        r, total = self.radial, np.zeros((2, 2))
+        for j in range(int(self.teeth)):
+            p = (turn + 2 * np.pi * j / self.teeth) % (2 * np.pi)
+            if not self.entry <= p < self.exit:
+                continue
+            s, c = np.sin(2 * p), np.cos(2 * p)
+            total += np.array(
+                [[-s - r * (1 - c), -(1 + c) - r * s], [(1 - c) - r * s, s - r * (1 + c)]]
+            )
+        return total
+
+
+@dataclass(frozen=True, eq=False)
+class Lobes:
+    """Limits of stability over the spindle's speed.
+
+    Attributes
+    ----------
+    speeds : ndarray (N,)
+        Revolutions per minute.
+    depths : ndarray (N,)
+        Largest stable depth of cut.
+    chatter : ndarray (N,)
+        Frequency [Hz] at which it chatters beyond.
+    least : float
+        Depth that is stable at every speed.
+    """
+
+    speeds: Array
+    depths: Array
+    chatter: Array
+    least: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        return {
+            "speeds": self.speeds.tolist(),
+            "depths": [float(d) if np.isfinite(d) else None for d in self.depths],
+            "chatter": [float(f) if np.isfinite(f) else None for f in self.chatter],
+            "least": self.least if np.isfinite(self.least) else None,
+        }
+
+
+def _limits(
+    found: Modes, milling: Milling, damping: Damping | float, frequencies: ArrayLike | None
+) -> tuple[Array, Array, Array]:
+    """Chatter frequencies, depths and phases of all eigenvalues with a limit, flat."""
+    if frequencies is None:
+        f = found.frequencies[np.isfinite(found.frequencies) & (found.frequencies > 0.0)]
+        if f.size == 0:
+            raise InputError("nothing swings: no chatter", got=found.frequencies.tolist())
+        # Dense about every mode, as deep as the damping is narrow.
+        near = (f[:, None] * (1 + np.geomspace(1e-4, 1.0, 200))).ravel()
+        below = (f[:, None] * (1 - np.geomspace(1e-4, _BELOW, 50))).ravel()
+        wide = np.geomspace(_BELOW * f[0], _ABOVE * f[-1], _COUNT)
+        hertz = np.unique(np.concatenate([near, below, wide]))
+    else:
+        hertz = checked_array(frequencies, ("n",), "frequencies")
+    response = frequency_response(found, hertz, damping, at=milling.at)
+    U = milling.directions
+    G = U @ response.matrix[:, 3:, 3:] @ U.T
+    mu = np.linalg.eigvals(np.nan_to_num(milling.mean @ G, nan=0.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        L = -1.0 / mu
+        kappa = L.imag / L.real
+        depths = -2 * np.pi * L.real / (milling.teeth * milling.tangential) * (1 + kappa**2)
+    depths = np.where((depths > 0.0) & np.isfinite(depths), depths, np.nan)
+    phases = np.pi - 2 * np.arctan(np.nan_to_num(kappa))
+    every = np.broadcast_to(hertz[:, None], mu.shape)
+    return every, depths, phases
+
+
+def limiting_depth(
+    found: Modes, milling: Milling, damping: Damping | float = 0.0,
+    frequencies: ArrayLike | None = None,
+) -> float:  # fmt: skip
+    """Depth of cut (unit of length) that is stable at every speed, by the zeroth-order theory.
+
+    Infinite where no frequency has a limit.
+    """
+    _, depths, _ = _limits(found, milling, damping, frequencies)
+    return float(np.nanmin(depths)) if np.isfinite(depths).any() else float("inf")
+
+
+def lobes(
+    found: Modes,
+    milling: Milling,
+    speeds: ArrayLike,
+    damping: Damping | float = 0.0,
+    frequencies: ArrayLike | None = None,
+) -> Lobes:
+    """Stability lobes by the zeroth-order theory.
+
+    Parameters
+    ----------
+    found : Modes
+        Of the mechanism that holds the tool (or the workpiece), at a posture, under its load.
+    milling : Milling
+        Cutter and force law.
+    speeds : array_like (N,)
+        Revolutions per minute, above zero.
+    damping : Damping or float
+        As for `cartstiff.vibration.response.frequency_response`.
+    frequencies : array_like, optional
+        Where chatter is sought [Hz]; default about all modes.
+
+    Raises
+    ------
+    InputError
+        For speeds that are not above zero.
+    """
+    n = checked_array(speeds, ("n",), "speeds")
+    if not (n > 0.0).all():
+        raise InputError("speeds cannot be used", expected="above zero", got=n.min())
+    hertz, depths, phases = _limits(found, milling, damping, frequencies)
+    best, chatter = np.full(n.size, np.inf), np.full(n.size, np.nan)
+    period = 60.0 / (n * milling.teeth)
+    for column in range(depths.shape[1]):
+        f, a, w = hertz[:, column], depths[:, column], (phases[:, column] / (2 * np.pi)) % 1.0
+        whole = np.isfinite(a[1:]) & np.isfinite(a[:-1]) & (np.abs(np.diff(w)) < 0.5)
+        # Waves between teeth, f tau = k + w: between neighbours they pass whole numbers k.
+        for i in np.flatnonzero(whole):
+            low, high = f[i] * period - w[i], f[i + 1] * period - w[i + 1]
+            first = np.ceil(np.minimum(low, high))
+            share = np.where(high != low, (first - low) / np.where(high != low, high - low, 1), 0.0)
+            depth = a[i] + share * (a[i + 1] - a[i])
+            better = (first <= np.maximum(low, high)) & (first >= 0.0) & (depth < best)
+            best = np.where(better, depth, best)
+            chatter = np.where(better, f[i] + share * (f[i + 1] - f[i]), chatter)
+    least = float(np.nanmin(depths)) if np.isfinite(depths).any() else float("inf")
+    return Lobes(fixed(n), fixed(best), fixed(chatter), least)
+
+
+def transition_radius(
+    found: Modes, milling: Milling, speed: float, depth: float, damping: Damping | float = 0.0,
+    steps: int = 40,
+) -> float:  # fmt: skip
+    """Largest factor by which a motion grows over a tooth's period; below 1 the cut is stable.
+
+    Parameters
+    ----------
+    found, milling, damping
+        As in `lobes`.
+    speed, depth : float
+        Revolutions per minute; depth of cut.
+    steps : int
+        m of the semi-discretisation.
+
+    Raises
+    ------
+    InputError
+        For a speed or a number of steps that cannot be used.
+    UndefinedError
+        Where a motion has no mass.
+    """
+    if not speed > 0.0 or steps < 2:
+        raise InputError("cannot be used", expected="a speed above zero, two or more steps",
+                         got=[speed, steps])  # fmt: skip
+    return _radius(_Cut.of(found, milling, damping), milling, speed, depth, steps)
+
+
+@dataclass(frozen=True, eq=False)
+class _Cut:
+    """Motion of the tool as first-order modes: ``s' = poles s + into F``, ``r = Re out s``."""
+
+    poles: Array
+    out: Array
+    into: Array
+
+    @classmethod
+    def of(cls, found: Modes, milling: Milling, damping: Damping | float) -> _Cut:
+        how = damping if isinstance(damping, Damping) else Damping(damping)
+        poles, X, Y = state_space(found, damping_matrix(found, how))
+        J = se3.adjoint_of_inverse(se3.pose(translation=milling.at))
+        J = milling.directions @ (J @ found.posture.motion.jacobian @ found.basis)[3:]
+        return cls(poles, J @ X, Y @ J.T)
+
+
+def _radius(cut: _Cut, milling: Milling, speed: float, depth: float, m: int) -> float:
+    from scipy.linalg import expm
+
+    tau = 60.0 / (speed * milling.teeth)
+    n, h = cut.poles.size, tau / m
+    pitch = 2 * np.pi / milling.teeth
+    # State: s now, then the positions one to m steps ago.
+    size = n + 2 * m
+    total = np.eye(size, dtype=complex)
+    for i in range(m):
+        A = np.mean([milling.directional(pitch * (i + x) / m) for x in (0.1, 0.3, 0.5, 0.7, 0.9)],
+                    axis=0)  # fmt: skip
+        B = 0.5 * depth * milling.tangential * cut.into @ A
+        whole = np.zeros((n + 2, n + 2), complex)
+        whole[:n, :n] = np.diag(cut.poles) + B @ cut.out
+        whole[:n, n:] = -B
+        moved = expm(whole * h)
+        step = np.zeros((size, size), complex)
+        step[:n, :n] = moved[:n, :n]
+        # The delayed position half way through the step: between m and m - 1 steps ago.
+        step[:n, size - 2 :] = 0.5 * moved[:n, n:]
+        if m > 1:
+            step[:n, size - 4 : size - 2] = 0.5 * moved[:n, n:]
+        step[n : n + 2, :n] = cut.out
+        step[n + 2 :, n : size - 2] = np.eye(size - n - 2)
+        total = step @ total
+    return float(np.abs(np.linalg.eigvals(total)).max())
+
+
+def depth_by_semi_discretisation(
+    found: Modes, milling: Milling, speed: float, damping: Damping | float = 0.0, *,
+    steps: int = 40, most: float | None = None, digits: float = 1e-3,
+) -> float:  # fmt: skip
+    """Smallest depth at which a cut at a speed becomes unstable, by bisection.
+
+    Parameters
+    ----------
+    found, milling, speed, damping, steps
+        As in `transition_radius`.
+    most : float, optional
+        Largest depth looked at; default ten times the depth that is stable at every speed.
+    digits : float
+        Relative width at which the search ends.
+
+    Returns
+    -------
+    float
+        Infinite where it is stable up to `most`.
+    """
+    cut = _Cut.of(found, milling, damping)
+    if most is None:
+        most = 10.0 * limiting_depth(found, milling, damping)
+    if not np.isfinite(most):
+        return float("inf")
+    # The first unstable one of a ladder, then bisection below it.
+    ladder = most * np.geomspace(0.02, 1.0, 24)
+    low, high = 0.0, float("inf")
+    for a in ladder.tolist():
+        if _radius(cut, milling, speed, a, steps) > 1.0:
+            high = a
+            break
+        low = a
+    while np.isfinite(high) and high - low > digits * high:
+        middle = 0.5 * (low + high)
+        if _radius(cut, milling, speed, middle, steps) > 1.0:
+            high = middle
+        else:
+            low = middle
+    return high
+
+
+def limiting_depths(
+    elastic: ElasticMechanism,
+    postures: Sequence[ArrayLike],
+    milling: Milling,
+    damping: Damping | float = 0.0,
+    **load: Any,
+) -> Array:
+    """`limiting_depth` at each posture of a path; NaN where a posture has no modes.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        The mechanism.
+    postures : sequence of array_like (n,)
+        Coordinates.
+    milling, damping
+        As in `lobes`.
+    **load
+        As for `cartstiff.modes`.
+    """
+    answers = []
+    for q in postures:
+        try:
+            answers.append(limiting_depth(modes(elastic, q, **load), milling, damping))
+        except InputError:
+            raise
+        except CartstiffError:
+            answers.append(float("nan"))
+    return np.array(answers)

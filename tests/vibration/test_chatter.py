@@ -1,0 +1,112 @@
+"""Stability of milling: closed forms, and two theories against each other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from cartstiff import load, modes
+from cartstiff.errors import InputError
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.tree_building import plain_tree
+from cartstiff.potentials.springs import JointSprings
+from cartstiff.vibration.chatter import (
+    Milling,
+    depth_by_semi_discretisation,
+    limiting_depth,
+    limiting_depths,
+    lobes,
+    transition_radius,
+)
+
+MASS, ZETA, KT = 0.5, 0.03, 6e8
+SLOT = Milling(KT, 0.3, 4, 0.0, np.pi)
+
+
+def spindle(hertz):
+    """A mass on two springs across each other."""
+    model, parent = pin.Model(), 0
+    for joint, name in ((pin.JointModelPX(), "x"), (pin.JointModelPY(), "y")):
+        parent = model.addJoint(parent, joint, pin.SE3.Identity(), name)
+    body = pin.Inertia(MASS, np.zeros(3), 1e-4 * np.eye(3))
+    model.appendBodyToJoint(parent, body, pin.SE3.Identity())
+    model.addFrame(pin.Frame("tip", parent, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    k = MASS * (2 * np.pi * np.asarray(hertz)) ** 2
+    chain = Chain(plain_tree(model), "tip")
+    return ElasticMechanism("spindle", chain, np.zeros(2), JointSprings(k, np.zeros(2)))
+
+
+def test_least_depth_of_one_freedom():
+    """``a = 8 pi k zeta (1 + zeta) / (N K_t |alpha_xx|)``: where the receptance is most negative."""
+    found = modes(spindle([500.0, 5e6]))
+    k = MASS * (2 * np.pi * 500.0) ** 2
+    alpha = abs(SLOT.mean[0, 0])
+    wanted = 2 * np.pi * 4 * k * ZETA * (1 + ZETA) / (SLOT.teeth * KT * alpha)
+    assert SLOT.mean[0, 0] == pytest.approx(-0.3 * np.pi)
+    assert limiting_depth(found, SLOT, ZETA) == pytest.approx(wanted, rel=1e-4)
+    # Without a radial force across the mean slot, nothing regenerates in the feed alone.
+    assert limiting_depth(found, Milling(KT, 0.0, 4, 0.0, np.pi), ZETA) > 1e3 * wanted
+
+
+def test_mean_of_the_directional_coefficients():
+    milling = Milling(KT, 0.3, 3, 0.3, 1.9)
+    turns = np.linspace(0, 2 * np.pi / 3, 20001)[:-1]
+    mean = np.mean([milling.directional(x) for x in turns], axis=0)
+    assert mean == pytest.approx(3 / (2 * np.pi) * milling.mean, abs=2e-4)
+
+
+@pytest.mark.parametrize("speed", [4000.0, 5300.0, 8800.0])
+def test_both_theories_agree_where_the_coefficients_are_constant(speed):
+    """Four teeth in a slot: two cut at right angles to each other, and nothing pulsates."""
+    found = modes(spindle([500.0, 640.0]))
+    zeroth = lobes(found, SLOT, [speed], ZETA)
+    fine = depth_by_semi_discretisation(found, SLOT, speed, ZETA, steps=50)
+    assert zeroth.depths[0] == pytest.approx(fine, rel=1e-2)
+    assert zeroth.depths[0] >= zeroth.least
+    below = transition_radius(found, SLOT, speed, 0.97 * zeroth.depths[0], ZETA, steps=50)
+    above = transition_radius(found, SLOT, speed, 1.03 * zeroth.depths[0], ZETA, steps=50)
+    assert below < 1 < above
+
+
+def test_they_differ_where_the_cut_is_short():
+    """A twentieth of the diameter, two teeth: lobes of period doubling that the mean does not see.
+
+    On other lobes both are within a few per cent of each other.
+    """
+    exit_angle = float(np.arccos(1 - 2 * 0.05))
+    up = Milling(KT, 0.3, 2, 0.0, exit_angle)
+    found = modes(spindle([5e6, 900.0]))
+    speeds = 60 * 900.0 / (2 * np.array([0.5, 0.85, 1.9]))  # two teeth, 900 Hz: waves per period
+    zeroth = lobes(found, up, speeds, 0.011)
+    fine = [depth_by_semi_discretisation(found, up, n, 0.011, digits=1e-2) for n in speeds]
+    assert fine[0] < 0.4 * zeroth.depths[0]
+    assert fine[1:] == pytest.approx(zeroth.depths[1:], rel=0.07)
+
+
+def test_depth_along_a_path():
+    elastic = load("stewart-simscape")
+    milling = Milling(KT, 0.3, 3, 0.0, np.pi / 2, at=(0.0, 0.0, 0.05))
+    poses = [elastic.q, elastic.q + 0.01 * np.eye(6)[0]]
+    depths = limiting_depths(elastic, poses, milling, 0.02)
+    assert depths[0] == pytest.approx(limiting_depth(modes(elastic), milling, 0.02))
+    assert np.isfinite(depths).all()
+    assert depths[0] != depths[1]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"tangential": 0.0}, "cutting coefficient"),
+        ({"teeth": 0}, "number of teeth"),
+        ({"entry": 2.0, "exit": 1.0}, "immersion"),
+        ({"normal": (1.0, 0.0, 0.0)}, "right angles"),
+    ],
+)
+def test_what_is_refused(change, words):
+    entries = {"tangential": KT, "radial": 0.3, "teeth": 4, "entry": 0.0, "exit": 1.0}
+    with pytest.raises(InputError, match=words):
+        Milling(**{**entries, **change})
+    with pytest.raises(InputError, match="speeds"):
+        lobes(modes(spindle([500.0, 600.0])), SLOT, [0.0], ZETA)
