@@ -1,8 +1,9 @@
-"""Run `cartstiff analyse` on two mechanisms and write what it says into a folder.
+"""Run `cartstiff analyse` on two mechanisms, report on a third, and write that into a folder.
 
     python tools/demo_report.py FOLDER
 
 For each: the text as `NAME.txt`, the JSON as `NAME.json`; `index.html` shows both for reading.
+`spindle.html` is what `cartstiff report` says of a UR10 with a spindle under 300 N.
 """
 
 from __future__ import annotations
@@ -18,6 +19,16 @@ RUNS = {
     "ur5": ["ur5", "--load", "0,0,0,0,0,-100"],
     "stewart-gough": ["stewart-gough"],
 }
+REPORT = [
+    "ur10",
+    "--tcp",
+    "0,0,0.15",
+    "--payload",
+    "4,0,0,-0.05",
+    "--load",
+    "0,0,0,0,0,-300",
+    "--world",
+]
 TITLES = {
     "ur5": "UR5 pushed with 100 N along the tool's axis",
     "stewart-gough": "The loaded Stewart-Gough platform of Žefran and Kumar, section 5.2",
@@ -93,11 +104,13 @@ def main(folder: Path) -> Path:
         data = json.loads(cartstiff("analyse", *arguments, "--json"))
         (folder / f"{name}.json").write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
         sections.append(section(name, data))
+    cartstiff("report", *REPORT, "-o", str(folder / "spindle.html"))
     index = folder / "index.html"
     index.write_text(
         '<!doctype html><html lang="en"><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width">'
         f"<title>cartstiff: two mechanisms</title><style>{STYLE}</style>\n"
+        '<p>A report to send on: <a href="spindle.html">a UR10, a spindle, 300 N</a>.</p>\n'
         "<h1>Cartesian stiffness under four connections</h1>\n" + "\n".join(sections) + "</html>\n",
         encoding="utf-8",
     )
@@ -111,4 +124,5 @@ if __name__ == "__main__":
     print(f"The stiffness matrices of {' and '.join(RUNS)} are in {page.parent}/:")
     for file in sorted(page.parent.iterdir()):
         print(f"  {file.name:<20} {file.stat().st_size:>7} bytes")
-    print(f"Open {page.resolve().as_uri()}")
+    print(f"Open {(page.parent / 'spindle.html').resolve().as_uri()}")
+    print(f"  or {page.resolve().as_uri()}")

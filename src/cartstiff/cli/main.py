@@ -46,6 +46,7 @@ _COMMANDS = {
     ),
     "models": ("cartstiff.cli.models", "What can be named as MECHANISM."),
     "poses": ("cartstiff.cli.poses", "A table of postures as robot controllers show them."),
+    "report": ("cartstiff.cli.report", "One file to send on: the answer, pictures, numbers."),
     "view": ("cartstiff.cli.view", "A page in the browser: move the mechanism, see its stiffness."),
 }
 

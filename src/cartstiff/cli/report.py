@@ -1,0 +1,56 @@
+"""``cartstiff report``."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+
+import click
+
+from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
+from cartstiff.cli.output import say
+from cartstiff.cli.types import OutputFile, option
+from cartstiff.errors import InputError, one_line
+
+__all__ = ["command"]
+
+_EPILOG = """\b
+Examples:
+  cartstiff report ur5 --load 0,0,0,0,0,-100 --world -o ur5.html
+  cartstiff report kr210.urdf --tcp 0,0,0.2 --payload 12 --load 0,0,0,0,0,-300 -o spindle.html
+"""
+
+
+@click.command(name="report", epilog=_EPILOG)
+@mechanism_options(
+    load_help="Wrench on the body: moment about and force at the point --load-at, in the axes of "
+    "the unloaded body frame; the report says what it does to the tip."
+)
+@load_options("--load")
+@option("-o", "--output", required=True, type=OutputFile("REPORT.html", ".html", ".htm"),
+        help="File to write.")  # fmt: skip
+@click.option(
+    "--frames", type=click.IntRange(2, 101), default=13, show_default=True,
+    help="Postures along each slider of the picture in 3D.",
+)  # fmt: skip
+def command(request: MechanismRequest, applied: LoadRequest, output: Path, frames: int) -> None:
+    """Write what an engineer sends on: how far the tip moves, which joint, where it is better.
+
+    One HTML file with a picture in 3D, posture, load, weight, stiffness, a sweep and everything
+    that was assumed; it opens without a network and prints on paper.
+    """
+    wrench = request.balanced_wrench
+    if wrench is None and (applied.world or applied.load_at is not None):
+        raise InputError("is for --load", where="--world" if applied.world else "--load-at")
+    elastic, q = request.load()
+
+    from cartstiff.page.paper import report_page
+    from cartstiff.report.output import write_whole
+
+    typed = shlex.join(["cartstiff", *sys.argv[1:]])
+    text = report_page(
+        elastic, q, wrench=wrench, command=typed, frames=frames, **applied.keywords
+    ).encode()  # fmt: skip
+    write_whole(output, text)
+    say(f"{one_line(str(output))}: {len(text) / 1e6:.1f} MB")
