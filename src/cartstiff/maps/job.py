@@ -23,6 +23,7 @@ from cartstiff.maps.sampling import Grid, Sampling
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits
+from cartstiff.vibration.many_modes import frequencies_of_many
 
 __all__ = ["BEYOND", "STATES", "UNREACHABLE", "MapJob"]
 
@@ -187,7 +188,10 @@ class MapJob:
             result = self._analysed(present, self.outputs, self._buffers(len(present)))
             to_own = np.array([_code(c) for c in result.codes], np.uint8)
             state[there] = to_own[result.state]
-            values = evaluate(self.quantities, result.arrays, self.settings, self._lengths)
+            values = evaluate(
+                self.quantities, result.arrays, self.settings, self._lengths,
+                lambda: self._frequencies(result.q),
+            )  # fmt: skip
             beyond = self._beyond(result.q, result.arrays["pose"])
             state[np.flatnonzero(there)[beyond]] = STATES.index(BEYOND)
             for name, value in values.items():
@@ -204,6 +208,15 @@ class MapJob:
             load_axes=self.load_axes, outputs=outputs, out=out, threads=1, path=self.path,
         )  # fmt: skip
 
+    def _frequencies(self, q: Array) -> Array:
+        """The six lowest frequencies (N, 6) of postures under the load."""
+        load = self.settings.load
+        wrench = None if self.wrench is None else np.asarray(self.wrench, float)
+        return frequencies_of_many(
+            self.elastic, q, 6, wrench, load_kind=load.kind, load_at=load.at,
+            load_axes=self.load_axes,
+        )  # fmt: skip
+
     def _beyond(self, q: Array, poses: Array) -> Array:
         """Which postures (N,) are beyond limits."""
         limits = self._limits
@@ -215,7 +228,9 @@ class MapJob:
         quantity = self.quantities[0]
         outputs = tuple({"pose", *quantity.outputs(self.settings)})
         arrays = self._analysed(q, outputs).arrays
-        value = evaluate([quantity], arrays, self.settings, self._lengths)[quantity.name]
+        value = evaluate(
+            [quantity], arrays, self.settings, self._lengths, lambda: self._frequencies(q)
+        )[quantity.name]
         return value if quantity.better == "smaller" else -value
 
     def _buffers(self, count: int) -> dict[str, Array]:

@@ -11,8 +11,9 @@ hundred times slower.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -201,6 +202,19 @@ def _manipulability(s: Stacks) -> Array:
     )
 
 
+def _frequency_quantities() -> list[Quantity]:
+    def lowest(s: Stacks, which: int) -> Array:
+        return s.frequencies()[:, which]
+
+    words = "natural frequency {} under the load, the lowest first"
+    return [
+        Quantity(
+            f"frequency_{i + 1}", words.format(i + 1), "Hz", partial(lowest, which=i), ("pose",)
+        )
+        for i in range(6)
+    ]
+
+
 _EVERY = tuple(f"stiffness_{name}" for name in CONNECTIONS)
 
 #: Every quantity by name.
@@ -253,6 +267,7 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity("manipulability", "product of the Jacobian's singular values, each joint in "
                  "its own unit", "{length}^3",
                  _manipulability, ("jacobian",)),
+        *_frequency_quantities(),
         Quantity("moment", "size of the load's moment", "{force} {length}",
                  lambda s: np.linalg.norm(s.arrays["wrench"][:, :3], axis=1), ("wrench",),
                  better=None),
@@ -325,6 +340,7 @@ def evaluate(
     arrays: Mapping[str, Array],
     settings: Settings,
     lengths: Array | None = None,
+    swing: Callable[[], Array] | None = None,
 ) -> dict[str, Array]:
     """Values (N,) of quantities by name, from the arrays of `analyse_many`.
 
@@ -338,7 +354,9 @@ def evaluate(
         What the quantities refer to.
     lengths : ndarray of bool, shape (n,), optional
         Which coordinates are distances; default none.
+    swing : callable, optional
+        Gives the six lowest frequencies (N, 6) of the postures, where they may be asked for.
     """
-    source = Stacks(arrays, settings, lengths)
+    source = Stacks(arrays, settings, lengths, swing)
     with np.errstate(all="ignore"):
         return {q.name: np.asarray(q.function(source), float) for q in quantities}

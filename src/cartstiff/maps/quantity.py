@@ -87,11 +87,14 @@ class Stacks:
         arrays: Mapping[str, Array],
         settings: Settings,
         lengths: Array | None = None,
+        swing: Callable[[], Array] | None = None,
     ) -> None:
         self.arrays = arrays
         self.settings = settings
         #: Which coordinates are distances (n,).
         self.lengths = lengths
+        #: Gives the six lowest frequencies (N, 6) of the postures.
+        self.swing = swing
         self._found: dict[str, Any] = {}
 
     def once(self, key: str, make: Callable[[], Any]) -> Any:
@@ -151,6 +154,12 @@ class Stacks:
             known = stack is not None and bool(np.isfinite(stack[row]).all())
             found[others] = stack[row] if stack is not None and known else None
         return found
+
+    def frequencies(self) -> Array:
+        """The six lowest frequencies (N, 6) in Hz."""
+        if self.swing is None:
+            raise InputError("frequencies need the postures, which are not at hand here")
+        return self.once("frequencies", self.swing)
 
     def eigenvalues(self) -> Array:
         """Of the stiffness with lengths scaled (N, 6)."""

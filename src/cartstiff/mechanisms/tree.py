@@ -200,6 +200,15 @@ class KinematicTree:
         offset = None if self.mimic is None else np.asarray(self.offset, float)
         return KinematicTree(model, self.coordinates, self.frames, self.mimic, offset)
 
+    def mass_matrices(self, q: Array) -> Array:
+        """Upper triangles of the masses' matrices (N, n, n) at postures (N, n), without mimics."""
+        found = np.empty((len(q), self.model.nv, self.model.nv))
+        model, crba = self.model, pin.crba
+        with self.workspace() as data:
+            for i, posture in enumerate(q):
+                found[i] = crba(model, data, posture)
+        return found
+
     def placements(self) -> list[Array]:
         """Poses ``T_parent_joint`` of all joints, in their order from joint 1."""
         return [np.array(T.homogeneous) for T in list(self.model.jointPlacements)[1:]]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 from cartstiff.toolpaths.tool_path import ToolPath
+from cartstiff.vibration.many_modes import frequencies_of_many
 
 __all__ = ["Judged", "PathCost", "criteria", "ready"]
 
@@ -136,7 +138,14 @@ class PathCost:
             rows = points == point
             arrays = {name: found[name][rows] for name in outputs}
             settings = self._settings(int(point))
-            value[rows] = evaluate([self.quantity], arrays, settings, lengths)[self.quantity.name]
+            swing = partial(
+                frequencies_of_many, self.elastic, q[rows], 6,
+                None if load is None else load[rows], load_kind=self.load.kind,
+                load_at=self.load.at,
+            )  # fmt: skip
+            value[rows] = evaluate([self.quantity], arrays, settings, lengths, swing)[
+                self.quantity.name
+            ]
         ratio, side = self._regularity(found["jacobian"], lengths)
         smaller = self.quantity.better == "smaller"
         with np.errstate(divide="ignore", invalid="ignore"):
