@@ -7,6 +7,7 @@ from math import pi
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import ConvergenceError, InputError, UnknownNameError
 from cartstiff.identify.columns import MEASURED, TURN
@@ -142,8 +143,11 @@ def _ranges(elastic: ElasticMechanism, given: Mapping[str, Sequence[float]]) -> 
 def _posture(elastic: ElasticMechanism, q: Array) -> Array | None:
     """The posture, assembled; None where that fails."""
     if isinstance(elastic.mechanism, Chain) and elastic.mechanism.closures:
+        held = elastic.mechanism.held
         try:
-            return elastic.mechanism.closed(q).q
+            found = elastic.mechanism.closed(q).q
         except ConvergenceError:
             return None
+        # Where motors or links had to give way, they do not stand there unstressed.
+        return found if np.abs(found[held] - q[held]).max(initial=0.0) < numerics.TELLING else None
     return q

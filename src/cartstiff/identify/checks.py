@@ -168,11 +168,13 @@ def _lack_of_fit(
     measured: Measurements, kept: NDArray[np.bool_],
 ) -> tuple[int, float | None]:  # fmt: skip
     """Repeated numbers, and the probability of the F of what they do not show."""
-    groups: dict[tuple[int, str], list[float]] = {}
-    for i in np.flatnonzero(kept):
-        groups.setdefault((int(measured.settings[row[i]]), column[i]), []).append(float(r[i]))
-    pure = sum(float(np.sum((np.array(g) - np.mean(g)) ** 2)) for g in groups.values())
-    repeats = int(kept.sum()) - len(groups)
+    names = {name: i for i, name in enumerate(dict.fromkeys(column))}
+    key = measured.settings[row] * len(names) + np.array([names[name] for name in column])
+    _, group = np.unique(key[kept], return_inverse=True)
+    inside = r[kept]
+    size = np.bincount(group)
+    pure = float(np.sum((inside - (np.bincount(group, inside) / size)[group]) ** 2))
+    repeats = len(inside) - len(size)
     rest = freedom - repeats
     if repeats < 2 or rest < 1.0 or not pure > 0.0:
         return repeats, None

@@ -26,6 +26,8 @@ from cartstiff.identify.unknowns import Unknowns
 __all__ = ["with_profiles"]
 
 _TELLING = 0.1
+# Intervals of a parameter known better than this are not looked at: nothing bends within them.
+_NARROW = 0.05
 _EVALUATIONS = 12
 
 
@@ -52,7 +54,8 @@ def with_profiles(
     least = cost(fit.theta)
     answer = []
     for p, e in enumerate(told):
-        if e.verdict not in ("determined", "at-least") or e.deviation is None:
+        narrow = e.deviation is not None and e.deviation < _NARROW * abs(float(fit.theta[p]))
+        if e.verdict not in ("determined", "at-least") or e.deviation is None or narrow:
             answer.append(e)
             continue
         slope = found.covariance[:, p] / found.covariance[p, p]

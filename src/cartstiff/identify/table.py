@@ -33,6 +33,8 @@ __all__ = ["AXES", "read_measurements"]
 
 AXES = ("base", "body", "world")
 _LARGEST_FILE = 1 << 27
+# What motors may be off [rad, length] where a table is rounded.
+_GAVE_WAY = 1e-6
 # Undeclared numbers that cannot be SI: displacements beyond this share of the mechanism's size,
 # positions beyond this many of it, small rotations and joint angles beyond these [rad].
 _FAR, _AWAY, _TILTED, _TURNS = 0.2, 20.0, 0.5, 4.0 * math.pi
@@ -196,6 +198,12 @@ def _postures(
                         str(error), where=cells.places[n],
                         expected="a posture that closes the chain",
                     ) from None  # fmt: skip
+                moved = np.abs(known[key] - row)[mechanism.held].max(initial=0.0)
+                if moved > _GAVE_WAY:
+                    raise InputError(
+                        "the chain closes only if motors or links give way", got=f"{moved:.3g}",
+                        where=cells.places[n], expected="a posture that the motors can take",
+                    )  # fmt: skip
             q[n] = known[key]
     return q
 
