@@ -34,6 +34,9 @@ from cartstiff.potentials.springs import JointSprings
 from cartstiff.stiffness.compute import analyse
 from cartstiff.stiffness.influence import influence
 
+# Of differences, in shares of a parameter's natural size.
+_STEP = 1e-4
+
 __all__ = ["LinearModel", "Model", "at_rest", "derivatives"]
 
 
@@ -190,6 +193,25 @@ class LinearModel:
 
     def at(self, theta: Array) -> tuple[Array, Array]:
         """Predictions (m,) and derivatives (m, P)."""
+        y, A = self._at(theta)
+        for p in self._tensioned:  # its tension, and so its turning stiffness, follows it
+            step = np.zeros(len(theta))
+            step[p] = _STEP * self.unknowns.sizes[p]
+            A[:, p] = (self._at(theta + step)[0] - self._at(theta - step)[0]) / (2.0 * step[p])
+        return y, A
+
+    @cached_property
+    def _tensioned(self) -> list[int]:
+        """Parameters of lines whose rest lengths are given."""
+        lines = {n for n in self.unknowns.elements.names if n.startswith("line")}
+        lines -= set(self._rest.names)
+        return [
+            p for p, u in enumerate(self.unknowns.parameters)
+            if any(a in lines for a, _, _ in u.pattern.entries)
+        ]  # fmt: skip
+
+    def _at(self, theta: Array) -> tuple[Array, Array]:
+        """The same for forces in the springs that do not depend on their stiffness."""
         F, C, own_forces, own_twist = self._forces(theta)
         seen = self.observations
         W, weighs = self._loads

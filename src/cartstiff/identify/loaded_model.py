@@ -8,7 +8,7 @@ equilibria, with and without the load. The derivative by a compliance is that of
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -58,6 +58,8 @@ class LoadedModel:
     unknowns: Unknowns
     measured: Measurements
     linear: LinearModel
+    #: Where each row came to rest last: the search begins there.
+    _last: dict[tuple[int, bytes], Array] = field(default_factory=dict)
 
     #: Whether the prediction is linear in the parameters.
     is_linear = False
@@ -102,14 +104,14 @@ class LoadedModel:
             rows = np.flatnonzero(groups == k)
             at = np.flatnonzero(np.isin(seen.row, rows))
             elastic = _told(bare, self.measured.q[n])
-            loaded = self._state(elastic, n, inertial[n])
+            loaded = self._state(elastic, int(n), inertial[n])
             rigid = _State(self.linear.poses[n], np.zeros((6, len(theta))))
             before = rigid
             if differs[rows].any():
                 key = self.measured.q[n].tobytes() + weight0[n].tobytes()
                 if key not in references:
                     still = np.append(np.zeros(3), weight0[n])
-                    references[key] = self._state(elastic, n, still)
+                    references[key] = self._state(elastic, int(n), still)
                 before = references[key]
             for i in at:
                 start = rigid if seen.is_absolute[i] else before
@@ -128,12 +130,14 @@ class LoadedModel:
         if not loads and elastic.gravity is None:
             return _State(elastic.mechanism.at(q).pose, np.zeros((6, P)))
         system = System(elastic, loads)
+        key = (n, load.tobytes())
         try:
-            found = solve(system, q, settle=False)
+            found = solve(system, self._last.get(key, q), settle=False)
         except CartstiffError as error:
             raise ConvergenceError(
                 f"row {self.measured.rows[n]}: {error}", iterations=0, residual=np.nan
             ) from None
+        self._last[key] = found.point.q
         posture, elements = found.point.posture, Elements(elastic)
         motion = motion_by_compliance(posture, found.balance, elements, self.unknowns.patterns)
         return _State(posture.pose, posture.motion.jacobian @ motion)

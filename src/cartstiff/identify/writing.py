@@ -65,7 +65,7 @@ def with_result(result: Identification, date: str | None = None, source: str = "
         if unknown.is_scale:  # the file written holds the beam that was found
             factor[p] = values[p]
             pattern = CompliancePattern(
-                pattern.name, tuple((a, b, w * values[p]) for a, b, w in pattern.entries)
+                pattern.name, tuple((a, b, float(w * values[p])) for a, b, w in pattern.entries)
             )
         patterns.append(pattern)
     covariance = (result.covariance / np.multiply.outer(factor, factor))[np.ix_(known, known)]

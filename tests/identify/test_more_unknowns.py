@@ -1,0 +1,115 @@
+"""Links that give, beams, counterbalance lines, platforms: found, and written into files."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.identify.campaigns import arm, load
+
+import cartstiff
+from cartstiff.identify.campaign import identify
+from cartstiff.identify.candidates import candidates
+from cartstiff.identify.synthetic import simulated
+from cartstiff.identify.unknowns import unknowns_of
+from cartstiff.identify.writing import mechanism_file
+
+LINK = """
+flexible:
+  {name}:
+    stiffness:
+      - [5.0e+4, 0, 0, 0, 0, 0]
+      - [0, 4.0e+4, 0, 0, 0, 3.0e+4]
+      - [0, 0, 6.0e+4, 0, 0, 0]
+      - [0, 0, 0, 2.0e+7, 0, 0]
+      - [0, 0, 0, 0, 3.0e+7, 0]
+      - [0, 3.0e+4, 0, 0, 0, 4.0e+7]
+"""
+
+
+def _written(result, source, tmp_path):
+    out = tmp_path / "sub" / "known.yaml"
+    out.parent.mkdir(exist_ok=True)
+    out.write_bytes(mechanism_file(result, str(source), None, out, "test"))
+    return cartstiff.load(str(out))
+
+
+def _measured(elastic, rows, sd, columns=("dx", "dy", "dz", "drx", "dry", "drz"), **load_):
+    spreads = dict.fromkeys(columns, sd)
+    offered = candidates(elastic, spreads, count=rows, seed=3, **(load_ or {"force": 200.0}))
+    return simulated(elastic, offered, spreads, seed=1, tell_deviations=True)
+
+
+def test_a_base_with_a_6x6_is_found_and_written(tmp_path):
+    path = arm("elbow", tmp_path, extra=LINK.format(name="base"))
+    elastic = load(path)
+    measured = _measured(elastic, 60, 1e-8)
+    result = identify(elastic, measured, sought=("joints", "base"))
+    assert len(result.estimates) == 6 + 21
+    for e, c in zip(result.estimates, result.unknowns.nominal, strict=True):
+        if e.verdict != "not-identifiable":
+            assert abs(e.compliance - c) < 5 * e.deviation
+    lost = [e.name for e in result.estimates if e.verdict == "not-identifiable"]
+    assert "j1" in lost  # its axis turns as the base does about z
+    some = identify(elastic, measured, sought=("joints", "base:rx,ry"))
+    assert [e.name for e in some.estimates][6:] == ["base.rx", "base.ry"]
+    assert all(e.verdict == "determined" for e in some.estimates)
+    known = _written(some, path, tmp_path)
+    assert known.identified.names[6:] == ("base.rx", "base.ry")
+    diagonal = identify(elastic, measured, sought=("base:diagonal",))
+    assert len(diagonal.estimates) == 6
+
+
+def test_a_beam_is_found_as_a_share_of_the_file(tmp_path):
+    beam = (
+        "flexible:\n  l2: {beam: {E: 7.0e+10, G: 2.6e+10, length: 0.45, area: 1.0e-3, "
+        "Iy: 2.0e-7, Iz: 2.0e-7, J: 4.0e-7}}\n"
+    )
+    path = arm("elbow", tmp_path, extra=beam)
+    elastic = load(path)
+    measured = _measured(elastic, 40, 1e-7)
+    text = path.read_text("utf-8").replace("E: 7.0e+10, G: 2.6e+10", "E: 1.4e+11, G: 5.2e+10")
+    (tmp_path / "stiff.yaml").write_text(text, "utf-8")
+    stiff = cartstiff.load(str(tmp_path / "stiff.yaml"))
+    result = identify(stiff, measured, sought=("all",))
+    share = result.estimates[-1]
+    assert share.name == "l2 (beam)"
+    assert share.compliance == pytest.approx(2.0, rel=0.02)
+    known = _written(result, tmp_path / "stiff.yaml", tmp_path)
+    q = measured.q[0]
+    wanted = cartstiff.analyse(elastic, q).compliances["B"]
+    assert cartstiff.analyse(known, q).compliances["B"] == pytest.approx(
+        wanted, rel=0.02, abs=0.02 * np.abs(wanted).max()
+    )
+    assert known.identified.values[-1] == pytest.approx(1.0)
+
+
+def test_a_counterbalance_line_beside_a_joint(tmp_path):
+    """A spring from base to upper arm: in parallel with j2, nonlinear in the compliances."""
+    line = "lines:\n  - {frames: [base, l2], points: [[0.3, 0, 0.2], [0.2, 0, 0.3]], "
+    path = arm("elbow", tmp_path, extra=line + "stiffness: 3.0e+4, preload: 500}\n")
+    elastic = load(path)
+    measured = _measured(elastic, 40, 1e-7)
+    text = path.read_text("utf-8").replace("3.0e+4", "2.0e+4").replace("25000.0", "3.0e+4")
+    (tmp_path / "other.yaml").write_text(text, "utf-8")
+    other = cartstiff.load(str(tmp_path / "other.yaml"))
+    result = identify(other, measured, sought=("joints", "lines"))
+    found = {e.name: e.stiffness for e in result.estimates}
+    assert found["line1"] == pytest.approx(3.0e4, rel=0.05)
+    assert found["j2"] == pytest.approx(2.5e4, rel=0.05)
+    known = _written(result, tmp_path / "other.yaml", tmp_path)
+    assert known.potentials[0].stiffness[0] == pytest.approx(found["line1"])
+
+
+@pytest.mark.parametrize("name", ["stewart-gough", "delta", "five-bar"])
+def test_files_of_platforms_and_loops_are_written(name, tmp_path):
+    elastic = cartstiff.load(name)
+    columns = ("dx", "dy") if name == "five-bar" else ("dx", "dy", "dz", "drx", "dry", "drz")
+    k = float(elastic.springs.stiffness.max())
+    measured = _measured(elastic, 20, 1e-7, columns, force=1e-4 * k)
+    result = identify(elastic, measured, sought=("joints",))
+    known = _written(result, name, tmp_path)
+    found = [e.stiffness for e in result.estimates]
+    sprung = known.springs.stiffness[known.springs.stiffness > 0]
+    assert sprung == pytest.approx(found)
+    assert known.identified.rows == 20
+    assert unknowns_of(known).names == result.unknowns.names
