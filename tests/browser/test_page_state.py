@@ -161,3 +161,21 @@ def test_an_exported_page_keeps_point_axes_and_posture_a(serve, pages, tmp_path)
     page.keyboard.press("i")
     page.wait_for_selector("#report h2:has-text('in the posture of the file, q = ')")
     page.context.close()
+
+
+def test_the_first_card_says_how_far_the_load_moves_the_point(ur5):
+    card = ur5.locator(".moved-card")
+    assert "no load" in card.inner_text()
+    load, point = [0.0, 5.0, 0.0, 0.0, 0.0, -300.0], [0.0, 0.0, 0.1]
+    changed(ur5, load=load, point=point)
+    result = cartstiff.analyse(cartstiff.load("ur5"), wrench=load, load_at=point)
+    moved = np.linalg.solve(result.tangent, result.wrench)
+    d = moved[3:] + np.cross(moved[:3], point)
+    words = card.inner_text().replace("\u2212", "-")
+    assert f"{1000 * np.linalg.norm(d):.3g} mm" in words
+    assert f"{1000 * np.linalg.norm(moved[:3]):.3g} mrad" in words
+    room = result.pose[:3, :3] @ d * 1000
+    assert ", ".join(f"{x:.3g}" for x in room) in words
+    shares = [float(x.split(" ")[0]) for x in card.locator(".moved-bar .num").all_inner_texts()]
+    assert len(shares) == 6
+    assert abs(sum(shares) - 100) <= 3

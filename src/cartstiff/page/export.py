@@ -48,7 +48,7 @@ _VARIANTS = [
     if name != "+"
 ]
 # What of a payload is the same for every connection and quantity.
-_COMMON = ("result", "has_compliance", "position", "angles", "singularity", "legs")
+_COMMON = ("result", "has_compliance", "position", "angles", "singularity", "legs", "moved")
 _MATRICES = ("stiffness", "compliance")
 _MOST_FRAMES = 2_000
 

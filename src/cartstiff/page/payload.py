@@ -12,10 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.analysis.ellipsoids import Freedom
 from cartstiff.analysis.indices import indices
+from cartstiff.analysis.mechanism_sections import deflection_section
 from cartstiff.analysis.metrics import characteristic_length
-from cartstiff.analysis.plain import plain
+from cartstiff.analysis.plain import Notes, plain
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -54,8 +56,8 @@ def payload(result: PostureStiffness, state: State, whole: bool = False) -> dict
     -------
     dict
         Keys "result", "has_compliance", "position", "angles", "frame", "stiffness", "compliance",
-        "wrench", "principal", "indices", "symmetric", "singularity", "legs", "verdict". What does
-        not exist is None.
+        "wrench", "principal", "indices", "symmetric", "singularity", "legs", "moved", "verdict".
+        What does not exist is None.
     """
     T = reference_frame(result, state)
     here = result.at(T)
@@ -79,6 +81,7 @@ def payload(result: PostureStiffness, state: State, whole: bool = False) -> dict
         "symmetric": _asymmetries(shown),
         "singularity": distance_to_singularity(result),
         "legs": _legs(result),
+        "moved": _moved(result, state),
         "verdict": verdict(
             result,
             state.connection,
@@ -200,6 +203,30 @@ def _legs(result: PostureStiffness) -> list[dict[str, Any]] | None:
         }
         for i, length in enumerate(lengths)
     ]
+
+
+def _moved(result: PostureStiffness, state: State) -> dict[str, Any] | None:
+    """How far the load moves the reference point: to first order, from the rest without it."""
+    notes = Notes()
+    origin = np.zeros(3)
+    found = deflection_section(result, "load", None, origin, np.array(state.point), notes)
+    if found is None:
+        return None
+    C = result.at().compliances["load"]
+    values = np.zeros(1) if C is None else numerics.eigenvalues(C)
+    displacement, twist = np.array(found["displacement"]), np.array(found["twist"])
+    rows = found["shares"] or []
+    return {
+        "displacement": displacement.tolist(),
+        "in_room": (result.pose[:3, :3] @ displacement).tolist(),
+        "rotation": twist[:3].tolist(),
+        "energy": plain(found["energy"]),
+        "acts_at": np.array(found["acts_at"]).tolist(),
+        # With a negative value the load would move the body on and on.
+        "resisted": bool(values[0] >= 0.0),
+        "shares": [{"name": row["name"], "share": plain(row["share"])} for row in rows],
+        "notes": [note["message"] for note in notes.entries],
+    }
 
 
 def series_row(result: PostureStiffness, state: State) -> dict[str, Any]:

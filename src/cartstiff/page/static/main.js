@@ -2,6 +2,7 @@
 
 import { controls, pictureControls } from "./controls.js";
 import { byId, el } from "./dom.js";
+import { deflectionPanel } from "./deflection.js";
 import { EXPORTED, FramesSource } from "./frames.js";
 import { shortcuts } from "./help.js";
 import { LiveSource, unpack } from "./live.js";
@@ -20,6 +21,7 @@ function build(source) {
   const pose = posePanel(store);
   controls(store);
   pictureControls(store);
+  deflectionPanel(store);
   connectionPanel(store);
   const matrix = matrixPanel(store);
   numbersPanel(store);

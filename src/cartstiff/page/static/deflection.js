@@ -1,0 +1,60 @@
+// The first question: how far does the load move the point, and what gives way.
+
+import { byId, el, short } from "./dom.js";
+
+// Where lengths are metres, people say millimetres.
+const FINE = { m: [1000, "mm"], mm: [1, "mm"], cm: [10, "mm"] };
+
+export function deflectionPanel(store) {
+  const head = el("div", { class: "moved-head" });
+  const detail = el("div", { class: "moved-detail" });
+  const bars = el("div", { class: "moved-bars" });
+  byId("right").append(el("div", { class: "card moved-card" }, el("h2", {}, "Under this load"), head, detail, bars));
+
+  const length = (x) => {
+    const [factor, unit] = FINE[store.unit("length")] ?? [1, store.unit("length")];
+    return `${short(x * factor, 3)} ${unit}`;
+  };
+  const vector = (v) => {
+    const [factor, unit] = FINE[store.unit("length")] ?? [1, store.unit("length")];
+    const size = Math.hypot(...v);
+    return `${v.map((x) => short(Math.abs(x) < 1e-9 * size ? 0 : x * factor, 3)).join(", ")} ${unit}`;
+  };
+
+  store.on("numbers", () => {
+    const { moved, wrench } = store.numbers;
+    bars.replaceChildren();
+    detail.replaceChildren();
+    if (!moved) {
+      head.textContent = wrench ? "no load: give one on the left" : "no load can be held here";
+      head.className = "moved-head dim";
+      return;
+    }
+    head.className = "moved-head";
+    if (!moved.resisted) {
+      head.textContent = "not stable: the load moves the body on and on";
+      head.className = "moved-head bad";
+      return;
+    }
+    const what = store.state.point.some((x) => x) ? "the point" : "M";
+    head.replaceChildren(`${what} moves `, el("b", {}, length(Math.hypot(...moved.displacement))),
+      ` and turns `, el("b", {}, `${short(1000 * Math.hypot(...moved.rotation), 3)} mrad`));
+    head.title = "To first order, from where the springs rest without this load";
+    const row = (name, value, title) => el("div", { title }, el("span", { class: "dim" }, name), el("span", { class: "num" }, value));
+    detail.append(
+      row("tool axes", vector(moved.displacement), "along the axes of M"),
+      row("room axes", vector(moved.in_room), "along the axes of F"),
+      row("energy", `${short(moved.energy, 3)} ${store.unit("moment")}`, "that the load puts into the springs"));
+    const size = ({ share }) => Math.abs(share ?? 0);
+    const ordered = moved.shares.toSorted((a, b) => size(b) - size(a));
+    for (const entry of ordered) {
+      const { name, share } = entry;
+      const bar = el("i");
+      bar.style.width = `${(100 * size(entry)) / Math.max(size(ordered[0]), 1e-12)}%`;
+      bars.append(el("div", { class: "moved-bar", title: `${name}: part of the point's way` },
+        el("span", { class: "moved-name" }, name), el("span", { class: `meter wide${share < 0 ? " against" : ""}` }, bar),
+        el("span", { class: "num" }, share === null ? "–" : `${Math.round(100 * share) || 0} %`)));
+    }
+    for (const note of moved.notes) bars.append(el("div", { class: "dim small" }, note));
+  });
+}
