@@ -23,6 +23,7 @@ SECTIONS = [
     "References", "Examples",
 ]  # fmt: skip
 ERRORS = set(cartstiff.errors.__all__) | {
+    "DamageError",  # of cartstiff.maps.damage
     name for name, value in vars(builtins).items()
     if isinstance(value, type) and issubclass(value, BaseException)
 }  # fmt: skip
