@@ -22,8 +22,7 @@ SECTIONS = [
     "Parameters", "Attributes", "Returns", "Yields", "Raises", "Warns", "See Also", "Notes",
     "References", "Examples",
 ]  # fmt: skip
-ERRORS = set(cartstiff.errors.__all__) | {
-    "DamageError",  # of cartstiff.maps.damage
+ERRORS = set(cartstiff.errors.__all__) | {"DamageError"} | {  # that of cartstiff.maps.damage
     name for name, value in vars(builtins).items()
     if isinstance(value, type) and issubclass(value, BaseException)
 }  # fmt: skip
