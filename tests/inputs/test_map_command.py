@@ -127,6 +127,20 @@ def test_cartesian_grid_in_one_option(run: Run) -> None:
     assert set(answer["states"]) <= {"deficient", "unreachable", "not-assembled"}
 
 
+def test_how_much_is_below(run: Run) -> None:
+    words = ("map", "five-bar", "--cartesian", "x=0.1:0.2:2 y=0.3:0.35:2", "--free", "rotation",
+             "--quantity", "deflection", "--load", "0,0,0,0,-10,0", "--json")  # fmt: skip
+    found = json.loads(run(*words, "-o", "m.zarr"))["quantities"]["deflection"]
+    limit = f"{1e3 * found['smallest'] * 1.0001!r} mm"
+    answers = [
+        json.loads(run(*words, f"--{side}", limit, "-o", "m.zarr"))[side]
+        for side in ("below", "above")
+    ]
+    assert [answer["quantity"] for answer in answers] == ["deflection"] * 2
+    assert 1 <= answers[0]["within"] < answers[0]["reached"] <= 4
+    assert sum(answer["share"] for answer in answers) == pytest.approx(1.0)
+
+
 def test_quantities_are_listed(run: Run) -> None:
     from cartstiff.maps.quantities import QUANTITIES
 
@@ -157,6 +171,10 @@ def test_quantities_are_listed(run: Run) -> None:
         ((*CUBIC, "--grid", "x=0:nan:3", "-o", "m.zarr"), ("--grid x", "not a finite number")),
         ((*CUBIC, "--grid", "elbow=0:1:3", "-o", "m.zarr"), ("unknown coordinate", "elbow")),
         ((*CUBIC, "--grid", "x=0:1:2,x=0:1:2", "-o", "m.zarr"), ("--grid", "given twice")),
+        ((*CUBIC, *GRID, "--below", "2N", "-o", "m.zarr"), ("--below", "does not fit")),
+        ((*CUBIC, *GRID, "--below", "soft", "-o", "m.zarr"), ("--below", "not a finite")),
+        ((*CUBIC, *GRID, "--above", "1 furlong", "-o", "m.zarr"), ("does not fit",)),
+        ((*CUBIC, *GRID, "--above", "1", "--below", "1", "-o", "m.zarr"), ("not both",)),
         ((*CUBIC, "--cartesian", "w=0:1:2", "-o", "m.zarr"), ("unknown axis", "'w'")),
         ((*CUBIC, "--cartesian", "x=0:1:2", "--orientation", "1,2", "-o", "m.zarr"),
          ("--orientation", "3 numbers")),

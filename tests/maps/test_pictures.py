@@ -158,3 +158,28 @@ def test_refusals(cube):
     with pytest.raises(UnknownNameError, match="axis of the map"):
         draw_map(cube, QUANTITY, "slices", by="elbow")
     assert set(KINDS) == {"heat", "slices", "line", "histogram", "violin", "points"}
+
+
+def test_a_level_is_a_line_and_a_share():
+    from cartstiff.maps.reading import share_within
+
+    data = _made_up([[1, 2, 3], [2, 3, np.nan]], better="smaller")
+    assert share_within(data, "stiffness", 2) == {
+        "limit": 2, "reached": 5, "within": 3, "share": 0.6,
+    }  # fmt: skip
+    assert share_within(data, "stiffness", 3, below=False)["within"] == 2
+    drawn = draw_map(data, "stiffness", "heat", level=2.0).axes[0]
+    bare = draw_map(data, "stiffness", "heat").axes[0]
+    assert len(drawn.collections) == len(bare.collections) + 1
+    best = data.expand_dims(branch=2).copy(deep=True)
+    best["stiffness"][1] += 5.0
+    assert share_within(best, "stiffness", 2)["within"] == 3
+
+
+def test_positions_stand_as_in_the_room():
+    """x to the right, z up, as long as wide."""
+    data = _made_up([[1, 2, 3], [2, 3, 4]]).rename(a="x", b="z")
+    axis = draw_map(data, "stiffness", "heat").axes[0]
+    assert (axis.get_xlabel(), axis.get_ylabel()) == ("x [rad]", "z [rad]")
+    assert axis.get_aspect() == 1.0
+    assert axis.get_xlim() == (-0.5, 1.5)

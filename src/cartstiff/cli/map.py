@@ -17,6 +17,7 @@ from cartstiff.cli.types import (
     PICTURE,
     POINT,
     WRENCH,
+    Amount,
     Number,
     Pairs,
     json_option,
@@ -37,6 +38,8 @@ Examples:
       --direction 0,0,1 --world -o plane.zarr --picture plane.png
   cartstiff map ur5 --cartesian x=0.2:0.8:13,y=-0.4:0.4:17 --quantity translation_free_min \\
       --load 0,0,0,0,0,-100 --world --load-at 0,0,0.1 -o loaded.zarr
+  cartstiff map ur5 --cartesian x=0.2:0.8:13,z=0:0.8:17 --quantity deflection \\
+      --load 0,0,0,0,0,-100 --world --below 2mm -o below.zarr --picture below.png
   cartstiff map panda --trajectory path.csv --quantity deflection \\
       --deflect 0,0,0,0,0,-50 --world -o path.zarr --json
 
@@ -116,6 +119,12 @@ _options = option_group(
         "--chunk", type=click.IntRange(min=1), metavar="N",
         help="Most postures in one of its parts.",
     ),
+    option(
+        "--below", type=Amount("VALUE[UNIT]"),
+        help="How much of what is reached has the first quantity at most at this value (0.2mm), "
+        "the best branch of each place counting; a line there in a heat map.",
+    ),
+    option("--above", type=Amount("VALUE[UNIT]"), help="The same for at least this value."),
     option("--picture", type=PICTURE, help="Draw the first quantity to a .png, .svg or .pdf file."),
     click.option(
         "--kind",
@@ -183,6 +192,8 @@ def command(
     output: Path,
     single: bool,
     chunk: int | None,
+    below: tuple[float, str] | None,
+    above: tuple[float, str] | None,
     picture: Path | None,
     kind: str,
     by: str | None,
@@ -222,6 +233,9 @@ def command(
         _check_picture(kind, by, sampling, cuts, elastic)
     if best is not None or worst is not None:
         _check_ranked(quantities)
+    if below is not None and above is not None:
+        raise InputError("give --below or --above, not both")
+    level = _level(below or above, "--below" if below else "--above", quantities[0], elastic)
 
     from cartstiff.maps.opening import open_map
     from cartstiff.maps.prepare import prepare_map
@@ -260,17 +274,44 @@ def command(
         for which, count in lists.items()
         if count is not None
     }
+    if level is not None:
+        from cartstiff.maps.reading import share_within
+
+        found = share_within(dataset, quantities[0], level, below is not None)
+        answer["below" if below else "above"] = {"quantity": quantities[0], **found}
     if picture is not None:
         from cartstiff.maps.pictures import draw_map
         from cartstiff.report.output import save_figure
 
-        save_figure(draw_map(dataset, quantities[0], kind, by=by), picture)
+        save_figure(draw_map(dataset, quantities[0], kind, by=by, level=level), picture)
     if as_json:
         say(json.dumps(answer, allow_nan=False))
     else:
         from cartstiff.report.maps import describe_map
 
         say(describe_map(answer))
+
+
+def _level(
+    given: tuple[float, str] | None, where: str, quantity: str, elastic: Any
+) -> float | None:
+    """The value of --below or --above in the unit of the quantity."""
+    from cartstiff.maps.quantities import QUANTITIES
+    from cartstiff.mechanisms.contract import FORCES, LENGTHS
+
+    if given is None or not given[1]:
+        return None if given is None else given[0]
+    value, unit = given
+    own = QUANTITIES[quantity].unit_in(elastic.units) if quantity in QUANTITIES else ""
+    known = {**LENGTHS, "rad": 1.0, "deg": 0.017453292519943295}
+    kinds = [LENGTHS, {k: known[k] for k in ("rad", "deg")}]
+    kinds.append({f"{f}/{x}": a / b for f, a in FORCES.items() for x, b in LENGTHS.items()})
+    for kind in kinds:
+        if unit in kind and own in kind:
+            return value * kind[unit] / kind[own]
+    raise InputError("unit does not fit", where=where, got=unit,
+                     expected=f"one of the kind of {own}, the unit of {quantity}" if own
+                     else "a number alone")  # fmt: skip
 
 
 def _check_picture(

@@ -41,8 +41,9 @@ def command(request: MechanismRequest, applied: LoadRequest, output: Path, frame
     that was assumed; it opens without a network and prints on paper.
     """
     wrench = request.balanced_wrench
-    if wrench is None and (applied.world or applied.load_at is not None):
-        raise InputError("is for --load", where="--world" if applied.world else "--load-at")
+    applied.check_world(load=wrench)
+    if wrench is None and applied.load_at is not None:
+        raise InputError("is for --load", where="--load-at")
     elastic, q = request.load()
 
     from cartstiff.page.paper import report_page

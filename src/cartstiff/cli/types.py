@@ -21,6 +21,7 @@ __all__ = [
     "PICTURE",
     "POINT",
     "WRENCH",
+    "Amount",
     "Arguments",
     "Axes",
     "JointValues",
@@ -86,6 +87,16 @@ class Number(Numbers):
     def parsed(self, text: str, where: str) -> Any:
         """The number."""
         return super().parsed(text, where)[0]
+
+
+class Amount(OptionType):
+    """A number and, if wanted, its unit: "0.2mm"."""
+
+    def parsed(self, text: str, where: str) -> tuple[float, str]:
+        """The number, and the unit or ""."""
+        found = re.fullmatch(r"\s*(.*?)\s*([A-Za-z]+(?:/[A-Za-z]+)?)?\s*", text)
+        number = text if found is None else found[1]
+        return parse_numbers(number, where, 1)[0], "" if found is None else found[2] or ""
 
 
 class Arguments(OptionType):

@@ -45,6 +45,7 @@ def source_from_options(
         For what cannot be used; UndefinedError and ConvergenceError where there is no posture.
     """
     load = request.balanced_wrench
+    applied.check_world(load=load)
     elastic, q = request.load()
     import numpy as np
 

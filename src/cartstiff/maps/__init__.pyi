@@ -4,6 +4,7 @@ from .cartesian import CartesianGrid as CartesianGrid
 from .opening import open_map as open_map
 from .pictures import draw_map as draw_map
 from .reading import best as best
+from .reading import share_within as share_within
 from .reading import slice_map as slice_map
 from .reading import summary as summary
 from .reading import worst as worst

@@ -53,15 +53,32 @@ def _axis_label(coordinate: xarray.DataArray) -> str:
     return f"{coordinate.name} [{unit}]" if unit else str(coordinate.name)
 
 
-def _cells(axis: Any, dataset: xarray.Dataset, quantity: str, norm: Any) -> tuple[Any, set[str]]:
-    """Coloured cells of two dimensions, and the reasons of those that have no number."""
+def _cells(
+    axis: Any, dataset: xarray.Dataset, quantity: str, norm: Any, level: float | None = None
+) -> tuple[Any, set[str]]:
+    """Coloured cells of two dimensions, and the reasons of those that have no number.
+
+    Positions stand as in the room: x to the right, z up, as long as wide. At a `level` of the
+    quantity there is a line.
+    """
+    dims = [str(d) for d in dataset[quantity].dims]
+    spatial = set(dims) <= set("xyz")
+    if spatial:
+        dims = sorted(dims, reverse=True)
+        dataset = dataset.transpose(*dims, ...)
     array = dataset[quantity]
-    y, x = (dataset[d] for d in array.dims)
+    y, x = (dataset[d] for d in dims)
     values = np.asarray(array.values, float)
     shown = np.ma.masked_invalid(values)
     mesh = axis.pcolormesh(
         _edges(x.values), _edges(y.values), shown, cmap=COLOURS, norm=norm, rasterized=True
     )
+    if level is not None and min(values.shape) > 1 and np.isfinite(values).any():
+        low, high = np.nanmin(values), np.nanmax(values)
+        if low < level < high:
+            axis.contour(x.values, y.values, shown, levels=[level], colors="black", linewidths=1.5)
+    if spatial:
+        axis.set_aspect("equal")
     reasons = reasons_of(dataset, values)
     for name in sorted(set(reasons[reasons != ""].tolist())):
         _hatch(axis, x.values, y.values, reasons == name, name)
@@ -87,13 +104,13 @@ def _one_colour(colour: str) -> Any:
     return ListedColormap([colour])
 
 
-def heat_map(dataset: xarray.Dataset, quantity: str) -> Any:
-    """Colours over the two dimensions of a map."""
+def heat_map(dataset: xarray.Dataset, quantity: str, level: float | None = None) -> Any:
+    """Colours over the two dimensions of a map, with a line at a level of the quantity."""
     flat = squeezed(dataset, quantity, 2, "heat map")
     figure = new_figure()
     axis = figure.subplots()
     mesh, reasons = _cells(
-        axis, flat, quantity, colour_norm(np.asarray(flat[quantity].values, float))
+        axis, flat, quantity, colour_norm(np.asarray(flat[quantity].values, float)), level
     )
     figure.colorbar(mesh, ax=axis, label=wrapped(flat[quantity]))
     axis.set_title(title_of(flat))

@@ -21,8 +21,9 @@ __all__ = ["KINDS", "draw_map", "heat_map", "histogram", "line", "points", "slic
 
 
 def draw_map(
-    dataset: xarray.Dataset, quantity: str, kind: str = "auto", *, by: str | None = None
-) -> Any:
+    dataset: xarray.Dataset, quantity: str, kind: str = "auto", *, by: str | None = None,
+    level: float | None = None,
+) -> Any:  # fmt: skip
     """Draw a map in the way that suits its dimensions, or in a given one.
 
     Parameters
@@ -36,6 +37,9 @@ def draw_map(
         histogram for more and for random postures.
     by : str, optional
         For "violin" and "slices": the axis, joint or direction along which the map is cut.
+
+    level : float, optional
+        For heat maps: a value of the quantity, in its unit, at which a line is drawn.
 
     Returns
     -------
@@ -62,6 +66,8 @@ def draw_map(
         raise UnknownNameError("kind of picture", kind, KINDS)
     if by is not None and kind in ("violin", "slices"):
         return KINDS[kind](dataset, quantity, by)
+    if level is not None and kind == "heat":
+        return heat_map(dataset, quantity, level)
     return KINDS[kind](dataset, quantity)
 
 

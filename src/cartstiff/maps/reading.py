@@ -21,6 +21,7 @@ __all__ = [
     "best_branch",
     "blocks",
     "branches_found",
+    "share_within",
     "slice_map",
     "state_names",
     "summary",
@@ -198,6 +199,43 @@ def slice_map(dataset: xarray.Dataset, **at: float) -> xarray.Dataset:
                 got=f"{value:g}",
             )
     return dataset.isel({n: int(np.abs(dataset[n].values - v).argmin()) for n, v in at.items()})
+
+
+def share_within(
+    dataset: xarray.Dataset, name: str, limit: float, below: bool = True
+) -> dict[str, float]:
+    """How much of what a map reaches keeps a quantity on one side of a limit.
+
+    At a place with several branches the best one counts.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        From `open_map`, or a slice of it.
+    name : str
+        The quantity.
+    limit : float
+        In its unit.
+    below : bool
+        Whether below the limit counts, or above it.
+
+    Returns
+    -------
+    dict of str to float
+        "reached": postures or places that have a number; "within": those inside the limit, which
+        belongs to it; "share": one over the other, 0 where nothing is reached.
+
+    Raises
+    ------
+    UnknownNameError
+        For a quantity that the map does not hold.
+    """
+    quantity_of(dataset, name)
+    values = np.asarray(best_branch(dataset, name)[name].values, float)
+    known = values[np.isfinite(values)]
+    within = int((known <= limit if below else known >= limit).sum())
+    return {"limit": limit, "reached": int(known.size), "within": within,
+            "share": within / known.size if known.size else 0.0}  # fmt: skip
 
 
 def best_branch(dataset: xarray.Dataset, quantity: str) -> xarray.Dataset:

@@ -36,6 +36,12 @@ def describe_map(answer: Mapping[str, Any]) -> str:
             ],
         ),
     ]  # fmt: skip
+    for which in ("below", "above"):
+        if (found := answer.get(which)) is not None:
+            unit = answer["quantities"][found["quantity"]]["unit"]
+            lines += ["", f"{found['quantity']} {which} {number(found['limit'])} {unit}: "
+                      f"{100 * found['share']:.1f} % of what is reached ({found['within']} of "
+                      f"{found['reached']})"]  # fmt: skip
     for which in ("best", "worst"):
         for name, rows in answer.get(which, {}).items():
             unit = answer["quantities"][name]["unit"]
