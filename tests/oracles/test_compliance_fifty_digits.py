@@ -266,6 +266,11 @@ def test_principal_values_over_forty_decades(joints, loaded, distance):
             assert found == pytest.approx(expected[freedom, others], rel=known)
             back = answer["ellipsoids"]["compliance"][freedom][others]["eigenvalues"]
             assert back == pytest.approx(1 / np.array(found[::-1]), rel=1e-12)
+    # What only K is read for says how much K knows.
+    told = [n["values"] for n in answer["notes"] if n["code"] == "lost-digits"]
+    spread = 1e-16 * expected["all"][-1] / expected["all"][0]
+    assert told or spread < 1e-6
+    assert all("eigenscrews" in n["sections"] for n in told)
     names = ("translation_held_min", "translation_held_max", "rotation_held_min",
              "translation_free_max", "minimum", "condition", "unstable_directions")  # fmt: skip
     settings = Settings("B", length)

@@ -44,6 +44,7 @@ from cartstiff.errors import UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.stiffness.in_frame import inverse_pair
+from cartstiff.stiffness.posture_notes import error_of_soft_directions
 
 __all__ = ["summarise"]
 
@@ -155,6 +156,8 @@ def summarise(
             else "neither stiffness nor compliance exists here"
         )
         notes.add(UndefinedError(reason, code="no-stiffness"), "stiffness")
+    if K is not None and C is not None:
+        _tell_lost_digits(K, C, notes)
     metric = ("length", length_metric(scale.value))
     if mass is not None and inertia is not None:
         metric = ("inertia", inertia_metric(mass, inertia, mass_centre))
@@ -192,6 +195,21 @@ def _chosen(stiffness: Mapping[str, ArrayLike | None], connection: str | None) -
         return connection if stiffness[connection] is not None else None
     names = [n for n in (*_PREFERRED, *stiffness) if stiffness.get(n) is not None]
     return names[0] if names else None
+
+
+def _tell_lost_digits(K: Array, C: Array, notes: Notes) -> None:
+    """Note what is read from a stiffness matrix alone that does not hold all of its digits."""
+    error = error_of_soft_directions(K, C)
+    if not error > numerics.TELLING:
+        return
+    known = f"to a relative error of about {error:.1g}" if error < 1.0 else "not at all"
+    reason = (
+        "they are read from the stiffness matrix alone, whose digits hold the softer directions "
+        f"{known}"
+    )
+    found = {"matrix": "stiffness", "relative_error": error, "sections": list(_OF_K_ALONE)}
+    what = "centres but that of compliance, normal form, screws, compliant axes, springs"
+    notes.add(UndefinedError(reason, code="lost-digits", values=found), what)
 
 
 def _moved(
@@ -268,6 +286,11 @@ def _screw(screw: Screw) -> dict[str, Any]:
     return {"direction": screw.direction, "point": screw.point, "pitch": screw.pitch}
 
 
+#: Sections that only the stiffness matrix is read for.
+_OF_K_ALONE = (
+    "centres", "normal_form", "decoupling_frame", "eigenscrews", "wrench_compliant_axes",
+    "synthesis",
+)  # fmt: skip
 _OF_STIFFNESS = (
     "definiteness",
     "centres",

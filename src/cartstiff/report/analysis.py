@@ -66,7 +66,7 @@ def summary_text(
     lines += deflection_lines(summary.get("deflection"), u, full)
     lines += uncertainty_lines(summary.get("uncertainty"), u, full)
     if summary["notes"]:
-        lines += ["", "does not exist here"]
+        lines += ["", "does not exist here, or not to all digits"]
         lines += [f"  {note['message']} [{note['code']}]" for note in summary["notes"]]
     return joined(line[:1].upper() + line[1:] for line in lines) + "\n"
 

@@ -12,7 +12,9 @@ from cartstiff.mechanisms.limits import limit_notes
 from cartstiff.mechanisms.weighed import weighed
 from cartstiff.stiffness.reduction import Reduction
 
-__all__ = ["near_serial", "near_type_2", "notes_on_digits", "notes_on_posture"]
+__all__ = [
+    "error_of_soft_directions", "near_serial", "near_type_2", "notes_on_digits", "notes_on_posture",
+]  # fmt: skip
 
 
 def notes_on_posture(
@@ -57,7 +59,7 @@ def notes_on_digits(
             )
         )
     if K is not None and compliance is not None:
-        error = _error_of_soft_directions(K, compliance.matrix)
+        error = error_of_soft_directions(K, compliance.matrix)
         if error > numerics.TELLING:
             is_near = numerics.ratio(reduction.singular_values) < numerics.NEAR
             words = "so near to a singularity" if is_near else "with springs so far apart"
@@ -86,7 +88,7 @@ def notes_on_digits(
     return notes
 
 
-def _error_of_soft_directions(K: Array, C: Array) -> float:
+def error_of_soft_directions(K: Array, C: Array) -> float:
     """Relative error of what the digits of K say about its softest direction."""
     error = numerics.error_of_inverting(K, C)
     if error == error:
