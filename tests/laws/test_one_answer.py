@@ -261,7 +261,9 @@ def check_posture(name, load, distance, decades, seed):
         rest = (C * np.outer(size, size)) @ (K / np.outer(size, size)) - np.eye(6)
         known = max(_promised(result, "stiffness"), _promised(result, "compliance"))
         scale = np.abs(C * np.outer(size, size)).max()
-        assert np.abs(rest).max() <= max(1e-11 * scale, 10.0 * known), "K C = 1"
+        # An error of C is one of its largest entries, which K multiplies.
+        lost = _promised(result, "compliance") * scale
+        assert np.abs(rest).max() <= max(1e-11 * scale, 10.0 * known, lost), "K C = 1"
     # 3. Maps.
     at_origin = result
     if load not in ("none", "spring"):
@@ -280,7 +282,9 @@ def check_posture(name, load, distance, decades, seed):
     else:
         expected = at_origin.tangent_compliance
         missed = np.abs(arrays["compliance_load"] - expected).max() / np.abs(expected).max()
-        assert missed <= max(1e-10, 10.0 * lost)
+        # A wrench near a type-2 singularity fixes tensions as far as the lines are known.
+        near = 1e-15 / distance if name == "platform" else 0.0
+        assert missed <= max(1e-10, 10.0 * lost, near)
     assert np.isfinite(arrays["stiffness_load"]).all() == (at_origin.tangent is not None)
     if not many.is_regular[1]:
         state = many.codes[many.state[1]]

@@ -107,8 +107,11 @@ class FreeMotions:
         See `cartstiff.graded`. With another Hessian (n, n) that one instead of H; with `symmetric`
         only the symmetric part of what is inverted counts.
         """
-        if self._apart is not None:
-            return self._apart.root(change, other, symmetric)
+        if (
+            self._apart is not None
+            and (root := self._apart.root(change, other, symmetric)) is not None
+        ):
+            return root
         J, H = self.jacobian, self.hessian
         if other is not None:
             H = self._in_basis(other)[0]
@@ -128,10 +131,6 @@ class FreeMotions:
         if other is not None:
             H[count], loss = self._in_basis(other)
         inverses, errors = numerics.invert_each(H)
-        if max(errors) > numerics.TELLING and self._apart is not None:
-            inverses, errors = self._apart._inverses(changes, other)
-            basis, own = self._apart.jacobian, self._apart.error
-            return basis @ inverses @ basis.T, [error + own for error in errors]
         if other is not None and loss > errors[count]:
             errors[count] = loss if loss < numerics.EPSILON * numerics.INVERTIBLE else np.inf
         # A bound on what is added up alone tells but for rare cases.
@@ -142,7 +141,22 @@ class FreeMotions:
             terms = self._terms + np.abs(J.T) @ each @ np.abs(J)
             idle = (np.abs(H[:count]) <= numerics.IDLE * terms).all(axis=1).any(axis=1)
             errors[:count] = np.where(idle, np.inf, errors[:count]).tolist()
+        if max(errors) > numerics.TELLING and self._apart is not None:
+            return self._better(inverses, errors, changes, other, self._apart)
         return inverses, errors
+
+    @staticmethod
+    def _better(
+        inverses: Array, errors: list[float], changes: Array, other: Array | None,
+        apart: FreeMotions,
+    ) -> tuple[Array, list[float]]:  # fmt: skip
+        """Of each inverse that which has more digits: by these motions, or by springs apart."""
+        found, own = apart._inverses(changes, other)
+        own = [error + apart.error for error in own]
+        back = apart.jacobian @ found @ apart.jacobian.T
+        best = [min(each) for each in zip(errors, own, strict=True)]
+        chosen = np.array([a <= b for a, b in zip(own, errors, strict=True)])
+        return np.where(chosen[:, None, None], back, inverses), best
 
     def _in_basis(self, other: Array) -> tuple[Array, float]:
         """Another Hessian (n, n) on the motions, and the relative error that it has there."""

@@ -93,10 +93,10 @@ def error_of_soft_directions(K: Array, C: Array) -> float:
     error = numerics.error_of_inverting(K, C)
     if error == error:
         return error
-    found = numerics.invert(K)
-    if found is not None:
-        return found.error
-    return numerics.EPSILON * float(numerics.pair_conditions(K[None], C[None])[0])
+    # By way of the inverse that is known: that of rounded digits may look harmless.
+    s = numerics.equilibration(K)
+    sizes = s[:, None] * s
+    return numerics.EPSILON * float(np.linalg.norm(K / sizes) * np.linalg.norm(C * sizes))
 
 
 def near_serial(posture: MechanismPosture, values: Array) -> list[Note]:
