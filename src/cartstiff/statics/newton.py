@@ -4,8 +4,9 @@ With an energy: step -|H_N|^-1 g_N (eigenvalues by their absolute value, so that
 down), a cap on its size in natural units, pulled back onto the constraints, accepted when the
 energy falls enough [NocedalWright]_; where rounding hides the energy's fall, when the residual
 falls. Without an energy: step -H_N^-1 g_N on the unsymmetric tangent, accepted when the residual
-falls. Limits touched on the way join the constraints; those that pull are let go. Every loop is
-bounded.
+falls. A full step that is refused is followed for a few more before it is shortened: a watchdog, as
+stiff springs otherwise stop soft motions ([NocedalWright]_, section 15.6). Limits touched on the
+way join the constraints; those that pull are let go. Every loop is bounded.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ _ITERATIONS = 200
 _HALVINGS = 30
 # Steps without the residual being halved after which forces without energy are given up.
 _PATIENCE = 40
+# Steps after a refused one in which stiff springs are to come back.
+_FOLLOWED = 3
 _CAP, _LARGEST_CAP, _LARGEST_TURN = 0.3, 1e18, 1.0
 _SUFFICIENT = 1e-4
 # The energy's fall is trusted down to this share of the energies added up.
@@ -210,7 +213,38 @@ class _Iteration:
                     self.point, self.balance = point, balance
                     return True
                 self.contacts = old
+            whole = halving == 0 and share == 1.0 and contacts == self.contacts
+            if whole and self._followed(point, fall, fuzzy):
+                return True
             t *= 0.5
+        return False
+
+    def _followed(self, trial: Point, fall: float, fuzzy: float) -> bool:
+        """Follow a step that was refused; False, and nothing done, if that leads up as well.
+
+        What a soft motion does to a stiff spring to second order may be more than it gains, and
+        would stop every step but the shortest; the next step takes it back.
+        """
+        start, before, energy = (self.point, self.balance), self.balance, self.point.evaluation
+        try:
+            self.point, self.balance = trial, self._balanced(trial)
+            for _ in range(_FOLLOWED):
+                step, _ = self._direction()
+                largest = float(np.abs(step).max(initial=0.0))
+                turning = self.system.turning(self.point.posture, step)
+                t = min(1.0, self.cap / max(largest, 1e-300), _LARGEST_TURN / max(turning, 1e-300))
+                found = self._trial(t * step) if np.isfinite(t * largest) else None
+                if found is None or found[1] != self.contacts:
+                    break
+                self.point, self.balance = found[0], self._balanced(found[0])
+                gained = energy.energy - self.point.evaluation.energy
+                if gained >= fall and gained > fuzzy:
+                    return True
+                if self.balance.miss <= (1.0 - _SUFFICIENT) * before.miss:
+                    return True
+        except (ConvergenceError, np.linalg.LinAlgError):
+            pass
+        self.point, self.balance = start
         return False
 
     def _trial(self, step: Array) -> tuple[Point, tuple[Contact, ...], float] | None:

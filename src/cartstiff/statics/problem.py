@@ -30,6 +30,7 @@ from cartstiff.potentials.contract import Evaluation, Map, Potential
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.held import Held
 from cartstiff.statics.limits import Contact, constraint, sizes
+from cartstiff.stiffness.springs_apart import ByLengths, by_lengths
 
 __all__ = ["Balance", "Point", "System", "spectrum"]
 
@@ -38,6 +39,8 @@ __all__ = ["Balance", "Point", "System", "spectrum"]
 ROUNDINGS = 8.0
 #: Largest move of one step onto the constraints, in natural units, and how many are tried.
 _PULL, _PULLS = 0.2, 100
+# Ratio of stiffnesses from which on those of legs are kept apart.
+_FAR = 1e8
 # Stiff joints still move by this share of what soft ones do, so that ranks stay visible.
 _LEAST_EASE = 1e-7
 
@@ -95,6 +98,8 @@ class Balance:
     hardness : ndarray (f,)
         The size that H_N is judged against, motion by motion: stiffnesses that act there, at least
         what the rounding of the stiffest leaves.
+    is_skewed : bool
+        Whether the columns of `free` are not at right angles to each other, of length 1.
     """
 
     free: Array | None
@@ -104,6 +109,7 @@ class Balance:
     acting: Array
     rounding: Array
     hardness: Array
+    is_skewed: bool = False
 
     @property
     def unbalanced(self) -> Array:
@@ -255,7 +261,11 @@ class System:
             forces = forces + np.abs(A.T @ carried)
             lam = carried / units
             H = H + to_constraints.curvature(lam) * columns[:, None] * columns
-        if N is None and self._are_apart(point.posture):
+        legs = None if found is not None else self._by_lengths(point)
+        if legs is not None:
+            N, H, hardness = legs.motions, legs.stiffness, legs.terms
+            g, forces, own = N.T @ g, np.abs(N.T) @ forces, np.diag(legs.terms)
+        elif N is None and self._are_apart(point.posture):
             hardness = point.hardness
             own = np.diag(hardness)
         else:
@@ -272,7 +282,21 @@ class System:
         rounding = ROUNDINGS * EPSILON * (
             hardness.sum(axis=1) * reach + float(point.forces.max(initial=0.0))
         )  # fmt: skip
-        return Balance(N, lam, g, H, forces, rounding, own)
+        return Balance(N, lam, g, H, forces, rounding, own, legs is not None)
+
+    def _by_lengths(self, point: Point) -> ByLengths | None:
+        """Motions of a body on lines by their lengths, where stiff lines would hide soft ones."""
+        parts = self.elastic.line_springs_apart(point.posture)
+        if parts is None:
+            return None
+        lines, k, rest = parts
+        least = float(k.min())
+        if not 0.0 < least * _FAR < float(k.max()):
+            return None
+        for load in self.loads:
+            rest = rest + load.evaluate(point.posture).hessian
+        columns = point.posture.coordinate_lengths
+        return by_lengths(lines * columns, k, rest * columns * columns[:, None])
 
     def _are_apart(self, posture: MechanismPosture) -> bool:
         """Whether each coordinate has its own spring: then coordinates are motions to judge."""
@@ -353,6 +377,15 @@ class System:
 def spectrum(balance: Balance, conservative: bool) -> Array:
     """Eigenvalues of H_N by increasing real part; without a potential they may be complex."""
     stiffness = balance.stiffness
+    if balance.is_skewed and balance.free is not None:
+        if conservative:
+            root = graded.root_of_compliance(balance.free, 0.5 * (stiffness + stiffness.T))
+            if root is not None:
+                return graded.eigenvalues(root)
+        back = np.linalg.inv(balance.free)
+        stiffness = back.T @ stiffness @ back
+        if conservative:
+            return eigenvalues(stiffness)
     if conservative:
         inverse = invert(0.5 * (stiffness + stiffness.T), np.sqrt(balance.hardness))
         if inverse is None:

@@ -12,14 +12,17 @@ which never adds a stiff spring to a soft one.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from cartstiff import numerics
+from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.stiffness.free_motions import FreeMotions
 
-__all__ = ["springs_apart"]
+__all__ = ["ByLengths", "by_lengths", "springs_apart"]
 
 
 def springs_apart(elastic: ElasticMechanism, posture: MechanismPosture) -> FreeMotions | None:
@@ -37,19 +40,46 @@ def springs_apart(elastic: ElasticMechanism, posture: MechanismPosture) -> FreeM
         return None
     lines, k, rest = parts
     natural = np.repeat([1.0, posture.length], 3)
-    scaled = lines * natural
-    if len(k) < 6 or not numerics.is_regular(np.linalg.svd(scaled, compute_uv=False)):
+    found = by_lengths(lines * natural, k, rest * natural * natural[:, None])
+    if found is None:
         return None
-    leading = numerics.first_independent(scaled.T * np.sqrt(k))
+    motions = natural[:, None] * found.motions
+    return FreeMotions(
+        motions, found.stiffness, lambda: found.terms, lambda: float(np.abs(found.terms).max()),
+        motions, numerics.is_symmetric(rest), springs=(lines, k),
+        error=numerics.EPSILON * found.condition,
+    )  # fmt: skip
+
+
+class ByLengths(NamedTuple):
+    """Motions B (6, 6) by lengths of lines, the stiffness on them, and what it is the sum of.
+
+    `condition` is that of the lines that lead.
+    """
+
+    motions: Array
+    stiffness: Array
+    terms: Array
+    condition: float
+
+
+def by_lengths(lines: Array, k: Array, rest: Array) -> ByLengths | None:
+    """``diag(k) + B^T (sum k g g^T + R) B`` of this module; None for dependent lines.
+
+    Parameters
+    ----------
+    lines, k, rest : ndarray (m, 6), (m,), (6, 6)
+        Lines, their stiffnesses, and R, for motions of one unit.
+    """
+    if len(k) < 6 or not numerics.is_regular(np.linalg.svd(lines, compute_uv=False)):
+        return None
+    leading = numerics.first_independent(lines.T * np.sqrt(k))
     others = np.delete(np.arange(len(k)), leading)
-    motions = natural[:, None] * np.linalg.inv(scaled[leading])
+    motions = np.linalg.inv(lines[leading])
     along = lines[others] @ motions
     added = (along.T * k[others]) @ along
+    own = np.diag(k[leading])
     turned = motions.T @ rest @ motions
-    hessian = np.diag(k[leading]) + added + turned
-    terms = np.diag(k[leading]) + np.abs(added) + np.abs(motions.T) @ np.abs(rest) @ np.abs(motions)
-    return FreeMotions(
-        motions, hessian, lambda: terms, lambda: float(np.abs(terms).max()), motions,
-        numerics.is_symmetric(rest), springs=(lines, k),
-        error=numerics.EPSILON * float(np.linalg.cond(scaled[leading])),
-    )  # fmt: skip
+    terms = own + np.abs(added) + np.abs(motions.T) @ np.abs(rest) @ np.abs(motions)
+    condition = float(np.linalg.cond(lines[leading]))
+    return ByLengths(motions, own + added + turned, terms, condition)
