@@ -66,6 +66,8 @@ class Path:
         return self.order[:, None], self.order[None, :]
 
 
+# Indices below the diagonal, by size.
+_BELOW: dict[int, tuple[NDArray[np.intp], NDArray[np.intp]]] = {}
 #: Of a tree. Pinocchio's workspace grows with their cube: 200 take 0.3 GB, 600 take 7 GB.
 MOST_COORDINATES = 200
 
@@ -292,8 +294,11 @@ class TreeState:
         """Masses' matrix (n, n): kinetic energy ``1/2 dq^T M dq``."""
         model = self.tree.model
         with self.tree.workspace() as data:
-            upper = np.triu(pin.crba(model, data, self.q))
-        full = upper + np.triu(upper, 1).T
+            full = np.array(pin.crba(model, data, self.q))  # only its upper triangle
+        n = model.nv
+        if n not in _BELOW:
+            _BELOW[n] = np.tril_indices(n, -1)
+        full[_BELOW[n]] = full.T[_BELOW[n]]
         return full if (M := self.tree.mimic) is None else np.asarray(M.T @ full @ M)
 
     def momentum(self) -> tuple[Array, float, Array]:

@@ -12,7 +12,7 @@ moves the stiffness: modes belong to one load, which every result names.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from html import escape
 from typing import Any, Literal
@@ -49,8 +49,6 @@ class Modes:
         The mechanism with the rest positions that were used.
     posture : MechanismPosture
         Where it rests.
-    load : mapping
-        What acted: kind, point, wrench in the body frame, and words.
     basis : ndarray (n, f)
         Motions that the constraints leave, as coordinate rates; spectrum and matrices are on them.
     stiffness, mass : ndarray (f, f)
@@ -63,13 +61,12 @@ class Modes:
 
     elastic: ElasticMechanism
     posture: MechanismPosture
-    load: Mapping[str, Any]
     basis: Array
     stiffness: Array
     mass: Array
     spectrum: Spectrum
     result: PostureStiffness | None = None
-    _told: tuple[Note, ...] = ()
+    _rest: tuple[Mapping[str, Any], tuple[Note, ...]] | None = None
 
     def __repr__(self) -> str:
         shown = ", ".join("unstable" if f is None else f"{f:.4g}" for f in self._plain_frequencies)
@@ -82,6 +79,18 @@ class Modes:
 
     def _repr_html_(self) -> str:
         return f"<pre>{escape(repr(self))}</pre>"
+
+    @cached_property
+    def _said(self) -> tuple[Mapping[str, Any], tuple[Note, ...]]:
+        """The load and the notes of the rest state, found when they are read."""
+        if self._rest is not None or self.result is None:
+            return self._rest or ({}, ())
+        return _load_and_notes(self.result)
+
+    @property
+    def load(self) -> Mapping[str, Any]:
+        """What acted: kind, point, wrench in the body frame, and words."""
+        return self._said[0]
 
     # -- frequencies and shapes -------------------------------------------------------------
 
@@ -187,7 +196,7 @@ class Modes:
     @cached_property
     def notes(self) -> tuple[Note, ...]:
         """What was assumed and found."""
-        return (*self._told, *notes_on_masses(self.elastic), *self._states())
+        return (*self._said[1], *notes_on_masses(self.elastic), *self._states())
 
     def _states(self) -> list[Note]:
         notes: list[Note] = []
@@ -364,7 +373,9 @@ def _at_rest(state: Equilibrium) -> Modes:
         "words": "at rest under its loads" if state.loads else "at rest, no load",
     }  # fmt: skip
     elastic = state.elastic.with_potential(*state.loads)
-    return _solved(elastic, posture, load, basis, balance.stiffness, sizes, terms, units, told)
+    return _solved(
+        elastic, posture, basis, balance.stiffness, sizes, terms, units, rest=(load, told)
+    )
 
 
 def _held_at(result: PostureStiffness) -> Modes:
@@ -383,6 +394,13 @@ def _held_at(result: PostureStiffness) -> Modes:
     K, size = basis.T @ H @ basis, np.abs(basis).T @ terms @ np.abs(basis)
     if not (result.energy != result.energy or not _is_symmetric(D)):
         K = 0.5 * (K + K.T)
+    elastic = result.elastic
+    return _solved(elastic, posture, basis, K, size, elastic.terms(), elastic.units, result=result)
+
+
+def _load_and_notes(result: PostureStiffness) -> tuple[Mapping[str, Any], tuple[Note, ...]]:
+    """What held a posture, and what its analysis says."""
+    W = np.zeros(6) if result.wrench is None else result.wrench
     loaded = result.is_loaded
     load = {
         "kind": result.load.kind, "at": list(result.load.at),
@@ -399,11 +417,7 @@ def _held_at(result: PostureStiffness) -> Modes:
             f"{result.load.kind} load that holds the posture",
             {"wrench": W.tolist()},
         ))  # fmt: skip
-    elastic = result.elastic
-    found = _solved(
-        elastic, posture, load, basis, K, size, elastic.terms(), elastic.units, tuple(told)
-    )
-    return replace(found, result=result)
+    return load, tuple(told)
 
 
 def stiffness_under_load(result: PostureStiffness) -> tuple[Array, Array]:
@@ -443,9 +457,10 @@ def _is_symmetric(D: Array) -> bool:
 
 
 def _solved(
-    elastic: ElasticMechanism, posture: MechanismPosture, load: Mapping[str, Any], basis: Array,
-    stiffness: Array, terms: Array, potentials: Sequence[Potential], units: Units,
-    told: tuple[Note, ...],
+    elastic: ElasticMechanism, posture: MechanismPosture, basis: Array, stiffness: Array,
+    terms: Array, potentials: Sequence[Potential], units: Units,
+    result: PostureStiffness | None = None,
+    rest: tuple[Mapping[str, Any], tuple[Note, ...]] | None = None,
 ) -> Modes:  # fmt: skip
     full = kinetic_matrix(posture, potentials, units)
     mass = None if full is None else basis.T @ full @ basis
@@ -464,4 +479,4 @@ def _solved(
             code="massless-free-motion",
             values={"shapes": (basis @ found.loose).T.tolist()},
         )
-    return Modes(elastic, posture, load, basis, stiffness, mass, found, None, told)
+    return Modes(elastic, posture, basis, stiffness, mass, found, result, rest)
