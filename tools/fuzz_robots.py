@@ -183,7 +183,7 @@ def _against_mujoco(rng: random.Random) -> str:
     from tools import mjcf_against_mujoco as tool
 
     from cartstiff.cli.main import main  # noqa: F401  (its imports are not the input's)
-    from cartstiff.loading import mjcf
+    from cartstiff.loading.mjcf import reading as mjcf
 
     text = tool.mutant(rng) if rng.random() < 0.6 else nudged_xml(rng, mjcf_text(rng)).decode()
     Path("r.xml").write_text(text, encoding="utf-8")

@@ -10,7 +10,7 @@ import pytest
 
 import cartstiff
 from cartstiff.errors import CartstiffError, InputError, UnknownNameError
-from cartstiff.loading.schema import read_mechanism_file
+from cartstiff.loading.mechanism_file import read_mechanism_file
 from cartstiff.loading.yaml_file import read_yaml
 
 GOOD = [0.1, -1.0, 1.2, 0.3, 0.9, 0.2]

@@ -248,7 +248,7 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
 
 def keys() -> list[str]:
     """All keys of all models that stand in files, as Model.key."""
-    models: list[type[BaseModel]] = [schema._Model]
+    models: list[type[BaseModel]] = [schema.FileModel]
     found = []
     while models:
         model = models.pop()

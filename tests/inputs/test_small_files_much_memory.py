@@ -100,12 +100,12 @@ def test_the_limits_are_those_of_the_reference():
     from cartstiff.cli import map_options, path, target_file
     from cartstiff.loading import (
         csv_file,
-        mjcf_data,
-        mjcf_worker,
         robot_description,
         urdf,
         yaml_file,
     )
+    from cartstiff.loading.mjcf import compiled as mjcf_data
+    from cartstiff.loading.mjcf import worker as mjcf_worker
     from cartstiff.maps import sampling, store
     from cartstiff.mechanisms import chain, tree
     from cartstiff.page import export, state

@@ -12,8 +12,9 @@ from tests.inputs.mjcf_tool import SEEDS, compile_here, mutant, verdict
 
 from cartstiff import analyse, load
 from cartstiff.errors import InputError, MissingDependencyError
-from cartstiff.loading import mjcf, mjcf_data
-from cartstiff.loading.parts import ASSUMED_STIFFNESS
+from cartstiff.loading.mjcf import compiled as mjcf_data
+from cartstiff.loading.mjcf import reading as mjcf
+from cartstiff.loading.springs import ASSUMED_STIFFNESS
 
 # Central differences of forces known to 1e-16: step^2 and 1e-16 / step, with margin.
 STEP = 1e-6
@@ -405,7 +406,7 @@ def test_without_mujoco_one_line_says_what_to_install(tmp_path, monkeypatch):
 def test_a_compiler_that_breaks_down_is_an_answer(tmp_path, monkeypatch):
     path = arm(tmp_path)
     worker = tmp_path / "worker.py"
-    monkeypatch.setattr(mjcf_data.mjcf_worker, "__file__", str(worker))
+    monkeypatch.setattr(mjcf_data.worker, "__file__", str(worker))
     for body, words in (
         ("import os; os.abort()", "signal SIGABRT"),
         ("import os, signal; os.kill(os.getpid(), signal.SIGXCPU)", "took too long"),

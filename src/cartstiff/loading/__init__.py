@@ -224,13 +224,12 @@ def _from_robot(model: str, name: str, given: dict[str, Any]) -> ElasticMechanis
 def _from_file(path: Path, given: dict[str, Any]) -> ElasticMechanism:
     from cartstiff.loading import build, build_closed
     from cartstiff.loading.findings import with_findings
+    from cartstiff.loading.mechanism_file import located, read_mechanism_file
     from cartstiff.loading.schema import (
         ParallelFile,
         PlatformFile,
         SerialFile,
         SpringsFile,
-        located,
-        read_mechanism_file,
     )
 
     file, lines = read_mechanism_file(path)

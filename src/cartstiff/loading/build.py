@@ -17,12 +17,8 @@ from cartstiff.loading.parts import (
     described,
     description_notes,
     gravity_left_out,
-    link_springs,
-    pose_of,
     put_together,
-    springs_of,
     tree_to,
-    virtual_joints,
 )
 from cartstiff.loading.regular_posture import regular_posture
 from cartstiff.loading.robot_description import RobotDescription
@@ -35,7 +31,9 @@ from cartstiff.loading.schema import (
     PoseModel,
     SerialFile,
     SpringsFile,
+    pose_of,
 )
+from cartstiff.loading.springs import link_springs, springs_of, virtual_joints
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Units
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note

@@ -11,19 +11,15 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.assembly import leg_at_pose
 from cartstiff.loading.defaults import chosen_frame, default_posture
-from cartstiff.loading.mjcf_facts import Lifted, MjcfClosure, MjcfFacts, MjcfSpring
+from cartstiff.loading.mjcf.facts import Lifted, MjcfClosure, MjcfFacts, MjcfSpring
 from cartstiff.loading.parts import (
     add_payload,
     described,
     description_notes,
     gravity_left_out,
     joints_that_move,
-    link_springs,
-    pose_of,
     put_together,
-    springs_of,
     tree_to,
-    virtual_joints,
 )
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.schema import (
@@ -32,7 +28,9 @@ from cartstiff.loading.schema import (
     JointSpringModel,
     LegModel,
     ParallelFile,
+    pose_of,
 )
+from cartstiff.loading.springs import link_springs, springs_of, virtual_joints
 from cartstiff.mechanisms.chain import Chain, Closure, Description
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.tree import KinematicTree, Placement

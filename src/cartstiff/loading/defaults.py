@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.mjcf_facts import MjcfFacts
+from cartstiff.loading.mjcf.facts import MjcfFacts
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.mechanisms.elastic import Note
 from cartstiff.mechanisms.tree import KinematicTree

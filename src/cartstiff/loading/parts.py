@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from cartstiff.errors import InputError, UndefinedError, UnknownNameError, one_line
-from cartstiff.geometry import se3
+from cartstiff.errors import InputError, UnknownNameError, one_line
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.catalogue import example_robot
-from cartstiff.loading.mjcf_facts import Lifted, MjcfFacts, Obstacle
+from cartstiff.loading.mjcf.facts import Lifted, Obstacle
 from cartstiff.loading.robot_description import (
     RobotDescription,
     described_text,
@@ -22,55 +21,34 @@ from cartstiff.loading.robot_description import (
 )
 from cartstiff.loading.ros import ROBOT_FILES, Ros, described_robot, is_description_name
 from cartstiff.loading.schema import (
-    BeamModel,
     ClosedChainFile,
     FlexibleModel,
     JointSpringModel,
     LegModel,
-    LineModel,
     ParallelFile,
     PayloadModel,
-    PoseModel,
     SerialFile,
 )
+from cartstiff.loading.springs import extra_lines, give_of
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note, assumed_stiffness
-from cartstiff.mechanisms.flexible_links import Give
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.tree import KinematicTree
 from cartstiff.mechanisms.tree_building import find_frame, plain_tree
-from cartstiff.potentials.beams import Beam, Section
 from cartstiff.potentials.contract import Potential
-from cartstiff.potentials.line_springs import LineSprings, line_geometry
 from cartstiff.potentials.loads import DeadForce
 from cartstiff.potentials.springs import (
-    CoupledSprings,
     JointSprings,
-    PolynomialLaw,
-    SpringLaw,
-    TabulatedLaw,
 )
 
 __all__ = [
-    "ASSUMED_STIFFNESS",
     "add_payload",
     "described",
     "description_notes",
     "gravity_left_out",
     "joints_that_move",
-    "link_springs",
-    "pose_of",
     "put_together",
-    "springs_of",
     "tree_to",
 ]
-
-#: N m/rad (N/m) taken where nobody gave a joint stiffness; said in the notes.
-ASSUMED_STIFFNESS = 1.0e4
-
-
-def pose_of(model: PoseModel) -> Array:
-    """4x4 pose of a {xyz, rpy} entry."""
-    return se3.from_roll_pitch_yaw(model.xyz, model.rpy)
 
 
 def described(
@@ -98,82 +76,6 @@ def _from(beside: Path | None, name: str) -> Path:
     return path if beside is None or path.is_absolute() else beside / path
 
 
-def springs_of(
-    springs: Mapping[str, JointSpringModel],
-    passive: Sequence[str],
-    tree: KinematicTree,
-    facts: MjcfFacts,
-    where: str,
-    *,
-    virtual: Sequence[str] = (),
-    actuated: Sequence[str] | None = None,
-) -> tuple[JointSprings, list[Note]]:
-    """Joint springs of a file's entries; what is not given the MJCF file says, or is assumed.
-
-    In a closed chain (`actuated` is a sequence) joints that are not named are passive; virtual
-    joints of flexible links always are.
-    """
-    names = [c.name for c in tree.coordinates]
-    named_passive = set(passive)
-    if actuated is not None:
-        moved = set(springs) or set(actuated) or set(names)
-        passive = [*passive, *(n for n in names if n not in moved and n not in passive)]
-    passive = [*passive, *(n for n in virtual if n not in passive)]
-    for given, key in ((springs, "springs"), (passive, "passive")):
-        for name in given:
-            if name not in names:
-                raise UnknownNameError("joint", name, names, where=f"{where}, key {key}")
-    both = set(springs) & set(passive)
-    if both:
-        raise InputError(f"joint {min(both)!r} is passive and has a spring", where=where)
-    stiffness, rest = np.zeros(len(names)), np.full(len(names), np.nan)
-    laws: dict[int, SpringLaw] = {}
-    assumed: list[str] = []
-    unsprung: list[str] = []
-    for j, name in enumerate(names):
-        entry = springs.get(name)
-        if entry is not None:
-            if entry.rest is not None:
-                rest[j] = entry.rest
-            if entry.stiffness is not None:
-                stiffness[j] = entry.stiffness
-            elif entry.polynomial is not None:
-                laws[j] = PolynomialLaw(tuple(entry.polynomial))
-            elif entry.table is not None:
-                x, y = np.array(entry.table).T
-                laws[j] = TabulatedLaw(tuple(x.tolist()), tuple(y.tolist()))
-            if stiffness[j] == 0.0 and j not in laws:
-                rest[j] = 0.0 if entry.rest is None else entry.rest
-        elif name in facts.springs and name not in named_passive:
-            spring = facts.springs[name]
-            rest[j] = spring.rest
-            if len(spring.coefficients) > 1:
-                laws[j] = PolynomialLaw(spring.coefficients)
-            else:
-                stiffness[j] = spring.coefficients[0]
-        elif name in passive:
-            rest[j] = 0.0
-        elif name in facts.passive:
-            rest[j] = 0.0
-            unsprung.append(name)
-        elif springs or passive:
-            if springs:
-                raise InputError(
-                    f"joint {name!r} has no spring",
-                    where=where,
-                    expected="an entry under springs, passive or locked",
-                )
-            rest[j] = 0.0
-        else:
-            stiffness[j] = ASSUMED_STIFFNESS
-            assumed.append(name)
-    notes = [assumed_stiffness(ASSUMED_STIFFNESS, assumed, names)] if assumed else []
-    if unsprung:
-        words = f"joints without a spring in the file move freely: {', '.join(unsprung)}"
-        notes.append(Note("passive-joints", words, {"joints": unsprung}))
-    return JointSprings(stiffness, rest, laws), notes
-
-
 def add_payload(tree: KinematicTree, chain: Chain, payload: PayloadModel | None) -> None:
     """Hang a point mass on the body frame."""
     if payload is not None and payload.mass > 0 and chain.body.joint > 0:
@@ -191,7 +93,7 @@ def put_together(
     """A chain with its springs, soft links, and what else the file puts on it."""
     elastic = ElasticMechanism(name, chain, q, springs, notes=tuple(notes))
     elastic = elastic.with_gravity(file.gravity, where=f"{where}, key gravity")
-    potentials = [*soft, *_extra_lines(file.lines, chain, q)]
+    potentials = [*soft, *extra_lines(file.lines, chain, q)]
     if elastic.gravity is not None:
         potentials += [
             DeadForce(-part.mass * elastic.gravity, part.point, part.body)
@@ -290,86 +192,6 @@ def joint_indices(model: Any, names: Mapping[str, float], where: str) -> dict[in
     return found
 
 
-def _give(entry: FlexibleModel) -> Give:
-    start = pose_of(entry.offset)
-    if entry.beam is None:
-        return Give(start)
-    beam = entry.beam
-    own = None
-    if beam.density > 0.0:
-        own = beam.density * beam.area, beam.density * beam.Iy, beam.density * beam.Iz
-    return Give(start, beam.length, beam.segments, own)
-
-
-def virtual_joints(flexible: Mapping[str, FlexibleModel], prefix: str = "") -> list[str]:
-    """Names of the virtual joints of flexible links."""
-    return [
-        f"{prefix}{link}.{suffix}"
-        for link, entry in flexible.items()
-        for suffix, _, _ in _give(entry).joints
-    ]
-
-
-def link_springs(
-    flexible: Mapping[str, FlexibleModel], tree: KinematicTree, where: str, prefix: str = ""
-) -> list[Potential]:
-    """Springs over the virtual joints of flexible links, and beams."""
-    names = [c.name for c in tree.coordinates]
-    springs: list[Potential] = []
-    for link, entry in flexible.items():
-        indices = np.array([names.index(name) for name in virtual_joints({link: entry}, prefix)])
-        if entry.beam is not None:
-            springs.append(_beam(entry.beam, indices, prefix + link))
-            continue
-        K = np.array(entry.stiffness, float)
-        if np.abs(K - K.T).max() > 1e-9 * np.abs(K).max():
-            raise InputError(
-                "stiffness of a link must be symmetric", where=f"{where}, flexible {link}"
-            )
-        springs.append(CoupledSprings(indices, K[se3.SWAP][:, se3.SWAP], prefix + link))
-    return springs
-
-
-def _beam(beam: BeamModel, indices: Array, link: str) -> Beam:
-    along_y, along_z = (
-        np.inf if area is None else beam.G * area for area in (beam.shear_area_y, beam.shear_area_z)
-    )
-    section = Section(
-        beam.E * beam.area, beam.G * beam.J, (beam.E * beam.Iy, beam.E * beam.Iz),
-        (along_z, along_y),
-    )  # fmt: skip
-    mass = beam.density * beam.area * beam.length
-    return Beam(indices, beam.length / beam.segments, section, link, mass)
-
-
-def _extra_lines(lines: Sequence[LineModel], mechanism: Chain, q: Array) -> list[LineSprings]:
-    """Line springs and cables between points of named frames."""
-    found = []
-    for line in lines:
-        a, b = line.frames
-        T, _ = mechanism.at(q).relative(a, b)
-        ends = np.array([line.points[0]], float), np.array([line.points[1]], float)
-        try:
-            length = float(line_geometry(T, *ends).lengths[0])
-        except UndefinedError:
-            raise InputError(f"the line between {a!r} and {b!r} has zero length at q") from None
-        rest = line.rest_length
-        if rest is None:
-            rest = length - (line.preload or 0.0) / line.stiffness
-        found.append(
-            LineSprings(
-                frame_a=a,
-                frame_b=b,
-                anchors=ends[0],
-                points=ends[1],
-                stiffness=np.array([line.stiffness]),
-                rest_length=np.array([rest]),
-                unilateral=line.unilateral,
-            )
-        )
-    return found
-
-
 def tree_to(
     description: RobotDescription,
     frames: Sequence[str] | None,
@@ -427,7 +249,7 @@ def tree_to(
     for index, joint in enumerate(names):
         if index not in keep and joint in facts.posture:
             fixed.setdefault(index, facts.posture[joint])
-    soft = {name: _give(entry) for name, entry in (flexible or {}).items()}
+    soft = {name: give_of(entry) for name, entry in (flexible or {}).items()}
     planes = description.urdf.planar_axes
     tree = plain_tree(model, keep, fixed, soft, planes)
     if not follows:

@@ -20,8 +20,8 @@ from typing import Any
 import pinocchio as pin
 
 from cartstiff.errors import InputError, one_line
-from cartstiff.loading.mjcf import read_mjcf
-from cartstiff.loading.mjcf_facts import MjcfFacts
+from cartstiff.loading.mjcf.facts import MjcfFacts
+from cartstiff.loading.mjcf.reading import read_mjcf
 from cartstiff.loading.ros import Ros, expanded_xacro, is_xacro
 from cartstiff.loading.urdf import Mimic, UrdfFacts, prepare_urdf
 from cartstiff.loading.yaml_file import read_text

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,15 +12,15 @@ from pydantic import (
     Field,
     PlainValidator,
     TypeAdapter,
-    ValidationError,
     WithJsonSchema,
     WrapValidator,
     model_validator,
 )
 from pydantic_core import PydanticCustomError
 
-from cartstiff.errors import InputError, one_line
-from cartstiff.loading.yaml_file import LARGEST_NUMBER, Lines, read_yaml
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.loading.yaml_file import LARGEST_NUMBER
 
 __all__ = [
     "BeamModel",
@@ -45,7 +43,7 @@ __all__ = [
     "SpringsFile",
     "UnitsModel",
     "json_schema",
-    "read_mechanism_file",
+    "pose_of",
 ]
 
 _MOST = LARGEST_NUMBER
@@ -88,32 +86,32 @@ Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Vectors = Annotated[list[Vector], Field(min_length=1, max_length=100_000)]
 
 
-class _Model(BaseModel):
+class FileModel(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class PoseModel(_Model):
+class PoseModel(FileModel):
     """A pose by translation and roll, pitch, yaw about fixed axes (radians)."""
 
     xyz: Vector = [0.0, 0.0, 0.0]
     rpy: Vector = [0.0, 0.0, 0.0]
 
 
-class UnitsModel(_Model):
+class UnitsModel(FileModel):
     """Units of lengths and forces; angles are rad, masses kg, gravity m/s^2 in every file."""
 
     length: Literal["m", "dm", "cm", "mm", "um", "in", "ft"] = "m"
     force: Literal["N", "kN", "mN", "daN", "lbf", "kgf"] = "N"
 
 
-class PayloadModel(_Model):
+class PayloadModel(FileModel):
     """A point mass carried by the body."""
 
     mass: Annotated[NotNegative, Field(description="kg, whatever the units")]
     com: Annotated[Vector, Field(description="mass centre in the body frame M")] = [0.0, 0.0, 0.0]
 
 
-class BodyModel(_Model):
+class BodyModel(FileModel):
     """The platform's own mass, for vibrations and gravity."""
 
     mass: Annotated[NotNegative, Field(description="kg, whatever the units")]
@@ -130,7 +128,7 @@ class BodyModel(_Model):
 _PerLeg = NotNegative | Annotated[list[NotNegative], Field(min_length=1)]
 
 
-class LegMassModel(_Model):
+class LegMassModel(FileModel):
     """Two straight bars in each leg; each reaches from its joint to twice its centre's distance."""
 
     fixed: Annotated[_PerLeg, Field(description="kg, of the bar on the base's joint")] = 0.0
@@ -147,7 +145,7 @@ class LegMassModel(_Model):
 _RIGID = ("rigid", math.inf)
 
 
-class JointSpringModel(_Model):
+class JointSpringModel(FileModel):
     """A spring in a joint: one of stiffness, polynomial, table."""
 
     stiffness: Annotated[
@@ -181,7 +179,7 @@ class JointSpringModel(_Model):
         return self
 
 
-class BeamModel(_Model):
+class BeamModel(FileModel):
     """A straight beam along the link's x axis, from clamp to clamp; it feels its axial force."""
 
     E: Annotated[Positive, Field(description="Young's modulus")]
@@ -211,7 +209,7 @@ class BeamModel(_Model):
     ] = 0.0
 
 
-class FlexibleModel(_Model):
+class FlexibleModel(FileModel):
     """A link that gives: a 6x6 spring (order angular-linear) or a beam, at the link's frame."""
 
     stiffness: Annotated[
@@ -230,7 +228,7 @@ class FlexibleModel(_Model):
         return self
 
 
-class LinesLegs(_Model):
+class LinesLegs(FileModel):
     """Springs in the legs; one number for all or one per leg."""
 
     stiffness: Positive | Annotated[list[Positive], Field(min_length=1)]
@@ -258,7 +256,7 @@ class LinesLegs(_Model):
         return self
 
 
-class LineModel(_Model):
+class LineModel(FileModel):
     """A line spring or cable between points of two frames ("world" is F)."""
 
     frames: Annotated[list[Text], Field(min_length=2, max_length=2)]
@@ -275,7 +273,7 @@ class LineModel(_Model):
         return self
 
 
-class FoundModel(_Model):
+class FoundModel(FileModel):
     """A compliance that was measured: of one spring, of springs that are equal, or of a link."""
 
     name: Text
@@ -286,7 +284,7 @@ class FoundModel(_Model):
     ] = None
 
 
-class IdentifiedModel(_Model):
+class IdentifiedModel(FileModel):
     """How well the stiffnesses are known; written by `cartstiff identify -o`."""
 
     compliances: Annotated[list[FoundModel], Field(max_length=1000)]
@@ -308,7 +306,7 @@ class IdentifiedModel(_Model):
     ] = {}
 
 
-class _File(_Model):
+class _File(FileModel):
     name: Annotated[Text | None, Field(description="name shown to people")] = None
     description: Annotated[Text | None, Field(description="what the mechanism is, for readers")] = (
         None
@@ -324,7 +322,7 @@ class _File(_Model):
     identified: IdentifiedModel | None = None
 
 
-class _Robot(_Model):
+class _Robot(FileModel):
     model: Annotated[FileName, Field(description="name of a robot, or path of URDF, xacro or MJCF")]
     xacro: Annotated[
         dict[str, Argument], Field(description="arguments of a xacro file by name")
@@ -409,7 +407,7 @@ class ParallelFile(_File):
     lines: list[LineModel] = []
 
 
-class ClosureModel(_Model):
+class ClosureModel(FileModel):
     """Two frames of the tree that coincide (weld) or share a point (point)."""
 
     frames: Annotated[list[Text], Field(min_length=2, max_length=2)]
@@ -443,165 +441,15 @@ MechanismFile = Annotated[
     SerialFile | PlatformFile | SpringsFile | ParallelFile | ClosedChainFile,
     Field(discriminator="kind"),
 ]
-_ADAPTER: TypeAdapter[Any] = TypeAdapter(MechanismFile)
-_KINDS = "serial, stewart-gough, springs, parallel, closed-chain"
+ADAPTER: TypeAdapter[Any] = TypeAdapter(MechanismFile)
+KINDS = "serial, stewart-gough, springs, parallel, closed-chain"
 
 
 def json_schema() -> dict[str, Any]:
     """JSON schema of the mechanism file."""
-    return _ADAPTER.json_schema()
+    return ADAPTER.json_schema()
 
 
-def read_mechanism_file(path: Path) -> tuple[Any, Lines]:
-    """Read and check a mechanism file; returns its model and the line of each value.
-
-    Raises
-    ------
-    InputError
-        The first thing that is wrong, with file, line and key.
-    """
-    data, lines = read_yaml(path)
-    try:
-        file = _ADAPTER.validate_python(data)
-    except ValidationError as error:
-        raise _first_error(error, data, lines, path) from None
-    except RecursionError:
-        raise InputError("file is nested too deeply", where=one_line(str(path))) from None
-    if isinstance(file, (PlatformFile, SpringsFile)):
-        _check_legs(file, lines, path)
-    return file, lines
-
-
-def _check_legs(file: PlatformFile | SpringsFile, lines: Lines, path: Path) -> None:
-    """Every list has one entry per leg, and limits are the right way round."""
-    m = len(file.base)
-    found = {("platform",): file.platform} | {
-        ("legs", key): getattr(file.legs, key)
-        for key in ("stiffness", "rest_length", "preload", "limits")
-    }
-    for at, values in found.items():
-        if isinstance(values, list) and len(values) != m:
-            raise InputError("wrong count", where=place_of(path, lines, at),
-                             expected=f"{m}, one per leg", got=str(len(values)))  # fmt: skip
-    for i, (shortest, longest) in enumerate(file.legs.limits or []):
-        if shortest > longest:
-            raise InputError(
-                "limits are the wrong way round",
-                where=place_of(path, lines, ("legs", "limits", i)),
-                expected="[shortest, longest]",
-                got=[shortest, longest],
-            )
-
-
-def place_of(path: Path, lines: Lines, at: tuple[str | int, ...]) -> str:
-    """File, line and key of a value, for messages."""
-    known = at
-    while known and known not in lines:
-        known = known[:-1]
-    line = lines.get(known, 1)
-    key = ".".join(str(part + 1) if isinstance(part, int) else part for part in at)
-    return one_line(f"{path}, line {line}" + (f", key {key}" if key else ""))
-
-
-def located(error: InputError, path: Path, lines: Lines) -> InputError:
-    """The same error with the line of the key that its place names, or at least the file."""
-    where = one_line(str(path))
-    place = error.where or where
-    found = re.fullmatch(r"(?:, leg (\d+))?(?:, key ([\w.]+))?", place.removeprefix(where))
-    if not place.startswith(where) or found is None:
-        if error.where and where in error.where:
-            return error
-        return error.at(where)
-    leg, key = found.groups()
-    at: tuple[str | int, ...] = () if leg is None else ("legs", int(leg) - 1)
-    if key is not None:
-        at = (*at, *key.split("."))
-    located_at = place_of(path, lines, at) if at else place
-    return error.moved_to(located_at)
-
-
-def _first_error(
-    error: ValidationError, data: dict[str, Any], lines: Lines, path: Path
-) -> InputError:
-    # Of a union's alternatives the one that went deepest is the one the user meant; an unknown
-    # key says most of all, as it often explains a missing one.
-    problems = error.errors(include_url=False)
-    chosen = max(problems, key=lambda p: (p["type"] == "extra_forbidden", len(p["loc"])))
-    kind = chosen["type"]
-    at = _keys(chosen["loc"], data, kind)
-    got = chosen["input"]
-    got = "nothing" if got is None or got == "" else repr(got) if isinstance(got, str) else got
-    if kind == "extra_forbidden":
-        close = get_close_matches(str(at[-1]), _known_keys() - {at[-1]}, n=3)
-        what, got = "unknown key", repr(at[-1])
-        expected = f"keys of the file format (closest: {', '.join(close)})" if close else None
-    elif kind == "missing":
-        what, expected, got = f"key {at[-1]!r} is missing", None, None
-    elif kind in ("union_tag_invalid", "union_tag_not_found"):
-        what, expected, at = "unknown kind", _KINDS, ("kind",)
-        got = repr(data["kind"]) if "kind" in data else "no key 'kind'"
-    elif kind == "value_error":
-        what, expected, got = chosen["msg"].removeprefix("Value error, "), None, None
-    else:
-        what, expected = "cannot be used", _expectation(chosen)
-        if kind in ("too_short", "too_long"):
-            what, got = "wrong count", str(len(got))
-    return InputError(what, where=place_of(path, lines, at), expected=expected, got=got)
-
-
-def _keys(location: tuple[str | int, ...], data: Any, kind: str) -> tuple[str | int, ...]:
-    """Keys of the file in pydantic's location, which also names the branches of unions."""
-    at: list[str | int] = []
-    for i, part in enumerate(location[1:], start=2):
-        here = isinstance(data, dict) and isinstance(part, str) and part in data
-        if here or (isinstance(data, list) and isinstance(part, int)):
-            at.append(part)
-            data = data[part]
-        elif kind == "missing" and i == len(location):
-            at.append(part)
-    return tuple(at)
-
-
-def _known_keys() -> set[str]:
-    models: list[type[BaseModel]] = [_Model]
-    keys: set[str] = set()
-    while models:
-        model = models.pop()
-        keys.update(model.model_fields)
-        models.extend(model.__subclasses__())
-    return keys
-
-
-_TYPES = {
-    "float_type": "a number",
-    "finite_number": "a finite number",
-    "string_type": "text",
-    "string_unicode": "text",
-    "string_too_short": "text",
-    "bool_type": "true or false",
-    "list_type": "a list",
-    "dict_type": "a mapping of keys",
-    "model_type": "a mapping of keys",
-}
-
-
-def _expectation(problem: Any) -> str:
-    """What pydantic would have accepted, in the words of the file."""
-    kind, context = problem["type"], problem.get("ctx", {})
-    if kind in _TYPES:
-        return _TYPES[kind]
-    if kind == "too_short":
-        return f"at least {context['min_length']}"
-    if kind == "too_long":
-        return f"at most {context['max_length']}"
-    if kind == "string_too_long":
-        return f"at most {context['max_length']} characters"
-    if kind == "less_than_equal":
-        return f"at most {context['le']:g}"
-    if kind == "greater_than_equal":
-        least = context["ge"]
-        if least > 0:
-            return f"above zero (at least {least:g})"
-        return "zero or more" if least == 0 else f"at least {least:g}"
-    message = problem["msg"].removeprefix("Input should be ")
-    return str(message[0].lower() + message[1:])
+def pose_of(model: PoseModel) -> Array:
+    """4x4 pose of a {xyz, rpy} entry."""
+    return se3.from_roll_pitch_yaw(model.xyz, model.rpy)

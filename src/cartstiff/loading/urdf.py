@@ -7,17 +7,15 @@ known extensions define are named in a note, and refused where they look like a 
 from __future__ import annotations
 
 import math
-import re
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
+from cartstiff.loading.urdf_words import INERTIA, numbers_of, understood
 from cartstiff.loading.yaml_file import LARGEST_NUMBER
 from cartstiff.mechanisms.elastic import Note
 
@@ -28,48 +26,6 @@ _MOST_JOINTS = 2000
 MOST_MOVING = 200
 _AXIAL_TYPES = {"revolute", "continuous", "prismatic"}
 _JOINT_TYPES = {*_AXIAL_TYPES, "fixed", "floating", "planar"}
-_VERSIONS = ("1.0", "1.1", "1.2")
-# What Pinocchio is shown of a URDF; of the rest it might refuse what plays no part here.
-_SHOWN = {
-    "robot": ("link", "joint"),
-    "link": ("inertial",),
-    "inertial": ("origin", "mass", "inertia"),
-    "joint": ("parent", "child", "origin", "axis", "limit", "mimic"),
-}
-_INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-# Further elements of URDF and of what is usually written into it: none bears on statics.
-_SILENT = {
-    "robot": ("material", "gazebo", "transmission", "ros2_control", "sensor", "group"),
-    "link": (
-        "visual", "collision", "material", "gazebo", "sensor", "contact", "surface", "gravity",
-        "kinematic", "self_filter", "self_collision_checking", "collision_checking",
-    ),
-    "joint": ("dynamics", "calibration", "safety_controller", "gazebo"),
-}  # fmt: skip
-# All attributes of the elements that are shown, and such as are met in the wild.
-_ATTRIBUTES = {
-    "robot": ("name", "version"),
-    "link": ("name", "type"),
-    "joint": ("name", "type", "dont_collapse"),
-    "origin": ("xyz", "rpy", "quat_xyzw"),
-    "axis": ("xyz",),
-    "parent": ("link",),
-    "child": ("link",),
-    "mass": ("value",),
-    "inertia": _INERTIA,
-    "mimic": ("joint", "multiplier", "offset"),
-    "limit": (
-        "lower", "upper", "effort", "velocity", "acceleration", "deceleration", "jerk",
-        "current", "gear_velocity", "command_effort",
-    ),
-}  # fmt: skip
-# Where nothing but these attributes makes sense: nothing else may stand there, nor inside.
-_STRICT = ("origin", "axis", "parent", "child", "mass", "mimic")
-# What an attribute looks like that stands outside of a tag.
-_ASSIGNMENT = re.compile(r"\w\s*=\s*[\"']")
-# Likeness (difflib's ratio) from which on an unknown name is taken for a slip of the pen: one
-# letter too many, too few or exchanged in a name of four gives 0.75 and more.
-_ALIKE = 0.7
 
 
 @dataclass(frozen=True)
@@ -117,7 +73,7 @@ def prepare_urdf(root: ET.Element, where: str) -> UrdfFacts:
     if root.get("name") is None:
         raise refuse("robot has no name", expected="<robot name=...>")
     facts = UrdfFacts()
-    facts.notes.extend(_understood(root, refuse))
+    facts.notes.extend(understood(root, refuse))
     links = _names(root, "link", refuse)
     if not links:
         raise refuse("robot has no links")
@@ -150,8 +106,8 @@ def prepare_urdf(root: ET.Element, where: str) -> UrdfFacts:
         if parent == child:
             raise refuse(f"{what} joins link {child!r} to itself")
         parent_of[child] = parent
-        _numbers(joint.find("origin"), ("xyz", "rpy"), 3, what, refuse)
-        axis = _numbers(joint.find("axis"), ("xyz",), 3, what, refuse)
+        numbers_of(joint.find("origin"), ("xyz", "rpy"), 3, what, refuse)
+        axis = numbers_of(joint.find("axis"), ("xyz",), 3, what, refuse)
         if kind in (*_AXIAL_TYPES, "planar"):
             if axis is None and joint.find("axis") is not None:
                 raise refuse(f"{what}: axis has no xyz", expected="<axis xyz=...>")
@@ -169,7 +125,7 @@ def prepare_urdf(root: ET.Element, where: str) -> UrdfFacts:
                 limit.set(key, limit.get(key, default))
         if limit is not None:
             lower, upper, *_ = (
-                (_numbers(limit, (key,), 1, what, refuse, math.inf) or [0.0])[0]
+                (numbers_of(limit, (key,), 1, what, refuse, math.inf) or [0.0])[0]
                 for key in ("lower", "upper", "effort", "velocity")
             )
             if lower > upper and kind in ("revolute", "prismatic"):
@@ -187,8 +143,8 @@ def prepare_urdf(root: ET.Element, where: str) -> UrdfFacts:
                     raise refuse(f"{what} cannot mimic", expected="two joints with one coordinate",
                                  got=f"joint {follower!r} of type "
                                  f"{joints[follower].get('type')}")  # fmt: skip
-            factor = _numbers(mimic, ("multiplier",), 1, what, refuse) or [1.0]
-            offset = _numbers(mimic, ("offset",), 1, what, refuse) or [0.0]
+            factor = numbers_of(mimic, ("multiplier",), 1, what, refuse) or [1.0]
+            offset = numbers_of(mimic, ("offset",), 1, what, refuse) or [0.0]
             if kind != "fixed":
                 mimics[name] = Mimic(leader, factor[0], offset[0])
     _check_tree(links, parent_of, refuse)
@@ -198,98 +154,6 @@ def prepare_urdf(root: ET.Element, where: str) -> UrdfFacts:
     for name, part in links.items():
         _check_inertial(part, f"link {name!r}", refuse)
     return facts
-
-
-def _understood(root: ET.Element, refuse: Any) -> list[Note]:
-    """Take out what plays no part; refuse what looks like a slip of the pen, or stands twice.
-
-    Returns the note that names what is not known.
-    """
-    version = root.attrib.pop("version", "1.0").strip()
-    if version not in _VERSIONS:
-        raise refuse("unknown version of URDF", expected=", ".join(_VERSIONS), got=repr(version))
-    unknown: list[str] = []
-    pending = [(root, "")]
-    while pending:
-        element, inside = pending.pop()
-        place = f"{element.tag} {element.get('name')!r}" if element.get("name") else element.tag
-        place = place if element.get("name") else f"{inside}{place}"
-        _check_attributes(element, place, unknown, refuse)
-        _check_text(element, place, unknown, refuse)
-        shown = _SHOWN.get(element.tag, ())
-        for child in list(element):
-            if child.tag in shown:
-                pending.append((child, "" if element is root else f"{place}: "))
-                continue
-            element.remove(child)
-            if child.tag in _SILENT.get(element.tag, ()) or child.tag.startswith("{"):
-                continue  # a tag with a namespace is an extension
-            _refuse_slip(child.tag, shown, f"{place}: unknown element", f"<{child.tag}>", refuse)
-            if element.tag in _STRICT:
-                raise refuse(f"{place} holds an element", expected="attributes only",
-                             got=f"<{child.tag}>")  # fmt: skip
-            unknown.append(f"<{child.tag}> in <{element.tag}>")
-        tags = [child.tag for child in element]
-        for tag in set(tags):
-            if element is not root and tags.count(tag) > 1:
-                raise refuse(f"{place} has several <{tag}>", expected="one")
-        if element.tag == "origin" and element.get("quat_xyzw") is not None:
-            _quaternion_to_angles(element, version, place, refuse)
-    if not unknown:
-        return []
-    names = list(dict.fromkeys(unknown))
-    shown_names = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
-    words = f"what is not URDF plays no part: {shown_names}"
-    return [Note("ignored", words, {"elements": names})]
-
-
-def _check_attributes(element: ET.Element, place: str, unknown: list[str], refuse: Any) -> None:
-    known = _ATTRIBUTES.get(element.tag, ())
-    strange = [key for key in element.attrib if key not in known and not key.startswith("{")]
-    for key in strange:
-        what = f"{place}: unknown attribute"
-        if element.tag in _STRICT:
-            raise refuse(what, expected=", ".join(known), got=key)
-        _refuse_slip(key, known[:4], what, key, refuse)
-        unknown.append(f"{key}= in <{element.tag}>")
-    if strange and element.tag == "limit" and not {"lower", "upper"} & set(element.attrib):
-        raise refuse(f"{place}: no lower and no upper", expected="lower=... upper=...",
-                     got=", ".join(strange))  # fmt: skip
-
-
-def _check_text(element: ET.Element, place: str, unknown: list[str], refuse: Any) -> None:
-    """URDF says everything by attributes: text is one that has lost its tag, or a remark."""
-    for text in (element.text, *(child.tail for child in element)):
-        words = (text or "").strip()
-        if not words:
-            continue
-        if element.tag in _STRICT or _ASSIGNMENT.search(words):
-            raise refuse(f"{place} holds text", expected="attributes only, within a tag",
-                         got=repr(words[:40]))  # fmt: skip
-        unknown.append(f"text {words[:40]!r} in <{element.tag}>")
-
-
-def _refuse_slip(name: str, known: tuple[str, ...], what: str, got: str, refuse: Any) -> None:
-    close = get_close_matches(name.lower(), known, n=1, cutoff=_ALIKE)
-    if close:
-        raise refuse(what, expected=close[0], got=got)
-
-
-def _quaternion_to_angles(origin: ET.Element, version: str, place: str, refuse: Any) -> None:
-    """Write the rotation of an origin as roll, pitch, yaw; equal to rounding."""
-    if version == "1.0":
-        raise refuse(f"{place}: quat_xyzw needs URDF 1.1", expected='<robot version="1.1">')
-    if origin.get("rpy") is not None:
-        raise refuse(f"{place} has both rpy and quat_xyzw", expected="one of them")
-    quaternion = np.array(
-        _numbers(origin, ("quat_xyzw",), 4, place.removesuffix(": origin"), refuse)
-    )
-    if np.linalg.norm(quaternion) < 1e-9:
-        raise refuse(f"{place}: quat_xyzw is zero", expected="a rotation")
-    del origin.attrib["quat_xyzw"]
-    R = pin.Quaternion(quaternion / np.linalg.norm(quaternion)).toRotationMatrix()
-    angles = se3.roll_pitch_yaw(se3.pose(R))
-    origin.set("rpy", " ".join(repr(float(x)) for x in angles))
 
 
 def _plane(name: str, axis: list[float] | None, facts: UrdfFacts) -> None:
@@ -345,35 +209,6 @@ def _names(root: ET.Element, tag: str, refuse: Any) -> dict[str, ET.Element]:
     return found
 
 
-def _numbers(
-    element: ET.Element | None,
-    keys: tuple[str, ...],
-    count: int,
-    what: str,
-    refuse: Any,
-    largest: float = LARGEST_NUMBER,
-) -> list[float] | None:
-    """Finite numbers of the last of some attributes; all that are present are checked."""
-    values = None
-    for key in keys:
-        text = None if element is None else element.get(key)
-        if text is None or element is None:
-            continue
-        try:
-            values = [float(part) for part in text.split()]
-        except ValueError:
-            values = []
-        if len(values) != count or "_" in text or not all(math.isfinite(v) for v in values):
-            raise refuse(
-                f"{what}: {element.tag} {key} is not {count} finite number(s)", got=repr(text)
-            )
-        if any(abs(v) > largest for v in values):
-            raise refuse(f"{what}: {element.tag} {key} is too large",
-                         expected=f"at most {largest:g}", got=repr(text))  # fmt: skip
-        element.set(key, " ".join(repr(v) for v in values))
-    return values
-
-
 def _check_tree(links: dict[str, ET.Element], parent_of: dict[str, str], refuse: Any) -> None:
     """Every link must hang from one root."""
     roots = [link for link in links if link not in parent_of]
@@ -404,8 +239,8 @@ def _check_inertial(link: ET.Element, what: str, refuse: Any) -> None:
     inertial = link.find("inertial")
     if inertial is None:
         return
-    _numbers(inertial.find("origin"), ("xyz", "rpy"), 3, what, refuse)
-    mass = _numbers(inertial.find("mass"), ("value",), 1, what, refuse)
+    numbers_of(inertial.find("origin"), ("xyz", "rpy"), 3, what, refuse)
+    mass = numbers_of(inertial.find("mass"), ("value",), 1, what, refuse)
     if mass is None:
         raise refuse(f"{what}: inertial has no mass")
     if mass[0] < 0:
@@ -417,13 +252,13 @@ def _check_inertial(link: ET.Element, what: str, refuse: Any) -> None:
         return
     if inertia is not None:
         inertial.remove(inertia)
-    ET.SubElement(inertial, "inertia", dict.fromkeys(_INERTIA, "0"))
+    ET.SubElement(inertial, "inertia", dict.fromkeys(INERTIA, "0"))
 
 
 def _is_possible(inertia: ET.Element) -> bool:
     """Whether six numbers are the inertia of some body: principal ones keep the triangle rule."""
     try:
-        xx, xy, xz, yy, yz, zz = (float(inertia.get(key, "")) for key in _INERTIA)
+        xx, xy, xz, yy, yz, zz = (float(inertia.get(key, "")) for key in INERTIA)
     except ValueError:
         return False
     matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

@@ -1,6 +1,6 @@
 """Compiles one MJCF file with MuJoCo and prints the compiled model as data.
 
-Run as a script in a process of its own (`cartstiff.loading.mjcf` starts it): whatever a stranger's
+Run as a script in a process of its own (`compiled` starts it): whatever a stranger's
 file does to the compiler stays in that process, whose time and memory are limited. It prints one
 JSON object: the model, or one line under "error".
 

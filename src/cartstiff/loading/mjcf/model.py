@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.mjcf_data import Compiled, free_name, named, pose
+from cartstiff.loading.mjcf.compiled import Compiled, free_name, named, pose
 
 __all__ = ["mjcf_model"]
 

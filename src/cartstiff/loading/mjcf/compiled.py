@@ -15,7 +15,7 @@ from cartstiff.child_process import answer_of
 from cartstiff.errors import InputError, MissingDependencyError, one_line
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading import mjcf_worker
+from cartstiff.loading.mjcf import worker
 from cartstiff.loading.yaml_file import LARGEST_NUMBER
 
 __all__ = ["LARGEST", "Compiled", "compile_mjcf", "free_name", "named", "pose"]
@@ -43,7 +43,7 @@ def compile_mjcf(path: Path, where: str) -> dict[str, Any]:
     if importlib.util.find_spec("mujoco") is None:
         raise MissingDependencyError("mujoco", "reading MJCF", "mjcf")
     data = answer_of(
-        mjcf_worker.__file__, [str(path.resolve()), json.dumps(LARGEST)], where, "MuJoCo",
+        worker.__file__, [str(path.resolve()), json.dumps(LARGEST)], where, "MuJoCo",
         # Nothing is drawn; importing a window library takes long.
         {"MUJOCO_GL": "disable", "OPENBLAS_NUM_THREADS": "1"},
     )  # fmt: skip

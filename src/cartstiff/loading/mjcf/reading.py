@@ -1,7 +1,7 @@
 """MJCF files, as MuJoCo's own compiler reads them.
 
 What MuJoCo says is what a file means: includes, defaults, frames, masses of shapes, references. A
-process of its own compiles the file (`mjcf_worker`) and hands the model over as data; a Pinocchio
+process of its own compiles the file (`worker`) and hands the model over as data; a Pinocchio
 model with one-coordinate joints is made of it, and beside it stand springs, closures, gravity, the
 posture, and what the engine cannot express.
 """
@@ -17,10 +17,10 @@ import pinocchio as pin
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.mjcf_data import Compiled, compile_mjcf, pose
-from cartstiff.loading.mjcf_facts import Lifted, MjcfFacts, MjcfSpring, Obstacle
-from cartstiff.loading.mjcf_model import mjcf_model
-from cartstiff.loading.mjcf_ties import equalities, flex_joints, tendon_joints, to_root
+from cartstiff.loading.mjcf.compiled import Compiled, compile_mjcf, pose
+from cartstiff.loading.mjcf.facts import Lifted, MjcfFacts, MjcfSpring, Obstacle
+from cartstiff.loading.mjcf.model import mjcf_model
+from cartstiff.loading.mjcf.ties import equalities, flex_joints, tendon_joints, to_root
 from cartstiff.mechanisms.shapes import (
     Box,
     Capsule,

@@ -6,8 +6,8 @@ from typing import Literal
 
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
-from cartstiff.loading.mjcf_data import Compiled, pose
-from cartstiff.loading.mjcf_facts import MjcfClosure, Obstacle
+from cartstiff.loading.mjcf.compiled import Compiled, pose
+from cartstiff.loading.mjcf.facts import MjcfClosure, Obstacle
 
 __all__ = ["equalities", "flex_joints", "tendon_joints", "to_root"]
 

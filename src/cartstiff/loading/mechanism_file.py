@@ -1,0 +1,174 @@
+"""Mechanism files, read and checked: what is wrong is said with file, line and key."""
+
+from __future__ import annotations
+
+import re
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+from pydantic import (
+    BaseModel,
+    ValidationError,
+)
+
+from cartstiff.errors import InputError, one_line
+from cartstiff.loading.schema import ADAPTER, KINDS, FileModel, PlatformFile, SpringsFile
+from cartstiff.loading.yaml_file import Lines, read_yaml
+
+__all__ = ["located", "place_of", "read_mechanism_file"]
+
+
+def read_mechanism_file(path: Path) -> tuple[Any, Lines]:
+    """Read and check a mechanism file; returns its model and the line of each value.
+
+    Raises
+    ------
+    InputError
+        The first thing that is wrong, with file, line and key.
+    """
+    data, lines = read_yaml(path)
+    try:
+        file = ADAPTER.validate_python(data)
+    except ValidationError as error:
+        raise _first_error(error, data, lines, path) from None
+    except RecursionError:
+        raise InputError("file is nested too deeply", where=one_line(str(path))) from None
+    if isinstance(file, (PlatformFile, SpringsFile)):
+        _check_legs(file, lines, path)
+    return file, lines
+
+
+def _check_legs(file: PlatformFile | SpringsFile, lines: Lines, path: Path) -> None:
+    """Every list has one entry per leg, and limits are the right way round."""
+    m = len(file.base)
+    found = {("platform",): file.platform} | {
+        ("legs", key): getattr(file.legs, key)
+        for key in ("stiffness", "rest_length", "preload", "limits")
+    }
+    for at, values in found.items():
+        if isinstance(values, list) and len(values) != m:
+            raise InputError("wrong count", where=place_of(path, lines, at),
+                             expected=f"{m}, one per leg", got=str(len(values)))  # fmt: skip
+    for i, (shortest, longest) in enumerate(file.legs.limits or []):
+        if shortest > longest:
+            raise InputError(
+                "limits are the wrong way round",
+                where=place_of(path, lines, ("legs", "limits", i)),
+                expected="[shortest, longest]",
+                got=[shortest, longest],
+            )
+
+
+def place_of(path: Path, lines: Lines, at: tuple[str | int, ...]) -> str:
+    """File, line and key of a value, for messages."""
+    known = at
+    while known and known not in lines:
+        known = known[:-1]
+    line = lines.get(known, 1)
+    key = ".".join(str(part + 1) if isinstance(part, int) else part for part in at)
+    return one_line(f"{path}, line {line}" + (f", key {key}" if key else ""))
+
+
+def located(error: InputError, path: Path, lines: Lines) -> InputError:
+    """The same error with the line of the key that its place names, or at least the file."""
+    where = one_line(str(path))
+    place = error.where or where
+    found = re.fullmatch(r"(?:, leg (\d+))?(?:, key ([\w.]+))?", place.removeprefix(where))
+    if not place.startswith(where) or found is None:
+        if error.where and where in error.where:
+            return error
+        return error.at(where)
+    leg, key = found.groups()
+    at: tuple[str | int, ...] = () if leg is None else ("legs", int(leg) - 1)
+    if key is not None:
+        at = (*at, *key.split("."))
+    located_at = place_of(path, lines, at) if at else place
+    return error.moved_to(located_at)
+
+
+def _first_error(
+    error: ValidationError, data: dict[str, Any], lines: Lines, path: Path
+) -> InputError:
+    # Of a union's alternatives the one that went deepest is the one the user meant; an unknown
+    # key says most of all, as it often explains a missing one.
+    problems = error.errors(include_url=False)
+    chosen = max(problems, key=lambda p: (p["type"] == "extra_forbidden", len(p["loc"])))
+    kind = chosen["type"]
+    at = _keys(chosen["loc"], data, kind)
+    got = chosen["input"]
+    got = "nothing" if got is None or got == "" else repr(got) if isinstance(got, str) else got
+    if kind == "extra_forbidden":
+        close = get_close_matches(str(at[-1]), _known_keys() - {at[-1]}, n=3)
+        what, got = "unknown key", repr(at[-1])
+        expected = f"keys of the file format (closest: {', '.join(close)})" if close else None
+    elif kind == "missing":
+        what, expected, got = f"key {at[-1]!r} is missing", None, None
+    elif kind in ("union_tag_invalid", "union_tag_not_found"):
+        what, expected, at = "unknown kind", KINDS, ("kind",)
+        got = repr(data["kind"]) if "kind" in data else "no key 'kind'"
+    elif kind == "value_error":
+        what, expected, got = chosen["msg"].removeprefix("Value error, "), None, None
+    else:
+        what, expected = "cannot be used", _expectation(chosen)
+        if kind in ("too_short", "too_long"):
+            what, got = "wrong count", str(len(got))
+    return InputError(what, where=place_of(path, lines, at), expected=expected, got=got)
+
+
+def _keys(location: tuple[str | int, ...], data: Any, kind: str) -> tuple[str | int, ...]:
+    """Keys of the file in pydantic's location, which also names the branches of unions."""
+    at: list[str | int] = []
+    for i, part in enumerate(location[1:], start=2):
+        here = isinstance(data, dict) and isinstance(part, str) and part in data
+        if here or (isinstance(data, list) and isinstance(part, int)):
+            at.append(part)
+            data = data[part]
+        elif kind == "missing" and i == len(location):
+            at.append(part)
+    return tuple(at)
+
+
+def _known_keys() -> set[str]:
+    models: list[type[BaseModel]] = [FileModel]
+    keys: set[str] = set()
+    while models:
+        model = models.pop()
+        keys.update(model.model_fields)
+        models.extend(model.__subclasses__())
+    return keys
+
+
+_TYPES = {
+    "float_type": "a number",
+    "finite_number": "a finite number",
+    "string_type": "text",
+    "string_unicode": "text",
+    "string_too_short": "text",
+    "bool_type": "true or false",
+    "list_type": "a list",
+    "dict_type": "a mapping of keys",
+    "model_type": "a mapping of keys",
+}
+
+
+def _expectation(problem: Any) -> str:
+    """What pydantic would have accepted, in the words of the file."""
+    kind, context = problem["type"], problem.get("ctx", {})
+    if kind in _TYPES:
+        return _TYPES[kind]
+    if kind == "too_short":
+        return f"at least {context['min_length']}"
+    if kind == "too_long":
+        return f"at most {context['max_length']}"
+    if kind == "string_too_long":
+        return f"at most {context['max_length']} characters"
+    if kind == "less_than_equal":
+        return f"at most {context['le']:g}"
+    if kind == "greater_than_equal":
+        least = context["ge"]
+        if least > 0:
+            return f"above zero (at least {least:g})"
+        return "zero or more" if least == 0 else f"at least {least:g}"
+    message = problem["msg"].removeprefix("Input should be ")
+    return str(message[0].lower() + message[1:])
