@@ -260,8 +260,8 @@ ARMS: dict[str, tuple[str, tuple[str, ...]]] = {
         ("springs.j1.rest", "'low'"),
     ),
     "spring unknown key": (
-        ARM + SPRINGS.replace("10}", "10, damping: 1}"),
-        ("springs.j1.damping",),
+        ARM + SPRINGS.replace("10}", "10, stifness: 1}"),
+        ("springs.j1.stifness",),
     ),
     "spring two laws": (ARM + SPRINGS.replace("10}", "10, polynomial: [1]}"), ("exactly one of",)),
     "polynomial empty": (ARM + SPRINGS.replace("stiffness: 10", "polynomial: []"), ("polynomial",)),
