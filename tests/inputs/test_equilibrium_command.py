@@ -24,7 +24,7 @@ Run = Callable[..., str]
 ROBOTS = {"ur5", "panda"}
 MORE = {
     "residual", "stable", "iterations", "history", "eigenvalues", "displacement",
-    "elastic_wrench", "reactions",
+    "displacement_uncertainty", "elastic_wrench", "reactions",
 }  # fmt: skip
 # A posture near the middle of each file, and loads within the elastic range.
 LOADS = {

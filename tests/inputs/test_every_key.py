@@ -20,7 +20,7 @@ from cartstiff.errors import InputError
 from cartstiff.loading import schema
 
 #: Keys for people who read the file; their descriptions say so.
-FOR_READERS = {"description", "source"}
+FOR_READERS = {"description", "source", "date", "rows"}
 K6 = np.diag([3e3, 4e3, 5e3, 2e5, 3e5, 4e5])
 BEAM = {"E": 7e10, "G": 2.6e10, "length": 0.2, "area": 6e-4, "Iy": 4.5e-8, "Iz": 2e-8, "J": 5e-8}
 HEX = [[np.cos(a), np.sin(a), 0] for a in np.deg2rad([0, 10, 120, 130, 240, 250])]
@@ -44,6 +44,18 @@ ARM = {
     "springs": {f"j{i}": {"stiffness": 1e4 * i, "rest": 0.1 * i} for i in range(1, 7)},
 }
 ELASTIC = ARM | {"springs": {f"j{i}": {"stiffness": 1e4 * i} for i in range(1, 7)}}
+FOUND = {
+    "compliances": [{"name": "j1", "value": 1e-4}, {"name": "j2", "value": 5e-5}],
+    "covariance": [[1e-12, 0.0], [0.0, 1e-12]],
+}
+MEASURED = ELASTIC | {"identified": FOUND}
+
+
+def found(name: str, value: float) -> dict[str, Any]:
+    """One compliance that was measured."""
+    return {"compliances": [{"name": name, "value": value}], "covariance": [[1e-12]]}
+
+
 BALL = {"xyz": [0.4, 0.1, 0.5], "rpy": [0, 0.1, 0]}
 LEG = {
     "model": "arm.urdf",
@@ -78,6 +90,26 @@ KINDS = {
 
 # Model.key: (file, path of the key in it, another value, further keys of both files).
 CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = {
+    "FoundModel.name": (MEASURED, ("identified", "compliances", 0, "name"), "j9", {}),
+    "FoundModel.value": (MEASURED, ("identified", "compliances", 0, "value"), 2e-4, {}),
+    "FoundModel.elements": (
+        MEASURED, ("identified", "compliances", 0, "elements"), [["j1", "j1", 2.0]], {}
+    ),
+    "IdentifiedModel.compliances": (
+        MEASURED, ("identified", "compliances"), FOUND["compliances"][:1], {}
+    ),
+    "IdentifiedModel.covariance": (
+        MEASURED, ("identified", "covariance"), [[2e-12, 0.0], [0.0, 1e-12]], {}
+    ),
+    "IdentifiedModel.degrees": (MEASURED, ("identified", "degrees"), 7.0, {}),
+    "IdentifiedModel.level": (MEASURED, ("identified", "level"), 0.9, {}),
+    "IdentifiedModel.undetermined": (MEASURED, ("identified", "undetermined"), ["j3"], {}),
+    "IdentifiedModel.at_least": (MEASURED, ("identified", "at_least"), {"j1": 5e3}, {}),
+    "SerialFile.identified": (ELASTIC, ("identified",), FOUND, {}),
+    "PlatformFile.identified": (PLATFORM, ("identified",), found("leg1", 1e-5), {}),
+    "SpringsFile.identified": (SPRINGS, ("identified",), found("leg2", 1e-5), {}),
+    "ParallelFile.identified": (PAIR, ("identified",), found("leg1/j1", 1e-4), {}),
+    "ClosedChainFile.identified": (FIVE_BAR, ("identified",), found("left_motor", 1.0), {}),
     "PoseModel.xyz": (PLATFORM, ("pose", "xyz"), [0, 0.1, 0.8], {}),
     "PoseModel.rpy": (PLATFORM, ("pose", "rpy"), [0, 0, 0], {}),
     "UnitsModel.length": (PLATFORM, ("units", "length"), "mm", {}),
@@ -298,6 +330,7 @@ def answer(folder: Path, content: dict[str, Any]) -> str:
     limits = [(c.lower, c.upper) for c in elastic.mechanism.coordinates]
     lengths = getattr(elastic.mechanism, "limits", None)
     own = [limits, None if lengths is None else np.array(lengths).tolist()]
+    own += [None if elastic.identified is None else elastic.identified.as_dict()]
     own += [None if elastic.damping is None else elastic.damping.tolist(), vibrating(elastic)]
     return json.dumps([result, own, np.array(elastic.springs.stiffness).tolist()], default=str)
 

@@ -295,9 +295,9 @@ class IdentifiedModel(FileModel):
         Positive | None, Field(description="of freedom of Student's t; normal if absent")
     ] = None
     level: Annotated[float, Field(gt=0.0, lt=1.0, description="of intervals that are told")] = 0.95
-    rows: Annotated[int, Field(strict=True, ge=0, description="measurements")] = 0
-    date: Text | None = None
-    source: Text | None = None
+    rows: Annotated[int, Field(strict=True, ge=0, description="measurements, for readers")] = 0
+    date: Annotated[Text | None, Field(description="of the measurement, for readers")] = None
+    source: Annotated[Text | None, Field(description="what was measured, for readers")] = None
     undetermined: Annotated[
         list[Text], Field(description="springs of which the measurements say nothing")
     ] = []
