@@ -133,3 +133,11 @@ def test_lines_in_a_tilted_plane_hold_nothing_out_of_it(tmp_path):
     assert values["rotation"]["held"]["eigenvalues"] == [0.0, 0.0, 0.0]
     assert values["translation"]["held"]["eigenvalues"] == pytest.approx([0, 2e4, 2e4], abs=1e-9)
     assert values["translation"]["held"]["eigenvalues"][0] == 0.0
+
+
+def test_a_deflection_without_turning_has_no_rounding():
+    result = cartstiff.analyse(cartstiff.load("cubic"), wrench=[0, 0, 0, 0, 0, -300.0])
+    push = analyse_posture(result, wrench=[0, 0, 0, 0, 0, -300.0])["deflection"]
+    assert push["twist"][:3] == [0.0, 0.0, 0.0]
+    assert push["displacement"][:2] == [0.0, 0.0]
+    assert push["displacement"][2] < 0.0

@@ -8,11 +8,13 @@ all are one.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.analysis.congruence import joint_stiffness
 from cartstiff.analysis.deflection import (
     Deflection,
@@ -22,6 +24,7 @@ from cartstiff.analysis.deflection import (
 )
 from cartstiff.analysis.matrices import as_symmetric
 from cartstiff.analysis.plain import Notes, plain
+from cartstiff.arrays import read_only
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.connections import NAMED
 from cartstiff.geometry.se3 import Array
@@ -79,12 +82,24 @@ def deflection_section(
     whole = compliance_deflection(C, whole_wrench, point)
     shares = notes.attempt("shares of the deflection", _shares, r, name, whole)
     return {
-        **plain(whole),
+        **plain(_without_rounding(whole, r.posture.length)),
         "wrench": added,
         "acts_at": acts_at,
         "connection": name,
         **(shares or {"kind": None, "shares": None}),
     }
+
+
+def _without_rounding(found: Deflection, length: float) -> Deflection:
+    """A motion with zeros for what is rounding beside the rest, angles times the length."""
+    scaled = np.abs(found.twist) * np.repeat([length, 1.0], 3)
+    moved = np.abs(found.displacement)
+    noise = numerics.ROUNDING * max(float(scaled.max()), float(moved.max()))
+    return replace(
+        found,
+        twist=read_only(np.where(scaled > noise, found.twist, 0.0)),
+        displacement=read_only(np.where(moved > noise, found.displacement, 0.0)),
+    )
 
 
 def _about_origin(point: Array, force: Array) -> Array:
