@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from tests.browser.test_page import close, matrix
@@ -179,3 +181,34 @@ def test_the_first_card_says_how_far_the_load_moves_the_point(ur5):
     shares = [float(x.split(" ")[0]) for x in card.locator(".moved-bar .num").all_inner_texts()]
     assert len(shares) == 6
     assert abs(sum(shares) - 100) <= 3
+
+
+def test_a_rigid_joint_stays_rigid_until_it_is_given_a_number(serve, pages, tmp_path):
+    ur5 = cartstiff.load("ur5")
+    stiffness = dict(zip(ur5.names, [3e4, 3e4, "rigid", 5e3, 5e3, 4e3], strict=True))
+    q = dict(zip(ur5.names, ur5.q.tolist(), strict=True))
+    arm = {"kind": "serial", "model": "ur5", "frame": "tool0", "q": q}
+    arm["springs"] = {name: {"stiffness": k} for name, k in stiffness.items()}
+    file = tmp_path / "arm.yaml"
+    file.write_text(json.dumps(arm), encoding="utf-8")
+    arm = cartstiff.load(file)
+    page = pages.open(serve(str(file)).url)
+    page.click("summary:has-text('Stiffness of the springs')")
+    elbow = page.locator("input[aria-label^='elbow_joint N m/rad']")
+    assert elbow.input_value() == ""
+    assert elbow.get_attribute("placeholder") == "rigid"
+    page.fill("input[aria-label^='wrist_1_joint N m/rad']", "7000")
+    page.keyboard.press("Enter")
+    settled(page)
+    state = page.evaluate("() => window.cartstiff.state")
+    assert state["stiffness"] == [30000, 30000, None, 7000, 5000, 4000]
+    other = arm.with_springs({"wrist_1_joint": 7000.0})
+    assert close(matrix(page), cartstiff.analyse(other).compliances["B"])
+    page.wait_for_function("() => window.location.hash.includes('rigid')")
+    again = pages.open(page.evaluate("() => window.location.href"))
+    assert again.evaluate("() => window.cartstiff.state")["stiffness"] == state["stiffness"]
+    elbow.fill("10000")
+    page.keyboard.press("Enter")
+    settled(page)
+    softer = other.with_springs({"elbow_joint": 1e4})
+    assert close(matrix(page), cartstiff.analyse(softer).compliances["B"])

@@ -64,6 +64,7 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array, frames: bool = True)
         for c, (lower, upper) in zip(mechanism.coordinates, ranges, strict=True)
     ]
     stiffness = [] if springs is None else np.asarray(springs.stiffness, float).tolist()
+    stiffness = [np.inf if i in mechanism.rigid else k for i, k in enumerate(stiffness)]
     spring_units = [
         f"{units.force}/{units.length}" if lines or c["is_length"] else f"{units.moment}/rad"
         for c in (coordinates if not lines else [{}] * len(stiffness))

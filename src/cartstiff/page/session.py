@@ -79,7 +79,7 @@ class Session:
     def _start(self, elastic: ElasticMechanism, q: Array | None) -> None:
         self._elastic = elastic
         self._q = np.array(elastic.q if q is None else q, float)
-        self._variant: tuple[list[float] | None, ElasticMechanism] = (None, elastic)
+        self._variant: tuple[list[float | None] | None, ElasticMechanism] = (None, elastic)
         self._cloud_shown: tuple[str, str] | None = None
         self._colour_bar: dict[str, Any] | None = None
         self.picture = self._make_picture(elastic)
@@ -204,9 +204,12 @@ class Session:
             load_axes="body" if state.load_axes == "body" else "world",
         )  # fmt: skip
 
-    def _with_stiffness(self, stiffness: list[float] | None) -> ElasticMechanism:
+    def _with_stiffness(self, stiffness: list[float | None] | None) -> ElasticMechanism:
         if self._variant[0] != stiffness:
-            self._variant = (stiffness, self._elastic.with_springs(stiffness))
+            given = None
+            if stiffness is not None:
+                given = [np.inf if k is None else k for k in stiffness]
+            self._variant = (stiffness, self._elastic.with_springs(given))
         return self._variant[1]
 
     def _draw(self, result: PostureStiffness, state: State) -> dict[str, Any]:

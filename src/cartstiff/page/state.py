@@ -65,7 +65,7 @@ class State(_Strict):
     point : (3,)
         Reference point in the frame M.
     stiffness : list of float or None
-        Of the joints or legs; None for the mechanism's own.
+        Of the joints or legs; None for the mechanism's own. In the list None is a rigid joint.
     load : (6,) or None
         Wrench (moment, force) that the environment applies, along `load_axes`.
     load_kind : {"dead", "follower", "conservative"}
@@ -87,7 +87,9 @@ class State(_Strict):
     quantity: Literal["stiffness", "compliance"] = "stiffness"
     axes: _Axes = "body"
     point: _Three = (0.0, 0.0, 0.0)
-    stiffness: Annotated[list[_NotNegative], Field(min_length=1, max_length=500)] | None = None
+    stiffness: Annotated[list[_NotNegative | None], Field(min_length=1, max_length=500)] | None = (
+        None
+    )
     load: _Six | None = None
     load_axes: _Axes = "body"
     load_kind: Literal["dead", "follower", "conservative"] = "dead"

@@ -3,16 +3,19 @@
 import { byId, choice, el, short, toast } from "./dom.js";
 
 /** Numbers in a row of fields; calls back with all of them when one has changed. */
-function fields(names, onchange, step = "any") {
+/** Number inputs; `blank` are those that may be left empty, which means null and is called so. */
+function fields(names, onchange, step = "any", blank = null, called = "") {
   const inputs = names.map(([name, unit]) => el("input", { type: "number", step, "aria-label": `${name} ${unit}`, onchange: commit }));
   function commit() {
-    const values = inputs.map((input) => input.valueAsNumber);
-    if (values.every(Number.isFinite)) onchange(values);
+    const values = inputs.map((input, i) =>
+      (blank?.[i] && input.value === "" && !input.validity.badInput ? null : input.valueAsNumber));
+    if (values.every((x) => x === null || Number.isFinite(x))) onchange(values);
   }
+  inputs.forEach((input, i) => { if (blank?.[i]) input.placeholder = called; });
   const node = el("div", { class: "fields" }, ...names.map(([name, unit], i) =>
     el("label", {}, el("span", { title: unit }, name), inputs[i])));
   const set = (values) => inputs.forEach((input, i) => {
-    if (document.activeElement !== input) input.value = values[i];
+    if (document.activeElement !== input) input.value = values[i] ?? "";
   });
   const disable = (off) => inputs.forEach((input) => { input.disabled = off; });
   return { node, set, disable };
@@ -64,7 +67,8 @@ export function controls(store) {
 
     // -- springs
     springs = mechanism.springs.length ? fields(mechanism.springs.map(({ name, unit }) => [name, unit]),
-      (values) => store.change({ stiffness: values.map((x) => Math.max(0, x)) })) : null;
+      (values) => store.change({ stiffness: values.map((x) => (x === null ? null : Math.max(0, x))) }),
+      "any", mechanism.springs.map(({ stiffness }) => stiffness === null), "rigid") : null;
     springs?.node.classList.add("long");
     springSection.node.hidden = !springs;
     if (springs) {

@@ -7,6 +7,8 @@ const KEYS = ["q", "connection", "quantity", "axes", "point", "stiffness", "load
   "load_kind", "load_at", "ghost",
   "scale", "translation", "rotation", "labels", "wrench", "deflection", "screws", "centres", "quantity_of_map"];
 const NUMBERS = new Set(["q", "point", "stiffness", "load", "load_at", "ghost"]);
+// What stands for the stiffness of a rigid joint, which is null.
+const RIGID = "rigid";
 const FLAGS = new Set(["translation", "rotation", "labels", "wrench", "deflection", "screws", "centres"]);
 
 const WORDS = {
@@ -22,7 +24,7 @@ export function toHash(store) {
   for (const key of KEYS) {
     const value = store.state[key];
     if (value === null || value === undefined || JSON.stringify(value) === JSON.stringify(first[key])) continue;
-    parts.set(key, NUMBERS.has(key) ? value.join(",") : String(value));
+    parts.set(key, NUMBERS.has(key) ? value.map((x) => x ?? RIGID).join(",") : String(value));
   }
   const { frame } = store.hello.mechanism;
   if (frame !== store.firstFrame) parts.set("frame", frame);
@@ -35,10 +37,10 @@ export function fromHash(hash, first) {
   for (const [key, text] of new URLSearchParams(hash.replace(/^#/, ""))) {
     if (!KEYS.includes(key)) continue;
     if (NUMBERS.has(key)) {
-      const numbers = text.split(",").map(Number);
+      const numbers = text.split(",").map((x) => (key === "stiffness" && x === RIGID ? null : Number(x)));
       const count = key in COUNTS ? COUNTS[key] : key === "stiffness" ? numbers.length : first.q.length;
       const fits = numbers.length === count;
-      if (fits && numbers.every(Number.isFinite)) found[key] = numbers;
+      if (fits && numbers.every((x) => x === null || Number.isFinite(x))) found[key] = numbers;
     } else if (FLAGS.has(key)) found[key] = text === "true";
     else if (key in WORDS ? WORDS[key].includes(text) : first[key] !== null) found[key] = text;
   }
