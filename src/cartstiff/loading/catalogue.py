@@ -81,7 +81,7 @@ def example_robot(name: str) -> Path:
     Raises
     ------
     UnknownNameError
-        For a name that is none; MissingDependencyError if the data is not installed.
+        For an unknown name; MissingDependencyError if the data is not installed.
     InputError
         For a robot that has no URDF.
     """

@@ -11,7 +11,7 @@ __all__ = ["deflection_lines", "target_lines", "uncertainty_lines"]
 
 Section = Mapping[str, Any] | None
 
-#: A smaller share is none of the largest.
+#: Smaller shares are not listed among the largest.
 _TOLD = 1e-3
 
 
