@@ -15,6 +15,7 @@ Every decision about rank, definiteness and invertibility is made here, with the
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -96,8 +97,9 @@ _EVEN = 10.0
 
 def rank(values: ArrayLike) -> int:
     """How many of the singular values of a length-scaled Jacobian (descending) are not zero."""
-    v = np.asarray(values, float)
-    return int(np.count_nonzero(v > RANK * max(float(v.max(initial=0.0)), _TINY)))
+    v = np.asarray(values, float).tolist()
+    least = RANK * max(max(v, default=0.0), _TINY)
+    return sum(x > least for x in v)
 
 
 def ratio(values: ArrayLike) -> float:
@@ -162,8 +164,9 @@ def graded_basis(
     if f == 0:
         return motions, np.empty(0, np.intp)
     # What has no spring leads last; among itself it needs an order too.
-    softest = stiffness.min(where=stiffness > 0.0, initial=np.inf)
-    weights = np.sqrt(np.where(stiffness > 0.0, stiffness, 1e-4 * min(softest, 1e300)))
+    known = stiffness.tolist()
+    softest = min((k for k in known if k > 0.0), default=1e300)
+    weights = np.sqrt([k if k > 0.0 else 1e-4 * softest for k in known])
     if across is None or f <= n - f:
         leading = first_independent(motions.T * weights)
     else:
@@ -183,8 +186,9 @@ def first_independent(columns: Array) -> NDArray[np.intp]:
     least = RANK**2 * size
     for i in range(m):
         found[i] = at = int(size.argmax())
-        direction = columns[:, at] / np.sqrt(columns[:, at] @ columns[:, at])
-        columns = columns - np.multiply.outer(direction, direction @ columns)
+        direction = columns[:, at]
+        direction = direction / sqrt(direction.dot(direction))
+        columns = columns - direction[:, None] * direction.dot(columns)
         size = np.einsum("ij,ij->j", columns, columns)
         size[size <= least] = 0.0
         size[found[: i + 1]] = -1.0

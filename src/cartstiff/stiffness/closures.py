@@ -40,7 +40,7 @@ class Closures(NamedTuple):
     V: Array
     N: Array
 
-    def forces(self, right: Array, where: Array) -> Array:
+    def forces(self, right: Array, where: list[int]) -> Array:
         """Multipliers of least norm with ``C^T lam = right`` in the chosen coordinates."""
         if not any(right.tolist()):
             return np.zeros(len(self.U))

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -173,6 +173,12 @@ def _without_noise(K: Array, rows: Array) -> Array:
     return K
 
 
+def _without(some: Array, count: int) -> list[int]:
+    """The whole numbers below `count` that are not among some."""
+    known = set(some.tolist())
+    return [i for i in range(count) if i not in known]
+
+
 def _norm(array: Array) -> float:
     """Root of the sum of the squares of all entries."""
     return float(np.vdot(array, array)) ** 0.5
@@ -290,14 +296,16 @@ def _general(
     # Self-motions Z, led by the stiffest; the other leaders, as many as the rank, make the output.
     across = (U.T @ J @ N).T
     Z, chosen = numerics.graded_basis(along[leading], stiff[leading], across)
-    others = np.delete(np.arange(freedoms), chosen)
+    others = _without(chosen, freedoms)
     Z, Y = N @ Z, N[:, others]
     # Motions of Y per reachable output.
     to_output = _inverse(across[others].T, (np.abs(J) @ np.abs(Y)).max(axis=0, initial=0.0))
 
     # Balance: a self-motion must feel no torque, whatever wrench acts on the output.
     felt = np.abs(Z.T @ g)
-    if np.any(felt > np.abs(Z.T) @ (numerics.BALANCE * np.abs(g) + numerics.ROUNDING * stiff)):
+    if felt.size and np.any(
+        felt > np.abs(Z.T) @ (numerics.BALANCE * np.abs(g) + numerics.ROUNDING * stiff)
+    ):
         torque = along @ (along.T @ g) / columns
         states.append(
             State(
@@ -326,16 +334,19 @@ def _general(
                     {"difference": missed.tolist()},
                 )
             )
-    curvature = output.curvature(w * rows) * columns[:, None] * columns
-    H_L, terms = H - curvature, np.abs(H) + np.abs(curvature)
-    least = np.abs(w) * numerics.EPSILON + np.abs(U) @ (np.abs(to_output.T) @ (np.abs(Y.T) @ doubt))
+    parts, follow = [H, -output.curvature(w * rows) * columns[:, None] * columns], list[int]()
     if closure is not None and closures is not None:
-        follow = np.delete(np.arange(n), leading)
+        follow = _without(leading, n)
         lam = closures.forces(J.T @ w - g, follow)
-        curvature = closure.curvature(lam) * columns[:, None] * columns
-        H_L, terms = H_L + curvature, terms + np.abs(curvature)
-        least = np.append(least, np.abs(lam) * numerics.EPSILON + doubt[follow].max(initial=0.0))
-    terms = terms + float(least.sum()) / numerics.IDLE
+        parts.append(closure.curvature(lam) * columns[:, None] * columns)
+    H_L = sum(parts[1:], H)
+
+    @cache
+    def terms() -> Array:
+        outward = np.abs(U) @ (np.abs(to_output.T) @ (np.abs(Y.T) @ doubt))
+        inward = lam.size * doubt[follow].max(initial=0.0)
+        least = numerics.EPSILON * (np.abs(w).sum() + np.abs(lam).sum()) + outward.sum() + inward
+        return np.asarray(sum(map(np.abs, parts)) + float(least) / numerics.IDLE)
 
     if rank < len(rows):
         missing = lost * rows[:, None]
@@ -361,7 +372,7 @@ def _general(
         Z, inner = held
         S = Y.T @ H_L @ Y
         size = np.abs(Y)
-        idle = (np.abs(S) <= numerics.IDLE * (size.T @ terms @ size)).all(axis=1)
+        idle = (np.abs(S) <= numerics.IDLE * (size.T @ terms() @ size)).all(axis=1)
         S[idle], S[:, idle] = 0.0, 0.0  # what costs nothing is no rounding either
         if Z.shape[1]:
             S = S - (Y.T @ H_L @ Z) @ inner @ (Z.T @ H_L @ Y)
@@ -376,7 +387,8 @@ def _general(
         J_B = np.concatenate([J @ Y, np.zeros((len(rows), Z.shape[1]))], axis=1)
         free = FreeMotions(
             J_B / rows[:, None], _symmetric(B.T @ H_L @ B, energy),
-            lambda: np.abs(B.T) @ terms @ np.abs(B), lambda: _norm(terms) * float(np.vdot(B, B)),
+            lambda: np.abs(B.T) @ terms() @ np.abs(B),
+            lambda: _norm(terms()) * float(np.vdot(B, B)),
             columns[:, None] * B, energy.energy == energy.energy,
         )  # fmt: skip
     if states and states[0].code in ("deficient", "serial-singularity") and reachable is not None:
@@ -394,7 +406,13 @@ def _general(
 
 
 def _held_self_motions(
-    H: Array, terms: Array, Y: Array, Z: Array, along: Array, columns: Array, states: list[State]
+    H: Array,
+    terms: Callable[[], Array],
+    Y: Array,
+    Z: Array,
+    along: Array,
+    columns: Array,
+    states: list[State],
 ) -> tuple[Array, Array] | None:
     """Self-motions (n, k) that stiffness holds, and the inverse (k, k) of it; None if one is not.
 
@@ -405,7 +423,7 @@ def _held_self_motions(
         return Z, np.zeros((0, 0))
     every = np.concatenate([Y, Z], axis=1)
     size = np.abs(every)
-    size = np.sqrt(((terms @ size) * size).sum(axis=0))
+    size = np.sqrt(((terms() @ size) * size).sum(axis=0))
     every = every / np.where(size > 0.0, size, 1.0)
     unit = every[:, Y.shape[1] :]
     block = unit.T @ H @ unit
