@@ -30,8 +30,9 @@ _ITERATIONS = 200
 _HALVINGS = 30
 # Steps without the residual being halved after which forces without energy are given up.
 _PATIENCE = 40
-# Steps after a refused one in which stiff springs are to come back.
-_FOLLOWED = 3
+# Steps after a refused one in which stiff springs are to come back, and the ratio of stiffnesses
+# from which on they hold back the soft ones: elsewhere such steps may lead to another equilibrium.
+_FOLLOWED, _STIFF = 3, 1e5
 _CAP, _LARGEST_CAP, _LARGEST_TURN = 0.3, 1e18, 1.0
 _SUFFICIENT = 1e-4
 # The energy's fall is trusted down to this share of the energies added up.
@@ -214,10 +215,14 @@ class _Iteration:
                     return True
                 self.contacts = old
             whole = halving == 0 and share == 1.0 and contacts == self.contacts
-            if whole and self._followed(point, fall, fuzzy):
+            if whole and self._is_stiff() and self._followed(point, fall, fuzzy):
                 return True
             t *= 0.5
         return False
+
+    def _is_stiff(self) -> bool:
+        hardness = self.balance.hardness
+        return float(hardness.max(initial=0.0)) > _STIFF * float(hardness.min(initial=np.inf))
 
     def _followed(self, trial: Point, fall: float, fuzzy: float) -> bool:
         """Follow a step that was refused; False, and nothing done, if that leads up as well.
