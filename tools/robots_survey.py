@@ -6,8 +6,8 @@ Without folders the URDFs of example-robot-data; else every .urdf, .xacro and MJ
 with arguments for xacro files that ask for them. Each is loaded and analysed with nothing named;
 its pose is compared with Pinocchio's reading of the same URDF (of a xacro file: of what it expands
 to), or with MuJoCo's of the same MJCF. Prints a line a robot, and at the end how many load, are
-refused or are wrong, and how many arms of six or more joints show a 6x6 matrix. Exit code 1 if anything is wrong,
-or if fewer than 95 % do.
+refused or are wrong, and how many arms of six or more joints show a 6x6 matrix. Exit code 1 if
+anything is wrong, or if fewer than 95 % do.
 """
 
 from __future__ import annotations
