@@ -37,6 +37,15 @@ def describe_equilibrium(state: Equilibrium) -> str:
         f"  rotation     {wide_row(np.degrees(state.displacement[:3]), _NOTHING)} deg",
         f"  translation  {wide_row(state.displacement[3:], _NOTHING * length)} {units.length}",
     ]
+    if (known := state.elastic.identified) is not None and (
+        s := state.displacement_deviation
+    ) is not None:
+        half, percent = known.factor * s, f"{100 * known.level:g} %"
+        lines += [
+            f"  {percent} from the measured springs:",
+            f"  rotation  +- {wide_row(np.degrees(half[:3]))} deg",
+            f"  transl.   +- {wide_row(half[3:])} {units.length}",
+        ]
     elastic = state.elastic_stiffness
     if elastic.wrench is not None:
         W = elastic.shown_wrench(elastic.wrench)
