@@ -37,12 +37,14 @@ def map_file(rng: random.Random) -> str:
     shutil.copytree(original, file)
     files = sorted(p for p in file.rglob("*") if p.is_file())
     for path in rng.sample(files, rng.choice([1, 1, 2])):
+        if not path.exists():
+            continue
         data, action = path.read_bytes(), rng.random()
         if action < 0.25:
-            other = rng.choice(files)
+            other = rng.choice([file for file in files if file.exists()])
             data, kept = other.read_bytes(), data
             other.write_bytes(kept)
-        elif action < 0.6 and path.name == "zarr.json":
+        elif action < 0.6 and path.name == "zarr.json" and data.startswith(b"{"):
             data = json.dumps(mutated_data(rng, json.loads(data))).encode("utf-8", "replace")
         elif action < 0.7:
             data = data[: rng.randrange(len(data) + 1)]

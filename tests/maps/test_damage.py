@@ -144,7 +144,9 @@ def _exchange(a, b):
     b.write_bytes(kept)
 
 
-@pytest.mark.parametrize("what", ["chunks", "arrays", "marks", "parts", "axes", "maps"])
+@pytest.mark.parametrize(
+    "what", ["chunks", "arrays", "marks", "strangers", "parts", "axes", "maps"]
+)
 def test_exchanged_files(elastic, whole, tmp_path, what):
     """Each has a right checksum, and stands where another one belongs."""
     sampling, _, _ = whole
@@ -160,6 +162,9 @@ def test_exchanged_files(elastic, whole, tmp_path, what):
             _exchange(first, chunks(QUANTITIES[0])[0])
         elif what == "marks":
             _exchange(*sorted(chunks("done"))[:2])
+        elif what == "strangers":  # files of no mark's length
+            for mark, name in zip(chunks("done"), ("state", "position"), strict=False):
+                mark.write_bytes(chunks(name)[0].read_bytes())
         elif what == "parts":  # of one shape, with all their files and marks
             for name in ("condition", QUANTITIES[0], "state", "position", "done", "q"):
                 if (folder / name).exists():

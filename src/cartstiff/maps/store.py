@@ -264,9 +264,10 @@ class MapFile:
         """What is wrong with a complete chunk, its mark and its files of some arrays: the first."""
         try:
             mark = self._checked("done", (chunk,))
-            whose, *checksums = np.frombuffer(mark, "<u4").tolist()
-            if whose != self._identity(chunk):
-                return f"done/c/{chunk} is the mark of another part or map"
+            own = self._identity(chunk).to_bytes(4, "little")
+            if mark[:4] != own or len(mark) != 4 * (1 + len(self.attributes["parts"])):
+                return f"done/c/{chunk} is not the mark of this part"
+            checksums = np.frombuffer(mark[4:], "<u4").tolist()
             of = dict(zip(self.attributes["parts"], checksums, strict=True))
             for name in names:
                 self._checked(name, self._place(name, chunk), of[name])
