@@ -145,3 +145,14 @@ def test_rotational_inertia_of_a_file_is_kept():
     full = np.triu(full) + np.triu(full, 1).T
     # The fingers lie still in both: what they carry moves with the hand.
     assert elastic.mechanism.at(elastic.q).mass_matrix() == pytest.approx(full[:n, :n], rel=1e-9)
+
+
+def test_a_payload_among_the_loads_is_told_in_kilograms(tmp_path):
+    file = tmp_path / "cell.yaml"
+    legs = {"base": [[0, 0, 0], [1000, 0, 0], [0, 1000, 0]], "platform": [[0, 0, 600]] * 3}
+    units = {"length": "mm", "force": "kN"}
+    data = {"kind": "springs", "units": units, **legs, "legs": {"stiffness": 10, "preload": 0}}
+    file.write_text(json.dumps(data), encoding="utf-8")
+    cell = cartstiff.load(file)
+    hung = payload(20.0 / cell.units.newtons, (0.0, 0.0, -9.81))
+    assert weighed(cell, [hung]).payload == pytest.approx(20.0)

@@ -69,7 +69,9 @@ class Weighed:
 def weighed(elastic: ElasticMechanism, loads: Sequence[Potential] = ()) -> Weighed:
     """What gravity acts on in a mechanism, and the payloads among its loads."""
     acting = (*elastic.potentials, *loads)
-    payload = sum(load.mass for load in acting if isinstance(load, DeadForce))
+    # Weights are in the unit of force: so is the mass that a load remembers.
+    hung = sum(load.mass for load in acting if isinstance(load, DeadForce))
+    payload = hung * elastic.units.newtons
     if elastic.gravity is None:
         return Weighed(None, {}, (), payload)
     masses = elastic.mechanism.masses()
