@@ -66,12 +66,15 @@ class ByLengths(NamedTuple):
 def by_lengths(lines: Array, k: Array, rest: Array) -> ByLengths | None:
     """``diag(k) + B^T (sum k g g^T + R) B`` of this module; None for dependent lines.
 
+    Slack ones do not count.
+
     Parameters
     ----------
     lines, k, rest : ndarray (m, 6), (m,), (6, 6)
         Lines, their stiffnesses, and R, for motions of one unit.
     """
-    if len(k) < 6 or not numerics.is_regular(np.linalg.svd(lines, compute_uv=False)):
+    taut = lines[k > 0.0]
+    if len(taut) < 6 or not numerics.is_regular(np.linalg.svd(taut, compute_uv=False)):
         return None
     leading = numerics.first_independent(lines.T * np.sqrt(k))
     others = np.delete(np.arange(len(k)), leading)
