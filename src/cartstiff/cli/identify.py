@@ -17,7 +17,7 @@ from cartstiff.cli.identify_options import (
     units_of,
 )
 from cartstiff.cli.options import frame_option
-from cartstiff.cli.output import tell
+from cartstiff.cli.output import say, tell
 from cartstiff.cli.plan_request import PlanRequest
 from cartstiff.cli.types import (
     PICTURE,
@@ -260,4 +260,4 @@ def _words(text: str) -> list[str]:
 def _progress(step: int, change: float) -> None:
     """A line on a terminal for each step of a long fit."""
     if sys.stderr.isatty():
-        click.echo(f"step {step}: largest relative change {change:.3g}", err=True)
+        say(f"step {step}: largest relative change {change:.3g}", error=True)
