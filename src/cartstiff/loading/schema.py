@@ -87,6 +87,8 @@ Vectors = Annotated[list[Vector], Field(min_length=1, max_length=100_000)]
 
 
 class FileModel(BaseModel):
+    """What stands in a mechanism file: no other keys, and nothing changes it."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
