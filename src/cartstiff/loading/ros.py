@@ -77,7 +77,10 @@ def expanded_xacro(path: Path, ros: Ros, where: str) -> str:
             "above the file that holds it",
         )  # fmt: skip
     if "error" in answer:
-        words = one_line(str(answer["error"]), 300)
+        words = str(answer["error"])
+        for folder, shown in ((path.resolve().parent, "."), (path.resolve().parent.parent, "..")):
+            words = words.replace(f"{folder}/", f"{shown}/")  # the end of a path tells most
+        words = one_line(words, 300)
         file = Path(answer.get("file", path)).name
         raise InputError(
             "not a usable xacro file", where=where,
