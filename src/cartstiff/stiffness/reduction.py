@@ -164,10 +164,12 @@ def _inverse(matrix: Array, sizes: Array) -> Array:
 def _without_noise(K: Array, rows: Array) -> Array:
     """K with zeros for motions that no spring feels but by the rounding of its own geometry.
 
-    A spring k whose rate along a motion is rounded to 0 still adds ``k EPSILON^2`` there.
+    A spring k whose rate along a motion is rounded to 0 still adds ``k EPSILON^2`` there, and
+    ``k EPSILON`` beside it. A load can leave zero on the diagonal alone: that is no noise.
     """
-    own = np.abs(K.diagonal()) / rows**2
-    noise = own <= (_GEOMETRY * numerics.EPSILON) ** 2 * own.max(initial=0.0)
+    size = np.abs(K) / rows / rows[:, None]
+    most, share = size.max(initial=0.0), _GEOMETRY * numerics.EPSILON
+    noise = (size.diagonal() <= share**2 * most) & (size.max(axis=1, initial=0.0) <= share * most)
     if noise.any():
         K = np.where(noise[:, None] | noise, 0.0, K)
     return K
