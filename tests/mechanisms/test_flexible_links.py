@@ -7,6 +7,7 @@ import pytest
 from ruamel.yaml import YAML
 from scipy.spatial.transform import Rotation
 from tests.mechanisms.beams import GROUND, Frame
+from tests.mechanisms.machines import joint, write_file, write_urdf
 from tests.mechanisms.oracle import ROBOTS, natural_error
 from tests.support import adjoint_reference, relative_error
 
@@ -154,3 +155,26 @@ def _stiffened(factor):
     K = sum(_leg_stiffness(leg, legs[0].body) for leg in legs)
     plane = np.ix_([2, 3, 4], [2, 3, 4])
     return np.linalg.inv(np.linalg.inv(K)[plane])
+
+
+@pytest.mark.parametrize(("at", "said"), [((0.3, 0, 0), False), ((0, 0, 0.3), True)])
+def test_a_beam_that_does_not_lie_along_its_link_is_named(tmp_path, at, said):
+    """A beam runs along x: where the next joint stands along z, a rigid piece is named."""
+    write_urdf(
+        tmp_path,
+        joint("j1", "base", "upper", axis=(0, 0, 1)),
+        joint("j2", "upper", "tip", at=at, axis=(0, 1, 0)),
+        name="arm",
+    )
+    beam = {"E": 7e10, "G": 2.6e10, "length": 0.3, "area": 6e-4, "Iy": 4.5e-8, "Iz": 2e-8,
+            "J": 5e-8, "segments": 2}  # fmt: skip
+    path = write_file(
+        tmp_path, "arm", kind="serial", model="arm.urdf", frame="tip",
+        springs={"j1": {"stiffness": 1e4}, "j2": {"stiffness": 1e4}},
+        flexible={"upper": {"beam": beam}},
+    )  # fmt: skip
+    found = [n for n in load(path).notes if n.code == "beam-elsewhere"]
+    assert bool(found) is said
+    if said:
+        assert found[0].values["begins"] == pytest.approx([0, 0, 0.3])
+        assert "'upper'" in found[0].message

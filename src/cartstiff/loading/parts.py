@@ -34,6 +34,7 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.tree import KinematicTree
 from cartstiff.mechanisms.tree_building import find_frame, plain_tree
+from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import DeadForce
 from cartstiff.potentials.springs import (
@@ -91,6 +92,7 @@ def put_together(
     lifted: Sequence[Lifted] = (), entries: Mapping[str, JointSpringModel] | None = None,
 ) -> ElasticMechanism:  # fmt: skip
     """A chain with its springs, soft links, and what else the file puts on it."""
+    notes = [*notes, *beams_that_end_elsewhere(soft, chain)]
     elastic = ElasticMechanism(name, chain, q, springs, notes=tuple(notes))
     elastic = elastic.with_gravity(file.gravity, where=f"{where}, key gravity")
     potentials = [*soft, *extra_lines(file.lines, chain, q)]
@@ -104,6 +106,35 @@ def put_together(
     damping = np.array([given[n].damping if n in given else 0.0 for n in chain.names])
     elastic = replace(elastic, damping=damping if damping.any() else None)
     return elastic.with_potential(*potentials)
+
+
+# What is this near to the end of a beam, over its length, is there.
+_THERE = 1e-6
+
+
+def beams_that_end_elsewhere(soft: Sequence[Potential], chain: Chain) -> list[Note]:
+    """Beams at whose far end nothing hangs: perhaps their link does not lie along its x axis."""
+    model, frames, notes = chain.tree.model, chain.tree.frames, []
+    for beam in soft:
+        if not isinstance(beam, Beam):
+            continue
+        last = list(model.idx_vs).index(int(beam.indices[-1, -1]))
+        hung = [model.jointPlacements[j].translation
+                for j in range(model.njoints) if j and model.parents[j] == last]  # fmt: skip
+        hung += [place.T_j_f[:3, 3] for place in frames.values() if place.joint == last]
+        length = beam.length * len(beam.indices)
+        if not hung or min(np.linalg.norm(x) for x in hung) <= _THERE * length:
+            continue
+        nearest = min(hung, key=np.linalg.norm)
+        x, y, z = nearest + np.array([length, 0.0, 0.0])
+        notes.append(Note(
+            "beam-elsewhere",
+            f"the beam of link {beam.link!r} runs along the x axis of the link or its offset, to "
+            f"({length:.6g}, 0, 0); what hangs on it begins at ({x:.6g}, {y:.6g}, {z:.6g}), joined "
+            "rigidly",
+            {"link": beam.link, "length": length, "begins": [float(x), float(y), float(z)]},
+        ))  # fmt: skip
+    return notes
 
 
 def joints_that_move(description: RobotDescription, frame: str) -> set[str]:
