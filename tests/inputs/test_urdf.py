@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import cartstiff
 from cartstiff.errors import InputError
 from cartstiff.loading.catalogue import bundled_files, example_robots
 
@@ -544,3 +545,15 @@ def test_default_frame_of_example_robots(name: str, frame: str, tmp_path: Path) 
     path = example_robots()[name].path
     assert path is not None
     assert default_frame(read_robot_description(path).model)[0] == frame
+
+
+def test_limits_that_look_like_degrees_are_named(tmp_path):
+    """Radians in URDF: joints with lower="-170" would turn 27 times."""
+    text = """<robot name='a'><link name='b'/><link name='c'/>
+    <joint name='j' type='revolute'><parent link='b'/><child link='c'/><axis xyz='0 0 1'/>
+    <limit lower='LOW' upper='HIGH' effort='1' velocity='1'/></joint></robot>"""
+    for low, high, said in (("-170", "170", True), ("-3.1", "3.1", False), ("-1e6", "1e6", False)):
+        path = tmp_path / "a.urdf"
+        path.write_text(text.replace("LOW", low).replace("HIGH", high))
+        codes = [note.code for note in cartstiff.load(path).notes]
+        assert ("limits-of-turns" in codes) is said

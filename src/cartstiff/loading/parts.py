@@ -108,6 +108,8 @@ def put_together(
     return elastic.with_potential(*potentials)
 
 
+# Limits of a joint [rad] that look like degrees; larger ones stand for "none".
+_DEGREES = (40.0, 1000.0)
 # What is this near to the end of a beam, over its length, is there.
 _THERE = 1e-6
 
@@ -197,6 +199,14 @@ def description_notes(
     if facts.weightless:
         words = "; ".join(facts.weightless)
         notes.append(Note("masses-unknown", f"taken as zero, since it is not known: {words}"))
+    wide = {
+        c.name: [c.lower, c.upper] for c in tree.coordinates
+        if not c.is_length and _DEGREES[0] < max(-c.lower, c.upper) < _DEGREES[1]
+    }  # fmt: skip
+    if wide:
+        words = ", ".join(f"{name} {low:g} ... {high:g}" for name, (low, high) in wide.items())
+        message = f"limits of several turns: {words} rad. Degrees? Limits in URDF are in radians"
+        notes.append(Note("limits-of-turns", message, wide))
     return notes
 
 
