@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from importlib import import_module
 from typing import Any
 from unicodedata import category
 
@@ -14,6 +15,7 @@ __all__ = [
     "MissingDependencyError",
     "UndefinedError",
     "UnknownNameError",
+    "imported",
     "joined",
     "one_line",
     "printable",
@@ -189,3 +191,17 @@ class MissingDependencyError(CartstiffError, ImportError):
             f"{purpose} needs the package {package}, which is not installed: "
             + (f"pip install 'cartstiff[{extra}]'" if extra else f"pip install {package}")
         )
+
+
+def imported(module: str, package: str, purpose: str, extra: str = "") -> Any:
+    """A module that not every installation has.
+
+    Raises
+    ------
+    MissingDependencyError
+        Where it cannot be imported: what needs which package, and how it is installed.
+    """
+    try:
+        return import_module(module)
+    except ImportError:
+        raise MissingDependencyError(package, purpose, extra) from None

@@ -18,7 +18,7 @@ from pathlib import Path
 from threading import Lock
 from typing import Any
 
-from cartstiff.errors import CartstiffError, InputError, MissingDependencyError, one_line
+from cartstiff.errors import CartstiffError, InputError, imported, one_line
 from cartstiff.maps.job import MapJob
 from cartstiff.maps.processes import packed
 from cartstiff.maps.store import MapFile
@@ -131,13 +131,7 @@ def _compute_chunk(
 
 
 def _distributed() -> Any:
-    try:
-        import distributed
-    except ImportError:
-        raise MissingDependencyError(
-            package="distributed", purpose="computing a map with several processes", extra="maps"
-        ) from None
-    return distributed
+    return imported("distributed", "distributed", "computing a map with several processes", "maps")
 
 
 @contextmanager

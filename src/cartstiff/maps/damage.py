@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from cartstiff.errors import InputError, MissingDependencyError, one_line
+from cartstiff.errors import InputError, imported, one_line
 
 __all__ = [
     "CHECKSUM",
@@ -119,12 +119,9 @@ def crc32c(data: bytes) -> int:
     MissingDependencyError
         Without google-crc32c.
     """
-    try:
-        from google_crc32c import value
-    except ImportError:
-        raise MissingDependencyError(
-            package="google-crc32c", purpose="verifying a map", extra="maps"
-        ) from None
+    value = imported(
+        "google_crc32c", package="google-crc32c", purpose="verifying a map", extra="maps"
+    ).value
     return int(value(data))
 
 

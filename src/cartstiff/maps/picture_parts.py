@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cartstiff.errors import MissingDependencyError
+from cartstiff.errors import imported
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps.reading import state_names, unit_label
 
@@ -35,12 +35,9 @@ _HATCHES = ("////", "....", "xxxx", "\\\\\\\\", "oooo", "----")
 
 def new_figure(width: float = 6.4, height: float = 4.2) -> Any:
     """A figure that needs no window, of a size in inches."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise MissingDependencyError(
-            package="matplotlib", purpose="drawing a figure", extra="plots"
-        ) from None
+    Figure = imported(
+        "matplotlib.figure", package="matplotlib", purpose="drawing a figure", extra="plots"
+    ).Figure
     return Figure(figsize=(width, height), layout="constrained")
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.errors import InputError, MissingDependencyError
+from cartstiff.errors import InputError, imported
 from cartstiff.maps.job import MapJob
 from cartstiff.maps.opening import open_map
 from cartstiff.maps.prepare import prepare_map
@@ -183,12 +183,7 @@ def _bar(
     """A bar that counts postures, or nothing."""
     if progress is False or (progress is None and not sys.stderr.isatty()):
         return nullcontext(lambda _: None)
-    try:
-        from tqdm import tqdm
-    except ImportError:
-        raise MissingDependencyError(
-            package="tqdm", purpose="a progress bar", extra="maps"
-        ) from None
+    tqdm = imported("tqdm", package="tqdm", purpose="a progress bar", extra="maps").tqdm
 
     class Bar(AbstractContextManager[Callable[[int], None]]):
         def __enter__(self) -> Callable[[int], None]:

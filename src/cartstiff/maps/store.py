@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from cartstiff.errors import InputError, MissingDependencyError, one_line
+from cartstiff.errors import InputError, imported, one_line
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps.damage import (
     CHECKSUM,
@@ -50,12 +50,7 @@ _RESERVED = ("state", "position", "q", "done", "branches", "xyz", "joint", "chun
 
 
 def _zarr() -> Any:
-    try:
-        import zarr
-    except ImportError:
-        raise MissingDependencyError(
-            package="zarr", purpose="keeping a map in a file", extra="maps"
-        ) from None
+    zarr = imported("zarr", package="zarr", purpose="keeping a map in a file", extra="maps")
     return zarr
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cartstiff.errors import MissingDependencyError
+from cartstiff.errors import imported
 from cartstiff.page.recording import Key
 
 __all__ = ["compacted"]
@@ -74,9 +74,6 @@ def _label(packed: bytes, path: str) -> dict[str, Any] | None:
     """What a label says, if that is all it is."""
     if b"SpriteMaterial" not in packed or b"userData" not in packed:
         return None
-    try:
-        import msgpack
-    except ImportError:
-        raise MissingDependencyError("msgpack", "a picture in a page") from None
+    msgpack = imported("msgpack", "msgpack", "a picture in a page")
     sprite = msgpack.unpackb(packed)["object"]["object"]
     return {"path": path, "height": sprite["scale"][1], **sprite["userData"]}

@@ -29,6 +29,13 @@ __all__ = ["DeadForce", "DeadWrench", "FollowerWrench", "Load", "Scaled", "Semit
            "payload"]  # fmt: skip
 
 
+def _keep(load: Load, **sizes: int) -> None:
+    """Check the vectors of a load, and keep copies that nothing changes."""
+    for name, size in sizes.items():
+        what = "point of application" if name == "point" else name
+        object.__setattr__(load, name, _numbers(getattr(load, name), size, what))
+
+
 def _numbers(value: ArrayLike, size: int, what: str) -> Array:
     array = checked_vector(value, size, what)
     array.flags.writeable = False
@@ -98,8 +105,7 @@ class DeadForce(Load):
     mass: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "force", _numbers(self.force, 3, "force"))
-        object.__setattr__(self, "point", _numbers(self.point, 3, "point of application"))
+        _keep(self, force=3, point=3)
 
     def on_pose(self, T_F_b: Array) -> tuple[float, Array, Array]:
         """Energy, alpha = -(c x R^T f, R^T f), and its K^A."""
@@ -133,8 +139,7 @@ class DeadWrench(Load):
     point: Array | Sequence[float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "wrench", _numbers(self.wrench, 6, "wrench"))
-        object.__setattr__(self, "point", _numbers(self.point, 3, "point of application"))
+        _keep(self, wrench=6, point=3)
 
     def on_pose(self, T_F_b: Array) -> tuple[float, Array, Array]:
         """Energy, alpha = -(c x R^T f + R^T m, R^T f), and T."""
@@ -181,8 +186,7 @@ class SemitangentialWrench(Load):
     point: Array | Sequence[float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "wrench", _numbers(self.wrench, 6, "wrench"))
-        object.__setattr__(self, "point", _numbers(self.point, 3, "point of application"))
+        _keep(self, wrench=6, point=3)
         rotation = checked_array(self.rotation, (3, 3), "rotation")
         object.__setattr__(self, "rotation", fixed(rotation))
 
@@ -221,7 +225,7 @@ class FollowerWrench(Load):
     frame_b: str = "body"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "wrench", _numbers(self.wrench, 6, "wrench"))
+        _keep(self, wrench=6)
 
     def on_pose(self, T_F_b: Array) -> tuple[float, Array, Array]:  # noqa: ARG002
         """No energy, alpha = -w, constant: T = 0."""

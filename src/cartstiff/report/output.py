@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cartstiff.errors import InputError, MissingDependencyError, one_line, printable
+from cartstiff.errors import InputError, imported, one_line, printable
 from cartstiff.stiffness.compute import PostureStiffness
 
 __all__ = ["new_figure", "picture", "save_figure", "write_files", "write_result", "write_whole"]
@@ -93,10 +93,7 @@ def new_figure(width: float, height: float) -> Any:
     MissingDependencyError
         Without matplotlib.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise MissingDependencyError("matplotlib", "drawing a figure", "plots") from None
+    Figure = imported("matplotlib.figure", "matplotlib", "drawing a figure", "plots").Figure
     return Figure(figsize=(width, height), layout="constrained")
 
 

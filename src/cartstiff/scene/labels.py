@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from cartstiff.errors import MissingDependencyError, printable
+from cartstiff.errors import imported, printable
 from cartstiff.scene import theme as themes
 from cartstiff.scene.canvas import Node
 from cartstiff.scene.objects import sprite
@@ -53,10 +53,7 @@ def _letter(character: str) -> NDArray[np.uint8]:
 
 @lru_cache(maxsize=1)
 def _font():  # type: ignore[no-untyped-def]
-    try:
-        from PIL import ImageFont
-    except ImportError:
-        raise MissingDependencyError("pillow", "a label in a picture") from None
+    ImageFont = imported("PIL.ImageFont", "pillow", "a label in a picture")
     return ImageFont.load_default(size=_DOTS - 4)
 
 

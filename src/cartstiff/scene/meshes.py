@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cartstiff.errors import InputError, MissingDependencyError
+from cartstiff.errors import InputError, imported
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.yaml_file import read_bytes
 from cartstiff.scene import objects
@@ -79,15 +79,9 @@ def read_mesh(path: Path) -> Mesh:
     InputError
         For a file that is no mesh.
     """
-    try:
-        import trimesh
-    except ImportError:
-        raise MissingDependencyError("trimesh", "the mesh of a robot's link") from None
+    trimesh = imported("trimesh", "trimesh", "the mesh of a robot's link")
     if path.suffix.lower() == ".dae":
-        try:
-            import collada  # noqa: F401
-        except ImportError:
-            raise MissingDependencyError("pycollada", f"the mesh {path.name}") from None
+        imported("collada", "pycollada", f"the mesh {path.name}")
     _check_size(path)
     try:
         with warnings.catch_warnings():

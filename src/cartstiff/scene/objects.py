@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cartstiff.errors import MissingDependencyError
+from cartstiff.errors import imported
 from cartstiff.geometry.se3 import Array
 
 __all__ = [
@@ -46,10 +46,7 @@ _LINEAR_FILTER = 1006
 
 def arrays(values: NDArray[Any], normalized: bool = False) -> Object:
     """A typed array for a buffer; float64 becomes float32."""
-    try:
-        import umsgpack
-    except ImportError:
-        raise MissingDependencyError("u-msgpack-python", "a picture in a page") from None
+    umsgpack = imported("umsgpack", "u-msgpack-python", "a picture in a page")
     values = np.ascontiguousarray(values)
     if values.dtype == np.float64:
         values = values.astype(np.float32)

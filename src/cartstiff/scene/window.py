@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Protocol
 
-from cartstiff.errors import InputError, MissingDependencyError
+from cartstiff.errors import InputError, imported
 
 __all__ = ["Command", "RecordingWindow"]
 
@@ -135,10 +135,7 @@ class RecordingWindow:
 
 def _packer() -> Callable[[dict[str, Any]], bytes]:
     """MessagePack in machine code: meshcat's own packer takes twenty times as long."""
-    try:
-        import msgpack
-    except ImportError:
-        raise MissingDependencyError("msgpack", "a picture in a page") from None
+    msgpack = imported("msgpack", "msgpack", "a picture in a page")
 
     def arrays(value: Any) -> Any:
         """Meshcat's typed arrays, in the words of this packer."""

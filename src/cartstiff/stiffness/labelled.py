@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cartstiff.arrays import Array
-from cartstiff.errors import MissingDependencyError
+from cartstiff.errors import imported
 
 __all__ = ["AXES", "labelled"]
 
@@ -37,10 +37,7 @@ def labelled(
     MissingDependencyError
         Without xarray.
     """
-    try:
-        import xarray
-    except ImportError:
-        raise MissingDependencyError("xarray", "a table with labels", "maps") from None
+    xarray = imported("xarray", "xarray", "a table with labels", "maps")
     used = {axis for names, _ in arrays.values() for axis in names}
     return xarray.Dataset(
         {name: (list(names), np.array(values)) for name, (names, values) in arrays.items()},

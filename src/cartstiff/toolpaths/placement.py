@@ -11,7 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cartstiff.arrays import checked_array
-from cartstiff.errors import InputError, MissingDependencyError, UndefinedError, UnknownNameError
+from cartstiff.errors import (
+    InputError,
+    UndefinedError,
+    UnknownNameError,
+    imported,
+)
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -90,10 +95,7 @@ class Placement:
         MissingDependencyError
             Without xarray.
         """
-        try:
-            import xarray
-        except ImportError:
-            raise MissingDependencyError("xarray", "labelled arrays", "maps") from None
+        xarray = imported("xarray", "xarray", "labelled arrays", "maps")
         dims, units = tuple(self.axes), self.path.elastic.units
         about = {"long_name": f"worst along the path: {self.path.criterion.description}"}
         return xarray.Dataset(
