@@ -14,9 +14,9 @@ import cartstiff
 from cartstiff.analysis.plain import plain
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.analysis.tolerances import Tolerances
-from cartstiff.cli.analysis_options import CONNECTIONS as OFFERED
-from cartstiff.cli.analysis_options import LEVELS as OFFERED_LEVELS
 from cartstiff.cli.main import main
+from cartstiff.cli.requests.analysis import CONNECTIONS as OFFERED
+from cartstiff.cli.requests.analysis import LEVELS as OFFERED_LEVELS
 from cartstiff.geometry import se3
 from cartstiff.stiffness.applied_load import LoadKind
 

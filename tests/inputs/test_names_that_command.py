@@ -131,7 +131,7 @@ def test_a_file_whose_name_is_no_text(arm, capfd):
 
 def test_every_command_writes_through_one_place():
     folder = Path(cartstiff.__file__).parent / "cli"
-    for path in folder.glob("*.py"):
+    for path in folder.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and path.name != "output.py":
                 called = ast.unparse(node.func)

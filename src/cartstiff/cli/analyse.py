@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cartstiff.cli.analysis_options import AnalysisRequest, analysis_options
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import json_text, say
-from cartstiff.cli.target_file import ORDERS
+from cartstiff.cli.requests.analysis import AnalysisRequest, analysis_options
+from cartstiff.cli.requests.target_file import ORDERS
 from cartstiff.cli.types import OutputFile, json_option, option, option_group
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cartstiff.cli.target_file import read_target
+from cartstiff.cli.requests.target_file import read_target
 from cartstiff.errors import InputError
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import click
 
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import say_unused, tell
-from cartstiff.cli.path_file import WRENCH
+from cartstiff.cli.requests.path_file import WRENCH
 from cartstiff.cli.types import (
     PICTURE,
     Number,

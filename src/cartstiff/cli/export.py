@@ -8,8 +8,8 @@ from typing import Any
 import click
 
 from cartstiff.cli.output import say
+from cartstiff.cli.requests.view import needs_view, page_options, source_from_options
 from cartstiff.cli.types import OutputFile
-from cartstiff.cli.view_options import needs_view, page_options, source_from_options
 from cartstiff.errors import one_line
 
 __all__ = ["command"]

@@ -9,16 +9,16 @@ from typing import Any
 
 import click
 
-from cartstiff.cli.identify_options import (
+from cartstiff.cli.options import frame_option
+from cartstiff.cli.output import say, tell
+from cartstiff.cli.requests.identify import (
     deviations_of,
     reject_of,
     stiffnesses_of,
     ties_of,
     units_of,
 )
-from cartstiff.cli.options import frame_option
-from cartstiff.cli.output import say, tell
-from cartstiff.cli.plan_request import PlanRequest
+from cartstiff.cli.requests.plan import PlanRequest
 from cartstiff.cli.types import (
     PICTURE,
     POINT,

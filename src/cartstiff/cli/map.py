@@ -10,9 +10,9 @@ from typing import Any
 
 import click
 
-from cartstiff.cli.map_options import check_cuts, sampling_from_options, sampling_options
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import say
+from cartstiff.cli.requests.map import check_cuts, sampling_from_options, sampling_options
 from cartstiff.cli.types import (
     PICTURE,
     POINT,

@@ -10,8 +10,8 @@ import click
 from cartstiff.cli.controller import ControllerRequest
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import tell
+from cartstiff.cli.requests.target_file import ORDERS
 from cartstiff.cli.response import RESPONSES, ResponseRequest
-from cartstiff.cli.target_file import ORDERS
 from cartstiff.cli.types import (
     PICTURE,
     POINT,

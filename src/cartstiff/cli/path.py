@@ -161,7 +161,7 @@ def command(
     region = _region(place)
     elastic = request.at_posture()
 
-    from cartstiff.cli.path_file import read_path_file
+    from cartstiff.cli.requests.path_file import read_path_file
     from cartstiff.report.figures_toolpaths import draw_path, draw_placement
     from cartstiff.report.output import write_files
     from cartstiff.report.toolpaths import describe_optimised_path, describe_placement

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cartstiff.cli.target_file import ORDERS, Target, read_target
+from cartstiff.cli.requests.target_file import ORDERS, Target, read_target
 from cartstiff.cli.types import POINT, WRENCH, Number, Numbers, option, option_group
 from cartstiff.errors import InputError
 

@@ -64,9 +64,9 @@ class PlanRequest:
         import numpy as np
 
         from cartstiff.identify.candidates import candidates
+        from cartstiff.identify.measurements import table_text
         from cartstiff.identify.plan import plan
         from cartstiff.identify.table import read_measurements
-        from cartstiff.identify.table_text import table_text
         from cartstiff.identify.unknowns import unknowns_of
         from cartstiff.report.identification import describe_plan
         from cartstiff.report.output import write_files
@@ -103,9 +103,9 @@ class PlanRequest:
         """Measurements as the mechanism would show them."""
         import numpy as np
 
+        from cartstiff.identify.measurements import table_text
         from cartstiff.identify.synthetic import simulated
         from cartstiff.identify.table import read_measurements
-        from cartstiff.identify.table_text import table_text
         from cartstiff.report.output import write_files
 
         if self.csv is None:
