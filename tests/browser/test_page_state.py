@@ -72,10 +72,17 @@ def test_another_frame_keeps_posture_load_springs_and_posture_a(serve, pages):
 def test_fit_frames_the_posture_that_is_shown(ur5):
     arm = cartstiff.load("ur5")
     draw = np.random.default_rng(4)
-    for _ in range(8):
+    # What is to be framed comes from the server: the camera has moved when `look` has returned.
+    ur5.evaluate("""() => {
+        const { pane } = window.cartstiff;
+        const look = pane.look;
+        window.looks = 0;
+        pane.look = function (...how) { look.apply(this, how); window.looks += 1; };
+    }""")
+    for looks in range(1, 9):
         changed(ur5, q=draw.uniform(-3.1, 3.1, len(arm.names)).tolist(), moved=None)
         ur5.click("#cameras [data-preset=fit]")
-        ur5.wait_for_timeout(50)
+        ur5.wait_for_function("(looks) => window.looks === looks", arg=looks)
         assert np.abs(ur5.evaluate(TOOL)).max() < 0.95
 
 

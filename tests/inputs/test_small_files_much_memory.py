@@ -97,7 +97,9 @@ def test_as_many_hinges_as_may_be_take_little(tmp_path):
 
 
 def test_the_limits_are_those_of_the_reference():
-    from cartstiff.cli import map_options, path, target_file
+    from cartstiff.cli import path
+    from cartstiff.cli.requests import map as map_request
+    from cartstiff.cli.requests import target_file
     from cartstiff.loading import (
         csv_file,
         robot_description,
@@ -115,7 +117,7 @@ def test_the_limits_are_those_of_the_reference():
     assert yaml_file.LARGEST == csv_file.LARGEST == target_file._LARGEST == 1024**2
     assert mjcf_worker._MEMORY == 2 * 1024**3
     shown = {
-        "1 GiB": map_options._LARGEST_FILE / 1024**3, "64 MiB": meshes._LARGEST / 1024**2,
+        "1 GiB": map_request._LARGEST_FILE / 1024**3, "64 MiB": meshes._LARGEST / 1024**2,
         "64 MiB |": robot_description._LARGEST / 1024**2, "40 000": yaml_file.MOST_VALUES,
         "| 200 |": tree.MOST_COORDINATES, "of which 200 move": urdf.MOST_MOVING,
         "2000, of": urdf._MOST_JOINTS, "| 100 |": chain._MOST_CLOSURES,
