@@ -1,0 +1,76 @@
+"""Bases of motions in which springs of any stiffness do not disturb each other."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cartstiff.numerics.policy import RANK, Array
+
+__all__ = [
+    "first_independent",
+    "graded_basis",
+]
+
+
+def graded_basis(
+    motions: Array, stiffness: Array, across: Array | None = None
+) -> tuple[Array, NDArray[np.intp]]:
+    r"""Basis of given motions in which springs of any stiffness do not disturb each other.
+
+    Each motion moves one of the stiffest coordinates that determine them by 1 and the others of
+    these not at all; softer coordinates follow. A stiffness on such motions is graded like its
+    diagonal: a stiff spring stands in its own row and column only. What is stiffer than the
+    coordinate that leads and moves less than `RANK` with it does not move.
+
+    Parameters
+    ----------
+    motions : ndarray, shape (n, f)
+        Independent columns.
+    stiffness : ndarray, shape (n,)
+        Stiffness of each coordinate, not negative.
+    across : ndarray, shape (n, n - f), optional
+        Independent columns at right angles to the motions: with them the work goes with the lesser
+        of f and n - f.
+
+    Returns
+    -------
+    basis : ndarray, shape (n, f)
+    leading : ndarray of int, shape (f,)
+        The coordinates that lead; ``basis[leading]`` is the identity.
+    """
+    n, f = motions.shape
+    if f == 0:
+        return motions, np.empty(0, np.intp)
+    # What has no spring leads last; among itself it needs an order too.
+    known = stiffness.tolist()
+    softest = min((k for k in known if k > 0.0), default=1e300)
+    weights = np.sqrt([k if k > 0.0 else 1e-4 * softest for k in known])
+    if across is None or f <= n - f:
+        leading = first_independent(motions.T * weights)
+    else:
+        leading = np.delete(np.arange(n), first_independent(across.T / weights))
+    basis = motions @ np.linalg.inv(motions[leading])
+    size = np.abs(basis)
+    basis[(size <= RANK * size.max(axis=0)) & (stiffness[:, None] > stiffness[leading])] = 0.0
+    basis[leading] = np.eye(f)
+    return basis, leading
+
+
+def first_independent(columns: Array) -> NDArray[np.intp]:
+    """Indices (m,) of independent columns of a matrix (m, n) of rank m, the largest first."""
+    m = len(columns)
+    found = np.empty(m, np.intp)
+    size = np.einsum("ij,ij->j", columns, columns)
+    least = RANK**2 * size
+    for i in range(m):
+        found[i] = at = int(size.argmax())
+        direction = columns[:, at]
+        direction = direction / sqrt(direction.dot(direction))
+        columns = columns - direction[:, None] * direction.dot(columns)
+        size = np.einsum("ij,ij->j", columns, columns)
+        size[size <= least] = 0.0
+        size[found[: i + 1]] = -1.0
+    return found

@@ -1,0 +1,114 @@
+r"""The numeric policy: when a number counts as zero, a matrix as singular, a sum as balanced.
+
+Every decision about rank, definiteness and invertibility is made in this package, with these rules:
+
+* A rank is that of a *Jacobian*, on length-scaled rows and columns, at `RANK`. A stiffness goes
+  with the inverse square of its singular values: a regular posture may have a stiffness matrix of
+  condition ``RANK^-2 = 1e20``, and no rank is ever decided on it.
+* A matrix of stiffnesses is *equilibrated* before it is inverted or judged: rows and columns are
+  divided by sizes s so that the largest entries are about 1. Units cancel, and springs of 1e-3 and
+  1e15 in one arm do not disturb each other.
+* What counts as zero is judged against the forces and stiffnesses that act on that motion.
+* Eigenvalues come from a matrix *and* its inverse: the large ones from the matrix, the small ones
+  from the inverse, each where it has its digits.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = [
+    "BALANCE",
+    "EPSILON",
+    "IDLE",
+    "INVERTIBLE",
+    "LOST",
+    "NEAR",
+    "PAIRED",
+    "RANK",
+    "REPEATED",
+    "ROUNDING",
+    "SYMMETRY",
+    "TELLING",
+    "ZERO",
+    "Array",
+    "is_about_symmetric",
+    "is_regular",
+    "is_symmetric",
+    "rank",
+    "ratio",
+]
+
+Array = NDArray[np.float64]
+
+#: Spacing of doubles at 1.
+EPSILON: Final = float(np.finfo(float).eps)
+#: Rank of a Jacobian is lost below this ratio of singular values: ten of sixteen digits are gone,
+#: and the rounded constants of a URDF (twelve digits) must not make a singular posture regular.
+RANK: Final = 1e-10
+#: A singularity is called near below this ratio of singular values: stiffness, which goes with the
+#: square, then differs by more than 400 between directions.
+NEAR: Final = 0.05
+#: An eigenvalue below this share of the largest cannot be told from the rounding of a matrix that
+#: is the product of a few matrices of doubles.
+ZERO: Final = 1e-13
+#: A motion costs nothing if its stiffness is below this share of the terms whose sum it is.
+IDLE: Final = 1e-11
+#: An equilibrated matrix is singular above this condition number: all but two digits are gone.
+INVERTIBLE: Final = 1e14
+#: A motion is balanced if the force along it is below this share of the forces whose sum it is,
+BALANCE: Final = 1e-8
+#: or is what the springs that it moves exert over a rounding error of this size (rad, or shares of
+#: the characteristic length) in the coordinates.
+ROUNDING: Final = 1e-12
+#: A relative error above this is told to the reader: it is more than a few digits.
+TELLING: Final = 1e-9
+#: Squares of frequencies nearer to each other than this share are those of one subspace: within it
+#: any motion has the same frequency to six digits, and single directions are chance.
+REPEATED: Final = 1e-6
+#: A number with a relative error above this is none: four digits are the fewest that tell.
+LOST: Final = 1e-4
+#: Up to this condition number a stiffness and its inverse together hold all principal values: the
+#: worst stand in the middle and lose its root, 3e5 of 4e15.
+PAIRED: Final = 1e11
+#: An asymmetry below this share of the block's size is taken for rounding.
+SYMMETRY: Final = 1e-9
+
+_TINY = 1e-300
+
+
+def rank(values: ArrayLike) -> int:
+    """How many of the singular values of a length-scaled Jacobian (descending) are not zero."""
+    v = np.asarray(values, float).tolist()
+    least = RANK * max(max(v, default=0.0), _TINY)
+    return sum(x > least for x in v)
+
+
+def ratio(values: ArrayLike) -> float:
+    """Smallest over largest of some singular values; 0 if there are none or all vanish."""
+    v = np.asarray(values, float).tolist()
+    largest = max(v, default=0.0)
+    return min(v) / largest if largest > 0.0 else 0.0
+
+
+def is_regular(values: ArrayLike) -> bool:
+    """Whether none of the singular values of a length-scaled Jacobian counts as zero."""
+    return ratio(values) > RANK
+
+
+def is_symmetric(matrix: Array) -> bool:
+    """Whether a square matrix is its own transpose, to the last digit."""
+    return bool((matrix == matrix.T).all())
+
+
+def is_about_symmetric(matrix: Array) -> NDArray[np.bool_]:
+    """Whether all of the asymmetry of square matrices (..., n, n) may be rounding; (...)."""
+    s = np.sqrt(np.abs(np.diagonal(matrix, 0, -2, -1)))
+    skew = np.abs(matrix - matrix.swapaxes(-1, -2))
+    found: NDArray[np.bool_] = np.all(
+        skew <= SYMMETRY * s[..., :, None] * s[..., None, :], axis=(-2, -1)
+    )
+    return found
