@@ -55,5 +55,5 @@ from .toolpaths.optimise import optimise_path as optimise_path
 from .toolpaths.placement import best_placement as best_placement
 from .toolpaths.tool_path import ToolPath as ToolPath
 from .version import __version__ as __version__
-from .vibration.modes import Modes as Modes
+from .vibration.mode_set import Modes as Modes
 from .vibration.modes import modes as modes

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.vibration.test_modes import column
 
-from cartstiff import ToolPath, Trajectory, compute_map, load, modes, optimise_path
+from cartstiff import ToolPath, Trajectory, analyse, compute_map, load, modes, optimise_path
 from cartstiff.toolpaths.cost import criteria
 from cartstiff.vibration.many_modes import frequencies_of_many
 
@@ -54,3 +54,22 @@ def test_criterion_of_a_path():
     found = optimise_path(elastic, ToolPath(poses), criterion="frequency_1")
     for q, value in zip(found.q, found.values, strict=True):
         assert value == pytest.approx(modes(elastic, q).frequencies[0], rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+@pytest.mark.parametrize("kind", ["dead", "follower", "conservative"])
+def test_springs_alone_need_no_stiffness_at_the_body(name, kind):
+    """The same as through `analyse`, at any posture and load, stretched arms included."""
+    elastic, rng = load(name), np.random.default_rng(3)
+    n = len(elastic.q)
+    for q in [*rng.uniform(-2, 2, (3, n)), np.zeros(n)]:
+        for size in (0.0, 200.0):
+            acting = {"wrench": size * rng.normal(size=6), "load_kind": kind,
+                      "load_at": (0.0, 0.0, 0.1), "load_axes": "world"}  # fmt: skip
+            quick, whole = modes(elastic, q, **acting), modes(analyse(elastic, q, **acting))
+            assert quick.squares == pytest.approx(whole.squares, rel=1e-12)
+            assert quick.as_dict()["notes"] == whole.as_dict()["notes"]
+            assert quick.load["words"] == whole.load["words"]
+            assert quick.elastic.springs.rest == pytest.approx(
+                whole.elastic.springs.rest, rel=1e-12, nan_ok=True
+            )

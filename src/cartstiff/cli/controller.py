@@ -11,7 +11,7 @@ from cartstiff.cli.requests.target_file import read_target
 from cartstiff.errors import InputError
 
 if TYPE_CHECKING:
-    from cartstiff.vibration.modes import Modes
+    from cartstiff.vibration.mode_set import Modes
 
 __all__ = ["ControllerRequest"]
 

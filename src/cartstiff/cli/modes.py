@@ -24,7 +24,7 @@ from cartstiff.cli.types import (
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 
 if TYPE_CHECKING:
-    from cartstiff.vibration.modes import Modes
+    from cartstiff.vibration.mode_set import Modes
 
 __all__ = ["command"]
 
@@ -147,7 +147,8 @@ def command(
 
     import numpy as np
 
-    from cartstiff.vibration.modes import MODES_SCHEMA, modes
+    from cartstiff.vibration.mode_set import MODES_SCHEMA
+    from cartstiff.vibration.modes import modes
 
     try:
         with np.errstate(all="ignore"):

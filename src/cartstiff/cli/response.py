@@ -10,7 +10,7 @@ from cartstiff.errors import InputError
 from cartstiff.parsing import parse_numbers
 
 if TYPE_CHECKING:
-    from cartstiff.vibration.modes import Modes
+    from cartstiff.vibration.mode_set import Modes
 
 __all__ = ["RESPONSES", "ResponseRequest"]
 

@@ -85,7 +85,20 @@ class ChainPosture(MechanismPosture):
         self.q = q
         self._chain = chain
         self._state: TreeState = chain.tree.at(q)
-        self.pose, self.motion = self._state.relative(chain.world, chain.body)
+
+    @cached_property
+    def _of_body(self) -> tuple[Array, Map]:
+        return self._state.relative(self._chain.world, self._chain.body)
+
+    @cached_property
+    def pose(self) -> Array:  # type: ignore[override]
+        """Pose ``T_F_M``."""
+        return self._of_body[0]
+
+    @cached_property
+    def motion(self) -> Map:  # type: ignore[override]
+        """Body twist of M per coordinate rate, with its curvature."""
+        return self._of_body[1]
 
     @cached_property
     def length(self) -> float:  # type: ignore[override]

@@ -268,6 +268,11 @@ class ElasticMechanism:
         springs, _ = self._balanced_springs(posture, load, self._evaluate_others(posture))
         return self._carrying(springs)
 
+    def at_rest(self, q: Array) -> ElasticMechanism:
+        """The same mechanism with all springs of its joints at rest at coordinates q (n,)."""
+        springs = self.springs
+        return self._carrying(springs._with_rest(q)) if isinstance(springs, JointSprings) else self
+
     def _carrying(self, springs: JointSprings | LineSprings | None) -> ElasticMechanism:
         """The same mechanism with other springs; once per posture, so without `replace`'s work."""
         elastic = object.__new__(type(self))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.vibration.modes import Modes
+from cartstiff.vibration.mode_set import Modes
 from cartstiff.vibration.response import FrequencyResponse
 
 __all__ = ["draw_response"]

@@ -8,7 +8,7 @@ from cartstiff.report.frames import FRAMES_SCHEMA
 from cartstiff.report.identify_schema import identify_schema
 from cartstiff.stiffness.applied_load import LOAD_KINDS
 from cartstiff.stiffness.compute import SCHEMA
-from cartstiff.vibration.modes import MODES_SCHEMA
+from cartstiff.vibration.mode_set import MODES_SCHEMA
 
 __all__ = ["frames_schema", "json_schema"]
 

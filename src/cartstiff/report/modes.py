@@ -13,7 +13,7 @@ from cartstiff.report.layout import number, percent, table, vector
 from cartstiff.stiffness.tensor import format_matrix
 from cartstiff.vibration.comparison import Shortcut
 from cartstiff.vibration.controllers import LAYOUTS, Impedance, layout
-from cartstiff.vibration.modes import Modes
+from cartstiff.vibration.mode_set import Modes
 from cartstiff.vibration.response import FrequencyResponse
 from cartstiff.vibration.sensitivities import FrequencyInterval, Sensitivities
 

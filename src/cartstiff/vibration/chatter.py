@@ -31,7 +31,8 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.vibration.damping import Damping, damping_matrix, state_space
-from cartstiff.vibration.modes import Modes, modes
+from cartstiff.vibration.mode_set import Modes
+from cartstiff.vibration.modes import modes
 from cartstiff.vibration.response import frequency_response
 
 __all__ = ["Lobes", "Milling", "depth_by_semi_discretisation", "limiting_depth",

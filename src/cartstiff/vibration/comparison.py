@@ -21,7 +21,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.vibration.modes import Modes
+from cartstiff.vibration.mode_set import Modes
 
 __all__ = ["COMPARED", "Shortcut", "compare", "mass_at_tip"]
 

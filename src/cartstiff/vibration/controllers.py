@@ -25,16 +25,19 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.stiffness.tensor import StiffnessTensor
 from cartstiff.vibration.comparison import mass_at_tip
-from cartstiff.vibration.modes import Modes
+from cartstiff.vibration.mode_set import Modes
 
 __all__ = ["LAYOUTS", "Impedance", "Layout", "double_diagonalisation", "impedance", "layout",
            "square_root_damping"]  # fmt: skip
 
-#: Parameter layouts of controllers, and what each takes.
+#: Parameter layouts of controllers, and what each takes. Orders as their interfaces document them:
+#: franka_msgs' SetCartesianStiffness; the wrench of KUKA's FRI, [F, tau_A, tau_B, tau_C] along its
+#: Euler angles A, B, C about z, y, x; axes and point of the LWR as in the package kuka_fri.
 LAYOUTS = {
     "full": "symmetric 6x6, rows in turn, (x, y, z, rx, ry, rz), base axes: CRISP controllers",
     "franka": "x, y, z, roll, pitch, yaw along a stiffness frame fixed to the hand",
-    "kuka": "x, y, z, a, b, c (about z, y, x), base axes at the flange: KUKA FRI",
+    "kuka": "x, y, z, a, b, c (about z, y, x): KUKA FRI, base axes at the flange as on the LWR; a "
+    "Sunrise controller takes them along the axes of its motion centre",
 }
 
 

@@ -19,7 +19,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.potentials.springs import JointSprings
-from cartstiff.vibration.modes import Modes
+from cartstiff.vibration.mode_set import Modes
 
 __all__ = ["Damping", "dampers", "damping_matrix", "poles", "state_space"]
 

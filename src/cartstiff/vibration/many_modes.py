@@ -11,7 +11,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.springs import JointSprings
-from cartstiff.vibration.modes import modes
+from cartstiff.vibration.modes import is_plain, modes
 
 __all__ = ["frequencies_of_many"]
 
@@ -47,7 +47,7 @@ def frequencies_of_many(
         NaN where a motion grows, where a posture has no modes, and beyond the last mode.
     """
     loaded = wrenches is not None and bool(np.any(wrenches))
-    if not loaded and _is_plain(elastic):
+    if not loaded and is_plain(elastic):
         return _plain(elastic, q, count)
     found = np.full((len(q), count), np.nan)
     for i, posture in enumerate(q):
@@ -60,20 +60,6 @@ def frequencies_of_many(
             continue
         found[i, : hertz.size] = hertz
     return found
-
-
-def _is_plain(elastic: ElasticMechanism) -> bool:
-    """Whether the stiffness on the coordinates is that of linear springs in the joints, at rest."""
-    springs, chain = elastic.springs, elastic.mechanism
-    return (
-        isinstance(springs, JointSprings)
-        and isinstance(chain, Chain)
-        and not (chain.closures or chain.rigid or chain.tree.mimic is not None)
-        and not (springs.laws or elastic.potentials)
-        and elastic.gravity is None
-        and bool(np.isnan(springs.rest).all())
-        and bool((springs.stiffness > 0.0).all())
-    )
 
 
 def _plain(elastic: ElasticMechanism, q: Array, count: int) -> Array:

@@ -28,7 +28,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.elastic import Note
 from cartstiff.vibration.damping import Damping, dampers, damping_matrix, state_space
-from cartstiff.vibration.modes import Modes
+from cartstiff.vibration.mode_set import Modes
 
 __all__ = ["KINDS", "FrequencyResponse", "frequency_response", "transmissibility"]
 

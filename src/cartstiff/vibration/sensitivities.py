@@ -31,7 +31,8 @@ from cartstiff.mechanisms.tree import Placement
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.statics.small_motions import kinetic_matrix
 from cartstiff.stiffness.compute import PostureStiffness
-from cartstiff.vibration.modes import Modes, stiffness_under_load
+from cartstiff.vibration.mode_set import Modes
+from cartstiff.vibration.modes import stiffness_under_load
 
 __all__ = ["FrequencyInterval", "Sensitivities", "intervals", "sensitivities"]
 
