@@ -215,6 +215,21 @@ def test_one_answer(name, load):
         check_posture(name, load, DISTANCES[i], 15 if i % 2 else 2, first)
 
 
+@pytest.mark.parametrize(
+    ("name", "load", "distance", "decades", "seed"),
+    [
+        ("closed chain", "dead force", 1e-1, 6, 1046),  # unstable
+        ("platform", "dead force", 1e-2, 2, 1051),  # unstable
+        ("closed chain", "spring", 1e-2, 6, 1417),  # a saddle, whose fall is rounding
+        ("platform", "none", 1e-1, 15, 1108),  # tensions of stiff legs are rounding
+        ("platform", "none", 1e-2, 2, 1412),  # stiff legs round the force along a soft motion
+        ("6R", "dead moment", 1e-6, 15, 1341),
+    ],
+)
+def test_one_answer_where_it_was_missed(name, load, distance, decades, seed):
+    check_posture(name, load, distance, decades, seed)
+
+
 def check_posture(name, load, distance, decades, seed):
     """All that can be said of one posture, by everybody who says it."""
     rng = np.random.default_rng([seed, decades, round(-np.log10(distance))])
@@ -260,10 +275,9 @@ def check_posture(name, load, distance, decades, seed):
         size = np.sqrt(np.abs(np.diag(K)))
         rest = (C * np.outer(size, size)) @ (K / np.outer(size, size)) - np.eye(6)
         known = max(_promised(result, "stiffness"), _promised(result, "compliance"))
+        # An error of one is a share of its largest entries, which the other multiplies.
         scale = np.abs(C * np.outer(size, size)).max()
-        # An error of C is one of its largest entries, which K multiplies.
-        lost = _promised(result, "compliance") * scale
-        assert np.abs(rest).max() <= max(1e-11 * scale, 10.0 * known, lost), "K C = 1"
+        assert np.abs(rest).max() <= max(1e-11, known) * scale, "K C = 1"
     # 3. Maps.
     at_origin = result
     if load not in ("none", "spring"):

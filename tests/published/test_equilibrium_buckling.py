@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.optimize import brentq
 
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -60,6 +61,18 @@ def test_the_verdict_flips_at_the_buckling_load(n):
     assert [note.code for note in above.notes] == ["unstable"]
     exact = equilibrium(column(n), DeadForce([-critical, 0.0, 0.0]), settle=False)
     assert abs(exact.eigenvalues[0]) < 1e-12 * exact.eigenvalues[-1]
+
+
+@pytest.mark.parametrize("push", [1e-9, 1e-4])
+def test_an_unstable_equilibrium_is_found_beside_the_start(push):
+    """Beyond buckling, pushed sideways: k q = P l sin q + F l cos q, on the other side of zero."""
+    pressed, sideways = 3.0 * STIFFNESS / LENGTH, push * STIFFNESS / LENGTH
+    load = DeadForce([-pressed, sideways, 0.0])
+    state = equilibrium(column(1), load, settle=False)
+    expected = brentq(lambda q: q - 3.0 * np.sin(q) - push * np.cos(q), -0.1, 0.1, xtol=1e-16)
+    assert state.q[0] == pytest.approx(expected, rel=1e-9)
+    assert state.stable is False
+    assert equilibrium(column(1), load).q[0] > 2.0
 
 
 def test_a_loaded_planar_arm():

@@ -381,18 +381,25 @@ class ElasticMechanism:
             total = found if total is None else _sum(total, found)
         return total
 
-    def line_springs_apart(self, posture: MechanismPosture) -> tuple[Array, Array, Array] | None:
+    def line_springs_apart(
+        self, posture: MechanismPosture, more: Array | None = None
+    ) -> tuple[Array, Array, Array] | None:
         """Lines g (m, 6) that hold the body to the ground, their k (m,), the rest of the Hessian.
 
-        None where the coordinates are not the body's pose, or no lines hold it.
+        None where the coordinates are not the body's pose, or no lines hold it. Tensions are larger
+        by `more` (m,) than the lengths say.
         """
         if not posture.coordinates_are_pose:
             return None
-        lines, k, rest = [], [], np.zeros((6, 6))
+        lines: list[Array] = []
+        k: list[Array] = []
+        rest = np.zeros((6, 6))
         for term in self.terms():
             held = isinstance(term, LineSprings) and (term.frame_a, term.frame_b)
             if isinstance(term, LineSprings) and held == ("world", "body"):
-                g, stiffness, turning = term.apart(posture.pose)
+                first = sum(len(one) for one in k)
+                added = 0.0 if more is None else more[first : first + len(term.stiffness)]
+                g, stiffness, turning = term.apart(posture.pose, added)
                 lines.append(g)
                 k.append(stiffness)
                 rest = rest + turning

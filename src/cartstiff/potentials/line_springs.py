@@ -247,10 +247,14 @@ class LineSprings(PosePotential):
         K += second_derivative(geometry, self.points, t)
         return 0.5 * float(t @ stretch), t @ geometry.lines, K
 
-    def apart(self, T_a_b: Array) -> tuple[Array, Array, Array]:
-        """Lines g (m, 6), stiffnesses k (m,), and what the tensions make: K^B less sum k g g^T."""
+    def apart(self, T_a_b: Array, more: Array | float = 0.0) -> tuple[Array, Array, Array]:
+        """Lines g (m, 6), stiffnesses k (m,), and what the tensions make: K^B less sum k g g^T.
+
+        The tensions are larger by `more` (m,) than the lengths say: those of stiff lines are known
+        to the rounding of their lengths only.
+        """
         geometry = line_geometry(T_a_b, self.anchors, self.points)
-        rest = second_derivative(geometry, self.points, self.tensions(geometry.lengths))
+        rest = second_derivative(geometry, self.points, self.tensions(geometry.lengths) + more)
         return geometry.lines, self._taut(geometry.lengths), rest
 
     def _taut(self, lengths: Array) -> Array:

@@ -24,7 +24,8 @@ from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.elastic import Note
 from cartstiff.numerics import IDLE
 from cartstiff.potentials.contract import Potential
-from cartstiff.statics.problem import Balance, Point
+from cartstiff.statics.balance import Balance
+from cartstiff.statics.problem import Point
 from cartstiff.statics.small_motions import COMPLEX, kinetic_matrix, spectrum_of
 
 __all__ = ["MASSLESS", "UNDAMPED", "Vibrations", "vibrations"]

@@ -17,8 +17,9 @@ import numpy as np
 
 from cartstiff.errors import ConvergenceError, UndefinedError
 from cartstiff.geometry.se3 import Array
+from cartstiff.statics.balance import Balance
 from cartstiff.statics.limits import Contact, bound, sizes
-from cartstiff.statics.problem import Balance, Point, System
+from cartstiff.statics.problem import Point, System
 
 __all__ = ["Solution", "solve"]
 
@@ -81,12 +82,14 @@ def solve(
         If the constraints cannot be met, or no equilibrium is reached.
     """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        return _Iteration(system, q, contacts).run(iterations, settle)
+        return _Iteration(system, q, contacts, settle).run(iterations)
 
 
 class _Iteration:
-    def __init__(self, system: System, q: Array, contacts: tuple[Contact, ...]) -> None:
-        self.system = system
+    def __init__(
+        self, system: System, q: Array, contacts: tuple[Contact, ...], settle: bool
+    ) -> None:
+        self.system, self.settle = system, settle
         self.contacts = contacts
         self.cap = _CAP
         self.history: list[float] = []
@@ -101,7 +104,7 @@ class _Iteration:
         self.point = point
         self.balance = self._balanced(point)
 
-    def run(self, iterations: int, settle: bool) -> Solution:
+    def run(self, iterations: int) -> Solution:
         best, best_at = np.inf, 0
         kept: tuple[Point, Balance] | None = None
         face = self.contacts
@@ -115,17 +118,17 @@ class _Iteration:
             if residual < best:
                 best, kept = residual, (self.point, self.balance)
             stalled = iteration - best_at >= 2
-            if best <= SHARP or (best <= ENOUGH and stalled):
+            if best <= SHARP or (stalled and self._is_enough(best, kept)):
                 if kept is not None:
                     self.point, self.balance = kept
                 best, kept = np.inf, None
-                if self._let_go() or (settle and self._settle()):
+                if self._let_go() or (self.settle and self._settle()):
                     best_at = iteration
                     continue
                 return Solution(self.point, self.balance, self.contacts, iteration, self.history)
             lost = np.isnan(self.point.evaluation.energy) and iteration - best_at > _PATIENCE
             if lost or not self._step():
-                if best <= ENOUGH:
+                if self._is_enough(best, kept):
                     best_at = iteration - 2
                     continue
                 break
@@ -134,6 +137,10 @@ class _Iteration:
             iterations=len(self.history),
             residual=best if np.isfinite(best) else self.balance.residual,
         )
+
+    @staticmethod
+    def _is_enough(best: float, kept: tuple[Point, Balance] | None) -> bool:
+        return best <= ENOUGH or (kept is not None and kept[1].is_rounding)
 
     def _suspicion(self) -> str:
         """What may be the reason why there is no equilibrium."""
@@ -174,11 +181,43 @@ class _Iteration:
         return b.motion(y), float(b.force @ y)
 
     def _step(self) -> bool:
-        """Take one step; False if none helps."""
+        """Take one step; False if none helps.
+
+        Who does not go on from a saddle wants the equilibrium that is near, of whatever kind.
+        """
         try:
-            step, slope = self._direction()
+            return (
+                (not self.settle and self._to_saddle(0.5))
+                or self._downwards()
+                or self._to_saddle(1.0 - _SUFFICIENT)
+            )
         except np.linalg.LinAlgError:
             return False
+
+    def _to_saddle(self, share: float) -> bool:
+        """Newton's own step where the energy falls on both sides, if only this share is missed."""
+        b = self.balance
+        if np.isnan(self.point.evaluation.energy) or b.stiffness.size == 0:
+            return False
+        if b.modes()[0][0] >= -_SADDLE:
+            return False
+        step = b.motion(-b.solved(b.force, _SOFTEST))
+        largest = float(np.abs(step).max(initial=0.0))
+        turning = self.system.turning(self.point.posture, step)
+        if not (largest <= self.cap and turning <= _LARGEST_TURN):
+            return False
+        trial = self._trial(step)
+        if trial is None or trial[1] != self.contacts:
+            return False
+        balance = self._balanced(trial[0])
+        if not balance.miss <= share * b.miss:
+            return False
+        self.point, self.balance = trial[0], balance
+        return True
+
+    def _downwards(self) -> bool:
+        """One step by which energy or residual fall; False if none does."""
+        step, slope = self._direction()
         if not np.isfinite(step).all():
             return False
         turning = self.system.turning(self.point.posture, step)

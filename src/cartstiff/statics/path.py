@@ -21,10 +21,11 @@ from cartstiff.errors import ConvergenceError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.contract import Evaluation, Potential
+from cartstiff.statics.balance import Balance, spectrum
 from cartstiff.statics.flutter import Vibrations, vibrations
 from cartstiff.statics.held import Held
 from cartstiff.statics.newton import ENOUGH, SHARP
-from cartstiff.statics.problem import Balance, Point, System, spectrum
+from cartstiff.statics.problem import Point, System
 
 __all__ = ["LoadPath", "State"]
 

@@ -19,20 +19,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff import graded
 from cartstiff.errors import ConvergenceError, InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits, limit_notes
-from cartstiff.numerics import EPSILON, IDLE, RANK, eigenvalues, invert
+from cartstiff.numerics import EPSILON, IDLE, RANK
 from cartstiff.potentials.contract import Evaluation, Map, Potential
 from cartstiff.potentials.springs import JointSprings
+from cartstiff.statics.balance import Balance
 from cartstiff.statics.held import Held
 from cartstiff.statics.limits import Contact, constraint, sizes
 from cartstiff.stiffness.springs_apart import ByLengths, by_lengths
 
-__all__ = ["Balance", "Point", "System", "spectrum"]
+__all__ = ["Point", "System"]
+
+#: Lines g (m, 6) that hold a body, their stiffnesses (m,), the rest of the Hessian.
+Lines = tuple[Array, Array, Array]
 
 #: How many units of rounding the evaluation of a force may be off: Jacobians of long chains lose
 #: a few, and coordinates are rounded themselves.
@@ -75,88 +78,6 @@ class Point:
         self.energies += abs(term.energy)
         self.forces += np.abs(term.gradient * columns)
         self.hardness += np.abs(term.hessian * columns[:, None] * columns)
-
-
-@dataclass(slots=True, eq=False)
-class Balance:
-    """Forces and stiffness on the motions that the constraints leave, in natural units.
-
-    Attributes
-    ----------
-    free : ndarray (n, f) or None
-        N; None stands for the identity.
-    multipliers : ndarray (m,)
-        Constraint forces lam, per unit of each constraint.
-    force : ndarray (f,)
-        g_N.
-    stiffness : ndarray (f, f)
-        H_N, symmetric where the loads have a potential.
-    acting : ndarray (f,)
-        Forces that act on each motion: the sum of their absolute values.
-    rounding : ndarray (f,)
-        What the rounding of coordinates and forces does to g_N.
-    hardness : ndarray (f,)
-        The size that H_N is judged against, motion by motion: stiffnesses that act there, at least
-        what the rounding of the stiffest leaves.
-    is_skewed : bool
-        Whether the columns of `free` are not at right angles to each other, of length 1.
-    """
-
-    free: Array | None
-    multipliers: Array
-    force: Array
-    stiffness: Array
-    acting: Array
-    rounding: Array
-    hardness: Array
-    is_skewed: bool = False
-
-    @property
-    def unbalanced(self) -> Array:
-        """g_N (f,) where it is more than rounding, else 0."""
-        return np.where(np.abs(self.force) > self.rounding, self.force, 0.0)
-
-    @property
-    def residual(self) -> float:
-        """Largest unbalanced force over the forces that act on the same motion."""
-        missed = np.abs(self.unbalanced)
-        shares = np.divide(missed, self.acting, out=np.zeros_like(missed), where=missed > 0.0)
-        return float(shares.max(initial=0.0))
-
-    @property
-    def miss(self) -> float:
-        """Size of all unbalanced forces, each measured by the stiffness of its motion."""
-        return float(np.linalg.norm(self.unbalanced / np.sqrt(self.hardness)))
-
-    @property
-    def unsure(self) -> float:
-        """How far `scaled` may be off: forces that are left move the posture, and with it H_N.
-
-        By as much as the stiffest stiffness turns over such a motion.
-        """
-        left = float(np.max(np.abs(self.unbalanced) / self.hardness, initial=0.0))
-        hardness = self.hardness.tolist()
-        return left * max(hardness) / min(hardness) if hardness else 0.0
-
-    @property
-    def scaled(self) -> Array:
-        """H_N over the geometric mean of its motions' hardness: springs of any ratio alike."""
-        per = 1 / np.sqrt(self.hardness)
-        return self.stiffness * per[:, None] * per
-
-    def modes(self) -> tuple[Array, Array]:
-        """Eigenvalues (f,) of `scaled` and motions (f, f): H_N between them is diagonal."""
-        values, vectors = np.linalg.eigh(0.5 * (self.scaled + self.scaled.T))
-        return values, vectors / np.sqrt(self.hardness)[:, None]
-
-    def solved(self, right: Array, softest: float) -> Array:
-        """Least-squares solution (f,) of H_N y = right, judged on `scaled`."""
-        per = 1 / np.sqrt(self.hardness)
-        return np.asarray(per * np.linalg.lstsq(self.scaled, per * right, rcond=softest)[0])
-
-    def motion(self, y: Array) -> Array:
-        """Natural coordinates (n,) of a free motion (f,)."""
-        return y if self.free is None else np.asarray(self.free @ y)
 
 
 class System:
@@ -261,7 +182,10 @@ class System:
             forces = forces + np.abs(A.T @ carried)
             lam = carried / units
             H = H + to_constraints.curvature(lam) * columns[:, None] * columns
-        legs = None if found is not None else self._by_lengths(point)
+        reach = self._reach(point.posture)
+        lines = self.elastic.line_springs_apart(point.posture)
+        legs = None if found is not None else self._by_lengths(point, lines, g, reach)
+        felt: Array | float = 0.0
         if legs is not None:
             N, H, hardness = legs.motions, legs.stiffness, legs.terms
             g, forces, own = N.T @ g, np.abs(N.T) @ forces, np.diag(legs.terms)
@@ -277,26 +201,56 @@ class System:
             hardness = np.abs(H)
             lost = len(g) * EPSILON * float(point.hardness.max(initial=0.0))
             own = np.maximum(np.diag(hardness), lost / IDLE)
+            felt = self._felt(point.posture, lines, N) * reach
         own = np.maximum(own, max(1e-30 * float(own.max(initial=0.0)), 1e-300))
-        reach = self._reach(point.posture)
-        rounding = ROUNDINGS * EPSILON * (
-            hardness.sum(axis=1) * reach + float(point.forces.max(initial=0.0))
-        )  # fmt: skip
-        return Balance(N, lam, g, H, forces, rounding, own, legs is not None)
+        unit = ROUNDINGS * EPSILON
+        rounding = unit * (hardness.sum(axis=1) * reach + float(point.forces.max(initial=0.0)))
+        return Balance(
+            N, lam, g, H, forces, rounding, rounding + unit * felt, own, legs is not None
+        )
 
-    def _by_lengths(self, point: Point) -> ByLengths | None:
-        """Motions of a body on lines by their lengths, where stiff lines would hide soft ones."""
-        parts = self.elastic.line_springs_apart(point.posture)
+    def _felt(self, posture: MechanismPosture, lines: Lines | None, N: Array) -> Array:
+        """Stiffnesses (f,) with which the rounding of each spring's own length is felt by motions.
+
+        A soft motion of a matrix may still move a stiff spring a little.
+        """
+        columns, felt = posture.coordinate_lengths, np.zeros(N.shape[1])
+        if lines is not None:
+            felt += np.abs(N.T @ (lines[0] * columns).T) @ lines[1] * posture.length
+        springs = self.elastic.springs
+        if isinstance(springs, JointSprings):
+            felt += np.abs(N.T) @ (springs.stiffness * columns**2)
+        return felt
+
+    def _by_lengths(
+        self, point: Point, parts: Lines | None, gradient: Array, reach: float
+    ) -> ByLengths | None:
+        """Motions of a body on lines by their lengths, where stiff lines would hide soft ones.
+
+        The tension of a stiff line is known to the rounding of its length, and so would be what it
+        adds to the stiffness of soft motions; there it is the one that balances.
+        """
         if parts is None:
             return None
         lines, k, rest = parts
         least = float(k.min())
         if not 0.0 < least * _FAR < float(k.max()):
             return None
-        for load in self.loads:
-            rest = rest + load.evaluate(point.posture).hessian
+        loads: Array = sum(
+            (load.evaluate(point.posture).hessian for load in self.loads), start=np.zeros((6, 6))
+        )
         columns = point.posture.coordinate_lengths
-        return by_lengths(lines * columns, k, rest * columns * columns[:, None])
+        areas = columns * columns[:, None]
+        found = by_lengths(lines * columns, k, (rest + loads) * areas)
+        if found is None:
+            return None
+        missed = found.motions.T @ gradient
+        more = np.zeros(len(k))
+        blurred = ROUNDINGS * EPSILON * k[found.leading] * reach * point.posture.length
+        more[found.leading] = np.where(np.abs(missed) <= blurred, -missed, 0.0)
+        if (balanced := self.elastic.line_springs_apart(point.posture, more)) is None:
+            return found
+        return by_lengths(lines * columns, k, (balanced[2] + loads) * areas)
 
     def _are_apart(self, posture: MechanismPosture) -> bool:
         """Whether each coordinate has its own spring: then coordinates are motions to judge."""
@@ -372,31 +326,3 @@ class System:
             iterations=_PULLS,
             residual=size,
         )
-
-
-def spectrum(balance: Balance, conservative: bool) -> Array:
-    """Eigenvalues of H_N by increasing real part; without a potential they may be complex."""
-    stiffness = balance.stiffness
-    if balance.is_skewed and balance.free is not None:
-        if conservative:
-            root = graded.root_of_compliance(balance.free, 0.5 * (stiffness + stiffness.T))
-            if root is not None:
-                return graded.eigenvalues(root)
-        back = np.linalg.inv(balance.free)
-        stiffness = back.T @ stiffness @ back
-        if conservative:
-            return eigenvalues(stiffness)
-    if conservative:
-        inverse = invert(0.5 * (stiffness + stiffness.T), np.sqrt(balance.hardness))
-        if inverse is None:
-            return eigenvalues(stiffness)
-        values = eigenvalues(stiffness, inverse.matrix)
-        if np.isnan(values).any():
-            root = graded.root_of_compliance(np.eye(len(stiffness)), stiffness)
-            if root is not None:
-                return graded.eigenvalues(root)
-            return eigenvalues(stiffness, inverse.matrix, doubtful=True)
-        return values
-    found = np.linalg.eigvals(stiffness)
-    found = found[np.argsort(found.real)]
-    return found.real if np.isrealobj(found) or not found.imag.any() else found

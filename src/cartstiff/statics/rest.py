@@ -22,10 +22,11 @@ from cartstiff.numerics import EPSILON, IDLE
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import Load
 from cartstiff.potentials.springs import JointSprings
+from cartstiff.statics.balance import Balance, spectrum
 from cartstiff.statics.flutter import MASSLESS, UNDAMPED, vibrations
 from cartstiff.statics.held import displacement_between
 from cartstiff.statics.newton import Solution
-from cartstiff.statics.problem import Balance, Point, System, spectrum
+from cartstiff.statics.problem import Point, System
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.reduction import reduce_to
 from cartstiff.stiffness.showing import numbers_text
@@ -308,7 +309,7 @@ def state_of_rest(
         point.posture,
         start,
         point.evaluation.energy,
-        balance.residual,
+        0.0 if balance.is_rounding else balance.residual,
         solution.iterations,
         tuple(solution.history),
         stable,

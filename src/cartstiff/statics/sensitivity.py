@@ -19,7 +19,7 @@ from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements
 from cartstiff.potentials.springs import JointSprings
-from cartstiff.statics.problem import Balance
+from cartstiff.statics.balance import Balance
 
 __all__ = ["chosen_forces", "motion_by_compliance", "motion_under_forces"]
 

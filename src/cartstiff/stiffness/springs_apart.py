@@ -15,6 +15,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
@@ -54,13 +55,14 @@ def springs_apart(elastic: ElasticMechanism, posture: MechanismPosture) -> FreeM
 class ByLengths(NamedTuple):
     """Motions B (6, 6) by lengths of lines, the stiffness on them, and what it is the sum of.
 
-    `condition` is that of the lines that lead.
+    `condition` is that of the lines that lead, which are those of these numbers.
     """
 
     motions: Array
     stiffness: Array
     terms: Array
     condition: float
+    leading: NDArray[np.intp]
 
 
 def by_lengths(lines: Array, k: Array, rest: Array) -> ByLengths | None:
@@ -85,4 +87,4 @@ def by_lengths(lines: Array, k: Array, rest: Array) -> ByLengths | None:
     turned = motions.T @ rest @ motions
     terms = own + np.abs(added) + np.abs(motions.T) @ np.abs(rest) @ np.abs(motions)
     condition = float(np.linalg.cond(lines[leading]))
-    return ByLengths(motions, own + added + turned, terms, condition)
+    return ByLengths(motions, own + added + turned, terms, condition, leading)
