@@ -11,6 +11,7 @@ from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
 from cartstiff.page.payload import payload
 from cartstiff.page.state import State
 from cartstiff.report.analysis import summary_text
+from cartstiff.report.posture import describe
 from cartstiff.scene.quantities import block_ellipsoid
 
 MOMENT = [3.0, -5.0, 2.0, 40.0, -30.0, -120.0]
@@ -81,3 +82,36 @@ def test_a_coupling_above_one_is_not_said_to_be_full():
         line = next(x for x in lines if "coupling of" in x)
         assert words in line
         assert (section["decoupling_frame"]["coupling_before"] > 1.0) == (words == "not bounded")
+
+
+TWO_BARS = """<robot name="two_bars"><link name="w"/><link name="a"/><link name="b"/><link name="tip"/>
+<joint name="j1" type="continuous"><parent link="w"/><child link="a"/><axis xyz="0 1 0"/></joint>
+<joint name="j2" type="continuous"><parent link="a"/><child link="b"/><origin xyz="1 0 0"/>
+<axis xyz="0 1 0"/></joint><joint name="f" type="fixed"><parent link="b"/><child link="tip"/>
+<origin xyz="1 0 0"/></joint></robot>"""
+
+
+def test_what_is_held_on_two_motions_comes_from_the_tangent():
+    """Ziegler's column, P l / k = 2.2: the torques are ``[[1, P], [0, 1]]`` times the angles."""
+    arm = cartstiff.load(TWO_BARS).with_springs([1.0, 1.0])
+    column = cartstiff.analyse(arm, [0, 0], wrench=[0, 0, 0, -2.2, 0, 0], load_kind="follower")
+    tangent = np.array([[1.0, 2.2], [0.0, 1.0]])
+    table = analyse_posture(column)["ellipsoids"]["compliance"]
+    sideways, turn = np.array([-1.0, 1.0]), np.array([1.0, -2.0])  # rad per m, rad per -rad
+    for freedom, motion in (("translation", sideways), ("rotation", turn)):
+        held = 1.0 / (motion @ tangent @ motion)
+        values = table[freedom]["held"]["eigenvalues"]
+        assert max(values, key=abs) == pytest.approx(held, rel=1e-12)
+        assert drawn_last(column, freedom) == pytest.approx(held, rel=1e-12)
+    lines = describe(column).splitlines()
+    shown = lines.index("K^load on them, the tangent under the load: what an added wrench meets")
+    below = np.array([[float(x) for x in line.split()] for line in lines[shown + 1 : shown + 3]])
+    U = column.reduction.reachable
+    joints = np.linalg.lstsq(column.jacobian, U, rcond=None)[0]
+    np.testing.assert_allclose(below, joints.T @ tangent @ joints, rtol=1e-5)
+
+
+def drawn_last(column, freedom):
+    """The principal value that is drawn and is not zero."""
+    values = block_ellipsoid(column.at(), "load", "compliance", freedom, "held").eigenvalues
+    return max(values, key=abs)

@@ -81,7 +81,7 @@ def describe(result: PostureStiffness, analysis: str = "", at_rest: bool = False
             "",
         ]
     if result.reduction.stiffness is None and result.reduction.reachable is not None:
-        lines += _reachable(result)
+        lines += _reachable(result, at_rest)
     if analysis:
         lines += analysis.split("\n")
     if result.notes:
@@ -132,7 +132,7 @@ def _different(result: PostureStiffness, at_rest: bool) -> list[tuple[list[str],
     return found
 
 
-def _reachable(result: PostureStiffness) -> list[str]:
+def _reachable(result: PostureStiffness, at_rest: bool) -> list[str]:
     """The stiffness on the motions that exist, where the 6x6 matrix does not."""
     motions, K = result.reduction.reachable, result.reduction.reachable_stiffness
     if motions is None or K is None:
@@ -140,6 +140,13 @@ def _reachable(result: PostureStiffness) -> list[str]:
     rank = motions.shape[1]
     if rank == 0:
         return ["No motion exists: nothing that gives moves the body", ""]
-    lines = [f"Stiffness on the {rank} motion(s) that exist, as twists (rotation, translation)"]
+    loaded = result.is_loaded and not at_rest
+    what = "Stiffness K^B" if loaded else "Stiffness"
+    lines = [f"{what} on the {rank} motion(s) that exist, as twists (rotation, translation)"]
     lines += [f"  {i + 1}: {wide_row(twist)}" for i, twist in enumerate(motions.T)]
-    return [*lines, *format_matrix(K, [""] * rank).split("\n"), ""]
+    lines += [*format_matrix(K, [""] * rank).split("\n"), ""]
+    change = motions.T @ result.change_by_load @ motions
+    if loaded and np.abs(change).max() > numerics.SYMMETRY * np.abs(K).max():
+        lines.append("K^load on them, the tangent under the load: what an added wrench meets")
+        lines += [*format_matrix(K + change, [""] * rank).split("\n"), ""]
+    return lines

@@ -87,8 +87,9 @@ class StiffnessInFrame:
             None where there is none.
         """
         K, C = self.matrices[name], self.compliances[name]
-        if others == "held" and K is not None:
-            return 0.5 * (K + K.T), self.inverse_of_symmetric_part(name)
+        if others == "held":
+            symmetric = None if K is None else 0.5 * (K + K.T)
+            return symmetric, self.inverse_of_symmetric_part(name)
         return inverse_pair(K, C)
 
     def inverse_of_symmetric_part(self, name: str) -> Array | None:
