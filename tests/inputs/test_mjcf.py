@@ -126,6 +126,8 @@ BAD: dict[str, tuple[str | bytes, tuple[str, ...]]] = {
     "stiffness NaN": (changed(JOINT_1, JOINT_1 + ' stiffness="nan"'), ("'j1': stiffness",)),
     "stiffness too large": (changed(JOINT_1, JOINT_1 + ' stiffness="1e300"'), ("'j1': stiffness",)),
     "stiffness negative": (changed(JOINT_1, JOINT_1 + ' stiffness="-1"'), ("'j1'", "negative")),
+    "armature negative": (changed(JOINT_1, JOINT_1 + ' armature="-1"'), ("armature", "negative")),
+    "armature infinite": (changed(JOINT_1, JOINT_1 + ' armature="inf"'), ("armature",)),
     "range NaN": (changed('"-1 1"', '"nan 1"'), ("range",)),
     "range reversed": (changed('"-1 1"', '"1 -1"'), ("range",)),
     "ref infinite": (changed(JOINT_1, JOINT_1 + ' ref="inf"'), ("position",)),
@@ -381,3 +383,25 @@ def test_springref_of_a_slide_is_a_length() -> None:
     joints = '<joint name="j" type="slide" stiffness="3" springref="0.25"/>'
     text = TWO.format(compiler="", default="", orientation="", joints=joints)
     assert load(place(text)).springs.rest[0] == 0.25
+
+
+def test_what_the_file_switches_off_or_cannot_be_served_is_named(tmp_path):
+    path = tmp_path / "arm.xml"
+    option = '<option wind="1 0 0" density="1.2"><flag spring="disable"/></option>'
+    text = ARM.replace("<worldbody>", option + "<worldbody>", 1)
+    path.write_text(text.replace(JOINT_1, JOINT_1 + ' stiffness="5"'), encoding="utf-8")
+    notes = {note.code: note.message for note in load(path).notes}
+    assert "wind" in notes["ignored"]
+    assert "springs, which the file switches off" in notes["ignored"]
+
+
+def test_a_loose_thing_is_no_tool(tmp_path):
+    """A cube to be gripped has six coordinates, as many as the arm that stands beside it."""
+    cube = '<body name="cube" pos="1 0 0"><freejoint/><geom size="0.02"/></body>'
+    arm = "".join(f'<body name="b{i}" pos="0 0 0.1"><joint axis="{i % 2} 1 {(i + 1) % 3}" '
+                  'stiffness="100"/><geom size="0.02"/>' for i in range(3))  # fmt: skip
+    path = tmp_path / "scene.xml"
+    path.write_text(f"<mujoco><worldbody>{cube}{arm}{'</body>' * 3}</worldbody></mujoco>")
+    found = load(path)
+    assert found.mechanism.frame == "b2"
+    assert len(found.names) == 3

@@ -84,7 +84,8 @@ def test_a_coupling_above_one_is_not_said_to_be_full():
         assert (section["decoupling_frame"]["coupling_before"] > 1.0) == (words == "not bounded")
 
 
-TWO_BARS = """<robot name="two_bars"><link name="w"/><link name="a"/><link name="b"/><link name="tip"/>
+TWO_BARS = """<robot name="two_bars">
+<link name="w"/><link name="a"/><link name="b"/><link name="tip"/>
 <joint name="j1" type="continuous"><parent link="w"/><child link="a"/><axis xyz="0 1 0"/></joint>
 <joint name="j2" type="continuous"><parent link="a"/><child link="b"/><origin xyz="1 0 0"/>
 <axis xyz="0 1 0"/></joint><joint name="f" type="fixed"><parent link="b"/><child link="tip"/>

@@ -39,7 +39,7 @@ def arm_xml(kinds, seed):
             f'mass="{rng.uniform(0.5, 3):.12g}" diaginertia="{_numbers(moments)}"/>'
             f'<joint name="j{i}" type="{"hinge" if hinge else "slide"}" '
             f'axis="{_numbers(axis / np.linalg.norm(axis))}" stiffness="{k:.12g}" '
-            f'springref="{ref:.12g}"/>'
+            f'springref="{ref:.12g}" armature="{0.05 * (i % 3):.12g}"/>'
         )
         closing += "</body>"
     text += '<site name="tip" pos="0.1 0.02 -0.03"/>' + closing

@@ -211,7 +211,10 @@ def _from_robot(model: str, name: str, given: dict[str, Any]) -> ElasticMechanis
         words = f"gravity ({shown}) m/s^2 acts, as the MJCF file says"
         said.append(Note("gravity-of-file", words, {"gravity": gravity}))
     if facts.closures:
-        moving = joints_that_move(description, serial.frame or default_frame(description.model)[0])
+        moving = joints_that_move(
+            description,
+            serial.frame or default_frame(description.model, description.facts.loose)[0],
+        )
         if any(tie.joints & moving for tie in facts.closures):
             closed = ClosedChainFile.model_construct(
                 kind="closed-chain",

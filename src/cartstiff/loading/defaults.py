@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -41,17 +41,24 @@ _SENSORS = re.compile(
 )
 
 
-def default_frame(model: Any) -> tuple[str, str]:
+def default_frame(model: Any, loose: Collection[str] = ()) -> tuple[str, str]:
     """Frame of interest where none is named, and the words that say so.
 
     A frame that is named as tools' frames are, on a chain at least half as long as the longest;
-    else the leaf frame at the end of the longest chain, fingers and sensors last.
+    else the leaf frame at the end of the longest chain, fingers and sensors last. Things that only
+    `loose` joints carry are left out where there is anything else.
     """
     moving = [
         (len(model.supports[int(f.parentJoint)]) - 1, f)
         for f in model.frames
         if f.type in (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
     ]
+    carried = [
+        (count, f)
+        for count, f in moving
+        if {model.names[int(j)] for j in model.supports[int(f.parentJoint)] if j} - set(loose)
+    ]
+    moving = carried or moving
     longest = max((count for count, _ in moving), default=0)
     if longest == 0:
         raise InputError("robot has no movable joints")
@@ -93,7 +100,7 @@ def chosen_frame(
     model = description.model
     if frame is None:
         try:
-            frame, words = default_frame(model)
+            frame, words = default_frame(model, description.facts.loose)
         except InputError as error:
             raise error.at(where) from None
         notes.append(Note("default-frame", f"{who}{words}", {"frame": frame}))

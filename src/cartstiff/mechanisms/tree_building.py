@@ -224,10 +224,11 @@ def plain_tree(
             parts = expansion(model.joints[i], model.names[i])
             if model.names[i] in (planar_axes or {}):
                 parts = _planar(model.names[i], (planar_axes or {})[model.names[i]])
-            for name, kind, joint, T_part in parts:
+            for k, (name, kind, joint, T_part) in enumerate(parts, start=int(model.idx_vs[i])):
                 lower, upper = _limits(model, i) if len(parts) == 1 else (-np.inf, np.inf)
                 unique = _unique(name, [c.name for c in coordinates])
                 parent = plain.addJoint(parent, joint, pin.SE3(T @ T_part), unique)
+                plain.armature[plain.idx_vs[parent]] = model.armature[k]
                 coordinates.append(Coordinate(unique, kind, lower, upper))  # type: ignore[arg-type]
                 T = np.eye(4)
             at[i] = (parent, T)
@@ -255,6 +256,7 @@ def merged(parts: Sequence[tuple[str, KinematicTree, Array]]) -> KinematicTree:
             at[j] = model.addJoint(
                 at[parent], tree.model.joints[j], placement, prefix + tree.model.names[j]
             )
+            model.armature[model.idx_vs[at[j]]] = tree.model.armature[tree.model.idx_vs[j]]
             if tree.model.inertias[j].mass > 0:
                 model.appendBodyToJoint(at[j], tree.model.inertias[j], pin.SE3.Identity())
         coordinates += [replace(c, name=prefix + c.name) for c in tree.coordinates]

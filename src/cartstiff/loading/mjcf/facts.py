@@ -78,6 +78,8 @@ class MjcfFacts:
     passive : tuple of str
         Coordinates that have no spring and need none: of free bodies, and joints within closed
         loops that other joints hold.
+    loose : frozenset of str
+        Coordinates of free bodies that no closure holds.
     actuated : tuple of str
         Coordinates that an actuator drives.
     followers : dict of str to (str, float, float)
@@ -104,6 +106,7 @@ class MjcfFacts:
 
     springs: dict[str, MjcfSpring] = field(default_factory=dict)
     passive: tuple[str, ...] = ()
+    loose: frozenset[str] = frozenset()
     actuated: tuple[str, ...] = ()
     followers: dict[str, tuple[str, float, float]] = field(default_factory=dict)
     locked: dict[str, float] = field(default_factory=dict)

@@ -67,12 +67,13 @@ def _facts(compiled: Compiled) -> MjcfFacts:
     held = {*springs, *actuated}
     # Joints in loops need no spring where others of the loops have one or are driven.
     looped = {c for tie in closures for c in tie.joints}
-    needless = {c for own in compiled.coordinates if len(own) == 6 for c in own}
-    needless |= looped if held & looped else set()
+    floating = {c for own in compiled.coordinates if len(own) == 6 for c in own}
+    needless = floating | (looped if held & looped else set())
     ignored = [*actuators, *handles, *_ignored(compiled)]
     return MjcfFacts(
         springs=springs,
         passive=tuple(c for own in compiled.coordinates for c in own if c in needless - held),
+        loose=frozenset(floating - looped),
         actuated=tuple(actuated),
         followers=followers,
         locked=locked,
@@ -210,6 +211,19 @@ def _ignored(compiled: Compiled) -> list[str]:
     balls = [name for name, own, limited in parts if limited and len(own) > 1]
     if balls:
         found.append(f"ranges of ball joints ({_listed(balls)})")
+    armed = [
+        name
+        for name, own, start in zip(
+            compiled.joints, compiled.coordinates, data["jnt_dofadr"], strict=True
+        )
+        if len(own) > 1 and data["dof_armature"][start]
+    ]
+    if armed:
+        found.append(f"armature of ball and free joints ({_listed(armed)})")
+    if any(data["opt.wind"]) and (data["opt.density"] or data["opt.viscosity"]):
+        found.append("wind")
+    if compiled.is_off("SPRING", "PASSIVE") and any(data["jnt_stiffness"]):
+        found.append("springs, which the file switches off")
     return found
 
 

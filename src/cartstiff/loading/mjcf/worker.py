@@ -28,11 +28,11 @@ _FACES = [0, 1, 2, 0, 3, 1, 0, 2, 3, 1, 3, 2]
 NO_MASS = 1e-14
 
 _FIELDS = """
-qpos0 qpos_spring key_qpos opt.gravity opt.disableflags
+qpos0 qpos_spring key_qpos opt.gravity opt.wind opt.density opt.viscosity opt.disableflags
 body_parentid body_pos body_quat body_mass body_ipos body_iquat body_inertia body_gravcomp
 body_mocapid body_plugin
 jnt_type jnt_bodyid jnt_qposadr jnt_pos jnt_axis jnt_limited jnt_range jnt_stiffness
-jnt_stiffnesspoly
+jnt_stiffnesspoly jnt_dofadr dof_armature
 site_bodyid site_pos site_quat
 geom_bodyid geom_type geom_group geom_dataid geom_matid geom_pos geom_quat geom_size geom_rgba
 mat_rgba mesh_pos mesh_quat
