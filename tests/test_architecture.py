@@ -18,7 +18,7 @@ PACKAGE = Path(cartstiff.__file__).parent
 
 #: From the bottom up; a part may import itself and what stands below it.
 LAYERS = [
-    {"errors", "numerics", "version"},
+    {"errors", "matrix_names", "numerics", "version"},
     {"parsing", "arrays", "child_process", "graded"},
     {"geometry"},
     {"potentials"},

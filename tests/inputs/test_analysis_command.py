@@ -15,7 +15,6 @@ from cartstiff.analysis.plain import plain
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.analysis.tolerances import Tolerances
 from cartstiff.cli.main import main
-from cartstiff.cli.requests.analysis import CONNECTIONS as OFFERED
 from cartstiff.cli.requests.analysis import LEVELS as OFFERED_LEVELS
 from cartstiff.geometry import se3
 from cartstiff.stiffness.applied_load import LoadKind
@@ -48,10 +47,8 @@ def analysis(run: Callable[..., str]) -> Callable[..., dict[str, Any]]:
 
 
 def test_choices_are_those_of_the_library() -> None:
-    from cartstiff.analysis.posture import CONNECTIONS
     from cartstiff.report.analysis import LEVELS
 
-    assert OFFERED == CONNECTIONS
     assert OFFERED_LEVELS == LEVELS
 
 
@@ -287,16 +284,16 @@ def test_refused_targets(
 def test_a_spread_that_does_not_exist_is_a_dash(analysis: Callable[..., dict[str, Any]]) -> None:
     """A tolerance far beyond its parameter leaves values without a spread, or a spread alone."""
     from cartstiff.report.analysis_mechanism import uncertainty_lines
-    from cartstiff.report.layout import UnitNames
+    from cartstiff.mechanisms.contract import SI
 
     found = analysis("cubic", "--tolerance", "0.1,0.0001", "--length", "0.3")["uncertainty"]
     assert found["numbers"]
-    whole = uncertainty_lines(found, UnitNames(), full=True)
+    whole = uncertainty_lines(found, SI, full=True)
     for entry in found["numbers"].values():
         entry |= {"deviation": None, "lower": None, "upper": None}
         if "main_share" in entry:
             entry["main_share"] = None
-    lines = uncertainty_lines(found, UnitNames(), full=True)
+    lines = uncertainty_lines(found, SI, full=True)
     assert len(lines) == len(whole)
     assert [line for line in lines if line.endswith("+- -, -, -")]
 

@@ -14,11 +14,12 @@ from tests.support import adjoint_reference, body_jacobian, frame_pose, loaded_a
 import cartstiff
 from cartstiff.analysis.deflection import joint_shares
 from cartstiff.analysis.plain import numbers
-from cartstiff.analysis.posture import CONNECTIONS, analyse_posture
+from cartstiff.analysis.posture import analyse_posture
 from cartstiff.analysis.springs import Spring, parallel_stiffness
 from cartstiff.analysis.tolerances import Parameters, Tolerances
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
+from cartstiff.matrix_names import LETTERS
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.contract import Evaluation, Posture, Potential
 from cartstiff.potentials.springs import JointSprings
@@ -59,7 +60,7 @@ def checked(result: PostureStiffness, **options: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("name", BUNDLED)
-@pytest.mark.parametrize("connection", [None, *CONNECTIONS])
+@pytest.mark.parametrize("connection", [None, *LETTERS])
 def test_every_state_has_an_answer(name: str, connection: str | None) -> None:
     result = cartstiff.analyse(cartstiff.load(name))
     found = checked(result, connection=connection, wrench=[0, 0, 0, 1, 2, 3])

@@ -18,12 +18,13 @@ from tests.view.conftest import unpacked
 import cartstiff
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
+from cartstiff.matrix_names import LETTERS
 from cartstiff.page.compact import compacted
 from cartstiff.page.export import export_page
 from cartstiff.page.files import page_script
 from cartstiff.page.recording import Pictures, common_part, complete, in_order
 from cartstiff.page.source import Source, Trajectory
-from cartstiff.page.state import CONNECTIONS, State
+from cartstiff.page.state import State
 
 #: A picture's numbers keep seventeen bits.
 PICTURE = 2e-5
@@ -56,7 +57,7 @@ def test_every_connection_of_a_loaded_frame(platform_page):
     elastic = cartstiff.load("stewart-gough")
     for frame in data["frames"][:4]:
         result = cartstiff.analyse(elastic, frame["result"]["q"])
-        for name in CONNECTIONS:
+        for name in LETTERS:
             K = result.tensor(name)
             variant = data["variants"][frame["variants"][f"stiffness/{name}"]]
             values = variant["numbers"]["principal"]["translation"]["values"]

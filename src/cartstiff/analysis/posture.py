@@ -30,13 +30,11 @@ from cartstiff.analysis.uncertainty import (
 from cartstiff.arrays import checked_vector
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
+from cartstiff.matrix_names import LETTERS
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.in_frame import StiffnessInFrame
 
-__all__ = ["CONNECTIONS", "analyse_posture"]
-
-#: Matrices that can be analysed: of the connections, and the tangent under the load.
-CONNECTIONS = ("A", "B", "K", "F", "+", "load")
+__all__ = ["analyse_posture"]
 
 
 def analyse_posture(
@@ -64,8 +62,9 @@ def analyse_posture(
     result : PostureStiffness
         From `cartstiff.analyse`.
     connection : str, optional
-        One of `CONNECTIONS`: the matrix that is analysed. Default "load", the tangent under the
-        load, where there is one; without a load all are the same and the default is B.
+        One of `cartstiff.matrix_names.LETTERS`: the matrix that is analysed. Default "load", the
+        tangent under the load, where there is one; without a load all are the same and the default
+        is B.
     length : float, optional
         Characteristic length in the mechanism's unit; see `summarise`.
     mass, inertia, mass_centre : float, array_like (3, 3), array_like (3,), optional
@@ -107,8 +106,8 @@ def analyse_posture(
     InputError
         For a wrong shape or numbers that are not finite.
     """
-    if connection is not None and connection not in CONNECTIONS:
-        raise UnknownNameError("connection", connection, CONNECTIONS)
+    if connection is not None and connection not in LETTERS:
+        raise UnknownNameError("connection", connection, LETTERS)
     if samples < 0 or samples == 1:
         raise InputError("samples cannot be used", expected="0, or 2 and more", got=samples)
     added = None if wrench is None else checked_vector(wrench, 6, "wrench")

@@ -26,6 +26,7 @@ from cartstiff.cli.types import (
     repeated_option,
 )
 from cartstiff.errors import InputError, UnknownNameError, one_line
+from cartstiff.matrix_names import OF_MANY
 
 __all__ = ["command"]
 
@@ -88,7 +89,7 @@ _options = option_group(
         help="Print the names and end; with --json as one object.",
     ),
     click.option(
-        "--connection", type=click.Choice(["load", "A", "B", "K", "F"]),
+        "--connection", type=click.Choice(OF_MANY),
         help="The matrix that is read; default where a load can act: load, the tangent stiffness "
         "under it (see --load-kind, --load-at). Without a load all but F are the same.",
     ),

@@ -24,6 +24,7 @@ from cartstiff.cli.types import (
     repeated_option,
 )
 from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.matrix_names import OF_MANY
 
 __all__ = ["command"]
 
@@ -70,7 +71,7 @@ _options = option_group(
         "those of `cartstiff map`.",
     ),
     click.option(
-        "--connection", type=click.Choice(["load", "A", "B", "K", "F"]),
+        "--connection", type=click.Choice(OF_MANY),
         help="The stiffness that is read; default with --loaded: load, the tangent under the load "
         "(see --load-kind, --load-at). Without a load all but F are the same.",
     ),

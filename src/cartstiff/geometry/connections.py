@@ -25,6 +25,7 @@ from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.differences import STEP, derivative
 from cartstiff.geometry.se3 import Array
+from cartstiff.matrix_names import MATRICES
 
 __all__ = [
     "BI_INVARIANT",
@@ -287,24 +288,18 @@ def _kinematic(x: Array, y: Array) -> Array:
 
 
 #: Cartan's (-) connection, nabla = 0: [ZK]_ eq. 35 and 36.
-CARTAN_MINUS = Connection(
-    "A", np.zeros((6, 6, 6)), "wrench components in the moving body frame (follower wrench)"
-)
+CARTAN_MINUS = Connection("A", np.zeros((6, 6, 6)), MATRICES["A"].meaning)
 #: Cartan's (0) connection, nabla_X Y = [X, Y] / 2: [ZK]_ eq. 40.
-BI_INVARIANT = Connection(
-    "B", _cartan(0.5), "symmetric part of A; independent of both frames, geodesics are screws"
-)
+BI_INVARIANT = Connection("B", _cartan(0.5), MATRICES["B"].meaning)
 #: Levi-Civita connection of a ball's kinetic energy (equal moments of inertia): [ZK]_ eq. 38.
 KINEMATIC = Connection(
     "K",
     from_bilinear_map(_kinematic).symbols,
-    "force components in inertial directions; depends on the body frame's origin",
+    MATRICES["K"].meaning,
     tied_to_origin=True,
 )
 #: Cartan's (+) connection, nabla_X Y = [X, Y]: gives the transpose of K^A.
-CARTAN_PLUS = Connection(
-    "+", _cartan(1.0), "transpose of A; wrench components in right-invariant fields"
-)
+CARTAN_PLUS = Connection("+", _cartan(1.0), MATRICES["+"].meaning)
 
 #: The named left-invariant connections.
 NAMED = {c.name: c for c in (CARTAN_MINUS, BI_INVARIANT, KINEMATIC, CARTAN_PLUS)}

@@ -124,7 +124,7 @@ def table_text(
     hidden = mechanism.virtual if isinstance(mechanism, Chain) else frozenset()
     for j, c in enumerate(mechanism.coordinates):
         if j not in hidden:
-            unit = "m" if c.is_length else "rad"
+            unit = SI.coordinate(c.is_length)
             name = f"q_{c.name}" if c.name in MEASURED else c.name
             table[f"{name} [{unit}]"] = measured.q[:, j] / (length if c.is_length else 1.0)
     loads = measured.wrench / np.repeat([force * length, force], 3)

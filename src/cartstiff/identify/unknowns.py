@@ -156,7 +156,7 @@ def unknowns_of(
         prior = _prior(group, priors or {})
         if name in elements.names:
             i = elements.index(name)
-            unit = _unit(elastic, bool(elements.is_length[i]))
+            unit = elastic.units.spring(bool(elements.is_length[i]))
             start = float(np.mean([Gamma[elements.index(n), elements.index(n)] for n in group]))
             pattern = CompliancePattern(" = ".join(group), tuple((n, n, 1.0) for n in group))
             parameters.append(Unknown(pattern, unit, start, prior))
@@ -237,14 +237,10 @@ def _of_link(elastic: ElasticMechanism, elements: Elements, word: str) -> list[U
                 continue
             own = a if i == j else f"{a}*{short[1]}"
             length = [bool(elements.is_length[elements.index(n)]) for n in (a, b)]
-            unit = _unit(elastic, length[0]) if length[0] == length[1] else elastic.units.force
+            alike, units = length[0] == length[1], elastic.units
+            unit = units.spring(length[0]) if alike else units.force
             found.append(Unknown(CompliancePattern(own, ((a, b, 1.0),)), unit, float(C[i, j])))
     return found
-
-
-def _unit(elastic: ElasticMechanism, is_length: bool) -> str:
-    units = elastic.units
-    return f"{units.force}/{units.length}" if is_length else f"{units.moment}/rad"
 
 
 def _checked_ties(

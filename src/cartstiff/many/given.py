@@ -12,21 +12,21 @@ from cartstiff import numerics
 from cartstiff.arrays import checked_array, overlap
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
+from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["CONNECTIONS", "OUTPUTS", "aligned_empty", "arrays_for", "checked_count",
+__all__ = ["OUTPUTS", "aligned_empty", "arrays_for", "checked_count",
            "checked_names", "checked_q", "checked_wrench", "full_name", "recorded",
            "without_digits"]  # fmt: skip
 
 #: Whose matrices can be asked for; "load" is the tangent under the load.
-CONNECTIONS = ("A", "B", "K", "F", "load")
 #: Doubles in a line of the cache, and in a mebibyte.
 _LINE, _MEBIBYTE = 8, 1 << 17
 #: What can be asked for.
 OUTPUTS = (
     "pose", "jacobian", "wrench", "energy",
-    *(f"stiffness_{c}" for c in CONNECTIONS), *(f"compliance_{c}" for c in CONNECTIONS),
-    *(f"root_{others}_{c}" for others in ("held", "free") for c in CONNECTIONS),
+    *(f"stiffness_{c}" for c in OF_MANY), *(f"compliance_{c}" for c in OF_MANY),
+    *(f"root_{others}_{c}" for others in ("held", "free") for c in OF_MANY),
 )  # fmt: skip
 
 
@@ -50,7 +50,7 @@ def checked_wrench(elastic: ElasticMechanism, wrench: ArrayLike | None, count: i
 
 def full_name(name: str) -> str:
     """The name of an output: "K" is short for "stiffness_K"."""
-    return f"stiffness_{name}" if name in CONNECTIONS else name
+    return f"stiffness_{name}" if name in OF_MANY else name
 
 
 def checked_names(outputs: Sequence[str]) -> tuple[str, ...]:

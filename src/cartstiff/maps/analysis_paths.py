@@ -10,7 +10,8 @@ from cartstiff.analysis.plain import plain
 from cartstiff.analysis.summary import summarise
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
-from cartstiff.maps.quantity import CONNECTIONS, Quantity, Stacks
+from cartstiff.maps.quantity import Quantity, Stacks
+from cartstiff.matrix_names import OF_MANY
 
 __all__ = ["path_quantity"]
 
@@ -36,7 +37,7 @@ def path_quantity(path: str) -> Quantity:
         f"{path} of the analysis",
         _UNIT,
         function,
-        (*(f"stiffness_{c}" for c in CONNECTIONS), "inverse", "compliance_{connection}", "wrench"),
+        (*(f"stiffness_{c}" for c in OF_MANY), "inverse", "compliance_{connection}", "wrench"),
         "length",
         None,
     )
@@ -74,7 +75,7 @@ def _analyses(s: Stacks) -> list[dict[str, Any]]:
     settings, rows = s.settings, []
     wrenches = np.nan_to_num(s.arrays["wrench"])
     for i, W in enumerate(wrenches):
-        matrices = {c: _or_none(s.arrays[f"stiffness_{c}"][i]) for c in CONNECTIONS}
+        matrices = {c: _or_none(s.arrays[f"stiffness_{c}"][i]) for c in OF_MANY}
         compliance = _or_none(s.arrays[f"compliance_{settings.connection}"][i])
         rows.append(
             plain(

@@ -21,9 +21,9 @@ from cartstiff.many.running import lasting_path
 from cartstiff.maps.cartesian import CartesianGrid
 from cartstiff.maps.job import STATES, MapJob
 from cartstiff.maps.quantities import Settings, choose_quantities
-from cartstiff.maps.quantity import CONNECTIONS
 from cartstiff.maps.sampling import Sampling, dimension_name
 from cartstiff.maps.store import NOT_COMPUTED, SCHEMA, MapFile
+from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.compute import analyse
@@ -97,8 +97,8 @@ def prepare_map(
     asked = None if deflect is None else checked_vector(deflect, 6, "wrench of the deflection")
     if connection is None:
         connection = default_connection(elastic, load)
-    if connection not in CONNECTIONS:
-        raise UnknownNameError("connection", connection, CONNECTIONS)
+    if connection not in OF_MANY:
+        raise UnknownNameError("connection", connection, OF_MANY)
     acting: dict[str, Any] = {
         "wrench": load, "load_kind": kind.kind, "load_at": kind.at, "load_axes": load_axes
     }  # fmt: skip
@@ -196,8 +196,7 @@ def prepare_map(
     if cartesian:
         variables["branches"] = {"long_name": "number of branches found at the place"}
     axis_units = {
-        dimension_name(c.name): units.length if c.is_length else "rad"
-        for c in mechanism.coordinates
+        dimension_name(c.name): units.coordinate(c.is_length) for c in mechanism.coordinates
     } | dict.fromkeys(cartesian.axes if cartesian else (), units.length)
     return job, MapFile.create(
         path, sampling, variables, attributes, units=axis_units,

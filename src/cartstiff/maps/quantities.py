@@ -30,7 +30,8 @@ from cartstiff.analysis.matrices import ROTATION, TRANSLATION
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps import stacks
-from cartstiff.maps.quantity import CONNECTIONS, Quantity, Settings, Stacks
+from cartstiff.maps.quantity import Quantity, Settings, Stacks
+from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 
@@ -170,7 +171,7 @@ def _connection_change(s: Stacks) -> Array:
     values = stacks.on_finite(np.linalg.eigvalsh, half, shape=(6,))
     positive = stacks.signs(values)[2] == 6
     worst = np.full(len(base), np.nan)
-    for name in CONNECTIONS:
+    for name in OF_MANY:
         other = s.arrays[f"stiffness_{name}"]
         if name == s.settings.connection:
             continue
@@ -215,7 +216,7 @@ def _frequency_quantities() -> list[Quantity]:
     ]
 
 
-_EVERY = tuple(f"stiffness_{name}" for name in CONNECTIONS)
+_EVERY = tuple(f"stiffness_{name}" for name in OF_MANY)
 
 #: Every quantity by name.
 QUANTITIES: dict[str, Quantity] = {
@@ -293,8 +294,8 @@ def choose_quantities(
         If a quantity asks for a setting that is missing, is named twice, or does not exist for this
         kind of mechanism.
     """
-    if settings.connection not in CONNECTIONS:
-        raise UnknownNameError("connection", settings.connection, CONNECTIONS)
+    if settings.connection not in OF_MANY:
+        raise UnknownNameError("connection", settings.connection, OF_MANY)
     if not names:
         raise InputError("no quantity was named", expected="one or more names")
     found = []

@@ -11,13 +11,12 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.given import CONNECTIONS
 from cartstiff.maps import stacks
 from cartstiff.maps.stacks import symmetric_part
 from cartstiff.mechanisms.contract import Units
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 
-__all__ = ["CONNECTIONS", "Quantity", "Settings", "Stacks"]
+__all__ = ["Quantity", "Settings", "Stacks"]
 
 #: Connections whose matrix may be asymmetric.
 ASYMMETRIC = ("A", "load")

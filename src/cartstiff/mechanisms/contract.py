@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,13 +38,81 @@ FORCES = {"N": 1.0, "kN": 1e3, "mN": 1e-3, "daN": 10.0, "lbf": 4.4482216152605, 
 class Units:
     """The units all numbers of a mechanism are in; angles are radians."""
 
+    angle: ClassVar[str] = "rad"
+
     length: str = "m"
     force: str = "N"
+
+    @classmethod
+    def from_dict(cls, units: Mapping[str, str]) -> Units:
+        """From what `as_dict` gives.
+
+        Raises
+        ------
+        InputError
+            If one of the units is missing, or angles are not in radians.
+        """
+        if not all(isinstance(units.get(k), str) for k in ("length", "force", "angle")):
+            expected = "a mapping with length, force and angle"
+            raise InputError("units are incomplete", expected=expected, got=dict(units))
+        if units["angle"] != cls.angle:
+            raise InputError("unknown unit of angles", expected=cls.angle, got=units["angle"])
+        return cls(units["length"], units["force"])
 
     @property
     def moment(self) -> str:
         """Unit of moments and energies."""
         return f"{self.force} {self.length}"
+
+    @property
+    def pitch(self) -> str:
+        """Unit of the pitch of a screw."""
+        return f"{self.length}/{self.angle}"
+
+    @property
+    def determinant(self) -> str:
+        """Unit of the determinant of a 6x6 stiffness."""
+        return f"{self.force}^6/{self.angle}^3"
+
+    @property
+    def wrench(self) -> tuple[str, ...]:
+        """Units of the six components (moment, force)."""
+        return (self.moment,) * 3 + (self.force,) * 3
+
+    @property
+    def blocks(self) -> dict[str, str]:
+        """Units of the 3x3 blocks of a stiffness: r moment or rotation, t force or translation."""
+        m, f, x = self.moment, self.force, self.length
+        return {"rr": f"{m}/{self.angle}", "rt": f, "tr": f"{f}/{self.angle}", "tt": f"{f}/{x}"}
+
+    @property
+    def stiffness(self) -> dict[str, str]:
+        """Units of a stiffness that resists translations or rotations."""
+        return {"translation": self.blocks["tt"], "rotation": self.blocks["rr"]}
+
+    @property
+    def compliance(self) -> dict[str, str]:
+        """Units of the inverse of such a stiffness."""
+        of = self.blocks_of_compliance
+        return {"translation": of["tt"], "rotation": of["rr"]}
+
+    @property
+    def blocks_of_compliance(self) -> dict[str, str]:
+        """Units of the 3x3 blocks of a compliance, named as in `blocks`."""
+        m, f, a, x = f"({self.moment})", self.force, self.angle, self.length
+        return {"rr": f"{a}/{m}", "rt": f"{a}/{f}", "tr": f"{x}/{m}", "tt": f"{x}/{f}"}
+
+    def coordinate(self, is_length: bool) -> str:
+        """Unit of a coordinate that slides or turns."""
+        return self.length if is_length else self.angle
+
+    def effort(self, is_length: bool) -> str:
+        """Unit of the force of a coordinate that slides, or the moment of one that turns."""
+        return self.force if is_length else self.moment
+
+    def spring(self, is_length: bool) -> str:
+        """Unit of the stiffness of a coordinate that slides or turns."""
+        return self.blocks["tt" if is_length else "rr"]
 
     @property
     def newtons(self) -> float:
@@ -53,7 +121,7 @@ class Units:
 
     def as_dict(self) -> dict[str, str]:
         """For JSON."""
-        return {"length": self.length, "force": self.force, "angle": "rad"}
+        return {"length": self.length, "force": self.force, "angle": self.angle}
 
 
 SI = Units()

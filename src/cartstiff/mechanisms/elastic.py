@@ -158,8 +158,7 @@ class ElasticMechanism:
     def names_with_units(self) -> list[str]:
         """Names of the coordinates as heads of a table: "elbow [rad]"."""
         return [
-            f"{c.name} [{self.units.length if c.is_length else 'rad'}]"
-            for c in self.mechanism.coordinates
+            f"{c.name} [{self.units.coordinate(c.is_length)}]" for c in self.mechanism.coordinates
         ]
 
     def with_springs(

@@ -8,26 +8,14 @@ import numpy as np
 
 from cartstiff.analysis.plain import plain
 from cartstiff.geometry.se3 import Array
+from cartstiff.matrix_names import MATRICES
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Coordinate
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.line_springs import LineSprings
 
-__all__ = ["CONNECTION_WORDS", "describe_mechanism", "slider_coordinates", "slider_ranges"]
-
-#: Title and one line for each connection.
-CONNECTION_WORDS = {
-    "load": (
-        "under the load",
-        "What a small added force meets, the load going on as stated.",
-    ),
-    "A": ("Cartan minus", "The load turns with the tool: wrench components on the moving axes."),
-    "B": ("bi-invariant", "Second derivative along screw motions: the symmetric part of A."),
-    "K": ("kinematic", "A force at M's origin keeps its direction in the room."),
-    "F": ("flat", "Hessian in the joint coordinates: the classical J^-T K_q J^-1."),
-    "+": ("Cartan plus", "The transpose of A: derivatives along axes fixed in the room."),
-}
+__all__ = ["describe_mechanism", "slider_coordinates", "slider_ranges"]
 
 # Half-ranges of coordinates without limits: angles of a platform, angles of a joint, and lengths
 # as a share of the mechanism's size.
@@ -56,7 +44,7 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array, frames: bool = True)
         {
             "name": c.name,
             "is_length": c.is_length,
-            "unit": units.length if c.is_length else "rad",
+            "unit": units.coordinate(c.is_length),
             "lower": lower,
             "upper": upper,
             "limited": bool(np.isfinite(c.lower) and np.isfinite(c.upper)),
@@ -66,7 +54,7 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array, frames: bool = True)
     stiffness = [] if springs is None else np.asarray(springs.stiffness, float).tolist()
     stiffness = [np.inf if i in mechanism.rigid else k for i, k in enumerate(stiffness)]
     spring_units = [
-        f"{units.force}/{units.length}" if lines or c["is_length"] else f"{units.moment}/rad"
+        units.spring(lines or bool(c["is_length"]))
         for c in (coordinates if not lines else [{}] * len(stiffness))
     ]
     return {
@@ -85,8 +73,8 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array, frames: bool = True)
         "source": elastic.source,
         "platform": isinstance(mechanism, Platform),
         "connections": [
-            {"name": name, "title": title, "meaning": meaning}
-            for name, (title, meaning) in CONNECTION_WORDS.items()
+            {"name": name, "title": matrix.name, "meaning": matrix.sentence}
+            for name, matrix in MATRICES.items()
         ],
     }
 

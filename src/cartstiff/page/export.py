@@ -21,6 +21,7 @@ from cartstiff.analysis.posture import analyse_posture
 from cartstiff.errors import CartstiffError, InputError, printable
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.matrix_names import LETTERS
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.page.answer import Answer
 from cartstiff.page.compact import compacted
@@ -31,7 +32,7 @@ from cartstiff.page.picture import Picture
 from cartstiff.page.recording import Key, Pictures, common_part, complete, in_order
 from cartstiff.page.session import PictureMaker, Session
 from cartstiff.page.source import Source
-from cartstiff.page.state import CONNECTIONS, State
+from cartstiff.page.state import State
 from cartstiff.report.analysis import summary_text
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.version import __version__
@@ -42,10 +43,7 @@ __all__ = ["export_page", "export_steps"]
 _PARTS = ("translation", "rotation", "labels", "wrench")
 # K+ is the transpose of K^A: all that is shown of it besides the matrix is that of K^A.
 _VARIANTS = [
-    (quantity, name)
-    for quantity in ("stiffness", "compliance")
-    for name in CONNECTIONS
-    if name != "+"
+    (quantity, name) for quantity in ("stiffness", "compliance") for name in LETTERS if name != "+"
 ]
 # What of a payload is the same for every connection and quantity.
 _COMMON = ("result", "has_compliance", "position", "angles", "singularity", "legs", "moved")

@@ -297,7 +297,7 @@ def _joints(elastic: ElasticMechanism, q: Array, analysis: dict[str, Any]) -> st
     for c, value in zip(elastic.mechanism.coordinates, q.tolist(), strict=True):
         place = f"{value:.5g} {units.length}" if c.is_length else f"{np.degrees(value):.2f} deg"
         k = springs.get(c.name)
-        unit = f"{units.force}/{units.length}" if c.is_length else f"{units.moment}/rad"
+        unit = units.spring(c.is_length)
         k_text = "" if k is None else "rigid" if np.isinf(k) else f"{k:.6g} {unit}"
         share = shares.get(c.name)
         share_text = _percent(share)
@@ -305,7 +305,7 @@ def _joints(elastic: ElasticMechanism, q: Array, analysis: dict[str, Any]) -> st
     for name, share in shares.items():
         if name not in elastic.names:
             k = springs.get(name)
-            text = "" if k is None else f"{k:.6g} {units.force}/{units.length}"
+            text = "" if k is None else f"{k:.6g} {units.spring(True)}"
             rows.append((name, "", text, _percent(share)))
     head = ("coordinate", "position", "stiffness", "share of the displacement")
     cells = ["<tr>" + "".join(f"<th>{t}</th>" for t in head) + "</tr>"]

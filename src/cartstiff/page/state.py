@@ -11,9 +11,9 @@ from typing import Annotated, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from cartstiff.errors import InputError, one_line
+from cartstiff.matrix_names import Letter
 
 __all__ = [
-    "CONNECTIONS",
     "LARGEST_MESSAGE",
     "Analysis",
     "Bounds",
@@ -31,8 +31,6 @@ __all__ = [
 
 #: Bytes of a message that are read; a longer one is refused.
 LARGEST_MESSAGE = 64 * 1024
-#: Names of the connections that can be shown; "load" is the tangent under the load.
-CONNECTIONS = ("load", "A", "B", "K", "F", "+")
 
 # As in mechanism files: beyond this the products leave the range of double precision.
 _LARGEST = 1e30
@@ -43,7 +41,6 @@ _Vector = Annotated[list[_Number], Field(min_length=1, max_length=500)]
 _Three = tuple[_Number, _Number, _Number]
 _Six = tuple[_Number, _Number, _Number, _Number, _Number, _Number]
 _Axes = Literal["body", "inertial"]
-_Connection = Literal["load", "A", "B", "K", "F", "+"]
 
 
 class _Strict(BaseModel):
@@ -83,7 +80,7 @@ class State(_Strict):
 
     q: _Vector | None = None
     moved: Annotated[int, Field(ge=0, le=500)] | None = None
-    connection: _Connection = "load"
+    connection: Letter = "load"
     quantity: Literal["stiffness", "compliance"] = "stiffness"
     axes: _Axes = "body"
     point: _Three = (0.0, 0.0, 0.0)

@@ -6,13 +6,14 @@ from collections.abc import Mapping
 from typing import Any
 
 from cartstiff.errors import UnknownNameError, joined
+from cartstiff.mechanisms.contract import SI, Units
 from cartstiff.report.analysis_mechanism import (
     deflection_lines,
     target_lines,
     uncertainty_lines,
 )
 from cartstiff.report.analysis_screws import mode_lines, screw_lines, synthesis_lines
-from cartstiff.report.layout import UnitNames, number, numbers, percent, row, share, table, vector
+from cartstiff.report.layout import number, numbers, percent, row, share, table, vector
 
 __all__ = ["LEVELS", "summary_text"]
 
@@ -47,7 +48,7 @@ def summary_text(
     """
     if level not in LEVELS:
         raise UnknownNameError("level", level, LEVELS)
-    u = UnitNames(units)
+    u = SI if units is None else Units.from_dict(units)
     if level == "none":
         return ""
     full = level == "full"
@@ -71,7 +72,7 @@ def summary_text(
     return joined(line[:1].upper() + line[1:] for line in lines) + "\n"
 
 
-def _heading(s: Mapping[str, Any], u: UnitNames) -> list[str]:
+def _heading(s: Mapping[str, Any], u: Units) -> list[str]:
     name, length = s["connection"], s["length"]
     if name is None and s["compliance"] is None:
         return ["analysis: there is neither stiffness nor compliance here"]
@@ -94,7 +95,7 @@ def _heading(s: Mapping[str, Any], u: UnitNames) -> list[str]:
     ]
 
 
-def _load(s: Mapping[str, Any], u: UnitNames) -> list[str]:
+def _load(s: Mapping[str, Any], u: Units) -> list[str]:
     """What the load is taken to do, and whether the analysed matrix is the tangent under it."""
     load = s.get("load")
     if load is None:
@@ -106,7 +107,7 @@ def _load(s: Mapping[str, Any], u: UnitNames) -> list[str]:
     return [f"  {what} under a {load['kind']} load at {at}: {load['meaning']}"]
 
 
-def _principal(ellipsoids: Mapping[str, Any], u: UnitNames, full: bool) -> list[str]:
+def _principal(ellipsoids: Mapping[str, Any], u: Units, full: bool) -> list[str]:
     exists = ellipsoids["stiffness"]["translation"]["held"] is not None
     if not exists and ellipsoids["compliance"]["translation"]["free"] is None:
         return []
@@ -134,7 +135,7 @@ def _principal(ellipsoids: Mapping[str, Any], u: UnitNames, full: bool) -> list[
     return lines
 
 
-def _softest(ellipsoids: Mapping[str, Any], u: UnitNames) -> list[str]:
+def _softest(ellipsoids: Mapping[str, Any], u: Units) -> list[str]:
     """Where a force moves the body most: the largest principal compliance, rotations free."""
     lines = []
     for freedom, load, moves in (
@@ -162,7 +163,7 @@ def _upright(axis: list[float]) -> list[float]:
     return axis if max(axis, key=abs) > 0 else [-x for x in axis]
 
 
-def _directions(rows: list[Mapping[str, Any]], u: UnitNames, full: bool) -> list[str]:
+def _directions(rows: list[Mapping[str, Any]], u: Units, full: bool) -> list[str]:
     shown = [r for r in rows if full or r["name"] == "given"]
     values = [r[k][o] for r in shown for k in ("along", "about") for o in ("held", "free")]
     if not any(v is not None for v in values):
@@ -183,7 +184,7 @@ def _directions(rows: list[Mapping[str, Any]], u: UnitNames, full: bool) -> list
     return ["", "stiffness along and about lines through this point", *table(titles, cells)]
 
 
-def _centres(s: Mapping[str, Any], u: UnitNames, full: bool) -> list[str]:
+def _centres(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
     if s["centres"] is None:
         return []
     moved = any(r[3] for r in s["frame"][:3])
@@ -206,11 +207,11 @@ def _centres(s: Mapping[str, Any], u: UnitNames, full: bool) -> list[str]:
             lines.append(f"  {what}: axes as columns")
             lines += [f"{'':<42} {row(r[:3])}" for r in found["T_m_n"][:3]]
             if what == "normal form":
-                lines.append(f"    coupling there [{u.screw}] {numbers(found['coupling'])}")
+                lines.append(f"    coupling there [{u.blocks['tr']}] {numbers(found['coupling'])}")
     return lines
 
 
-def _indices(s: Mapping[str, Any], u: UnitNames, full: bool) -> list[str]:
+def _indices(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
     n = s["indices"]
     if n is None:
         return []
@@ -240,7 +241,7 @@ def _indices(s: Mapping[str, Any], u: UnitNames, full: bool) -> list[str]:
     return lines
 
 
-def _connections(s: Mapping[str, Any], u: UnitNames, full: bool) -> list[str]:
+def _connections(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
     found = s["connections"]
     if found is None:
         return []

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from cartstiff.report.layout import UnitNames, number, numbers, percent, row, table, vector
+from cartstiff.mechanisms.contract import Units
+from cartstiff.report.layout import number, numbers, percent, row, table, vector
 
 __all__ = ["deflection_lines", "target_lines", "uncertainty_lines"]
 
@@ -15,7 +16,7 @@ Section = Mapping[str, Any] | None
 _TOLD = 1e-3
 
 
-def deflection_lines(d: Section, u: UnitNames, full: bool) -> list[str]:
+def deflection_lines(d: Section, u: Units, full: bool) -> list[str]:
     """Deflection of the point, and each joint's or leg's share."""
     if d is None:
         return []
@@ -46,12 +47,12 @@ def deflection_lines(d: Section, u: UnitNames, full: bool) -> list[str]:
     rows = []
     for s in shares:
         # A link turns and moves at once: its elongation has no single unit.
-        unit = "" if s["is_length"] is None else u.length if s["is_length"] else u.angle
+        unit = "" if s["is_length"] is None else u.coordinate(s["is_length"])
         if first == "motion":
             last = row(s["displacement"], 4)
         else:
-            of_force = u.force if s["is_length"] else u.moment
-            last = "" if s["is_length"] is None else f"{number(s['force'])} {of_force}"
+            effort = "" if s["is_length"] is None else u.effort(s["is_length"])
+            last = effort and f"{number(s['force'])} {effort}"
         rows.append([s["name"], number(s[first]), unit, _share(s["share"]), last])
     lines += [f"  shares {meaning}", *table(titles, rows)]
     if d["kind"] == "springs" and abs(d["load_share"] or 0.0) > 1e-9:
@@ -66,7 +67,7 @@ def _share(x: float | None) -> str:
     return "-" if x is None else percent(x)
 
 
-def _wrench(w: list[float], u: UnitNames) -> str:
+def _wrench(w: list[float], u: Units) -> str:
     """The parts of a wrench that are not zero."""
     parts = []
     force, moment = w[3:], w[:3]
@@ -77,7 +78,7 @@ def _wrench(w: list[float], u: UnitNames) -> str:
     return " and ".join(parts)
 
 
-def target_lines(t: Section, u: UnitNames, full: bool) -> list[str]:
+def target_lines(t: Section, u: Units, full: bool) -> list[str]:
     """Joint stiffness that gives a desired Cartesian stiffness."""
     if t is None:
         return []
@@ -85,7 +86,7 @@ def target_lines(t: Section, u: UnitNames, full: bool) -> list[str]:
     if "order" in t:
         order = f" ({t['order']} by {t['order_from'].replace('file', 'its file')})"
     lines = ["", f"joint stiffness for the target{order}"]
-    unit = [u.force + "/" + u.length if s else f"{u.moment}/{u.angle}" for s in t["are_lengths"]]
+    unit = [u.spring(s) for s in t["are_lengths"]]
     fit = t["diagonal_fit"]
     if t["is_feasible"]:
         lines.append("  independent springs give it exactly:")
@@ -102,7 +103,7 @@ def target_lines(t: Section, u: UnitNames, full: bool) -> list[str]:
     if fit is not None:
         rows = [
             [name, number(k, 5, "locked"), "" if k is None else x, number(tau),
-             u.force if s else u.moment]
+             u.effort(s)]
             for name, k, x, tau, s in zip(
                 t["joints"], fit["stiffness"], unit, t["torque"], t["are_lengths"], strict=True
             )
@@ -136,7 +137,7 @@ def _meet(found: Mapping[str, Any], prefix: str) -> bool:
     return min(b - a, c - b) <= 1e-6 * max(abs(a), abs(c))
 
 
-def uncertainty_lines(s: Section, u: UnitNames, full: bool) -> list[str]:
+def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
     """Standard deviations of the main numbers, or of all of them."""
     if s is None:
         return []

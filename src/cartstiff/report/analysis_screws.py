@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from cartstiff.report.layout import UnitNames, number, row, table
+from cartstiff.mechanisms.contract import Units
+from cartstiff.report.layout import number, row, table
 
 __all__ = ["mode_lines", "screw_lines", "synthesis_lines"]
 
@@ -15,7 +16,7 @@ def _line(a: Mapping[str, Any], size: float) -> list[str]:
     return [number(a["pitch"], 5, "infinite"), row(a["direction"], 4), point]
 
 
-def screw_lines(s: Mapping[str, Any], u: UnitNames) -> list[str]:
+def screw_lines(s: Mapping[str, Any], u: Units) -> list[str]:
     """Eigenscrews and compliant axes."""
     lines: list[str] = []
     size = s["length"]["value"]
@@ -25,7 +26,7 @@ def screw_lines(s: Mapping[str, Any], u: UnitNames) -> list[str]:
         lines += ["", "eigenscrews: twists answered by a wrench on the same screw"]
         lines += table(
             [
-                f"eigenvalue [{u.screw}]",
+                f"eigenvalue [{u.blocks['tr']}]",
                 f"about [{u.stiffness['rotation']}]",
                 f"along [{u.stiffness['translation']}]",
                 *where,
@@ -43,7 +44,7 @@ def screw_lines(s: Mapping[str, Any], u: UnitNames) -> list[str]:
         if not found["complete"]:
             lines.append(f"  only {len(found['screws'])} real, independent eigenscrews")
         for z in found["complex_eigenvalues"]:
-            lines.append(f"  complex eigenvalue {number(z[0])} {z[1]:+.5g}i {u.screw}")
+            lines.append(f"  complex eigenvalue {number(z[0])} {z[1]:+.5g}i {u.blocks['tr']}")
     for kind, meaning, freedom in (
         ("wrench", "translation answered by a parallel force", "translation"),
         ("twist", "moment answered by a parallel rotation", "rotation"),
@@ -58,7 +59,7 @@ def screw_lines(s: Mapping[str, Any], u: UnitNames) -> list[str]:
     return lines
 
 
-def mode_lines(m: Mapping[str, Any] | None, u: UnitNames) -> list[str]:
+def mode_lines(m: Mapping[str, Any] | None, u: Units) -> list[str]:
     """Eigenvalues and twists with respect to the metric."""
     if m is None:
         return []
@@ -86,14 +87,12 @@ def _frequency(frequency: float | None, eigenvalue: float) -> str:
     return number(frequency)
 
 
-def synthesis_lines(
-    s: Mapping[str, Any] | None, u: UnitNames, full: bool, size: float
-) -> list[str]:
+def synthesis_lines(s: Mapping[str, Any] | None, u: Units, full: bool, size: float) -> list[str]:
     """Springs that realise the matrix."""
     if s is None or "passive" not in s:
         return []
     trace = 0.0 if s["relative_trace"] < 1e-10 else s["trace"]
-    trace = f"trace of the coupling block {number(trace, 3)} {u.screw}"
+    trace = f"trace of the coupling block {number(trace, 3)} {u.blocks['tr']}"
     if not s["passive"]:
         text = "no unloaded springs in parallel give this matrix: it has a negative eigenvalue"
     elif s["by_line_springs"]:

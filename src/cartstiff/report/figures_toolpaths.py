@@ -65,7 +65,7 @@ def _choice(result: OptimisedPath) -> tuple[str, np.ndarray[Any, Any], float | N
     if result.joint is not None:
         j = result.elastic.names.index(result.joint)
         is_length = result.elastic.mechanism.coordinates[j].is_length
-        unit = result.elastic.units.length if is_length else "rad"
+        unit = result.elastic.units.coordinate(is_length)
         return f"{result.joint} [{unit}]", result.q[:, j], constant.get("position")
     return None
 

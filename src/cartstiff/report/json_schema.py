@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from cartstiff.matrix_names import MATRICES
 from cartstiff.report.frames import FRAMES_SCHEMA
 from cartstiff.report.identify_schema import identify_schema
 from cartstiff.stiffness.applied_load import LOAD_KINDS
@@ -43,15 +44,9 @@ def _text(description: str) -> dict[str, Any]:
 
 
 def _matrices(what: str) -> dict[str, Any]:
-    names = {
-        "A": "Cartan's minus connection",
-        "B": "bi-invariant connection",
-        "K": "kinematic connection",
-        "F": "flat connection of the joint coordinates",
-    }
+    absent = "where it does not exist"
     return _object(
-        {n: _matrix(6, 6, f"6x6, {word}", "where it does not exist") for n, word in names.items()},
-        what,
+        {n: _matrix(6, 6, f"6x6, {MATRICES[n].name} connection", absent) for n in "ABKF"}, what
     )
 
 

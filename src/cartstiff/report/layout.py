@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-
-from cartstiff.errors import InputError
+from collections.abc import Iterable, Sequence
 
 __all__ = [
-    "UnitNames",
     "number",
     "numbers",
     "percent",
@@ -18,31 +15,6 @@ __all__ = [
     "vector",
     "wide_row",
 ]
-
-_SI = {"length": "m", "force": "N", "angle": "rad"}
-
-
-class UnitNames:
-    """Unit strings of every kind of number; InputError if a unit is missing."""
-
-    def __init__(self, units: Mapping[str, str] | None = None) -> None:
-        units = _SI if units is None else units
-        missing = [key for key in _SI if not isinstance(units.get(key), str)]
-        if missing:
-            raise InputError(
-                "units are incomplete",
-                expected="a mapping with length, force and angle",
-                got=dict(units),
-            )
-        self.length, self.force, self.angle = (units[key] for key in _SI)
-        f, m, a = self.force, self.length, self.angle
-        self.moment = f"{f} {m}"
-        self.pitch = f"{m}/{a}"
-        self.screw = f"{f}/{a}"
-        self.determinant = f"{f}^6/{a}^3"
-        self.stiffness = {"translation": f"{f}/{m}", "rotation": f"{f} {m}/{a}"}
-        self.compliance = {"translation": f"{m}/{f}", "rotation": f"{a}/({f} {m})"}
-        self.blocks = {"rr": f"{f} {m}/{a}", "rt": f, "tr": f"{f}/{a}", "tt": f"{f}/{m}"}
 
 
 def number(x: float | None, digits: int = 5, missing: str = "-") -> str:

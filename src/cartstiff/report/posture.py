@@ -7,6 +7,7 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.errors import joined
 from cartstiff.geometry import se3
+from cartstiff.matrix_names import MATRICES
 from cartstiff.mechanisms.weighed import weighed
 from cartstiff.report.layout import wide_row
 from cartstiff.stiffness.compute import PostureStiffness
@@ -15,13 +16,6 @@ from cartstiff.stiffness.tensor import format_matrix
 __all__ = ["describe"]
 
 _SAME = "they are the same here"
-_MEANINGS = {
-    "A": "wrench components in the moving body frame (Cartan minus; asymmetric under load)",
-    "B": "symmetric part of K^A, independent of both frames (bi-invariant)",
-    "K": "force components in inertial directions (kinematic; depends on the frame's origin)",
-    "F": "Hessian in the joint coordinates, carried to the body (flat)",
-    "load": "tangent under the load: what an added wrench meets",
-}
 
 
 def describe(result: PostureStiffness, analysis: str = "", at_rest: bool = False) -> str:
@@ -63,8 +57,7 @@ def describe(result: PostureStiffness, analysis: str = "", at_rest: bool = False
     if any(K is not None for K in result.matrices.values()):
         lines += [
             "Stiffness: rows wrench (moment, force), columns motion (rotation, translation)",
-            f"  units [[{units.moment}/rad, {units.force}], "
-            f"[{units.force}/rad, {units.force}/{units.length}]]",
+            "  units [[{rr}, {rt}], [{tr}, {tt}]]".format(**units.blocks),
             "",
         ]
     for names, K in _different(result, at_rest):
@@ -74,7 +67,7 @@ def describe(result: PostureStiffness, analysis: str = "", at_rest: bool = False
             if asymmetry <= numerics.SYMMETRY * float(np.abs(K).max())
             else f"asymmetric, |K - K^T| up to {asymmetry:.4g}"
         )
-        meaning = _MEANINGS[names[-1]] if names[-1] == "load" or len(names) == 1 else _SAME
+        meaning = MATRICES[names[-1]].words if names[-1] == "load" or len(names) == 1 else _SAME
         lines += [
             f"{' = '.join(f'K^{name}' for name in names)}  {meaning}; {verdict}",
             *format_matrix(K, [""] * 6).split("\n"),

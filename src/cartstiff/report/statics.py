@@ -74,8 +74,7 @@ def _reactions(state: Equilibrium) -> list[str]:
     if wrench is not None:
         largest = max(largest, float(np.abs(wrench).max()))
     return [
-        f"  {name}: reaction {wide_row([x], largest).strip()} "
-        f"{units.force if is_force else units.moment}"
+        f"  {name}: reaction {wide_row([x], largest).strip()} {units.effort(is_force)}"
         for name, (x, is_force) in rows.items()
     ]
 
@@ -177,7 +176,7 @@ def describe_path(path: CompensatedPath) -> str:
     coordinates = path.elastic.mechanism.coordinates
     are_joints = path.elastic.spring_names == path.elastic.names
     for i, (name, value) in enumerate(zip(path.elastic.spring_names, largest, strict=True)):
-        unit = "rad" if are_joints and not coordinates[i].is_length else units.length
+        unit = units.coordinate(not are_joints or coordinates[i].is_length)
         lines.append(f"  {name:<28} {value:>12.6g} {unit}")
     lines.append("(--csv FILE.csv writes the commands.)")
     for note in path.notes:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from cartstiff.analysis.posture import CONNECTIONS
 from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.matrix_names import LETTERS
 from cartstiff.scene.theme import THEMES
 
 __all__ = ["Look"]
@@ -79,7 +79,7 @@ class Look:
 
     def __post_init__(self) -> None:
         for name, value, known in (
-            ("connection", self.connection, CONNECTIONS),
+            ("connection", self.connection, LETTERS),
             ("quantity", self.quantity, ("stiffness", "compliance")),
             ("condition of the other freedoms", self.others, ("block", "held", "free")),
             ("scale", self.scale, ("log", "linear")),

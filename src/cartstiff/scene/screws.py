@@ -40,7 +40,7 @@ class Line:
 def eigenscrew_lines(K: Array, units: Units) -> list[Line]:
     """Eigenscrews of a symmetric stiffness."""
     return [
-        Line(e.screw, f"eigenscrew {i + 1}", e.eigenvalue, f"{units.force}/rad", theme.SCREW)
+        Line(e.screw, f"eigenscrew {i + 1}", e.eigenvalue, units.blocks["tr"], theme.SCREW)
         for i, e in enumerate(eigenscrews(K).screws)
     ]
 
@@ -52,7 +52,7 @@ def compliant_lines(K: Array, units: Units) -> list[Line]:
             a.screw,
             f"wrench axis {i + 1}",
             a.stiffness,
-            f"{units.force}/{units.length}",
+            units.spring(True),
             theme.WRENCH_AXIS,
         )
         for i, a in enumerate(wrench_compliant_axes(K))
@@ -61,7 +61,7 @@ def compliant_lines(K: Array, units: Units) -> list[Line]:
         turns = twist_compliant_axes(K)
     except CartstiffError:
         return lines
-    unit = f"{units.moment}/rad"
+    unit = units.spring(False)
     return lines + [
         Line(a.screw, f"twist axis {i + 1}", a.stiffness, unit, theme.TWIST_AXIS)
         for i, a in enumerate(turns)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -292,10 +292,7 @@ class StiffnessTensor(_Labelled):
     @property
     def block_units(self) -> tuple[tuple[str, str], tuple[str, str]]:
         """Units of the four 3x3 blocks, in the tensor's order."""
-        f, m, length = self.units.force, self.units.moment, self.units.length
-        if self.order == se3.ANGULAR_LINEAR:
-            return (f"{m}/rad", f), (f"{f}/rad", f"{f}/{length}")
-        return (f"{f}/{length}", f"{f}/rad"), (f, f"{m}/rad")
+        return _in_order(self.units.blocks, self.order)
 
     def __str__(self) -> str:
         (a, b), (c, d) = self.block_units
@@ -457,10 +454,7 @@ class Compliance(_Labelled):
     @property
     def block_units(self) -> tuple[tuple[str, str], tuple[str, str]]:
         """Units of the four 3x3 blocks, in the tensor's order."""
-        f, m, length = self.units.force, self.units.moment, self.units.length
-        if self.order == se3.ANGULAR_LINEAR:
-            return (f"rad/({m})", f"rad/{f}"), (f"{length}/({m})", f"{length}/{f}")
-        return (f"{length}/{f}", f"{length}/({m})"), (f"rad/{f}", f"rad/({m})")
+        return _in_order(self.units.blocks_of_compliance, self.order)
 
     def __str__(self) -> str:
         (a, b), (c, d) = self.block_units
@@ -472,3 +466,9 @@ class Compliance(_Labelled):
     def _repr_html_(self) -> str:
         title = f"C^{self.connection.name} in {self.frame}"
         return matrix_html(self.matrix, self.block_units, title, self.order)
+
+
+def _in_order(blocks: Mapping[str, str], order: Order) -> tuple[tuple[str, str], tuple[str, str]]:
+    """Units of the blocks by rows, see `Units.blocks`."""
+    a, b = "rt" if order == se3.ANGULAR_LINEAR else "tr"
+    return (blocks[a + a], blocks[a + b]), (blocks[b + a], blocks[b + b])

@@ -14,6 +14,7 @@ from cartstiff.maps.quantities import Quantity
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 from cartstiff.stiffness.compute import SCHEMA
+from cartstiff.stiffness.labelled import AXES
 from cartstiff.toolpaths.tool_path import ToolPath
 
 __all__ = ["ConstantChoice", "OptimisedPath"]
@@ -187,8 +188,7 @@ class OptimisedPath:
         names = self.elastic.names_with_units
         if (W := self.wrenches) is not None:
             columns.append(W)
-            names += [f"{c} [{units.moment}]" for c in ("mx", "my", "mz")]
-            names += [f"{c} [{units.force}]" for c in ("fx", "fy", "fz")]
+            names += [f"{c} [{u}]" for c, u in zip(AXES["wrench"], units.wrench, strict=True)]
         if self.angles is not None:
             columns.append(self.angles[:, None])
             names.append("free_angle [rad]")

@@ -14,6 +14,7 @@ import click
 from cartstiff.cli.requests.target_file import ORDERS, Target, read_target
 from cartstiff.cli.types import POINT, WRENCH, Number, Numbers, option, option_group
 from cartstiff.errors import InputError
+from cartstiff.matrix_names import LETTERS
 
 if TYPE_CHECKING:
     from cartstiff.stiffness.compute import PostureStiffness
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 __all__ = ["AnalysisRequest", "analysis_options"]
 
 LEVELS = ("full", "short", "none")
-CONNECTIONS = ("A", "B", "K", "F", "+", "load")
 
 #: The command takes them as keywords for `AnalysisRequest`.
 analysis_options = option_group(
@@ -30,7 +30,7 @@ analysis_options = option_group(
         help="How much of the analysis to print; with --json: none leaves it out.",
     ),
     click.option(
-        "--connection", type=click.Choice(CONNECTIONS),
+        "--connection", type=click.Choice(LETTERS),
         help="The matrix that is analysed; default under a load: load, the tangent stiffness under "
         "it (see --load-kind, --load-at). Without a load all are the same.",
     ),

@@ -1,0 +1,58 @@
+"""The stiffness matrices of a posture: their letters, their names, and what each of them means."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal, get_args
+
+__all__ = ["LETTERS", "MATRICES", "OF_MANY", "Letter", "MatrixName"]
+
+#: "load" is the tangent under the load; the others are connections, by their letters.
+Letter = Literal["load", "A", "B", "K", "F", "+"]
+LETTERS: Final[tuple[str, ...]] = get_args(Letter)
+#: Those that are computed for many postures; "+" is the transpose of "A".
+OF_MANY: Final[tuple[str, ...]] = ("A", "B", "K", "F", "load")
+
+
+@dataclass(frozen=True)
+class MatrixName:
+    """The name of a stiffness matrix and its meaning, in words for people."""
+
+    name: str
+    meaning: str
+
+    @property
+    def sentence(self) -> str:
+        """The meaning as a sentence."""
+        return f"{self.meaning[0].upper()}{self.meaning[1:]}."
+
+    @property
+    def words(self) -> str:
+        """Meaning and name in one line."""
+        return f"{self.meaning} ({self.name})"
+
+
+#: Names and meanings by letter; the formulas stand in `cartstiff.geometry.connections`.
+MATRICES: Final[dict[str, MatrixName]] = {
+    "load": MatrixName(
+        "under the load", "what a small added wrench meets while the load goes on as stated"
+    ),
+    "A": MatrixName(
+        "Cartan minus",
+        "wrench components along the moving axes of the body, so that the load turns with it; "
+        "asymmetric under load",
+    ),
+    "B": MatrixName(
+        "bi-invariant",
+        "second derivative along screw motions: the symmetric part of A, independent of both "
+        "frames",
+    ),
+    "K": MatrixName(
+        "kinematic",
+        "force components along axes that stay in the room; depends on the body frame's origin",
+    ),
+    "F": MatrixName(
+        "flat", "Hessian in the joint coordinates, carried to the body: the classical J^-T K_q J^-1"
+    ),
+    "+": MatrixName("Cartan plus", "the transpose of A: derivatives along axes fixed in the room"),
+}
