@@ -76,11 +76,20 @@ def test_tables_in_notebooks(arm):
     for thing in (result, result.B, result.B.compliance()):
         html = thing._repr_html_()
         assert html.count("<tr>") == 7
-        assert html.count("<td style") == 36
+        assert html.count("<td style") == 42  # the numbers, and a unit for each row
     assert "N m/rad | N" in result._repr_html_()
     value = f"{result.matrices['B'][0, 0]:.6g}"
     assert f">{value}</td>" in result.B._repr_html_()
     assert "Equilibrium of" in cartstiff.equilibrium(arm)._repr_html_()
+    shown = arm._repr_html_()
+    assert shown.startswith(f"<pre>{repr(arm).splitlines()[0]}")
+    assert "<th>elbow_joint [rad]</th><td style='text-align:right'>1.4</td>" in shown
+    assert "<th>elbow_joint [N m/rad]</th>" in shown
+    rigid = arm.with_springs({"elbow_joint": np.inf})._repr_html_()
+    assert "<th>elbow_joint [N m/rad]</th><td style='text-align:right'>rigid</td>" in rigid
+    legs = cartstiff.load("stewart-gough")._repr_html_()
+    assert "<th>leg6 [N/cm]</th>" in legs
+    assert "<th>x [cm]</th>" in legs
     linkage = cartstiff.analyse(cartstiff.load("five-bar"))
     assert "none exists here" in repr(linkage)
     assert "<table>" not in linkage._repr_html_()

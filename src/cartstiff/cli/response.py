@@ -87,18 +87,11 @@ class ResponseRequest:
             else frequency_response(found, hertz, damping, kind=self.kind, at=at)  # type: ignore[arg-type]
         )
         data["response"] = answer.as_dict(self.direction)
-        files = []
-        if self.csv is not None:
-            files.append((self.csv, answer.as_csv(self.direction).encode()))
-        if self.plot is not None:
-            from cartstiff.report.figures_modes import draw_response
-            from cartstiff.report.output import picture
+        from cartstiff.report.figures_modes import draw_response
+        from cartstiff.report.output import write_files
 
-            files.append((self.plot, picture(draw_response(answer, self.direction, found),
-                                             self.plot.suffix)))  # fmt: skip
-        if files:
-            from cartstiff.report.output import write_whole
-
-            for path, content in files:
-                write_whole(path, content)
+        write_files(
+            (self.csv, lambda: answer.as_csv(self.direction)),
+            (self.plot, lambda: draw_response(answer, self.direction, found)),
+        )
         return describe_response(answer, self.direction)

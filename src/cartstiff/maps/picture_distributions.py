@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.figures import new_figure
 from cartstiff.maps.picture_parts import (
     COLOURS,
     DECADES,
     colour_norm,
-    new_figure,
     title_of,
     wrapped,
 )

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.figures import new_figure
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps.picture_parts import (
     COLOURS,
     add_legend,
     colour_norm,
-    new_figure,
     reasons_of,
     style_of,
     title_of,

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cartstiff.errors import imported
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps.reading import state_names, unit_label
 
@@ -19,7 +18,6 @@ __all__ = [
     "DECADES",
     "add_legend",
     "colour_norm",
-    "new_figure",
     "reasons_of",
     "style_of",
     "title_of",
@@ -31,14 +29,6 @@ COLOURS = "cividis"
 #: A logarithmic scale from this ratio on.
 DECADES = 100.0
 _HATCHES = ("////", "....", "xxxx", "\\\\\\\\", "oooo", "----")
-
-
-def new_figure(width: float = 6.4, height: float = 4.2) -> Any:
-    """A figure that needs no window, of a size in inches."""
-    Figure = imported(
-        "matplotlib.figure", package="matplotlib", purpose="drawing a figure", extra="plots"
-    ).Figure
-    return Figure(figsize=(width, height), layout="constrained")
 
 
 def title_of(dataset: xarray.Dataset) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.arrays import checked_number, checked_vector
-from cartstiff.errors import InputError, joined
+from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import (
     Mechanism,
@@ -21,6 +21,7 @@ from cartstiff.mechanisms.contract import (
     checked_gravity,
     named_values,
 )
+from cartstiff.notebook import ShownInLines, html_table
 from cartstiff.potentials.contract import Evaluation, Potential
 from cartstiff.potentials.gravity import Gravity
 from cartstiff.potentials.line_springs import LineSprings
@@ -46,8 +47,8 @@ class Note:
         return {"code": self.code, "message": self.message, "values": dict(self.values)}
 
 
-@dataclass(frozen=True)
-class ElasticMechanism:
+@dataclass(frozen=True, repr=False)
+class ElasticMechanism(ShownInLines):
     """A mechanism and its potential energy, with a default posture.
 
     Attributes
@@ -91,7 +92,7 @@ class ElasticMechanism:
         if rigid != self.mechanism.rigid:
             object.__setattr__(self, "mechanism", self.mechanism.with_rigid(rigid))
 
-    def __repr__(self) -> str:
+    def _lines(self) -> list[str]:
         m = self.mechanism
         lines = [
             f"{self.name} ({m.kind}) to {m.frame}, in {m.units.force} and {m.units.length}",
@@ -100,7 +101,23 @@ class ElasticMechanism:
         ]
         if self.gravity is not None:
             lines.append(f"  gravity     {self.gravity.tolist()}")
-        return joined(lines)
+        return lines
+
+    def _repr_html_(self) -> str:
+        rows = [(n, f"{x:.6g}") for n, x in zip(self.names_with_units, self.q, strict=True)]
+        tables = html_table([("posture", 2)], rows)
+        if self.springs is not None:
+            rigid = self.mechanism.rigid
+            slides = [c.is_length for c in self.mechanism.coordinates]
+            if isinstance(self.springs, LineSprings):
+                slides = [True] * len(self.spring_names)
+            shown = zip(self.spring_names, self.springs.stiffness.tolist(), slides, strict=True)
+            springs = [
+                (f"{n} [{self.units.spring(s)}]", "rigid" if i in rigid else f"{k:.6g}")
+                for i, (n, k, s) in enumerate(shown)
+            ]
+            tables += html_table([("stiffness of the springs", 2)], springs)
+        return super()._repr_html_() + tables
 
     def _acting(self) -> list[object]:
         return [p for p in (self.springs, *self.potentials) if p is not None]

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from cartstiff.errors import printable
+from cartstiff.figures import new_figure
 from cartstiff.identify.result import Identification
-from cartstiff.report.output import new_figure
 
 __all__ = ["draw_residuals"]
 

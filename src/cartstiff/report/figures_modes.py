@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff.figures import new_figure
 from cartstiff.vibration.mode_set import Modes
 from cartstiff.vibration.response import FrequencyResponse
 
@@ -30,10 +31,13 @@ def draw_response(
     Returns
     -------
     matplotlib.figure.Figure
-    """
-    from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(7, 5), layout="constrained")
+    Raises
+    ------
+    MissingDependencyError
+        Without matplotlib.
+    """
+    figure = new_figure(7.0, 5.0)
     size, phase = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
     for name, values in response.curves(direction).items():
         shown = np.where(np.abs(values) > 0.0, np.abs(values), np.nan)

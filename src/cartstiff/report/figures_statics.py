@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cartstiff.report.output import new_figure
+from cartstiff.figures import new_figure
 from cartstiff.statics.compensation import CompensatedPath
 from cartstiff.statics.curves import LoadCurve
 
@@ -33,7 +33,7 @@ def draw_load_curve(curve: LoadCurve, *, rotation: bool = False) -> Any:
     MissingDependencyError
         Without matplotlib.
     """
-    figure = new_figure(6.4, 4.2)
+    figure = new_figure()
     axes = figure.subplots()
     part = slice(0, 3) if rotation else slice(3, 6)
     size = np.linalg.norm(curve.displacement[:, part], axis=1)

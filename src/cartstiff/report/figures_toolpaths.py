@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cartstiff.report.output import new_figure
+from cartstiff.figures import new_figure
 from cartstiff.toolpaths.optimised import OptimisedPath
 from cartstiff.toolpaths.placement import Placement
 

@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from cartstiff.errors import InputError, imported, one_line, printable
+from cartstiff.errors import InputError, one_line
+from cartstiff.figures import figure_content
 from cartstiff.stiffness.compute import PostureStiffness
 
-__all__ = ["new_figure", "picture", "save_figure", "write_files", "write_result", "write_whole"]
+__all__ = ["save_figure", "write_files", "write_result", "write_whole"]
 
 
 def write_whole(path: Path, data: bytes) -> None:
@@ -79,43 +80,14 @@ def write_files(*files: tuple[Path | None, Callable[[], Any]]) -> None:
     for path, make in files:
         if path is not None:
             content = make()
-            data = content.encode() if isinstance(content, str) else picture(content, path.suffix)
+            data = (
+                content.encode()
+                if isinstance(content, str)
+                else figure_content(content, path.suffix)
+            )
             made.append((path, data))
     for path, data in made:
         write_whole(path, data)
-
-
-def new_figure(width: float, height: float) -> Any:
-    """A matplotlib figure that needs no window.
-
-    Raises
-    ------
-    MissingDependencyError
-        Without matplotlib.
-    """
-    Figure = imported("matplotlib.figure", "matplotlib", "drawing a figure", "plots").Figure
-    return Figure(figsize=(width, height), layout="constrained")
-
-
-def picture(figure: Any, ending: str) -> bytes:
-    """A figure as the content of a .png, .svg or .pdf file.
-
-    Raises
-    ------
-    InputError
-        For another ending.
-    """
-    ending = ending.lower()
-    if ending not in (".png", ".svg", ".pdf"):
-        raise InputError("unknown file ending", expected=".png, .svg or .pdf", got=ending)
-    from matplotlib.text import Text
-
-    buffer = io.BytesIO()
-    for text in figure.findobj(Text):  # names are no formulas, and no commands
-        text.set_text(printable(text.get_text()))
-        text.set_parse_math(False)
-    figure.savefig(buffer, format=ending[1:])
-    return buffer.getvalue()
 
 
 def save_figure(figure: Any, file: str | Path) -> None:
@@ -127,4 +99,4 @@ def save_figure(figure: Any, file: str | Path) -> None:
         For another ending, or a place that cannot be written.
     """
     path = Path(file)
-    write_whole(path, picture(figure, path.suffix))
+    write_whole(path, figure_content(figure, path.suffix))

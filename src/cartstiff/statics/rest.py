@@ -5,19 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from html import escape
 from typing import Any
 
 import numpy as np
 
 from cartstiff.arrays import read_only
-from cartstiff.errors import joined
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.elements import Elements
 from cartstiff.mechanisms.limits import limit_notes
 from cartstiff.mechanisms.weighed import weighed
+from cartstiff.notebook import ShownInLines
 from cartstiff.numerics import EPSILON, IDLE
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import Load
@@ -29,7 +28,7 @@ from cartstiff.statics.newton import Solution
 from cartstiff.statics.problem import Point, System
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.reduction import reduce_to
-from cartstiff.stiffness.showing import numbers_text
+from cartstiff.stiffness.showing import codes_of, numbers_text
 from cartstiff.stiffness.tensor import StiffnessTensor
 
 __all__ = ["Equilibrium", "Reactions", "state_of_rest"]
@@ -65,8 +64,8 @@ class Reactions:
     rigid: Mapping[str, float]
 
 
-@dataclass(frozen=True, eq=False)
-class Equilibrium:
+@dataclass(frozen=True, eq=False, repr=False)
+class Equilibrium(ShownInLines):
     """A state in which all forces balance.
 
     Attributes
@@ -119,19 +118,15 @@ class Equilibrium:
     #: Forces (E,) of the elements at the start whose rest positions were chosen there; or None.
     _chosen: Array | None = None
 
-    def __repr__(self) -> str:
+    def _lines(self) -> list[str]:
         stable = {True: "stable", False: "unstable", None: "stability not decided"}[self.stable]
         moved = self.pose[:3, 3] - self.start.pose[:3, 3]
-        codes = ", ".join(dict.fromkeys(note.code for note in self.notes)) or "none"
-        return joined([
+        return [
             f"Equilibrium of {self.elastic.name} at {self.elastic.mechanism.frame}: {stable}",
             f"  q      {numbers_text(self.q)}",
             f"  moved  {numbers_text(moved)} {self.elastic.units.length} since the start, in F",
-            f"  notes  {codes}",
-        ])  # fmt: skip
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{escape(repr(self))}</pre>"
+            f"  notes  {codes_of(self.notes)}",
+        ]
 
     @property
     def pose(self) -> Array:

@@ -24,13 +24,14 @@ from cartstiff.geometry.connections import (
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture, Units
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.notebook import ShownInLines
 from cartstiff.potentials.contract import Evaluation
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.flat_chart import FlatChart, flat_chart, flat_connection
 from cartstiff.stiffness.in_frame import StiffnessInFrame, stiffness_in_frame
 from cartstiff.stiffness.posture_notes import notes_on_digits, notes_on_posture
 from cartstiff.stiffness.reduction import Reduction
-from cartstiff.stiffness.showing import SCHEMA, posture_dict, posture_html, posture_text
+from cartstiff.stiffness.showing import SCHEMA, posture_dict, posture_lines
 from cartstiff.stiffness.tensor import Compliance, StiffnessTensor
 
 __all__ = ["DEAD_AT_ORIGIN", "SCHEMA", "PostureStiffness"]
@@ -50,8 +51,8 @@ _FROM_B = -np.concatenate(
 )
 
 
-@dataclass(frozen=True, eq=False)
-class PostureStiffness:
+@dataclass(frozen=True, eq=False, repr=False)
+class PostureStiffness(ShownInLines):
     """Everything known about a mechanism's stiffness at one posture.
 
     Attributes
@@ -79,11 +80,12 @@ class PostureStiffness:
     load: LoadKind = DEAD_AT_ORIGIN
     _load_is_given: bool = False
 
-    def __repr__(self) -> str:
-        return posture_text(self)
+    def _lines(self) -> list[str]:
+        return posture_lines(self)
 
     def _repr_html_(self) -> str:
-        return posture_html(self, self.matrices)
+        lines = super()._repr_html_()
+        return lines if self.matrices["B"] is None else lines + self.B._repr_html_()
 
     @property
     def frame(self) -> str:

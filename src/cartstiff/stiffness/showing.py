@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from html import escape
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cartstiff.arrays import Array
-from cartstiff.errors import joined, printable
 from cartstiff.geometry import se3
+from cartstiff.mechanisms.elastic import Note
 from cartstiff.mechanisms.weighed import weighed
+from cartstiff.notebook import html_table
 
 if TYPE_CHECKING:
     from cartstiff.stiffness.posture import PostureStiffness
 
 __all__ = [
     "SCHEMA",
+    "codes_of",
     "matrix_html",
     "numbers_text",
     "posture_dict",
-    "posture_html",
-    "posture_text",
+    "posture_lines",
 ]
 
 SCHEMA = "cartstiff/1"
@@ -35,11 +35,11 @@ def numbers_text(values: Array) -> str:
     return ", ".join(f"{x:.4g}" for x in values.tolist())
 
 
-def posture_text(result: PostureStiffness) -> str:
+def posture_lines(result: PostureStiffness) -> list[str]:
     """Mechanism, posture, load, what exists, and codes of notes, a line each."""
     elastic, W = result.elastic, result.wrench
     exists = [name for name, K in result.matrices.items() if K is not None]
-    lines = [
+    return [
         f"Stiffness of {elastic.name} ({elastic.mechanism.kind}) at {elastic.mechanism.frame}",
         f"  q        {numbers_text(result.q)}",
         "  load     "
@@ -47,10 +47,13 @@ def posture_text(result: PostureStiffness) -> str:
         "  matrices "
         + (", ".join(f"K^{name}" for name in exists) or "none exists here")
         + f" in {elastic.units.force} and {elastic.units.length}: .A .B .K .F, .matrices",
+        f"  notes    {codes_of(result.notes)}",
     ]
-    if codes := list(dict.fromkeys(note.code for note in result.notes)):
-        lines.append(f"  notes    {', '.join(codes)}")
-    return joined(lines)
+
+
+def codes_of(notes: Iterable[Note]) -> str:
+    """The codes of notes, each once, in a line."""
+    return ", ".join(dict.fromkeys(note.code for note in notes)) or "none"
 
 
 def matrix_html(matrix: Array, block_units: BlockUnits, title: str, order: str) -> str:
@@ -58,24 +61,15 @@ def matrix_html(matrix: Array, block_units: BlockUnits, title: str, order: str) 
     parts = ("rotation", "translation")
     names = parts if order == "angular-linear" else parts[::-1]
     size = float(np.abs(matrix).max(initial=0.0))
-    (a, b), (c, d) = block_units
-    head = "".join(f"<th colspan=3>{name}</th>" for name in names)
-    rows = [f"<tr><th></th>{head}<th>units</th></tr>"]
-    for i, row in enumerate(matrix.tolist()):
-        cells = "".join(
-            f"<td style='text-align:right'>{0.0 if abs(x) < 1e-14 * size else x:.6g}</td>"
-            for x in row
+    rows = [
+        (
+            names[i // 3],
+            *(f"{0.0 if abs(x) < 1e-14 * size else x:.6g}" for x in row),
+            " | ".join(block_units[i // 3]),
         )
-        units = f"{a} | {b}" if i < 3 else f"{c} | {d}"
-        rows.append(f"<tr><th>{names[i // 3]}</th>{cells}<td>{escape(units)}</td></tr>")
-    caption = f"<caption style='text-align:left'>{escape(printable(title))}</caption>"
-    return f"<table>{caption}{''.join(rows)}</table>"
-
-
-def posture_html(result: PostureStiffness, matrices: Mapping[str, Array | None]) -> str:
-    """The lines of `posture_text`, and K^B as a table."""
-    text = f"<pre>{escape(posture_text(result))}</pre>"
-    return text if matrices["B"] is None else text + result.B._repr_html_()
+        for i, row in enumerate(matrix.tolist())
+    ]
+    return html_table([("", 1), *((name, 3) for name in names), ("units", 1)], rows, title)
 
 
 def posture_dict(result: PostureStiffness) -> dict[str, Any]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -13,12 +12,13 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.analysis.screws import Screw, screw_of_twist
 from cartstiff.arrays import fixed
-from cartstiff.errors import joined
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.notebook import ShownInLines
 from cartstiff.statics.small_motions import Spectrum, kinetic_matrix
 from cartstiff.stiffness.compute import PostureStiffness
+from cartstiff.stiffness.showing import codes_of
 from cartstiff.vibration.plausible import masses_that_move, notes_on_masses
 from cartstiff.vibration.states import notes_on_states
 
@@ -28,8 +28,8 @@ __all__ = ["MODES_SCHEMA", "Modes"]
 MODES_SCHEMA = "cartstiff-modes/1"
 
 
-@dataclass(frozen=True, eq=False)
-class Modes:
+@dataclass(frozen=True, eq=False, repr=False)
+class Modes(ShownInLines):
     """Small vibrations about a rest state.
 
     Attributes
@@ -55,22 +55,13 @@ class Modes:
     _held: PostureStiffness | Callable[[], PostureStiffness] | None = None
     _rest: tuple[Mapping[str, Any], tuple[Note, ...]] | None = None
 
-    def __repr__(self) -> str:
+    def _lines(self) -> list[str]:
         shown = ", ".join("unstable" if f is None else f"{f:.4g}" for f in self._plain_frequencies)
-        codes = ", ".join(dict.fromkeys(note.code for note in self.notes)) or "none"
-        return joined([
+        return [
             f"Modes of {self.elastic.name} at {self.elastic.mechanism.frame}, {self.load['words']}",
             f"  frequencies  {shown} Hz",
-            f"  notes        {codes}",
-        ])  # fmt: skip
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{escape(repr(self))}</pre>"
-
-    @cached_property
-    def result(self) -> PostureStiffness | None:
-        """What a held posture is analysed as; None of an equilibrium."""
-        return self._held() if callable(self._held) else self._held
+            f"  notes        {codes_of(self.notes)}",
+        ]
 
     @cached_property
     def _said(self) -> tuple[Mapping[str, Any], tuple[Note, ...]]:

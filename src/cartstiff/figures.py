@@ -1,0 +1,43 @@
+"""Figures that need no window: how they are made, and their content as a file."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+from cartstiff.errors import InputError, imported, printable
+
+__all__ = ["figure_content", "new_figure"]
+
+
+def new_figure(width: float = 6.4, height: float = 4.2) -> Any:
+    """A matplotlib figure of a size in inches.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without matplotlib.
+    """
+    Figure = imported("matplotlib.figure", "matplotlib", "drawing a figure", "plots").Figure
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def figure_content(figure: Any, ending: str) -> bytes:
+    """A figure as the content of a .png, .svg or .pdf file.
+
+    Raises
+    ------
+    InputError
+        For another ending.
+    """
+    ending = ending.lower()
+    if ending not in (".png", ".svg", ".pdf"):
+        raise InputError("unknown file ending", expected=".png, .svg or .pdf", got=ending)
+    from matplotlib.text import Text
+
+    buffer = io.BytesIO()
+    for text in figure.findobj(Text):  # names are no formulas, and no commands
+        text.set_text(printable(text.get_text()))
+        text.set_parse_math(False)
+    figure.savefig(buffer, format=ending[1:])
+    return buffer.getvalue()

@@ -1,0 +1,40 @@
+"""How results show themselves: a few lines in Python, the lines and a table in a notebook."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+
+from cartstiff.errors import joined, printable
+
+__all__ = ["ShownInLines", "html_table"]
+
+
+class ShownInLines:
+    """What shows itself as the lines of `_lines`; a dataclass that inherits takes `repr=False`."""
+
+    def _lines(self) -> Iterable[str]:
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return joined(self._lines())
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
+
+
+def html_table(
+    heads: Iterable[tuple[str, int]], rows: Iterable[Sequence[str]], caption: str = ""
+) -> str:
+    """A table of texts: heads with the columns that each spans, and rows after a name each."""
+
+    def shown(text: str) -> str:
+        return escape(printable(text))
+
+    head = "".join(f"<th colspan={span}>{shown(text)}</th>" for text, span in heads)
+    lines = [f"<tr>{head}</tr>"]
+    for name, *cells in rows:
+        told = "".join(f"<td style='text-align:right'>{shown(cell)}</td>" for cell in cells)
+        lines.append(f"<tr><th>{shown(name)}</th>{told}</tr>")
+    about = f"<caption style='text-align:left'>{shown(caption)}</caption>" if caption else ""
+    return f"<table>{about}{''.join(lines)}</table>"
