@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -43,6 +44,19 @@ DOORS = {"__init__", "__main__"}
 
 #: Who alone may import what.
 OWNERS = {"pinocchio": {"mechanisms", "loading"}, "meshcat": {"scene", "page"}}
+#: Files of one long idea, with their lines at the most; others have 400.
+LONG = {
+    "loading/schema.py": 480,
+    "many/chain_arithmetic.py": 470,
+    "maps/store.py": 420,
+    "mechanisms/elastic.py": 490,
+    "statics/problem.py": 420,
+    "statics/rest.py": 440,
+    "stiffness/posture.py": 470,
+    "stiffness/reduction.py": 500,
+    "stiffness/tensor.py": 500,
+    "vibration/modes.py": 500,
+}
 #: Packages that `import cartstiff` must not load.
 HEAVY = ("numpy", "pinocchio", "scipy", "matplotlib", "tornado", "meshcat")
 
@@ -94,6 +108,45 @@ def test_imports_point_one_way(part, path):
             continue
         allowed = LEVEL[other] < LEVEL[part]
         assert allowed, f"{path.name}:{line}: {part} must not import {other}"
+
+
+def _at_run_time(tree: ast.Module) -> Iterator[ast.ImportFrom]:
+    """Imports of a file, but for those that only the type checker reads."""
+    todo: list[ast.AST] = [tree]
+    while todo:
+        node = todo.pop()
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            continue
+        if isinstance(node, ast.ImportFrom):
+            yield node
+        todo += ast.iter_child_nodes(node)
+
+
+def test_no_file_needs_itself():
+    """Imports within a part and within functions make no circle either."""
+    files = {
+        ".".join(("cartstiff", *path.relative_to(PACKAGE).with_suffix("").parts)): path
+        for _, path in MODULES
+    }
+    needs = {}
+    for name, path in files.items():
+        found = _at_run_time(ast.parse(path.read_text(encoding="utf-8")))
+        names = {f"{node.module}.{alias.name}" for node in found for alias in node.names}
+        needs[name] = {n if n in files else n.rpartition(".")[0] for n in names} & set(files)
+    assert needs["cartstiff.geometry.charts"] >= {"cartstiff.geometry.se3"}
+    try:
+        TopologicalSorter(needs).prepare()
+    except CycleError as error:
+        pytest.fail(f"a circle of imports: {' -> '.join(reversed(error.args[1]))}")
+
+
+def test_folders_and_files_stay_small():
+    for folder in {path.parent for _, path in MODULES}:
+        assert len(list(folder.glob("*.py"))) <= 22, f"more than 22 files in {folder.name}"
+    for _, path in MODULES:
+        name = path.relative_to(PACKAGE).as_posix()
+        count = len(path.read_text(encoding="utf-8").splitlines())
+        assert count <= LONG.get(name, 400), f"{name} has {count} lines"
 
 
 def test_files_named_on_the_page_exist():
