@@ -64,6 +64,11 @@ class Modes(ShownInLines):
         ]
 
     @cached_property
+    def result(self) -> PostureStiffness | None:
+        """What a held posture was analysed as; None of an equilibrium."""
+        return self._held() if callable(self._held) else self._held
+
+    @cached_property
     def _said(self) -> tuple[Mapping[str, Any], tuple[Note, ...]]:
         """The load and the notes of the rest state, found when they are read."""
         if self._rest is not None or self.result is None:
