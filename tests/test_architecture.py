@@ -55,7 +55,6 @@ LONG = {
     "stiffness/posture.py": 470,
     "stiffness/reduction.py": 500,
     "stiffness/tensor.py": 500,
-    "vibration/modes.py": 500,
 }
 #: Packages that `import cartstiff` must not load.
 HEAVY = ("numpy", "pinocchio", "scipy", "matplotlib", "tornado", "meshcat")

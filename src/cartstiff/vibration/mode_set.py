@@ -65,7 +65,7 @@ class Modes(ShownInLines):
 
     @cached_property
     def result(self) -> PostureStiffness | None:
-        """What a held posture was analysed as; None of an equilibrium."""
+        """What a held posture is analysed as; None of an equilibrium."""
         return self._held() if callable(self._held) else self._held
 
     @cached_property
