@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.identify.campaigns import arm, load
+from tests.identify.campaigns import SPRINGS, arm, load, random_campaign, table_of
 
 import cartstiff
 from cartstiff.identify.campaign import identify
 from cartstiff.identify.candidates import candidates
 from cartstiff.identify.synthetic import simulated
+from cartstiff.identify.table import read_measurements
 from cartstiff.identify.unknowns import unknowns_of
 from cartstiff.identify.writing import mechanism_file
 
@@ -113,3 +114,37 @@ def test_files_of_platforms_and_loops_are_written(name, tmp_path):
     assert sprung == pytest.approx(found)
     assert known.identified.rows == 20
     assert unknowns_of(known).names == result.unknowns.names
+
+
+def test_tables_of_other_countries_are_the_same_table(tmp_path):
+    path = arm("elbow", tmp_path)
+    elastic = load(path)
+    q, W, d = random_campaign(elastic, SPRINGS["elbow"], 5, 1)
+    plain = table_of(tmp_path / "m.csv", q, W, d)
+    text = plain.read_text()
+    for mark in ";\t":
+        other = tmp_path / "other.csv"
+        other.write_text(text.replace(",", mark).replace(".", ","))
+        a, b = (read_measurements(p, elastic) for p in (plain, other))
+        assert np.array_equal(a.q, b.q)
+        assert np.array_equal(a.wrench, b.wrench)
+        assert np.array_equal(a.values["dz"], b.values["dz"])
+
+
+def test_cables_that_only_preload_keeps_taut_are_named():
+    elastic = cartstiff.load("cable-robot")
+    spread = {"dx": 1e-6, "dy": 1e-6, "dz": 1e-6}
+    rows = candidates(elastic, spread, count=12, force=100.0)
+    result = identify(elastic, simulated(elastic, rows, spread))
+    note = next(n for n in result.notes if n.code == "cables-taken-as-taut")
+    # Statics by hand: tensions of least energy that carry the load alone.
+    for name, found in note.values["against_load"].items():
+        leg = int(name.removeprefix("leg")) - 1
+        for row, (q, wrench) in enumerate(zip(rows.q, rows.wrench, strict=True), start=1):
+            posture = elastic.mechanism.at(q)
+            R = posture.pose[:3, :3]
+            body = np.kron(np.eye(2), R.T) @ wrench
+            L = posture.lines.lines
+            t = L @ np.linalg.solve(L.T @ L, body)  # springs are equal, nearly
+            if abs(t[leg]) > 5.0:
+                assert (row in found) == (t[leg] < 0.0)

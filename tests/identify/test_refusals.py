@@ -60,6 +60,9 @@ TABLES = {
     "a cell too few": (_lines(HEAD, ROW, ROW[:-8]), ("line 3", "wrong count", "got 11")),
     "a word for a number": (_many(HEAD, ROW, dx="high"), ("line 2", "'dx'", "number", "'high'")),
     "a decimal comma": (_lines(HEAD, ROW.replace("0.1,", "0,1,", 1)), ("wrong count",)),
+    "decimal commas and points": (
+        _lines(HEAD.replace(",", ";"), ROW.replace(",", ";").replace("0.1", "0,1")),
+        ("decimal commas and points in one line", "line 2")),
     "an infinite number": (_many(HEAD, ROW, dy="inf"), ("'dy'", "finite", "'inf'")),
     "NaN": (_many(HEAD, ROW, dy="nan"), ("'dy'", "finite", "'nan'")),
     "an underscore": (_many(HEAD, ROW, fx="1_0"), ("'fx'", "'1_0'")),

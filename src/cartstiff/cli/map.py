@@ -366,6 +366,7 @@ def _answer(dataset: Any, file: Any, output: Path, computed: int, seconds: float
         },
         "seconds": round(seconds, 3),
         **({} if branches is None else {"branches": branches}),
+        "intervals": dataset.attrs.get("intervals"),
         **summary(dataset),
     }
 
@@ -373,14 +374,17 @@ def _answer(dataset: Any, file: Any, output: Path, computed: int, seconds: float
 def _ranked(dataset: Any, name: str, which: str, count: int) -> list[dict[str, Any]]:
     """Rows of a table of postures, for JSON."""
     from cartstiff.analysis.plain import plain
+    from cartstiff.maps.intervals import half_width_name
     from cartstiff.maps.reading import best, state_names, worst
 
+    width = half_width_name(name)
     found = (best if which == "best" else worst)(dataset, name, count)
     names = state_names(dataset)
     joints = [str(j) for j in dataset["joint"].values]
     return [
         {
             "value": plain(found[name].values[i]),
+            **({"half_width": plain(found[width].values[i])} if width in found else {}),
             "q": dict(zip(joints, plain(found["q"].values[i]), strict=True)),
             "position": plain(found["position"].values[i]),
             "state": names[int(found["state"].values[i])],

@@ -15,6 +15,7 @@ from cartstiff.identify.loaded_model import LoadedModel
 from cartstiff.identify.observations import EARTH
 from cartstiff.identify.writing import written_values
 from cartstiff.mechanisms.elastic import Note
+from cartstiff.potentials.line_springs import LineSprings
 
 if TYPE_CHECKING:
     from cartstiff.identify.result import Identification
@@ -38,6 +39,7 @@ def _assumed(result: Identification) -> list[Note]:
     if masses and elastic.gravity is None:
         words = "hung masses pull with 9.81 m/s^2 along -z of F: the mechanism names no gravity"
         notes.append(Note("gravity-assumed", words, {"gravity": list(EARTH)}))
+    notes += _cables(result)
     if not result.loaded:
         words = (
             "displacements are taken as linear in the load, joints as where they are told: "
@@ -65,6 +67,36 @@ def _assumed(result: Identification) -> list[Note]:
         sizes = {w: result.noise()[w]["sigma"] for w in estimated}
         notes.append(Note("deviation-estimated", words, {"sigma": sizes}))
     return notes
+
+
+def _cables(result: Identification) -> list[Note]:
+    """Cables, which the fit takes as bars, and the rows in which the load alone slackens them."""
+    elastic = result.elastic
+    names: list[str] = []
+    if isinstance(elastic.springs, LineSprings) and elastic.springs.unilateral:
+        names += elastic.spring_names
+    lines = [p for p in elastic.potentials if isinstance(p, LineSprings)]
+    taut_only = [p.unilateral for p in lines for _ in p.stiffness]
+    names += [f"line{i + 1}" for i, only in enumerate(taut_only) if only]
+    if not names:
+        return []
+    model = result.model
+    linear = model.linear if isinstance(model, LoadedModel) else model
+    pushed: dict[str, list[int]] = {}
+    if isinstance(linear, LinearModel):
+        felt, _ = linear.forces_in(written_values(result))
+        least = -numerics.ROUNDING * np.abs(felt).max(initial=0.0)
+        for name in names:
+            force = felt[:, result.unknowns.elements.index(name)]
+            rows = np.unique(linear.observations.row[force < least])
+            if rows.size:
+                pushed[name] = [int(result.measured.rows[n]) for n in rows]
+    words = f"cables are taken as taut in every row: {', '.join(names)}"
+    if pushed:
+        shown = "; ".join(f"{name} in row(s) {', '.join(map(str, rows))}"
+                          for name, rows in pushed.items())  # fmt: skip
+        words += f". Only preload keeps them so against the load: {shown}"
+    return [Note("cables-taken-as-taut", words, {"cables": names, "against_load": pushed})]
 
 
 def _found(result: Identification) -> list[Note]:

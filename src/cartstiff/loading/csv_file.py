@@ -91,6 +91,8 @@ class Cells(NamedTuple):
 def read_cells(path: Path, what: str, largest: int = LARGEST) -> Cells:
     """Rows of text under a line of names; for tables in which not every cell is a number.
 
+    Cells are separated as in `read_rows`; decimal commas of numbers come back as points.
+
     Parameters
     ----------
     path, what, largest
@@ -103,12 +105,15 @@ def read_cells(path: Path, what: str, largest: int = LARGEST) -> Cells:
     """
     lines = _lines(path, largest)
     begin, first = next(lines, (one_line(str(path)), ""))
-    names = _names(first, begin)
+    separator = _separator(first)
+    names = _names(first, begin, separator)
     if names is None:
         raise InputError("no line of names", where=begin, expected="names of the columns first")
     rows, places = list[list[str]](), list[str]()
     for place, line in lines:
-        cells = [cell.strip().strip('"') for cell in line.split(",")]
+        cells = [cell.strip().strip('"') for cell in line.split(separator)]
+        if separator != ",":
+            cells = _with_points(cells, place)
         if len(cells) != len(names):
             raise InputError("wrong count", where=place, expected=f"{len(names)} cells",
                              got=str(len(cells)))  # fmt: skip
@@ -128,9 +133,24 @@ def _lines(path: Path, largest: int) -> Iterator[tuple[str, str]]:
             yield f"{where}, line {number}", line
 
 
-def _names(line: str, place: str) -> tuple[str, ...] | None:
+def _separator(line: str) -> str:
+    """What stands between the cells of a table, by its first line."""
+    return next((mark for mark in ";\t" if mark in line), ",")
+
+
+def _with_points(cells: list[str], place: str) -> list[str]:
+    """Decimal commas of numbers as points; a line has one or the other."""
+    found = [cell.replace(",", ".") if not _is_word(cell.replace(",", ".")) else cell
+             for cell in cells]  # fmt: skip
+    if found != cells and any("." in cell and not _is_word(cell) for cell in cells):
+        raise InputError("decimal commas and points in one line", where=place,
+                         expected="one of them", got=repr("; ".join(cells)))  # fmt: skip
+    return found
+
+
+def _names(line: str, place: str, separator: str = ",") -> tuple[str, ...] | None:
     """Names of columns, or None for a line of numbers."""
-    cells = tuple(cell.strip().strip('"') for cell in line.split(","))
+    cells = tuple(cell.strip().strip('"') for cell in line.split(separator))
     if not any(map(_is_word, cells)):
         return None
     _refuse_twice(cells, place)
@@ -166,8 +186,8 @@ def read_rows(path: Path, what: str, largest: int = LARGEST, units: Units = SI) 
     begin, rows, factors, separator = where, list[list[float]](), list[float](), ","
     for place, line in _lines(path, largest):
         if names is None and not rows:
-            separator = next((mark for mark in ";\t" if mark in line), ",")
-            begin, names = place, _names(line.replace(separator, ","), place)
+            separator = _separator(line)
+            begin, names = place, _names(line, place, separator)
             if names is not None:
                 both = [_named_unit(cell, units, place) for cell in names]
                 names, factors = tuple(n for n, _ in both), [factor for _, factor in both]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
 from threading import local
@@ -18,6 +18,7 @@ from cartstiff.many.engine import NOT_ASSEMBLED, REGULAR
 from cartstiff.many.postures import Postures, analyse_many
 from cartstiff.many.running import Path
 from cartstiff.maps.cartesian import PLACES, CartesianGrid
+from cartstiff.maps.intervals import half_width_name, half_widths, intervals_of, why_none
 from cartstiff.maps.quantities import Quantity, Settings, choose_quantities, evaluate
 from cartstiff.maps.sampling import Grid, Sampling
 from cartstiff.mechanisms.chain import Chain
@@ -84,6 +85,13 @@ class MapJob:
         return choose_quantities(self.names, self.settings, self.elastic)
 
     @cached_property
+    def with_interval(self) -> tuple[str, ...]:
+        """Quantities whose interval is kept beside them."""
+        if why_none(self.elastic, self.wrench is not None) is not None:
+            return ()
+        return tuple(q.name for q in intervals_of(self.elastic, self.quantities))
+
+    @cached_property
     def outputs(self) -> tuple[str, ...]:
         """Arrays that are asked of `analyse_many`."""
         needed = {"pose"}
@@ -138,7 +146,8 @@ class MapJob:
         else:
             q = self.sampling.postures(box, self.elastic)
         count = len(q)
-        arrays = {name: np.full(count, np.nan) for name in self.names}
+        widths = tuple(half_width_name(name) for name in self.with_interval)
+        arrays = {name: np.full(count, np.nan) for name in (*self.names, *widths)}
         arrays["state"] = np.zeros(count, np.uint8)
         arrays["position"] = np.full((count, 3), np.nan)
         # One after the other in Python: threads would wait for each other, and Ctrl-C for them.
@@ -188,16 +197,29 @@ class MapJob:
             result = self._analysed(present, self.outputs, self._buffers(len(present)))
             to_own = np.array([_code(c) for c in result.codes], np.uint8)
             state[there] = to_own[result.state]
-            values = evaluate(
-                self.quantities, result.arrays, self.settings, self._lengths,
-                lambda: self._frequencies(result.q),
-            )  # fmt: skip
+            values = self._values(result)
+            if self.with_interval:
+                found = half_widths(
+                    self.elastic, lambda other: self._with_springs(other, result.q),
+                    self.with_interval,
+                )  # fmt: skip
+                values |= {half_width_name(name): width for name, width in found.items()}
             beyond = self._beyond(result.q, result.arrays["pose"])
             state[np.flatnonzero(there)[beyond]] = STATES.index(BEYOND)
             for name, value in values.items():
                 arrays[name][rows][there] = np.where(beyond, np.nan, value)
             arrays["position"][rows][there] = result.arrays["pose"][:, :3, 3]
         arrays["state"][rows] = state
+
+    def _values(self, result: Postures) -> dict[str, Array]:
+        """The quantities (N,) by name."""
+        return evaluate(self.quantities, result.arrays, self.settings, self._lengths,
+                        lambda: self._frequencies(result.q))  # fmt: skip
+
+    def _with_springs(self, other: ElasticMechanism, q: Array) -> dict[str, Array]:
+        """The quantities that have intervals, of the mechanism with other springs."""
+        job = replace(self, elastic=other, names=self.with_interval)
+        return job._values(job._analysed(q, job.outputs))
 
     def _analysed(
         self, q: Array, outputs: tuple[str, ...], out: Mapping[str, Array] | None = None

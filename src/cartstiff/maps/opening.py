@@ -137,7 +137,8 @@ def open_map(path: str | Path) -> xarray.Dataset:
         return dask.array.from_array(array, chunks=chunks, **options)  # type: ignore[no-untyped-call]
 
     variables = {}
-    for name in (*description["quantities"], "state", "position", "q", "branches"):
+    own = ("state", "position", "q", "branches")
+    for name in (*(part for part in parts if part not in own), *own):
         if name in parts:
             stored = _Stored(file, name)
             about = file.arrays[name].metadata

@@ -19,6 +19,7 @@ from cartstiff.errors import CartstiffError, InputError, UnknownNameError, one_l
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.running import lasting_path
 from cartstiff.maps.cartesian import CartesianGrid
+from cartstiff.maps.intervals import half_width_name, why_none
 from cartstiff.maps.job import STATES, MapJob
 from cartstiff.maps.quantities import Settings, choose_quantities
 from cartstiff.maps.sampling import Sampling, dimension_name
@@ -146,6 +147,8 @@ def prepare_map(
         "single": single,
         "states": list(STATES),
     }
+    if elastic.identified is not None:
+        description["identified"] = elastic.identified.as_dict()
     description = json.loads(json.dumps(description))
     if path.exists():
         existing = MapFile.at(path)
@@ -175,6 +178,7 @@ def prepare_map(
         "order": "angular-linear",
         "numerical_path": job.path,
         "command": command,
+        **_about_intervals(job),
         **_versions(),
         "description": json.dumps(description),
     }
@@ -183,6 +187,15 @@ def prepare_map(
         | ({} if q.better is None else {"better": q.better})
         for q in chosen
     }
+    known = elastic.identified
+    variables |= {
+        half_width_name(q.name): {
+            "units": q.unit_in(units),
+            "long_name": f"half width of the {100 * known.level:g} % interval of {q.name} that "
+            "measured springs leave",
+        }
+        for q in chosen if known is not None and q.name in job.with_interval
+    }  # fmt: skip
     variables["state"] = {
         "long_name": "state of the mechanism",
         "flag_values": [*range(len(STATES)), NOT_COMPUTED],
@@ -202,6 +215,20 @@ def prepare_map(
         path, sampling, variables, attributes, units=axis_units,
         coordinates=len(elastic.names), single=single, postures_per_chunk=chunk,
     )  # fmt: skip
+
+
+def _about_intervals(job: MapJob) -> dict[str, str]:
+    """What is said of intervals where springs were measured."""
+    known = job.elastic.identified
+    if known is None:
+        return {}
+    if (none := why_none(job.elastic, job.wrench is not None)) is not None:
+        return {"intervals": none.message}
+    told = f"half widths of {100 * known.level:g} % intervals, from springs measured"
+    told += f" on {known.date} in {known.rows} rows" if known.date else f" in {known.rows} rows"
+    if known.undetermined:
+        told += f"; not in them: {', '.join(known.undetermined)}, which the rows do not show"
+    return {"intervals": told}
 
 
 def _positive(length: float) -> float:

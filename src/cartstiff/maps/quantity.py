@@ -222,6 +222,8 @@ class Quantity:
         The setting that it depends on.
     better : {"larger", "smaller"}, optional
         Which end is the best posture.
+    is_elastic : bool
+        Whether springs decide it, smoothly: then it has an interval where they were measured.
     """
 
     name: str
@@ -231,6 +233,7 @@ class Quantity:
     needs: tuple[str, ...]
     asks: Literal["direction", "deflect", "length"] | None = None
     better: Literal["larger", "smaller"] | None = "larger"
+    is_elastic: bool = True
 
     def unit_in(self, units: Units) -> str:
         """The unit with the mechanism's names."""

@@ -5,13 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from cartstiff.arrays import Array, checked_array, fixed
 from cartstiff.errors import InputError
-from cartstiff.mechanisms.elements import CompliancePattern
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elements import CompliancePattern, Elements
 
-__all__ = ["Identified"]
+__all__ = ["Identified", "Neighbours", "neighbours"]
+
+# Relative change of the compliances between which differences are taken.
+_STEP = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,3 +93,51 @@ class Identified:
             "undetermined": list(self.undetermined),
             "at_least": dict(self.at_least or {}),
         }
+
+
+class Neighbours(NamedTuple):
+    """Two mechanisms on both sides of one with measured springs.
+
+    Attributes
+    ----------
+    more, less : ElasticMechanism
+        With compliances to both sides along one principal direction of their covariance.
+    per : float
+        Change of a number for one standard deviation along it, over that between the two.
+    """
+
+    more: ElasticMechanism
+    less: ElasticMechanism
+    per: float
+
+
+def neighbours(elastic: ElasticMechanism) -> list[Neighbours]:
+    r"""Mechanisms around one with measured springs: they carry the covariance to any number.
+
+    With ``Sigma = sum h_k h_k^T`` a number f has, to first order, the variance
+    ``sum (df/dc . h_k)^2``: central differences along each h_k, so that what covaries does.
+
+    Returns
+    -------
+    list of Neighbours
+        None for a mechanism whose springs were not measured.
+    """
+    known = elastic.identified
+    if known is None:
+        return []
+    elements = Elements(elastic)
+    patterns, nominal = elements.patterns(known.patterns), elements.compliance
+    own = np.sqrt(np.diag(nominal))
+    variances, directions = np.linalg.eigh(known.covariance)
+    found = []
+    for variance, direction in zip(variances, directions.T, strict=True):
+        if not variance > 0.0:
+            continue
+        change = np.tensordot(np.sqrt(variance) * direction, patterns, axes=1)
+        largest = float(np.abs(change / np.multiply.outer(own, own)).max(initial=0.0))
+        if not largest > 0.0:
+            continue
+        step = _STEP / largest * change
+        more, less = (elements.with_compliance(nominal + sign * step) for sign in (1.0, -1.0))
+        found.append(Neighbours(more, less, 0.5 * largest / _STEP))
+    return found

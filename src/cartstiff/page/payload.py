@@ -15,7 +15,7 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.analysis.ellipsoids import Freedom
 from cartstiff.analysis.indices import indices
-from cartstiff.analysis.mechanism_sections import deflection_section
+from cartstiff.analysis.mechanism_sections import deflection_half_width, deflection_section
 from cartstiff.analysis.metrics import characteristic_length
 from cartstiff.analysis.plain import Notes, plain
 from cartstiff.errors import UndefinedError
@@ -214,12 +214,15 @@ def _moved(result: PostureStiffness, state: State) -> dict[str, Any] | None:
         return None
     C = result.at().compliances["load"]
     values = np.zeros(1) if C is None else numerics.eigenvalues(C)
+    spread = notes.attempt("interval of the deflection", deflection_half_width, result,
+                           np.array(state.point))  # fmt: skip
     displacement, twist = np.array(found["displacement"]), np.array(found["twist"])
     rows = found["shares"] or []
     return {
         "displacement": displacement.tolist(),
         "in_room": (result.pose[:3, :3] @ displacement).tolist(),
         "rotation": twist[:3].tolist(),
+        "half_width": plain(spread),
         "energy": plain(found["energy"]),
         "acts_at": np.array(found["acts_at"]).tolist(),
         # With a negative value the load would move the body on and on.

@@ -22,6 +22,7 @@ def describe_map(answer: Mapping[str, Any]) -> str:
         f"{parts['computed']} computed",
         *_searched(answer.get("branches")),
         *_load(answer),
+        *([answer["intervals"]] if answer.get("intervals") else []),
         "",
         "States",
         *table(("state", "postures"), [(k, str(n)) for k, n in answer["states"].items()]),

@@ -54,12 +54,18 @@ def describe_optimised_path(result: OptimisedPath) -> str:
     if result.angles is not None:
         heads.append("angle [deg]")
     heads.append(result.criterion.name)
+    if result.half_widths is not None:
+        heads.append("half width")
     body = []
     for i, q in enumerate(result.q[:_MOST]):
         row = [str(i + 1), *(f"{v:.5f}" for v in q)]
         if result.angles is not None:
             row.append(f"{np.degrees(result.angles[i]):.2f}")
-        body.append((*row, number(float(result.values[i]))))
+        if result.half_widths is not None:
+            row_end = (number(float(result.values[i])), number(float(result.half_widths[i]), 3))
+        else:
+            row_end = (number(float(result.values[i])),)
+        body.append((*row, *row_end))
     lines += table(heads, body)
     if len(result.q) > _MOST:
         lines.append(f"  ... and {len(result.q) - _MOST} more points (--csv writes all)")

@@ -11,6 +11,7 @@ import numpy as np
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.postures import analyse_many
+from cartstiff.maps.intervals import half_widths, intervals_of, why_none
 from cartstiff.maps.quantities import QUANTITIES, Quantity, Settings, choose_quantities, evaluate
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
@@ -152,6 +153,18 @@ class PathCost:
             cost = value if smaller else np.where(value > 0, 1.0 / value, np.inf)
         cost = np.where(np.isfinite(cost) & (value >= 0), cost, np.inf)
         return Judged(value, cost, ratio, side)
+
+    def half_widths(self, q: Array, points: Array, poses: Array) -> Array | None:
+        """Half widths (N,) of the intervals that measured springs leave of the criterion."""
+        if not intervals_of(self.elastic, [self.quantity]):
+            return None
+        if why_none(self.elastic, self.loaded) is not None:
+            return None
+        name = self.quantity.name
+        return half_widths(
+            self.elastic,
+            lambda other: {name: replace(self, elastic=other)(q, points, poses).value}, [name],
+        )[name]  # fmt: skip
 
     def _loads(self, points: Array, poses: Array) -> Array:
         """Wrenches (N, 6) in body components, about the point at which they act."""

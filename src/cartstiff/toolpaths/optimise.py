@@ -160,6 +160,7 @@ def optimise_path(
         cost.quantity, connection, loaded, load, free,
         None if grid.joint is None else elastic.names[grid.joint], constant,
         sum(len(layer.q) for layer in candidates), elastic.notes,
+        cost.half_widths(q, np.arange(len(path)), poses),
     )  # fmt: skip
 
 

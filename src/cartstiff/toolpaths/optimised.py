@@ -10,6 +10,7 @@ import numpy as np
 
 from cartstiff.errors import printable
 from cartstiff.geometry.se3 import Array
+from cartstiff.maps.intervals import half_width_name
 from cartstiff.maps.quantities import Quantity
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
@@ -76,6 +77,8 @@ class OptimisedPath:
         Postures that were compared before the refinement.
     notes : tuple of Note
         From loading.
+    half_widths : ndarray (m,) or None
+        Of the intervals of `values`, where springs were measured.
     """
 
     elastic: ElasticMechanism
@@ -94,6 +97,7 @@ class OptimisedPath:
     constant: ConstantChoice | None
     candidates: int
     notes: tuple[Note, ...] = field(default=())
+    half_widths: Array | None = None
 
     @property
     def unit(self) -> str:
@@ -158,6 +162,7 @@ class OptimisedPath:
             "poses": self.poses.tolist(),
             "angles": None if self.angles is None else self.angles.tolist(),
             "values": self.values.tolist(),
+            "half_widths": None if self.half_widths is None else self.half_widths.tolist(),
             "ratios": self.ratios.tolist(),
             "constant": None
             if self.constant is None
@@ -197,6 +202,9 @@ class OptimisedPath:
         if self.constant is not None:
             columns.append(self.constant.values[:, None])
             names.append(f"{self.criterion.name}_constant")
+        if self.half_widths is not None:
+            columns.append(self.half_widths[:, None])
+            names.append(half_width_name(self.criterion.name))
         buffer = io.StringIO()
         np.savetxt(
             buffer, np.hstack(columns), delimiter=",", fmt="%.17g", header=",".join(names),

@@ -37,13 +37,17 @@ export function deflectionPanel(store) {
       return;
     }
     const what = store.state.point.some((x) => x) ? "the point" : "M";
-    head.replaceChildren(`${what} moves `, el("b", {}, length(Math.hypot(...moved.displacement))),
-      ` and turns `, el("b", {}, `${short(1000 * Math.hypot(...moved.rotation), 3)} mrad`));
-    head.title = "To first order, from where the springs rest without this load";
+    const half = moved.half_width; // where the springs were measured
+    const level = half ? `${short(100 * half.level, 3)} % intervals from the measured springs` : "";
+    const within = (text) => (half ? ` \u00b1 ${text}` : "");
+    head.replaceChildren(`${what} moves `, el("b", {}, length(Math.hypot(...moved.displacement)) + within(half && length(half.length))),
+      ` and turns `, el("b", {}, `${short(1000 * Math.hypot(...moved.rotation), 3)}${within(half && short(1000 * half.angle, 2))} mrad`));
+    head.title = `To first order, from where the springs rest without this load${half ? `; ${level}` : ""}`;
     const row = (name, value, title) => el("div", { title }, el("span", { class: "dim" }, name), el("span", { class: "num" }, value));
     detail.append(
       row("tool axes", vector(moved.displacement), "along the axes of M"),
       row("room axes", vector(moved.in_room), "along the axes of F"),
+      ...(half ? [row("\u00b1", vector(half.in_room), `${level}, along the axes of F`)] : []),
       row("energy", `${short(moved.energy, 3)} ${store.unit("moment")}`, "that the load puts into the springs"));
     const size = ({ share }) => Math.abs(share ?? 0);
     const ordered = moved.shares.toSorted((a, b) => size(b) - size(a));

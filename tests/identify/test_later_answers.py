@@ -1,0 +1,124 @@
+"""Maps, paths and the page carry what measurements left open of the springs, without an option."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from tests.identify.campaigns import SPRINGS, arm, jacobian, load, random_campaign, table_of
+
+import cartstiff
+from cartstiff.analysis.posture import analyse_posture
+from cartstiff.cli.main import main
+from cartstiff.maps.sampling import Trajectory
+from cartstiff.page.payload import payload
+from cartstiff.page.state import State
+
+FORCE = np.array([0, 0, 0, 30.0, -20.0, -60.0])
+PLACES = [[0.3, 0.5, 0.9, 0.2, 0.7, -0.3], [-0.4, 0.8, 0.5, -0.6, 0.9, 0.1]]
+
+
+@pytest.fixture(scope="module")
+def known(tmp_path_factory):
+    """A mechanism file with measured springs, of which tool forces say much the same."""
+    folder = tmp_path_factory.mktemp("known")
+    path = arm("elbow", folder)
+    q, W, d = random_campaign(load(path), SPRINGS["elbow"], 9, 4, sd=8e-5)
+    table = table_of(folder / "m.csv", q, W, d)
+    with pytest.raises(SystemExit) as exit_:
+        main(["identify", str(path), str(table), "-o", str(folder / "known.yaml")])
+    assert exit_.value.code == 0
+    return folder / "known.yaml"
+
+
+def _by_hand(elastic, q):
+    """Displacement (F axes) under FORCE along F, its size, and their half widths."""
+    found = elastic.identified
+    J = jacobian(elastic, q)
+    felt = J.T @ FORCE
+    moved = J[3:] @ (found.values * felt)
+    rates = J[3:] * felt
+    half = found.factor * np.sqrt(np.einsum("ip,pr,ir->i", rates, found.covariance, rates))
+    u = moved / np.linalg.norm(moved) @ rates
+    return moved, half, found.factor * np.sqrt(u @ found.covariance @ u)
+
+
+def test_a_map_holds_half_widths_beside_its_quantities(known, tmp_path):
+    pytest.importorskip("zarr")
+    elastic = load(known)
+    correlation = elastic.identified.covariance[2, 4]
+    assert correlation != 0.0  # the whole covariance is there to be carried
+    found = cartstiff.compute_map(
+        elastic, Trajectory(np.array(PLACES)), ["deflection", "minimum", "force"],
+        tmp_path / "m.zarr", deflect=FORCE, world=True,
+    )  # fmt: skip
+    assert "force_half_width" not in found
+    for i, q in enumerate(PLACES):
+        moved, _, half = _by_hand(elastic, q)
+        assert found["deflection"].values[i] == pytest.approx(np.linalg.norm(moved), rel=1e-7)
+        assert found["deflection_half_width"].values[i] == pytest.approx(half, rel=1e-5)
+        # The other way: the tolerances of one posture.
+        one = analyse_posture(cartstiff.analyse(elastic, q), connection="B",
+                              length=found.attrs["characteristic_length"])  # fmt: skip
+        name, numbers = "indices.minimum_stiffness", one["uncertainty"]["numbers"]
+        deviation = next(n["deviation"] for key, n in _entries(numbers) if key == name)
+        assert found["minimum_half_width"].values[i] == pytest.approx(
+            elastic.identified.factor * deviation, rel=5e-2
+        )
+    assert "95 % intervals" in found.attrs["intervals"]
+    # Another file for other knowledge of the same springs.
+    text = known.read_text()
+    changed = known.with_name("other.yaml")
+    changed.write_text(text.replace("level: 0.95", "level: 0.9"))
+    with pytest.raises(cartstiff.InputError, match="another map"):
+        cartstiff.compute_map(
+            load(changed), Trajectory(np.array(PLACES)), ["deflection", "minimum", "force"],
+            tmp_path / "m.zarr", deflect=FORCE, world=True,
+        )  # fmt: skip
+
+
+def _entries(numbers):
+    return numbers.items() if isinstance(numbers, dict) else [(n["name"], n) for n in numbers]
+
+
+def test_a_path_writes_half_widths(known, tmp_path, capfd):
+    elastic = load(known)
+    lines = ["x,y,z,roll,pitch,yaw"]
+    for q in PLACES[:1]:
+        pose = elastic.mechanism.at(q).pose
+        angles = cartstiff.geometry.se3.roll_pitch_yaw(pose)
+        lines.append(",".join(repr(float(x)) for x in (*pose[:3, 3], *angles)))
+    lines.append(lines[-1])
+    (tmp_path / "path.csv").write_text("\n".join(lines) + "\n")
+    with pytest.raises(SystemExit) as exit_:
+        main(["path", str(known), str(tmp_path / "path.csv"), "--world", "--json", "--load",
+              ",".join(map(str, FORCE)), "--csv", str(tmp_path / "out.csv")])  # fmt: skip
+    out, err = capfd.readouterr()
+    assert exit_.value.code == 0, err
+    shown = json.loads(out)
+    for q, half in zip(shown["q"], shown["half_widths"], strict=True):
+        assert half == pytest.approx(_by_hand(elastic, q)[2], rel=1e-5)
+    head = (tmp_path / "out.csv").read_text().splitlines()[0]
+    assert head.endswith("deflection_half_width")
+
+
+def test_the_page_tells_the_interval_under_the_load(known):
+    elastic = load(known)
+    q = np.array(PLACES[1])
+    R = elastic.mechanism.at(q).pose[:3, :3]
+    body = np.kron(np.eye(2), R.T) @ FORCE
+    result = cartstiff.analyse(elastic, q, wrench=body)
+    shown = payload(result, State(q=q.tolist()))["moved"]["half_width"]
+    # Under the load itself: as the tolerances of one posture say.
+    one = analyse_posture(result)["uncertainty"]["numbers"]
+    names = {key: n["deviation"] for key, n in _entries(one) if key.startswith("deflection.disp")}
+    by_tolerances = [elastic.identified.factor * s for s in names.values()]
+    assert shown["displacement"] == pytest.approx(by_tolerances, rel=0.05)
+    # And nearly as without geometric stiffness.
+    _, half, size = _by_hand(elastic, q)
+    assert shown["in_room"] == pytest.approx(half, rel=0.02)
+    assert shown["length"] == pytest.approx(size, rel=0.02)
+    assert payload(cartstiff.analyse(elastic, q), State(q=q.tolist()))["moved"] is None
+    bare = cartstiff.analyse(cartstiff.load("ur5"), wrench=body)
+    assert payload(bare, State(q=bare.q.tolist()))["moved"]["half_width"] is None
