@@ -61,11 +61,10 @@ def describe_optimised_path(result: OptimisedPath) -> str:
         row = [str(i + 1), *(f"{v:.5f}" for v in q)]
         if result.angles is not None:
             row.append(f"{np.degrees(result.angles[i]):.2f}")
+        row.append(number(float(result.values[i])))
         if result.half_widths is not None:
-            row_end = (number(float(result.values[i])), number(float(result.half_widths[i]), 3))
-        else:
-            row_end = (number(float(result.values[i])),)
-        body.append((*row, *row_end))
+            row.append(number(float(result.half_widths[i]), 3))
+        body.append(tuple(row))
     lines += table(heads, body)
     if len(result.q) > _MOST:
         lines.append(f"  ... and {len(result.q) - _MOST} more points (--csv writes all)")
