@@ -44,7 +44,7 @@ Examples:
   cartstiff identify ur5 measured.csv --tie wrist_1_joint=wrist_2_joint --known wrist_3_joint=8000
 
   cartstiff identify ur5 --plan 12 --mass 5 --sd d=0.005mm --csv to_do.csv
-  cartstiff identify ur5 --plan 6 --force 100 --sd dx=0.02mm --have measured.csv --criterion worst
+  cartstiff identify ur5 --plan 6 --force 100 --sd dx=0.02mm --have measured.csv --criterion all
   cartstiff identify ur5 to_do.csv --simulate 1 --sd d=0.005mm --csv measured.csv
 """
 
@@ -88,9 +88,10 @@ _about_the_fit = option_group(
 _about_a_plan = option_group(
     option("--plan", "count", type=click.IntRange(1, 10_000), metavar="N",
            help="Choose N rows to measure instead; DATA.csv is not needed."),
-    option("--criterion", type=click.Choice(["all", "worst", "posture"]),
-           help="What the plan makes best: the determinant of all compliances (all, the default), "
-           "the widest interval, or the deflection at the posture --q under --load."),
+    option("--criterion", type=click.Choice(["worst", "all", "posture"]),
+           help="What the plan makes best: the widest interval (worst, the default), the "
+           "determinant of all compliances (D-optimal), or the deflection at the posture --q under "
+           "--load."),
     option("--q", type=JointValues(), help="Posture of --criterion posture; default the file's."),
     option("--load", type=WRENCH, help="Load of --criterion posture, along F."),
     option("--mass", type=Number("KG", above_zero=True), help="Mass that the plan hangs."),

@@ -3,12 +3,15 @@ r"""Which postures and loads to measure, before anything is measured.
 Each candidate adds ``G_i = sum a a^T / s^2`` to the information M of the compliances, in shares of
 their present values. Three criteria:
 
-* all: the largest determinant of M (D-optimal, [AtkinsonDonev]_);
 * worst: the smallest widest interval, ``max_j (M^-1)_jj``;
+* all: the largest determinant of M (D-optimal, [AtkinsonDonev]_), of which the widest interval is
+  no part: it may be hardly narrower than by chance;
 * posture: the smallest error of the deflection at the user's own posture under the user's own load,
   ``tr(L M^-1 L^T)`` (test-pose criterion, [KlimchikTestPose]_).
 
-The rows are chosen greedily, then each is exchanged for any candidate as long as that helps.
+The rows are chosen greedily, then each is exchanged for any candidate as long as that helps. How
+good that is, two numbers tell: the widest interval of as many rows drawn at random, and a bound
+that no choice from the same candidates can beat.
 """
 
 from __future__ import annotations
@@ -30,11 +33,12 @@ from cartstiff.identify.unknowns import Unknowns
 
 __all__ = ["CRITERIA", "Plan", "information", "plan"]
 
-CRITERIA = ("all", "worst", "posture")
+CRITERIA = ("worst", "all", "posture")
 _PASSES = 20
 #: Information that stands for "nothing is known" while too few rows are chosen: a thousandth of a
 #: percent of what one row tells.
 _FAINT = 1e-5
+_DRAWS, _BOUND_STEPS = 1000, 300
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +63,10 @@ class Plan:
         Springs that no candidate tells anything about by themselves.
     level : float
         Probability of the intervals.
+    by_chance : float
+        Largest relative standard deviation of as many candidates drawn at random: median.
+    bound : float
+        No choice of as many candidates has a smaller largest one.
     """
 
     unknowns: Unknowns
@@ -69,6 +77,8 @@ class Plan:
     factor: float
     lost: tuple[str, ...]
     level: float
+    by_chance: float
+    bound: float
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -92,7 +102,14 @@ class Plan:
             "schema": "cartstiff-identify-plan/1", "criterion": self.criterion,
             "rows": len(self.rows), "level": self.level, "parameters": found,
             "by_rows": falls, "not_identifiable": list(self.lost),
+            "worst_relative_sd_by_chance": self.by_chance if np.isfinite(self.by_chance) else None,
+            "worst_relative_sd_bound": self.bound,
         }  # fmt: skip
+
+    @property
+    def worst(self) -> float:
+        """Largest relative standard deviation with all rows, of the springs that rows can show."""
+        return float(self._worst[-1])
 
     @property
     def _worst(self) -> Array:
@@ -119,7 +136,7 @@ def plan(
     offered: Measurements,
     count: int,
     *,
-    criterion: Literal["all", "worst", "posture"] = "all",
+    criterion: Literal["worst", "all", "posture"] = "worst",
     test: tuple[Array, Array] | None = None,
     have: Measurements | None = None,
     level: float = 0.95,
@@ -133,8 +150,8 @@ def plan(
     offered : Measurements
         From `candidates`, with standard deviations.
     count : int
-        Rows to choose; a candidate may be taken more than once.
-    criterion : {"all", "worst", "posture"}
+        Rows to choose; a candidate is taken again only where all are taken.
+    criterion : {"worst", "all", "posture"}
         What is made best.
     test : (q, wrench), optional
         The user's posture (n,) and wrench (6,) on M along F, for "posture".
@@ -191,6 +208,7 @@ def plan(
     return Plan(
         unknowns, rows, criterion, np.array(counts), np.array(spreads),
         quantile(level, max(numbers - int(known.sum()), 1)), names, level,
+        _by_chance(G, start, count), _bound(G, start + faint, count),
     )  # fmt: skip
 
 
@@ -230,12 +248,23 @@ def _cost(criterion: str, effects: Array | None) -> Callable[[Array], Array]:
 
 
 def _greedy(G: Array, start: Array, count: int, cost: Callable[[Array], Array]) -> list[int]:
-    M, chosen = start.copy(), []
+    M, chosen = start.copy(), list[int]()
     for _ in range(count):
-        best = int(np.argmin(cost(M + G)))
+        best = int(np.argmin(cost(M + G) + _taken(chosen, len(G))))
         chosen.append(best)
         M = M + G[best]
     return chosen
+
+
+def _taken(chosen: list[int], offered: int) -> Array:
+    """Infinite (N,) for what is chosen: the same row again would tell of noise, not of errors.
+
+    Where nothing else is left, zero for all of it.
+    """
+    found = np.zeros(offered)
+    if len(set(chosen)) < offered:
+        found[chosen] = np.inf
+    return found
 
 
 def _exchanged(
@@ -248,13 +277,45 @@ def _exchanged(
     for _ in range(_PASSES):
         before = now
         for i, old in enumerate(chosen):
-            costs = cost(M - G[old] + G)
+            costs = cost(M - G[old] + G) + _taken([*chosen[:i], *chosen[i + 1 :]], len(G))
             best = int(np.argmin(costs))
             if costs[best] < now - numerics.TELLING * abs(now):
                 M, chosen[i], now = M - G[old] + G[best], best, float(costs[best])
         if not now < before:
             break
     return chosen
+
+
+def _by_chance(G: Array, start: Array, count: int) -> float:
+    """Largest standard deviation of candidates drawn at random: the median of many draws."""
+    rng = np.random.default_rng(0)
+    worst = [
+        _spread(start + G[rng.integers(0, len(G), count)].sum(axis=0)).max() for _ in range(_DRAWS)
+    ]
+    return float(np.median(worst))
+
+
+def _bound(G: Array, start: Array, count: int) -> float:
+    r"""What no choice of `count` candidates can beat: a lower bound of the largest deviation.
+
+    For shares mu of the parameters that add up to one, ``f = tr(diag(mu) M^-1)`` is at most
+    ``max_j (M^-1)_jj``, and convex: with ``X = M^-1 diag(mu) M^-1`` at any M, every choice has at least
+    ``f^2 / (count max_i tr(X G_i) + tr(X M_0))`` [AtkinsonDonev]_. M is a mixture of candidates
+    whose shares are raised where they help; mu, where the interval is wide.
+    """
+    N, P = G.shape[:2]
+    shares, mu, best = np.full(N, 1.0 / N), np.full(P, 1.0 / P), 0.0
+    for _ in range(_BOUND_STEPS):
+        inverse = np.linalg.inv(start + count * np.einsum("i,ijk->jk", shares, G))
+        variances = inverse.diagonal()
+        f, X = float(mu @ variances), (inverse * mu) @ inverse
+        helps = np.maximum(np.einsum("ijk,jk->i", G, X), 0.0)
+        best = max(best, f * f / (count * float(helps.max()) + float(np.sum(X * start))))
+        shares = shares * np.sqrt(helps)
+        shares /= shares.sum()
+        mu = mu * np.sqrt(variances)
+        mu /= mu.sum()
+    return float(np.sqrt(best))
 
 
 def _spread(M: Array) -> Array:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from cartstiff.errors import joined
 from cartstiff.report.layout import number, table
 
@@ -71,6 +73,20 @@ def _row(e: Estimate, robust: float) -> tuple[str, ...]:
     )  # fmt: skip
 
 
+def _how_good(found: Plan) -> list[str]:
+    """The widest interval beside chance, and beside what is possible at all."""
+    worst, count = found.worst, len(found.rows)
+    if not np.isfinite(worst):
+        return []
+    shown = "not all springs" if not np.isfinite(found.by_chance) else (
+        f"{found.by_chance / worst:.2f} times this widest interval"
+    )  # fmt: skip
+    return [
+        f"{count} of the candidates drawn at random determine {shown} (median of many draws); no "
+        f"choice of {count} gives less than {found.bound / worst:.2f} of it",
+    ]
+
+
 def describe_plan(found: Plan) -> str:
     """Rows chosen, the intervals they will give, and how these fall with the number of rows."""
     data, rows = found.as_dict(), found.rows
@@ -96,6 +112,7 @@ def describe_plan(found: Plan) -> str:
             "not identifiable" if lost else f"+- {100 * found.factor * entry['relative_sd']:.3g} %",
         ])  # fmt: skip
     lines += table(("spring", "stiffness", "from", "to", "unit", "of the compliance"), body)
+    lines += ["", *_how_good(found)]
     lines += ["", "Widest interval with the number of rows"]
     for entry in data["by_rows"]:
         worst = entry["worst_relative_sd"]

@@ -92,7 +92,7 @@ class PlanRequest:
             given = elastic.q if self.q is None else self.q.of(elastic.names)
             q = named_values(given, elastic.names, elastic.q, "--q")
             test = elastic.mechanism.assembled(q), np.array(self.load)
-        found = plan(unknowns, offered, self.count or 1, criterion=self.criterion or "all",  # type: ignore[arg-type]
+        found = plan(unknowns, offered, self.count or 1, criterion=self.criterion or "worst",  # type: ignore[arg-type]
                      test=test, have=have, level=request.level)  # fmt: skip
         write_files((self.csv, lambda: table_text(found.rows, elastic, tuple(spreads))))
         return found.as_dict(), lambda: describe_plan(found)
