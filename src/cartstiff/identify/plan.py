@@ -299,9 +299,9 @@ def _bound(G: Array, start: Array, count: int) -> float:
     r"""What no choice of `count` candidates can beat: a lower bound of the largest deviation.
 
     For shares mu of the parameters that add up to one, ``f = tr(diag(mu) M^-1)`` is at most
-    ``max_j (M^-1)_jj``, and convex: with ``X = M^-1 diag(mu) M^-1`` at any M, every choice has at least
-    ``f^2 / (count max_i tr(X G_i) + tr(X M_0))`` [AtkinsonDonev]_. M is a mixture of candidates
-    whose shares are raised where they help; mu, where the interval is wide.
+    ``max_j (M^-1)_jj``, and convex: with ``X = M^-1 diag(mu) M^-1`` at any M every choice has at
+    least ``f^2 / (count max_i tr(X G_i) + tr(X M_0))`` [AtkinsonDonev]_. M is a mixture of
+    candidates whose shares are raised where they help; mu, where the interval is wide.
     """
     N, P = G.shape[:2]
     shares, mu, best = np.full(N, 1.0 / N), np.full(P, 1.0 / P), 0.0
