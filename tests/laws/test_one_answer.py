@@ -224,6 +224,8 @@ def test_one_answer(name, load):
         ("platform", "none", 1e-1, 15, 1108),  # tensions of stiff legs are rounding
         ("platform", "none", 1e-2, 2, 1412),  # stiff legs round the force along a soft motion
         ("6R", "dead moment", 1e-6, 15, 1341),
+        ("platform", "dead force", 1e-1, 15, 2160),  # unstable, beside stiff legs
+        ("platform", "follower", 1e-6, 6, 2319),  # the load fixes tensions to nine digits
     ],
 )
 def test_one_answer_where_it_was_missed(name, load, distance, decades, seed):
@@ -297,8 +299,8 @@ def check_posture(name, load, distance, decades, seed):
         expected = at_origin.tangent_compliance
         missed = np.abs(arrays["compliance_load"] - expected).max() / np.abs(expected).max()
         # A wrench near a type-2 singularity fixes tensions as far as the lines are known.
-        near = 1e-15 / distance if name == "platform" else 0.0
-        assert missed <= max(1e-10, 10.0 * lost, near)
+        least = SAME if "near-type-2-singularity" in _codes(result) else 1e-10
+        assert missed <= max(least, 10.0 * lost)
     assert np.isfinite(arrays["stiffness_load"]).all() == (at_origin.tangent is not None)
     if not many.is_regular[1]:
         state = many.codes[many.state[1]]
@@ -368,7 +370,12 @@ def check_posture(name, load, distance, decades, seed):
     # What a stiff spring gives is nothing beside what the soft one does under the same load.
     size = np.abs(C).max(axis=0)
     size = np.maximum(size, size.max() * (1.0 if decades > 2 else 1e-2))
-    expected = _motions(acting, result, 1e-4 * (distance if is_type_2 else 1.0) / size)
-    if expected is not None:
+    off = np.inf
+    for reach in (1e-4, 1e-5):  # the shorter one where a motion is far from linear
+        expected = _motions(acting, result, reach * (distance if is_type_2 else 1.0) / size)
+        if expected is None:
+            return
         off = float((np.abs(C - expected).max(axis=0) / size).max())
-        assert off <= max(DIFFERENCES, 10.0 * lost), "differences"
+        if off <= max(DIFFERENCES, 10.0 * lost):
+            return
+    pytest.fail(f"differences: {off:.2g}")

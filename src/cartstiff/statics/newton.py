@@ -195,25 +195,33 @@ class _Iteration:
             return False
 
     def _to_saddle(self, share: float) -> bool:
-        """Newton's own step where the energy falls on both sides, if only this share is missed."""
-        b = self.balance
-        if np.isnan(self.point.evaluation.energy) or b.stiffness.size == 0:
+        """Newton's own steps where the energy falls on both sides, if only this share is missed.
+
+        Beside stiff springs a few, as what the first does to those the next takes back.
+        """
+        start = self.point, self.balance
+        before = self.balance.miss
+        if np.isnan(self.point.evaluation.energy) or self.balance.stiffness.size == 0:
             return False
-        if b.modes()[0][0] >= -_SADDLE:
+        if self.balance.modes()[0][0] >= -_SADDLE:
             return False
-        step = b.motion(-b.solved(b.force, _SOFTEST))
-        largest = float(np.abs(step).max(initial=0.0))
-        turning = self.system.turning(self.point.posture, step)
-        if not (largest <= self.cap and turning <= _LARGEST_TURN):
-            return False
-        trial = self._trial(step)
-        if trial is None or trial[1] != self.contacts:
-            return False
-        balance = self._balanced(trial[0])
-        if not balance.miss <= share * b.miss:
-            return False
-        self.point, self.balance = trial[0], balance
-        return True
+        try:
+            for _ in range(1 + _FOLLOWED if self._is_stiff() else 1):
+                step = self.balance.motion(-self.balance.solved(self.balance.force, _SOFTEST))
+                largest = float(np.abs(step).max(initial=0.0))
+                turning = self.system.turning(self.point.posture, step)
+                if not (largest <= self.cap and turning <= _LARGEST_TURN):
+                    break
+                trial = self._trial(step)
+                if trial is None or trial[1] != self.contacts:
+                    break
+                self.point, self.balance = trial[0], self._balanced(trial[0])
+                if self.balance.miss <= share * before:
+                    return True
+        except (ConvergenceError, np.linalg.LinAlgError):
+            pass
+        self.point, self.balance = start
+        return False
 
     def _downwards(self) -> bool:
         """One step by which energy or residual fall; False if none does."""

@@ -29,7 +29,11 @@ from cartstiff.potentials.contract import Evaluation
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.flat_chart import FlatChart, flat_chart, flat_connection
 from cartstiff.stiffness.in_frame import StiffnessInFrame, stiffness_in_frame
-from cartstiff.stiffness.posture_notes import notes_on_digits, notes_on_posture
+from cartstiff.stiffness.posture_notes import (
+    error_of_chosen_forces,
+    notes_on_digits,
+    notes_on_posture,
+)
 from cartstiff.stiffness.reduction import Reduction
 from cartstiff.stiffness.showing import SCHEMA, posture_dict, posture_lines
 from cartstiff.stiffness.tensor import Compliance, StiffnessTensor
@@ -362,8 +366,30 @@ class PostureStiffness(ShownInLines):
         return (
             *self.notes_on_posture,
             *(() if reason is None else (reason,)),
-            *notes_on_digits(self.reduction, self._inverses["B"], self._natural),
+            *notes_on_digits(
+                self.reduction, self._least_known, self._natural, self._error_of_forces
+            ),
         )
+
+    @property
+    def _least_known(self) -> numerics.Inverse | None:
+        """C^B, with the error of C^load where that is larger."""
+        C = self._inverses["B"]
+        if C is None or self.reduction.free is None or not self._load_is_given:
+            return C
+        loaded = self.reduction.free.compliance(self.change_by_load)
+        return C if loaded is None else C._replace(error=max(C.error, loaded.error))
+
+    @property
+    def _error_of_forces(self) -> float:
+        """See `error_of_chosen_forces`."""
+        for note in self.notes_on_posture:
+            if note.code == "near-type-2-singularity" and self.is_loaded:
+                return error_of_chosen_forces(
+                    self.elastic, self.posture, self.evaluation, self.reduction,
+                    np.asarray(note.values["singular_values"]),
+                )  # fmt: skip
+        return 0.0
 
     @cached_property
     def notes_on_posture(self) -> tuple[Note, ...]:

@@ -10,10 +10,12 @@ from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.limits import limit_notes
 from cartstiff.mechanisms.weighed import weighed
+from cartstiff.potentials.contract import Evaluation
 from cartstiff.stiffness.reduction import Reduction
 
 __all__ = [
-    "error_of_soft_directions", "near_serial", "near_type_2", "notes_on_digits", "notes_on_posture",
+    "error_of_chosen_forces", "error_of_soft_directions", "near_serial", "near_type_2",
+    "notes_on_digits", "notes_on_posture",
 ]  # fmt: skip
 
 
@@ -33,7 +35,10 @@ def notes_on_posture(
 
 
 def notes_on_digits(
-    reduction: Reduction, compliance: numerics.Inverse | None, natural: Array
+    reduction: Reduction,
+    compliance: numerics.Inverse | None,
+    natural: Array,
+    error_of_forces: float = 0.0,
 ) -> list[Note]:
     """Where stiffness or compliance have lost digits, or the stiffness has no inverse.
 
@@ -45,17 +50,19 @@ def notes_on_digits(
         C^B with its error.
     natural : ndarray, shape (6,)
         Natural sizes of the twist's components.
+    error_of_forces : float
+        See `error_of_chosen_forces`.
     """
     notes = []
     K = reduction.stiffness
-    if compliance is not None and compliance.error > numerics.TELLING:
+    error = 0.0 if compliance is None else max(compliance.error, error_of_forces)
+    if error > numerics.TELLING:
         notes.append(
             Note(
                 "lost-digits",
                 "springs and load nearly cancel along a motion, or legs are nearly dependent: the "
-                "compliance is known to a "
-                f"relative error of about {compliance.error:.1g}",
-                {"matrix": "compliance", "relative_error": compliance.error},
+                f"compliance is known to a relative error of about {error:.1g}",
+                {"matrix": "compliance", "relative_error": error},
             )
         )
     if K is not None and compliance is not None:
@@ -97,6 +104,31 @@ def error_of_soft_directions(K: Array, C: Array) -> float:
     s = numerics.equilibration(K)
     sizes = s[:, None] * s
     return numerics.EPSILON * float(np.linalg.norm(K / sizes) * np.linalg.norm(C * sizes))
+
+
+def error_of_chosen_forces(
+    elastic: ElasticMechanism,
+    posture: MechanismPosture,
+    energy: Evaluation,
+    reduction: Reduction,
+    values: Array,
+) -> float:
+    """Relative error that forces inside a mechanism leave in its compliance near type 2.
+
+    Actuators balance a load there by forces that go with the inverse of the least singular
+    value, and with them the rounding of their lines; what they add to the stiffness is as unsure.
+    """
+    ratio = numerics.ratio(values)
+    free, parts = reduction.free, elastic.line_springs_apart(posture)
+    found = None if free is None else free.inverse()
+    if free is None or found is None or not ratio > 0.0:
+        return 0.0
+    B = np.eye(len(energy.hessian)) if free.basis is None else free.basis
+    added = free.hessian - B.T @ energy.hessian @ B if parts is None else B.T @ parts[2] @ B
+    sizes = np.sqrt(np.abs(free.hessian.diagonal()))
+    sizes[sizes == 0.0] = 1.0
+    share = np.linalg.norm(found.matrix @ added * sizes[:, None] / sizes, 2)
+    return numerics.EPSILON / ratio * float(share)
 
 
 def near_serial(posture: MechanismPosture, values: Array) -> list[Note]:
