@@ -363,33 +363,22 @@ class PostureStiffness(ShownInLines):
     def notes(self) -> tuple[Note, ...]:
         """What was assumed, and why something does not exist."""
         reason = self._flat.note
+        change = self.change_by_load if self._load_is_given else None
+        known = self._inverses["B"], self._natural, change, self._error_of_forces
         return (
             *self.notes_on_posture,
             *(() if reason is None else (reason,)),
-            *notes_on_digits(
-                self.reduction, self._least_known, self._natural, self._error_of_forces
-            ),
+            *notes_on_digits(self.reduction, *known),
         )
 
     @property
-    def _least_known(self) -> numerics.Inverse | None:
-        """C^B, with the error of C^load where that is larger."""
-        C = self._inverses["B"]
-        if C is None or self.reduction.free is None or not self._load_is_given:
-            return C
-        loaded = self.reduction.free.compliance(self.change_by_load)
-        return C if loaded is None else C._replace(error=max(C.error, loaded.error))
-
-    @property
     def _error_of_forces(self) -> float:
-        """See `error_of_chosen_forces`."""
-        for note in self.notes_on_posture:
-            if note.code == "near-type-2-singularity" and self.is_loaded:
-                return error_of_chosen_forces(
-                    self.elastic, self.posture, self.evaluation, self.reduction,
-                    np.asarray(note.values["singular_values"]),
-                )  # fmt: skip
-        return 0.0
+        near = (n for n in self.notes_on_posture if n.code == "near-type-2-singularity")
+        if not self.is_loaded or (note := next(near, None)) is None:
+            return 0.0
+        ratio = numerics.ratio(np.asarray(note.values["singular_values"]))
+        parts = self.elastic, self.posture, self.evaluation, self.reduction
+        return error_of_chosen_forces(*parts, ratio)
 
     @cached_property
     def notes_on_posture(self) -> tuple[Note, ...]:

@@ -38,6 +38,7 @@ def notes_on_digits(
     reduction: Reduction,
     compliance: numerics.Inverse | None,
     natural: Array,
+    change: Array | None = None,
     error_of_forces: float = 0.0,
 ) -> list[Note]:
     """Where stiffness or compliance have lost digits, or the stiffness has no inverse.
@@ -50,12 +51,18 @@ def notes_on_digits(
         C^B with its error.
     natural : ndarray, shape (6,)
         Natural sizes of the twist's components.
+    change : ndarray, shape (6, 6), optional
+        K^load - K^B of a load that was given: its compliance counts too.
     error_of_forces : float
         See `error_of_chosen_forces`.
     """
     notes = []
     K = reduction.stiffness
-    error = 0.0 if compliance is None else max(compliance.error, error_of_forces)
+    loaded = None
+    if change is not None and reduction.free is not None:
+        loaded = reduction.free.compliance(change)
+    errors = [found.error for found in (compliance, loaded) if found is not None]
+    error = max(*errors, error_of_forces) if errors else 0.0
     if error > numerics.TELLING:
         notes.append(
             Note(
@@ -111,14 +118,13 @@ def error_of_chosen_forces(
     posture: MechanismPosture,
     energy: Evaluation,
     reduction: Reduction,
-    values: Array,
+    ratio: float,
 ) -> float:
     """Relative error that forces inside a mechanism leave in its compliance near type 2.
 
     Actuators balance a load there by forces that go with the inverse of the least singular
     value, and with them the rounding of their lines; what they add to the stiffness is as unsure.
     """
-    ratio = numerics.ratio(values)
     free, parts = reduction.free, elastic.line_springs_apart(posture)
     found = None if free is None else free.inverse()
     if free is None or found is None or not ratio > 0.0:
