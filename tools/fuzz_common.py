@@ -89,8 +89,9 @@ def mutated_bytes(rng: random.Random, data: bytes) -> bytes:
     kind = rng.randrange(4)
     if kind == 0 and data:
         changed = bytearray(data)
+        signs = bytes(range(256)) if rng.random() < 0.3 else b'0123456789.,;:- e\n"<>{}[]xa'
         for _ in range(rng.randint(1, 4)):
-            changed[rng.randrange(len(changed))] = rng.randrange(256)
+            changed[rng.randrange(len(changed))] = rng.choice(signs)
         return bytes(changed)
     if kind == 1:
         words = re.split(rb"([\w.+-]+)", data)

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tools.fuzz_commands import matrix, measured, option, table, xacro
 from tools.fuzz_common import (
     ODD_NUMBERS,
-    ODD_TEXTS,
     ROOT,
     FaultError,
     command,
@@ -25,13 +25,15 @@ from tools.fuzz_common import (
     outcome,
 )
 from tools.fuzz_maps import map_file
+from tools.fuzz_numbers import frequencies, postures, rest
 from tools.fuzz_robots import mjcf, urdf
 
 # -- mechanism files, tables, options ---------------------------------------------------------
 
 
 @cache
-def _bundled() -> dict[str, tuple[str, Any]]:
+def bundled() -> dict[str, tuple[str, Any]]:
+    """Text and data of every bundled mechanism's file, by name."""
     from ruamel.yaml import YAML
 
     files = sorted((ROOT / "robots").glob("*.yaml"))
@@ -39,10 +41,23 @@ def _bundled() -> dict[str, tuple[str, Any]]:
     return {name: (text, YAML(typ="safe", pure=True).load(text)) for name, text in texts.items()}
 
 
+def copy_models() -> None:
+    """What bundled mechanisms are made of, beside them."""
+    for model in (ROOT / "robots").glob("*.urdf"):
+        Path(model.name).write_bytes(model.read_bytes())
+
+
+_ASKED = [
+    ["analyse"], ["analyse", "--load", "0,0,0,0,0,-20"], ["modes"], ["frames"],
+    ["equilibrium", "--load", "0,0,0,0,0,-20", "--world"], ["equilibrium"],
+    ["map", "--random", "3"], ["analyse", "--tolerance", "0.05", "--samples", "3"],
+]  # fmt: skip
+
+
 def mechanism_file(rng: random.Random) -> str:
     """A bundled mechanism's file, damaged as data or as text."""
-    name = rng.choice(sorted(_bundled()))
-    text, data = _bundled()[name]
+    name = rng.choice(sorted(bundled()))
+    text, data = bundled()[name]
     chance = rng.random()
     if chance < 0.55:
         content = json.dumps(nudged_data(rng, data)).encode()
@@ -50,101 +65,10 @@ def mechanism_file(rng: random.Random) -> str:
         content = json.dumps(mutated_data(rng, data)).encode("utf-8", "replace")
     else:
         content = mutated_bytes(rng, text.encode())
-    for model in (ROOT / "robots").glob("*.urdf"):
-        Path(model.name).write_bytes(model.read_bytes())
+    copy_models()
     Path("m.yaml").write_bytes(content)
-    return outcome(command(["analyse", "m.yaml", "--json"])[0])
-
-
-_TABLES = [
-    "q1,q2\n0,1\n",
-    "x,y,z\n0,0,0\n0.1,0,0\n",
-    "time,x,y,z,roll,pitch,yaw\n0,0,0,0,0,0,0\n",
-    "1,2,3,4,5,6\n1,2,3,4,5,7\n",
-    "# only words\n",
-    "mass,dx\n1,2\n",
-]
-
-
-def table(rng: random.Random) -> str:
-    """A CSV file where postures, points or loads are read."""
-    data = rng.choice(_TABLES).encode()
-    for _ in range(rng.randint(0, 3)):
-        data = mutated_bytes(rng, data)
-    Path("t.csv").write_bytes(data)
-    words = rng.choice(
-        [
-            ["map", "cubic", "--trajectory", "t.csv", "--json"],
-            ["path", "ur5", "t.csv", "--json"],
-            ["equilibrium", "cubic", "--path", "t.csv", "--json"],
-            ["export", "cubic", "--trajectory", "t.csv", "-o", "p.html", "--frames", "2"],
-        ]
-    )
-    return outcome(command(words)[0])
-
-
-_QUICK = ["cubic", "stewart-gough", "five-bar", "ur5", "grasp", "cable-robot", "nothing", ""]
-_NEVER = {"view", "gui"}
-
-
-def option(rng: random.Random) -> str:
-    """A command with some of its options, and values that fit or do not."""
-    import click
-
-    from cartstiff.cli.main import command as group
-
-    context = click.Context(group)
-    names = [name for name in group.list_commands(context) if name not in _NEVER]
-    name = rng.choice(names)
-    chosen = group.get_command(context, name)
-    assert chosen is not None
-    words = [name]
-    for parameter in chosen.params:
-        if isinstance(parameter, click.Argument):
-            words.append(rng.choice(_QUICK) if rng.random() < 0.9 else _value(rng, parameter))
-    options = [
-        p
-        for p in chosen.params
-        if isinstance(p, click.Option) and p.name not in ("workers", "scheduler", "cluster")
-    ]
-    for parameter in rng.sample(options, min(len(options), rng.randint(0, 3))):
-        words.append(max(parameter.opts, key=len))
-        if not (parameter.is_flag or parameter.count):
-            words += [_value(rng, parameter) for _ in range(max(parameter.nargs, 1))]
-    return outcome(command(words)[0])
-
-
-def _value(rng: random.Random, parameter: Any) -> str:
-    """A text for a parameter: of its kind, near it, or of none."""
-    kind = type(parameter.type).__name__
-    chance = rng.random()
-    if kind == "Choice" and chance < 0.8:
-        return str(rng.choice(list(parameter.type.choices)))
-    if kind in ("IntRange", "IntParamType") and chance < 0.8:
-        return str(rng.choice([0, 1, 2, 3, 7, -1, 10**6, 10**20]))
-    if chance < 0.6:
-        numbers = [
-            str(rng.choice([0, 1, -1, 0.1, 1e-3, 100, rng.choice(ODD_NUMBERS)]))
-            for _ in range(rng.choice([1, 1, 2, 3, 6, 6, 7]))
-        ]
-        return ",".join(numbers)
-    if chance < 0.75:
-        return rng.choice(
-            [
-                "z=0:0.1:3",
-                "x=-1:1:2,y=0:1:2",
-                "elbow_joint=1",
-                "tool0",
-                "K",
-                "A",
-                "B",
-                "stiffness",
-                "z=0:0:1",
-                "z=1:0:3",
-                "x=0:1:1000000000",
-            ]
-        )
-    return rng.choice(ODD_TEXTS).replace("\ud800", "\udcff") or "x"  # bytes that are no text
+    words = rng.choices(_ASKED, [8] + [1] * (len(_ASKED) - 1))[0]
+    return outcome(command([words[0], "m.yaml", *words[1:], "--json"])[0])
 
 
 # -- Python, page -----------------------------------------------------------------------------
@@ -266,16 +190,22 @@ FAMILIES: dict[str, Callable[[random.Random], str]] = {
     "urdf": urdf,
     "mjcf": mjcf,
     "mechanism": mechanism_file,
-    "table": table,
     "option": option,
     "call": call,
     "message": message,
     "map": map_file,
+    "table": table,
+    "measured": measured,
+    "matrix": matrix,
+    "xacro": xacro,
+    "postures": postures,
+    "frequencies": frequencies,
+    "rest": rest,
 }
 
 
 def _large(_: random.Random) -> str:
-    np.ones(3 * 2**27)
+    np.ones(5 * 2**25)  # 1.25 GiB
     return "answered"
 
 

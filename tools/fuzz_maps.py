@@ -15,7 +15,7 @@ from tools.fuzz_common import FaultError, mutated_bytes, mutated_data
 
 
 @cache
-def _whole() -> tuple[Path, Any]:
+def whole_map() -> tuple[Path, Any]:
     """A small map on disk, and what was computed for it."""
     import cartstiff
     from cartstiff.maps import RandomPostures, compute_map, open_map
@@ -32,7 +32,7 @@ def map_file(rng: random.Random) -> str:
     from cartstiff.errors import CartstiffError
     from cartstiff.maps import open_map
 
-    original, expected = _whole()
+    original, expected = whole_map()
     file = Path("m.zarr")
     shutil.copytree(original, file)
     files = sorted(p for p in file.rglob("*") if p.is_file())

@@ -30,13 +30,24 @@ def tell(as_json: bool, data: Mapping[str, Any], mechanism: str, text: Callable[
     say(json_text(data, mechanism) if as_json else text())
 
 
+_WAITING = "cartstiff.remarks"
+
+
 def say(text: str = "", *, error: bool = False) -> None:
     """Text on standard output, or standard error; every command writes through here."""
+    context = click.get_current_context(silent=True)
+    if context is not None and not error:
+        for remark in context.meta.pop(_WAITING, ()):
+            click.echo(remark, err=True)
     click.echo(printable(text), err=error)
 
 
 def say_unused(path: Path, names: Sequence[str]) -> None:
-    """On standard error, that columns of a table play no part."""
+    """On standard error, that columns of a table play no part.
+
+    It is said right before the answer: a table may yet be refused, and a refusal is one line.
+    """
     if names:
         words = one_line(", ".join(names), 300)
-        say(f"cartstiff: {one_line(str(path))}: not needed here: {words}", error=True)
+        remark = printable(f"cartstiff: {one_line(str(path))}: not needed here: {words}")
+        click.get_current_context().meta.setdefault(_WAITING, []).append(remark)
