@@ -3,16 +3,21 @@
     python tools/robots_survey.py [FOLDER ...] [NAME:=VALUE ...]
 
 Without folders the URDFs of example-robot-data; else every .urdf, .xacro and MJCF .xml below them,
-with arguments for xacro files that ask for them. Each is loaded and analysed with nothing named;
-its pose is compared with Pinocchio's reading of the same URDF (of a xacro file: of what it expands
-to), or with MuJoCo's of the same MJCF. Prints a line a robot, and at the end how many load, are
-refused or are wrong, and how many arms of six or more joints show a 6x6 matrix. Exit code 1 if
-anything is wrong, or if fewer than 95 % do.
+with arguments for xacro files that ask for them; a folder of an installed package may be given by
+the package's name. Each file is loaded and analysed with nothing named; its pose is compared with
+MuJoCo's reading of the same MJCF, or with yourdfpy's of the same URDF (of a xacro file: of what it
+expands to; without yourdfpy Pinocchio's). A line a robot; at the end how many load, are refused or
+are wrong, how many poses were compared, and how many arms of six or more joints show a 6x6 matrix.
+Files that MuJoCo refuses as well, and parts of robots that only others include, stand apart. Exit
+code 1 if anything is wrong, or if fewer than 95 % of the arms show one.
 """
 
 from __future__ import annotations
 
+import io
 import sys
+from collections import Counter
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -34,9 +39,19 @@ def files() -> list[Path]:
     return sorted(root.rglob("*.urdf"))
 
 
+def folder_of(name: str) -> Path:
+    """A folder, or that of an installed package."""
+    if Path(name).is_dir():
+        return Path(name)
+    found = find_spec(name)
+    if found is None or found.origin is None:
+        raise SystemExit(f"neither a folder nor an installed package: {name}")
+    return Path(found.origin).parent
+
+
 def files_below(folders: list[str]) -> list[Path]:
     """Robot descriptions of all kinds below some folders."""
-    found = [path for folder in folders for path in Path(folder).rglob("*")]
+    found = [path for folder in folders for path in folder_of(folder).rglob("*")]
     found = [path for path in found if path.suffix in (".urdf", ".xacro", ".xml")]
     return sorted(
         path for path in found
@@ -44,30 +59,77 @@ def files_below(folders: list[str]) -> list[Path]:
     )  # fmt: skip
 
 
+def is_part(path: Path) -> bool:
+    """Whether a file is not meant to be read by itself.
+
+    A xacro file that only defines macros; an MJCF file that MuJoCo does not compile or that has
+    no joints in it.
+    """
+    text = path.read_text(encoding="utf-8", errors="replace")
+    if path.suffix == ".xacro":
+        return "<link" not in text.split("<xacro:macro")[0] and (
+            "<xacro:macro" in text
+            or not any(f"<xacro:{w}" in text for w in ("include",))
+            or "<robot" not in text
+        )
+    if path.suffix != ".xml":
+        return False
+    import mujoco
+
+    try:
+        return int(mujoco.MjModel.from_xml_path(str(path)).njnt) == 0
+    except ValueError:
+        return True
+
+
 def pose_by_mujoco(path: Path, arm: ElasticMechanism, q: np.ndarray) -> np.ndarray | None:
     """Pose of the arm's body by MuJoCo; None for joints or frames of other kinds."""
     import mujoco
 
-    model = mujoco.MjModel.from_xml_path(str(path))
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError:  # such as masses that it does not move
+        return None
     data = mujoco.MjData(model)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+        names = [model.key(i).name for i in range(model.nkey)]
+        mujoco.mj_resetDataKeyframe(model, data, names.index("home") if "home" in names else 0)
+    one = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
     for name, value in zip(arm.names, q, strict=True):
         joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)
-        if joint < 0 or model.jnt_type[joint] < mujoco.mjtJoint.mjJNT_SLIDE:
+        if joint < 0 or int(model.jnt_type[joint]) not in one:
             return None
         data.qpos[model.jnt_qposadr[joint]] = value
-    body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, arm.mechanism.frame)
-    if body < 0 or model.nkey:
-        return None
     mujoco.mj_kinematics(model, data)
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = data.xmat[body].reshape(3, 3), data.xpos[body]
+    frame, T = arm.mechanism.frame, np.eye(4)
+    body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, frame)
+    site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, frame)
+    if site >= 0:
+        T[:3, :3], T[:3, 3] = data.site_xmat[site].reshape(3, 3), data.site_xpos[site]
+    elif body >= 0:
+        T[:3, :3], T[:3, 3] = data.xmat[body].reshape(3, 3), data.xpos[body]
+    else:
+        return None
     return T
 
 
-def pose_by_pinocchio(path: Path, arm: ElasticMechanism, q: np.ndarray) -> np.ndarray | None:
+def pose_by_yourdfpy(text: str, arm: ElasticMechanism, q: np.ndarray) -> np.ndarray | None:
+    """Pose of the arm's link by yourdfpy, which reads the file by itself."""
+    from yourdfpy import URDF
+
+    robot = URDF.load(io.StringIO(text), build_scene_graph=True, load_meshes=False)
+    known = set(robot.actuated_joint_names)
+    if not set(arm.names) <= known or arm.mechanism.frame not in robot.link_map:
+        return None
+    at = dict.fromkeys(robot.actuated_joint_names, 0.0)
+    robot.update_cfg(at | dict(zip(arm.names, map(float, q), strict=True)))
+    return np.array(robot.get_transform(arm.mechanism.frame, robot.base_link))
+
+
+def pose_by_pinocchio(text: str, arm: ElasticMechanism, q: np.ndarray) -> np.ndarray | None:
     """Pose of the arm's frame; None where joints are expanded, which have no like in the file."""
-    text = arm.mechanism.descriptions[0].text  # what a xacro file expands to
-    model = pin.buildModelFromUrdf(str(path)) if text is None else pin.buildModelFromXML(text)
+    model = pin.buildModelFromXML(text)
     at = pin.neutral(model)
     for name, value in zip(arm.names, q, strict=True):
         if not model.existJointName(name):
@@ -83,6 +145,22 @@ def pose_by_pinocchio(path: Path, arm: ElasticMechanism, q: np.ndarray) -> np.nd
     return np.array(data.oMf[frame].homogeneous)
 
 
+def other_pose(path: Path, arm: ElasticMechanism, q: np.ndarray) -> tuple[str, np.ndarray | None]:
+    """Who was asked, and the pose that they give."""
+    if path.suffix == ".xml":
+        return "MuJoCo", pose_by_mujoco(path, arm, q)
+    text = arm.mechanism.descriptions[0].text  # what a xacro file expands to
+    text = path.read_text(encoding="utf-8") if text is None else text
+    if find_spec("yourdfpy") is not None:
+        try:
+            found = pose_by_yourdfpy(text, arm, q)
+        except Exception:  # what it cannot read is Pinocchio's to judge
+            found = None
+        if found is not None:
+            return "yourdfpy", found
+    return "Pinocchio", pose_by_pinocchio(text, arm, q)
+
+
 def loaded(path: Path, values: dict[str, str]) -> ElasticMechanism:
     """The robot; a xacro file gets the arguments that it asks for."""
     text = path.read_text(encoding="utf-8", errors="replace")
@@ -90,36 +168,50 @@ def loaded(path: Path, values: dict[str, str]) -> ElasticMechanism:
     return cartstiff.load(str(path), xacro_args=own if path.suffix == ".xacro" else None)
 
 
+def surveyed(path: Path, values: dict[str, str], count: Counter[str]) -> str:
+    """What is said of one file; counted as well."""
+    try:
+        arm = loaded(path, values)
+        result = cartstiff.analyse(arm)
+    except CartstiffError as error:
+        kind = "parts" if is_part(path) else "refused"
+        count[kind] += 1
+        return f"{'a part' if kind == 'parts' else 'refused'}: {error}"
+    except Exception as error:
+        count["wrong"] += 1
+        return f"WRONG {type(error).__name__}: {error}"
+    who, wanted = other_pose(path, arm, result.q)
+    difference = 0.0 if wanted is None else float(np.abs(wanted - result.pose).max())
+    wrong = difference > SAME
+    count["wrong" if wrong else "loads"] += 1
+    words = f"{len(arm.names)} joints to {arm.mechanism.frame}"
+    if wanted is None:
+        words += ", pose not compared"
+    else:
+        count[who] += 1
+        words += f", {who} {difference:.0e}"
+    if len(arm.names) >= 6:
+        shows = result.matrices["B"] is not None
+        count["arms"] += 1
+        count["regular"] += shows
+        chosen = any(note.code == "default-posture" for note in arm.notes)
+        words += f", {'6x6' if shows else 'no 6x6'}{', posture chosen' if chosen else ''}"
+    return f"{'WRONG ' if wrong else ''}{words}"
+
+
 def main() -> int:
     """Print the survey."""
-    count = {"loads": 0, "refused": 0, "wrong": 0}
-    arms = regular = 0
+    count: Counter[str] = Counter()
     given = sys.argv[1:]
     values = dict(word.split(":=", 1) for word in given if ":=" in word)
     folders = [word for word in given if ":=" not in word]
     for path in files_below(folders) if folders else files():
-        try:
-            arm = loaded(path, values)
-            result = cartstiff.analyse(arm)
-        except CartstiffError as error:
-            count["refused"] += 1
-            print(f"{path.name:40} refused: {error}")
-            continue
-        by = pose_by_mujoco if path.suffix == ".xml" else pose_by_pinocchio
-        wanted = by(path, arm, result.q)
-        wrong = wanted is not None and np.abs(wanted - result.pose).max() > SAME
-        count["wrong" if wrong else "loads"] += 1
-        words = f"{len(arm.names)} joints to {arm.mechanism.frame}"
-        if len(arm.names) >= 6:
-            arms += 1
-            shows = result.matrices["B"] is not None
-            regular += shows
-            chosen = any(note.code == "default-posture" for note in arm.notes)
-            words += f", {'6x6' if shows else 'no 6x6'}{', posture chosen' if chosen else ''}"
-        print(f"{path.name:40} {'WRONG ' if wrong else ''}{words}")
-    print(", ".join(f"{k} {v}" for k, v in count.items()))
-    print(f"arms of six or more joints: {regular} of {arms} show a 6x6")
-    return int(count["wrong"] > 0 or regular < SHARE * arms)
+        print(f"{path.name:40} {surveyed(path, values, count)}", flush=True)
+    print(", ".join(f"{key} {count[key]}" for key in ("loads", "refused", "parts", "wrong")))
+    compared = [f"{who} {count[who]}" for who in ("MuJoCo", "yourdfpy", "Pinocchio")]
+    print(f"poses compared within {SAME:g}: {', '.join(compared)}")
+    print(f"arms of six or more joints: {count['regular']} of {count['arms']} show a 6x6")
+    return int(count["wrong"] > 0 or count["regular"] < SHARE * count["arms"])
 
 
 if __name__ == "__main__":

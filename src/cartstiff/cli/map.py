@@ -23,6 +23,7 @@ from cartstiff.cli.types import (
     json_option,
     option,
     option_group,
+    progress_option,
     repeated_option,
 )
 from cartstiff.errors import InputError, UnknownNameError, one_line
@@ -151,10 +152,7 @@ _options = option_group(
         help="List the N worst postures.",
     ),
     json_option,
-    click.option(
-        "--progress/--no-progress", default=None,
-        help="Bar on standard error; default on a terminal.",
-    ),
+    progress_option,
     click.option(
         "--threads", type=click.IntRange(1, 1024), metavar="N",
         help="In this process; default all.",

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,7 @@ import click
 
 from cartstiff.errors import InputError, one_line, printable
 
-__all__ = ["json_text", "say", "say_unused", "tell"]
+__all__ = ["Progress", "json_text", "say", "say_unused", "tell"]
 
 
 def json_text(data: Mapping[str, Any], mechanism: str) -> str:
@@ -40,6 +42,36 @@ def say(text: str = "", *, error: bool = False) -> None:
         for remark in context.meta.pop(_WAITING, ()):
             click.echo(remark, err=True)
     click.echo(printable(text), err=error)
+
+
+class Progress:
+    """A progress bar on standard error: on a terminal, always if it is asked for, or never.
+
+    Called with (done, total).
+    """
+
+    def __init__(self, label: str, asked: bool | None = None) -> None:
+        self._label = label
+        self._bar: Any = None
+        self._shown = sys.stderr.isatty() if asked is None else asked
+        self._stack, self._begun = ExitStack(), 0
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def __call__(self, done: int, total: int) -> None:
+        """Show how far it is."""
+        if not self._shown:
+            return
+        if self._bar is None:
+            self._bar = self._stack.enter_context(
+                click.progressbar(length=total, label=self._label, file=sys.stderr)
+            )
+        self._bar.update(done - self._begun)
+        self._begun = done
 
 
 def say_unused(path: Path, names: Sequence[str]) -> None:

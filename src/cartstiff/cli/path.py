@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
-from cartstiff.cli.output import tell
+from cartstiff.cli.output import Progress, tell
 from cartstiff.cli.types import (
     PICTURE,
     POINT,
@@ -21,6 +21,7 @@ from cartstiff.cli.types import (
     json_option,
     option,
     option_group,
+    progress_option,
     repeated_option,
 )
 from cartstiff.errors import InputError, UnknownNameError
@@ -34,6 +35,8 @@ Examples:
   cartstiff path panda seam.csv --criterion translation_free_min --csv commands.csv
   cartstiff path ur5 seam.csv --free-axis x --criterion along_free --direction 1,0,0 --plot k.png
   cartstiff path ur5 seam.csv --free-axis x --load 0,0,0,-120,0,30 --loaded --load-kind follower
+  cartstiff path ur5 seam.csv --free-axis x --load 0,0,0,-120,0,0 --range elbow_joint=0:2.6 \\
+      --near 0,-1.2,1.5,0,1,0 --collisions
   cartstiff path ur5 part.csv --free-axis x --load 0,0,0,-120,0,0 --place x=0.4:0.6:3,y=-0.2:0.2:5
 """
 # A finer grid of places would take days.
@@ -102,6 +105,20 @@ _options = option_group(
         help="Seed of the random starts.",
     ),
     repeated_option(
+        "--range", "ranges", type=Axes("NAME=LOW:HIGH"),
+        help="Keep a joint within this range, besides its limits.",
+    ),
+    option(
+        "--near", type=JointValues(),
+        help="Keep all joints that turn within 90 degrees of this posture (numbers or name=value "
+        "pairs, the others as in --q or the file): the configuration that it has.",
+    ),
+    click.option(
+        "--collisions", "excluded", is_flag=True,
+        help="Leave out postures in which links collide with each other, by the <collision> "
+        "shapes of the URDF; without it collisions are not checked.",
+    ),
+    repeated_option(
         "--place", type=Axes("NAME=LOW:HIGH:COUNT"),
         help="Find the place of the workpiece, whose frame the file's poses are then in, on this "
         "grid of x, y, z, yaw and around its best.",
@@ -116,6 +133,7 @@ _options = option_group(
     ),
     option("--plot-places", type=PICTURE, help="Draw the places compared."),
     json_option,
+    progress_option,
 )  # fmt: skip
 
 
@@ -139,6 +157,10 @@ def command(
     plot: Path | None,
     plot_places: Path | None,
     as_json: bool,
+    ranges: dict[str, tuple[float, ...]],
+    near: Values | None,
+    excluded: bool,
+    progress: bool | None,
     **options: Any,
 ) -> None:
     """The postures in which MECHANISM is stiffest along a path, and where to put the workpiece.
@@ -178,12 +200,25 @@ def command(
         options["max_step"] = max_step.of(elastic.names, broadcast=True)
     if singular is not None:
         options["singular"] = singular
+    for name, (low, high) in ranges.items():
+        if not low <= high:
+            raise InputError("values must rise", where=f"--range {name}",
+                             expected="LOW at most HIGH", got=f"{low:g}:{high:g}")  # fmt: skip
+    options["ranges"] = ranges
+    if near is not None:
+        options["near"] = near.of(elastic.names)
+    if excluded:
+        from cartstiff.loading.collisions import Collisions
+
+        options["collisions"] = Collisions(elastic)
     if not region:
-        result = optimise_path(elastic, path, **options)
+        with Progress("path", progress) as advance:
+            result = optimise_path(elastic, path, progress=advance, **options)
         write_files((csv, result.as_csv), (plot, lambda: draw_path(result)))
         tell(as_json, result.as_dict(), elastic.name, lambda: describe_optimised_path(result))
         return
-    placement = best_placement(elastic, path, region, **options)
+    with Progress("places", progress) as advance:
+        placement = best_placement(elastic, path, region, progress=advance, **options)
     write_files(
         (csv, placement.path.as_csv),
         (plot, lambda: draw_path(placement.path)),

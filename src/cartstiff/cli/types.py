@@ -33,6 +33,7 @@ __all__ = [
     "json_option",
     "option",
     "option_group",
+    "progress_option",
     "repeated_option",
 ]
 
@@ -273,3 +274,7 @@ def option_group(*options: Callable[[Any], Any]) -> Callable[[_Command], _Comman
 
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+progress_option = click.option(
+    "--progress/--no-progress", default=None,
+    help="Bar on standard error; default on a terminal.",
+)  # fmt: skip

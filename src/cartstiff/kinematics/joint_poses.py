@@ -15,11 +15,12 @@ more joints than conditions they are the least ones.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from copy import copy
 
 import numpy as np
 
-from cartstiff.errors import InputError
+from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.chain_kinematics import Kinematics, ManyPoses
@@ -103,10 +104,44 @@ class JointPoses:
             self.upper = np.array([c.upper for c in mechanism.coordinates])
         self.movable = np.ones(n, bool)
         self.movable[sorted(set(mechanism.held) - set(mechanism.actuated or ()))] = False
+        self.periodic = self._periodic()
+
+    def _periodic(self) -> Array:
+        mechanism = self.kinematics.mechanism
         turns = np.array([c.type == "revolute" for c in mechanism.coordinates])
-        if mechanism.tree.mimic is not None:  # a follower need not come back with its leader
+        if isinstance(mechanism, Chain) and mechanism.tree.mimic is not None:
+            # A follower need not come back with its leader.
             turns &= np.abs(mechanism.tree.mimic).sum(axis=0) == 1.0
-        self.periodic = turns & (self.upper - self.lower >= 2 * np.pi - 1e-9)
+        periodic: Array = turns & (self.upper - self.lower >= 2 * np.pi - 1e-9)
+        return periodic
+
+    def narrowed(self, ranges: Mapping[str, tuple[float, float]]) -> JointPoses:
+        """The same, with some coordinates kept within ranges of their own (low, high).
+
+        Raises
+        ------
+        UnknownNameError
+            For a name that is no coordinate.
+        InputError
+            If nothing of a range lies within the limits.
+        """
+        other = copy(self)
+        other.lower, other.upper = self.lower.copy(), self.upper.copy()
+        names = self.kinematics.mechanism.names
+        for name, (low, high) in ranges.items():
+            if name not in names:
+                raise UnknownNameError("joint", name, names)
+            j = names.index(name)
+            lower, upper = max(low, self.lower[j]), min(high, self.upper[j])
+            if not lower <= upper:
+                raise InputError(
+                    f"nothing of the range of {name} lies within its limits",
+                    expected=f"{self.lower[j]:.6g} to {self.upper[j]:.6g}",
+                    got=f"{low:.6g} to {high:.6g}",
+                )
+            other.lower[j], other.upper[j] = lower, upper
+        other.periodic = other._periodic()
+        return other
 
     def unwound(self) -> JointPoses:
         """The same, but joints that can turn all the way are not held up by their limits.

@@ -1,6 +1,6 @@
-"""What the links of a robot look like, as its URDF or MJCF file says.
+"""What the links of a robot look like, and what they collide with, as the URDF or MJCF file says.
 
-A URDF's visual geometry is read by Pinocchio; other sources bring theirs along. It hangs on the
+A URDF's geometry is read by Pinocchio; other sources bring theirs along. It hangs on the
 frames of the plain tree by name, so that it follows whatever joints are left there. A missing mesh
 file is named, not fatal.
 """
@@ -11,7 +11,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -24,6 +24,10 @@ from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Piece,
 from cartstiff.mechanisms.tree import Placement
 
 __all__ = ["Visual", "geometry_pieces", "visuals"]
+
+Kind = Literal["visual", "collision"]
+_TYPES: dict[Kind, Any] = {"visual": pin.GeometryType.VISUAL,
+                           "collision": pin.GeometryType.COLLISION}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,13 +52,15 @@ class Visual:
     colour: tuple[float, float, float, float] | None
 
 
-def visuals(chain: Chain) -> tuple[list[Visual], list[str]]:
+def visuals(chain: Chain, kind: Kind = "visual") -> tuple[list[Visual], list[str]]:
     """Pictures of a chain's links, and in words what is missing.
 
     Parameters
     ----------
     chain : Chain
         With `descriptions`; without any there is nothing to show.
+    kind : {"visual", "collision"}
+        What is seen, or the shapes that a URDF gives for collisions.
 
     Returns
     -------
@@ -67,7 +73,7 @@ def visuals(chain: Chain) -> tuple[list[Visual], list[str]]:
     missing: list[str] = []
     for description in chain.descriptions:
         try:
-            pieces, words = _pieces(description)
+            pieces, words = _pieces(description, kind)
         except (CartstiffError, OSError) as error:
             missing.append(f"no picture of {description.name}: {error}")
             continue
@@ -81,19 +87,22 @@ def visuals(chain: Chain) -> tuple[list[Visual], list[str]]:
     return found, missing
 
 
-def _pieces(description: Description) -> tuple[Sequence[Piece], list[str]]:
+def _pieces(description: Description, kind: Kind) -> tuple[Sequence[Piece], list[str]]:
     path, text = description.path, description.text
+    if description.pieces is not None and kind == "collision":
+        return [], [f"{description.name}: shapes for collisions are read from URDF only"]
     if description.pieces is not None or (path is None and text is None):
         return _present(description.pieces or ())
     root = parse_xml(path) if path and text is None else parse_text(str(text), description.name)
-    files, missing = _resolve_urdf(root, path or Path("/-"), description.packages)
+    files, missing = _resolve_urdf(root, path or Path("/-"), description.packages, kind)
     text = ET.tostring(root, encoding="unicode")
     with quiet():
         try:
             model = pin.buildModelFromXML(text)
-            geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.VISUAL)
+            geometry = pin.buildGeomFromUrdfString(model, text, _TYPES[kind])
         except Exception as error:
-            return [], [f"no picture of {description.name}: {one_line(str(error))}"]
+            what = "picture" if kind == "visual" else "shapes for collisions"
+            return [], [f"no {what} of {description.name}: {one_line(str(error))}"]
     pieces, words = geometry_pieces(model, geometry, description.name, files)
     return pieces, [*missing, *words]
 
@@ -147,9 +156,9 @@ def geometry_pieces(
 
 
 def _resolve_urdf(
-    root: ET.Element, path: Path, packages: Sequence[Path]
+    root: ET.Element, path: Path, packages: Sequence[Path], kind: Kind
 ) -> tuple[dict[str, MeshFile], list[str]]:
-    """Leave links with their visuals on fixed joints; drop visuals whose mesh file is missing.
+    """Leave links with their shapes on fixed joints; drop shapes whose mesh file is missing.
 
     Only the pose of a visual in its link is wanted, so that no joint has to move. Balls stand for
     meshes, which Pinocchio would read whole and prepare for collisions: returned by the name that
@@ -160,7 +169,7 @@ def _resolve_urdf(
     for link in root.findall("link"):
         count = 0
         for child in list(link):
-            if child.tag != "visual":
+            if child.tag != kind:
                 link.remove(child)
                 continue
             geometry = child.find("geometry")

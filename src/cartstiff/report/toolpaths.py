@@ -47,6 +47,8 @@ def describe_optimised_path(result: OptimisedPath) -> str:
         "",
         f"worst at point {facts['worst_point']}; smallest over largest singular value at least "
         f"{facts['smallest_ratio']:.3g}",
+        result.configuration,
+        result.collisions if isinstance(result.collisions, str) else result.collisions["message"],
         "",
         "Postures",
     ]

@@ -6,6 +6,7 @@ is found in a cell is looked for in its neighbours.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,9 @@ __all__ = ["Layer", "layers"]
 
 # Random starts a cell has at each point but the first.
 _MORE = 2
+# Of the cells that differ in the sampled joint's position alone one in so many has starts of its
+# own: they are solved with that joint free, and what they find is followed through all of them.
+_EVERY = 6
 _NONE = np.empty(0, int)
 
 
@@ -35,11 +39,11 @@ class Layer(NamedTuple):
 
 def layers(
     solver: PathSolver, poses: Array, grid: Choices, starts: int, seed: int,
-    tolerance: float = 1e-10,
+    tolerance: float = 1e-10, advance: Callable[[], None] | None = None,
 ) -> list[Layer]:  # fmt: skip
     """Candidates for each pose (m, 4, 4), within the limits, up to the first that has none.
 
-    At the first point each cell has `starts` random starts.
+    At the first point each cell has `starts` random starts. `advance` is called after each point.
     """
     rng = np.random.default_rng(seed)
     found: list[Layer] = []
@@ -57,6 +61,8 @@ def layers(
             layer = _joined(layer, new)
             frontier = cells.spread(new)
         found.append(cells.traced(layer, Layer(before.q[~inside], before.cell[~inside])))
+        if advance is not None:
+            advance()
         if not len(found[-1].q):
             break
     return found
@@ -80,7 +86,8 @@ class _Cells:
         the cells on both sides of where it came to stand.
         """
         solver, grid = self.solver, self.grid
-        cells = np.repeat(np.arange(grid.count), count + 1)
+        every = 1 if grid.positions is None else min(_EVERY, len(grid.positions))
+        cells = np.repeat(np.arange(0, grid.count, every), count + 1)
         q = solver.random_starts(len(cells), rng)
         if not len(q):  # a platform: one posture at every pose
             return Layer(np.tile(solver.start, (grid.count, 1)), np.arange(grid.count))

@@ -10,7 +10,7 @@ all of them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import product
 from typing import Literal, get_args
 
@@ -22,6 +22,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.kinematics.platform_poses import Free, PlatformPoses
+from cartstiff.loading.collisions import NOT_CHECKED, Collisions
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
@@ -33,13 +34,15 @@ from cartstiff.toolpaths.choices import Choices, PathSolver, choices
 from cartstiff.toolpaths.cost import Judged, PathCost, criteria, ready
 from cartstiff.toolpaths.layers import Objective, Steps, best_way
 from cartstiff.toolpaths.optimised import ConstantChoice, OptimisedPath
-from cartstiff.toolpaths.refusals import broken, impossible
+from cartstiff.toolpaths.refusals import broken, colliding, impossible
 from cartstiff.toolpaths.tool_path import ToolPath
 
 __all__ = ["optimise_path"]
 
 #: Largest step of a joint from point to point (rad, or characteristic lengths).
 MAX_STEP = 0.5
+#: Joints that turn stay so near to a posture that is asked for (rad).
+NEARBY = 0.5 * np.pi
 # Refinements, each with half the step of the one before.
 _LEVELS = 12
 
@@ -63,6 +66,10 @@ def optimise_path(
     starts: int = 16,
     seed: int = 0,
     refine: bool = True,
+    ranges: Mapping[str, tuple[float, float]] | None = None,
+    near: Mapping[str, float] | ArrayLike | None = None,
+    collisions: Collisions | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> OptimisedPath:
     r"""Postures of best stiffness along a path.
 
@@ -109,6 +116,14 @@ def optimise_path(
         Random starts of the inverse kinematics for each value at the first point.
     refine : bool
         Move on continuously from the best of the samples.
+    ranges : mapping of str to (low, high), optional
+        Joints kept within ranges of their own, besides their limits.
+    near : mapping or array_like (n,), optional
+        A posture near which the path stays: all joints that turn within `NEARBY` of it.
+    collisions : Collisions, optional
+        Leaves out postures in which links collide; without it nothing is said of collisions.
+    progress : callable, optional
+        Called with (done, total) steps of the search.
 
     Returns
     -------
@@ -138,9 +153,7 @@ def optimise_path(
                          got=singular)  # fmt: skip
     if not 0.0 <= smoothness < np.inf:
         raise InputError("smoothness cannot be used", expected="0 or more", got=smoothness)
-    solver: PathSolver = (
-        PlatformPoses(elastic) if isinstance(mechanism, Platform) else JointPoses(elastic)
-    )
+    solver = _solver(elastic, ranges, near)
     grid = choices(solver, free, redundant, samples, list(elastic.names))
     connection = connection or ("load" if loaded else "B")
     load = LoadKind(load_kind, load_at)  # type: ignore[arg-type]
@@ -148,11 +161,13 @@ def optimise_path(
         ready(elastic), path, criteria()[criterion], connection, loaded, load, solver.length,
         solver.rank("none"), solver.movable,
     )  # fmt: skip
+    levels = _LEVELS if refine and grid.dimension else 0
+    advance = _Counter(progress, 2 * len(path) + levels)
     search = _Search(solver, path, grid, cost, objective, _bounds(elastic, solver, max_step),
-                     singular, smoothness)  # fmt: skip
-    candidates = layers(solver, path.poses, grid, starts, seed)
+                     singular, smoothness, collisions, advance)  # fmt: skip
+    candidates = layers(solver, path.poses, grid, starts, seed, advance=advance)
     q, constant = search.among(candidates)
-    if refine and grid.dimension:
+    if levels:
         q = search.refined(q)
     judged, poses = search.judged(q, np.arange(len(path)))
     return OptimisedPath(
@@ -161,7 +176,43 @@ def optimise_path(
         None if grid.joint is None else elastic.names[grid.joint], constant,
         sum(len(layer.q) for layer in candidates), elastic.notes,
         cost.half_widths(q, np.arange(len(path)), poses),
+        NOT_CHECKED if collisions is None else collisions.as_dict(),
+        singular > 0.0 if cost.rank == solver.movable.sum() else None,
+        None if near is None else NEARBY,
     )  # fmt: skip
+
+
+class _Counter:
+    """Counts the steps of a search for who wants to see them."""
+
+    def __init__(self, progress: Callable[[int, int], None] | None, total: int) -> None:
+        self._progress, self._total, self._done = progress, total, 0
+
+    def __call__(self) -> None:
+        self._done += 1
+        if self._progress is not None:
+            self._progress(self._done, self._total)
+
+
+def _solver(
+    elastic: ElasticMechanism, ranges: Mapping[str, tuple[float, float]] | None,
+    near: Mapping[str, float] | ArrayLike | None,
+) -> PathSolver:  # fmt: skip
+    """What finds postures, within the ranges that were asked for."""
+    if isinstance(elastic.mechanism, Platform):
+        if ranges or near is not None:
+            raise InputError("ranges and a posture nearby are for joints", got="a platform, whose "
+                             "pose the path says")  # fmt: skip
+        return PlatformPoses(elastic)
+    solver = JointPoses(elastic)
+    if ranges:
+        solver = solver.narrowed(ranges)
+    if near is not None:
+        q = named_values(near, elastic.names, elastic.q, "posture nearby")
+        turning = [(c.name, float(x)) for c, x in zip(elastic.mechanism.coordinates, q,
+                                                      strict=True) if not c.is_length]  # fmt: skip
+        solver = solver.narrowed({name: (x - NEARBY, x + NEARBY) for name, x in turning})
+    return solver
 
 
 def _bounds(
@@ -190,10 +241,12 @@ class _Search:
     def __init__(
         self, solver: PathSolver, path: ToolPath, grid: Choices, cost: PathCost,
         objective: Objective, bounds: Array, singular: float, smoothness: float,
+        collisions: Collisions | None, advance: Callable[[], None],
     ) -> None:  # fmt: skip
         self.solver, self.path, self.grid, self.cost = solver, path, grid, cost
         self.objective, self.bounds, self.singular = objective, bounds, singular
         self.smoothness, self.price = smoothness, 0.0
+        self.collisions, self.advance = collisions, advance
         self.names = cost.elastic.names
 
     def judged(self, q: Array, points: Array) -> tuple[Judged, Array]:
@@ -208,7 +261,22 @@ class _Search:
         whole, _ = self.judged(np.vstack(q), points)
         ends = np.cumsum(counts)[:-1]
         split = [Judged(*parts) for parts in zip(*(np.split(a, ends) for a in whole), strict=True)]
-        return split, [np.where(j.ratio < self.singular, np.inf, j.cost) for j in split]
+        costs = [np.where(j.ratio < self.singular, np.inf, j.cost) for j in split]
+        return split, costs
+
+    def _free_of_collisions(self, q: list[Array], costs: list[Array]) -> list[Array]:
+        """Costs with what collides ruled out as well."""
+        found = []
+        for point, (rows, cost) in enumerate(zip(q, costs, strict=True)):
+            self.advance()
+            if self.collisions is not None:
+                usable = np.flatnonzero(np.isfinite(cost))
+                cost = cost.copy()
+                cost[usable[self.collisions(rows[usable])]] = np.inf
+                if usable.size and not np.isfinite(cost).any():
+                    raise colliding(point, len(usable))
+            found.append(cost)
+        return found
 
     def among(self, candidates: list[Layer]) -> tuple[Array, ConstantChoice | None]:
         """Best postures (m, n) among candidates, and the best constant choice."""
@@ -218,6 +286,7 @@ class _Search:
             if not np.isfinite(cost).any():
                 pose, ratios = self.path.poses[point], judged[point].ratio
                 raise impossible(self.solver, point, pose, self.grid, ratios, self.singular)
+        costs = self._free_of_collisions(q, costs)
         self.price = self.smoothness * float(np.mean([cost.min() for cost in costs]))
         sides = [j.side for j in judged]
         way = self._way(q, costs, sides)
@@ -333,9 +402,13 @@ class _Search:
             found, good = self.solver.solve(self.path.poses[points], begin, self.grid.free)
             around = [np.vstack([q[i], found[good & (points == i)]]) for i in range(m)]
             judged, costs = self._costs(around)
+            if self.collisions is not None:
+                for rows, cost in zip(around, costs, strict=True):
+                    cost[self.collisions(rows)] = np.inf
             steps = self.steps(around, never, [j.side for j in judged])
             way, _ = best_way(costs, steps, self.objective)
             if way is not None:  # the present postures are among them, so there is one
                 q = np.array([rows[k] for rows, k in zip(around, way, strict=True)])
             step *= 0.5
+            self.advance()
         return q

@@ -11,6 +11,7 @@ import numpy as np
 from cartstiff.errors import printable
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps.intervals import half_width_name
+from cartstiff.loading.collisions import NOT_CHECKED
 from cartstiff.maps.quantities import Quantity
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
@@ -79,6 +80,13 @@ class OptimisedPath:
         From loading.
     half_widths : ndarray (m,) or None
         Of the intervals of `values`, where springs were measured.
+    collisions : dict or str
+        What was tested (`cartstiff.loading.collisions.Collisions`), or that nothing was.
+    off_singular : bool or None
+        Whether steps through singularities were forbidden; None where there are more joints than
+        motions, and configurations are connected without any.
+    nearby : float or None
+        How near (rad) all joints that turn stay to the posture that was asked for.
     """
 
     elastic: ElasticMechanism
@@ -98,6 +106,9 @@ class OptimisedPath:
     candidates: int
     notes: tuple[Note, ...] = field(default=())
     half_widths: Array | None = None
+    collisions: dict[str, Any] | str = NOT_CHECKED
+    off_singular: bool | None = True
+    nearby: float | None = None
 
     @property
     def unit(self) -> str:
@@ -136,6 +147,27 @@ class OptimisedPath:
             }
         return values
 
+    @property
+    def configuration(self) -> str:
+        """What is known of flips from one configuration to another, in words."""
+        largest = np.abs(self.steps).max(axis=0, initial=0.0)
+        j = int(np.argmax(largest))
+        unit = "rad"
+        if self.elastic.mechanism.coordinates[j].is_length:
+            unit = self.elastic.units.length
+        words = (
+            f"largest step from point to point {largest[j]:.3g} {unit} ({self.elastic.names[j]})"
+        )
+        if self.off_singular:
+            words += "; the configuration is kept: no step passes through a singularity"
+        elif self.off_singular is None:
+            words += "; with joints left over, configurations go over into each other"
+        else:
+            words += "; steps through singularities, where configurations meet, were allowed"
+        if self.nearby is not None:
+            words += f"; all joints within {np.degrees(self.nearby):.3g} deg of the given posture"
+        return words
+
     def as_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         return {
@@ -172,6 +204,15 @@ class OptimisedPath:
                 "values": self.constant.values.tolist(),
             },
             "summary": self.summary(),
+            "configuration": {
+                "kept": self.off_singular,
+                "largest_step": float(np.abs(self.steps).max(initial=0.0)),
+                "near": self.nearby,
+                "message": self.configuration,
+            },
+            "collisions": {"checked": False, "message": self.collisions}
+            if isinstance(self.collisions, str)
+            else self.collisions,
             "notes": [note.as_dict() for note in self.notes],
         }
 

@@ -12,7 +12,17 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.toolpaths.choices import Choices, PathSolver
 from cartstiff.toolpaths.layers import Steps, best_way
 
-__all__ = ["broken", "impossible"]
+__all__ = ["broken", "colliding", "impossible"]
+
+
+def colliding(point: int, count: int) -> UndefinedError:
+    """The error for a point (counted from 0) that is reached in colliding postures only."""
+    return UndefinedError(
+        f"point {point + 1} of the path is reached only in postures in which links collide "
+        f"({count} were compared)",
+        code="path-colliding",
+        values={"point": point + 1, "candidates": count},
+    )
 
 
 def impossible(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from cartstiff.cli.output import Progress
 from cartstiff.cli.requests.target_file import ORDERS, Target, read_target
 from cartstiff.cli.types import POINT, WRENCH, Number, Numbers, option, option_group
 from cartstiff.errors import InputError
@@ -144,7 +144,7 @@ class AnalysisRequest:
         if self.inertia is not None:
             a, f = convert_length(SI, result.elastic.units)
             mass, inertia = self.inertia[0] * f / a, np.diag(self.inertia[1:]) * f * a
-        with np.errstate(all="ignore"), _Progress() as progress:
+        with np.errstate(all="ignore"), Progress("tolerances") as progress:
             try:
                 answer = analyse_posture(
                     result, connection=self.connection, length=self.length, mass=mass,
@@ -166,24 +166,3 @@ class AnalysisRequest:
         if self.wanted is not None and (joints := answer["synthesis"]["target"]) is not None:
             joints |= {"order": self.wanted.order, "order_from": self.wanted.order_from}
         return answer
-
-
-class _Progress:
-    """A progress bar on standard error, if that is a terminal."""
-
-    def __init__(self) -> None:
-        self._bar: Any = None
-
-    def __enter__(self) -> _Progress:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._bar is not None:
-            self._bar.render_finish()
-
-    def __call__(self, done: int, total: int) -> None:  # noqa: ARG002
-        if not sys.stderr.isatty():
-            return
-        if self._bar is None:
-            self._bar = click.progressbar(length=total, label="tolerances", file=sys.stderr)
-        self._bar.update(1)

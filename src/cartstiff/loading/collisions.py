@@ -1,0 +1,152 @@
+r"""Which postures of an arm make its links collide: Pinocchio's collision pairs, tested by coal.
+
+Every two links collide or not, but for those that always touch: on one joint, on neighbouring
+joints, and those that touch at the mechanism's default posture already. What stands around the arm
+is not known, and neither is a workpiece.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from cartstiff.errors import InputError, one_line
+from cartstiff.geometry.se3 import Array
+from cartstiff.loading.visuals import visuals
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Shape, Sphere
+
+__all__ = ["NOT_CHECKED", "Collisions"]
+
+#: What is said where nobody asked for collisions.
+NOT_CHECKED = "collisions are not checked: neither of links with each other nor with anything else"
+
+
+class Collisions:
+    """The links of one arm, prepared for many postures.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        A chain of joints whose URDF has shapes for collisions.
+
+    Attributes
+    ----------
+    pairs : int
+        Pairs of shapes that are tested.
+    left_out : tuple of str
+        Pairs of links on joints further apart that touch at the default posture, "a - b".
+
+    Raises
+    ------
+    InputError
+        If there are no such shapes, or a mesh is missing.
+    """
+
+    def __init__(self, elastic: ElasticMechanism) -> None:
+        chain = elastic.mechanism
+        if not isinstance(chain, Chain):
+            raise InputError("collisions are tested between links of arms", got=chain.kind)
+        found, missing = visuals(chain, "collision")
+        if missing:
+            raise InputError("collisions cannot be tested", got=one_line(missing[0]))
+        if not found:
+            raise InputError(
+                "collisions cannot be tested: the robot has no shapes for them",
+                expected="a URDF with <collision> elements",
+            )
+        self._tree = chain.tree
+        self._geometry = pin.GeometryModel()
+        loader = coal.MeshLoader()
+        links = []
+        for i, piece in enumerate(found):
+            self._geometry.addGeometryObject(
+                pin.GeometryObject(
+                    f"{piece.link}_{i}", piece.at.joint, pin.SE3(piece.at.T_j_f),
+                    _solid(piece.shape, loader),
+                )
+            )  # fmt: skip
+            links.append(piece.link)
+        joints, parents = [piece.at.joint for piece in found], list(self._tree.model.parents)
+        near = [
+            (a, b)
+            for b in range(len(found))
+            for a in range(b)
+            if joints[a] != joints[b]
+            and parents[joints[a]] != joints[b]
+            and parents[joints[b]] != joints[a]
+        ]
+        self._use(near)
+        touching = self._touching(elastic.q)
+        self._use([pair for pair, touch in zip(near, touching, strict=True) if not touch])
+        self.pairs = len(self._geometry.collisionPairs)
+        self.left_out = tuple(
+            dict.fromkeys(
+                f"{links[a]} - {links[b]}"
+                for (a, b), touch in zip(near, touching, strict=True)
+                if touch
+            )
+        )
+
+    def _use(self, pairs: Sequence[tuple[int, int]]) -> None:
+        self._geometry.removeAllCollisionPairs()
+        for a, b in pairs:
+            self._geometry.addCollisionPair(pin.CollisionPair(a, b))
+        self._data = pin.GeometryData(self._geometry)
+
+    def _touching(self, q: Array) -> list[bool]:
+        """Of every pair, whether it collides."""
+        self._collide(q, first=False)
+        return [bool(r.isCollision()) for r in self._data.collisionResults]
+
+    def _collide(self, q: Array, first: bool) -> bool:
+        tree = self._tree
+        at = np.asarray(q, float) if tree.mimic is None else tree.mimic @ q + tree.offset
+        with tree.workspace() as data:
+            return bool(
+                pin.computeCollisions(tree.model, data, self._geometry, self._data, at, first)
+            )
+
+    def __call__(self, q: Array) -> Array:
+        """Whether links collide, at each of N postures (N, n): (N,) of bool."""
+        return np.array([self._collide(row, first=True) for row in q], bool)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {"checked": True, "pairs": self.pairs, "left_out": list(self.left_out),
+                "message": self.message}  # fmt: skip
+
+    @property
+    def message(self) -> str:
+        """What was tested, in words."""
+        words = (
+            f"collisions of links with each other are excluded ({self.pairs} pairs of shapes); "
+            "with anything else they are not checked"
+        )
+        if self.left_out:
+            words += "; left out, as they touch at the default posture: " + ", ".join(self.left_out)
+        return words
+
+
+def _solid(shape: Shape, loader: Any) -> Any:
+    """The shape as coal has it."""
+    if isinstance(shape, MeshFile):
+        try:
+            return loader.load(str(shape.path), np.array(shape.scale))
+        except Exception as error:
+            raise InputError("mesh cannot be read", where=one_line(str(shape.path)),
+                             got=one_line(str(error), 200)) from None  # fmt: skip
+    if isinstance(shape, Box):
+        return coal.Box(*shape.sides)
+    if isinstance(shape, Cylinder):
+        return coal.Cylinder(shape.radius, shape.length)
+    if isinstance(shape, Capsule):
+        return coal.Capsule(shape.radius, shape.length)
+    if isinstance(shape, Sphere):
+        return coal.Ellipsoid(*shape.radii)
+    raise InputError("shape cannot collide", got=type(shape).__name__)
