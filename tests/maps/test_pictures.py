@@ -183,3 +183,11 @@ def test_positions_stand_as_in_the_room():
     assert (axis.get_xlabel(), axis.get_ylabel()) == ("x [rad]", "z [rad]")
     assert axis.get_aspect() == 1.0
     assert axis.get_xlim() == (-0.5, 1.5)
+
+
+def test_positions_are_in_millimetres():
+    data = _made_up([[1, 2, 3], [2, 3, 4]]).rename(a="x", b="z")
+    data["x"].attrs["units"] = data["z"].attrs["units"] = "m"
+    axis = draw_map(data, "stiffness", "heat").axes[0]
+    assert (axis.get_xlabel(), axis.get_ylabel()) == ("x [mm]", "z [mm]")
+    assert axis.get_xlim() == (-500.0, 1500.0)

@@ -30,6 +30,10 @@ _COMMANDS = {
         "cartstiff.cli.map",
         "Stiffness over a grid, a trajectory or random postures, to a file and a picture.",
     ),
+    "compare": (
+        "cartstiff.cli.compare",
+        "Ratio or difference of two maps: two arms, two mountings.",
+    ),
     "export": ("cartstiff.cli.export", "The page of `view` as one file for any browser."),
     "path": (
         "cartstiff.cli.path",

@@ -127,6 +127,11 @@ _options = option_group(
         "the best branch of each place counting; a line there in a heat map.",
     ),
     option("--above", type=Amount("VALUE[UNIT]"), help="The same for at least this value."),
+    click.option(
+        "--single-branch", is_flag=True,
+        help="With --cartesian: of several branches only the best single one, which an arm can "
+        "keep without a flip; pictures, lists and numbers are of it.",
+    ),
     option("--picture", type=PICTURE, help="Draw the first quantity to a .png, .svg or .pdf file."),
     click.option(
         "--kind",
@@ -193,6 +198,7 @@ def command(
     chunk: int | None,
     below: tuple[float, str] | None,
     above: tuple[float, str] | None,
+    single_branch: bool,
     picture: Path | None,
     kind: str,
     by: str | None,
@@ -234,6 +240,8 @@ def command(
         _check_ranked(quantities)
     if below is not None and above is not None:
         raise InputError("give --below or --above, not both")
+    if single_branch and "branch" not in sampling.dims:
+        raise InputError("is for --cartesian with several branches", where="--single-branch")
     level = _level(below or above, "--below" if below else "--above", quantities[0], elastic)
 
     from cartstiff.maps.opening import open_map
@@ -265,7 +273,12 @@ def command(
             f"have been made anew: {one_line('; '.join(damaged), 300)}",
             error=True,
         )
-    dataset = slice_map(open_map(output), **cuts) if cuts else open_map(output)
+    whole = slice_map(open_map(output), **cuts) if cuts else open_map(output)
+    dataset = whole
+    if single_branch:
+        from cartstiff.maps.configurations import single_branch as one_branch
+
+        dataset = one_branch(whole, quantities[0], level, above is None)
     answer = _answer(dataset, file, output, computed, seconds)
     lists = {"best": best, "worst": worst}
     answer |= {
@@ -276,7 +289,17 @@ def command(
     if level is not None:
         from cartstiff.maps.reading import share_within
 
-        found = share_within(dataset, quantities[0], level, below is not None)
+        found: dict[str, Any] = share_within(dataset, quantities[0], level, below is not None)
+        if "branch" in whole.dims and not single_branch:
+            from cartstiff.maps.configurations import single_branch as one_branch
+
+            alone = one_branch(whole, quantities[0], level, below is not None)
+            single_found = share_within(alone, quantities[0], level, below is not None)
+            within = single_found["within"]
+            found["single_branch"] = {
+                "places": single_found["reached"], "within": within,
+                "share": within / found["reached"] if found["reached"] else 0.0,
+            }  # fmt: skip
         answer["below" if below else "above"] = {"quantity": quantities[0], **found}
     if picture is not None:
         from cartstiff.maps.pictures import draw_map

@@ -25,7 +25,8 @@ _TOOLS = tuple(
     re.compile(rf"(^|[^a-z0-9])({words})$", re.IGNORECASE)
     for words in (
         "tool0", "tcp|hand_tcp|tcp_link|tcp_frame|link_tcp",
-        "ee|eef|ee_link|ee_frame|eef_link|link_eef|end_effector|end_effector_link|tool_frame|tool_link|tool",
+        "ee|eef|ee_link|ee_frame|eef_link|link_eef|ee_gripper_link|ee_arm_link|end_effector|"
+        "end_effector_link|tool_frame|tool_link|tool",
         "flange|flange_link|link_flange",
     )
 )  # fmt: skip

@@ -53,13 +53,22 @@ def _axis_label(coordinate: xarray.DataArray) -> str:
     return f"{coordinate.name} [{unit}]" if unit else str(coordinate.name)
 
 
+def _in_millimetres(coordinate: xarray.DataArray) -> xarray.DataArray:
+    """A position as drawings have it, where the mechanism has it in metres."""
+    if coordinate.attrs.get("units") != "m":
+        return coordinate
+    shown: xarray.DataArray = coordinate.copy(data=1e3 * np.asarray(coordinate.values, float))
+    shown.attrs["units"] = "mm"
+    return shown
+
+
 def _cells(
     axis: Any, dataset: xarray.Dataset, quantity: str, norm: Any, level: float | None = None
 ) -> tuple[Any, set[str]]:
     """Coloured cells of two dimensions, and the reasons of those that have no number.
 
-    Positions stand as in the room: x to the right, z up, as long as wide. At a `level` of the
-    quantity there is a line.
+    Positions stand as in the room: x to the right, z up, as long as wide, in mm. At a `level` of
+    the quantity there is a line.
     """
     dims = [str(d) for d in dataset[quantity].dims]
     spatial = set(dims) <= set("xyz")
@@ -67,7 +76,7 @@ def _cells(
         dims = sorted(dims, reverse=True)
         dataset = dataset.transpose(*dims, ...)
     array = dataset[quantity]
-    y, x = (dataset[d] for d in dims)
+    y, x = (_in_millimetres(dataset[d]) if spatial else dataset[d] for d in dims)
     values = np.asarray(array.values, float)
     shown = np.ma.masked_invalid(values)
     mesh = axis.pcolormesh(

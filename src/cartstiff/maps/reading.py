@@ -55,10 +55,15 @@ def quantity_of(dataset: xarray.Dataset, name: str) -> xarray.DataArray:
     UnknownNameError
         If the map has no such quantity.
     """
-    known = [str(v) for v in dataset.data_vars if v not in ("state", "position", "q", "branches")]
+    known = quantities_of(dataset)
     if name not in known:
         raise UnknownNameError("quantity of the map", name, known)
     return dataset[name]
+
+
+def quantities_of(dataset: xarray.Dataset) -> list[str]:
+    """Names of the quantities of a map."""
+    return [str(v) for v in dataset.data_vars if v not in ("state", "position", "q", "branches")]
 
 
 def summary(dataset: xarray.Dataset) -> dict[str, Any]:
@@ -78,9 +83,7 @@ def summary(dataset: xarray.Dataset) -> dict[str, Any]:
             name = names.get(code, str(code))
             counts[name] = counts.get(name, 0) + number
     ranges = {}
-    for name in map(str, dataset.data_vars):
-        if name in ("state", "position", "q", "branches"):
-            continue
+    for name in quantities_of(dataset):
         array = dataset[name]
         low, high, total, number = np.inf, -np.inf, 0.0, 0
         for part in blocks(array):

@@ -8,7 +8,7 @@ from typing import Any
 from cartstiff.errors import joined
 from cartstiff.report.layout import number, table
 
-__all__ = ["describe_map"]
+__all__ = ["describe_comparison", "describe_map"]
 
 
 def describe_map(answer: Mapping[str, Any]) -> str:
@@ -43,6 +43,11 @@ def describe_map(answer: Mapping[str, Any]) -> str:
             lines += ["", f"{found['quantity']} {which} {number(found['limit'])} {unit}: "
                       f"{100 * found['share']:.1f} % of what is reached ({found['within']} of "
                       f"{found['reached']})"]  # fmt: skip
+            if (single := found.get("single_branch")) is not None:
+                lines.append(
+                    f"  by the best single branch, without a flip: {100 * single['share']:.1f} % "
+                    f"({single['within']}; it reaches {single['places']})"
+                )
     for which in ("best", "worst"):
         for name, rows in answer.get(which, {}).items():
             unit = answer["quantities"][name]["unit"]
@@ -82,3 +87,19 @@ def _postures(rows: list[dict[str, Any]], units: Mapping[str, str]) -> list[str]
             for row in rows
         ],
     )  # fmt: skip
+
+
+def describe_comparison(answer: Mapping[str, Any], words: str) -> str:
+    """The answer of ``cartstiff compare``, for reading."""
+    unit = "" if answer["unit"] == "1" else f" {answer['unit']}"
+    lines = [
+        words,
+        f"  {answer['places']} of {answer['of']} places have a number in both maps",
+        f"  smallest {number(answer['smallest'])}{unit}, mean {number(answer['mean'])}{unit}, "
+        f"largest {number(answer['largest'])}{unit}",
+    ]
+    if (share := answer["first_is_better"]) is not None:
+        lines.append(f"  the first is better at {100 * share:.1f} % of them")
+    if answer["differs"]:
+        lines += ["What else differs", *(f"  {words}" for words in answer["differs"])]
+    return joined(lines)

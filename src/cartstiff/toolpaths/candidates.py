@@ -146,8 +146,7 @@ class _Cells:
     def _inside(self, q: Array) -> Array:
         """Which postures are in the region: without limits a self-motion may have no end."""
         low, high = self.solver.region()
-        inside: Array = ((q >= low) & (q <= high) | self.solver.periodic).all(axis=1)
-        return inside
+        return np.asarray(((q >= low) & (q <= high) | self.solver.periodic).all(axis=1))
 
     def _apart(self, known: Layer, found: Layer, spacing: float) -> Layer:
         """What is not near anything known, nor near what stands before it."""

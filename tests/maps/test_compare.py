@@ -1,0 +1,132 @@
+"""Two maps against each other, and the branches that an arm can keep."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import xarray
+from tests.maps.test_pictures import _made_up
+
+from cartstiff.cli.main import main
+from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.maps.compare import compare_maps, compared
+from cartstiff.maps.configurations import single_branch
+from cartstiff.maps.pictures import draw_map
+from cartstiff.maps.reading import share_within, state_names
+
+
+def _branched():
+    """Two sheets over 1 x 4 places; the second is better but breaks off at the third place.
+
+    From the third place on a jump of a joint separates what is there from what came before.
+    """
+    values = np.array([[[3.0, 1.0], [3.0, 1.0], [3.0, 1.0], [3.0, np.nan]]])
+    joint = np.array([[[0.0, 2.0], [0.1, 2.1], [0.2, 5.0], [0.3, 0.0]]])
+    data = xarray.Dataset(
+        {
+            "stiffness": (("x", "z", "branch"), values,
+                          {"units": "m", "better": "smaller", "long_name": "give"}),
+            "state": (("x", "z", "branch"), np.zeros((1, 4, 2), np.uint8),
+                      {"flag_values": [0, 255], "flag_meanings": "regular not-computed"}),
+            "q": (("x", "z", "branch", "joint"), joint[..., None]),
+        },
+        {"x": [0.0], "z": [0.0, 1.0, 2.0, 3.0], "joint": ["j"]},
+    )  # fmt: skip
+    data.attrs = {"mechanism": "made up", "length_unit": "m"}
+    return data
+
+
+def test_ratio_and_difference_are_those_of_the_numbers():
+    a = _made_up([[1, 2, 3], [2, np.nan, 4]])
+    b = _made_up([[2, 4, 3], [1, 3, 0]], state=[[0, 0, 0], [0, 0, 1]])
+    ratio = compare_maps(a, b, "stiffness")
+    np.testing.assert_array_equal(ratio["stiffness"], [[0.5, 0.5, 1], [2, np.nan, np.nan]])
+    less = compare_maps(a, b, "stiffness", "difference")
+    np.testing.assert_array_equal(less["stiffness"], [[-1, -2, 0], [1, np.nan, 4]])
+    assert (ratio["stiffness"].attrs["units"], less["stiffness"].attrs["units"]) == ("1", "N/m")
+    told = compared(ratio, "stiffness")
+    assert (told["places"], told["of"], told["smallest"], told["largest"]) == (4, 6, 0.5, 2.0)
+    assert told["mean"] == pytest.approx((0.5 * 0.5 * 1 * 2) ** 0.25)
+    assert told["first_is_better"] == 0.25
+    assert draw_map(ratio, "stiffness").axes
+
+
+def test_what_else_differs_is_said():
+    a, b = _made_up([[1, 2]]), _made_up([[1, 2]])
+    b.attrs["frame"] = "flange"
+    assert compare_maps(a, b, "stiffness").attrs["differs"] == ["frame: None and flange"]
+
+
+def _shifted(data):
+    return data.assign_coords(a=data["a"] + 0.5)
+
+
+def _in_other_units(data):
+    data["stiffness"].attrs["units"] = "N/mm"
+    return data
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        (_shifted, "axis a differs"),
+        (lambda d: d.isel(b=[0]), "axis b differs"),
+        (lambda d: d.rename(a="c"), "axes differ"),
+        (_in_other_units, "units of stiffness differ"),
+        (lambda d: d.drop_vars("a"), "single postures"),
+    ],
+)
+def test_maps_of_other_places_are_refused(change, match):
+    a, b = _made_up([[1, 2], [3, 4]]), change(_made_up([[1, 2], [3, 4]]))
+    with pytest.raises(InputError, match=match):
+        compare_maps(a, b, "stiffness")
+
+
+def test_words_that_are_none():
+    a = _made_up([[1, 2]])
+    with pytest.raises(UnknownNameError, match="comparison"):
+        compare_maps(a, a, "stiffness", "sum")
+    with pytest.raises(UnknownNameError, match="quantity"):
+        compare_maps(a, a, "softness")
+
+
+def test_a_single_branch_is_what_hangs_together():
+    data = _branched()
+    longest = single_branch(data, "stiffness")
+    np.testing.assert_array_equal(longest["stiffness"], [[3, 3, 3, 3]])
+    best = single_branch(data, "stiffness", 2.0)
+    np.testing.assert_array_equal(best["stiffness"], [[1, 1, np.nan, np.nan]])
+    names = state_names(best)
+    assert [names[int(s)] for s in best["state"].values[0]] == ["regular"] * 2 + [
+        "other-branch"
+    ] * 2
+    assert share_within(data, "stiffness", 2.0)["within"] == 3
+    assert share_within(best, "stiffness", 2.0)["within"] == 2
+    flat = data.isel(branch=0, drop=True)
+    assert single_branch(flat, "stiffness") is flat
+
+
+def test_the_command(tmp_path, capfd):
+    def run(*words, code=0):
+        with pytest.raises(SystemExit) as exit_:
+            main(list(map(str, words)))
+        out, error = capfd.readouterr()
+        assert exit_.value.code == code, error
+        return out if code == 0 else error
+
+    a, b, picture = tmp_path / "a.zarr", tmp_path / "b.zarr", tmp_path / "p.png"
+    for file, stiffness in ((a, "1e5"), (b, "2e5")):
+        run("map", "hexapod", "--grid", "x=-0.01:0.01:2,y=-0.01:0.01:2", "--quantity",
+            "translation_free_min", "--stiffness", stiffness, "-o", file, "--json")  # fmt: skip
+    told = json.loads(run("compare", a, b, "--json", "--picture", picture))
+    assert told["smallest"] == pytest.approx(0.5)
+    assert told["largest"] == pytest.approx(0.5)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert "mean 0.5" in run("compare", a, b)
+    assert "unknown quantity" in run("compare", a, b, "--quantity", "x", code=2)
+    assert "c.zarr" in run("compare", a, tmp_path / "c.zarr", code=2)
+    refused = run("map", "hexapod", "--grid", "x=-0.01:0.01:2", "--quantity", "condition",
+                  "--single-branch", "-o", tmp_path / "d.zarr", code=2)  # fmt: skip
+    assert "--single-branch" in refused
