@@ -12,7 +12,12 @@ import click
 
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import say
-from cartstiff.cli.requests.map import check_cuts, sampling_from_options, sampling_options
+from cartstiff.cli.requests.map import (
+    check_cuts,
+    level_of,
+    sampling_from_options,
+    sampling_options,
+)
 from cartstiff.cli.types import (
     PICTURE,
     POINT,
@@ -242,7 +247,7 @@ def command(
         raise InputError("give --below or --above, not both")
     if single_branch and "branch" not in sampling.dims:
         raise InputError("is for --cartesian with several branches", where="--single-branch")
-    level = _level(below or above, "--below" if below else "--above", quantities[0], elastic)
+    level = level_of(below or above, "--below" if below else "--above", quantities[0], elastic)
 
     from cartstiff.maps.opening import open_map
     from cartstiff.maps.prepare import prepare_map
@@ -312,28 +317,6 @@ def command(
         from cartstiff.report.maps import describe_map
 
         say(describe_map(answer))
-
-
-def _level(
-    given: tuple[float, str] | None, where: str, quantity: str, elastic: Any
-) -> float | None:
-    """The value of --below or --above in the unit of the quantity."""
-    from cartstiff.maps.quantities import QUANTITIES
-    from cartstiff.mechanisms.contract import FORCES, LENGTHS
-
-    if given is None or not given[1]:
-        return None if given is None else given[0]
-    value, unit = given
-    own = QUANTITIES[quantity].unit_in(elastic.units) if quantity in QUANTITIES else ""
-    known = {**LENGTHS, "rad": 1.0, "deg": 0.017453292519943295}
-    kinds = [LENGTHS, {k: known[k] for k in ("rad", "deg")}]
-    kinds.append({f"{f}/{x}": a / b for f, a in FORCES.items() for x, b in LENGTHS.items()})
-    for kind in kinds:
-        if unit in kind and own in kind:
-            return value * kind[unit] / kind[own]
-    raise InputError("unit does not fit", where=where, got=unit,
-                     expected=f"one of the kind of {own}, the unit of {quantity}" if own
-                     else "a number alone")  # fmt: skip
 
 
 def _check_picture(

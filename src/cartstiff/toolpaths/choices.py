@@ -5,20 +5,27 @@ A *cell* is one value of each.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.kinematics.platform_poses import Free, PlatformPoses
+from cartstiff.mechanisms.contract import named_values
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.platform import Platform
 
-__all__ = ["Choices", "PathSolver", "choices"]
+__all__ = ["NEARBY", "Choices", "Counter", "PathSolver", "choices", "path_solver"]
 
 #: What finds postures at poses: for joints, or for platforms.
 PathSolver = JointPoses | PlatformPoses
+#: Joints that turn stay so near to a posture that is asked for (rad).
+NEARBY = 0.5 * np.pi
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,3 +160,37 @@ def _most_idle(solver: JointPoses) -> int:
     moving = solver.self_motions(q, "none", solver.redundancy("none")) / solver.sizes[:, None]
     least = np.quantile(np.linalg.norm(moving, axis=2), 0.1, axis=0)
     return int(np.argmax(np.round(least, 6)))
+
+
+class Counter:
+    """Counts the steps of a search for who wants to see them."""
+
+    def __init__(self, progress: Callable[[int, int], None] | None, total: int) -> None:
+        self._progress, self._total, self._done = progress, total, 0
+
+    def __call__(self) -> None:
+        """One step more."""
+        self._done += 1
+        if self._progress is not None:
+            self._progress(self._done, self._total)
+
+
+def path_solver(
+    elastic: ElasticMechanism, ranges: Mapping[str, tuple[float, float]] | None,
+    near: Mapping[str, float] | ArrayLike | None,
+) -> PathSolver:  # fmt: skip
+    """What finds postures, within the ranges that were asked for."""
+    if isinstance(elastic.mechanism, Platform):
+        if ranges or near is not None:
+            raise InputError("ranges and a posture nearby are for joints", got="a platform, whose "
+                             "pose the path says")  # fmt: skip
+        return PlatformPoses(elastic)
+    solver = JointPoses(elastic)
+    if ranges:
+        solver = solver.narrowed(ranges)
+    if near is not None:
+        q = named_values(near, elastic.names, elastic.q, "posture nearby")
+        turning = [(c.name, float(x)) for c, x in zip(elastic.mechanism.coordinates, q,
+                                                      strict=True) if not c.is_length]  # fmt: skip
+        solver = solver.narrowed({name: (x - NEARBY, x + NEARBY) for name, x in turning})
+    return solver

@@ -20,17 +20,15 @@ from numpy.typing import ArrayLike
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.kinematics.joint_poses import JointPoses
-from cartstiff.kinematics.platform_poses import Free, PlatformPoses
+from cartstiff.kinematics.platform_poses import Free
 from cartstiff.loading.collisions import NOT_CHECKED, Collisions
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.mechanisms.platform import Platform
 from cartstiff.numerics import NEAR
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.toolpaths.candidates import Layer, layers
-from cartstiff.toolpaths.choices import Choices, PathSolver, choices
+from cartstiff.toolpaths.choices import NEARBY, Choices, Counter, PathSolver, choices, path_solver
 from cartstiff.toolpaths.cost import Judged, PathCost, criteria, ready
 from cartstiff.toolpaths.layers import Objective, Steps, best_way
 from cartstiff.toolpaths.optimised import ConstantChoice, OptimisedPath
@@ -41,8 +39,6 @@ __all__ = ["optimise_path"]
 
 #: Largest step of a joint from point to point (rad, or characteristic lengths).
 MAX_STEP = 0.5
-#: Joints that turn stay so near to a posture that is asked for (rad).
-NEARBY = 0.5 * np.pi
 # Refinements, each with half the step of the one before.
 _LEVELS = 12
 
@@ -153,7 +149,7 @@ def optimise_path(
                          got=singular)  # fmt: skip
     if not 0.0 <= smoothness < np.inf:
         raise InputError("smoothness cannot be used", expected="0 or more", got=smoothness)
-    solver = _solver(elastic, ranges, near)
+    solver = path_solver(elastic, ranges, near)
     grid = choices(solver, free, redundant, samples, list(elastic.names))
     connection = connection or ("load" if loaded else "B")
     load = LoadKind(load_kind, load_at)  # type: ignore[arg-type]
@@ -162,7 +158,7 @@ def optimise_path(
         solver.rank("none"), solver.movable,
     )  # fmt: skip
     levels = _LEVELS if refine and grid.dimension else 0
-    advance = _Counter(progress, 2 * len(path) + levels)
+    advance = Counter(progress, 2 * len(path) + levels)
     search = _Search(solver, path, grid, cost, objective, _bounds(elastic, solver, max_step),
                      singular, smoothness, collisions, advance)  # fmt: skip
     candidates = layers(solver, path.poses, grid, starts, seed, advance=advance)
@@ -180,39 +176,6 @@ def optimise_path(
         singular > 0.0 if cost.rank == solver.movable.sum() else None,
         None if near is None else NEARBY,
     )  # fmt: skip
-
-
-class _Counter:
-    """Counts the steps of a search for who wants to see them."""
-
-    def __init__(self, progress: Callable[[int, int], None] | None, total: int) -> None:
-        self._progress, self._total, self._done = progress, total, 0
-
-    def __call__(self) -> None:
-        self._done += 1
-        if self._progress is not None:
-            self._progress(self._done, self._total)
-
-
-def _solver(
-    elastic: ElasticMechanism, ranges: Mapping[str, tuple[float, float]] | None,
-    near: Mapping[str, float] | ArrayLike | None,
-) -> PathSolver:  # fmt: skip
-    """What finds postures, within the ranges that were asked for."""
-    if isinstance(elastic.mechanism, Platform):
-        if ranges or near is not None:
-            raise InputError("ranges and a posture nearby are for joints", got="a platform, whose "
-                             "pose the path says")  # fmt: skip
-        return PlatformPoses(elastic)
-    solver = JointPoses(elastic)
-    if ranges:
-        solver = solver.narrowed(ranges)
-    if near is not None:
-        q = named_values(near, elastic.names, elastic.q, "posture nearby")
-        turning = [(c.name, float(x)) for c, x in zip(elastic.mechanism.coordinates, q,
-                                                      strict=True) if not c.is_length]  # fmt: skip
-        solver = solver.narrowed({name: (x - NEARBY, x + NEARBY) for name, x in turning})
-    return solver
 
 
 def _bounds(

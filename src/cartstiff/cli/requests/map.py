@@ -16,7 +16,7 @@ from cartstiff.parsing import parse_numbers
 if TYPE_CHECKING:
     from cartstiff.maps.sampling import Axis, Sampling
 
-__all__ = ["check_cuts", "sampling_from_options", "sampling_options"]
+__all__ = ["check_cuts", "level_of", "sampling_from_options", "sampling_options"]
 
 # A map of more postures than this would take years.
 _MOST = 10**12
@@ -163,3 +163,25 @@ def check_cuts(cuts: dict[str, float], sampling: Any) -> None:
                 "outside the map", where=f"--slice {name}",
                 expected=f"{axis.low:g} to {axis.high:g}", got=f"{value:g}",
             )  # fmt: skip
+
+
+def level_of(
+    given: tuple[float, str] | None, where: str, quantity: str, elastic: Any
+) -> float | None:
+    """The value of --below or --above in the unit of the quantity."""
+    from cartstiff.maps.quantities import QUANTITIES
+    from cartstiff.mechanisms.contract import FORCES, LENGTHS
+
+    if given is None or not given[1]:
+        return None if given is None else given[0]
+    value, unit = given
+    own = QUANTITIES[quantity].unit_in(elastic.units) if quantity in QUANTITIES else ""
+    known = {**LENGTHS, "rad": 1.0, "deg": 0.017453292519943295}
+    kinds = [LENGTHS, {k: known[k] for k in ("rad", "deg")}]
+    kinds.append({f"{f}/{x}": a / b for f, a in FORCES.items() for x, b in LENGTHS.items()})
+    for kind in kinds:
+        if unit in kind and own in kind:
+            return value * kind[unit] / kind[own]
+    raise InputError("unit does not fit", where=where, got=unit,
+                     expected=f"one of the kind of {own}, the unit of {quantity}" if own
+                     else "a number alone")  # fmt: skip
