@@ -172,13 +172,14 @@ def _compensate(
     as_json: bool,
 ) -> None:
     from cartstiff.loading.csv_file import read_rows
+    from cartstiff.mechanisms.other_units import shown_factors
     from cartstiff.report.figures_statics import draw_error_along_path
     from cartstiff.report.output import write_files
     from cartstiff.report.statics import describe_path
     from cartstiff.statics.toolpath import compensate
 
     n = len(elastic.names)
-    rows = read_rows(path, "postures", units=elastic.units)
+    rows = read_rows(path, "postures", units=elastic.units, factors=shown_factors(elastic))
     _, table, unused = rows.arranged(elastic.names, (*elastic.names, *WRENCH))
     say_unused(path, unused)
     postures, wrenches = table[:, :n], [wrench] * len(table)

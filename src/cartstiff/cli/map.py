@@ -237,7 +237,8 @@ def command(
     if deflect_at is not None:
         asked["deflect_at"] = deflect_at
     elastic, q = request.load()
-    sampling = sampling_from_options(elastic, q, **where)
+    sampling = sampling_from_options(elastic, q, request=request, **where)
+    cuts = request.radians(cuts, elastic)
     check_cuts(cuts, sampling)
     if picture is not None:
         _check_picture(kind, by, sampling, cuts, elastic)

@@ -18,6 +18,7 @@ from cartstiff.cli.types import (
     Arguments,
     JointValues,
     Numbers,
+    UnitList,
     Values,
     option,
     option_group,
@@ -85,6 +86,30 @@ class MechanismRequest:
     payload: list[float] | None = None
     xacro_args: dict[str, str] | None = None
     package_path: tuple[Path, ...] = ()
+    units: dict[str, str] | None = None
+
+    @property
+    def degree(self) -> float:
+        """Radians of the angles that options are in."""
+        return math.pi / 180.0 if (self.units or {}).get("angle") == "deg" else 1.0
+
+    def radians(self, values: Any, elastic: Any) -> Any:
+        """Numbers for coordinates, a list or by name, with angles in radians."""
+        if self.degree == 1.0 or values is None:
+            return values
+        sizes = {c.name: 1.0 if c.is_length else self.degree
+                 for c in elastic.mechanism.coordinates}  # fmt: skip
+        if isinstance(values, dict):
+            return {name: _scaled(value, sizes.get(name, 1.0)) for name, value in values.items()}
+        if isinstance(values, float):
+            values = [values] * len(sizes)
+        return [value * size for value, size in zip(values, sizes.values(), strict=True)]
+
+    def turned(self, numbers: list[float] | None) -> list[float] | None:
+        """Position and roll, pitch, yaw, these in radians."""
+        if numbers is None:
+            return None
+        return [*numbers[:3], *(x * self.degree for x in numbers[3:])]
 
     @property
     def balanced_wrench(self) -> list[float] | None:
@@ -107,6 +132,7 @@ class MechanismRequest:
             if are_lines:
                 _check_range(self.rest, "zero or more")
             rest = self.rest.of(names)
+            rest = rest if are_lines else self.radians(rest, elastic)
         return elastic.with_springs(stiffness, rest), q
 
     def at_posture(self) -> Any:
@@ -133,10 +159,27 @@ class MechanismRequest:
             ) from None
         if frame is not None and not 0 < len(one_line(frame, 4000)) < 4000:
             raise InputError("unknown frame", where="--frame", expected="a name", got=repr(frame))
-        return load(
-            self.mechanism, frame=frame, tcp=self.tcp, gravity=self.gravity, payload=self.payload,
-            xacro_args=self.xacro_args, package_path=self.package_path,
-        )  # fmt: skip
+        tool: dict[str, Any] = {"tcp": self.turned(self.tcp), "payload": self.payload}
+        given: dict[str, Any] = {
+            "frame": frame, "gravity": self.gravity, "xacro_args": self.xacro_args,
+            "package_path": self.package_path,
+        }  # fmt: skip
+        if self.units is None:
+            return load(self.mechanism, **tool, **given)
+        from cartstiff.mechanisms.contract import Units, convert_length
+        from cartstiff.mechanisms.other_units import in_units
+
+        bare = load(self.mechanism, **given)
+        length = self.units.get("length", bare.units.length)
+        factor, _ = convert_length(Units(length), bare.units)
+        for name, first in (("tcp", 0), ("payload", 1)):  # in the file's units, of which it is
+            if (numbers := tool[name]) is not None:
+                own = slice(first, first + 3)
+                tool[name] = [*numbers[:first], *(x * factor for x in numbers[own]),
+                              *numbers[first + 3 :]]  # fmt: skip
+        if any(numbers is not None for numbers in tool.values()):
+            bare = load(self.mechanism, **tool, **given)
+        return in_units(bare, length, self.units.get("angle", "rad"))
 
     def _coordinates(self, elastic: Any) -> Any:
         """Coordinates from --q, --pose or --lengths; None without any."""
@@ -159,8 +202,15 @@ class MechanismRequest:
                                  expected=f"{len(elastic.spring_names)} numbers")  # fmt: skip
             return mechanism.forward_kinematics(self.lengths, elastic.q)
         if self.pose is not None:
-            return self.pose
-        return None if self.q is None else self.q.of(elastic.names)
+            return self.turned(self.pose)
+        return None if self.q is None else self.radians(self.q.of(elastic.names), elastic)
+
+
+def _scaled(value: Any, size: float) -> Any:
+    """A number, or the first two of several (low, high, count), times a size."""
+    if isinstance(value, tuple):
+        return (*(x * size for x in value[:2]), *value[2:])
+    return value * size
 
 
 def _check_range(values: Values, expected: str, finite: bool = False) -> None:
@@ -187,6 +237,11 @@ robot_options = option_group(
     option("--payload", type=PAYLOAD,
            help="A mass (kg, whatever the units) on the body and its centre in M, under the "
            "gravity of the file or option, else 9.81 m/s^2 along -z."),
+    option("--units", type=UnitList("UNITS"),
+           help="Units of numbers given and shown, such as mm,deg. A length (m, cm, mm, um, in): "
+           "then moments are in N mm, and stiffnesses in N mm/rad and N/mm; a CSV file may name "
+           "others in its head. deg: of joints, of roll, pitch, yaw, and in tables of postures. "
+           "JSON names its unit of length and has radians."),
     repeated_option("--xacro-arg", "xacro_args", type=Arguments("NAME:=VALUE"),
            help="Argument of a xacro file; repeat it for several."),
     click.option("--package-path", type=click.Path(path_type=Path), metavar="FOLDER",

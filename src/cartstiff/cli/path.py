@@ -182,6 +182,8 @@ def command(
                          expected="--loaded as well")  # fmt: skip
     free = "rotation" if free_rotation else free_axis or "none"
     region = _region(place)
+    if "yaw" in region:
+        region["yaw"] = region["yaw"] * request.degree
     elastic = request.at_posture()
 
     from cartstiff.cli.requests.path_file import read_path_file
@@ -192,21 +194,26 @@ def command(
     from cartstiff.toolpaths.placement import best_placement
 
     path = read_path_file(
-        path_file, free=free, wrench=request.wrench, direction=direction, axes=axes
+        path_file,
+        free=free,
+        wrench=request.wrench,
+        direction=direction,
+        axes=axes,
+        units=elastic.units,
     )
     options |= {"free": free, "loaded": loaded, "load_kind": applied.load_kind,
                 "load_at": applied.keywords["load_at"]}  # fmt: skip
     if max_step is not None:
-        options["max_step"] = max_step.of(elastic.names, broadcast=True)
+        options["max_step"] = request.radians(max_step.of(elastic.names, broadcast=True), elastic)
     if singular is not None:
         options["singular"] = singular
     for name, (low, high) in ranges.items():
         if not low <= high:
             raise InputError("values must rise", where=f"--range {name}",
                              expected="LOW at most HIGH", got=f"{low:g}:{high:g}")  # fmt: skip
-    options["ranges"] = ranges
+    options["ranges"] = request.radians(ranges, elastic)
     if near is not None:
-        options["near"] = near.of(elastic.names)
+        options["near"] = request.radians(near.of(elastic.names), elastic)
     if excluded:
         from cartstiff.loading.collisions import Collisions
 

@@ -42,10 +42,11 @@ def command(
     elastic = request.at_posture()
 
     from cartstiff.loading.csv_file import read_rows
+    from cartstiff.mechanisms.other_units import shown_factors
     from cartstiff.report.output import write_whole
     from cartstiff.report.robot_table import robot_table
 
-    rows = read_rows(table, "postures", units=elastic.units)
+    rows = read_rows(table, "postures", units=elastic.units, factors=shown_factors(elastic))
     commands = tuple(f"command_{name}" for name in elastic.names)
     commanded = rows.names is not None and set(commands) <= set(rows.names)
     _, q, unused = rows.arranged(commands if commanded else elastic.names)

@@ -29,6 +29,7 @@ __all__ = [
     "Numbers",
     "OutputFile",
     "Pairs",
+    "UnitList",
     "Values",
     "json_option",
     "option",
@@ -109,6 +110,23 @@ class Arguments(OptionType):
         if not equals or not name.strip():
             raise InputError("cannot be used", where=where, expected=self.name, got=repr(text))
         return {name.strip(): value}
+
+
+class UnitList(OptionType):
+    """Units of lengths and angles, such as ``mm,deg``, by their kind."""
+
+    def parsed(self, text: str, where: str) -> dict[str, str]:
+        """Units of "length" and "angle", as far as they are given."""
+        lengths = ("m", "dm", "cm", "mm", "um", "in", "ft")  # as `contract.LENGTHS`, without NumPy
+        kinds = {**dict.fromkeys(lengths, "length"), **dict.fromkeys(("rad", "deg"), "angle")}
+        found: dict[str, str] = {}
+        for unit in (part.strip() for part in text.split(",")):
+            if unit not in kinds:
+                raise UnknownNameError("unit", unit, kinds, where=where)
+            if kinds[unit] in found:
+                raise InputError(f"two units of {kinds[unit]}", where=where, got=text)
+            found[kinds[unit]] = unit
+        return found
 
 
 PAYLOAD = Numbers("MASS[,X,Y,Z]", 1, 4)

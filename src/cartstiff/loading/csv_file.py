@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -30,11 +31,14 @@ class Rows(NamedTuple):
         The columns', where the file begins with a line of words.
     place : str
         File and line of the names, or else of the first row.
+    factors : mapping of str to float
+        Of columns without names of their own, by the names that a layout gives them.
     """
 
     values: Array
     names: tuple[str, ...] | None
     place: str
+    factors: Mapping[str, float] = MappingProxyType({})
 
     def arranged(self, *layouts: tuple[str, ...]) -> tuple[tuple[str, ...], Array, tuple[str, ...]]:
         """The layout that fits, the columns in its order, and the names of what is not needed.
@@ -51,7 +55,7 @@ class Rows(NamedTuple):
         wanted = {name for layout in layouts for name in layout}
         for layout in sorted(layouts, key=len, reverse=True):
             if self.names is None and len(layout) == width:
-                return layout, self.values, ()
+                return layout, self.values * [self.factors.get(n, 1.0) for n in layout], ()
             if self.names is not None and set(layout) <= set(self.names):
                 more = tuple(name for name in self.names if name not in layout)
                 if not any(n in wanted or get_close_matches(n, wanted - {*layout}) for n in more):
@@ -157,7 +161,10 @@ def _names(line: str, place: str, separator: str = ",") -> tuple[str, ...] | Non
     return cells
 
 
-def read_rows(path: Path, what: str, largest: int = LARGEST, units: Units = SI) -> Rows:
+def read_rows(
+    path: Path, what: str, largest: int = LARGEST, units: Units = SI,
+    factors: Mapping[str, float] = MappingProxyType({}),
+) -> Rows:  # fmt: skip
     """Rows of numbers from a file.
 
     Words in the first line are the names of the columns, with units in square brackets where they
@@ -175,6 +182,8 @@ def read_rows(path: Path, what: str, largest: int = LARGEST, units: Units = SI) 
         Bytes that are read at most.
     units : Units
         What lengths and forces come in.
+    factors : mapping of str to float
+        By name, of columns whose head has no unit: pi/180 for angles that are in degrees.
 
     Raises
     ------
@@ -183,21 +192,22 @@ def read_rows(path: Path, what: str, largest: int = LARGEST, units: Units = SI) 
     """
     where = one_line(str(path))
     names: tuple[str, ...] | None = None
-    begin, rows, factors, separator = where, list[list[float]](), list[float](), ","
+    begin, rows, sizes, separator = where, list[list[float]](), list[float](), ","
     for place, line in _lines(path, largest):
         if names is None and not rows:
             separator = _separator(line)
             begin, names = place, _names(line, place, separator)
             if names is not None:
                 both = [_named_unit(cell, units, place) for cell in names]
-                names, factors = tuple(n for n, _ in both), [factor for _, factor in both]
+                names = tuple(n for n, _ in both)
+                sizes = [factors.get(n, 1.0) if f is None else f for n, f in both]
                 _refuse_twice(names, place)
                 continue
         width = len(names) if names else len(rows[0]) if rows else None
         rows.append(_numbers(line, separator, place, width))
     if not rows:
         raise InputError(f"no {what}", where=where, expected="one a line, comma-separated")
-    return Rows(np.array(rows) * (factors or 1.0), names, begin)
+    return Rows(np.array(rows) * (sizes or 1.0), names, begin, factors)
 
 
 def _numbers(line: str, separator: str, place: str, width: int | None) -> list[float]:
@@ -217,11 +227,14 @@ _PLAIN = {"": 1.0, "1": 1.0, "-": 1.0, "rad": 1.0, "mrad": 1e-3, "deg": np.pi / 
           "\N{DEGREE SIGN}": np.pi / 180, "s": 1.0, "ms": 1e-3}  # fmt: skip
 
 
-def _named_unit(cell: str, units: Units, place: str) -> tuple[str, float]:
-    """Name of a column, and the factor that takes its numbers to radians, seconds and `units`."""
+def _named_unit(cell: str, units: Units, place: str) -> tuple[str, float | None]:
+    """Name of a column, and the factor that takes its numbers to radians, seconds and `units`.
+
+    None where the cell names no unit.
+    """
     found = re.fullmatch(r"(.*?)\s*\[([^\]]*)\]", cell)
     if found is None:
-        return cell, 1.0
+        return cell, None
     name, unit = found[1], " ".join(found[2].split())
     if unit in _PLAIN:
         return name, float(_PLAIN[unit])

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,6 +20,7 @@ from cartstiff.errors import CartstiffError, one_line
 from cartstiff.loading.robot_description import parse_text, parse_xml, quiet
 from cartstiff.loading.ros_worker import package_folder
 from cartstiff.mechanisms.chain import Chain, Description
+from cartstiff.mechanisms.contract import SI, convert_length
 from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Piece, Shape, Sphere
 from cartstiff.mechanisms.tree import Placement
 
@@ -41,7 +42,7 @@ class Visual:
     at : Placement
         Joint of the plain tree that carries it, and its pose there.
     shape : MeshFile, Box, Cylinder, Capsule or Sphere
-        In the length unit of the file.
+        In the length unit of the chain.
     colour : tuple of 4 floats, or None
         Red, green, blue, opacity in [0, 1]; None where the file leaves it to the mesh.
     """
@@ -71,6 +72,7 @@ def visuals(chain: Chain, kind: Kind = "visual") -> tuple[list[Visual], list[str
     """
     found: list[Visual] = []
     missing: list[str] = []
+    metre, _ = convert_length(SI, chain.units)
     for description in chain.descriptions:
         try:
             pieces, words = _pieces(description, kind)
@@ -81,10 +83,27 @@ def visuals(chain: Chain, kind: Kind = "visual") -> tuple[list[Visual], list[str
         for piece in pieces:
             at = chain.tree.frames.get(description.prefix + piece.link)
             if at is not None:
-                placement = Placement(at.joint, at.T_j_f @ piece.T_l_v)
+                T_l_v = np.array(piece.T_l_v)
+                T_l_v[:3, 3] *= metre
+                placement = Placement(at.joint, at.T_j_f @ T_l_v)
                 link = description.prefix + piece.link
-                found.append(Visual(link, placement, piece.shape, piece.colour))
+                shape = piece.shape if metre == 1.0 else _stretched(piece.shape, metre)
+                found.append(Visual(link, placement, shape, piece.colour))
     return found, missing
+
+
+def _stretched(shape: Shape, a: float) -> Shape:
+    """A shape of another size, alike in all directions."""
+    if isinstance(shape, MeshFile):
+        x, y, z = shape.scale
+        return MeshFile(shape.path, (a * x, a * y, a * z))
+    if isinstance(shape, Box):
+        x, y, z = shape.sides
+        return Box((a * x, a * y, a * z))
+    if isinstance(shape, Sphere):
+        x, y, z = shape.radii
+        return Sphere((a * x, a * y, a * z))
+    return replace(shape, radius=a * shape.radius, length=a * shape.length)
 
 
 def _pieces(description: Description, kind: Kind) -> tuple[Sequence[Piece], list[str]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -42,6 +42,8 @@ class Units:
 
     length: str = "m"
     force: str = "N"
+    #: What tables for people show angles in ("rad" or "deg"); no number is kept in it.
+    shown_angle: str = field(default="rad", compare=False)
 
     @classmethod
     def from_dict(cls, units: Mapping[str, str]) -> Units:

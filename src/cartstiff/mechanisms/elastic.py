@@ -173,9 +173,11 @@ class ElasticMechanism(ShownInLines):
 
     @property
     def names_with_units(self) -> list[str]:
-        """Names of the coordinates as heads of a table: "elbow [rad]"."""
+        """Names of the coordinates as heads of a table: "elbow [rad]", or as shown to people."""
+        units = self.units
         return [
-            f"{c.name} [{self.units.coordinate(c.is_length)}]" for c in self.mechanism.coordinates
+            f"{c.name} [{units.length if c.is_length else units.shown_angle}]"
+            for c in self.mechanism.coordinates
         ]
 
     def with_springs(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cartstiff.errors import joined
+from cartstiff.mechanisms.other_units import shown
 from cartstiff.report.layout import number, table
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ def describe_optimised_path(result: OptimisedPath) -> str:
     if result.half_widths is not None:
         heads.append("half width")
     body = []
-    for i, q in enumerate(result.q[:_MOST]):
+    for i, q in enumerate(shown(result.elastic, result.q[:_MOST])):
         row = [str(i + 1), *(f"{v:.5f}" for v in q)]
         if result.angles is not None:
             row.append(f"{np.degrees(result.angles[i]):.2f}")
@@ -71,8 +72,9 @@ def describe_optimised_path(result: OptimisedPath) -> str:
     if len(result.q) > _MOST:
         lines.append(f"  ... and {len(result.q) - _MOST} more points (--csv writes all)")
     lengths = [c.name for c in result.elastic.mechanism.coordinates if c.is_length]
-    shown = f"rad; {units.length} for {', '.join(lengths)}" if lengths else "rad"
-    return joined([*lines, f"  coordinates in {shown}"])
+    angle = units.shown_angle
+    told = f"{angle}; {units.length} for {', '.join(lengths)}" if lengths else angle
+    return joined([*lines, f"  coordinates in {told}"])
 
 
 def _free(result: OptimisedPath) -> str:

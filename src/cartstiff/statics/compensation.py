@@ -11,6 +11,7 @@ import numpy as np
 from cartstiff.errors import printable
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.other_units import shown
 from cartstiff.mechanisms.weighed import Weighed
 from cartstiff.statics.held import COMPONENTS
 from cartstiff.stiffness.compute import SCHEMA
@@ -102,13 +103,17 @@ class CompensatedPath:
 
     def as_csv(self) -> str:
         """Commands, errors and the postures that are wanted, one line a point."""
+        elastic, commands = self.elastic, self.commands
+        heads = [f"{name} [{elastic.units.length}]" for name in elastic.spring_names]
+        if elastic.spring_names == elastic.names:
+            heads, commands = elastic.names_with_units, shown(elastic, commands)
         header = ",".join(
-            [f"command_{name}" for name in self.elastic.spring_names]
+            [f"command_{name}" for name in heads]
             + [f"before_{c}" for c in COMPONENTS]
             + [f"after_{c}" for c in COMPONENTS]
             + self.elastic.names_with_units
         )
-        table = np.column_stack([self.commands, self.before, self.after, self.q])
+        table = np.column_stack([commands, self.before, self.after, shown(self.elastic, self.q)])
         buffer = io.StringIO()
         np.savetxt(buffer, table, delimiter=",", fmt="%.17g", header=header, comments="")
         return printable(buffer.getvalue())

@@ -14,6 +14,7 @@ from cartstiff.maps.intervals import half_width_name
 from cartstiff.loading.collisions import NOT_CHECKED
 from cartstiff.maps.quantities import Quantity
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.other_units import shown
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 from cartstiff.stiffness.compute import SCHEMA
 from cartstiff.stiffness.labelled import AXES
@@ -230,7 +231,7 @@ class OptimisedPath:
 
         `cartstiff equilibrium --path`, `view --trajectory`, `map --trajectory` and `poses` read it.
         """
-        units, columns = self.elastic.units, [self.q]
+        units, columns = self.elastic.units, [shown(self.elastic, self.q)]
         names = self.elastic.names_with_units
         if (W := self.wrenches) is not None:
             columns.append(W)

@@ -14,6 +14,7 @@ from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.parsing import parse_numbers
 
 if TYPE_CHECKING:
+    from cartstiff.cli.options import MechanismRequest
     from cartstiff.maps.sampling import Axis, Sampling
 
 __all__ = ["check_cuts", "level_of", "sampling_from_options", "sampling_options"]
@@ -98,6 +99,7 @@ def sampling_from_options(
     trajectory: Path | None,
     seed: int,
     orientation: str,
+    request: MechanismRequest,
     **search: Any,
 ) -> Sampling:
     """The sampling that the options ask for; q is the base posture or None."""
@@ -116,6 +118,7 @@ def sampling_from_options(
     base = elastic.q
     if q is not None:
         base = np.asarray(named_values(q, elastic.names, elastic.q, "--q"), float)
+    grid, ranges = request.radians(dict(grid), elastic), request.radians(dict(ranges), elastic)
     if trajectory is not None:
         return Trajectory.from_table(_table(trajectory, elastic), elastic, base)
     option = "--grid" if grid else "--range" if random else "--cartesian"
@@ -129,7 +132,7 @@ def sampling_from_options(
         if orientation != "keep":
             from cartstiff.geometry import se3
 
-            angles = parse_numbers(orientation, "--orientation", 3)
+            angles = [x * request.degree for x in parse_numbers(orientation, "--orientation", 3)]
             turn = se3.from_roll_pitch_yaw(angles=angles)[:3, :3]
         return CartesianGrid(_axes(cartesian, option), elastic, base, turn, seed=seed, **search)
     except InputError as error:
@@ -139,8 +142,9 @@ def sampling_from_options(
 def _table(path: Path, elastic: Any) -> dict[str, Any]:
     """Columns of a CSV file by the names in its first line."""
     from cartstiff.loading.csv_file import read_rows
+    from cartstiff.mechanisms.other_units import shown_factors
 
-    rows = read_rows(path, "postures", _LARGEST_FILE, elastic.units)
+    rows = read_rows(path, "postures", _LARGEST_FILE, elastic.units, shown_factors(elastic))
     if rows.names is None:
         raise InputError("columns have no names", where=rows.place,
                          expected="a line of names, then one posture a line")  # fmt: skip

@@ -66,7 +66,8 @@ def read_path_file(
     from cartstiff.toolpaths.tool_path import ToolPath
 
     where = one_line(str(file))
-    rows = read_rows(file, "points", units=units or SI)
+    degree = np.pi / 180.0 if units is not None and units.shown_angle == "deg" else 1.0
+    rows = read_rows(file, "points", units=units or SI, factors=dict.fromkeys(_ANGLES, degree))
     if rows.names is None:
         names, values, _ = rows.arranged((*_POSITION, *_ANGLES), (*_POSITION, *_ANGLES, *WRENCH))
     else:

@@ -1,0 +1,126 @@
+"""``--units``: what is given and shown in millimetres and degrees is the same as in SI."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from cartstiff.cli.main import main
+
+SI = ("--tcp", "0,0,0.1,0,0,0.5", "--payload", "2,0,0,0.05", "--q", "0.2,-1,1.2,0.3,1,0.1")
+OTHER = ("--units", "mm,deg", "--tcp", f"0,0,100,0,0,{np.degrees(0.5)}",
+         "--payload", "2,0,0,50", "--q", ",".join(str(x) for x in np.degrees(
+             [0.2, -1, 1.2, 0.3, 1, 0.1])))  # fmt: skip
+
+
+@pytest.fixture
+def run(capfd):
+    def check(*arguments, code=0):
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as exit_:
+            main([str(a) for a in arguments])
+        out, error = capfd.readouterr()
+        assert exit_.value.code == code, error
+        return error if code else out
+
+    return check
+
+
+def test_analyse(run):
+    si = json.loads(run("analyse", "ur5", *SI, "--load", "1,2,3,10,20,30", "--json"))
+    mm = json.loads(run("analyse", "ur5", *OTHER, "--load", "1000,2000,3000,10,20,30", "--json"))
+    assert mm["units"] == {"length": "mm", "force": "N", "angle": "rad"}
+    np.testing.assert_allclose(mm["q"], si["q"], rtol=1e-14)
+    pose = np.array(si["pose"])
+    pose[:3, 3] *= 1e3
+    np.testing.assert_allclose(mm["pose"], pose, rtol=1e-9, atol=1e-12)
+    s = np.repeat([1e3, 1.0], 3)
+    K = np.array(si["stiffness"]["K"]) * s[:, None] * s / 1e3
+    np.testing.assert_allclose(mm["stiffness"]["K"], K, rtol=1e-6, atol=1e-9 * np.abs(K).max())
+    text = run("analyse", "ur5", *OTHER)
+    assert "lengths in mm" in text
+    assert "N mm/rad" in text
+
+
+def test_path_and_what_reads_it(run, tmp_path):
+    """Written in mm and degrees, read by the next commands with and without --units."""
+    si, mm = tmp_path / "si.csv", tmp_path / "mm.csv"
+    si.write_text("x,y,z,roll,pitch,yaw\n0.4,0.1,0.4,3,0,0.3\n0.4,0.15,0.4,3,0,0.3\n")
+    degrees = [str(np.degrees(x)) for x in (3, 0, 0.3)]
+    mm.write_text(
+        "x,y,z,roll,pitch,yaw\n" + "".join(f"400,{y},400,{','.join(degrees)}\n" for y in (100, 150))
+    )
+    load = ("--load", "0,0,0,0,0,-50")
+    postures = {}
+    for name, file, units in (("a", si, ()), ("b", mm, ("--units", "mm,deg"))):
+        out = tmp_path / f"{name}.csv"
+        data = json.loads(run("path", "ur5", file, *load, *units, "--csv", out, "--json"))
+        postures[name] = np.array(data["q"])
+        with out.open() as handle:
+            rows = list(csv.reader(handle))
+        assert rows[0][0] == f"shoulder_pan_joint [{'deg' if units else 'rad'}]"
+        if units:
+            shown = np.array([row[:6] for row in rows[1:]], float)
+            np.testing.assert_allclose(np.radians(shown), postures[name], rtol=1e-12)
+    np.testing.assert_allclose(postures["a"], postures["b"], rtol=1e-6, atol=1e-8)
+    tables = [
+        run("poses", "ur5", tmp_path / "b.csv", "--for", "kuka", *units)
+        for units in ((), ("--units", "mm,deg"), ("--units", "in"))
+    ]
+    numbers = [np.array([r.split(",") for r in t.split("\n")[1:] if r], float) for t in tables]
+    np.testing.assert_allclose(numbers[1], numbers[0], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(numbers[2], numbers[0], rtol=1e-9, atol=1e-9)
+    text = run("path", "ur5", mm, *load, "--units", "mm,deg")
+    assert "coordinates in deg" in text
+    assert "[mm]" in text
+    moved = tmp_path / "commands.csv"
+    run("equilibrium", "ur5", *load, "--path", tmp_path / "b.csv", "--csv", moved, code=2)
+    run("equilibrium", "ur5", "--path", tmp_path / "b.csv", "--csv", moved, "--units", "deg")
+    head = moved.read_text(encoding="utf-8").split("\n")[0]
+    assert head.startswith("command_shoulder_pan_joint [deg]")
+    assert "kuka" not in run("poses", "ur5", moved, "--for", "kuka")
+
+
+def test_columns_without_units_are_in_those_of_the_option(run, tmp_path):
+    table = tmp_path / "q.csv"
+    table.write_text("10,-60,70,20,60,5\n")
+    named = tmp_path / "named.csv"
+    named.write_text(
+        "shoulder_pan_joint [deg],shoulder_lift_joint [deg],elbow_joint [deg],"
+        "wrist_1_joint [deg],wrist_2_joint [deg],wrist_3_joint [deg]\n10,-60,70,20,60,5\n"
+    )
+    a = run("poses", "ur5", table, "--for", "ur", "--units", "deg")
+    assert a == run("poses", "ur5", named, "--for", "ur")
+    assert a == run("poses", "ur5", named, "--for", "ur", "--units", "deg")
+
+
+@pytest.mark.parametrize(
+    ("units", "expected"),
+    [("furlong", "unknown unit"), ("mm,cm", "two units of length"), ("deg,rad", "two units of"),
+     ("", "unknown unit"), ("N", "unknown unit"), ("mm;deg", "unknown unit")],
+)  # fmt: skip
+def test_other_units_are_refused(run, units, expected):
+    error = run("analyse", "five-bar", "--units", units, code=2)
+    assert expected in error
+    assert "--units" in error
+    assert error.count("\n") == 1
+
+
+def test_a_mechanism_in_centimetres(run):
+    """tcp is in the units that were asked for, whatever the file's are."""
+    a = json.loads(run("analyse", "stewart-gough", "--tcp", "1,2,3", "--json"))
+    b = json.loads(run("analyse", "stewart-gough", "--tcp", "10,20,30", "--units", "mm", "--json"))
+    assert (a["units"]["length"], b["units"]["length"]) == ("cm", "mm")
+    np.testing.assert_allclose(np.array(b["pose"])[:3, 3], 10 * np.array(a["pose"])[:3, 3],
+                               atol=1e-9)  # fmt: skip
+
+
+def test_help_of_every_command_names_it(run):
+    from cartstiff.cli.main import _COMMANDS
+
+    for name in _COMMANDS:
+        if name not in ("models", "compare"):
+            assert "--units" in run(name, "--help"), name
