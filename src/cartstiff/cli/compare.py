@@ -39,7 +39,7 @@ def command(
     FIRST and SECOND are maps of `cartstiff map`, over the same axes. At a place with several
     branches each map's best one counts.
     """
-    from cartstiff.maps.compare import compare_maps, compared
+    from cartstiff.maps.across.compare import compare_maps, compared
     from cartstiff.maps.opening import open_map
     from cartstiff.maps.reading import quantities_of, slice_map
 

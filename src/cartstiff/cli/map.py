@@ -282,7 +282,7 @@ def command(
     whole = slice_map(open_map(output), **cuts) if cuts else open_map(output)
     dataset = whole
     if single_branch:
-        from cartstiff.maps.configurations import single_branch as one_branch
+        from cartstiff.maps.across.configurations import single_branch as one_branch
 
         dataset = one_branch(whole, quantities[0], level, above is None)
     answer = _answer(dataset, file, output, computed, seconds)
@@ -297,7 +297,7 @@ def command(
 
         found: dict[str, Any] = share_within(dataset, quantities[0], level, below is not None)
         if "branch" in whole.dims and not single_branch:
-            from cartstiff.maps.configurations import single_branch as one_branch
+            from cartstiff.maps.across.configurations import single_branch as one_branch
 
             alone = one_branch(whole, quantities[0], level, below is not None)
             single_found = share_within(alone, quantities[0], level, below is not None)

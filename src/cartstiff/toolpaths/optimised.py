@@ -10,8 +10,8 @@ import numpy as np
 
 from cartstiff.errors import printable
 from cartstiff.geometry.se3 import Array
-from cartstiff.maps.intervals import half_width_name
 from cartstiff.loading.collisions import NOT_CHECKED
+from cartstiff.maps.intervals import half_width_name
 from cartstiff.maps.quantities import Quantity
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.other_units import shown
