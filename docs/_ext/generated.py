@@ -152,6 +152,10 @@ def _form(schema: dict[str, Any]) -> str:
     """What a value looks like, in one word or two."""
     if "const" in schema:
         return f"``{json.dumps(schema['const'])}``"
+    if "anyOf" in schema:
+        return " or ".join(dict.fromkeys(map(_form, schema["anyOf"])))
+    if "enum" in schema:
+        return " or ".join(f"``{json.dumps(value)}``" for value in schema["enum"])
     kinds = schema.get("type", "any")
     names = {"array": "list", "null": "``null``", "boolean": "true or false", "string": "text"}
     names |= {"integer": "number"}
@@ -164,9 +168,14 @@ class JsonOutput(_Text):
     def rows(self, properties: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, str, str]]:
         """Key, form and meaning."""
         for key, schema in properties.items():
-            yield f"{prefix}{key}", _form(schema), schema.get("description", "")
-            inner = schema.get("properties") or schema.get("items", {}).get("properties") or {}
-            yield from self.rows(inner, f"{prefix}{key}.")
+            unit = schema.get("unit", "").replace("{", "").replace("}", "")
+            meaning = schema.get("description", "") + (f" [{unit}]" if unit else "")
+            yield f"{prefix}{key}", _form(schema), meaning
+            if key == "analysis":  # it has a table of its own
+                continue
+            for kind in (schema, *schema.get("anyOf", ())):
+                inner = kind.get("properties") or kind.get("items", {}).get("properties") or {}
+                yield from self.rows(inner, f"{prefix}{key}.")
 
     def text(self) -> Iterator[str]:
         """The lines, in reStructuredText."""

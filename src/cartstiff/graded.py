@@ -22,7 +22,7 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.numerics import Array
 
-__all__ = ["eigenpairs", "eigenvalues", "error_of", "extremes", "held", "root_of_compliance"]
+__all__ = ["eigenpairs", "eigenvalues", "extremes", "held", "root_of_compliance"]
 
 # Of LAPACK's DGEJSV: rows and columns may both be graded; nothing is cut off as rounding.
 _GRADED, _VECTORS, _NO_VECTORS, _WHOLE_RANGE, _NOTHING_SMALL = 2, 0, 3, 0, 0
@@ -100,14 +100,6 @@ def held(root: Array, keep: slice) -> Array:
     turned, _, _ = dormqr("L", "T", factors, tau, np.asfortranarray(rows[:, keep]), 64 * m)
     left: Array = turned[m:].T
     return left
-
-
-def error_of(root: Array) -> float:
-    """Relative error to be expected in `eigenvalues` and `held`."""
-    sizes = np.sqrt((root * root).sum(axis=0))
-    values = np.linalg.svd(root / np.where(sizes > 0.0, sizes, 1.0), compute_uv=False)
-    smallest = float(values[-1])
-    return numerics.EPSILON * float(values[0]) / smallest if smallest > 0.0 else np.inf
 
 
 def _singular(root: Array, vectors: bool) -> tuple[Array, Array]:

@@ -6,9 +6,15 @@ import copy
 import json
 import re
 
+import numpy as np
 import pytest
 
 import cartstiff
+from cartstiff.analysis.plain import numbers, unit_of
+from cartstiff.analysis.posture import analyse_posture
+from cartstiff.analysis.sections import Analysis
+from cartstiff.analysis.summary import summarise
+from cartstiff.analysis.tolerances import Tolerances
 from cartstiff.loading.catalogue import bundled_files, example_robots
 from cartstiff.potentials.loads import DeadForce, FollowerWrench
 from cartstiff.report.json_schema import json_schema
@@ -27,7 +33,45 @@ def _valid(data: dict[str, object], command: str) -> None:
 def test_output_of_analyse_has_the_form(name):
     if name in ROBOTS and not example_robots():
         pytest.skip("example-robot-data is not installed")
-    _valid(cartstiff.analyse(cartstiff.load(name)).as_dict(), "analyse")
+    result = cartstiff.analyse(cartstiff.load(name))
+    analysis = analyse_posture(result, direction=[1.0, 2.0, 2.0], wrench=[0, 0, 0, 0, 0, 5.0])
+    assert Analysis.model_validate(analysis).connection == analysis["connection"]
+    _valid(result.as_dict() | {"analysis": analysis}, "analyse")
+
+
+def test_the_form_of_an_analysis_refuses_what_is_wrong():
+    arm = cartstiff.load("cubic")
+    result = cartstiff.analyse(arm, wrench=[0, 0, 0, 0, 0, -5.0])
+    found = analyse_posture(result, target=result.B.matrix, tolerances=Tolerances(0.05))
+    _valid(found, "analysis")
+    for change in ({"frame": [0.0]}, {"more": 1}, {"centres": {"stiffness": [0.0, 0.0]}}):
+        with pytest.raises(jsonschema.ValidationError):
+            _valid(found | change, "analysis")
+
+
+def test_units_of_an_analysis_follow_from_its_form():
+    """In a unit of length that is a times longer, numbers are smaller by the powers of a."""
+    K = np.diag([3.0, 2.0, 4.0, 50.0, 60.0, 70.0])
+    K[0, 4] = K[4, 0] = 2.0
+    a = 10.0
+    S = np.diag([1.0, 1.0, 1.0, a, a, a])
+    here = numbers(summarise({"B": K}, np.zeros(6), 0.2))
+    del here["indices.best_length"]  # the condition number is as small over a range of lengths
+    there = numbers(summarise({"B": S @ K @ S / a}, np.zeros(6), 0.2 / a))
+    powers = {"1": 0, "{length}": 1, "{force}": 0, "{force}/{length}": -1, "{force}/rad": 0,
+              "{force} {length}/rad": 1, "{length}/rad": 1, "{force}^6/rad^3": 0,
+              "{length}/{force}": 1, "rad/({force} {length})": -1, "rad/{force}": 0,
+              "{length}/({force} {length})": 0}  # fmt: skip
+    seen = set()
+    for name, values in here.items():
+        for place in np.ndindex(values.shape):
+            unit = unit_of(".".join([name, *map(str, place)]))
+            if unit == "mixed" or name.endswith(("axes", "direction")):
+                continue
+            seen.add(unit)
+            expected = values[place] / a ** powers[unit]
+            assert np.isclose(there[name][place], expected, rtol=1e-6, atol=1e-9), (name, unit)
+    assert len(seen) > 8
 
 
 @pytest.mark.parametrize(

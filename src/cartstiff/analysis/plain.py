@@ -1,17 +1,19 @@
-"""Results as plain values for JSON, the numbers among them, reasons of what does not exist."""
+"""Results as plain values for JSON, their form, units and numbers, reasons of what is missing."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
 
+from cartstiff.analysis.sections import BY_BLOCK, BY_SOFT_BLOCK, UNITS, Analysis
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["Notes", "numbers", "plain"]
+__all__ = ["Notes", "numbers", "plain", "schema", "unit_of", "varying"]
 
 
 def plain(value: object) -> Any:
@@ -52,70 +54,76 @@ class Notes:
             return None
 
 
-_SCALARS = (
-    "indices.condition_number",
-    "indices.isotropy",
-    "indices.minimum_stiffness",
-    "indices.determinant",
-    "indices.translational_condition",
-    "indices.rotational_condition",
-    "indices.best_length",
-    "indices.condition_at_best_length",
-    "indices.eigenvalues",
-    "length.value",
-    "stiffness",
-    "compliance",
-    "centres.stiffness",
-    "centres.compliance",
-    "centres.elasticity",
-    "centres.least_coupling",
-    "normal_form.coupling",
-    "decoupling_frame.coupling",
-    "decoupling_frame.coupling_before",
-    "modes.eigenvalues",
-    "modes.frequencies",
-    "synthesis.trace",
-    "asymmetry.size",
-    "deflection.twist",
-    "deflection.displacement",
-    "deflection.energy",
-    *(
-        f"ellipsoids.{quantity}.{freedom}.{others}.eigenvalues"
-        for quantity in ("stiffness", "compliance")
-        for freedom in ("translation", "rotation")
-        for others in ("held", "free")
-    ),
-)
-_OF_SCREWS = {
-    "eigenscrews.screws": (
-        "eigenvalue",
-        "pitch",
-        "rotational_stiffness",
-        "translational_stiffness",
-    ),
-    "wrench_compliant_axes": ("stiffness", "pitch"),
-    "twist_compliant_axes": ("stiffness", "pitch"),
-    "directions": ("along.held", "along.free", "about.held", "about.free"),
-    "connections.rows": ("change",),
-}
+@cache
+def schema() -> dict[str, Any]:
+    """JSON Schema of an analysis (draft 2020-12), without references."""
+    found = Analysis.model_json_schema()
+    definitions = found.pop("$defs")
+
+    def plain(node: Any) -> Any:
+        if isinstance(node, list):
+            return [plain(each) for each in node]
+        if not isinstance(node, dict):
+            return node
+        if "$ref" in node:
+            own = plain(definitions[node["$ref"].rpartition("/")[2]])
+            return own | {k: v for k, v in node.items() if k != "$ref"}
+        return {k: plain(v) for k, v in node.items() if k != "title" or not isinstance(v, str)}
+
+    answer: dict[str, Any] = plain(found)
+    return answer
 
 
-# Vectors whose sign means nothing, as (path, axis along which the components run).
-_AXES = (
-    ("indices.minimum_twist", 0),
-    ("modes.twists", 0),
-    *(
-        (f"ellipsoids.{quantity}.{freedom}.{others}.axes", 0)
-        for quantity in ("stiffness", "compliance")
-        for freedom in ("translation", "rotation")
-        for others in ("held", "free")
-    ),
-)
-_SCREWS = ("eigenscrews.screws", "wrench_compliant_axes", "twist_compliant_axes")
+def _inner(node: dict[str, Any]) -> dict[str, Any]:
+    """What stands there where it exists."""
+    kinds = [kind for kind in node.get("anyOf", [node]) if kind.get("type") != "null"]
+    return kinds[0] if len(kinds) == 1 else node
+
+
+@cache
+def varying() -> tuple[tuple[str, bool, bool], ...]:
+    """Paths of what has an uncertainty; whether it is axes, and whether it stands in rows."""
+
+    def walk(node: dict[str, Any], path: str, rows: bool) -> Iterator[tuple[str, bool, bool]]:
+        for key, value in _inner(node).get("properties", {}).items():
+            here, inside = f"{path}.{key}".lstrip("."), _inner(value)
+            if value.get("varies"):
+                yield here, value["varies"] == "axes", rows
+            elif "properties" in inside:
+                yield from walk(inside, here, rows)
+            elif "properties" in inside.get("items", {}):
+                yield from walk(inside["items"], here, True)
+
+    return tuple(walk(schema(), "", False))
+
+
+def unit_of(path: str) -> str:
+    """Unit of the number at a dotted path of an analysis, with {length} and {force}; "1" for none.
+
+    Entries of matrices have the unit of their block; what is not of one unit is "mixed".
+    """
+    node, unit, keys = schema(), "", path.split(".")
+    for i, key in enumerate(keys):
+        inside = _inner(node)
+        rows = inside.get("items", {})
+        if key.isdigit():
+            node = rows
+            continue
+        node = inside.get("properties", rows.get("properties", {})).get(key, {})
+        unit = node.get("unit") or unit
+        blocks = {BY_BLOCK: UNITS.blocks, BY_SOFT_BLOCK: UNITS.blocks_of_compliance}.get(unit)
+        if blocks is not None and len(keys) > i + 2:
+            return blocks["".join("rt"[int(k) >= 3] for k in keys[i + 1 : i + 3])]
+        if blocks is not None and key in blocks:
+            return blocks[key]
+    return "mixed" if unit in (BY_BLOCK, BY_SOFT_BLOCK) else unit
 
 
 def _look_up(tree: Any, path: str) -> Any:
-    for key in path.split("."):
+    """What stands at a dotted path; of rows a list."""
+    for i, key in enumerate(keys := path.split(".")):
+        if isinstance(tree, list):
+            return [_look_up(row, ".".join(keys[i:])) for row in tree] or None
         tree = tree.get(key) if isinstance(tree, Mapping) else None
     return tree
 
@@ -134,28 +142,14 @@ def numbers(analysis: Mapping[str, Any], like: Mapping[str, Any] | None = None) 
     like : mapping, optional
         The analysis whose signs of axes are taken.
     """
-    found: dict[str, Any] = {path: _look_up(analysis, path) for path in _SCALARS}
-    for path, keys in _OF_SCREWS.items():
-        rows = _look_up(analysis, path)
-        for key in keys:
-            if rows:
-                found[f"{path}.{key}"] = [_look_up(row, key) for row in rows]
+    found: dict[str, Any] = {}
     like = analysis if like is None else like
-    for path, along in _AXES:
+    for path, are_axes, in_rows in varying():
         value = _look_up(analysis, path)
         if value is not None:
-            found[path] = _signed(value, _look_up(like, path), along)
-    for path in _SCREWS:
-        rows, models = _look_up(analysis, path), _look_up(like, path)
-        if rows and all(row["point"] is not None for row in rows):
-            found[f"{path}.point"] = [row["point"] for row in rows]
-        if rows:
-            directions = [row["direction"] for row in rows]
-            model = [row["direction"] for row in models] if models else None
-            found[f"{path}.direction"] = _signed(directions, model, 1)
-    return {
-        name: np.array(value, dtype=float) for name, value in found.items() if value is not None
-    }
+            along = 1 if in_rows else 0
+            found[path] = _signed(value, _look_up(like, path), along) if are_axes else value
+    return {name: np.array(value, dtype=float) for name, value in found.items()}
 
 
 def _signed(value: Any, model: Any, along: int) -> Array:

@@ -30,7 +30,6 @@ __all__ = [
     "bracket_form",
     "chain_curvature",
     "exp",
-    "from_linear_angular",
     "from_roll_pitch_yaw",
     "hat",
     "inverse",
@@ -306,11 +305,6 @@ def right_jacobian(twist: ArrayLike) -> Array:
 def right_jacobian_inverse(twist: ArrayLike) -> Array:
     """Inverse of `right_jacobian`: ``d(log T) = right_jacobian_inverse(log(T)) @ body_twist``."""
     return np.linalg.inv(right_jacobian(twist))
-
-
-def from_linear_angular(x: ArrayLike, axis: int = -1) -> Array:
-    """Reorder components from (v, omega), as in Pinocchio, to (omega, v)."""
-    return np.take(real_array(x), SWAP, axis=axis)
 
 
 def to_linear_angular(x: ArrayLike, axis: int = -1) -> Array:

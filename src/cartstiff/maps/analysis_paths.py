@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cartstiff.analysis.plain import plain
+from cartstiff.analysis.plain import plain, unit_of
 from cartstiff.analysis.summary import summarise
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
@@ -14,8 +14,6 @@ from cartstiff.maps.quantity import Quantity, Stacks
 from cartstiff.matrix_names import OF_MANY
 
 __all__ = ["path_quantity"]
-
-_UNIT = "as in the analysis"
 
 
 def path_quantity(path: str) -> Quantity:
@@ -35,7 +33,7 @@ def path_quantity(path: str) -> Quantity:
     return Quantity(
         path,
         f"{path} of the analysis",
-        _UNIT,
+        unit_of(path),
         function,
         (*(f"stiffness_{c}" for c in OF_MANY), "inverse", "compliance_{connection}", "wrench"),
         "length",

@@ -27,6 +27,7 @@ from cartstiff.analysis.ellipsoids import (
     stiffness_ellipsoid,
 )
 from cartstiff.analysis.matrices import ROTATION, TRANSLATION
+from cartstiff.analysis.sections import UNITS
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps import stacks
@@ -40,8 +41,7 @@ __all__ = ["QUANTITIES", "Quantity", "Settings", "Stacks", "choose_quantities", 
 _K, _C, _FREE = ("stiffness_{matrix}",), ("inverse",), ("free",)
 _DEFLECT = ("compliance_{connection}", "pose", "wrench")
 _BLOCKS = {"rotation": ROTATION, "translation": TRANSLATION}
-_STIFF = {"rotation": "{force} {length}/rad", "translation": "{force}/{length}"}
-_SOFT = {"rotation": "rad/({force} {length})", "translation": "{length}/{force}"}
+_STIFF, _SOFT = UNITS.stiffness, UNITS.compliance
 
 
 _FREEDOMS: tuple[Freedom, ...] = ("translation", "rotation")
@@ -224,16 +224,16 @@ QUANTITIES: dict[str, Quantity] = {
     for q in (
         *_principal_quantities(),
         Quantity("along_free", "stiffness along the direction, everything else free",
-                 "{force}/{length}", lambda s: _on_axis(s, TRANSLATION, "free"),
+                 _STIFF["translation"], lambda s: _on_axis(s, TRANSLATION, "free"),
                  (*_FREE, "pose"), "direction"),
         Quantity("along_held", "stiffness along the direction, everything else held",
-                 "{force}/{length}", lambda s: _on_axis(s, TRANSLATION, "held"),
+                 _STIFF["translation"], lambda s: _on_axis(s, TRANSLATION, "held"),
                  (*_K, "pose"), "direction"),
         Quantity("about_free", "stiffness about the direction, everything else free",
-                 "{force} {length}/rad", lambda s: _on_axis(s, ROTATION, "free"),
+                 _STIFF["rotation"], lambda s: _on_axis(s, ROTATION, "free"),
                  (*_FREE, "pose"), "direction"),
         Quantity("about_held", "stiffness about the direction, everything else held",
-                 "{force} {length}/rad", lambda s: _on_axis(s, ROTATION, "held"),
+                 _STIFF["rotation"], lambda s: _on_axis(s, ROTATION, "held"),
                  (*_K, "pose"), "direction"),
         Quantity("deflection", "displacement of the frame's origin under the given wrench",
                  "{length}", lambda s: _deflection(s, TRANSLATION), _DEFLECT,
@@ -245,14 +245,14 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity("isotropy", "geometric over arithmetic mean of the eigenvalues of K",
                  "1", lambda s: stacks.isotropy(s.eigenvalues()), (*_K, *_C), "length"),
         Quantity("minimum", "smallest eigenvalue of K at the characteristic length",
-                 "{force}/{length}", lambda s: s.eigenvalues()[:, 0], (*_K, *_C), "length"),
+                 _STIFF["translation"], lambda s: s.eigenvalues()[:, 0], (*_K, *_C), "length"),
         Quantity("translation_condition", "condition number of the translational block of K",
                  "1", lambda s: stacks.condition(_principal(s, "stiffness", "translation", "held")),
                  (*_K, *_C), better="smaller"),
         Quantity("rotation_condition", "condition number of the rotational block of K",
                  "1", lambda s: stacks.condition(_principal(s, "stiffness", "rotation", "held")),
                  (*_K, *_C), better="smaller"),
-        Quantity("determinant", "determinant of K", "{force}^6/rad^3",
+        Quantity("determinant", "determinant of K", UNITS.determinant,
                  lambda s: stacks.determinant(s.eigenvalues(), s.settings.length), (*_K, *_C)),
         Quantity("unstable_directions", "number of negative eigenvalues of K", "1", _unstable,
                  (*_K, *_C), better="smaller", is_elastic=False),
@@ -269,13 +269,13 @@ QUANTITIES: dict[str, Quantity] = {
                  "its own unit", "{length}^3",
                  _manipulability, ("jacobian",), is_elastic=False),
         *_frequency_quantities(),
-        Quantity("moment", "size of the load's moment", "{force} {length}",
+        Quantity("moment", "size of the load's moment", UNITS.moment,
                  lambda s: np.linalg.norm(s.arrays["wrench"][:, :3], axis=1), ("wrench",),
                  better=None, is_elastic=False),
         Quantity("force", "size of the load's force", "{force}",
                  lambda s: np.linalg.norm(s.arrays["wrench"][:, 3:], axis=1), ("wrench",),
                  better=None, is_elastic=False),
-        Quantity("energy", "potential energy of springs, gravity and loads", "{force} {length}",
+        Quantity("energy", "potential energy of springs, gravity and loads", UNITS.moment,
                  lambda s: s.arrays["energy"], ("energy",), better=None),
     )
 }  # fmt: skip

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from cartstiff.analysis.plain import unit_of
+from cartstiff.analysis.sections import PURE
 from cartstiff.mechanisms.contract import Units
 from cartstiff.report.layout import number, numbers, percent, row, table, vector
 
@@ -129,6 +131,13 @@ _SHOWN = {
 }
 
 
+def _unit(name: str, u: Units) -> str:
+    """Unit of a number such as "stiffness[0, 3]"."""
+    path = name.replace(", ", ".").replace("[", ".").rstrip("]")
+    unit = unit_of(path)
+    return "" if unit == PURE else unit.format(length=u.length, force=u.force)
+
+
 def _meet(found: Mapping[str, Any], prefix: str) -> bool:
     """Whether two sorted principal values are equal, so that they have no derivative."""
     if not prefix.endswith("eigenvalues"):
@@ -154,15 +163,12 @@ def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
     if s["failures"]:
         failed = ", ".join(f"{n} {code}" for code, n in s["failures"].items())
         lines.append(f"  draws without a result, left out: {failed}")
-    units = {"translation,": u.stiffness["translation"], "rotation,": u.stiffness["rotation"],
-             "centre": u.length, "displacement": u.length,
-             "minimum": u.stiffness["translation"]}  # fmt: skip
     found = s["numbers"]
     for prefix, label in _SHOWN.items():
         names = [n for n in found if n == prefix or n.startswith(prefix + "[")]
         if not names:
             continue
-        unit = units.get(label.split()[0], "")
+        unit = _unit(prefix, u)
         label = f"  {label} [{unit}]" if unit else f"  {label}"
         means = [found[n]["nominal" if found[n]["mean"] is None else "mean"] for n in names]
         spread = [found[n]["deviation"] for n in names]
@@ -186,11 +192,11 @@ def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
         )
     if full:
         rows = [
-            [name, number(e["nominal"]), number(e["mean"]), number(e["deviation"], 3),
-             number(e["lower"]), number(e["upper"])]
+            [name, _unit(name, u), number(e["nominal"]), number(e["mean"]),
+             number(e["deviation"], 3), number(e["lower"]), number(e["upper"])]
             for name, e in found.items()
         ]  # fmt: skip
         level = percent(s["level"])
-        lines.append(f"  every number, in its own unit, with the interval that holds {level}")
-        lines += table(["", "nominal", "mean", "deviation", "lower", "upper"], rows)
+        lines.append(f"  every number, with the interval that holds {level}")
+        lines += table(["", "unit", "nominal", "mean", "deviation", "lower", "upper"], rows)
     return lines

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from cartstiff.analysis.plain import schema as schema_of_analysis
 from cartstiff.matrix_names import MATRICES
 from cartstiff.report.frames import FRAMES_SCHEMA
 from cartstiff.report.identify_schema import identify_schema
@@ -321,8 +322,8 @@ def json_schema(command: str = "analyse") -> dict[str, Any]:
 
     Parameters
     ----------
-    command : {"analyse", "equilibrium", "frames", "modes", "identify"}
-        The command; the first two may add the key ``analysis``, whose content is not said here.
+    command : {"analyse", "equilibrium", "frames", "modes", "identify", "analysis"}
+        The command; "analysis" is the object that ``analyse`` adds under this key.
 
     Returns
     -------
@@ -331,6 +332,8 @@ def json_schema(command: str = "analyse") -> dict[str, Any]:
     """
     if command == "frames":
         return frames_schema()
+    if command == "analysis":
+        return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema_of_analysis()}
     if command == "modes":
         schema = _object(_MODES, "Output of cartstiff modes --json")
         more = {
@@ -350,7 +353,7 @@ def json_schema(command: str = "analyse") -> dict[str, Any]:
         properties |= _EQUILIBRIUM
     schema = _object(properties, f"Output of cartstiff {command} --json")
     schema["properties"] = properties | {
-        "analysis": {"description": "unless --analysis none"},
+        "analysis": schema_of_analysis() | {"description": "unless --analysis none"},
         "as_controller": {"description": "with --order, --axes: the matrices in these"},
     }
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
