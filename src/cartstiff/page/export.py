@@ -27,7 +27,7 @@ from cartstiff.page.answer import Answer
 from cartstiff.page.compact import compacted
 from cartstiff.page.description import slider_coordinates, slider_ranges
 from cartstiff.page.files import page_html, page_script, page_style, viewer_script
-from cartstiff.page.payload import payload
+from cartstiff.page.payload import modes_part, payload
 from cartstiff.page.picture import Picture
 from cartstiff.page.recording import Key, Pictures, common_part, complete, in_order
 from cartstiff.page.session import PictureMaker, Session
@@ -242,6 +242,7 @@ class _Recorder:
         self._first = self._first or result
         frame: dict[str, Any] = {"variants": {}, "pictures": {}}
         frame["bounds"] = self._picture.bounds(result)
+        frame["modes"] = modes_part(result)
         with np.errstate(all="ignore"):
             for key, look in self._looks():
                 numbers = payload(result, look, whole=True)

@@ -54,6 +54,13 @@ def legend_lines(legend: Mapping[str, Any]) -> list[dict[str, str]]:
         facts = legend[name]
         if isinstance(facts, Mapping) and facts.get("shown") is False:
             lines.append({"mark": name, "text": f"{words} not drawn: {facts['reason']}"})
+    if (nodal := legend.get("nodal")) is not None:
+        text = f"{nodal['name']}, {_n(nodal['value'])} Hz"
+        if nodal["shown"]:
+            text += f", pitch {_n(nodal['pitch'])} {length}"
+        else:
+            text += f" not drawn: {nodal['reason']}"
+        lines.append({"mark": "nodal", "text": text})
     lines += [{"mark": "note", "text": str(note)} for note in legend["notes"]]
     return lines
 

@@ -28,11 +28,15 @@ from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.scene.quantities import block_ellipsoid
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.in_frame import StiffnessInFrame
+from cartstiff.vibration.modes import modes
+from cartstiff.vibration.response import frequency_response
 
 __all__ = [
     "distance_to_singularity",
+    "modes_part",
     "payload",
     "reference_frame",
+    "response_curves",
     "series_row",
 ]
 
@@ -56,8 +60,8 @@ def payload(result: PostureStiffness, state: State, whole: bool = False) -> dict
     -------
     dict
         Keys "result", "has_compliance", "position", "angles", "frame", "stiffness", "compliance",
-        "wrench", "principal", "indices", "symmetric", "singularity", "legs", "moved", "verdict".
-        What does not exist is None.
+        "wrench", "principal", "indices", "symmetric", "singularity", "legs", "moved", "modes",
+        "verdict". What does not exist is None.
     """
     T = reference_frame(result, state)
     here = result.at(T)
@@ -82,6 +86,7 @@ def payload(result: PostureStiffness, state: State, whole: bool = False) -> dict
         "singularity": distance_to_singularity(result),
         "legs": _legs(result),
         "moved": _moved(result, state),
+        "modes": modes_part(result) if state.mode is not None else None,
         "verdict": verdict(
             result,
             state.connection,
@@ -113,6 +118,54 @@ def _part(result: PostureStiffness, quantity: str) -> dict[str, Any]:
         quantity: {name: _listed(matrix) for name, matrix in table.items()},
         "load": result.load_as_dict(),
         "notes": [note.as_dict() for note in result.notes],
+    }
+
+
+def modes_part(result: PostureStiffness) -> dict[str, Any]:
+    """Of the object of ``cartstiff modes --json`` what the page shows, or why there are none."""
+    try:
+        told = modes(result).as_dict()
+    except UndefinedError as error:
+        return {"missing": str(error)}
+    names = told["mechanism"]["joints"]
+    if result.posture.coordinates_are_pose:
+        names = ["rx", "ry", "rz", "x", "y", "z"]
+    keys = ("frequencies", "participation", "nodal_axes", "effective_masses", "repeated", "notes")
+    return {"names": names, **{key: told[key] for key in keys}}
+
+
+def response_curves(result: PostureStiffness, state: State, ratio: float) -> dict[str, Any]:
+    """Size of the receptance at the reference point along x, y, z of the body, over all modes.
+
+    Parameters
+    ----------
+    result : PostureStiffness
+        The posture.
+    state : State
+        For its reference point.
+    ratio : float
+        Damping ratio of every mode, beside the mechanism's own dampers.
+
+    Raises
+    ------
+    UndefinedError
+        Where there are no modes, or none that swings.
+    """
+    found = modes(result)
+    hertz = found.frequencies[np.isfinite(found.frequencies) & (found.frequencies > 0.0)]
+    if not hertz.size:
+        raise UndefinedError("no mode swings: there is no response over frequency", code="no-mass")
+    own = hertz[: 6 if len(hertz) > 6 else None]
+    # Dense at the peaks.
+    near = np.concatenate([f * (1 + x * np.array([-1, 1])) for f in own for x in (0, 0.01, 0.03)])
+    wide = np.geomspace(0.3 * own[0], 1.6 * own[-1], 240)
+    found_at = frequency_response(found, np.union1d(wide, near), ratio, at=state.point)
+    sizes = {name: np.abs(curve) for name, curve in found_at.curves().items()}
+    return {
+        "frequencies": found_at.frequencies.tolist(),
+        "modes": own.tolist(),
+        "unit": found_at.unit,
+        "curves": {n: [plain(float(x)) for x in size] for n, size in sizes.items()},
     }
 
 

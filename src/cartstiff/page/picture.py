@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
+from cartstiff.errors import UndefinedError
+from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.page.legend import legend_lines
 from cartstiff.page.source import Cloud
@@ -12,6 +16,7 @@ from cartstiff.scene.canvas import Node
 from cartstiff.scene.scene import Look, Scene
 from cartstiff.scene.window import RecordingWindow
 from cartstiff.stiffness.compute import PostureStiffness
+from cartstiff.vibration.modes import modes
 
 __all__ = ["Picture"]
 
@@ -25,16 +30,34 @@ class Picture:
 
     def draw(self, result: PostureStiffness, state: State) -> dict[str, Any]:
         """Move everything to a posture; returns what the picture's sizes mean."""
+        nodal = None
+        if state.mode is not None:
+            with suppress(UndefinedError):
+                found = modes(result)
+                if state.mode <= len(found.frequencies):
+                    nodal = (
+                        state.mode,
+                        float(found.frequencies[state.mode - 1]),
+                        found.nodal_axes[state.mode - 1],
+                    )
         look = Look(
             connection=state.connection, quantity=state.quantity, translation=state.translation,
             rotation=state.rotation, scale=state.scale, axes=state.labels,
             labels=state.labels, wrench=state.wrench,
             deflection=state.deflection, screws=state.screws, centres=state.centres,
             ghost=None if state.ghost is None else tuple(state.ghost), point=state.point,
-            theme=state.theme,
+            theme=state.theme, nodal=nodal,
         )  # fmt: skip
         legend: dict[str, Any] = self._scene.draw(result, look)
         return {"lines": legend_lines(legend), "notes": legend["notes"]}
+
+    def along(self, postures: Sequence[MechanismPosture]) -> list[list[bytes]]:
+        """Commands that bring the mechanism from each posture to the next; no numbers change."""
+        found = []
+        for posture in postures:
+            self._scene.move(posture)
+            found.append(self._window.take())
+        return found
 
     def cloud(self, cloud: Cloud, quantity: str) -> dict[str, Any]:
         """Draw a map's points, coloured by a quantity; returns the facts of the colour bar."""

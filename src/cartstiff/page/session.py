@@ -20,7 +20,7 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.page.answer import Answer
 from cartstiff.page.description import describe_mechanism, slider_ranges
-from cartstiff.page.payload import payload, series_row
+from cartstiff.page.payload import payload, response_curves, series_row
 from cartstiff.page.picture import Picture
 from cartstiff.page.refining import widest_jump
 from cartstiff.page.source import Source
@@ -31,14 +31,18 @@ from cartstiff.page.state import (
     Frame,
     Message,
     Numbers,
+    Response,
     Result,
     Series,
     State,
     Sweep,
+    Swing,
 )
 from cartstiff.report.analysis import summary_text
+from cartstiff.scene.swing import swing
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 from cartstiff.version import __version__
+from cartstiff.vibration.modes import modes
 
 __all__ = ["Session", "refusal"]
 
@@ -162,6 +166,11 @@ class Session:
             if isinstance(message, Bounds):
                 room = self.picture.bounds(self.result(message.state))
                 return Answer({"id": message.id, "do": "bounds", "bounds": room})
+            if isinstance(message, Swing):
+                return self._swing(message)
+            if isinstance(message, Response):
+                curves = response_curves(self.result(message.state), message.state, message.ratio)
+                return Answer({"id": message.id, "do": "response", **curves})
             if isinstance(message, Frame):
                 return self._other_frame(message)
             if isinstance(message, Analysis):
@@ -240,6 +249,19 @@ class Session:
         self._start(reload(message.name), self._q)
         after = self.result(state.model_copy(update={"load": None})).pose
         return self.hello(message.id, _seen_from(state, se3.inverse(after) @ before))
+
+    def _swing(self, message: Swing) -> Answer:
+        """Commands of every picture of a swing; those of the rest come last."""
+        found = modes(self.result(message.state))
+        swung = swing(found, message.state.mode or 1, message.share)
+        pictures = self.picture.along([*swung.postures, found.posture])
+        return Answer(
+            {
+                "id": message.id, "do": "swing", "counts": [len(one) for one in pictures],
+                "displacement": swung.displacement, "turn": swung.turn,
+            },
+            [command for one in pictures for command in one],
+        )  # fmt: skip
 
     def _analysis(self, message: Analysis) -> Answer:
         result = self.result(message.state)

@@ -22,10 +22,12 @@ __all__ = [
     "Frame",
     "Message",
     "Numbers",
+    "Response",
     "Result",
     "Series",
     "State",
     "Sweep",
+    "Swing",
     "read_message",
 ]
 
@@ -74,6 +76,8 @@ class State(_Strict):
         A second posture, drawn pale.
     quantity_of_map : str or None
         What colours the points of the map.
+    mode : int or None
+        The mode, from 1, whose nodal axis is drawn; None for no modes at all.
 
     The others say what the picture shows.
     """
@@ -93,6 +97,7 @@ class State(_Strict):
     load_at: _Three | None = None
     ghost: _Vector | None = None
     quantity_of_map: _Short | None = None
+    mode: Annotated[int, Field(ge=1, le=500)] | None = None
     theme: Literal["light", "dark"] = "light"
     translation: bool = True
     rotation: bool = True
@@ -148,6 +153,20 @@ class Series(_Asked):
     do: Literal["series"]
 
 
+class Swing(_Asked):
+    """Pictures along the swing of the mode that the state names."""
+
+    do: Literal["swing"]
+    share: Annotated[float, Field(gt=0.0, le=0.5)] = 0.05
+
+
+class Response(_Asked):
+    """Receptance at the reference point over frequency, all modes damped by one ratio."""
+
+    do: Literal["response"]
+    ratio: Annotated[float, Field(ge=0.0, le=10.0)] = 0.02
+
+
 class Analysis(_Asked):
     """The analysis of the matrix, as text."""
 
@@ -174,7 +193,9 @@ class Bounds(_Asked):
     do: Literal["bounds"]
 
 
-Message = Draw | Numbers | Result | Sweep | Series | Analysis | Export | Frame | Bounds
+Message = (
+    Draw | Numbers | Result | Sweep | Series | Swing | Response | Analysis | Export | Frame | Bounds
+)
 _MESSAGES: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="do")])
 _T = TypeVar("_T")
 

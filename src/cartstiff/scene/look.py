@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from cartstiff.analysis.screws import Screw
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.matrix_names import LETTERS
 from cartstiff.scene.theme import THEMES
@@ -47,6 +48,8 @@ class Look:
         Centres of stiffness, compliance, elasticity, and of least coupling.
     ghost : tuple of floats, optional
         Coordinates of a second posture, drawn pale.
+    nodal : tuple of int, float and Screw, optional
+        Number of a mode, its frequency [Hz], and the axis in M about which the body turns in it.
     point : tuple of 3 floats
         Reference point in the frame M.
     theme : {"light", "dark"}
@@ -72,6 +75,7 @@ class Look:
     compliant_axes: bool = False
     centres: bool = False
     ghost: tuple[float, ...] | None = None
+    nodal: tuple[int, float, Screw] | None = None
     point: tuple[float, float, float] = (0.0, 0.0, 0.0)
     theme: Literal["light", "dark"] = "light"
     grid: bool = True

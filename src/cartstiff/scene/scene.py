@@ -30,7 +30,13 @@ from cartstiff.scene.mechanism import MechanismPicture, extent
 from cartstiff.scene.points import add_path, add_points
 from cartstiff.scene.quantities import block_ellipsoid, load_at, matrices_at, reference
 from cartstiff.scene.scales import Linear, Logarithmic
-from cartstiff.scene.screws import AxesPicture, CentresPicture, compliant_lines, eigenscrew_lines
+from cartstiff.scene.screws import (
+    AxesPicture,
+    CentresPicture,
+    Line,
+    compliant_lines,
+    eigenscrew_lines,
+)
 from cartstiff.scene.stage import Stage
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 from cartstiff.stiffness.in_frame import StiffnessInFrame
@@ -91,8 +97,8 @@ class Scene:
         -------
         dict
             "length" (unit, grid, scene units), "connection", "quantity", "others", "ellipsoids" by
-            freedom, "wrench", "deflection", "screws", "compliant_axes", "centres", "tension",
-            "notes". What is not shown has a "reason".
+            freedom, "wrench", "deflection", "screws", "compliant_axes", "centres", "nodal",
+            "tension", "notes". What is not shown has a "reason".
 
         Raises
         ------
@@ -128,9 +134,16 @@ class Scene:
             "screws": self._axes("screws", look.screws, look, K, T, reason),
             "compliant_axes": self._axes("axes", look.compliant_axes, look, K, T, reason),
             "centres": self._centres(look, K, C, T, reason),
+            "nodal": self._nodal(result, look),
             "tension": tension,
             "notes": notes,
         }
+
+    def move(self, posture: MechanismPosture) -> None:
+        """Bring the mechanism and its frame M to a posture; all else stays as it was drawn."""
+        if self._theme:
+            self._mechanism.move(posture)
+            self._frame.set_transform(posture.pose)
 
     def points(
         self, positions: ArrayLike, values: ArrayLike, label: str = "", unit: str = ""
@@ -168,8 +181,8 @@ class Scene:
         look = theme.THEMES[name]
         node, size = self._node, self._stage.size
         if self._theme:  # what has been drawn in another theme
-            for part in ("mechanism", "ghost", "screws", "axes", "centres", "wrench", "deflection",
-                         *(f"{f} ellipsoid" for f in _FREEDOMS)):  # fmt: skip
+            for part in ("mechanism", "ghost", "screws", "axes", "nodal", "centres", "wrench",
+                         "deflection", *(f"{f} ellipsoid" for f in _FREEDOMS)):  # fmt: skip
                 node[part].delete()
         first = not self._theme
         self._theme = name
@@ -184,7 +197,9 @@ class Scene:
         self._ellipsoids: dict[tuple[str, str, str], EllipsoidPicture] = {}
         self._wrenches = WrenchPicture(node["wrench"], size, look)
         self._deflections = DeflectionPicture(node["deflection"], size, look)
-        self._lines = {name: AxesPicture(node[name], size, look) for name in ("screws", "axes")}
+        self._lines = {
+            name: AxesPicture(node[name], size, look) for name in ("screws", "axes", "nodal")
+        }
         self._balls = CentresPicture(node["centres"], size, look)
 
     def _ellipsoid(
@@ -295,6 +310,15 @@ class Scene:
         units = self._elastic.units
         lines = (eigenscrew_lines if name == "screws" else compliant_lines)(K, units)
         return picture.draw(lines, T, units.length, look.labels)
+
+    def _nodal(self, result: PostureStiffness, look: Look) -> dict[str, Any] | None:
+        if look.nodal is None:
+            self._lines["nodal"].hide()
+            return None
+        number, hertz, screw = look.nodal
+        line = Line(screw, f"nodal axis of mode {number}", hertz, "Hz", theme.NODAL)
+        unit = self._elastic.units.length
+        return self._lines["nodal"].draw([line], result.pose, unit, look.labels)[0]
 
     def _centres(
         self, look: Look, K: Array | None, C: Array | None, T: Array, reason: str | None

@@ -24,6 +24,8 @@ TRANSLATION, ROTATION = ORANGE, BLUE
 NEGATIVE = 0xC8102E
 DEFLECTION, GHOST = GREEN, SKY
 SCREW, WRENCH_AXIS, TWIST_AXIS = PURPLE, ORANGE, BLUE
+#: Of a mode.
+NODAL = 0xD55E00
 #: Centres by the names of `cartstiff.analysis.centres.Centres`.
 CENTRES = {
     "stiffness": VERMILION,

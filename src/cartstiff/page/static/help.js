@@ -37,6 +37,7 @@ export function shortcuts(store, parts) {
     ["c", "copy the matrix as NumPy array", () => parts.matrix.copyNumpy()],
     ["i", "full analysis", () => showReport(store)],
     ["p", "play or pause", () => parts.strip.toggle()],
+    ["v", "play or pause a mode", () => parts.modes.toggle()],
     ["d", "degrees or radians", () => parts.pose.setAngle(store.angle === "deg" ? "rad" : "deg")],
     ["t", "light or dark", () => flip()],
   ];

@@ -160,7 +160,7 @@ export async function showReport(store) {
   }
 }
 
-const MARKS = { translation: "●", rotation: "◆", force: "➞", moment: "↻", deflection: "⇢", tension: "│", note: "!" };
+const MARKS = { translation: "●", rotation: "◆", force: "➞", moment: "↻", deflection: "⇢", tension: "│", nodal: "╱", note: "!" };
 
 /** What the picture's sizes mean. */
 export function legendBox(store) {

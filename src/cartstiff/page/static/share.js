@@ -5,7 +5,7 @@ import { byId, copy, download, el, toast } from "./dom.js";
 // Of the state, what an address holds; the kind of each is that of the first state.
 const KEYS = ["q", "connection", "quantity", "axes", "point", "stiffness", "load", "load_axes",
   "load_kind", "load_at", "ghost",
-  "scale", "translation", "rotation", "labels", "wrench", "deflection", "screws", "centres", "quantity_of_map"];
+  "scale", "translation", "rotation", "labels", "wrench", "deflection", "screws", "centres", "quantity_of_map", "mode"];
 const NUMBERS = new Set(["q", "point", "stiffness", "load", "load_at", "ghost"]);
 // What stands for the stiffness of a rigid joint, which is null.
 const RIGID = "rigid";
@@ -36,7 +36,9 @@ export function fromHash(hash, first) {
   const found = {};
   for (const [key, text] of new URLSearchParams(hash.replace(/^#/, ""))) {
     if (!KEYS.includes(key)) continue;
-    if (NUMBERS.has(key)) {
+    if (key === "mode") {
+      if (/^[1-9]\d?$/.test(text)) found.mode = Number(text);
+    } else if (NUMBERS.has(key)) {
       const numbers = text.split(",").map((x) => (key === "stiffness" && x === RIGID ? null : Number(x)));
       const count = key in COUNTS ? COUNTS[key] : key === "stiffness" ? numbers.length : first.q.length;
       const fits = numbers.length === count;

@@ -77,7 +77,8 @@ export class Store {
     const waiting = this.waiting.get(data.id);
     if (waiting) {
       this.waiting.delete(data.id);
-      if (commands.length) this.pane.apply(commands);
+      if (data.do === "swing") data.commands = commands; // not to be shown at once
+      else if (commands.length) this.pane.apply(commands);
       if (data.error) waiting.reject(new Error(data.error));
       else waiting.resolve(data);
       return;
@@ -125,6 +126,7 @@ export class Store {
     this.tell("numbers", data);
     if (!this.source.live && !this.wanted) this.source.saySnapped(this.sentQ, numbers.result.q, this.state.moved);
     document.dispatchEvent(new CustomEvent("cartstiff:table", { detail: data.id }));
+    this.beforePicture?.();
     this.pane.apply(commands, () =>
       document.dispatchEvent(new CustomEvent("cartstiff:rendered", { detail: data.id })));
   }
@@ -209,5 +211,5 @@ const SHOWN = new Set(["connection", "quantity", "axes", "point", "stiffness", "
   "load_kind", "load_at"]);
 
 const LOOKS = ({ theme, translation, rotation, scale, labels, wrench, deflection, screws, centres,
-  connection }) =>
-  ({ theme, translation, rotation, scale, labels, wrench, deflection, screws, centres, connection });
+  connection, mode }) =>
+  ({ theme, translation, rotation, scale, labels, wrench, deflection, screws, centres, connection, mode });

@@ -3,11 +3,11 @@
 import { byId, choice, clamp, el, short } from "./dom.js";
 
 const SVG = "http://www.w3.org/2000/svg";
-const MARGIN = { left: 52, right: 12, top: 8, bottom: 18 };
+export const MARGIN = { left: 52, right: 12, top: 8, bottom: 18 };
 // A sweep that took longer than this (s) is not repeated by itself.
 const QUICK = 1;
 
-function svg(tag, attributes = {}, ...children) {
+export function svg(tag, attributes = {}, ...children) {
   const node = document.createElementNS(SVG, tag);
   for (const [name, value] of Object.entries(attributes)) node.setAttribute(name, value);
   node.append(...children);

@@ -1,0 +1,89 @@
+"""A mode as something to look at: postures along its swing, enlarged by a chosen share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cartstiff import numerics
+from cartstiff.errors import CartstiffError, InputError
+from cartstiff.geometry import se3
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.contract import MechanismPosture
+from cartstiff.scene.mechanism import extent
+from cartstiff.vibration.mode_set import Modes
+
+__all__ = ["Swing", "swing"]
+
+# Largest turn (rad) of a joint that is drawn, and the step (natural units) of the first guess.
+_TURN, _STEP = 0.5, 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Swing:
+    """Postures of one mode from one end of its swing to the other.
+
+    Attributes
+    ----------
+    postures : tuple of MechanismPosture
+        At equal steps of the mode's coordinate, the rest in the middle.
+    displacement : float
+        How far the origin of M goes to either side, in the mechanism's unit of length.
+    turn : float
+        How far the body turns to either side, in rad.
+    """
+
+    postures: tuple[MechanismPosture, ...]
+    displacement: float
+    turn: float
+
+
+def swing(found: Modes, number: int, share: float = 0.05, count: int = 17) -> Swing:
+    """Postures along the swing of a mode.
+
+    Parameters
+    ----------
+    found : Modes
+        The modes.
+    number : int
+        Of the mode, from 1.
+    share : float
+        What moves most goes to either side by this share of the mechanism's size (a mode has no
+        size of its own); no joint is turned by more than half a radian.
+    count : int
+        How many postures; made odd.
+
+    Raises
+    ------
+    InputError
+        For a mode that does not exist, or a share that is not above zero.
+    """
+    total = found.shapes.shape[1]
+    if not 1 <= number <= total:
+        raise InputError("no such mode", expected=f"1 to {total}", got=number)
+    if not share > 0.0:
+        raise InputError("share cannot be used", expected="above zero", got=share)
+    shape = found.shapes[:, number - 1].real / found._sizes
+    shape = found._sizes * shape / max(float(np.abs(shape).max()), numerics.EPSILON)
+    mechanism, q, elastic = found.elastic.mechanism, found.q, found.elastic
+    rest = extent(elastic, found.posture)
+    size = float(np.ptp(rest, axis=0).max()) or found.posture.length
+    a_little = extent(elastic, mechanism.at(mechanism.moved(q, _STEP * shape)))
+    most = float(np.linalg.norm(a_little - rest, axis=1).max()) / _STEP
+    reach = _TURN if most == 0.0 else min(_TURN, share * size / most)
+    postures = []
+    for phase in np.linspace(-1.0, 1.0, count + 1 - count % 2):
+        there = mechanism.moved(q, phase * reach * shape)
+        if isinstance(mechanism, Chain) and mechanism.closures:
+            try:  # closures bend the motion
+                postures.append(mechanism.closed(there))
+                continue
+            except CartstiffError:
+                pass
+        postures.append(mechanism.at(there))
+    between = se3.inverse(found.posture.pose) @ postures[-1].pose
+    twist = se3.log(between)
+    return Swing(
+        tuple(postures), float(np.linalg.norm(between[:3, 3])), float(np.linalg.norm(twist[:3]))
+    )

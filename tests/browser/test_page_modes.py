@@ -1,0 +1,120 @@
+"""Modes in the page: the table, the swing, the nodal axis and the response over frequency."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.browser.test_page import moved, transforms
+from tools.screenshot import ready, settled
+
+import cartstiff
+from cartstiff.page.export import export_page
+from cartstiff.page.source import Source
+
+PLAYED = (
+    "(least) => window.cartstiff.swing.picture !== null && window.cartstiff.swing.picture > least"
+)
+
+
+@pytest.fixture
+def page(serve, pages):
+    """A UR5 with the modes open."""
+    page = pages.shared(serve("ur5").url)
+    page.evaluate("() => window.cartstiff.change({ mode: 1 })")
+    page.wait_for_selector(".modes-card[open] .mode")
+    settled(page)
+    return page
+
+
+def hertz(page):
+    """Frequencies in the table."""
+    texts = page.locator(".mode > .num:nth-child(2)").all_inner_texts()
+    return [float(text.removesuffix(" Hz")) for text in texts]
+
+
+def test_table_axis_and_response_follow_the_sliders(page):
+    elastic = cartstiff.load("ur5")
+    assert hertz(page) == pytest.approx(cartstiff.modes(elastic).frequencies, rel=1e-3)
+    q = elastic.q + 0.3
+    page.evaluate("(q) => window.cartstiff.goTo(q)", q.tolist())
+    settled(page)
+    assert hertz(page) == pytest.approx(cartstiff.modes(elastic, q).frequencies, rel=1e-3)
+    page.evaluate("() => window.cartstiff.change({ load: [0, 0, 0, 0, 0, -2000] })")
+    settled(page)
+    loaded = cartstiff.modes(elastic, q, wrench=[0, 0, 0, 0, 0, -2000])
+    assert hertz(page) == pytest.approx(loaded.frequencies, rel=1e-3)
+    assert "under its dead load" in page.inner_text(".modes-card")
+
+
+def test_a_mode_is_played_live_and_comes_to_rest(page):
+    still = transforms(page, "mechanism")
+    page.keyboard.press("v")
+    page.wait_for_function(PLAYED, arg=13)
+    page.keyboard.press("v")
+    settled(page)
+    away = transforms(page, "mechanism")
+    assert moved(still, away)
+    sizes = [np.abs(np.subtract(still[p], away[p])).max() for p in moved(still, away)]
+    assert 0.005 < max(sizes) < 0.5
+    # Another posture starts from its own rest, the swing gone.
+    page.evaluate("() => window.cartstiff.change({ screws: true })")
+    settled(page)
+    assert moved(still, transforms(page, "mechanism")) == []
+    # Live while it plays.
+    page.keyboard.press("v")
+    page.wait_for_function(PLAYED, arg=8)
+    page.evaluate("() => window.cartstiff.move(2, 0.4)")
+    page.wait_for_function(
+        "() => window.cartstiff.numbers.result.q[2] === 0.4 && window.cartstiff.swing.picture > 13"
+    )
+    page.keyboard.press("v")
+    assert page.evaluate("() => window.cartstiff.swing.playing") is False
+
+
+def test_keys_choose_a_mode_and_its_axis(page):
+    axis = transforms(page, "nodal")
+    page.locator('.mode[aria-checked="true"]').focus()
+    page.keyboard.press("ArrowDown")
+    page.wait_for_selector('.mode:nth-child(2)[aria-checked="true"]')
+    settled(page)
+    assert moved(axis, transforms(page, "nodal"))
+    assert page.evaluate("() => document.activeElement.classList.contains('mode')")
+    assert "nodal axis of mode 2" in page.inner_text("#legend")
+    page.wait_for_function("() => location.hash.includes('mode=2')")
+    page.wait_for_selector("#response .curve-2")
+    top = page.get_attribute("#response svg", "aria-label")
+    page.fill("#response input", "20")
+    page.locator("#response input").blur()
+    page.wait_for_function(
+        "(old) => document.querySelector('#response svg').getAttribute('aria-label') !== old",
+        arg=top,
+    )
+    assert "m/N" in page.get_attribute("#response svg", "aria-label")
+
+
+def test_nothing_runs_where_motion_is_reduced(serve, chromium):
+    context = chromium.new_context(viewport={"width": 390, "height": 844}, reduced_motion="reduce")
+    page = context.new_page()
+    page.goto(serve("stewart-simscape").url + "#mode=3")
+    ready(page)
+    page.wait_for_selector("#response .curve-2")
+    page.keyboard.press("v")  # one end
+    page.wait_for_function("() => window.cartstiff.swing.picture === 16")
+    page.keyboard.press("v")  # the other
+    page.wait_for_function("() => window.cartstiff.swing.picture === 0")
+    assert page.evaluate("() => window.cartstiff.swing.playing") is False
+    assert page.evaluate("() => document.documentElement.scrollWidth") == 390
+    context.close()
+
+
+def test_an_exported_page_holds_the_table(pages, tmp_path):
+    elastic = cartstiff.load("five-bar")
+    file = tmp_path / "five.html"
+    file.write_text(export_page(Source(elastic), frames=3))
+    page = pages.open(file.as_uri(), offline=True)
+    page.locator(".modes-card summary").click()
+    page.wait_for_selector(".modes-card[open] .mode")
+    assert hertz(page) == pytest.approx(cartstiff.modes(elastic).frequencies, rel=1e-3)
+    assert "`cartstiff view` plays modes" in page.inner_text(".modes-card")
+    assert page.locator(".modes-card .play").is_hidden()
+    assert page.locator("#response").is_hidden()
