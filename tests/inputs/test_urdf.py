@@ -257,7 +257,7 @@ SAME: dict[str, str | bytes] = {
         "</link>",
     ),
     "shapes that are nothing": changed('<link name="a"/>', '<link name="a"><visual/></link>'),
-    "damping": changed(AXIS, AXIS + '<dynamics damping="x"/><safety_controller/><calibration/>'),
+    "damping": changed(AXIS, AXIS + '<dynamics damping="0.4"/><safety_controller/><calibration/>'),
     "materials": changed("</robot>", '<material name="m"/><material name="m"/></robot>'),
     "transmission and gazebo": changed(
         "</robot>", '<transmission name="t"><joint name="j1"/></transmission><gazebo/></robot>'

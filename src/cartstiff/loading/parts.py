@@ -103,7 +103,12 @@ def put_together(
             if chain.tree.placement(part.body).joint > 0
         ]
     given = entries or {}
-    damping = np.array([given[n].damping if n in given else 0.0 for n in chain.names])
+    M, damping = chain.tree.mimic, np.array(chain.tree.model.damping, float).reshape(-1)
+    if M is not None:
+        damping = np.asarray((M * M).T @ damping)  # followers turn by their factor
+    for i, n in enumerate(chain.names):
+        if n in given and given[n].damping is not None:
+            damping[i] = given[n].damping
     elastic = replace(elastic, damping=damping if damping.any() else None)
     return elastic.with_potential(*potentials)
 

@@ -168,8 +168,12 @@ class JointSpringModel(FileModel):
         Field(description="rest position; without it the spring balances the load at q"),
     ] = None
     damping: Annotated[
-        NotNegative, Field(description="damper beside the spring, N m s/rad or N s/m")
-    ] = 0.0
+        NotNegative | None,
+        Field(
+            description="damper beside the spring, N m s/rad or N s/m; default what the robot's "
+            "file has"
+        ),
+    ] = None
 
     @model_validator(mode="after")
     def _one_law(self) -> JointSpringModel:

@@ -73,6 +73,7 @@ def prepare_urdf(root: ET.Element, where: str) -> UrdfFacts:
     if root.get("name") is None:
         raise refuse("robot has no name", expected="<robot name=...>")
     facts = UrdfFacts()
+    dynamics = {joint.get("name"): joint.find("dynamics") for joint in root.iter("joint")}
     facts.notes.extend(understood(root, refuse))
     links = _names(root, "link", refuse)
     if not links:
@@ -115,6 +116,12 @@ def prepare_urdf(root: ET.Element, where: str) -> UrdfFacts:
                 raise refuse(f"{what} has a zero axis")
         if kind == "planar":
             _plane(name, axis, facts)
+        damping = numbers_of(dynamics.get(name), ("damping",), 1, what, refuse)
+        if damping is not None and kind in _AXIAL_TYPES:
+            if damping[0] < 0.0:
+                raise refuse(f"{what}: damping is negative", expected="zero or more",
+                             got=f"{damping[0]:g}")  # fmt: skip
+            ET.SubElement(joint, "dynamics", damping=repr(damping[0]))
         limit = joint.find("limit")
         if kind in ("revolute", "prismatic"):
             if limit is None:

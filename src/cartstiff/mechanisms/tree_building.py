@@ -229,6 +229,7 @@ def plain_tree(
                 unique = _unique(name, [c.name for c in coordinates])
                 parent = plain.addJoint(parent, joint, pin.SE3(T @ T_part), unique)
                 plain.armature[plain.idx_vs[parent]] = model.armature[k]
+                plain.damping[plain.idx_vs[parent]] = model.damping[k]
                 coordinates.append(Coordinate(unique, kind, lower, upper))  # type: ignore[arg-type]
                 T = np.eye(4)
             at[i] = (parent, T)
@@ -256,7 +257,10 @@ def merged(parts: Sequence[tuple[str, KinematicTree, Array]]) -> KinematicTree:
             at[j] = model.addJoint(
                 at[parent], tree.model.joints[j], placement, prefix + tree.model.names[j]
             )
-            model.armature[model.idx_vs[at[j]]] = tree.model.armature[tree.model.idx_vs[j]]
+            for own, of in (
+                (model.armature, tree.model.armature), (model.damping, tree.model.damping)
+            ):  # fmt: skip
+                own[model.idx_vs[at[j]]] = of[tree.model.idx_vs[j]]
             if tree.model.inertias[j].mass > 0:
                 model.appendBodyToJoint(at[j], tree.model.inertias[j], pin.SE3.Identity())
         coordinates += [replace(c, name=prefix + c.name) for c in tree.coordinates]

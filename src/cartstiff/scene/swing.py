@@ -72,7 +72,7 @@ def swing(found: Modes, number: int, share: float = 0.05, count: int = 17) -> Sw
     a_little = extent(elastic, mechanism.at(mechanism.moved(q, _STEP * shape)))
     most = float(np.linalg.norm(a_little - rest, axis=1).max()) / _STEP
     reach = _TURN if most == 0.0 else min(_TURN, share * size / most)
-    postures = []
+    postures: list[MechanismPosture] = []
     for phase in np.linspace(-1.0, 1.0, count + 1 - count % 2):
         there = mechanism.moved(q, phase * reach * shape)
         if isinstance(mechanism, Chain) and mechanism.closures:

@@ -208,7 +208,13 @@ def _checked(frequencies: ArrayLike, damping: Damping | float) -> tuple[Array, D
 
 
 def _notes(found: Modes, damping: Damping) -> tuple[Note, ...]:
-    own = dampers(found) if damping.dampers else None
+    own, elastic = dampers(found) if damping.dampers else None, found.elastic
+    if own is not None and elastic.damping is not None:
+        names = elastic.spring_names
+        acting = {n: float(c) for n, c in zip(names, elastic.damping, strict=False) if c > 0.0}
+        words = "dampers of the mechanism's or the robot's file act beside the damping given: "
+        shown = [f"{name} {value:.4g}" for name, value in list(acting.items())[:8]]
+        return (Note("dampers-act", words + ", ".join(shown), acting),)
     if own is None and not damping.of_modes(found).any():
         words = "nothing damps: the response is that of undamped motions, infinite at resonance"
         return (Note("undamped-response", words),)

@@ -115,14 +115,16 @@ class Compiled:
                         got=" ".join(f"{v:g}" for v in rows[i]),
                     )  # fmt: skip
         loose = [self.data["qpos0"], self.data["qpos_spring"], self.data["opt.gravity"]]
-        loose += [self.data["dof_armature"]]
+        loose += [self.data["dof_armature"], self.data["dof_damping"]]
         loose += self.data["key_qpos"]
         if not (np.abs(np.concatenate(loose)) <= LARGEST_NUMBER).all():
-            raise InputError("a position, an armature or gravity cannot be used", where=self.where,
+            raise InputError("a position, an armature, a damping or gravity cannot be used",
+                             where=self.where,
                              expected=f"finite numbers up to {LARGEST_NUMBER:g}")  # fmt: skip
-        if (least := min(self.data["dof_armature"], default=0.0)) < 0.0:
-            raise InputError("armature is negative", where=self.where, expected="zero or more",
-                             got=f"{least:g}")  # fmt: skip
+        for what in ("armature", "damping"):
+            if (least := min(self.data[f"dof_{what}"], default=0.0)) < 0.0:
+                raise InputError(f"{what} is negative", where=self.where, expected="zero or more",
+                                 got=f"{least:g}")  # fmt: skip
         for name in ("body_quat", "body_iquat", "site_quat", "jnt_axis"):
             rows = np.reshape(self.data[name], (-1, 3 + name.endswith("quat")))
             sizes = np.linalg.norm(rows, axis=1)

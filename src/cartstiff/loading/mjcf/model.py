@@ -41,11 +41,13 @@ def mjcf_model(compiled: Compiled) -> pin.Model:
         model.addFrame(
             pin.Frame(compiled.bodies[b], joint, pin.SE3(T), pin.FrameType.BODY, inertia)
         )
-    # Of a ball or free body it would not stay diagonal in turns about successive axes.
+    # Of a ball or free body they would not stay diagonal in turns about successive axes.
     for j, own in enumerate(compiled.coordinates):
         if len(own) == 1:
             joint = model.getJointId(own[0])
             model.armature[model.idx_vs[joint]] = data["dof_armature"][data["jnt_dofadr"][j]]
+            if not compiled.is_off("DAMPER", "PASSIVE"):
+                model.damping[model.idx_vs[joint]] = data["dof_damping"][data["jnt_dofadr"][j]]
     model.lowerPositionLimit = np.array(lower)
     model.upperPositionLimit = np.array(upper)
     taken = {*compiled.bodies, "world"}

@@ -211,15 +211,16 @@ def _ignored(compiled: Compiled) -> list[str]:
     balls = [name for name, own, limited in parts if limited and len(own) > 1]
     if balls:
         found.append(f"ranges of ball joints ({_listed(balls)})")
-    armed = [
-        name
-        for name, own, start in zip(
-            compiled.joints, compiled.coordinates, data["jnt_dofadr"], strict=True
-        )
-        if len(own) > 1 and data["dof_armature"][start]
-    ]
-    if armed:
-        found.append(f"armature of ball and free joints ({_listed(armed)})")
+    for what in ("armature", "damping"):
+        named = [
+            name
+            for name, own, start in zip(
+                compiled.joints, compiled.coordinates, data["jnt_dofadr"], strict=True
+            )
+            if len(own) > 1 and data[f"dof_{what}"][start]
+        ]
+        if named:
+            found.append(f"{what} of ball and free joints ({_listed(named)})")
     if any(data["opt.wind"]) and (data["opt.density"] or data["opt.viscosity"]):
         found.append("wind")
     if compiled.is_off("SPRING", "PASSIVE") and any(data["jnt_stiffness"]):

@@ -32,7 +32,7 @@ qpos0 qpos_spring key_qpos opt.gravity opt.wind opt.density opt.viscosity opt.di
 body_parentid body_pos body_quat body_mass body_ipos body_iquat body_inertia body_gravcomp
 body_mocapid body_plugin
 jnt_type jnt_bodyid jnt_qposadr jnt_pos jnt_axis jnt_limited jnt_range jnt_stiffness
-jnt_stiffnesspoly jnt_dofadr dof_armature
+jnt_stiffnesspoly jnt_dofadr dof_armature dof_damping
 site_bodyid site_pos site_quat
 geom_bodyid geom_type geom_group geom_dataid geom_matid geom_pos geom_quat geom_size geom_rgba
 mat_rgba mesh_pos mesh_quat
