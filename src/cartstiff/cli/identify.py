@@ -258,7 +258,7 @@ def _words(text: str) -> list[str]:
     return [text.strip()] if ":" in text else [part.strip() for part in text.split(",")]
 
 
-def _progress(step: int, change: float) -> None:
+def _progress(step: int, size: float) -> None:
     """A line on a terminal for each step of a long fit."""
     if sys.stderr.isatty():
-        say(f"step {step}: largest relative change {change:.3g}", error=True)
+        say(f"step {step}: residuals of {size:.6g} standard deviations in all", error=True)

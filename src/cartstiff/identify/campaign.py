@@ -27,6 +27,8 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 __all__ = ["FITS", "identify"]
 
 FITS = ("plain", "robust")
+# Compliances below this share of the mechanism's own are no place to begin: all but rigid.
+_RIGID = 1e-3
 
 
 def identify(
@@ -66,7 +68,7 @@ def identify(
     level : float
         Probability of the intervals.
     progress : callable, optional
-        Called with the number of a step and the size of its change.
+        Called with the number of a step and the norm of the residuals over their deviations.
 
     Returns
     -------
@@ -101,7 +103,7 @@ def identify(
     checks = checked(model, chosen, unknowns, measured, rows_in_fit(robust, fit, len(seen)))
     inflation = inflation_of(checks)
     told = estimates(chosen.solved, unknowns, level, inflation)
-    if loaded:
+    if not model.is_linear:
         from cartstiff.identify.profile import with_profiles
 
         told = with_profiles(told, model, unknowns, chosen, measured, offsets, level)
@@ -156,14 +158,15 @@ def _fits(
     noise = Noise.of(seen.deviation, seen.is_angle)
     nuisance = nuisance_of(seen, measured, offsets).columns
     _check_count(len(seen), unknowns, nuisance.shape[1])
-    found = fitted(linear, unknowns, noise, nuisance=nuisance)
     if loaded:
         from cartstiff.identify.loaded_model import LoadedModel
 
         model = LoadedModel(unknowns, measured, linear)
-        known = found.solved.is_determined & (found.theta > 0.0)
-        start = np.where(known | ~unknowns.is_bounded, found.theta, unknowns.nominal)
-        found = fitted(model, unknowns, noise, nuisance=nuisance, start=start, progress=progress)
+        if linear.is_linear:  # where it costs nothing
+            first = fitted(linear, unknowns, noise, nuisance=nuisance)
+            known = first.solved.is_determined & (first.theta > _RIGID * unknowns.nominal)
+            start = np.where(known | ~unknowns.is_bounded, first.theta, unknowns.nominal)
+    found = fitted(model, unknowns, noise, nuisance=nuisance, start=start, progress=progress)
     robust = robust_fit(model, unknowns, noise, nuisance, found)
     return model, found, robust
 

@@ -34,8 +34,8 @@ class Estimate:
         Estimate and standard deviation.
     interval : tuple of float or None
         Of the compliance.
-    method : {"linear", "profile", "bootstrap"}
-        How the interval was found.
+    method : {"linear", "profile", "linear, not looked at"}
+        How the interval was found; the last where equilibria would take too long.
     """
 
     unknown: Unknown

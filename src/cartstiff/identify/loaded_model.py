@@ -33,6 +33,9 @@ from cartstiff.statics.sensitivity import motion_by_compliance
 
 __all__ = ["LoadedModel"]
 
+# Changes of parameters, in their natural sizes, along which a state of rest is followed linearly.
+_NEAR = 0.5
+
 
 class _State(NamedTuple):
     """Pose of M, and twist of M (along its axes) per parameter (6, P)."""
@@ -58,8 +61,8 @@ class LoadedModel:
     unknowns: Unknowns
     measured: Measurements
     linear: LinearModel
-    #: Where each row came to rest last: the search begins there.
-    _last: dict[tuple[int, bytes], Array] = field(default_factory=dict)
+    #: Where each row came to rest last, how it moves with the parameters, and what these were.
+    _last: dict[tuple[int, bytes], tuple[Array, Array, Array]] = field(default_factory=dict)
 
     #: Whether the prediction is linear in the parameters.
     is_linear = False
@@ -104,22 +107,22 @@ class LoadedModel:
             rows = np.flatnonzero(groups == k)
             at = np.flatnonzero(np.isin(seen.row, rows))
             elastic = _told(bare, self.measured.q[n])
-            loaded = self._state(elastic, int(n), inertial[n])
+            loaded = self._state(elastic, int(n), inertial[n], theta)
             rigid = _State(self.linear.poses[n], np.zeros((6, len(theta))))
             before = rigid
             if differs[rows].any():
                 key = self.measured.q[n].tobytes() + weight0[n].tobytes()
                 if key not in references:
                     still = np.append(np.zeros(3), weight0[n])
-                    references[key] = self._state(elastic, int(n), still)
+                    references[key] = self._state(elastic, int(n), still, theta)
                 before = references[key]
             for i in at:
                 start = rigid if seen.is_absolute[i] else before
                 y[i], A[i] = _between(start, loaded, seen.axis[i], bool(seen.is_angle[i]), p)
         return y, A
 
-    def _state(self, elastic: ElasticMechanism, n: int, load: Array) -> _State:
-        """Equilibrium of a row under a wrench along F."""
+    def _state(self, elastic: ElasticMechanism, n: int, load: Array, theta: Array) -> _State:
+        """Equilibrium of a row under a wrench along F; the search begins where it should be."""
         q = self.measured.q[n]
         P = len(self.unknowns.parameters)
         loads: list[Load] = []
@@ -131,15 +134,21 @@ class LoadedModel:
             return _State(elastic.mechanism.at(q).pose, np.zeros((6, P)))
         system = System(elastic, loads)
         key = (n, load.tobytes())
+        start = q
+        if key in self._last:
+            start, rates, before = self._last[key]
+            change = theta - before
+            if np.all(np.abs(change) <= _NEAR * self.unknowns.sizes):
+                start = start + rates @ change
         try:
-            found = solve(system, self._last.get(key, q), settle=False)
+            found = solve(system, start, settle=False)
         except CartstiffError as error:
             raise ConvergenceError(
                 f"row {self.measured.rows[n]}: {error}", iterations=0, residual=np.nan
             ) from None
-        self._last[key] = found.point.q
         posture, elements = found.point.posture, Elements(elastic)
         motion = motion_by_compliance(posture, found.balance, elements, self.unknowns.patterns)
+        self._last[key] = found.point.q, motion, theta.copy()
         return _State(posture.pose, posture.motion.jacobian @ motion)
 
 

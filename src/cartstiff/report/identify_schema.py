@@ -44,7 +44,7 @@ _PARAMETER = _object(
                                      null=True),
         "identifiable": {"type": "boolean", "description": "whether the interval is finite"},
         "verdict": {"enum": ["determined", "at-least", "not-identifiable", "negative"]},
-        "method": {"enum": ["linear", "profile", "bootstrap"]},
+        "method": {"enum": ["linear", "profile", "linear, not looked at"]},
         "plain": _number("compliance by least squares on all rows used", null=True),
         "robust": _number("compliance by the robust fit", null=True),
     }
