@@ -37,6 +37,8 @@ def _files(folder):
         "{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000,), }".ljust(117) + "\n"
     )
     (folder / "huge.npy").write_bytes(b"\x93NUMPY\x01\x00" + b"\x76\x00" + header.encode() + b"12")
+    # A header without an end: NumPy hands it to Python's tokenizer.
+    (folder / "open.npy").write_bytes(b"\x93NUMPY\x01\x00\x13\x00{'descr': ('<f8', (")
     np.savez(folder / "archive", matrix=np.eye(6))
     (folder / "archive.npz").rename(folder / "archive.npy")
     (folder / "integers.json").write_text(json.dumps([[10**400] * 6] * 6))

@@ -320,3 +320,14 @@ def test_closures_that_cannot_be_met_are_named(monkeypatch):
     found = analyse_many(elastic, elastic.q[None], outputs=("energy",))
     assert found.counts() == {"not-assembled": 1}
     assert np.isnan(found["energy"]).all()
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_one_joint_about_an_axis_through_the_end_effector(tmp_path, path):
+    """No length can be seen from there: the engine's is taken."""
+    (tmp_path / "one.urdf").write_text(
+        '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="continuous">'
+        '<parent link="a"/><child link="b"/><axis xyz="1 2 3"/></joint></robot>'
+    )
+    elastic = cartstiff.load(tmp_path / "one.urdf").with_springs([5.0])
+    assert_same(elastic, np.array([[0.1], [0.4]]), path)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pinocchio as pin
 import pytest
-from tests.mechanisms.machines import joint, masses, write_file, write_urdf
+from tests.mechanisms.machines import codes, joint, masses, note, write_file, write_urdf
 from tests.mechanisms.oracle import GRAVITY
 from tests.support import relative_error
 
@@ -246,3 +246,21 @@ def test_assembled_loops_are_closed_for_mujoco(tmp_path, equality):
     data.qpos[order] = q + 0.01
     mujoco.mj_forward(model, data)
     assert np.abs(data.efc_pos[:rows]).max() > 1e-4
+
+
+IDLE = """<mujoco><compiler angle="degree" eulerseq="zyx"/>
+<default><joint axis="0 0 1"/><geom size=".02"/></default><worldbody>
+<body name="crank" pos="-.15 0 0"><joint name="m1" stiffness="35" springref="20"/><geom/>
+<body name="coupler" pos=".25 0 0"><joint name="e1" pos=".1 .2 .3"/><geom/>
+<site name="tip" pos=".3 0 0"/></body></body>
+<body name="rocker" pos=".15 0 0" euler="0 0 10"><joint name="m2" stiffness="50"/><geom/>
+<body name="link" pos=".25 0 0"><joint name="e2"/><geom/></body></body></worldbody>
+<equality><connect body1="coupler" body2="link" anchor=".3 0 0"/></equality></mujoco>"""
+
+
+def test_a_loop_whose_only_motion_leaves_the_end_effector_where_it_is(tmp_path):
+    """What the sums for the end-effector leave of zero is no motion of it."""
+    (tmp_path / "loop.xml").write_text(IDLE)
+    result = analyse(load(tmp_path / "loop.xml"))
+    assert {"deficient", "idle-self-motion"} <= set(codes(result))
+    assert "6 of 6 directions" in note(result, "deficient").message

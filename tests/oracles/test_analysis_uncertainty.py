@@ -145,3 +145,18 @@ def test_text_of_the_uncertainty() -> None:
     assert "principal values meet here" in short
     assert "modes.eigenvalues[0]" in full
     assert "modes.eigenvalues[0]" not in short
+
+
+def test_links_that_must_bend_are_assembled_in_few_steps(monkeypatch):
+    """What is kept while a loop is closed is let go as soon as the gap gets no smaller."""
+    elastic = cartstiff.load("3-rrr")
+    chain = elastic.mechanism
+    placements = dict(enumerate(chain.tree.placements(), 1))
+    placements[3] = placements[3].copy()
+    placements[3][2, 3] += 1e-3  # out of the plane in which the others move
+    moved = chain.with_placements(placements, chain.body.T_j_f)
+    steps, at = [0], type(moved).at
+    monkeypatch.setattr(type(moved), "at", lambda *a: steps.__setitem__(0, steps[0] + 1) or at(*a))
+    posture = moved.closed(elastic.q)
+    assert np.abs(posture.residual).max() < 1e-12
+    assert steps[0] < 30

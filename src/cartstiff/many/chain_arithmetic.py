@@ -229,7 +229,8 @@ class _Chain:
                 if not (isinstance(turning[a], float) and turning[a] == 0.0)
             ]
             self.area = sum(moments[1:], moments[0]) / total
-            self.length = square_root(self.area)
+            if not is_zero(self.area):  # else the engine chooses
+                self.length = square_root(self.area)
             least = _MEETING * self.kinematics.size
             self.verdict = pick(least**2, self.area, PLAIN, ENGINE)
             far = limited(norm_squared(self.position), LARGEST_ANGLE**2)

@@ -196,6 +196,8 @@ class ChainPosture(MechanismPosture):
 
 # Three and more times what holds all that `MOST_COORDINATES` can move, at six each.
 _MOST_CLOSURES = 100
+# Newton steps in a row that bring the gap of the closures no nearer to zero.
+_FUTILE = 8
 
 
 class Chain(Mechanism):
@@ -366,11 +368,8 @@ class Chain(Mechanism):
         movable[:] = True
         found, iterations, size = self._close(posture, movable, tolerance)
         if found is None:
-            raise ConvergenceError(
-                "the closures cannot be assembled from this posture",
-                iterations=iterations,
-                residual=size,
-            )
+            raise ConvergenceError("the closures cannot be assembled from this posture",
+                                   iterations=iterations, residual=size)  # fmt: skip
         return found
 
     def _close(
@@ -378,14 +377,14 @@ class Chain(Mechanism):
     ) -> tuple[ChainPosture | None, int, float]:
         size = np.inf
         best: tuple[float, ChainPosture] = (np.inf, posture)
-        iteration = 0
+        iteration = futile = 0
         for iteration in range(1, 101):
             residual, closure = posture.residual, posture.closure
             if residual is None or closure is None:
                 return posture, iteration, 0.0
             before, size = size, float(np.abs(residual).max())
-            if size < best[0]:
-                best = (size, posture)
+            futile = 0 if size < 0.9 * best[0] else futile + 1
+            best = min(best, (size, posture), key=lambda pair: pair[0])
             unit = max(1.0, posture.length)
             # Accepted at rounding level, or within tolerance once steps no longer help.
             if size <= 1e-15 * unit or (size <= tolerance * unit and size > 0.1 * before):
@@ -393,7 +392,8 @@ class Chain(Mechanism):
             columns = posture.coordinate_lengths * movable
             step = np.linalg.lstsq(closure.jacobian * columns, -residual, rcond=1e-9)[0]
             largest = float(np.abs(step).max())
-            if not largest > 1e-17:
+            # Whole steps that do not help lead to where the gap is least, not to where it shuts.
+            if not largest > 1e-17 or (futile >= _FUTILE and largest < 0.2):
                 break
             posture = self.at(posture.q + columns * step * min(1.0, 0.2 / largest))
         size, posture = best

@@ -71,10 +71,16 @@ class Ties:
         paths = [tree.path(a.joint, b.joint) for a, b in places]
         #: (c, 1, joints): -1 on the way up from a, +1 on the way down to b.
         self.signs = np.array([path.signs for path in paths])[:, None]
-        #: (c, joints, joints): 1/2 for a joint before another on the path.
-        self.before = np.zeros((len(paths), tree.model.nv, tree.model.nv))
-        for half, path in zip(self.before, paths, strict=True):
-            half[path.block] = np.triu(np.full((len(path.order),) * 2, 0.5), 1)
+        #: (c, p): joints of each path in its order, those of shorter paths filled up.
+        self.order = np.zeros((len(paths), max(len(path.order) for path in paths)), np.intp)
+        #: (c, p, p): 1/2 for a joint before another on the path.
+        self.before = np.zeros((*self.order.shape, self.order.shape[1]))
+        for order, half, path in zip(self.order, self.before, paths, strict=True):
+            p = len(path.order)
+            order[:p] = path.order
+            half[:p, :p] = np.triu(np.full((p, p), 0.5), 1)
+        #: (c p p,): where an entry of `before` stands in a matrix over all joints, row by row.
+        self.places = (self.order[:, :, None] * tree.model.nv + self.order[:, None]).ravel()
         is_weld = np.array([c.type == "weld" for c in closures])
         self.welds, self.points = np.flatnonzero(is_weld), np.flatnonzero(~is_weld)
         #: (c, 6): which components of the relative twists vanish.
@@ -117,9 +123,12 @@ class TiedState:
 
     def curvature(self, multipliers: Array) -> Array:
         """``sum_k multipliers_k Hess(residual_k)`` (n, n), symmetric."""
-        w = np.zeros((len(self._ties.rows), 6))
-        w[self._ties.rows] = multipliers
-        J = self._twists
-        upper = (J.swapaxes(1, 2) @ se3.bracket_form(w) @ J * self._ties.before).sum(axis=0)
+        ties = self._ties
+        w = np.zeros((len(ties.rows), 6))
+        w[ties.rows] = multipliers
+        J = self._twists[np.arange(len(w))[:, None], :, ties.order]  # (c, p, 6): on the paths only
+        halves = J @ se3.bracket_form(w) @ J.swapaxes(1, 2) * ties.before
+        n = self._twists.shape[2]
+        upper = np.bincount(ties.places, halves.ravel(), n * n).reshape(n, n)
         S: Array = upper + upper.T
         return S if self._mimic is None else self._mimic.T @ S @ self._mimic

@@ -80,10 +80,13 @@ SYMMETRY: Final = 1e-9
 _TINY = 1e-300
 
 
-def rank(values: ArrayLike) -> int:
-    """How many of the singular values of a length-scaled Jacobian (descending) are not zero."""
+def rank(values: ArrayLike, rounding: float = 0.0) -> int:
+    """How many of the singular values of a length-scaled Jacobian (descending) are not zero.
+
+    `rounding` is what the Jacobian's own sums may leave where it is zero.
+    """
     v = np.asarray(values, float).tolist()
-    least = RANK * max(max(v, default=0.0), _TINY)
+    least = max(RANK * max(max(v, default=0.0), _TINY), rounding)
     return sum(x > least for x in v)
 
 

@@ -290,7 +290,7 @@ def _general(
     motions = None if closure is None else orthonormal
     freedoms = N.shape[1]
     U, values, Vt = np.linalg.svd(J @ orthonormal)
-    rank = numerics.rank(values)
+    rank = numerics.rank(values, numerics.EPSILON * np.abs(J).sum())
     U, lost, along = U[:, :rank], U[:, rank:], orthonormal @ Vt[rank:].T
     if rank == len(rows):
         U = np.eye(rank)  # else rounding of the basis stands where K is zero

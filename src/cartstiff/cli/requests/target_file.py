@@ -93,10 +93,18 @@ def _unlike(a: float, b: float) -> float:
     return max(a / b, b / a)
 
 
+def _of_numpy(data: bytes) -> Any:
+    """The array of an .npy file; of a broken one its reader raises anything."""
+    import numpy as np
+
+    try:
+        return np.load(io.BytesIO(data), allow_pickle=False)
+    except Exception as error:
+        raise ValueError(str(error)) from None
+
+
 def read_target(path: Path, order: str | None) -> Target:
     """A 6x6 matrix from a file: .json (rows, or an object with "matrix"), .csv or .npy."""
-    from zipfile import BadZipFile
-
     import numpy as np
 
     from cartstiff.arrays import checked_array
@@ -113,7 +121,7 @@ def read_target(path: Path, order: str | None) -> Target:
         raise error.moved_to(where) from None
     try:
         if path.suffix == ".npy":
-            found = np.load(io.BytesIO(data), allow_pickle=False)
+            found = _of_numpy(data)
         elif path.suffix == ".csv":
             text = data.decode()
             # The comment that our own files begin with names the order.
@@ -125,7 +133,7 @@ def read_target(path: Path, order: str | None) -> Target:
             if isinstance(found, dict):
                 said, found = found, found.get("matrix")
         matrix = checked_array(found, (6, 6), "matrix")
-    except (ValueError, TypeError, EOFError, RecursionError, BadZipFile, MemoryError) as error:
+    except (ValueError, TypeError, RecursionError, MemoryError) as error:
         raise InputError(
             "does not hold a matrix", where=where, expected=expected, got=str(error)
         ) from None
