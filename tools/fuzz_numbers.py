@@ -53,14 +53,14 @@ def postures(rng: random.Random) -> str:
     if elastic is None:
         return "refused"
     q = np.asarray(elastic.q) + np.array([[rng.uniform(-0.2, 0.2) for _ in elastic.names]
-                                          for _ in range(3)])  # fmt: skip
-    wrench, path = _load(rng), rng.choices(["auto", "portable", "engine"], [1, 8, 8])[0]
+                                          for _ in range(2)])  # fmt: skip
+    wrench, path = _load(rng), rng.choices(["auto", "portable", "engine"], [1, 8, 1])[0]
     try:
         found = cartstiff.analyse_many(elastic, q, wrench=wrench, path=path,
                                        outputs=["B", "A", "pose"])  # fmt: skip
     except CartstiffError:
         return "refused"
-    for row in range(3):
+    for row in range(2):
         try:
             alone = analyse(elastic, q[row], wrench=wrench)
             K = alone.B.matrix
@@ -142,7 +142,7 @@ def rest(rng: random.Random) -> str:
         return "refused"
     force = np.array([rng.uniform(-5, 5) for _ in range(3)])
     try:
-        state = cartstiff.equilibrium(elastic, DeadForce(force))
+        state = cartstiff.equilibrium(elastic, DeadForce(force), iterations=60)
         C = state.stiffness.tangent_compliance
         if not state.stable or C is None or state.reactions.limits:
             return "answered"
