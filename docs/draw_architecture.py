@@ -29,6 +29,7 @@ ROWS = [
     ["scene"],
     ["page"],
     ["cli"],
+    ["cases"],
 ]
 WORDS = {
     "errors": "refusals and states that carry their numbers",
@@ -49,6 +50,7 @@ WORDS = {
     "scene": "3D pictures",
     "page": "the page in the browser",
     "cli": "parse, call, print",
+    "cases": "published numbers, checked",
 }
 # Read by everything, and read at most errors.
 SMALL = {"arrays", "child_process", "graded", "numerics", "parsing", "version"}

@@ -37,6 +37,7 @@ LAYERS = [
     {"scene"},
     {"page"},
     {"cli"},
+    {"cases"},
 ]
 LEVEL = {part: level for level, parts in enumerate(LAYERS) for part in parts}
 #: Modules at the top of the package that only hand over to others.

@@ -9,6 +9,7 @@ Directives, for pages in reStructuredText (``command-help`` for MyST pages as we
 - ``other-modules NAME ...``: the same for all packages that are not named;
 - ``state-codes PACKAGE``: the codes of notes and states of a package, with their messages;
 - ``import-picture``: the packages and their imports, as SVG;
+- ``published-cases``: the cases with their values;
 - ``gallery``: one picture and one paragraph for every example.
 
 Role ``key``: a bibliography key, resolved on the page of references.
@@ -35,6 +36,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective, SphinxRole
 
 import cartstiff
+from cartstiff.cases.case import read_cases
 from cartstiff.cli import main as cli
 from cartstiff.loading.schema import json_schema
 from cartstiff.report.json_schema import json_schema as output_schema
@@ -322,6 +324,50 @@ class Gallery(_Text):
 # -- the picture of imports -------------------------------------------------------------------
 
 
+class PublishedCases(_Text):
+    """A section a case: source, verdict, printed values and ours."""
+
+    def text(self) -> Iterator[str]:
+        """The lines."""
+        cases = list(read_cases(ROOT / "cases"))
+        self.env.note_dependency(str(ROOT / "cases"))
+        verdicts = [case.verdict for _, case in cases]
+        counts = [f"{verdicts.count(v)} {v}" for v in dict.fromkeys(sorted(verdicts))]
+        yield f"{len(cases)} cases: {', '.join(counts)}."
+        yield ""
+        for folder, case in cases:
+            yield from (case.title, "-" * len(case.title), "")
+            yield f"``{folder.name}``: **{case.verdict}**. {case.about}"
+            if case.reason:
+                yield f"*{case.reason}*"
+            source = case.source
+            link = f" `{source.link} <{source.link}>`__" if source.link else ""
+            yield from ("", f"Source: {source.work}; {source.place}.{link}", "")
+            yield from (
+                ".. list-table::",
+                "   :header-rows: 1",
+                "",
+                "   * - value",
+                "     - printed",
+            )
+            yield from ("     - cartstiff", "     -")
+            for asked in case.asked:
+                yield f"   * - {asked.name}: {asked.what} ({asked.unit})"
+                yield f"     - {_numbers(asked.printed)}"
+                yield f"     - {_numbers(asked.ours)}"
+                yield f"     - {'' if asked.agrees else 'differs: '}{asked.because or ''}"
+            yield ""
+
+
+def _numbers(values: Any) -> str:
+    """A short value as it is, of a matrix its shape."""
+    if not isinstance(values, list):
+        return f"{values:.8g}"
+    if isinstance(values[0], list):
+        return f"{len(values)} x {len(values[0])} entries"
+    return ", ".join(f"{value:.8g}" for value in values)
+
+
 class ImportPicture(SphinxDirective):
     """The SVG of docs/draw_architecture.py, inside the page."""
 
@@ -357,6 +403,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.add_directive("other-modules", OtherModules)
     app.add_directive("state-codes", StateCodes)
     app.add_directive("gallery", Gallery)
+    app.add_directive("published-cases", PublishedCases)
     app.add_directive("import-picture", ImportPicture)
     app.add_role("key", Key())
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,74 @@
+"""``python -m cartstiff.cases``: run the published cases and write the table."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+import click
+
+from cartstiff.cases.case import read_cases
+from cartstiff.cases.run import run_case, table, tool
+from cartstiff.errors import CartstiffError, InputError
+
+
+def bundled() -> Path:
+    """The folder ``cases`` of the checkout or of the installed package."""
+    package = Path(__file__).parents[1] / "published_cases"
+    folder = package if package.is_dir() else Path(__file__).parents[3] / "cases"
+    if not folder.is_dir():
+        raise InputError("the cases are not installed", expected="the path of a folder of cases")
+    return folder
+
+
+@click.command(
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="Example: python -m cartstiff.cases --with cases/plain_numpy.py",
+)
+@click.argument("folder", required=False, type=click.Path(path_type=Path))
+@click.option(
+    "--with", "files", multiple=True, type=click.Path(path_type=Path),
+    help="Another tool: a Python file with a function answers(inputs, folder).",
+)  # fmt: skip
+@click.option("--only", multiple=True, help="Name of a case; the others are left out.")
+def main(folder: Path | None, files: tuple[Path, ...], only: tuple[str, ...]) -> None:
+    """Check published numbers about stiffness: FOLDER is one case, or holds many.
+
+    The exit status is 1 if a value differs from what its case says.
+    """
+    started = time.monotonic()
+    cases = list(read_cases(folder or bundled()))
+    names = {path.name for path, _ in cases}
+    for name in only:
+        if name not in names:
+            raise InputError("no such case", where="--only", got=name)
+    if only:
+        cases = [(path, case) for path, case in cases if path.name in only]
+    others = {path.stem: tool(path) for path in files}
+    outcomes = []
+    with click.progressbar(
+        cases, label="cases", file=sys.stderr, hidden=not sys.stderr.isatty()
+    ) as bar:
+        for path, case in bar:
+            outcomes += run_case(path, case, others)
+    click.echo(table(cases, outcomes))
+    wrong = [o for o in outcomes if not o.as_said]
+    click.echo(
+        f"\n{len(cases)} cases, {len({(o.case, o.asked.name) for o in outcomes})} values, "
+        f"{len(wrong)} not as said, {time.monotonic() - started:.1f} s"
+    )
+    for o in wrong:
+        click.echo(f"{o.case}, {o.asked.name}, {o.tool}: {o.words}", err=True)
+    sys.exit(bool(wrong))
+
+
+if __name__ == "__main__":
+    try:
+        main(standalone_mode=False)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except CartstiffError as error:
+        click.echo(f"Error: {error}", err=True)
+        sys.exit(2)

@@ -1,0 +1,188 @@
+"""A case: what a source prints, from which inputs, and what becomes of it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from cartstiff.errors import InputError, one_line
+from cartstiff.geometry.se3 import Array
+from cartstiff.loading.schema import Number, Positive, Text
+from cartstiff.loading.yaml_file import read_yaml
+
+__all__ = ["Asked", "Case", "json_schema", "read_case", "read_cases"]
+
+#: How close to a stored value its own tool must come, relative to the largest entry.
+SAME = 1e-9
+
+Values = Number | list[Number] | list[list[Number]] | list[list[list[Number]]]
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Source(_Entry):
+    """Where the printed numbers stand."""
+
+    work: Annotated[Text, Field(description="author, title, place and year of publication")]
+    place: Annotated[Text, Field(description="table, equation, page, or file")]
+    link: Text | None = None
+    looked_up: Annotated[
+        Text, Field(description="how the numbers were seen: in the work, or where it is quoted")
+    ]
+    licence: Annotated[Text, Field(description="of the source; here stand numbers only")]
+
+
+class Asked(_Entry):
+    """One printed value, with its printed precision, and ours.
+
+    An entry is met if it differs by no more than `tolerance`, or, without one, by half a unit of
+    the last printed digit: of `last_digit`, or of `digits` significant digits.
+    """
+
+    name: Text
+    what: Annotated[Text, Field(description="the quantity in words, with frame, axes and order")]
+    unit: Text
+    quantity: Annotated[
+        Literal["stiffness", "compliance", "manipulability"] | None,
+        Field(description="for tools that work from `inputs` alone, at `inputs.at`, base axes"),
+    ] = None
+    order: Literal["angular-linear", "linear-angular"] | None = None
+    printed: Values
+    last_digit: Annotated[Positive | None, Field(description="unit of the last digit")] = None
+    digits: Annotated[int | None, Field(ge=1, le=17, description="significant digits")] = None
+    zero: Annotated[
+        Positive | None, Field(description="what the source prints as rounding noise is below")
+    ] = None
+    tolerance: Positive | None = None
+    ours: Annotated[Values, Field(description="computed, with all digits that are sure")]
+    agrees: Annotated[bool, Field(description="whether ours meets the printed value")] = True
+    because: Annotated[
+        Text | None, Field(description="why it does not, or why the tolerance is a wider one")
+    ] = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> Asked:
+        if (self.last_digit is None) == (self.digits is None):
+            raise ValueError("give exactly one of last_digit, digits")
+        if np.shape(self.printed) != np.shape(self.ours):
+            raise ValueError("printed and ours have different shapes")
+        if (not self.agrees or self.tolerance is not None) and self.because is None:
+            raise ValueError("say under `because` why")
+        return self
+
+    def tolerances(self) -> Array:
+        """How far each entry may be from the printed one."""
+        printed = np.array(self.printed, float)
+        if self.tolerance is not None:
+            return np.full(printed.shape, self.tolerance)
+        if self.last_digit is not None:
+            allowed = np.full(printed.shape, self.last_digit / 2)
+        else:
+            size = np.where(printed == 0, 1.0, np.abs(printed))
+            allowed = 0.5 * 10.0 ** (np.floor(np.log10(size)) + 1 - (self.digits or 1))
+        if self.zero is not None:
+            allowed = np.where(printed == 0, self.zero, allowed)
+        # A value half-way between two printed ones may be rounded to either.
+        return allowed * (1 + SAME)
+
+    def meets(self, value: Any) -> bool:
+        """Whether a value is the printed one, to the printed digit."""
+        found = np.asarray(value, float)
+        printed = np.array(self.printed, float)
+        # Not `> allowed`: what is not a number meets nothing.
+        return found.shape == printed.shape and bool(
+            np.all(np.abs(found - printed) <= self.tolerances())
+        )
+
+    def is_ours(self, value: Any) -> bool:
+        """Whether a value is the stored one, but for rounding."""
+        found, ours = np.asarray(value, float), np.array(self.ours, float)
+        return found.shape == ours.shape and bool(
+            np.all(np.abs(found - ours) <= SAME * np.max(np.abs(ours), initial=self._least()))
+        )
+
+    def _least(self) -> float:
+        return self.zero or 0.0
+
+
+class Case(_Entry):
+    """The contents of ``case.yaml``."""
+
+    title: Text
+    about: Annotated[Text, Field(description="what is computed and why it is worth checking")]
+    source: Source
+    inputs: Annotated[
+        dict[str, Any], Field(description="all numbers that go in, with their units in words")
+    ]
+    asked: Annotated[list[Asked], Field(max_length=200)]
+    verdict: Literal[
+        "reproduced", "reproduced after a correction", "contradicts itself", "inputs incomplete"
+    ]
+    reason: Annotated[Text | None, Field(description="needed where it is not reproduced")] = None
+    slow: Annotated[bool, Field(description="takes more than ten seconds")] = False
+
+    @model_validator(mode="after")
+    def _fits(self) -> Case:
+        if not self.asked and self.verdict != "inputs incomplete":
+            raise ValueError("nothing is asked")
+        differing = [a.name for a in self.asked if not a.agrees]
+        if self.verdict == "reproduced" and differing:
+            raise ValueError(f"is called reproduced, but not {', '.join(differing)}")
+        if self.verdict == "contradicts itself" and not differing:
+            raise ValueError("is said to contradict itself, but everything agrees")
+        if self.verdict != "reproduced" and self.reason is None:
+            raise ValueError("say under `reason` what keeps it from being reproduced")
+        names = [a.name for a in self.asked]
+        if len(set(names)) != len(names):
+            raise ValueError("two asked values have the same name")
+        return self
+
+
+def read_case(folder: Path) -> Case:
+    """The case in a folder.
+
+    Raises
+    ------
+    InputError
+        With the file, its line and the key.
+    """
+    path = folder / "case.yaml"
+    data, lines = read_yaml(path)
+    try:
+        return Case.model_validate(data)
+    except ValidationError as error:
+        # A key that does not exist explains one that is missing.
+        errors = sorted(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
+        keys = tuple(k for k in errors[0]["loc"] if not isinstance(k, str) or "[" not in k)
+        known = keys
+        while known and known not in lines:
+            known = known[:-1]
+        line = f", line {lines[known]}" if known else ""
+        raise InputError(
+            "case cannot be used", where=f"{one_line(str(path))}{line}",
+            expected=errors[0]["msg"], got=".".join(map(str, keys)) or None,
+        ) from None  # fmt: skip
+
+
+def read_cases(folder: Path) -> Iterator[tuple[Path, Case]]:
+    """All cases below a folder, by name; a case's own folder is one."""
+    if (folder / "case.yaml").is_file():
+        yield folder, read_case(folder)
+        return
+    paths = sorted(folder.glob("*/case.yaml"))
+    if not paths:
+        raise InputError("no cases", where=one_line(str(folder)), expected="folders with case.yaml")
+    for path in paths:
+        yield path.parent, read_case(path.parent)
+
+
+def json_schema() -> str:
+    """JSON schema of case.yaml, as text."""
+    return json.dumps(Case.model_json_schema(), indent=1, ensure_ascii=False) + "\n"
