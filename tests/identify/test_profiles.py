@@ -1,0 +1,42 @@
+"""Intervals where the linear one misleads: their ends are those of the profile likelihood."""
+
+from __future__ import annotations
+
+import pytest
+from tests.identify.campaigns import arm, load
+
+from cartstiff.identify import profile
+from cartstiff.identify.campaign import identify
+from cartstiff.identify.candidates import candidates
+from cartstiff.identify.intervals import quantile
+from cartstiff.identify.synthetic import simulated
+
+SPREAD = {"dx": 0.02, "dy": 0.02, "dz": 0.02}
+
+
+@pytest.fixture(scope="module")
+def soft(tmp_path_factory):
+    """A soft arm that a load bends far, seen badly and seldom."""
+    path = arm("scara", tmp_path_factory.mktemp("soft"), springs=(3000.0, 1200.0, 8e4, 200.0))
+    elastic = load(path)
+    rows = candidates(elastic, SPREAD, count=5, force=300.0, seed=3)
+    return elastic, simulated(elastic, rows, SPREAD, loaded=True, tell_deviations=True, seed=1)
+
+
+def test_a_profile_ends_where_another_fit_says(soft):
+    elastic, measured = soft
+    known = {"j4": 200.0}
+    found = identify(elastic, measured, loaded=True, known=known)
+    bent = [e for e in found.estimates if e.method == "profile"]
+    assert bent
+    for e in bent:
+        held = identify(elastic, measured, loaded=True, known=known | {e.name: 1.0 / e.interval[1]})
+        grown = held.checks.chi_squared - found.checks.chi_squared
+        assert grown == pytest.approx(quantile(0.95, float("inf")) ** 2, rel=0.03)
+
+
+def test_what_was_not_looked_at_is_called_so(soft, monkeypatch):
+    elastic, measured = soft
+    monkeypatch.setattr(profile, "_BUDGET", 0)
+    found = identify(elastic, measured, loaded=True, known={"j4": 200.0})
+    assert "linear, not looked at" in {e.method for e in found.estimates}
