@@ -104,6 +104,11 @@ def load(
                 got=type(source).__name__,
             )
         loaded = from_pinocchio(source, given=given, **of_model)
+    if tcp is not None and np.size(tcp) == 6:
+        from cartstiff.loading.plausible import turned
+
+        angles = turned({"the tool's rotation": np.asarray(tcp, float).ravel()[3:].tolist()})
+        loaded = replace(loaded, notes=(*loaded.notes, *angles))
     if payload is not None and loaded.gravity is None:
         from cartstiff.mechanisms.contract import EARTH
 
@@ -228,6 +233,7 @@ def _from_file(path: Path, given: dict[str, Any]) -> ElasticMechanism:
     from cartstiff.loading import build, build_closed
     from cartstiff.loading.findings import with_findings
     from cartstiff.loading.mechanism_file import located, read_mechanism_file
+    from cartstiff.loading.plausible import file_notes
     from cartstiff.loading.schema import (
         ParallelFile,
         PlatformFile,
@@ -248,6 +254,7 @@ def _from_file(path: Path, given: dict[str, Any]) -> ElasticMechanism:
             elastic = build_closed.build_parallel(file, path.parent, where, name)
         else:
             elastic = build_closed.build_closed_chain(file, path.parent, where, name)
+        elastic = replace(elastic, notes=(*elastic.notes, *file_notes(file)))
         elastic = replace(elastic, source=" ".join((file.source or "").split()))
         return elastic if file.identified is None else with_findings(elastic, file.identified)
     except InputError as error:

@@ -20,6 +20,7 @@ from cartstiff.loading.parts import (
     put_together,
     tree_to,
 )
+from cartstiff.loading.plausible import stretched
 from cartstiff.loading.regular_posture import regular_posture
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.schema import (
@@ -176,7 +177,14 @@ def build_platform(file: PlatformFile | SpringsFile, where: str, name: str) -> E
     q = np.concatenate([file.pose.xyz, file.pose.rpy])
     dampers = _per_leg(file.legs.damping, m, "damping", where)
     damping = dampers if dampers is not None and dampers.any() else None
-    elastic = ElasticMechanism(name, platform, q, springs, damping=damping)
+    notes = []
+    if rest is not None:
+        strains = (geometry.lengths - rest) / geometry.lengths
+        # A rest length of nought is meant: such springs balance weights.
+        notes = stretched(
+            {f"stretch of leg {i + 1}": float(x) for i, x in enumerate(strains) if rest[i]}
+        )
+    elastic = ElasticMechanism(name, platform, q, springs, notes=tuple(notes), damping=damping)
     return elastic.with_gravity(file.gravity, where=f"{where}, key gravity")
 
 

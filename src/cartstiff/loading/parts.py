@@ -25,11 +25,12 @@ from cartstiff.loading.schema import (
     FlexibleModel,
     JointSpringModel,
     LegModel,
+    LineModel,
     ParallelFile,
     PayloadModel,
     SerialFile,
 )
-from cartstiff.loading.springs import extra_lines, give_of
+from cartstiff.loading.springs import extra_lines, give_of, negative_links
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.tree import KinematicTree
@@ -37,9 +38,7 @@ from cartstiff.mechanisms.tree_building import find_frame, plain_tree
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import DeadForce
-from cartstiff.potentials.springs import (
-    JointSprings,
-)
+from cartstiff.potentials.springs import CoupledSprings, JointSprings
 
 __all__ = [
     "add_payload",
@@ -92,7 +91,8 @@ def put_together(
     lifted: Sequence[Lifted] = (), entries: Mapping[str, JointSpringModel] | None = None,
 ) -> ElasticMechanism:  # fmt: skip
     """A chain with its springs, soft links, and what else the file puts on it."""
-    notes = [*notes, *beams_that_end_elsewhere(soft, chain)]
+    notes = [*notes, *beams_that_end_elsewhere(soft, chain), *negative_links(soft)]
+    notes += _idle_links(soft, chain, file.lines)
     elastic = ElasticMechanism(name, chain, q, springs, notes=tuple(notes))
     elastic = elastic.with_gravity(file.gravity, where=f"{where}, key gravity")
     potentials = [*soft, *extra_lines(file.lines, chain, q)]
@@ -111,6 +111,28 @@ def put_together(
             damping[i] = given[n].damping
     elastic = replace(elastic, damping=damping if damping.any() else None)
     return elastic.with_potential(*potentials)
+
+
+def _idle_links(soft: Sequence[Potential], chain: Chain, lines: Sequence[LineModel]) -> list[Note]:
+    """Names links that give and carry neither the body nor anything that holds it."""
+    frames = [f for line in lines for f in line.frames]
+    frames += [f for closure in chain.closures for f in (closure.frame_a, closure.frame_b)]
+    model, tree = chain.tree.model, chain.tree
+    ends = {chain.body.joint, *(tree.placement(f).joint for f in frames)}
+    felt = {model.names[int(j)] for end in ends for j in model.supports[end] if j}
+    idle = [
+        spring.link
+        for spring in soft
+        if isinstance(spring, (Beam, CoupledSprings))
+        and felt.isdisjoint(tree.coordinates[i].name for i in np.ravel(spring.indices))
+    ]
+    if not idle:
+        return []
+    words = (
+        f"links that give and do not move frame {chain.frame!r}: {', '.join(idle)} (what hangs on "
+        "such a link gives, its own frame stands before its spring)"
+    )
+    return [Note("idle-link", words, {"links": idle})]
 
 
 # Limits of a joint [rad] that look like degrees; larger ones stand for "none".

@@ -18,9 +18,10 @@ from cartstiff.loading.schema import (
     pose_of,
 )
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import Note, assumed_stiffness
+from cartstiff.mechanisms.elastic import Note, assumed_stiffness, rest_of_turns
 from cartstiff.mechanisms.flexible_links import Give
 from cartstiff.mechanisms.tree import KinematicTree
+from cartstiff.numerics import ZERO
 from cartstiff.potentials.beams import Beam, Section
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
@@ -37,6 +38,7 @@ __all__ = [
     "extra_lines",
     "give_of",
     "link_springs",
+    "negative_links",
     "springs_of",
     "virtual_joints",
 ]
@@ -116,10 +118,44 @@ def springs_of(
             stiffness[j] = ASSUMED_STIFFNESS
             assumed.append(name)
     notes = [assumed_stiffness(ASSUMED_STIFFNESS, assumed, names)] if assumed else []
+    notes += rest_of_turns(tree.coordinates, rest)
+    notes += softening({name: entry for name, entry in springs.items() if not entry.stiffness})
     if unsprung:
         words = f"joints without a spring in the file move freely: {', '.join(unsprung)}"
         notes.append(Note("passive-joints", words, {"joints": unsprung}))
     return JointSprings(stiffness, rest, laws), notes
+
+
+def softening(springs: Mapping[str, JointSpringModel]) -> list[Note]:
+    """Names springs of joints whose torque falls while they turn."""
+    found = []
+    for name, entry in springs.items():
+        if entry.table is not None:
+            x, y = np.array(entry.table).T
+            falls = bool(np.any(np.diff(y) < 0.0)) and bool(np.all(np.diff(x) > 0.0))
+        else:
+            falls = entry.polynomial is not None and entry.polynomial[0] < 0.0
+        if falls:
+            found.append(name)
+    return _negative(found)
+
+
+def _negative(names: Sequence[str]) -> list[Note]:
+    if not names:
+        return []
+    words = f"springs whose stiffness is negative, at rest or farther: {', '.join(names)}"
+    return [Note("negative-stiffness", words, {"springs": list(names)})]
+
+
+def negative_links(springs: Sequence[Potential]) -> list[Note]:
+    """Names links whose 6x6 spring has a motion along which it pushes on."""
+    found = []
+    for spring in springs:
+        if isinstance(spring, CoupledSprings):
+            values = np.linalg.eigvalsh(spring.matrix)
+            if values[0] < -ZERO * abs(values).max():
+                found.append(f"link {spring.link}")
+    return _negative(found)
 
 
 def give_of(entry: FlexibleModel) -> Give:
@@ -180,6 +216,9 @@ def extra_lines(lines: Sequence[LineModel], mechanism: Chain, q: Array) -> list[
     found = []
     for line in lines:
         a, b = line.frames
+        if mechanism.tree.placement(a).joint == mechanism.tree.placement(b).joint:
+            raise InputError("a line between two points of one link never changes its length",
+                             where="lines", got=f"{a!r} and {b!r}")  # fmt: skip
         T, _ = mechanism.at(q).relative(a, b)
         ends = np.array([line.points[0]], float), np.array([line.points[1]], float)
         try:

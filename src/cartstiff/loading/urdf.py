@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
+from cartstiff.loading.plausible import large_lengths, turned
 from cartstiff.loading.urdf_words import INERTIA, numbers_of, understood
 from cartstiff.loading.yaml_file import LARGEST_NUMBER
 from cartstiff.mechanisms.elastic import Note
@@ -154,6 +156,7 @@ def prepare_urdf(root: ET.Element, where: str) -> UrdfFacts:
             offset = numbers_of(mimic, ("offset",), 1, what, refuse) or [0.0]
             if kind != "fixed":
                 mimics[name] = Mimic(leader, factor[0], offset[0])
+    facts.notes.extend(_doubts(joints))
     _check_tree(links, parent_of, refuse)
     for name in mimics:
         _check_mimic(name, mimics, refuse)
@@ -161,6 +164,17 @@ def prepare_urdf(root: ET.Element, where: str) -> UrdfFacts:
     for name, part in links.items():
         _check_inertial(part, f"link {name!r}", refuse)
     return facts
+
+
+def _doubts(joints: Mapping[str, ET.Element]) -> list[Note]:
+    """Notes of places that look like degrees or millimetres."""
+    placed: dict[str, dict[str, list[float]]] = {"xyz": {}, "rpy": {}}
+    for name, joint in joints.items():
+        origin = joint.find("origin")
+        for key, found in placed.items():
+            if origin is not None and (text := origin.get(key)):
+                found[f"{key} of joint {name}"] = [float(x) for x in text.split()]
+    return [*turned(placed["rpy"]), *large_lengths(placed["xyz"])]
 
 
 def _plane(name: str, axis: list[float] | None, facts: UrdfFacts) -> None:

@@ -67,6 +67,10 @@ _ATTRIBUTES = {
 _STRICT = ("origin", "axis", "parent", "child", "mass", "mimic")
 
 
+# Names that simulators give to the stiffness of a joint and its rest position.
+_SPRING = re.compile(r"spring_?(stiffness|reference)|^stiffness$", re.IGNORECASE)
+
+
 # What an attribute looks like that stands outside of a tag.
 _ASSIGNMENT = re.compile(r"\w\s*=\s*[\"']")
 
@@ -98,6 +102,7 @@ def understood(root: ET.Element, refuse: Any) -> list[Note]:
                 pending.append((child, "" if element is root else f"{place}: "))
                 continue
             element.remove(child)
+            unknown += _springs_within(child, place)
             if child.tag in _SILENT.get(element.tag, ()) or child.tag.startswith("{"):
                 continue  # a tag with a namespace is an extension
             _refuse_slip(child.tag, shown, f"{place}: unknown element", f"<{child.tag}>", refuse)
@@ -117,6 +122,14 @@ def understood(root: ET.Element, refuse: Any) -> list[Note]:
     shown_names = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
     words = f"what is not URDF plays no part: {shown_names}"
     return [Note("ignored", words, {"elements": names})]
+
+
+def _springs_within(element: ET.Element, place: str) -> list[str]:
+    """Springs of joints, which simulators take from elements and attributes of their own."""
+    whose = element.get("reference") or place
+    words = [part.tag for part in element.iter() if _SPRING.search(part.tag)]
+    words += [key for part in element.iter() for key in part.attrib if _SPRING.search(key)]
+    return [f"{word} of {whose}" for word in dict.fromkeys(words)]
 
 
 def _check_attributes(element: ET.Element, place: str, unknown: list[str], refuse: Any) -> None:

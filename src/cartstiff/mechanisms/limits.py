@@ -18,7 +18,7 @@ __all__ = ["Limits", "finite", "limit_notes"]
 #: A limit is kept to within this share of the quantity, or of its natural size: rounding.
 _SLACK = 1e-13
 # Angles beyond their limits by this much, or beyond twice this where there is no limit, look like
-# degrees.
+# degrees; those of a pose beyond this.
 _TURN = 2.0 * np.pi
 _DEGREES = ". Degrees? Angles are in radians"
 
@@ -127,11 +127,13 @@ def limit_notes(mechanism: Mechanism, posture: _Placed, what: str = "") -> list[
     limits = _limits_of(mechanism)
     turned: dict[str, float] = {}
     farthest = max(map(abs, posture.q.tolist()), default=0.0)
-    if limits.legs is None and farthest > 2.0 * _TURN:
+    # Joints may turn several times; the angles of a pose hardly do.
+    most = 2.0 * _TURN if limits.legs is None else _TURN
+    if farthest > most:
         turned = {
             c.name: x
             for c, x in zip(mechanism.coordinates, posture.q.tolist(), strict=True)
-            if c.type == "revolute" and abs(x) > 2.0 * _TURN and c.name not in limits.names
+            if c.type == "revolute" and abs(x) > most and c.name not in limits.names
         }
     if not turned and limits.holds(posture.q, posture.pose):
         return []
