@@ -291,6 +291,38 @@ def test_principal_values_over_forty_decades(joints, loaded, distance):
     assert values["unstable_directions"] == 0
 
 
+@pytest.mark.parametrize("loaded", [False, True])
+def test_principal_compliances_at_a_singularity(loaded):
+    """Where there is no stiffness: free and held, of springs over fifteen decades."""
+    arm = _Arm(5, 6)
+    q = arm.q.copy()
+    q[-2] = 0.0
+    k = np.array([1e12, 1e-3, 1e12, 1e5, 1e12, 1e5])
+    W = 3e-5 * np.random.default_rng(1).normal(size=6) * loaded
+    elastic = ElasticMechanism("arm", arm.chain, q, JointSprings(k, q))
+    result = cartstiff.analyse(elastic, q, wrench=W if loaded else None)
+    assert result.matrices["B"] is None
+    table = analyse_posture(result, connection="B")["ellipsoids"]["compliance"]
+    J, H = arm.jacobian(q), mp.diag([mp.mpf(float(x)) for x in k])
+    for a in range(6):
+        for b in range(a + 1, 6):
+            s = (_mp(W).T * _bracket(J[:, a], J[:, b]))[0] / 2
+            H[a, b], H[b, a] = H[a, b] - s, H[b, a] - s
+    with mp.workdps(2 * _DIGITS):
+        C = J * mp.inverse(H) * J.T
+        for freedom, own, other in (
+            ("translation", slice(3, 6), slice(0, 3)), ("rotation", slice(0, 3), slice(3, 6)),
+        ):  # fmt: skip
+            free = [float(x) for x in sorted(mp.eigsy(C[own, own], eigvals_only=True))]
+            left = C[own, own] - C[own, other] * mp.inverse(C[other, other]) * C[other, own]
+            held = [float(x) for x in sorted(mp.eigsy(left, eigvals_only=True))]
+            assert table[freedom]["free"]["eigenvalues"] == pytest.approx(free, rel=1e-9)
+            found = table[freedom]["held"]["eigenvalues"]
+            assert found[1:] == pytest.approx(held[1:], rel=1e-9)
+            assert found[0] == 0.0 < 1e-30 + abs(held[0]) < 1e-29
+            assert table[freedom]["held"]["definiteness"] == "positive semidefinite"
+
+
 def test_what_neither_matrix_knows_is_no_number():
     """Far beyond buckling: there is no root, and what stands between is in neither matrix."""
     arm = _Arm(4, 6)

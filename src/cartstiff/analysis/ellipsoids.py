@@ -243,6 +243,10 @@ def compliance_ellipsoid(
     return _of_pair(compliance_block, compliance, stiffness_block, inverse, freedom, others, T_m_n)
 
 
+# Rounding of a root of the compliance, over its largest row.
+_OF_A_ROOT = 64.0
+
+
 def _of_root(
     root: Array, freedom: Freedom, others: Others, T: ArrayLike | None, is_stiffness: bool
 ) -> Ellipsoid:
@@ -251,9 +255,13 @@ def _of_root(
     if T is not None:
         root = se3.adjoint(se3.inverse(checked_pose(T, "frame"))) @ root
     values, vectors = graded.eigenpairs(graded.held(root, keep) if is_held else root[keep])
-    if not is_stiffness:
-        values, vectors = 1.0 / values[::-1], vectors[:, ::-1]
-    return _ellipsoid(values, vectors, "positive")
+    if is_stiffness:
+        return _ellipsoid(values, vectors, "positive")
+    values, vectors = 1.0 / values[::-1], vectors[:, ::-1]
+    # Squares of the root's rounding are what is left of a motion that does not exist.
+    size = float((root[keep] ** 2).sum())
+    values = np.where(values > (_OF_A_ROOT * numerics.EPSILON) ** 2 * size, values, 0.0)
+    return _ellipsoid(values, vectors, definiteness(values, zero=0.0))
 
 
 def _moved(block: Callable[..., Array], matrix: ArrayLike, T: ArrayLike) -> Array:

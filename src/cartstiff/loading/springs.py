@@ -18,7 +18,8 @@ from cartstiff.loading.schema import (
     pose_of,
 )
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import Note, assumed_stiffness, rest_of_turns
+from cartstiff.mechanisms.contract import rest_of_turns
+from cartstiff.mechanisms.elastic import Note, assumed_stiffness
 from cartstiff.mechanisms.flexible_links import Give
 from cartstiff.mechanisms.tree import KinematicTree
 from cartstiff.numerics import ZERO
@@ -118,7 +119,7 @@ def springs_of(
             stiffness[j] = ASSUMED_STIFFNESS
             assumed.append(name)
     notes = [assumed_stiffness(ASSUMED_STIFFNESS, assumed, names)] if assumed else []
-    notes += rest_of_turns(tree.coordinates, rest)
+    notes += [Note(*remark) for remark in rest_of_turns(tree.coordinates, rest)]
     notes += softening({name: entry for name, entry in springs.items() if not entry.stiffness})
     if unsprung:
         words = f"joints without a spring in the file move freely: {', '.join(unsprung)}"

@@ -26,6 +26,7 @@ __all__ = [
     "checked_gravity",
     "convert_length",
     "named_values",
+    "rest_of_turns",
 ]
 
 
@@ -366,3 +367,19 @@ def named_values(
 
 def _is_infinite(value: object) -> bool:
     return isinstance(value, float) and value == np.inf
+
+
+def rest_of_turns(
+    coordinates: Sequence[Coordinate], rest: Array
+) -> list[tuple[str, str, dict[str, float]]]:
+    """Remark on rest positions of more than a turn, which look like degrees."""
+    found = {
+        c.name: float(x)
+        for c, x in zip(coordinates, rest, strict=True)
+        if not c.is_length and abs(x) > 2.0 * np.pi
+    }
+    if not found:
+        return []
+    words = "; ".join(f"{name} at {x:g} rad" for name, x in found.items())
+    words = f"springs at rest after several turns: {words}. Degrees? Angles are in radians"
+    return [("rest-of-turns", words, found)]

@@ -15,12 +15,12 @@ from cartstiff.arrays import checked_number, checked_vector
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import (
-    Coordinate,
     Mechanism,
     MechanismPosture,
     Units,
     checked_gravity,
     named_values,
+    rest_of_turns,
 )
 from cartstiff.notebook import ShownInLines, html_table
 from cartstiff.potentials.contract import Evaluation, Potential
@@ -242,7 +242,8 @@ class ElasticMechanism(ShownInLines):
         identified = self.identified if stiffness is None else None
         if rest is not None and isinstance(springs, JointSprings):
             kept = [note for note in notes if note.code != "rest-of-turns"]
-            notes = (*kept, *rest_of_turns(self.mechanism.coordinates, rests))
+            turned = rest_of_turns(self.mechanism.coordinates, rests)
+            notes = (*kept, *(Note(*remark) for remark in turned))
         springs = springs.replaced(k, rests)
         return replace(self, springs=springs, notes=notes, identified=identified)
 
@@ -448,20 +449,6 @@ def checked_elastic(source: object) -> ElasticMechanism:
     shown = repr(source) if isinstance(source, (str, Path)) else "a name, file or model"
     raise InputError("not a mechanism with springs", expected=f"cartstiff.load({shown})",
                      got=type(source).__name__)  # fmt: skip
-
-
-def rest_of_turns(coordinates: Sequence[Coordinate], rest: Array) -> list[Note]:
-    """Names rest positions of more than a turn, which look like degrees."""
-    found = {
-        c.name: float(x)
-        for c, x in zip(coordinates, rest, strict=True)
-        if not c.is_length and abs(x) > 2.0 * np.pi
-    }
-    if not found:
-        return []
-    words = "; ".join(f"{name} at {x:g} rad" for name, x in found.items())
-    words = f"springs at rest after several turns: {words}. Degrees? Angles are in radians"
-    return [Note("rest-of-turns", words, found)]
 
 
 def assumed_stiffness(value: float, joints: Sequence[str], of: Sequence[str]) -> Note:

@@ -231,7 +231,7 @@ class PostureStiffness(ShownInLines):
         name = "B" if name in ("A", "+", "load") else name
         K, C = self.matrices.get(name), self.compliances.get(name)
         if K is None or C is None:
-            return False
+            return C is not None
         return bool(numerics.pair_conditions(K[None], C[None])[0] > numerics.PAIRED)
 
     @cached_property
