@@ -136,7 +136,7 @@ class UnknownNameError(InputError):
     ) -> None:
         self.name = name
         self.valid = tuple(dict.fromkeys(valid))
-        close = get_close_matches(name, self.valid, n=3)
+        close = get_close_matches(str(name), self.valid, n=3)
         shown = ", ".join(close or self.valid[:12])
         if not self.valid:
             expected = "none exist here"

@@ -163,3 +163,28 @@ def test_output_that_overlaps_what_is_read():
     both = {"stiffness_B": own, "stiffness_A": own[::-1]}
     with pytest.raises(InputError, match="got that of stiffness_B"):
         analyse_many(arm, q, outputs=list(both), out=both)
+
+
+ODD = {
+    "a kind of load": lambda arm: cartstiff.analyse(arm, wrench=[1] * 6, load_kind=None),
+    "a connection": lambda arm: cartstiff.analyse(arm).tensor(None),
+    "what is held": lambda arm: cartstiff.equilibrium(arm, held={"z": "far"}),
+    "steps in words": lambda arm: cartstiff.equilibrium(arm, iterations="3"),
+    "half a step": lambda arm: cartstiff.equilibrium(arm, iterations=2.5),
+    "a threshold": lambda arm: cartstiff.analyse_posture(cartstiff.analyse(arm), threshold="x"),
+    "samples of nothing": lambda arm: cartstiff.analyse_posture(cartstiff.analyse(arm), samples=9),
+    "a tolerance": lambda arm: cartstiff.Tolerances(True),
+    "a locked joint": lambda arm: cartstiff.load("panda", locked={"panda_finger_joint1": "open"}),
+}
+
+
+@pytest.mark.parametrize("what", ODD)
+def test_odd_arguments_are_refused_in_one_line(what):
+    with pytest.raises(InputError) as error:
+        ODD[what](cartstiff.load("ur5"))
+    assert "\n" not in str(error.value)
+
+
+def test_the_default_posture_cannot_be_written_to():
+    with pytest.raises(ValueError, match="read-only"):
+        cartstiff.load("ur5").q[0] = 1.0

@@ -20,7 +20,7 @@ from cartstiff.analysis.matrices import (
     scale_lengths,
     symmetric_part,
 )
-from cartstiff.arrays import Result, checked_length, checked_matrix, checked_vector
+from cartstiff.arrays import Result, checked_length, checked_matrix, checked_number, checked_vector
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -180,7 +180,7 @@ def compare_connections(
     """
     if reference not in stiffness:
         raise UnknownNameError("connection", reference, stiffness)
-    if not (np.isfinite(threshold) and threshold > 0):
+    if not checked_number(threshold, "threshold") > 0:
         raise InputError("threshold cannot be used", expected="a positive number", got=threshold)
     base = stiffness[reference]
     if base is None:

@@ -136,6 +136,9 @@ def analyse_posture(
         answer["deflection"] = plain(deflection_section(r, name, added, force_at, point, notes))
         return answer, notes
 
+    if samples and tolerances is None and result.elastic.identified is None:
+        raise InputError("samples need tolerances to draw from", expected="both, or none",
+                         got=f"samples={samples}")  # fmt: skip
     answer, notes = sections(result, springs=True)
     if answer["synthesis"] is not None or target is not None:
         found = None

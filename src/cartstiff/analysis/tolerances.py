@@ -20,6 +20,7 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.analysis.uncertainty import Tolerance
+from cartstiff.arrays import checked_number
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -57,8 +58,8 @@ class Tolerances:
 
     def __post_init__(self) -> None:
         for name in ("stiffness", "length", "angle"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
+            value = checked_number(getattr(self, name), f"tolerance of the {name}")
+            if value < 0:
                 raise InputError(
                     f"tolerance of the {name} cannot be used", expected="zero or more", got=value
                 )

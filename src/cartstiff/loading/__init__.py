@@ -82,7 +82,7 @@ def load(
     """
     if frame is not None and not isinstance(frame, str):
         raise InputError("frame is not a name", expected="text", got=frame)
-    given = {"frame": frame, "locked": dict(locked or {}), **_tool(tcp, gravity, payload)}
+    given = {"frame": frame, "locked": _positions(locked), **_tool(tcp, gravity, payload)}
     if isinstance(source, (str, Path)):
         if of_model:
             raise InputError(
@@ -116,6 +116,14 @@ def load(
         note = Note("gravity-assumed", words, {"gravity": [0.0, 0.0, -EARTH]})
         loaded = replace(loaded, notes=(*loaded.notes, note)).with_gravity()
     return loaded.with_springs(stiffness, rest)
+
+
+def _positions(locked: Any) -> dict[str, float]:
+    """Positions of joints that are held, checked."""
+    from cartstiff.arrays import checked_number
+
+    named = dict(locked or {})
+    return {name: checked_number(x, f"position of locked {name!r}") for name, x in named.items()}
 
 
 def _tool(tcp: Any, gravity: Any, payload: Any) -> dict[str, Any]:

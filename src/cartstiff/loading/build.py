@@ -11,7 +11,7 @@ import numpy as np
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.defaults import chosen_frame, default_posture
+from cartstiff.loading.defaults import chosen_frame, default_posture, regular_posture
 from cartstiff.loading.parts import (
     add_payload,
     described,
@@ -21,7 +21,6 @@ from cartstiff.loading.parts import (
     tree_to,
 )
 from cartstiff.loading.plausible import stretched
-from cartstiff.loading.regular_posture import regular_posture
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.schema import (
     BodyModel,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_number, checked_vector
+from cartstiff.arrays import checked_number, checked_vector, fixed
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import (
@@ -89,6 +89,7 @@ class ElasticMechanism(ShownInLines):
     source: str = ""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "q", fixed(np.asarray(self.q, float)))
         rigid = self.springs.rigid if isinstance(self.springs, JointSprings) else frozenset()
         if rigid != self.mechanism.rigid:
             object.__setattr__(self, "mechanism", self.mechanism.with_rigid(rigid))

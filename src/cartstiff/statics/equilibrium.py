@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from numbers import Integral
 from typing import Literal
 
 from numpy.typing import ArrayLike
@@ -96,7 +97,7 @@ def equilibrium(
     >>> state.stable
     True
     """
-    if iterations < 1:
+    if not (isinstance(iterations, Integral) and iterations >= 1):
         raise InputError("bound on the steps cannot be used", expected="1 or more", got=iterations)
     names = checked_elastic(elastic).names
     q = elastic.q if q0 is None else (
@@ -110,7 +111,7 @@ def equilibrium(
     if held is not None:
         held = (held if isinstance(held, Held) else Held(held)).at_start(start)
     if wrench is not None:
-        kind = LoadKind(load_kind, load_at)  # type: ignore[arg-type]
+        kind = LoadKind(load_kind, load_at)
         loads = (*loads, kind.acting(wrench, start.pose, load_axes))
     chosen = None if elastic.identified is None else chosen_forces(given, elastic, start)
     system = System(elastic, loads, held, Limits(elastic.mechanism, ignore=not limits))

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import is_pose, real_array
+from cartstiff.arrays import checked_number, is_pose, real_array
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -67,8 +67,7 @@ class Held:
         for name, value in self.values.items():
             if name not in COMPONENTS:
                 raise UnknownNameError("displacement component", str(name), COMPONENTS)
-            if not np.isfinite(value):
-                raise InputError(f"held displacement {name} must be finite", got=value)
+            checked_number(value, f"held displacement {name}")
         if not self.values:
             raise InputError("nothing is held", expected="one or more of " + ", ".join(COMPONENTS))
         turned = float(np.linalg.norm([self.values.get(c, 0.0) for c in COMPONENTS[:3]]))

@@ -399,7 +399,8 @@ class PostureStiffness(ShownInLines):
         UndefinedError
             If it does not exist at this posture, with the state's code and numbers.
         """
-        if isinstance(connection, str) and connection not in (known := (*NAMED, "F", "load")):
+        known = (*NAMED, "F", "load")
+        if not isinstance(connection, Connection) and connection not in known:
             raise UnknownNameError("connection", connection, known)
         K, W = self.reduction.stiffness, self.reduction.force
         if K is None or W is None:
