@@ -35,7 +35,9 @@ DEFLECT = (0.3, -0.1, 0.2, 4.0, -6.0, 5.0)
 LOAD = np.array([0.4, -0.2, 0.3, 5.0, -7.0, 6.0])
 
 #: Frequencies come from the postures: tests/vibration.
-FROM_MATRICES = [name for name in QUANTITIES if not name.startswith("frequency_")]
+FROM_MATRICES = [
+    name for name in QUANTITIES if not name.startswith(("frequency_", "damping_", "limiting"))
+]
 
 
 def _machines():

@@ -13,13 +13,13 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree_building import plain_tree
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.vibration.chatter import (
-    Milling,
     depth_by_semi_discretisation,
     limiting_depth,
     limiting_depths,
     lobes,
     transition_radius,
 )
+from cartstiff.vibration.milling import Milling
 
 MASS, ZETA, KT = 0.5, 0.03, 6e8
 SLOT = Milling(KT, 0.3, 4, 0.0, np.pi)

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.vibration.test_modes import column
 
 from cartstiff import ToolPath, Trajectory, analyse, compute_map, load, modes, optimise_path
+from cartstiff.errors import InputError
 from cartstiff.toolpaths.cost import criteria
-from cartstiff.vibration.many_modes import frequencies_of_many
+from cartstiff.vibration.chatter import limiting_depth, limiting_depths
+from cartstiff.vibration.damping import Damping, poles
+from cartstiff.vibration.many_modes import ManyModes, frequencies_of_many
+from cartstiff.vibration.milling import Milling
 
 
 def test_arrays_equal_single_postures():
@@ -73,3 +79,36 @@ def test_springs_alone_need_no_stiffness_at_the_body(name, kind):
             assert quick.elastic.springs.rest == pytest.approx(
                 whole.elastic.springs.rest, rel=1e-12, nan_ok=True
             )
+
+
+def test_maps_and_paths_of_damping_and_limiting_depth(tmp_path):
+    elastic = load("ur5")
+    cut = Milling(6e8, 0.3, 3, 0.0, np.pi / 2, at=(0.0, 0.0, 0.05))
+    how = Damping(0.02, stiffness=1e-4)
+    columns = {"elbow_joint": [1.0, 1.6]}
+    sampling = Trajectory.from_table(columns, elastic, elastic.q)
+    names = ["damping_1", "damping_6", "limiting_depth"]
+    file = tmp_path / "d.zarr"
+    data = compute_map(elastic, sampling, names, file, damping=how, milling=cut)
+    for i, angle in enumerate(columns["elbow_joint"]):
+        found = modes(elastic, {"elbow_joint": angle})
+        ratios = 0.02 + 0.5e-4 * 2 * np.pi * found.frequencies
+        assert float(data["damping_1"].values[i]) == pytest.approx(ratios[0], rel=1e-6)
+        assert float(data["damping_6"].values[i]) == pytest.approx(ratios[5], rel=1e-6)
+        depth = limiting_depth(found, cut, how)
+        assert float(data["limiting_depth"].values[i]) == pytest.approx(depth, rel=1e-6)
+    with pytest.raises(InputError, match="milling"):
+        compute_map(elastic, sampling, names, file, damping=how)
+    with pytest.raises(InputError, match="needs damping"):
+        compute_map(elastic, sampling, names, tmp_path / "e.zarr", milling=cut)
+    poses = np.stack([elastic.mechanism.at(elastic.q + 0.02 * i).pose for i in range(2)])
+    options = {"criterion": "limiting_depth", "damping": how, "milling": cut}
+    best = optimise_path(elastic, ToolPath(poses), **options)
+    depths = limiting_depths(elastic, list(best.q), cut, how)
+    assert best.values == pytest.approx(depths, rel=1e-6)
+
+
+def test_dampers_make_the_ratios_of_the_poles():
+    elastic = replace(load("ur5"), damping=np.linspace(1.0, 6.0, 6))
+    many = ManyModes(elastic, elastic.q[None])
+    assert many.damping_ratios(Damping())[0] == pytest.approx(poles(modes(elastic), Damping())[1])

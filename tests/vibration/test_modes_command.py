@@ -42,6 +42,16 @@ def test_everything_at_once(tmp_path):
         assert words in text
 
 
+def test_lobes_by_both_theories():
+    arguments = ["stewart-simscape", "--damping", "0.02", "--milling", "6e8,0.3,3,0,1.5708",
+                 "--tip", "0,0,0.05", "--lobes", "14000:15000:2"]  # fmt: skip
+    told = json.loads(run(*arguments, "--json"))["lobes"]
+    assert told["speeds"] == [14000, 15000]
+    # Half immersion, three teeth: the theories are near each other.
+    assert told["semi_discretisation"] == pytest.approx(told["depths"], rel=0.1)
+    assert told["least"] <= min(told["depths"])
+
+
 def test_no_masses_is_a_state():
     data = json.loads(run("cubic", "--json"))
     assert data["frequencies"] == []
@@ -57,6 +67,10 @@ def test_no_masses_is_a_state():
         (["--response", "9:5"], "0 <= LOW < HIGH"),
         (["--response", "1:5:1.5"], "whole number"),
         (["--damping", "0.1"], "is for --response"),
+        (["--lobes", "9:5", "--milling", "6e8,0.3,3,0,1"], "LOW:HIGH"),
+        (["--lobes", "5:9"], "force law"),
+        (["--tip", "0,0,1"], "is for --lobes"),
+        (["--lobes", "5:9", "--milling", "6e8,0.3,3,0,1"], "needs damping"),
         (["--kind", "mobility"], "is for --response"),
         (["--response", "1:5", "--damping", "-0.1"], "zero or more"),
         (["--response", "1:5", "--direction", "0,0,0"], "must not be zero"),

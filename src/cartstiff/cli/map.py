@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from cartstiff.cli.milling import vibration_options
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import say
 from cartstiff.cli.requests.map import (
@@ -69,9 +70,8 @@ def _list_quantities(context: click.Context, _: click.Parameter, asked: bool) ->
         context.exit()
     width = max(map(len, QUANTITIES))
     for q in found:
-        needs = {"direction": "; --direction", "deflect": "; --deflect or --load",
-                 "length": "; --length"}.get(q["asks"] or "", "")  # fmt: skip
-        say(f"{q['name']:<{width}}  {q['unit']:<12} {q['description']}{needs}")
+        more = f"; --{q['asks']}".replace("deflect", "deflect or --load") if q["asks"] else ""
+        say(f"{q['name']:<{width}}  {q['unit']:<12} {q['description']}{more}")
     say("\nAny other number of the analysis by its path, such as indices.best_length.")
     context.exit()
 
@@ -112,6 +112,7 @@ _options = option_group(
         help="Point of the body, in its frame, at which the wrench of --deflect acts; default its "
         "origin.",
     ),
+    vibration_options,
     option(
         "--length", type=Number("L"),
         help="Characteristic length at all postures; default the natural length at the default "
@@ -197,6 +198,7 @@ def command(
     direction: list[float] | None,
     deflect: list[float] | None,
     deflect_at: list[float] | None,
+    vibration: dict[str, Any],
     length: float | None,
     output: Path,
     single: bool,
@@ -231,8 +233,8 @@ def command(
     # Dimensions have dots where names of coordinates have slashes.
     cuts = {name.replace("/", "."): value for name, value in cuts.items()}
     asked: dict[str, Any] = {
-        **applied.keywords, "wrench": request.balanced_wrench, "world": applied.world,
-        "direction": direction, "deflect": deflect, "length": length,
+        **applied.keywords, **vibration, "wrench": request.balanced_wrench,
+        "world": applied.world, "direction": direction, "deflect": deflect, "length": length,
     }  # fmt: skip
     if deflect_at is not None:
         asked["deflect_at"] = deflect_at

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cartstiff.cli.controller import ControllerRequest
+from cartstiff.cli.milling import LobesRequest, cutting_options
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import tell
 from cartstiff.cli.requests.target_file import ORDERS
@@ -35,6 +36,7 @@ Examples:
   cartstiff modes panda --payload 2,0,0,0.1 --json
   cartstiff modes ur5 --load 0,0,0,0,0,-500 --compare A,B,K,F,energy
   cartstiff modes ur5 --response 5:100 --damping 0.02 --direction 0,0,1 --plot bode.png
+  cartstiff modes stewart-simscape --damping 0.02 --milling 6e8,0.3,3,0,1.5708 --lobes 9000:20000
   cartstiff modes panda --impedance wanted.json --ratio 0.7 -o controller.yaml
   cartstiff modes stewart-simscape --sensitivities --tolerance 0.05,0.0001
 """
@@ -71,13 +73,19 @@ _options = option_group(
     ),
     option(
         "--damping", type=Numbers("RATIO[,RATIO...]"),
-        help="Damping ratio of every mode, or one for each, for --response.",
+        help="Damping ratio of every mode, or one for each, for --response and --lobes.",
     ),
     option(
         "--rayleigh", type=Numbers("ALPHA,BETA", 2),
-        help="Damping alpha M + beta K [1/s, s], for --response. Dampers of the mechanism's file "
-        "always act.",
+        help="Damping alpha M + beta K [1/s, s], for --response and --lobes. Dampers of the "
+        "mechanism's file always act.",
     ),
+    option(
+        "--lobes", metavar="LOW:HIGH[:COUNT]",
+        help="Stability lobes of --milling between two spindle speeds [rev/min]: limiting depth by "
+        "the zeroth-order theory and by semi-discretisation.",
+    ),
+    cutting_options,
     option("--csv", type=OutputFile("FILE.csv", ".csv"), help="Write the response."),
     option("--plot", type=PICTURE, help="Draw the response as a Bode diagram."),
     option(
@@ -126,6 +134,11 @@ def command(
     axes: str,
     ratio: list[float] | None,
     output: Path | None,
+    lobes: str | None,
+    milling: list[float] | None,
+    feed: list[float] | None,
+    normal: list[float] | None,
+    tip: list[float] | None,
     as_json: bool,
     strict: bool,
     **response_options: Any,
@@ -141,7 +154,8 @@ def command(
     if tolerance is not None and (min(tolerance) < 0.0 or not any(tolerance)):
         raise InputError("cannot be used", where="--tolerance",
                          expected="zero or more, not all zero", got=tolerance)  # fmt: skip
-    response = ResponseRequest(**response_options)
+    response = ResponseRequest(**response_options, lobes=lobes is not None)
+    cut = LobesRequest(lobes, milling, feed, normal, tip)
     controller = ControllerRequest(impedance, order, axes, ratio, output)
     elastic, q = request.load()
 
@@ -170,6 +184,7 @@ def command(
 
     extra = _more(found, data, compare, sensitivities, tolerance)
     extra += response.run(found, data)
+    extra += cut.run(found, response.damped, data)
     extra += controller.run(found, data)
     tell(as_json, data, request.mechanism, lambda: describe_modes(found, bare, extra))
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from cartstiff.cli.milling import vibration_options
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import Progress, tell
 from cartstiff.cli.types import (
@@ -132,6 +133,7 @@ _options = option_group(
         help="Draw the criterion along the path, optimised and with the best constant choice.",
     ),
     option("--plot-places", type=PICTURE, help="Draw the places compared."),
+    vibration_options,
     json_option,
     progress_option,
 )  # fmt: skip
@@ -156,6 +158,7 @@ def command(
     csv: Path | None,
     plot: Path | None,
     plot_places: Path | None,
+    vibration: dict[str, Any],
     as_json: bool,
     ranges: dict[str, tuple[float, ...]],
     near: Values | None,
@@ -202,7 +205,7 @@ def command(
         units=elastic.units,
     )
     options |= {"free": free, "loaded": loaded, "load_kind": applied.load_kind,
-                "load_at": applied.keywords["load_at"]}  # fmt: skip
+                "load_at": applied.keywords["load_at"], **vibration}  # fmt: skip
     if max_step is not None:
         options["max_step"] = request.radians(max_step.of(elastic.names, broadcast=True), elastic)
     if singular is not None:

@@ -10,6 +10,7 @@ from cartstiff.errors import InputError
 from cartstiff.parsing import parse_numbers
 
 if TYPE_CHECKING:
+    from cartstiff.vibration.damping import Damping
     from cartstiff.vibration.mode_set import Modes
 
 __all__ = ["RESPONSES", "ResponseRequest"]
@@ -32,11 +33,14 @@ class ResponseRequest:
     rayleigh: list[float] | None
     csv: Path | None
     plot: Path | None
+    lobes: bool = False
 
     def __post_init__(self) -> None:
         if self.response is None:
             for name in ("point", "direction", "damping", "rayleigh", "csv", "plot"):
-                if getattr(self, name) is not None:
+                if getattr(self, name) is not None and not (
+                    self.lobes and name in ("damping", "rayleigh")
+                ):
                     raise InputError("is for --response", where=f"--{name}")
             if self.kind != RESPONSES[0]:
                 raise InputError("is for --response", where="--kind")
@@ -44,11 +48,13 @@ class ResponseRequest:
         self._range()
         if self.direction is not None and not any(self.direction):
             raise InputError("must not be zero", where="--direction", got=self.direction)
-        for name in ("damping", "rayleigh"):
-            given = getattr(self, name)
-            if given is not None and min(given) < 0.0:
-                raise InputError("cannot be used", where=f"--{name}", expected="zero or more",
-                                 got=given)  # fmt: skip
+
+    @property
+    def damped(self) -> Damping:
+        """What damps."""
+        from cartstiff.cli.milling import damping_of
+
+        return damping_of(self.damping, self.rayleigh)
 
     def _range(self) -> tuple[float, float, int]:
         parts = (self.response or "").split(":")
@@ -73,13 +79,11 @@ class ResponseRequest:
         import numpy as np
 
         from cartstiff.report.modes import describe_response
-        from cartstiff.vibration.damping import Damping
         from cartstiff.vibration.response import frequency_response, transmissibility
 
         low, high, count = self._range()
         hertz = np.geomspace(low, high, count) if low > 0.0 else np.linspace(low, high, count)
-        alpha, beta = self.rayleigh or (0.0, 0.0)
-        damping = Damping(self.damping or 0.0, alpha, beta)
+        damping = self.damped
         at = self.point or (0.0, 0.0, 0.0)
         answer: Any = (
             transmissibility(found, hertz, damping, at=at)

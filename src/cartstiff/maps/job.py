@@ -24,7 +24,7 @@ from cartstiff.maps.sampling import Grid, Sampling
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits
-from cartstiff.vibration.many_modes import frequencies_of_many
+from cartstiff.vibration.many_modes import ManyModes
 
 __all__ = ["BEYOND", "STATES", "UNREACHABLE", "MapJob"]
 
@@ -214,7 +214,7 @@ class MapJob:
     def _values(self, result: Postures) -> dict[str, Array]:
         """The quantities (N,) by name."""
         return evaluate(self.quantities, result.arrays, self.settings, self._lengths,
-                        lambda: self._frequencies(result.q))  # fmt: skip
+                        self._vibrations(result.q))  # fmt: skip
 
     def _with_springs(self, other: ElasticMechanism, q: Array) -> dict[str, Array]:
         """The quantities that have intervals, of the mechanism with other springs."""
@@ -230,14 +230,12 @@ class MapJob:
             load_axes=self.load_axes, outputs=outputs, out=out, threads=1, path=self.path,
         )  # fmt: skip
 
-    def _frequencies(self, q: Array) -> Array:
-        """The six lowest frequencies (N, 6) of postures under the load."""
+    def _vibrations(self, q: Array) -> ManyModes:
+        """Small vibrations of postures under the load."""
         load = self.settings.load
         wrench = None if self.wrench is None else np.asarray(self.wrench, float)
-        return frequencies_of_many(
-            self.elastic, q, 6, wrench, load_kind=load.kind, load_at=load.at,
-            load_axes=self.load_axes,
-        )  # fmt: skip
+        acting = {"load_kind": load.kind, "load_at": load.at, "load_axes": self.load_axes}
+        return ManyModes(self.elastic, q, wrench, acting)
 
     def _beyond(self, q: Array, poses: Array) -> Array:
         """Which postures (N,) are beyond limits."""
@@ -250,9 +248,9 @@ class MapJob:
         quantity = self.quantities[0]
         outputs = tuple({"pose", *quantity.outputs(self.settings)})
         arrays = self._analysed(q, outputs).arrays
-        value = evaluate(
-            [quantity], arrays, self.settings, self._lengths, lambda: self._frequencies(q)
-        )[quantity.name]
+        value = evaluate([quantity], arrays, self.settings, self._lengths, self._vibrations(q))[
+            quantity.name
+        ]
         return value if quantity.better == "smaller" else -value
 
     def _buffers(self, count: int) -> dict[str, Array]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Literal
@@ -29,6 +29,8 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.compute import analyse
 from cartstiff.version import __version__
+from cartstiff.vibration.damping import Damping
+from cartstiff.vibration.milling import Milling
 
 __all__ = ["default_connection", "default_length", "prepare_map"]
 
@@ -74,6 +76,8 @@ def prepare_map(
     load_kind: Literal["dead", "follower", "conservative"] = "dead",
     load_at: ArrayLike = (0.0, 0.0, 0.0),
     load_axes: Literal["body", "world"] = "body",
+    damping: Damping | float = 0.0,
+    milling: Milling | None = None,
     single: bool = False,
     chunk: int | None = None,
     command: str = "",
@@ -112,6 +116,8 @@ def prepare_map(
         kind,
         tuple(checked_vector(deflect_at, 3, "point of the deflection").tolist()),
         load is not None,
+        damping if isinstance(damping, Damping) else Damping(damping),
+        milling,
     )
     chosen = choose_quantities(list(quantities), settings, elastic)
     cartesian = sampling if isinstance(sampling, CartesianGrid) else None
@@ -144,6 +150,7 @@ def prepare_map(
         "load_kind": kind.kind,
         "load_at": kind.at,
         "load_axes": load_axes,
+        **_vibration(settings),
         "single": single,
         "states": list(STATES),
     }
@@ -229,6 +236,16 @@ def _about_intervals(job: MapJob) -> dict[str, str]:
     if known.undetermined:
         told += f"; not in them: {', '.join(known.undetermined)}, which the rows do not show"
     return {"intervals": told}
+
+
+def _vibration(settings: Settings) -> dict[str, Any]:
+    """What the vibrations depend on, as plain data; None where nothing was said."""
+    own, milling = settings.damping, settings.milling
+    damping = None
+    if own != Damping():
+        ratios = np.ravel(np.asarray(own.ratios, float)).tolist()
+        damping = [*ratios, own.mass, own.stiffness, float(own.dampers)]
+    return {"damping": damping, "milling": None if milling is None else asdict(milling)}
 
 
 def _positive(length: float) -> float:

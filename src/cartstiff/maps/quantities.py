@@ -11,7 +11,7 @@ hundred times slower.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -35,6 +35,7 @@ from cartstiff.maps.quantity import Quantity, Settings, Stacks
 from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.vibration.many_modes import ManyModes
 
 __all__ = ["QUANTITIES", "Quantity", "Settings", "Stacks", "choose_quantities", "evaluate"]
 
@@ -203,17 +204,23 @@ def _manipulability(s: Stacks) -> Array:
     )
 
 
-def _frequency_quantities() -> list[Quantity]:
+def _vibration_quantities() -> list[Quantity]:
     def lowest(s: Stacks, which: int) -> Array:
         return s.frequencies()[:, which]
 
+    def damped(s: Stacks, which: int) -> Array:
+        return s.damping_ratios()[:, which]
+
     words = "natural frequency {} under the load, the lowest first"
+    share = "damping ratio of mode {} under the load, the slowest first"
     return [
-        Quantity(
-            f"frequency_{i + 1}", words.format(i + 1), "Hz", partial(lowest, which=i), ("pose",)
-        )
-        for i in range(6)
-    ]
+        *(Quantity(f"frequency_{i + 1}", words.format(i + 1), "Hz", partial(lowest, which=i),
+                   ("pose",)) for i in range(6)),
+        *(Quantity(f"damping_{i + 1}", share.format(i + 1), "1", partial(damped, which=i),
+                   ("pose",), "damping") for i in range(6)),
+        Quantity("limiting_depth", "depth of a milling cut that is stable at every speed",
+                 "{length}", lambda s: s.limiting_depths(), ("pose",), "milling"),
+    ]  # fmt: skip
 
 
 _EVERY = tuple(f"stiffness_{name}" for name in OF_MANY)
@@ -268,7 +275,7 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity("manipulability", "product of the Jacobian's singular values, each joint in "
                  "its own unit", "{length}^3",
                  _manipulability, ("jacobian",), is_elastic=False),
-        *_frequency_quantities(),
+        *_vibration_quantities(),
         Quantity("moment", "size of the load's moment", UNITS.moment,
                  lambda s: np.linalg.norm(s.arrays["wrench"][:, :3], axis=1), ("wrench",),
                  better=None, is_elastic=False),
@@ -314,6 +321,10 @@ def choose_quantities(
             raise InputError(f"the quantity {name} needs a direction")
         if quantity.asks == "deflect" and settings.deflect is None and not settings.is_loaded:
             raise InputError(f"the quantity {name} needs a wrench to deflect the body")
+        if quantity.asks == "milling" and settings.milling is None:
+            raise InputError(f"the quantity {name} needs a cutter (milling)")
+        if quantity.asks in ("damping", "milling") and not settings.damping.acts_on(elastic):
+            raise InputError(f"the quantity {name} needs damping", got="no ratio, no dampers")
         if "jacobian" in quantity.needs and elastic.mechanism.kind in ("closed-chain", "parallel"):
             raise InputError(
                 f"the quantity {name} is not defined for a mechanism with closures",
@@ -341,7 +352,7 @@ def evaluate(
     arrays: Mapping[str, Array],
     settings: Settings,
     lengths: Array | None = None,
-    swing: Callable[[], Array] | None = None,
+    swing: ManyModes | None = None,
 ) -> dict[str, Array]:
     """Values (N,) of quantities by name, from the arrays of `analyse_many`.
 
@@ -355,8 +366,8 @@ def evaluate(
         What the quantities refer to.
     lengths : ndarray of bool, shape (n,), optional
         Which coordinates are distances; default none.
-    swing : callable, optional
-        Gives the six lowest frequencies (N, 6) of the postures, where they may be asked for.
+    swing : ManyModes, optional
+        Small vibrations at the postures, where they may be asked for.
     """
     source = Stacks(arrays, settings, lengths, swing)
     with np.errstate(all="ignore"):

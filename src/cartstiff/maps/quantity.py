@@ -15,6 +15,9 @@ from cartstiff.maps import stacks
 from cartstiff.maps.stacks import symmetric_part
 from cartstiff.mechanisms.contract import Units
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
+from cartstiff.vibration.damping import Damping
+from cartstiff.vibration.many_modes import ManyModes
+from cartstiff.vibration.milling import Milling
 
 __all__ = ["Quantity", "Settings", "Stacks"]
 
@@ -45,6 +48,10 @@ class Settings:
         Point of the body, in M, at which the wrench `deflect` acts.
     is_loaded : bool
         Whether a load is given, whose own deflection can be asked for.
+    damping : Damping
+        What damps the vibrations, beside the mechanism's own dampers.
+    milling : Milling, optional
+        The cutter whose limiting depth is asked for.
     """
 
     connection: str = "B"
@@ -55,6 +62,8 @@ class Settings:
     load: LoadKind = field(default_factory=LoadKind)
     deflect_at: tuple[float, ...] = (0.0, 0.0, 0.0)
     is_loaded: bool = False
+    damping: Damping = field(default_factory=Damping)
+    milling: Milling | None = None
 
     @property
     def matrix(self) -> str:
@@ -86,13 +95,13 @@ class Stacks:
         arrays: Mapping[str, Array],
         settings: Settings,
         lengths: Array | None = None,
-        swing: Callable[[], Array] | None = None,
+        swing: ManyModes | None = None,
     ) -> None:
         self.arrays = arrays
         self.settings = settings
         #: Which coordinates are distances (n,).
         self.lengths = lengths
-        #: Gives the six lowest frequencies (N, 6) of the postures.
+        #: Small vibrations at the postures, computed when they are asked for.
         self.swing = swing
         self._found: dict[str, Any] = {}
 
@@ -154,11 +163,26 @@ class Stacks:
             found[others] = stack[row] if stack is not None and known else None
         return found
 
+    @property
+    def vibrations(self) -> ManyModes:
+        """Small vibrations at the postures."""
+        if self.swing is None:
+            raise InputError("vibrations need the postures, which are not at hand here")
+        return self.swing
+
     def frequencies(self) -> Array:
         """The six lowest frequencies (N, 6) in Hz."""
-        if self.swing is None:
-            raise InputError("frequencies need the postures, which are not at hand here")
-        return self.once("frequencies", self.swing)
+        return self.once("frequencies", self.vibrations.frequencies)
+
+    def damping_ratios(self) -> Array:
+        """Damping ratios (N, 6) of the six slowest modes."""
+        return self.once("damping", lambda: self.vibrations.damping_ratios(self.settings.damping))
+
+    def limiting_depths(self) -> Array:
+        """Depth of cut (N,) that is stable at every speed."""
+        if self.settings.milling is None:
+            raise InputError("a limiting depth needs a cutter")
+        return self.vibrations.limiting_depths(self.settings.milling, self.settings.damping)
 
     def eigenvalues(self) -> Array:
         """Of the stiffness with lengths scaled (N, 6)."""
@@ -218,7 +242,7 @@ class Quantity:
         Outputs of `cartstiff.many.postures.analyse_many`; {connection} stands for the connection,
         {matrix} for the one whose matrix is its symmetric part; "inverse" for what the inverse
         of that needs, "free" for what is read with other freedoms free.
-    asks : {"direction", "deflect", "length"}, optional
+    asks : {"direction", "deflect", "length", "damping", "milling"}, optional
         The setting that it depends on.
     better : {"larger", "smaller"}, optional
         Which end is the best posture.
@@ -231,7 +255,7 @@ class Quantity:
     unit: str
     function: Callable[[Stacks], Array] = field(repr=False)
     needs: tuple[str, ...]
-    asks: Literal["direction", "deflect", "length"] | None = None
+    asks: Literal["direction", "deflect", "length", "damping", "milling"] | None = None
     better: Literal["larger", "smaller"] | None = "larger"
     is_elastic: bool = True
 

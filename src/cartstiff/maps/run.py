@@ -22,6 +22,8 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 
 if TYPE_CHECKING:
     import xarray
+from cartstiff.vibration.damping import Damping
+from cartstiff.vibration.milling import Milling
 
 __all__ = ["Run", "compute_map", "run_map"]
 
@@ -57,6 +59,8 @@ def compute_map(
     load_kind: Literal["dead", "follower", "conservative"] = "dead",
     load_at: ArrayLike = (0.0, 0.0, 0.0),
     load_axes: Literal["body", "world"] = "body",
+    damping: Damping | float = 0.0,
+    milling: Milling | None = None,
     single: bool = False,
     chunk: int | None = None,
     threads: int | None = None,
@@ -95,6 +99,10 @@ def compute_map(
     wrench, load_kind, load_at, load_axes
         Load at every posture: wrench, what it does while the body moves, where it acts, and along
         whose axes it is given; as in `cartstiff.analyse`.
+    damping : Damping or float
+        For ``damping_1`` ... and ``limiting_depth``: what damps beside the mechanism's dampers.
+    milling : Milling, optional
+        For ``limiting_depth``: the cutter and its force law.
     single : bool
         Keep results in single precision: half the size.
     chunk : int, optional
@@ -125,8 +133,8 @@ def compute_map(
     job, map_file = prepare_map(
         checked_elastic(elastic), sampling, quantities, file, connection=connection, length=length,
         direction=direction, deflect=deflect, deflect_at=deflect_at, world=world, wrench=wrench,
-        load_kind=load_kind, load_at=load_at, load_axes=load_axes, single=single, chunk=chunk,
-        command=command,
+        load_kind=load_kind, load_at=load_at, load_axes=load_axes, damping=damping,
+        milling=milling, single=single, chunk=chunk, command=command,
     )  # fmt: skip
     run_map(job, map_file, threads=threads, workers=workers, scheduler=scheduler, progress=progress)
     return open_map(file)

@@ -343,6 +343,7 @@ def json_schema(command: str = "analyse") -> dict[str, Any]:
             "intervals": {"description": "with --tolerance"},
             "impedance": {"description": "with --impedance: a controller's gains and layouts"},
             "response": {"description": "with --response: curves as [real, imaginary]"},
+            "lobes": {"description": "with --lobes: limiting depths by speed, by two theories"},
         }
         schema["properties"] = _MODES | more
         return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

@@ -11,6 +11,7 @@ from cartstiff.errors import joined
 from cartstiff.mechanisms.contract import Units
 from cartstiff.report.layout import number, percent, table, vector
 from cartstiff.stiffness.tensor import format_matrix
+from cartstiff.vibration.chatter import Lobes
 from cartstiff.vibration.comparison import Shortcut
 from cartstiff.vibration.controllers import LAYOUTS, Impedance, layout
 from cartstiff.vibration.mode_set import Modes
@@ -21,6 +22,7 @@ __all__ = [
     "describe_comparison",
     "describe_impedance",
     "describe_intervals",
+    "describe_lobes",
     "describe_modes",
     "describe_response",
     "describe_sensitivities",
@@ -219,6 +221,27 @@ def describe_response(response: FrequencyResponse, direction: ArrayLike | None) 
             f"{response.frequencies[top]:.6g} Hz, {size[-1]:.4g} at the end"
         )
     return lines + [f"  [{note.code}] {note.message}" for note in response.notes]
+
+
+def describe_lobes(curve: Lobes, fine: Sequence[float], units: Units) -> list[str]:
+    """Limiting depths of cut by both theories, a row for each speed."""
+
+    def depth(x: float) -> str:
+        return number(x, 4) if np.isfinite(x) else "above"
+
+    rows = [
+        [f"{n:.6g}", depth(a), "" if np.isnan(f) else f"{f:.5g}", depth(b)]
+        for n, a, f, b in zip(curve.speeds, curve.depths, curve.chatter, fine, strict=True)
+    ]
+    unit = units.length
+    titles = ["rev/min", f"zeroth order [{unit}]", "chatter [Hz]", f"semi-discretisation [{unit}]"]
+    return [
+        "",
+        f"Limiting depth of cut; {number(curve.least, 4)} {unit} is stable at every speed (zeroth "
+        "order)",
+        *table(titles, rows),
+        "  linear chip, no process damping, no edge forces, no helix",
+    ]
 
 
 def describe_impedance(answer: Impedance, units: Units) -> list[str]:

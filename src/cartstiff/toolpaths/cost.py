@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -17,7 +16,9 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 from cartstiff.toolpaths.tool_path import ToolPath
-from cartstiff.vibration.many_modes import frequencies_of_many
+from cartstiff.vibration.damping import Damping
+from cartstiff.vibration.many_modes import ManyModes
+from cartstiff.vibration.milling import Milling
 
 __all__ = ["Judged", "PathCost", "criteria", "ready"]
 
@@ -90,6 +91,10 @@ class PathCost:
         Of the Jacobian at most postures.
     movable : ndarray of bool
         Columns of the Jacobian that are joints to be moved, and not a link that gives.
+    damping : Damping
+        What damps the vibrations.
+    milling : Milling, optional
+        The cutter of a limiting depth.
     """
 
     elastic: ElasticMechanism
@@ -101,6 +106,8 @@ class PathCost:
     length: float
     rank: int
     movable: Array
+    damping: Damping = field(default_factory=Damping)
+    milling: Milling | None = None
 
     def __post_init__(self) -> None:
         if self.quantity.better is None:
@@ -120,6 +127,8 @@ class PathCost:
             world=not self.path.turns_with_body,
             load=self.load,
             deflect_at=self.load.at,
+            damping=self.damping,
+            milling=self.milling,
         )
 
     def __call__(self, q: Array, points: Array, poses: Array) -> Judged:
@@ -139,11 +148,8 @@ class PathCost:
             rows = points == point
             arrays = {name: found[name][rows] for name in outputs}
             settings = self._settings(int(point))
-            swing = partial(
-                frequencies_of_many, self.elastic, q[rows], 6,
-                None if load is None else load[rows], load_kind=self.load.kind,
-                load_at=self.load.at,
-            )  # fmt: skip
+            acting = {"load_kind": self.load.kind, "load_at": self.load.at}
+            swing = ManyModes(self.elastic, q[rows], None if load is None else load[rows], acting)
             value[rows] = evaluate([self.quantity], arrays, settings, lengths, swing)[
                 self.quantity.name
             ]

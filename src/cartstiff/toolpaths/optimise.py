@@ -34,6 +34,8 @@ from cartstiff.toolpaths.layers import Objective, Steps, best_way
 from cartstiff.toolpaths.optimised import ConstantChoice, OptimisedPath
 from cartstiff.toolpaths.refusals import broken, colliding, impossible
 from cartstiff.toolpaths.tool_path import ToolPath
+from cartstiff.vibration.damping import Damping
+from cartstiff.vibration.milling import Milling
 
 __all__ = ["optimise_path"]
 
@@ -62,6 +64,8 @@ def optimise_path(
     starts: int = 16,
     seed: int = 0,
     refine: bool = True,
+    damping: Damping | float = 0.0,
+    milling: Milling | None = None,
     ranges: Mapping[str, tuple[float, float]] | None = None,
     near: Mapping[str, float] | ArrayLike | None = None,
     collisions: Collisions | None = None,
@@ -112,6 +116,8 @@ def optimise_path(
         Random starts of the inverse kinematics for each value at the first point.
     refine : bool
         Move on continuously from the best of the samples.
+    damping, milling
+        For the criteria ``damping_1`` ... and ``limiting_depth``, as in `compute_map`.
     ranges : mapping of str to (low, high), optional
         Joints kept within ranges of their own, besides their limits.
     near : mapping or array_like (n,), optional
@@ -156,6 +162,7 @@ def optimise_path(
     cost = PathCost(
         ready(elastic), path, criteria()[criterion], connection, loaded, load, solver.length,
         solver.rank("none"), solver.movable,
+        damping if isinstance(damping, Damping) else Damping(damping), milling,
     )  # fmt: skip
     levels = _LEVELS if refine and grid.dimension else 0
     advance = Counter(progress, 2 * len(path) + levels)

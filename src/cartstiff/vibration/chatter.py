@@ -25,108 +25,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_array, checked_number, checked_unit, checked_vector, fixed
+from cartstiff.arrays import checked_array, fixed
 from cartstiff.errors import CartstiffError, InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.vibration.damping import Damping, damping_matrix, state_space
+from cartstiff.vibration.milling import Milling
 from cartstiff.vibration.mode_set import Modes
 from cartstiff.vibration.modes import modes
-from cartstiff.vibration.response import frequency_response
+from cartstiff.vibration.response import transfer
 
-__all__ = ["Lobes", "Milling", "depth_by_semi_discretisation", "limiting_depth",
+__all__ = ["Lobes", "depth_by_semi_discretisation", "limiting_depth",
            "limiting_depths", "lobes", "transition_radius"]  # fmt: skip
 
 # Frequencies between which chatter is sought, as shares of the lowest and the highest mode.
 _BELOW, _ABOVE, _COUNT = 0.5, 1.8, 4000
-
-
-@dataclass(frozen=True)
-class Milling:
-    """A cutter and its force law.
-
-    Attributes
-    ----------
-    tangential : float
-        K_t, force per area.
-    radial : float
-        K_r: radial over tangential force.
-    teeth : int
-        N.
-    entry, exit : float
-        Angles [rad] at which a tooth enters and leaves, from the normal in the direction of the
-        cutter's turn, ``0 <= entry < exit <= pi``. Half immersion: 0 to pi/2 up-milling, pi/2 to pi
-        down-milling; a slot: 0 to pi.
-    feed, normal : tuple of float
-        Directions of the feed and of the normal to it, in M; at right angles.
-    at : tuple of float
-        The tool's tip, in M.
-
-    Raises
-    ------
-    InputError
-        For numbers that cannot be used.
-    """
-
-    tangential: float
-    radial: float
-    teeth: int
-    entry: float
-    exit: float
-    feed: tuple[float, float, float] = (1.0, 0.0, 0.0)
-    normal: tuple[float, float, float] = (0.0, 1.0, 0.0)
-    at: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        if not checked_number(self.tangential, "cutting coefficient") > 0.0:
-            raise InputError("cutting coefficient cannot be used", expected="above zero",
-                             got=self.tangential)  # fmt: skip
-        checked_number(self.radial, "radial coefficient")
-        if not (self.teeth == int(self.teeth) and self.teeth >= 1):
-            raise InputError("number of teeth cannot be used", expected="a whole number from 1",
-                             got=self.teeth)  # fmt: skip
-        if not 0.0 <= self.entry < self.exit <= np.pi + 1e-12:
-            raise InputError("immersion cannot be used", expected="0 <= entry < exit <= pi",
-                             got=[self.entry, self.exit])  # fmt: skip
-        u, v = checked_unit(self.feed, "feed"), checked_unit(self.normal, "normal")
-        if abs(u @ v) > 1e-6:
-            raise InputError("feed and normal are not at right angles", got=float(u @ v))
-        checked_vector(self.at, 3, "tool's tip")
-
-    @property
-    def directions(self) -> Array:
-        """Feed and normal as rows (2, 3)."""
-        return np.stack([checked_unit(self.feed), checked_unit(self.normal)])
-
-    @property
-    def mean(self) -> Array:
-        """Alpha (2, 2), which ``N / (2 pi)`` makes the mean of A."""
-        r = self.radial
-
-        def at(p: float) -> Array:
-            s, c = np.sin(2 * p), np.cos(2 * p)
-            return 0.5 * np.array(
-                [
-                    [c - 2 * r * p + r * s, -s - 2 * p + r * c],
-                    [-s + 2 * p + r * c, -c - 2 * r * p - r * s],
-                ]
-            )
-
-        return at(self.exit) - at(self.entry)
-
-    def directional(self, turn: float) -> Array:
-        """A (2, 2) when the first tooth is at an angle."""
-        r, total = self.radial, np.zeros((2, 2))
-        for j in range(int(self.teeth)):
-            p = (turn + 2 * np.pi * j / self.teeth) % (2 * np.pi)
-            if not self.entry <= p < self.exit:
-                continue
-            s, c = np.sin(2 * p), np.cos(2 * p)
-            total += np.array(
-                [[-s - r * (1 - c), -(1 + c) - r * s], [(1 - c) - r * s, s - r * (1 + c)]]
-            )
-        return total
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,10 +89,9 @@ def _limits(
         hertz = np.unique(np.concatenate([near, below, wide]))
     else:
         hertz = checked_array(frequencies, ("n",), "frequencies")
-    response = frequency_response(found, hertz, damping, at=milling.at)
-    U = milling.directions
-    G = U @ response.matrix[:, 3:, 3:] @ U.T
-    mu = np.linalg.eigvals(np.nan_to_num(milling.mean @ G, nan=0.0))
+    how = damping if isinstance(damping, Damping) else Damping(damping)
+    J = _at_tip(found, milling)
+    mu = _eigenvalues(milling.mean @ np.nan_to_num(transfer(found, hertz, how, J, J.T), nan=0.0))
     with np.errstate(divide="ignore", invalid="ignore"):
         L = -1.0 / mu
         kappa = L.imag / L.real
@@ -187,6 +100,22 @@ def _limits(
     phases = np.pi - 2 * np.arctan(np.nan_to_num(kappa))
     every = np.broadcast_to(hertz[:, None], mu.shape)
     return every, depths, phases
+
+
+def _at_tip(found: Modes, milling: Milling) -> Array:
+    """Motion (2, f) of the tip along feed and normal, per motion of the basis."""
+    J = se3.adjoint_of_inverse(se3.pose(translation=milling.at))
+    return np.asarray(milling.directions @ (J @ found.posture.motion.jacobian @ found.basis)[3:])
+
+
+def _eigenvalues(matrices: Array) -> Array:
+    """Both (N, 2) of 2x2 matrices, the larger first; the smaller keeps its digits."""
+    (a, b), (c, d) = np.moveaxis(matrices, 0, -1)
+    half, root = 0.5 * (a + d), np.sqrt((0.5 * (a - d)) ** 2 + b * c)
+    large = half + np.where(np.abs(half + root) >= np.abs(half - root), root, -root)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        small = np.where(large == 0.0, 0.0, (a * d - b * c) / large)
+    return np.stack([large, small], axis=1)
 
 
 def limiting_depth(
@@ -290,8 +219,7 @@ class _Cut:
     def of(cls, found: Modes, milling: Milling, damping: Damping | float) -> _Cut:
         how = damping if isinstance(damping, Damping) else Damping(damping)
         poles, X, Y = state_space(found, damping_matrix(found, how))
-        J = se3.adjoint_of_inverse(se3.pose(translation=milling.at))
-        J = milling.directions @ (J @ found.posture.motion.jacobian @ found.basis)[3:]
+        J = _at_tip(found, milling)
         return cls(poles, J @ X, Y @ J.T)
 
 

@@ -17,6 +17,7 @@ from cartstiff.arrays import checked_number, real_array
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Units, convert_length
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.vibration.mode_set import Modes
@@ -58,6 +59,11 @@ class Damping:
         if ratios.ndim > 1 or not np.isfinite(ratios).all() or (ratios < 0.0).any():
             raise InputError("damping ratios cannot be used", expected="numbers from zero",
                              got=ratios.tolist())  # fmt: skip
+
+    def acts_on(self, elastic: ElasticMechanism) -> bool:
+        """Whether anything damps the motions of a mechanism."""
+        own = self.dampers and elastic.damping is not None
+        return own or bool(np.any(self.ratios)) or self.mass > 0.0 or self.stiffness > 0.0
 
     def of_modes(self, found: Modes) -> Array:
         """Ratio (k,) of each mode by `ratios` and Rayleigh's numbers, without dampers.

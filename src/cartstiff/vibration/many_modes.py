@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from cartstiff.errors import CartstiffError
+from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.springs import JointSprings
+from cartstiff.vibration.chatter import limiting_depth
+from cartstiff.vibration.damping import Damping, poles
+from cartstiff.vibration.milling import Milling
+from cartstiff.vibration.mode_set import Modes
 from cartstiff.vibration.modes import is_plain, modes
 
-__all__ = ["frequencies_of_many"]
+__all__ = ["ManyModes", "frequencies_of_many"]
 
 # Postures at once: their matrices stay in the cache.
 _ROWS = 2048
@@ -46,20 +53,65 @@ def frequencies_of_many(
     ndarray (N, count)
         NaN where a motion grows, where a posture has no modes, and beyond the last mode.
     """
-    loaded = wrenches is not None and bool(np.any(wrenches))
-    if not loaded and is_plain(elastic):
-        return _plain(elastic, q, count)
-    found = np.full((len(q), count), np.nan)
-    for i, posture in enumerate(q):
-        wrench = None
-        if loaded and wrenches is not None:
-            wrench = wrenches if wrenches.ndim == 1 else wrenches[i]
-        try:
-            hertz = modes(elastic, posture, wrench=wrench, **load).frequencies[:count]
-        except CartstiffError:
-            continue
-        found[i, : hertz.size] = hertz
-    return found
+    return ManyModes(elastic, q, wrenches, load).frequencies(count)
+
+
+@dataclass(frozen=True, eq=False)
+class ManyModes:
+    """Small vibrations at many postures.
+
+    Attributes
+    ----------
+    elastic : ElasticMechanism
+        The mechanism.
+    q : ndarray (N, n)
+        Postures; closures are met.
+    wrenches : ndarray (6,) or (N, 6), optional
+        Load, as in `cartstiff.modes`.
+    load : mapping
+        `load_kind`, `load_at`, `load_axes` of it.
+    """
+
+    elastic: ElasticMechanism
+    q: Array
+    wrenches: Array | None = None
+    load: Mapping[str, Any] = field(default_factory=dict)
+
+    def frequencies(self, count: int = 6) -> Array:
+        """As `frequencies_of_many`."""
+        if self._is_plain:
+            return _plain(self.elastic, self.q, count)
+        return self._each(lambda found: found.frequencies, count)
+
+    def damping_ratios(self, damping: Damping, count: int = 6) -> Array:
+        """Ratio (N, count) of each mode, the slowest first; with dampers those of the poles."""
+        if not (damping.dampers and self.elastic.damping is not None):
+            return self._each(lambda found: damping.of_modes(found), count)
+        return self._each(lambda found: poles(found, damping)[1], count)
+
+    def limiting_depths(self, milling: Milling, damping: Damping) -> Array:
+        """Depth of cut (N,) that is stable at every speed, by the zeroth-order theory."""
+        return self._each(lambda found: [limiting_depth(found, milling, damping)], 1)[:, 0]
+
+    @property
+    def _loads(self) -> Array | None:
+        return self.wrenches if self.wrenches is not None and np.any(self.wrenches) else None
+
+    @property
+    def _is_plain(self) -> bool:
+        return self._loads is None and is_plain(self.elastic)
+
+    def _each(self, answer: Callable[[Modes], ArrayLike], count: int) -> Array:
+        loads, found = self._loads, np.full((len(self.q), count), np.nan)
+        for i, posture in enumerate(self.q):
+            wrench = None if loads is None else loads if loads.ndim == 1 else loads[i]
+            load = {} if wrench is None else self.load
+            try:
+                values = np.asarray(answer(modes(self.elastic, posture, wrench=wrench, **load)))
+            except UndefinedError:
+                continue
+            found[i, : values.size] = values[:count]
+        return found
 
 
 def _plain(elastic: ElasticMechanism, q: Array, count: int) -> Array:

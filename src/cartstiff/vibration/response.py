@@ -30,7 +30,7 @@ from cartstiff.mechanisms.elastic import Note
 from cartstiff.vibration.damping import Damping, dampers, damping_matrix, state_space
 from cartstiff.vibration.mode_set import Modes
 
-__all__ = ["KINDS", "FrequencyResponse", "frequency_response", "transmissibility"]
+__all__ = ["KINDS", "FrequencyResponse", "frequency_response", "transfer", "transmissibility"]
 
 #: What is asked of a response, and the power of i omega that it is multiplied by.
 KINDS = {"receptance": 0, "mobility": 1, "accelerance": 2}
@@ -156,7 +156,7 @@ def frequency_response(
     point = checked_vector(at, 3, "point")
     J = se3.adjoint_of_inverse(se3.pose(translation=point)) @ found.posture.motion.jacobian
     J = J @ found.basis
-    H = _solved(found, hertz, damping, J, J.T, method)
+    H = transfer(found, hertz, damping, J, J.T, method)
     factor = (2j * np.pi * hertz) ** KINDS[kind]
     return FrequencyResponse(
         kind, hertz, fixed(H * factor[:, None, None]), found.elastic.units, damping,
@@ -193,7 +193,7 @@ def transmissibility(
     A = momentum[0][3:] @ found.basis * (force / length)
     J = se3.adjoint_of_inverse(se3.pose(translation=point)) @ found.posture.motion.jacobian
     out = found.posture.pose[:3, :3] @ J[3:] @ found.basis
-    moved = _solved(found, hertz, damping, out, A.T, method)
+    moved = transfer(found, hertz, damping, out, A.T, method)
     T = np.eye(3) + (2 * np.pi * hertz)[:, None, None] ** 2 * moved
     return FrequencyResponse(
         "transmissibility", hertz, fixed(T), found.elastic.units, damping, _notes(found, damping)
@@ -221,10 +221,29 @@ def _notes(found: Modes, damping: Damping) -> tuple[Note, ...]:
     return ()
 
 
-def _solved(
-    found: Modes, hertz: Array, damping: Damping, out: Array, into: Array, method: Method
+def transfer(
+    found: Modes,
+    hertz: Array,
+    damping: Damping,
+    out: Array,
+    into: Array,
+    method: Method = "modes",
 ) -> Array:
-    """``out (K - omega^2 M + i omega C)^-1 into`` (N, rows, columns)."""
+    """``out (K - omega^2 M + i omega C)^-1 into`` (N, rows, columns) at N frequencies [Hz].
+
+    Parameters
+    ----------
+    found : Modes
+        The modes.
+    hertz : ndarray (N,)
+        Frequencies.
+    damping : Damping
+        What damps.
+    out, into : ndarray (rows, f), (f, columns)
+        What is read of the motions of the basis, and how what acts goes into them.
+    method : {"modes", "matrices"}
+        As in `frequency_response`.
+    """
     if method not in ("modes", "matrices"):
         raise UnknownNameError("method", method, ("modes", "matrices"))
     omega = 2 * np.pi * hertz

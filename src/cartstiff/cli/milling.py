@@ -1,0 +1,158 @@
+"""Options about damping and milling: of ``modes --lobes``, of maps and of paths."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import wraps
+from typing import TYPE_CHECKING, Any
+
+from cartstiff.cli.types import POINT, Numbers, option, option_group
+from cartstiff.errors import InputError
+from cartstiff.parsing import parse_numbers
+
+if TYPE_CHECKING:
+    from cartstiff.vibration.damping import Damping
+    from cartstiff.vibration.milling import Milling
+    from cartstiff.vibration.mode_set import Modes
+
+__all__ = ["LobesRequest", "cutting_options", "damping_of", "vibration_options"]
+
+cutting_options = option_group(
+    option(
+        "--milling", type=Numbers("KT,KR,TEETH,ENTRY,EXIT", 5),
+        help="Force law of a mill: tangential force per area, radial over tangential, teeth, and "
+        "angles (rad) at which a tooth enters and leaves (slot 0,3.1416; half up 0,1.5708).",
+    ),
+    option("--feed", type=POINT, help="Direction of the feed of --milling, in M; default x."),
+    option("--normal", type=POINT, help="Normal to the feed, in M; default y."),
+    option("--tip", type=POINT, help="Tip of the mill, in M; default its origin."),
+)  # fmt: skip
+
+_damping_options = option_group(
+    option(
+        "--damping", type=Numbers("RATIO[,RATIO...]"),
+        help="Damping ratio of every mode, or one for each.",
+    ),
+    option(
+        "--rayleigh", type=Numbers("ALPHA,BETA", 2),
+        help="Damping alpha M + beta K [1/s, s]. Dampers of the mechanism always act.",
+    ),
+)  # fmt: skip
+
+
+def vibration_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Options about damping and milling, given to a command as one mapping `vibration`."""
+
+    @wraps(command)
+    def run(*arguments: Any, **given: Any) -> Any:
+        taken = {name: given.pop(name) for name in ("milling", "feed", "normal", "tip")}
+        damping = damping_of(given.pop("damping"), given.pop("rayleigh"))
+        vibration = {"damping": damping, "milling": cutter(**taken)}
+        return command(*arguments, **given, vibration=vibration)
+
+    return cutting_options(_damping_options(run))
+
+
+# Speeds by default, and at most: semi-discretisation takes a good part of a second for each.
+_COUNT, _MOST = 12, 2000
+
+
+def damping_of(damping: list[float] | None, rayleigh: list[float] | None) -> Damping:
+    """What damps.
+
+    Raises
+    ------
+    InputError
+        For negative numbers.
+    """
+    from cartstiff.vibration.damping import Damping
+
+    for name, given in (("damping", damping), ("rayleigh", rayleigh)):
+        if given is not None and min(given) < 0.0:
+            raise InputError("cannot be used", where=f"--{name}", expected="zero or more",
+                             got=given)  # fmt: skip
+    alpha, beta = rayleigh or (0.0, 0.0)
+    ratios = 0.0 if damping is None else damping[0] if len(damping) == 1 else tuple(damping)
+    return Damping(ratios, alpha, beta)
+
+
+def cutter(
+    milling: list[float] | None, feed: list[float] | None, normal: list[float] | None,
+    tip: list[float] | None,
+) -> Milling | None:  # fmt: skip
+    """The cutter of --milling; None without it.
+
+    Raises
+    ------
+    InputError
+        For numbers that cannot be used, or other options without --milling.
+    """
+    if milling is None:
+        for name, given in (("feed", feed), ("normal", normal), ("tip", tip)):
+            if given is not None:
+                raise InputError("is for --milling", where=f"--{name}")
+        return None
+    from cartstiff.vibration.milling import Milling
+
+    kt, kr, teeth, entry, exit_ = milling
+    more: dict[str, Any] = {"feed": feed, "normal": normal, "at": tip}
+    more = {key: tuple(value) for key, value in more.items() if value is not None}
+    count = int(teeth) if teeth == int(teeth) else teeth
+    return Milling(kt, kr, count, entry, exit_, **more)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class LobesRequest:
+    """``--lobes`` of ``cartstiff modes``, checked."""
+
+    lobes: str | None
+    milling: list[float] | None
+    feed: list[float] | None
+    normal: list[float] | None
+    tip: list[float] | None
+
+    def __post_init__(self) -> None:
+        if self.lobes is None:
+            for name in ("milling", "feed", "normal", "tip"):
+                if getattr(self, name) is not None:
+                    raise InputError("is for --lobes", where=f"--{name}")
+            return
+        if self.milling is None:
+            raise InputError("needs a force law", where="--lobes", expected="--milling")
+        self._speeds()
+
+    def _speeds(self) -> tuple[float, float, int]:
+        parts = (self.lobes or "").split(":")
+        numbers = [parse_numbers(part, "--lobes", 1)[0] for part in parts if len(parts) in (2, 3)]
+        low, high, count = [*numbers, _COUNT][:3] if numbers else (0.0, 0.0, 0.0)
+        if not (0.0 < low < high and count == int(count) and 2 <= count <= _MOST):
+            raise InputError("speeds cannot be used", where="--lobes", got=self.lobes,
+                             expected=f"LOW:HIGH[:COUNT], 0 < LOW < HIGH in rev/min, COUNT from 2 "
+                             f"to {_MOST}")  # fmt: skip
+        return low, high, int(count)
+
+    def run(self, found: Modes, damping: Damping, data: dict[str, Any]) -> list[str]:
+        """Computes, adds to the JSON object; lines for people."""
+        milling = cutter(self.milling, self.feed, self.normal, self.tip)
+        if self.lobes is None or milling is None:
+            return []
+        from dataclasses import asdict
+
+        import numpy as np
+
+        from cartstiff.report.modes import describe_lobes
+        from cartstiff.vibration.chatter import depth_by_semi_discretisation, lobes
+
+        if not damping.acts_on(found.elastic):
+            raise InputError("needs damping", where="--lobes", expected="--damping or --rayleigh")
+        low, high, count = self._speeds()
+        curve = lobes(found, milling, np.linspace(low, high, count), damping)
+        fine = [depth_by_semi_discretisation(found, milling, n, damping) for n in curve.speeds]
+        data["lobes"] = {
+            **curve.as_dict(),
+            "semi_discretisation": [x if np.isfinite(x) else None for x in fine],
+            "milling": asdict(milling),
+            "unit": found.elastic.units.length,
+        }
+        return describe_lobes(curve, fine, found.elastic.units)
