@@ -39,4 +39,5 @@ def test_what_was_not_looked_at_is_called_so(soft, monkeypatch):
     elastic, measured = soft
     monkeypatch.setattr(profile, "_BUDGET", 0)
     found = identify(elastic, measured, loaded=True, known={"j4": 200.0})
+    assert "profile-not-taken" in {note.code for note in found.notes}
     assert "linear, not looked at" in {e.method for e in found.estimates}

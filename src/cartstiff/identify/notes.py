@@ -117,6 +117,13 @@ def _found(result: Identification) -> list[Note]:
             "model or the signs of load and displacement are wrong"
         )
         notes.append(Note("negative-compliance", words, {"springs": wrong}))
+    unseen = [e.name for e in result.estimates if e.method == "linear, not looked at"]
+    if unseen:
+        words = (
+            "intervals are linear and were not compared with the profile likelihood, which would "
+            f"take long: {', '.join(unseen)}"
+        )
+        notes.append(Note("profile-not-taken", words, {"springs": unseen}))
     active = result.chosen.solved.active
     if active.any():
         names = [result.unknowns.names[p] for p in np.flatnonzero(active)]

@@ -79,11 +79,14 @@ def _load(answer: Mapping[str, Any]) -> list[str]:
 def _postures(rows: list[dict[str, Any]], units: Mapping[str, str]) -> list[str]:
     if not rows:
         return ["  none"]
-    titles = ["value", *rows[0]["q"], *(f"{c} [{units['length']}]" for c in "xyz")]
+    half = ["half_width"] if "half_width" in rows[0] else []  # where springs were measured
+    titles = ["value", *(name.replace("_", " ") for name in half), *rows[0]["q"]]
+    titles += [f"{c} [{units['length']}]" for c in "xyz"]
     return table(
         titles,
         [
-            [number(x) for x in (row["value"], *row["q"].values(), *row["position"])]
+            [number(row["value"]), *(number(row[name], 3) for name in half),
+             *(number(x) for x in (*row["q"].values(), *row["position"]))]
             for row in rows
         ],
     )  # fmt: skip
