@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff.arrays import Array, checked_number, checked_vector, fixed
 from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.potentials.contract import Evaluation, Map
+from cartstiff.potentials.contract import Evaluation, Map, Remark
 
 __all__ = [
     "EARTH",
@@ -369,9 +369,7 @@ def _is_infinite(value: object) -> bool:
     return isinstance(value, float) and value == np.inf
 
 
-def rest_of_turns(
-    coordinates: Sequence[Coordinate], rest: Array
-) -> list[tuple[str, str, dict[str, float]]]:
+def rest_of_turns(coordinates: Sequence[Coordinate], rest: Array) -> list[Remark]:
     """Remark on rest positions of more than a turn, which look like degrees."""
     found = {
         c.name: float(x)
@@ -382,4 +380,4 @@ def rest_of_turns(
         return []
     words = "; ".join(f"{name} at {x:g} rad" for name, x in found.items())
     words = f"springs at rest after several turns: {words}. Degrees? Angles are in radians"
-    return [("rest-of-turns", words, found)]
+    return [Remark("rest-of-turns", words, found)]
