@@ -380,4 +380,4 @@ def rest_of_turns(coordinates: Sequence[Coordinate], rest: Array) -> list[Remark
         return []
     words = "; ".join(f"{name} at {x:g} rad" for name, x in found.items())
     words = f"springs at rest after several turns: {words}. Degrees? Angles are in radians"
-    return [Remark("rest-of-turns", words, found)]
+    return [Remark("rest-of-turns", words, dict(found))]
