@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cartstiff import numerics
 from cartstiff.errors import InputError
 
 __all__ = [
@@ -281,7 +282,7 @@ def checked_length(value: object, what: str = "length", *, where: str | None = N
     return number
 
 
-def is_pose(T: ArrayLike, tolerance: float = 1e-9) -> bool:
+def is_pose(T: ArrayLike, tolerance: float = numerics.CLOSE) -> bool:
     """Tell whether every matrix (..., 4, 4) is a proper rigid motion up to `tolerance`."""
     T = real_array(T, "pose")
     if T.shape[-2:] != (4, 4) or not np.isfinite(T).all():
@@ -297,7 +298,7 @@ def is_pose(T: ArrayLike, tolerance: float = 1e-9) -> bool:
 
 
 def checked_pose(
-    T: ArrayLike, what: str = "pose", *, where: str | None = None, tolerance: float = 1e-9
+    T: ArrayLike, what: str = "pose", *, where: str | None = None, tolerance: float = numerics.CLOSE
 ) -> Array:
     """A rigid motion (4, 4), or a stack (N, 4, 4) of them where the argument has three axes."""
     stack = getattr(T, "ndim", 2) == 3

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.analysis.matrices import (
     block_scales,
     definiteness,
@@ -84,7 +85,7 @@ def asymmetry(stiffness: ArrayLike, wrench: ArrayLike) -> Asymmetry:
     scales[scales == 0.0] = 1.0
     residual = float((np.abs(measured - predicted) / scales).max())
     size = float((np.abs(measured) / scales).max())
-    return Asymmetry(measured, predicted, residual, size, residual < 1e-8)
+    return Asymmetry(measured, predicted, residual, size, residual < numerics.EXPLAINED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,7 +247,7 @@ def _verdict(rows: list[ConnectionDifference], reference: str, threshold: float)
     if not known:
         return "nothing to compare: no other connection has a matrix here"
     worst, name = max(known)
-    size = 0.0 if worst < 1e-12 else 100.0 * worst  # what is only rounding is 0
+    size = 0.0 if worst < numerics.BLANK else 100.0 * worst  # what is only rounding is 0
     found = f"the largest relative change is {size:.2g} % (K^{name} against K^{reference})"
     if worst > threshold:
         return f"yes, the choice of connection matters: {found}, above {100 * threshold:g} %"

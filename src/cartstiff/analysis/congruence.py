@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.analysis.diagonal_fit import DiagonalFit, fit_diagonal
 from cartstiff.analysis.matrices import (
     Definiteness,
@@ -187,8 +188,8 @@ def joint_stiffness(
         definiteness(values),
         values,
         off,
-        off < 1e-9,
-        None if fit is None else fit.residual < 1e-8,
+        off < numerics.CLOSE,
+        None if fit is None else fit.residual < numerics.EXPLAINED,
         stable == "positive",
         fit,
     )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.analysis.matrices import (
     as_symmetric,
     balancing_length,
@@ -28,7 +29,7 @@ from cartstiff.geometry.se3 import Array
 __all__ = ["DiagonalFit", "fit_diagonal"]
 
 # Joint compliances below this share of the largest are called zero: the joint is best locked.
-_LOCKED = 1e-12
+_LOCKED = numerics.ROUNDING
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,6 +167,12 @@ def _iterate(C: Array, J: Array, S: Array, x: Array, size: float) -> Array:
         return np.asarray(np.stack(columns, axis=1) * (unit / size))
 
     found = least_squares(
-        error, start, jac=slope, bounds=(0.0, np.inf), xtol=1e-15, ftol=1e-15, gtol=1e-15
+        error,
+        start,
+        jac=slope,
+        bounds=(0.0, np.inf),
+        xtol=numerics.FINEST,
+        ftol=numerics.FINEST,
+        gtol=numerics.FINEST,
     )
     return np.asarray(unit * found.x, float)

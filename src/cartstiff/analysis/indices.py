@@ -238,6 +238,6 @@ def best_conditioned_length(
         # Rounding of an ill-conditioned matrix can turn its smallest eigenvalue negative.
         cost = np.where(found[:, 0] > 0.0, numerics.condition(found), np.inf)
         least = int(np.argmin(cost))
-        if high - low <= 1e-6:
+        if high - low <= numerics.SETTLED:
             return float(start * np.exp(t[least])), float(cost[least])
         low, high = float(t[max(least - 1, 0)]), float(t[min(least + 1, 32)])

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.analysis.centres import (
     centre_of_stiffness,
     point_of_least_coupling,
@@ -57,10 +58,10 @@ def _axes(coupling: Array, diagonal: Array) -> Array:
     """Proper rotation to eigenvectors of `coupling`; among equal ones, to those of `diagonal`."""
     values, axes = np.linalg.eigh(symmetric_part(coupling))
     # Rounding of the coupling block is measured on the matrix it was shifted by, too.
-    size = max(float(np.abs(values).max()), 1e-300)
+    size = max(float(np.abs(values).max()), numerics.TINY)
     start = 0
     for end in range(1, 4):
-        if end == 3 or values[end] - values[end - 1] > 1e-9 * size:
+        if end == 3 or values[end] - values[end - 1] > numerics.CLOSE * size:
             group = axes[:, start:end]
             axes[:, start:end] = group @ np.linalg.eigh(group.T @ diagonal @ group)[1]
             start = end
@@ -71,7 +72,7 @@ def _axes(coupling: Array, diagonal: Array) -> Array:
 
 def _clean_coupling(coupling: Array, before: Array, lever: Array) -> Array:
     """Coupling block with what is only the rounding of its subtraction set to zero."""
-    rounding = 1e-13 * max(float(np.abs(before).max()), float(np.abs(lever).max()))
+    rounding = numerics.ZERO * max(float(np.abs(before).max()), float(np.abs(lever).max()))
     return np.zeros((3, 3)) if np.abs(coupling).max() <= rounding else coupling
 
 

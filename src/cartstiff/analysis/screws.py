@@ -41,7 +41,7 @@ SWAP_FORM.flags.writeable = False
 
 # A direction vector shorter than this, next to its length-scaled partner, is rounding: the pitch
 # is then called infinite.
-_INFINITE_PITCH = 1e-11
+_INFINITE_PITCH = numerics.INFINITE_PITCH
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +162,7 @@ def eigenscrews(stiffness: ArrayLike) -> Eigenscrews:
     others: tuple[complex, ...] = ()
     if signs == "indefinite":
         roots, solutions = np.linalg.eig(SWAP_FORM @ scaled)
-        real = np.abs(roots.imag) <= 1e-9 * np.abs(roots).max()
+        real = np.abs(roots.imag) <= numerics.CLOSE * np.abs(roots).max()
         mu, x = roots[real].real, solutions[:, real].real
         others = tuple(complex(r) * length for r in roots[~real])
     else:

@@ -166,7 +166,7 @@ def summarise(
         axes["given"] = checked_unit(direction)
     result: dict[str, Any] = {
         "connection": name,
-        "symmetrised": skewness > 1e-9,
+        "symmetrised": skewness > numerics.SYMMETRY,
         "definiteness": None,
         "frame": np.eye(4) if T_m_n is None else checked_pose(T_m_n, "frame"),
         "length": scale,

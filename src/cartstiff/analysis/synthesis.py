@@ -41,10 +41,10 @@ from cartstiff.geometry.se3 import Array
 __all__ = ["Realisability", "Realisation", "realisability", "realise"]
 
 # A column counts as torsional when its force is below this share of its length-scaled moment.
-_TORSIONAL = 1e-9
+_TORSIONAL = numerics.CLOSE
 # Eigenvalues dropped from the factor: far below what `ZERO` calls zero, so that the springs
 # reproduce the matrix better than the rank is judged.
-_DROPPED = 1e-13
+_DROPPED = numerics.ZERO
 _ATTEMPTS = 8
 
 
@@ -143,7 +143,7 @@ def _require_passive(K: Array) -> Realisability:
 def _screw_count(mu: Array, trace: float) -> int:
     """Fewest screw springs: how many of the largest eigenvalues (of the trace's sign) reach it."""
     signed = np.sort(mu * np.sign(trace))[::-1]
-    reached = np.cumsum(signed) >= abs(trace) * (1.0 - 1e-12)
+    reached = np.cumsum(signed) >= abs(trace) * (1.0 - numerics.ROUNDING)
     return int(np.argmax(reached)) + 1
 
 
@@ -219,7 +219,7 @@ def realise(stiffness: ArrayLike, length: float | None = None) -> Realisation:
     judgement = _require_passive(K)
     scale = balancing_length(K) if length is None else length
     values, vectors = np.linalg.eigh(scale_lengths(K, scale))
-    kept = values > _DROPPED * max(float(values[-1]), 1e-300)
+    kept = values > _DROPPED * max(float(values[-1]), numerics.TINY)
     screws, rest = _split(vectors[:, kept] * np.sqrt(values[kept]), judgement.by_line_springs)
     rng = np.random.default_rng(0)
     lines, best = rest, -1.0

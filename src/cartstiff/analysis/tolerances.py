@@ -293,7 +293,9 @@ class Parameters:
         lengths = np.repeat([1.0, posture.length], 3)[:, None]
         missing = lengths[:, 0] * (before.lines.T @ tension - now.lines.T @ tension)
         tension = tension.copy()
-        tension[active] += np.linalg.lstsq(lengths * now.lines[active].T, missing, rcond=1e-12)[0]
+        tension[active] += np.linalg.lstsq(
+            lengths * now.lines[active].T, missing, rcond=numerics.ROUNDING
+        )[0]
         rest = old.rest_length + now.lengths - before.lengths
         rest[active] = now.lengths[active] - tension[active] / springs.stiffness[active]
         return springs.replaced(springs.stiffness, rest)

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from cartstiff import numerics
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.schema import Number, Positive, Text
@@ -18,7 +19,7 @@ from cartstiff.loading.yaml_file import read_yaml
 __all__ = ["Asked", "Case", "json_schema", "read_case", "read_cases"]
 
 #: How close to a stored value its own tool must come, relative to the largest entry.
-SAME = 1e-9
+SAME = numerics.CLOSE
 
 Values = Number | list[Number] | list[list[Number]] | list[list[list[Number]]]
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.arrays import is_pose, real_array
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry import se3
@@ -24,7 +25,7 @@ __all__ = ["Chart", "exponential", "from_pose_function", "paper", "product_of_ex
 
 # A chart is called singular where the basis matrix has lost ten digits: what would be computed
 # through it then has six digits at best.
-_SINGULAR = 1e-10
+_SINGULAR = numerics.RANK
 
 
 @dataclass(frozen=True)
@@ -119,11 +120,11 @@ class Chart:
         for _ in range(50):
             error = se3.log(se3.inverse(self.pose(xi)) @ T)
             size = float(np.linalg.norm(error))
-            if size < 1e-14 * (1 + np.linalg.norm(xi)):
+            if size < numerics.LAST_DIGITS * (1 + np.linalg.norm(xi)):
                 return xi
             step = self.inverse_basis(xi) @ error
             xi = xi + step / max(1.0, float(np.abs(step[:3]).max()))
-        if size < 1e-11 * (1 + np.linalg.norm(xi)):
+        if size < numerics.CONVERGED * (1 + np.linalg.norm(xi)):
             return xi
         raise ConvergenceError(
             f"no coordinates found in chart {self.name!r}", iterations=50, residual=size

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.arrays import checked_array, checked_matrix, real_array
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
@@ -44,7 +45,7 @@ __all__ = [
 ]
 
 # Laws are judged on the symbols' own scale; 1e-12 leaves four digits for rounding.
-_LAW_TOLERANCE = 1e-12
+_LAW_TOLERANCE = numerics.ROUNDING
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,7 +266,7 @@ def flat(jacobian: ArrayLike, jacobian_derivative: ArrayLike, name: str = "F") -
     """
     J, dJ = real_array(jacobian), real_array(jacobian_derivative)
     singular_values = np.linalg.svd(J, compute_uv=False)
-    if singular_values[-1] <= 1e-13 * singular_values[0]:
+    if singular_values[-1] <= numerics.ZERO * singular_values[0]:
         raise UndefinedError(
             "the coordinates are no chart of SE(3) here: their Jacobian is singular",
             code="singular",

@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.arrays import Array, is_pose, read_only, real_array
 
 __all__ = [
@@ -250,7 +251,7 @@ def _rotation_vector(R: Array) -> Array:
     q = np.where(q[..., 3:] < 0, -q, q)
     s = np.linalg.norm(q[..., :3], axis=-1)
     angle = 2 * np.arctan2(s, q[..., 3])
-    tiny = s < 1e-9
+    tiny = s < numerics.CLOSE
     scale = np.where(tiny, 2.0 / np.where(tiny, q[..., 3], 1.0), angle / np.where(tiny, 1.0, s))
     return scale[..., None] * q[..., :3]
 

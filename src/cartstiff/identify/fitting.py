@@ -19,7 +19,7 @@ __all__ = ["Fit", "fitted"]
 # Evaluations of a search; searches, in which the scales of lengths and angles settle.
 _STEPS, _ROUNDS = 60, 6
 #: Relative changes of parameters and of the sum of squares that end a search; of scales.
-_SMALL, _FLAT, _SAME = 1e-9, 1e-7, 1e-3
+_SMALL, _FLAT, _SAME = numerics.CLOSE, numerics.FLAT, 1e-3
 
 
 @dataclass(frozen=True, eq=False)

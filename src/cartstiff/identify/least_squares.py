@@ -165,11 +165,11 @@ def solved(
     root = np.ones(m) if weights is None else np.sqrt(weights)
     scales: Array = np.ones(2, float)
     known = np.array(noise.is_known)
-    floor = np.full(2, 1e-300)
+    floor = np.full(2, numerics.TINY)
     for g in np.flatnonzero(~known):
         largest = float(np.abs(target[noise.group == g]).max(initial=0.0))
-        scales[g] = max(largest, 1e-300)
-        floor[g] = max(numerics.EPSILON * largest, 1e-300)  # what fits exactly
+        scales[g] = max(largest, numerics.TINY)
+        floor[g] = max(numerics.EPSILON * largest, numerics.TINY)  # what fits exactly
     h = np.zeros(m)
     for _ in range(_ROUNDS):
         deviation = noise.deviation * scales[noise.group]
@@ -186,7 +186,7 @@ def solved(
                 left = float(np.sum(1.0 - h[mine]))
                 square = float(np.sum((root * r / noise.deviation)[mine] ** 2))
                 scales[g] = max(np.sqrt(square / left) if left > _UNSEEN else np.nan, floor[g])
-        if np.isnan(scales).any() or np.all(np.abs(scales - before) <= 1e-10 * scales):
+        if np.isnan(scales).any() or np.all(np.abs(scales - before) <= numerics.REACHED * scales):
             break
     if np.isnan(scales).any():
         raise InputError(
@@ -259,7 +259,7 @@ class _Basis:
         lower[: self._P] = np.where(bounded, 0.0, -np.inf)
         found = lsq_linear(
             self.kept[:, use] * self.scale[use], right, bounds=(lower[use], np.inf), method="bvls",
-            tol=1e-14,
+            tol=numerics.LAST_DIGITS,
         )  # fmt: skip
         x = np.zeros(len(use))
         x[use] = self.scale[use] * found.x

@@ -19,6 +19,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.identify.measurements import Measurements
@@ -35,7 +36,7 @@ from cartstiff.stiffness.compute import analyse
 from cartstiff.stiffness.influence import influence
 
 # Of differences, in shares of a parameter's natural size.
-_STEP = 1e-4
+_STEP = numerics.WIDE_DIFFERENCE
 
 __all__ = ["LinearModel", "Model", "at_rest", "derivatives"]
 

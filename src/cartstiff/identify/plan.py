@@ -37,7 +37,7 @@ CRITERIA = ("worst", "all", "posture")
 _PASSES = 20
 #: Information that stands for "nothing is known" while too few rows are chosen: a thousandth of a
 #: percent of what one row tells.
-_FAINT = 1e-5
+_FAINT = numerics.FAINT
 _DRAWS, _BOUND_STEPS = 1000, 300
 
 

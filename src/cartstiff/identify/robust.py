@@ -145,7 +145,7 @@ def _residuals(divided: Array, right: Array, noise: Noise, rank: int) -> tuple[A
     m = len(right)
     # What no row sees stays where it is.
     U, values, Vt = np.linalg.svd(B, full_matrices=False)
-    keep = values > numerics.RANK * values.max(initial=1e-300)
+    keep = values > numerics.RANK * values.max(initial=numerics.TINY)
     basis = (U[:, keep] * values[keep]) @ Vt[keep]
     B = basis @ Vt[keep].T
     x = np.linalg.lstsq(B, right, rcond=None)[0]
@@ -153,8 +153,8 @@ def _residuals(divided: Array, right: Array, noise: Noise, rank: int) -> tuple[A
     correction = np.sqrt(m / max(m - rank, 1))
 
     def scale_of(r: Array) -> float:
-        return max(_MAD * float(np.median(np.abs(r))) * correction, 1e-12 * float(
-            np.abs(right).max(initial=1e-300)))  # fmt: skip
+        return max(_MAD * float(np.median(np.abs(r))) * correction, numerics.ROUNDING * float(
+            np.abs(right).max(initial=numerics.TINY)))  # fmt: skip
 
     for loss, factor, rounds in (("soft_l1", 0.1, 2), ("cauchy", _CAUCHY, 3)):
         for _ in range(rounds):
@@ -169,6 +169,6 @@ def _residuals(divided: Array, right: Array, noise: Noise, rank: int) -> tuple[A
     for g in (0, 1):
         mine = noise.group == g
         if mine.any():
-            s = max(_MAD * float(np.median(np.abs(r[mine]))) * correction, 1e-300)
+            s = max(_MAD * float(np.median(np.abs(r[mine]))) * correction, numerics.TINY)
             scales[g] = max(s, 1.0) if noise.is_known[g] else s
     return r, scales

@@ -109,7 +109,7 @@ def _fit(seen: Array, there: Array, session: str) -> Array:
     """Pose that moves points onto others with the least squares of distances."""
     a, b = seen.mean(axis=0), there.mean(axis=0)
     U, values, Vt = np.linalg.svd((seen - a).T @ (there - b))
-    if not values[1] > numerics.RANK * max(values[0], 1e-300):
+    if not values[1] > numerics.RANK * max(values[0], numerics.TINY):
         raise InputError(
             f"the places of session {session!r} stand in one line: its frame is not known",
             where="column session", expected="three places that are not in line, or "

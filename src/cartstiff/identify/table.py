@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError, one_line
 from cartstiff.identify.columns import (
@@ -34,7 +35,7 @@ __all__ = ["AXES", "read_measurements"]
 AXES = ("base", "body", "world")
 _LARGEST_FILE = 1 << 27
 # What motors may be off [rad, length] where a table is rounded.
-_GAVE_WAY = 1e-6
+_GAVE_WAY = numerics.NEARBY
 # Undeclared numbers that cannot be SI: displacements beyond this share of the mechanism's size,
 # positions beyond this many of it, small rotations and joint angles beyond these [rad].
 _FAR, _AWAY, _TILTED, _TURNS = 0.2, 20.0, 0.5, 4.0 * math.pi

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -104,7 +105,7 @@ class Unknowns:
 
     def mechanism(self, theta: Array) -> ElasticMechanism:
         """The mechanism with these compliances; those at zero are all but rigid."""
-        floor = np.where(self.is_bounded, 1e-9 * np.abs(self.nominal), -np.inf)
+        floor = np.where(self.is_bounded, numerics.CLOSE * np.abs(self.nominal), -np.inf)
         return self.elements.with_compliance(self.compliance(np.maximum(theta, floor)))
 
 

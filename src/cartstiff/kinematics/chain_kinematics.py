@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
@@ -68,7 +69,7 @@ class Kinematics:
             placed = [np.eye(4), *(T for T, _, _ in frames), at_zero.pose]
             self._between = [se3.inverse(a) @ b for a, b in pairwise(placed)]
             for T in self._between:  # rounding of what is zero would be work
-                T[np.abs(T) < 1e-16] = 0.0
+                T[np.abs(T) < numerics.STILL] = 0.0
 
     def at(self, q: Array) -> ManyPoses:
         """Kinematics at coordinates (N, n)."""
@@ -128,7 +129,7 @@ def _axis_frame(screw: Array) -> tuple[Array, bool, float]:
     x /= np.linalg.norm(x)
     point = np.cross(screw[:3], screw[3:]) / size**2 if turns else np.zeros(3)
     slide = float(screw[3:] @ z) if turns else size
-    slide = 0.0 if abs(slide) < 1e-14 else slide
+    slide = 0.0 if abs(slide) < numerics.LAST_DIGITS else slide
     return se3.pose(np.stack([x, np.cross(z, x), z], axis=1), point), turns, slide
 
 

@@ -8,6 +8,7 @@ from typing import get_args, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.arrays import checked_array, is_pose
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
@@ -47,7 +48,7 @@ def inverse_kinematics(
     *,
     seed: int = 0,
     free: Free = "none",
-    tolerance: float = 1e-10,
+    tolerance: float = numerics.REACHED,
     limits: bool = True,
     cost: Callable[[Array], Array] | None = None,
     most: int = MOST_LISTED,

@@ -20,6 +20,7 @@ from copy import copy
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -39,7 +40,7 @@ _LONGEST_STEP = 0.7
 # than this share off |e|^2.
 _SLOW_STEPS, _SLOW = 6, 0.03
 #: Postures nearer than this in every coordinate (rad, or characteristic lengths) are one.
-SAME = 1e-6
+SAME = numerics.NEARBY
 
 
 def pose_errors(T: Array, T_wanted: Array, free: Free, length: float) -> Array:
@@ -59,10 +60,12 @@ def pose_errors(T: Array, T_wanted: Array, free: Free, length: float) -> Array:
         across = np.cross(axis, wanted)
         sine, cosine = np.linalg.norm(across, axis=1), wanted @ axis
         # Opposite directions: any axis across will do, and the same one every time.
-        opposite = (sine < 1e-9) & (cosine < 0)
+        opposite = (sine < numerics.CLOSE) & (cosine < 0)
         across[opposite] = np.roll(axis, 1)
         angle = np.arctan2(sine, cosine)
-        e[:, :3] = across * np.where(opposite, angle, angle / np.maximum(sine, 1e-300))[:, None]
+        e[:, :3] = (
+            across * np.where(opposite, angle, angle / np.maximum(sine, numerics.TINY))[:, None]
+        )
     return e
 
 
@@ -112,7 +115,7 @@ class JointPoses:
         if isinstance(mechanism, Chain) and mechanism.tree.mimic is not None:
             # A follower need not come back with its leader.
             turns &= np.abs(mechanism.tree.mimic).sum(axis=0) == 1.0
-        periodic: Array = turns & (self.upper - self.lower >= 2 * np.pi - 1e-9)
+        periodic: Array = turns & (self.upper - self.lower >= 2 * np.pi - numerics.CLOSE)
         return periodic
 
     def narrowed(self, ranges: Mapping[str, tuple[float, float]]) -> JointPoses:
@@ -173,7 +176,7 @@ class JointPoses:
         q = np.array(q, float)
         for j in np.flatnonzero(self.periodic):
             # (-pi, pi], as far as the limits have it, so that equal postures have equal numbers.
-            turned = np.pi - np.mod(np.pi - q[:, j] + 1e-9, 2 * np.pi) + 1e-9
+            turned = np.pi - np.mod(np.pi - q[:, j] + numerics.CLOSE, 2 * np.pi) + numerics.CLOSE
             low, high = self.lower[j], self.upper[j]
             turned = np.where(turned > high, turned - 2 * np.pi, turned)
             q[:, j] = np.where(turned < low, turned + 2 * np.pi, turned)
@@ -199,7 +202,7 @@ class JointPoses:
         T_wanted: Array,
         starts: Array,
         free: Free = "none",
-        tolerance: float = 1e-10,
+        tolerance: float = numerics.REACHED,
         held: Array | None = None,
     ) -> tuple[Array, Array]:
         """Postures (N, n) from starts (N, n) for poses (N, 4, 4), and which of them are solutions.
@@ -233,7 +236,7 @@ class JointPoses:
             e = np.where(better[:, None], e_new, e)
             J = np.where(better[:, None, None], J_new, J)
             # Far away a tenth of the damping is enough; |e|^2 takes care of the end.
-            mu = np.where(better, np.maximum(0.3 * mu, 1e-4), 8.0 * mu)
+            mu = np.where(better, np.maximum(0.3 * mu, numerics.LEAST_DAMPING), 8.0 * mu)
             size = np.abs(e).max(axis=1, initial=0.0)
             # One more step after the tolerance is met takes the solution to rounding.
             count += size <= tolerance
@@ -257,7 +260,7 @@ class JointPoses:
             J = np.where(beyond[:, None, :], 0.0, J)
             step[again] = _damped(J[again], e[again], damping[again]) * self.sizes
         largest = np.abs(step / self.sizes).max(axis=1, initial=0.0)
-        return step * np.minimum(1.0, _LONGEST_STEP / np.maximum(largest, 1e-300))[:, None]
+        return step * np.minimum(1.0, _LONGEST_STEP / np.maximum(largest, numerics.TINY))[:, None]
 
     def along_self_motions(
         self, q: Array, J: Array, slope: Array, inverse: Array | None = None
@@ -323,7 +326,7 @@ class JointPoses:
         q = self.random_starts(20, np.random.default_rng(0))
         J = self.task(q, np.broadcast_to(np.eye(4), (20, 4, 4)), free)[1]
         values = np.linalg.svd(J, compute_uv=False)
-        return int((values > 1e-8 * values[:, :1]).sum(axis=1).max())
+        return int((values > numerics.USUAL_RANK * values[:, :1]).sum(axis=1).max())
 
     def redundancy(self, free: Free) -> int:
         """Dimension of the self-motions at most postures."""
@@ -336,7 +339,7 @@ def _damped(J: Array, e: Array, damping: Array) -> Array:
     M = J @ Jt
     r = M.shape[1]
     trace = np.einsum("nii->n", M)
-    M[:, range(r), range(r)] += (damping + 1e-14 * trace + 1e-300)[:, None]
+    M[:, range(r), range(r)] += (damping + numerics.LAST_DIGITS * trace + numerics.TINY)[:, None]
     step: Array = (Jt @ np.linalg.solve(M, e[..., None]))[..., 0]
     return step
 
@@ -346,7 +349,9 @@ def _projections(J: Array, moving: Array) -> Array:
     J = J * moving[:, None, :]
     M = J @ J.swapaxes(1, 2)
     r = M.shape[1]
-    M[:, range(r), range(r)] += (1e-14 * np.einsum("nii->n", M) + 1e-300)[:, None]
+    M[:, range(r), range(r)] += (numerics.LAST_DIGITS * np.einsum("nii->n", M) + numerics.TINY)[
+        :, None
+    ]
     P: Array = np.eye(J.shape[2]) * moving[:, None, :] - J.swapaxes(1, 2) @ np.linalg.solve(M, J)
     return P
 

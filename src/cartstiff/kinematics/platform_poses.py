@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -93,11 +94,11 @@ class PlatformPoses:
         """Changes of the coordinates (N, 6, d) with the free turn, to first order."""
         motions = np.zeros((len(q), 6, dimension))
         if dimension:
-            step = 1e-4 * se3.basis_twist("xyz".index(free))
+            step = numerics.WIDE_DIFFERENCE * se3.basis_twist("xyz".index(free))
             for i, row in enumerate(q):
                 change = self.platform.moved(row, step) - row
                 motions[i, :, 0] = change - 2 * np.pi * np.round(change / (2 * np.pi))
-        return motions / 1e-4
+        return motions / numerics.WIDE_DIFFERENCE
 
     def rank(self, free: Free) -> int:
         """Number of conditions that the legs fulfil independently."""

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.kinematics.platform_poses import Free
@@ -20,12 +21,12 @@ __all__ = ["settled"]
 
 # Motions along a self-motion, in the natural sizes of the coordinates: the first that is tried,
 # the longest, and the one at which a posture counts as settled; how often, at most.
-_FIRST_STEP, _LONGEST_STEP, _SETTLED, _SETTLING = 0.2, 0.5, 1e-6, 200
+_FIRST_STEP, _LONGEST_STEP, _SETTLED, _SETTLING = 0.2, 0.5, numerics.SETTLED, 200
 # A slope that has become less by so much, or is so small beside the cost, is none; and how often a
 # posture begins anew on one that is left.
-_FLAT, _NO_SLOPE, _TRIES = 1e-3, 1e-7, 3
+_FLAT, _NO_SLOPE, _TRIES = 1e-3, numerics.NO_SLOPE, 3
 # Half the distance of the postures whose costs' difference gives a slope.
-_DIFFERENCE = 1e-5
+_DIFFERENCE = numerics.DIFFERENCE
 
 
 def settled(
@@ -79,7 +80,7 @@ def settled(
         trial = np.clip(q - step * sizes, solver.lower, solver.upper)
         trial, good = solver.solve(T, trial, free, tolerance)
         reached = np.where(good, _values(cost, trial), np.inf)
-        better = reached < value - 1e-4 * (slope * step).sum(axis=1)
+        better = reached < value - numerics.SUFFICIENT * (slope * step).sum(axis=1)
         # Without a cost either way may lead to one.
         reach = np.where(better, 1.0, np.where(np.isfinite(value), 0.3, -0.8) * reach)
         moved = np.where(better[:, None], trial - q, 0.0) / sizes
@@ -107,7 +108,7 @@ def _slopes(cost: Callable[[Array], Array], q: Array, value: Array, sizes: Array
 def _updated(inverse: Array, moved: Array, change: Array) -> Array:
     """Inverse Hessians that explain how the slopes have changed, where the cost curves upwards."""
     curved = np.einsum("ni,ni->n", moved, change)
-    upwards = curved > 1e-8 * _length(moved) * _length(change)
+    upwards = curved > numerics.SADDLE * _length(moved) * _length(change)
     scale = np.where(upwards, _ratio(1.0, curved), 0.0)
     left = np.eye(moved.shape[1]) - scale[:, None, None] * moved[:, :, None] * change[:, None, :]
     return left @ inverse @ left.swapaxes(1, 2) + scale[:, None, None] * (

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -191,11 +192,14 @@ def _body(file: PlatformFile | SpringsFile, T_P_M: Array, where: str) -> tuple[f
     """Mass, centre and inertia about it, in P, of the body with its payload."""
     body, payload = file.body or BodyModel(mass=0.0), file.payload or PayloadModel(mass=0.0)
     inertia = np.zeros((3, 3)) if body.inertia is None else np.array(body.inertia, float)
-    if np.abs(inertia - inertia.T).max() > 1e-9 * np.abs(inertia).max():
+    if np.abs(inertia - inertia.T).max() > numerics.SYMMETRY * np.abs(inertia).max():
         raise InputError("inertia is not symmetric", where=f"{where}, key body.inertia",
                          got=inertia.tolist())  # fmt: skip
     moments = np.linalg.eigvalsh(inertia)
-    if moments[0] < -1e-9 * moments[2] or moments[0] + moments[1] < (1 - 1e-9) * moments[2]:
+    if (
+        moments[0] < -numerics.CLOSE * moments[2]
+        or moments[0] + moments[1] < (1 - numerics.CLOSE) * moments[2]
+    ):
         raise InputError("no body has these moments of inertia", where=f"{where}, key body.inertia",
                          expected="each at most the sum of the other two",
                          got=moments.tolist())  # fmt: skip

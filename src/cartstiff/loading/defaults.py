@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from cartstiff import numerics
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.chain_kinematics import Kinematics
@@ -193,7 +194,7 @@ def regular_posture(chain: Chain, q: Array) -> tuple[Array, list[Note]]:
     def ratios(postures: Array) -> Array:
         J = kinematics.at(postures).jacobian * rows * sizes
         values = np.linalg.svd(J[:, :, free], compute_uv=False)
-        found: Array = values[:, -1] / np.maximum(values[:, 0], 1e-300)
+        found: Array = values[:, -1] / np.maximum(values[:, 0], numerics.TINY)
         return found
 
     (at_zero,) = ratios(q[None])

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from cartstiff import numerics
 from cartstiff.errors import InputError, UnknownNameError, one_line
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.catalogue import example_robot
@@ -138,7 +139,7 @@ def _idle_links(soft: Sequence[Potential], chain: Chain, lines: Sequence[LineMod
 # Limits of a joint [rad] that look like degrees; larger ones stand for "none".
 _DEGREES = (40.0, 1000.0)
 # What is this near to the end of a beam, over its length, is there.
-_THERE = 1e-6
+_THERE = numerics.NEARBY
 
 
 def beams_that_end_elsewhere(soft: Sequence[Potential], chain: Chain) -> list[Note]:

@@ -13,6 +13,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from cartstiff import numerics
 from cartstiff.arrays import checked_vector
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
@@ -32,7 +33,7 @@ _TYPES = {pin.ContactType.CONTACT_3D: "point", pin.ContactType.CONTACT_6D: "weld
 #: Reference configurations that are taken for the posture where none is given, in this order.
 _HOMES = ("home", "half_sitting", "standing", "default")
 #: How near to the closure a configuration of Pinocchio has to be a rotation (unit quaternion).
-_UNIT = 1e-6
+_UNIT = numerics.NEARBY
 
 
 def is_pinocchio(source: object) -> bool:

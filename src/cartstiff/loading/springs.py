@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -192,7 +193,7 @@ def link_springs(
             springs.append(_beam(entry.beam, indices, prefix + link))
             continue
         K = np.array(entry.stiffness, float)
-        if np.abs(K - K.T).max() > 1e-9 * np.abs(K).max():
+        if np.abs(K - K.T).max() > numerics.SYMMETRY * np.abs(K).max():
             raise InputError(
                 "stiffness of a link must be symmetric", where=f"{where}, flexible {link}"
             )

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.loading.plausible import large_lengths, turned
@@ -114,7 +115,7 @@ def prepare_urdf(root: ET.Element, where: str) -> UrdfFacts:
         if kind in (*_AXIAL_TYPES, "planar"):
             if axis is None and joint.find("axis") is not None:
                 raise refuse(f"{what}: axis has no xyz", expected="<axis xyz=...>")
-            if axis is not None and math.hypot(*axis) < 1e-9:
+            if axis is not None and math.hypot(*axis) < numerics.CLOSE:
                 raise refuse(f"{what} has a zero axis")
         if kind == "planar":
             _plane(name, axis, facts)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from cartstiff import numerics
 from cartstiff.geometry import se3
 from cartstiff.loading.yaml_file import LARGEST_NUMBER
 from cartstiff.mechanisms.elastic import Note
@@ -173,7 +174,7 @@ def _quaternion_to_angles(origin: ET.Element, version: str, place: str, refuse: 
     quaternion = np.array(
         numbers_of(origin, ("quat_xyzw",), 4, place.removesuffix(": origin"), refuse)
     )
-    if np.linalg.norm(quaternion) < 1e-9:
+    if np.linalg.norm(quaternion) < numerics.CLOSE:
         raise refuse(f"{place}: quat_xyzw is zero", expected="a rotation")
     del origin.attrib["quat_xyzw"]
     R = pin.Quaternion(quaternion / np.linalg.norm(quaternion)).toRotationMatrix()

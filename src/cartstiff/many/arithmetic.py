@@ -11,6 +11,7 @@ from collections.abc import Collection
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import inverse, norm_squared, skew, zeros
 from cartstiff.many.tape import Scalar, absolute, larger, pick
@@ -25,7 +26,7 @@ PLAIN, ENGINE, UNBALANCED = 0.0, 1.0, 2.0
 #: Condition numbers up to which the numbers here are trusted: of Jacobians (the engine calls them
 #: singular at 1 / `cartstiff.numerics.RANK`) and of what is inverted to find a compliance, beyond
 #: which the engine equilibrates or tells what is lost.
-JACOBIAN_CONDITION, STIFFNESS_CONDITION = 1e8, 1e6
+JACOBIAN_CONDITION, STIFFNESS_CONDITION = numerics.PLAIN_JACOBIAN, numerics.PLAIN_STIFFNESS
 
 
 #: Largest angle (rad) whose sine the vector code finds to the last digit.

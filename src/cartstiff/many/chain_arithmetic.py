@@ -30,6 +30,7 @@ from typing import Any
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import (
     below,
@@ -64,12 +65,12 @@ from cartstiff.numerics import BALANCE, ROUNDING
 __all__ = ["ChainCase", "chain_program"]
 
 #: Where all axes meet within this share of the chain's size the engine chooses the length.
-_MEETING = 1e-6
+_MEETING = numerics.NEARBY
 #: Least pivot of the Hessian, as a share of its diagonal entry: what is lost is four digits.
-_SHARE = 1e-4
+_SHARE = numerics.LOST
 #: Least pivot of the self-motion's stiffness, and least size of what it leaves, as shares of the
 #: largest entry, that are trusted.
-_PIVOT = 1e-4
+_PIVOT = numerics.LOST
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import cross, zeros
 from cartstiff.many.tape import cosine, sine
@@ -19,7 +20,7 @@ from cartstiff.many.tape import cosine, sine
 __all__ = ["ChainConstants", "ChainKinematics", "Field"]
 
 #: Entries of a rotation this near to 0 or 1 are that: they are known to rounding only.
-_ROUNDED = 4e-16
+_ROUNDED = numerics.TWO_UNITS
 
 
 @dataclass(frozen=True)

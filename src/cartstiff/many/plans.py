@@ -11,6 +11,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.arithmetic import ENGINE, PLAIN
 from cartstiff.many.chain_arithmetic import ChainCase, chain_program
@@ -31,7 +32,7 @@ __all__ = ["Case", "Plan", "plan", "program_for"]
 Case = ChainCase | PlatformCase
 
 #: Unsymmetric derivatives beyond this share of their largest entry are not those of an energy.
-_UNSYMMETRIC = 1e-12
+_UNSYMMETRIC = numerics.ROUNDING
 
 
 @dataclass(frozen=True)
@@ -159,8 +160,8 @@ def _read_chain(chain: Chain) -> ChainConstants | str:
     screws = tree.screws()
     for screw in screws:
         turning = np.linalg.norm(screw[:3])
-        if abs((turning or np.linalg.norm(screw[3:])) - 1.0) > 1e-12 or (
-            turning and np.abs(np.cross(screw[:3], screw[3:])).max() > 1e-14
+        if abs((turning or np.linalg.norm(screw[3:])) - 1.0) > numerics.ROUNDING or (
+            turning and np.abs(np.cross(screw[:3], screw[3:])).max() > numerics.LAST_DIGITS
         ):
             return "a joint's axis does not pass through its own frame"
     mimic = None if tree.mimic is None else _numbers(tree.mimic)

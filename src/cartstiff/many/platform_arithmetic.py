@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import (
     Reflections,
@@ -44,7 +45,7 @@ from cartstiff.many.tape import Program, Scalar, Tape, cosine, larger, pick, sin
 __all__ = ["PlatformCase", "platform_program"]
 
 #: Shortest line that is trusted, as a share of the platform's size; the engine names none shorter.
-_SHORT = 1e-10
+_SHORT = numerics.SHORTEST
 
 
 @dataclass(frozen=True)
@@ -193,7 +194,7 @@ def platform_program(case: PlatformCase, wanted: Collection[str]) -> Program:
         t = _chosen_tensions(decomposition, inverse_R, missing, present)
         if case.unilateral:
             for tension in t:
-                verdict = larger(verdict, pick(-1e-300, tension, PLAIN, ENGINE))
+                verdict = larger(verdict, pick(-numerics.TINY, tension, PLAIN, ENGINE))
         energy = energy + ((t * t / k).sum()) * 0.5
         if W is None:
             W = zeros(6)

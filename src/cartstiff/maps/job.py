@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.errors import ConvergenceError
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.engine import NOT_ASSEMBLED, REGULAR
@@ -45,7 +46,7 @@ _ROWS = 8192
 _FEW = 128
 _THREAD = local()
 # A coordinate that the closures have moved by more than this is another one.
-_MOVED = 1e-9
+_MOVED = numerics.CLOSE
 
 
 @dataclass(frozen=True)

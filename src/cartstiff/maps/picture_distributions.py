@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.figures import new_figure
 from cartstiff.maps.picture_parts import (
@@ -115,7 +116,9 @@ def violin(dataset: xarray.Dataset, quantity: str, by: str = "radius", bins: int
     centres = (edges[:-1] + edges[1:]) / 2
     groups = [(c, plotted[region == i]) for i, c in enumerate(centres)]
     # A density needs some spread.
-    groups = [(c, g) for c, g in groups if g.size > 2 and np.ptp(g) > 1e-9 * np.abs(g).max()]
+    groups = [
+        (c, g) for c, g in groups if g.size > 2 and np.ptp(g) > numerics.CLOSE * np.abs(g).max()
+    ]
     figure = new_figure()
     axis = figure.subplots()
     if groups:

@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.analysis.metrics import characteristic_length
 from cartstiff.arrays import checked_unit, checked_vector
 from cartstiff.errors import CartstiffError, InputError, UnknownNameError, one_line
@@ -35,7 +36,7 @@ from cartstiff.vibration.milling import Milling
 __all__ = ["default_connection", "default_length", "prepare_map"]
 
 # Numbers that tell one mechanism from another agree to this, whatever the processor.
-_SAME = 1e-8
+_SAME = numerics.PORTABLE
 
 
 def default_connection(elastic: ElasticMechanism, wrench: Array | None = None) -> str:
@@ -323,7 +324,7 @@ def _difference(a: Any, b: Any, name: str) -> tuple[str, Any, Any] | None:
         return None
     if _numeric(a) and _numeric(b) and len(a) == len(b):
         x, y = np.array(a, float), np.array(b, float)
-        largest = max(np.abs(x).max(initial=0.0), 1e-12)
+        largest = max(np.abs(x).max(initial=0.0), numerics.ROUNDING)
         return (name, a, b) if np.abs(x - y).max(initial=0.0) > _SAME * largest else None
     if isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
         pairs = zip(a, b, strict=True)

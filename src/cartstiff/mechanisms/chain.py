@@ -25,6 +25,7 @@ from cartstiff.mechanisms.closures import Closure, TiedState, Ties
 from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.mechanisms.shapes import Piece
 from cartstiff.mechanisms.tree import WORLD, KinematicTree, Placement, TreeState
+from cartstiff.numerics import CLOSE, FINEST, LEAST_EFFORT, ROUNDING, STILL
 from cartstiff.potentials.contract import Evaluation, Map
 
 __all__ = ["OWN_COORDINATES", "Chain", "ChainPosture", "Closure", "Description"]
@@ -64,10 +65,6 @@ class Description:
 OWN_COORDINATES = Map(np.eye(6), lambda _: np.zeros((6, 6)))
 
 
-# Axes nearer to a point than this share of the mechanism's size pass through it.
-_APART = 1e-9
-
-
 def _mean_distance(jacobian: Array, reach: float) -> float | None:
     """Root mean square distance of axes from the origin; None if there are none or all meet it."""
     turning, moments = (jacobian * jacobian).reshape(2, 3, -1).sum(axis=1)
@@ -75,7 +72,7 @@ def _mean_distance(jacobian: Array, reach: float) -> float | None:
     if total == 0.0:
         return None
     length = sqrt(float(moments @ (turning > 0.0)) / total)
-    return length if length > _APART * (reach + length) else None
+    return length if length > CLOSE * (reach + length) else None
 
 
 class ChainPosture(MechanismPosture):
@@ -332,7 +329,7 @@ class Chain(Mechanism):
         return ChainPosture(self, self.checked(q))
 
     def closed(
-        self, q_start: ArrayLike, *, hold: Sequence[int] | None = None, tolerance: float = 1e-12
+        self, q_start: ArrayLike, *, hold: Sequence[int] | None = None, tolerance: float = ROUNDING
     ) -> ChainPosture:
         """Posture near `q_start` that satisfies the closures.
 
@@ -387,13 +384,14 @@ class Chain(Mechanism):
             best = min(best, (size, posture), key=lambda pair: pair[0])
             unit = max(1.0, posture.length)
             # Accepted at rounding level, or within tolerance once steps no longer help.
-            if size <= 1e-15 * unit or (size <= tolerance * unit and size > 0.1 * before):
+            if size <= FINEST * unit or (size <= tolerance * unit and size > 0.1 * before):
                 break
             columns = posture.coordinate_lengths * movable
-            step = np.linalg.lstsq(closure.jacobian * columns, -residual, rcond=1e-9)[0]
+            A = closure.jacobian * columns
+            step = np.linalg.lstsq(A, -residual, rcond=LEAST_EFFORT)[0]
             largest = float(np.abs(step).max())
             # Whole steps that do not help lead to where the gap is least, not to where it shuts.
-            if not largest > 1e-17 or (futile >= _FUTILE and largest < 0.2):
+            if not largest > STILL or (futile >= _FUTILE and largest < 0.2):
                 break
             posture = self.at(posture.q + columns * step * min(1.0, 0.2 / largest))
         size, posture = best

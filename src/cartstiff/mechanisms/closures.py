@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.tree import KinematicTree, Placement, TreeState
@@ -21,7 +22,7 @@ __all__ = ["Closure", "TiedState", "Ties"]
 
 _ROWS = {"weld": slice(0, 6), "point": slice(3, 6)}
 # Closer than this to closure the residual's Jacobian is the relative twist's, to rounding.
-_CLOSED = 1e-14
+_CLOSED = numerics.LAST_DIGITS
 
 
 @dataclass(frozen=True)

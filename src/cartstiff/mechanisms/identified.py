@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.arrays import Array, checked_array, fixed
 from cartstiff.errors import InputError
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -61,7 +62,7 @@ class Identified:
         P = len(self.patterns)
         C = checked_array(self.covariance, (P, P), "covariance of compliances")
         size = abs(C).max(initial=0.0)
-        if abs(C - C.T).max(initial=0.0) > 1e-9 * size or (C.diagonal() < 0.0).any():
+        if abs(C - C.T).max(initial=0.0) > numerics.SYMMETRY * size or (C.diagonal() < 0.0).any():
             raise InputError("covariance of compliances must be symmetric, variances not negative")
         object.__setattr__(self, "covariance", fixed(0.5 * (C + C.T)))
         values = checked_array(self.values, (P,), "compliances")

@@ -8,6 +8,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.mechanisms.elastic import Note
@@ -16,7 +17,7 @@ from cartstiff.mechanisms.platform import Platform
 __all__ = ["Limits", "finite", "limit_notes"]
 
 #: A limit is kept to within this share of the quantity, or of its natural size: rounding.
-_SLACK = 1e-13
+_SLACK = numerics.LIMIT_SLACK
 # Angles beyond their limits by this much, or beyond twice this where there is no limit, look like
 # degrees; those of a pose beyond this.
 _TURN = 2.0 * np.pi

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.arrays import (
     checked_array,
     checked_pose,
@@ -288,14 +289,14 @@ class Platform(Mechanism):
             residual = wanted - geometry.lengths
             error = float(np.abs(residual).max())
             # Stop at rounding level: once below 1e-9 the next step no longer helps.
-            if error <= 4e-16 * float(wanted.max()) or (
-                error < 1e-13 * float(wanted.max()) and error >= previous
+            if error <= numerics.TWO_UNITS * float(wanted.max()) or (
+                error < numerics.SHARP * float(wanted.max()) and error >= previous
             ):
                 return self.coordinates_of(T)
             previous = error
             scaled = geometry.lines * scale
             values = np.linalg.svd(scaled, compute_uv=False)
-            if values[-1] < 1e-10 * values[0]:
+            if values[-1] < numerics.RANK * values[0]:
                 raise UndefinedError(
                     "the legs' lines are dependent (type-2 singularity): the pose does not follow "
                     "from the leg lengths",
@@ -303,8 +304,10 @@ class Platform(Mechanism):
                     values={"singular_values": values.tolist()},
                 )
             step = np.linalg.solve(scaled, residual)
-            T = T @ se3.exp(scale * step * min(1.0, 0.3 / max(float(np.abs(step).max()), 1e-300)))
-        if error < 1e-11 * float(wanted.max()):
+            T = T @ se3.exp(
+                scale * step * min(1.0, 0.3 / max(float(np.abs(step).max()), numerics.TINY))
+            )
+        if error < numerics.CONVERGED * float(wanted.max()):
             return self.coordinates_of(T)
         raise ConvergenceError(
             "no pose with these leg lengths found from the start", iterations=60, residual=error

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
@@ -78,7 +79,7 @@ def skeleton(chain: Chain, lines: tuple[LineSprings, ...] = ()) -> Skeleton:
     count = model.njoints
     parents = [int(p) for p in model.parents]
     at = [np.array(T.homogeneous) for T in model.jointPlacements]
-    scale = max([float(np.linalg.norm(T[:3, 3])) for T in at] + [1e-9])
+    scale = max([float(np.linalg.norm(T[:3, 3])) for T in at] + [numerics.CLOSE])
     names = [str(model.names[j]) for j in range(count)]
     virtual = {j for j in range(1, count) if j - 1 in chain.virtual}
     prismatic = [
@@ -112,7 +113,7 @@ def skeleton(chain: Chain, lines: tuple[LineSprings, ...] = ()) -> Skeleton:
                 if placed.joint == joint and frame != "world":
                     ends += list(anchors @ placed.T_j_f[:3, :3].T + placed.T_j_f[:3, 3])
         for end in ends:
-            if np.linalg.norm(end) > 1e-6 * scale:
+            if np.linalg.norm(end) > numerics.NEARBY * scale:
                 result.bones.append(Bone(joint, np.zeros(3), end))
     for joint in range(1, count):
         if joint in virtual or joint in free:
@@ -121,7 +122,7 @@ def skeleton(chain: Chain, lines: tuple[LineSprings, ...] = ()) -> Skeleton:
         shared = any(
             j not in virtual | free
             and not prismatic[j]
-            and np.linalg.norm(at[max(j, joint)][:3, 3]) <= 1e-9 * scale
+            and np.linalg.norm(at[max(j, joint)][:3, 3]) <= numerics.CLOSE * scale
             for j in near
         )
         axis = _axis(model.joints[joint])

@@ -33,6 +33,7 @@ __all__ = [
     "ROUNDING",
     "SYMMETRY",
     "TELLING",
+    "TINY",
     "ZERO",
     "Array",
     "is_about_symmetric",
@@ -77,7 +78,8 @@ PAIRED: Final = 1e11
 #: An asymmetry below this share of the block's size is taken for rounding.
 SYMMETRY: Final = 1e-9
 
-_TINY = 1e-300
+#: Divisor that stands for 0 where what is divided vanishes too.
+TINY: Final = 1e-300
 
 
 def rank(values: ArrayLike, rounding: float = 0.0) -> int:
@@ -86,7 +88,7 @@ def rank(values: ArrayLike, rounding: float = 0.0) -> int:
     `rounding` is what the Jacobian's own sums may leave where it is zero.
     """
     v = np.asarray(values, float).tolist()
-    least = max(RANK * max(max(v, default=0.0), _TINY), rounding)
+    least = max(RANK * max(max(v, default=0.0), TINY), rounding)
     return sum(x > least for x in v)
 
 

@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.errors import CartstiffError, printable
 from cartstiff.geometry.se3 import Array
@@ -264,7 +265,7 @@ def _skeleton(elastic: ElasticMechanism, q: Array) -> str:
     if not lines:
         return ""
     every = np.vstack(lines)
-    low, size = every.min(axis=0), max(float(np.ptp(every, axis=0).max()), 1e-12)
+    low, size = every.min(axis=0), max(float(np.ptp(every, axis=0).max()), numerics.ROUNDING)
     drawn = []
     for number, (title, across, up) in enumerate((("from the side", 0, 2), ("from above", 0, 1))):
         left = 20 + 320 * number
@@ -342,16 +343,14 @@ def _matrix(result: PostureStiffness) -> str:
         pair = (f"rad/({m}) | rad/{f}", f"1/{f} | {x}/{f}")
     if K is None:
         return "<p>Neither stiffness nor compliance exists here; see what is assumed.</p>"
-    small = 1e-12 * np.abs(K).max()
+    small = numerics.BLANK * np.abs(K).max()
     rows = [
         "<tr>" + "".join(f"<td>{0.0 if abs(x) < small else x:.6g}</td>" for x in row)
         + f"<td>{pair[i // 3]}</td></tr>"
         for i, row in enumerate(K)
     ]  # fmt: skip
-    return (
-        f"<p>{name}, in M; rows are moments, then forces, columns rotations, then translations."
-        f"</p><table>{''.join(rows)}</table>"
-    )
+    order = "rows are moments, then forces, columns rotations, then translations."
+    return f"<p>{name}, in M; {order}</p><table>{''.join(rows)}</table>"
 
 
 def _plot(swept: dict[str, tuple[Array, Array]], elastic: ElasticMechanism) -> str:

@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.stiffness.compute import PostureStiffness
 
@@ -14,7 +15,7 @@ __all__ = ["Level", "asymmetry", "verdict"]
 Level = Literal["good", "warning", "bad"]
 
 # Asymmetry below this share of the largest entry is rounding.
-_ROUNDING = 1e-9
+_ROUNDING = numerics.SYMMETRY
 
 # Why there is no matrix, the most telling first.
 _NO_MATRIX: tuple[tuple[str, Level, str], ...] = (

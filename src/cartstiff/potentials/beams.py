@@ -25,6 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.geometry.jets import Jet, variables
 from cartstiff.geometry.se3 import Array, read_only
 from cartstiff.potentials.contract import Evaluation, Posture, Potential, Remark
@@ -41,7 +42,7 @@ _TURN_TERMS = np.cumprod([1.0, *((2 * k + 2) / (2 * k + 3) for k in range(18))])
 # Share of its clamped buckling load (under tension: of the shear stiffness) up to which a segment
 # follows its axial force; beyond it the force stays, as that of a buckled bar does. Forces nearer
 # to a bound than _NEAR stand on it: bisection has brought them there.
-_FLOOR, _NEAR = 0.999, 1e-12
+_FLOOR, _NEAR = 0.999, numerics.ROUNDING
 _STEPS = 100
 # From which share of the clamped buckling load, and which turn against the chord (rad), on remarks
 # ask for more segments.
@@ -300,7 +301,7 @@ class Beam(Potential):
             low, high = np.where(missing > 0, N, low), np.where(missing < 0, N, high)
             step = missing / (softness - (s2 * squares).sum(axis=-1))
             # Rounding of the sum, and of N itself.
-            if (np.abs(step) <= 4e-16 * (np.abs(N) + np.abs(u) / softness)).all():
+            if (np.abs(step) <= numerics.TWO_UNITS * (np.abs(N) + np.abs(u) / softness)).all():
                 break
             following = N + step
             outside = (following < low) | (following > high)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.arrays import checked_array, real_array
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
@@ -20,7 +21,7 @@ __all__ = ["JointFunction", "PoseFunction", "TaylorCheck", "taylor_check"]
 
 # Two differentiations, with the full and with half the step, must agree to this much of the
 # Hessian's scale; smooth functions of unit curvature reach 1e-10.
-_AGREEMENT = 1e-6
+_AGREEMENT = numerics.AGREEING
 
 
 def _differentiate(f: Callable[[Array], float], scale: Array) -> tuple[float, Array, Array]:
@@ -31,7 +32,7 @@ def _differentiate(f: Callable[[Array], float], scale: Array) -> tuple[float, Ar
     size = np.abs(h * natural).max() + np.abs(g * scale).max()
     error = max(np.abs((h - h_half) * natural).max(), np.abs((g - g_half) * scale).max())
     # Second differences of the half step carry the energy's own rounding, times 1 / step^2.
-    rounding = 100 * np.finfo(float).eps * abs(value) / (STEP / 2) ** 2
+    rounding = 100 * numerics.EPSILON * abs(value) / (STEP / 2) ** 2
     if not np.isfinite(error) or error > _AGREEMENT * size + rounding:
         raise InputError(
             "the energy cannot be differentiated numerically here (not smooth, or its length "
@@ -160,7 +161,7 @@ def taylor_check(
     errors = np.abs(values - base - steps * slope - 0.5 * steps**2 * curve)
     floor = (
         64
-        * np.finfo(float).eps
+        * numerics.EPSILON
         * (abs(base) + np.abs(values) + steps * abs(slope) + steps**2 * abs(curve))
     )
     usable = np.flatnonzero((errors > floor) & np.isfinite(errors))

@@ -52,7 +52,7 @@ def line_geometry(T_a_b: Array, anchors: Array, points: Array) -> LineGeometry:
     along = points - (anchors - p) @ R
     lengths = np.sqrt(np.einsum("ij,ij->i", along, along))
     size = max(float(np.abs(anchors).max()), float(np.abs(points).max()))
-    if lengths.min() <= 1e-14 * size:
+    if lengths.min() <= numerics.LAST_DIGITS * size:
         s = int(np.argmin(lengths))
         raise UndefinedError(
             f"line {s + 1} has zero length: its direction does not exist",

@@ -13,6 +13,7 @@ from math import pi
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.arrays import checked_array, real_array
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
@@ -82,7 +83,7 @@ class PolynomialLaw(SpringLaw):
         """Real root of smallest size of ``law(x) = torque``."""
         roots = np.polynomial.polynomial.Polynomial([-torque, *self.coefficients]).roots()
         size = 1.0 + float(np.abs(roots).max(initial=0.0))
-        real = roots.real[np.abs(roots.imag) < 1e-9 * size]
+        real = roots.real[np.abs(roots.imag) < numerics.CLOSE * size]
         if real.size == 0:
             raise InputError("polynomial spring never reaches the torque", got=f"{torque:.6g}")
         x = float(real[np.argmin(np.abs(real))])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from cartstiff import numerics
 from cartstiff.errors import UnknownNameError, joined
 from cartstiff.mechanisms.contract import SI, Units
 from cartstiff.report.analysis_mechanism import (
@@ -148,7 +149,7 @@ def _softest(ellipsoids: Mapping[str, Any], u: Units) -> list[str]:
         largest = e["eigenvalues"][2]
         if not largest > 0:
             continue
-        if largest - e["eigenvalues"][0] <= 1e-9 * largest:
+        if largest - e["eigenvalues"][0] <= numerics.CLOSE * largest:
             lines.append(f"  softest: a {load} any axis alike, {number(1 / largest)} "
                          f"{u.stiffness[freedom]}")  # fmt: skip
             continue

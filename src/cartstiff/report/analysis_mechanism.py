@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from cartstiff import numerics
 from cartstiff.analysis.plain import unit_of
 from cartstiff.analysis.sections import PURE
 from cartstiff.mechanisms.contract import Units
@@ -57,7 +58,7 @@ def deflection_lines(d: Section, u: Units, full: bool) -> list[str]:
             last = effort and f"{number(s['force'])} {effort}"
         rows.append([s["name"], number(s[first]), unit, _share(s["share"]), last])
     lines += [f"  shares {meaning}", *table(titles, rows)]
-    if d["kind"] == "springs" and abs(d["load_share"] or 0.0) > 1e-9:
+    if d["kind"] == "springs" and abs(d["load_share"] or 0.0) > numerics.CLOSE:
         lines.append(
             f"  the rest, {percent(d['load_share'])}, is what the load and other potentials "
             "take or give"
@@ -75,7 +76,7 @@ def _wrench(w: list[float], u: Units) -> str:
     force, moment = w[3:], w[:3]
     if any(force) or not any(moment):
         parts.append(f"force {vector(force, 4)} {u.force}")
-    if max(map(abs, moment)) > 1e-12 * max(map(abs, force)):
+    if max(map(abs, moment)) > numerics.BLANK * max(map(abs, force)):
         parts.append(f"moment {vector(moment, 4)} {u.moment}")
     return " and ".join(parts)
 
@@ -143,7 +144,7 @@ def _meet(found: Mapping[str, Any], prefix: str) -> bool:
     if not prefix.endswith("eigenvalues"):
         return False
     a, b, c = (found.get(f"{prefix}[{i}]", {}).get("nominal", float("nan")) for i in range(3))
-    return min(b - a, c - b) <= 1e-6 * max(abs(a), abs(c))
+    return min(b - a, c - b) <= numerics.NEARBY * max(abs(a), abs(c))
 
 
 def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:

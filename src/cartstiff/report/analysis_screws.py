@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from cartstiff import numerics
 from cartstiff.mechanisms.contract import Units
 from cartstiff.report.layout import number, row, table
 
@@ -91,7 +92,7 @@ def synthesis_lines(s: Mapping[str, Any] | None, u: Units, full: bool, size: flo
     """Springs that realise the matrix."""
     if s is None or "passive" not in s:
         return []
-    trace = 0.0 if s["relative_trace"] < 1e-10 else s["trace"]
+    trace = 0.0 if s["relative_trace"] < numerics.UNCOUPLED else s["trace"]
     trace = f"trace of the coupling block {number(trace, 3)} {u.blocks['tr']}"
     if not s["passive"]:
         text = "no unloaded springs in parallel give this matrix: it has a negative eigenvalue"

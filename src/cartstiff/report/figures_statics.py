@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.figures import new_figure
 from cartstiff.statics.compensation import CompensatedPath
 from cartstiff.statics.curves import LoadCurve
@@ -57,7 +58,7 @@ def draw_load_curve(curve: LoadCurve, *, rotation: bool = False) -> Any:
     linear = float(np.linalg.norm(curve.linear[last, part]))
     if np.isfinite(linear):
         # As far as the curve goes: beyond it the prediction says nothing.
-        share = min(1.0, 1.1 * float(size.max()) / max(linear, 1e-300))
+        share = min(1.0, 1.1 * float(size.max()) / max(linear, numerics.TINY))
         axes.plot(
             [0.0, share * linear], [0.0, share * curve.factors[last]], ":", color="0.4",
             label="linear",

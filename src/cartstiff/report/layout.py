@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
+from cartstiff import numerics
+
 __all__ = [
     "number",
     "numbers",
@@ -26,13 +28,13 @@ def percent(x: float | None) -> str:
     """A share in per cent; what is only rounding is 0, what does not exist "-"."""
     if x is None or not math.isfinite(x):
         return "-"
-    shown = f"{0.0 if abs(x) < 1e-12 else 100.0 * x:.2g}"
+    shown = f"{0.0 if abs(x) < numerics.BLANK else 100.0 * x:.2g}"
     return f"{float(shown):g} %"
 
 
 def share(x: float) -> str:
     """A pure number of size one; what is only rounding is 0."""
-    return number(0.0 if abs(x) < 1e-12 else x, 3)
+    return number(0.0 if abs(x) < numerics.BLANK else x, 3)
 
 
 def _shown(values: Iterable[float | None], size: float = 0.0) -> list[float | None]:
@@ -40,7 +42,7 @@ def _shown(values: Iterable[float | None], size: float = 0.0) -> list[float | No
     found = list(values)
     largest = max((abs(x) for x in found if x is not None), default=0.0)
     largest = max(largest, size)
-    return [0.0 if x is not None and abs(x) < 1e-12 * largest else x for x in found]
+    return [0.0 if x is not None and abs(x) < numerics.BLANK * largest else x for x in found]
 
 
 def row(values: Iterable[float | None] | None, digits: int = 5, size: float = 0.0) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.errors import joined
 from cartstiff.mechanisms.contract import Units
 from cartstiff.report.layout import number, percent, table, vector
@@ -100,7 +101,7 @@ def _frequencies(found: Modes, unloaded: Modes | None) -> list[str]:
 
 
 def _clean(masses: np.ndarray, total: float) -> list[float]:
-    return [0.0 if abs(m) < 1e-9 * total else float(m) for m in masses]
+    return [0.0 if abs(m) < numerics.CLOSE * total else float(m) for m in masses]
 
 
 #: Beyond this many coordinates only the largest shares are shown.

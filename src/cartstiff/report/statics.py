@@ -6,6 +6,7 @@ from collections import Counter
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.errors import joined
 from cartstiff.report.layout import wide_row
 from cartstiff.report.posture import describe
@@ -116,7 +117,7 @@ def describe_curve(curve: LoadCurve) -> str:
         word = {True: "stable", False: "unstable", None: "-"}[curve.stable[i]]
         lines.append(
             f"  {curve.factors[i]:>10.5g} {place} "
-            f"{off[1]:>11} {0.0 if turned < 1e-12 else turned:>11.4g} {off[0]:>11}  {word}"
+            f"{off[1]:>11} {0.0 if turned < numerics.BLANK else turned:>11.4g} {off[0]:>11}  {word}"
         )
     lines.append("")
     points = []

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.analysis.deflection import displacement_of_point
 from cartstiff.arrays import checked_pose, checked_vector
 from cartstiff.geometry import se3
@@ -141,7 +142,7 @@ class DeflectionPicture:
 
 
 # Force times the size of the picture, and moments, below this share of each other.
-_ROUNDING = 1e-9
+_ROUNDING = numerics.CLOSE
 
 
 def add_wrench(

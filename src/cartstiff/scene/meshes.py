@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cartstiff import numerics
 from cartstiff.errors import InputError, imported
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.yaml_file import read_bytes
@@ -181,7 +182,7 @@ def corner_normals(corners: Array) -> NDArray[np.int8]:
     sizes = np.linalg.norm(areas, axis=1, keepdims=True)
     units = np.divide(areas, sizes, out=np.zeros_like(areas), where=sizes > 0)
     extent = float(np.ptp(corners, axis=0).max()) or 1.0
-    _, at = _distinct(np.round(corners / (1e-6 * extent)).astype(np.int64))
+    _, at = _distinct(np.round(corners / (numerics.NEARBY * extent)).astype(np.int64))
     order = np.argsort(at, kind="stable")
     counts = np.bincount(at)
     starts = np.concatenate([[0], np.cumsum(counts)[:-1]])

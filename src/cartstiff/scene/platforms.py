@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.platform import Platform, PlatformPosture
 from cartstiff.potentials.line_springs import LineSprings
@@ -120,7 +121,7 @@ class PlatformPicture:
             self._body["plate"].set_object(flat)
         else:
             for i, point in enumerate(platform.points):
-                if np.linalg.norm(point) > 1e-6 * size:
+                if np.linalg.norm(point) > numerics.NEARBY * size:
                     rod = self._body[f"rod {i + 1}"]
                     rod.set_object(shapes.rod(radius, colour, opacity))
                     rod.set_transform(shapes.segment(np.zeros(3), point))
@@ -179,7 +180,7 @@ def _edges(corners: Array, colour: int) -> objects.Object | None:
     ends = []
     for face, neighbours in enumerate(hull.neighbors):
         for corner, other in enumerate(neighbours):
-            bent = hull.equations[face, :3] @ hull.equations[other, :3] < 1 - 1e-9
+            bent = hull.equations[face, :3] @ hull.equations[other, :3] < 1 - numerics.CLOSE
             if other > face and bent:
                 ends += [hull.points[v] for k, v in enumerate(hull.simplices[face]) if k != corner]
     return objects.lines(np.array(ends), colour) if ends else None

@@ -23,7 +23,13 @@ def round_number(x: float) -> float:
     """The largest of 1, 2, 5 times a power of ten that does not exceed x > 0."""
     power = floor(log10(x))
     lead = x / 10.0**power
-    step = 5.0 if lead >= 5 * (1 - 1e-12) else 2.0 if lead >= 2 * (1 - 1e-12) else 1.0
+    step = (
+        5.0
+        if lead >= 5 * (1 - numerics.ROUNDING)
+        else 2.0
+        if lead >= 2 * (1 - numerics.ROUNDING)
+        else 1.0
+    )
     return float(f"{step}e{power}")
 
 

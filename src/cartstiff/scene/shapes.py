@@ -6,6 +6,7 @@ from math import sqrt
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.scene import objects, theme
 from cartstiff.scene.canvas import Node
@@ -48,7 +49,7 @@ def segment(start: Array, end: Array) -> Array:
     M = np.eye(4)
     if length > 0.0:
         M[:3, :3] = rotation_to(along)
-    M[:3, 0] *= max(length, 1e-9)
+    M[:3, 0] *= max(length, numerics.CLOSE)
     M[:3, 3] = start
     return M
 
@@ -142,7 +143,7 @@ def plate(corners: Array, thickness: float, colour: int, opacity: float) -> obje
     centre = corners.mean(axis=0)
     _, sizes, axes = np.linalg.svd(corners - centre, full_matrices=True)
     sizes = np.append(sizes, [0.0] * (3 - len(sizes)))
-    if not sizes[1] > 1e-6 * sizes[0]:
+    if not sizes[1] > numerics.NEARBY * sizes[0]:
         return None
     if sizes[2] < 1e-3 * sizes[0]:
         normal = axes[2] * (0.5 * thickness)

@@ -17,7 +17,7 @@ from cartstiff.vibration.mode_set import Modes
 __all__ = ["Swing", "swing"]
 
 # Largest turn (rad) of a joint that is drawn, and the step (natural units) of the first guess.
-_TURN, _STEP = 0.5, 1e-4
+_TURN, _STEP = 0.5, numerics.WIDE_DIFFERENCE
 
 
 @dataclass(frozen=True, eq=False)

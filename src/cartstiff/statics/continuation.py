@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import named_values
@@ -32,7 +33,7 @@ from cartstiff.stiffness.applied_load import LoadKind
 
 __all__ = ["LoadCurve", "branch", "load_curve"]
 
-_SMALLEST = 1e-6
+_SMALLEST = numerics.SETTLED
 _START = "at the start: "
 # Neighbouring directions must agree to this cosine, or the step is halved.
 _COSINE = 0.9
@@ -174,9 +175,9 @@ def _linear_rate(origin: State, path: LoadPath) -> Array:
     """Displacement (6,) per unit of the factor, by the compliance at the start."""
     posture, balance = origin.point.posture, origin.balance
     values = np.linalg.svd(balance.scaled, compute_uv=False)
-    if values.size and not values[-1] > 1e-12 * values[0]:
+    if values.size and not values[-1] > numerics.ROUNDING * values[0]:
         return np.full(6, np.nan)
-    y = -balance.solved(origin.push / path.span, 1e-12)
+    y = -balance.solved(origin.push / path.span, numerics.ROUNDING)
     twist = posture.motion.jacobian @ (origin.balance.motion(y) * posture.coordinate_lengths)
     R = posture.pose[:3, :3]
     return np.concatenate([R @ twist[:3], R @ twist[3:]])
@@ -224,7 +225,7 @@ def _trace(seed: LoadCurve, states: list[State], points: int) -> LoadCurve:
 
 def _is_singular(state: State) -> bool:
     values = np.abs(state.eigenvalues)
-    return bool(values.size and values.min() <= 1e-9 * values.max())
+    return bool(values.size and values.min() <= numerics.CLOSE * values.max())
 
 
 def _advance(path: LoadPath, here: State, size: float) -> tuple[State, float] | None:

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.errors import ConvergenceError
 from cartstiff.geometry.se3 import Array
 from cartstiff.statics.path import LoadPath, State
@@ -15,7 +16,7 @@ from cartstiff.statics.path import LoadPath, State
 __all__ = ["CriticalPoint", "crossings"]
 
 # Share of f_N along the mode below which the load does not excite it: then curves cross.
-_UNFELT = 1e-6
+_UNFELT = numerics.UNFELT
 _BISECTIONS = 100
 
 Kind = Literal["limit", "bifurcation", "flutter"]
@@ -67,7 +68,7 @@ def _measure(index: int) -> Callable[[State], float]:
     def value(state: State) -> float:
         if state.is_conservative:
             return float(state.eigenvalues[index])
-        size = max(float(np.abs(state.eigenvalues).max(initial=0.0)), 1e-300)
+        size = max(float(np.abs(state.eigenvalues).max(initial=0.0)), numerics.TINY)
         return float(np.linalg.det(state.balance.stiffness / size))
 
     return value
@@ -94,7 +95,7 @@ def _onset(path: LoadPath, start: State, end: State, size: float) -> CriticalPoi
     a, b = 0.0, size
     for _ in range(_BISECTIONS):
         middle = 0.5 * (a + b)
-        if b - a <= 1e-15 * size or middle in (a, b):
+        if b - a <= numerics.FINEST * size or middle in (a, b):
             break
         try:
             state = path.step(start, middle)
@@ -118,7 +119,7 @@ def _located(
     value_a, value_b = measure(start), measure(end)
     best = start if abs(value_a) < abs(value_b) else end
     for iteration in range(_BISECTIONS):
-        if b - a <= 1e-15 * size or value_a == value_b:
+        if b - a <= numerics.FINEST * size or value_a == value_b:
             break
         middle = 0.5 * (a + b)
         if iteration % 3 != 2:
@@ -133,7 +134,7 @@ def _located(
         if abs(value) < abs(measure(best)):
             best = state
         largest = float(np.abs(state.eigenvalues).max(initial=0.0))
-        if abs(value) <= 1e-14 * largest or middle in (a, b):
+        if abs(value) <= numerics.LAST_DIGITS * largest or middle in (a, b):
             break
         if (value < 0.0) == (value_a < 0.0):
             a, value_a = middle, value
@@ -147,7 +148,7 @@ def _named(state: State, stiffest: float) -> CriticalPoint:
     U, values, Vt = np.linalg.svd(H)
     left, mode = U[:, -1], Vt[-1]
     felt = abs(float(left @ state.push))
-    scale = max(float(np.linalg.norm(state.push)), stiffest, 1e-300)
+    scale = max(float(np.linalg.norm(state.push)), stiffest, numerics.TINY)
     kind: Kind = "limit" if felt > _UNFELT * scale else "bifurcation"
     motion = state.balance.motion(mode)
     return CriticalPoint(
@@ -155,7 +156,7 @@ def _named(state: State, stiffest: float) -> CriticalPoint:
         state.point.q,
         kind,
         motion,
-        float(values[-1] / max(stiffest, 1e-300)),
+        float(values[-1] / max(stiffest, numerics.TINY)),
         None,
         state,
     )

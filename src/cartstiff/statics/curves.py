@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.errors import printable
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
@@ -85,7 +86,10 @@ class LoadCurve:
         """
         length = self.elastic.mechanism.at(self.q[0]).length
         columns = []
-        for part, smallest in ((slice(0, 3), 1e-12), (slice(3, 6), 1e-12 * length)):
+        for part, smallest in (
+            (slice(0, 3), numerics.BLANK),
+            (slice(3, 6), numerics.BLANK * length),
+        ):
             off = np.linalg.norm((self.linear - self.displacement)[:, part], axis=1)
             size = np.linalg.norm(self.displacement[:, part], axis=1)
             columns.append(np.divide(off, size, out=np.zeros(len(off)), where=size > smallest))

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.errors import ConvergenceError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.statics.balance import Balance
@@ -24,22 +25,22 @@ from cartstiff.statics.problem import Point, System
 __all__ = ["Solution", "solve"]
 
 #: Residual that ends the iteration at once, and the one that is accepted once it falls no more.
-SHARP, ENOUGH = 1e-13, 1e-9
+SHARP, ENOUGH = numerics.SHARP, numerics.ENOUGH
 # Ratio of stiffnesses up to which a failure is not laid to rounding.
-_RESOLVED = 1e12
+_RESOLVED = numerics.RESOLVED
 _ITERATIONS = 200
 _HALVINGS = 30
 # Steps without the residual being halved after which forces without energy are given up.
 _PATIENCE = 40
 # Steps after a refused one in which stiff springs are to come back, and the ratio of stiffnesses
 # from which on they hold back the soft ones: elsewhere such steps may lead to another equilibrium.
-_FOLLOWED, _STIFF = 3, 1e5
+_FOLLOWED, _STIFF = 3, numerics.STIFF
 _CAP, _LARGEST_CAP, _LARGEST_TURN = 0.3, 1e18, 1.0
-_SUFFICIENT = 1e-4
+_SUFFICIENT = numerics.SUFFICIENT
 # The energy's fall is trusted down to this share of the energies added up.
-_ROUNDING = 1e-11
+_ROUNDING = numerics.TRUSTED
 # Shares of a motion's hardness: the least stiffness of a step, and a saddle's least slope away.
-_SOFTEST, _SADDLE = 1e-10, 1e-8
+_SOFTEST, _SADDLE = numerics.SOFTEST, numerics.SADDLE
 
 
 @dataclass(slots=True, eq=False)
@@ -232,8 +233,8 @@ class _Iteration:
         largest = float(np.abs(step).max(initial=0.0))
         t = min(
             1.0,
-            self.cap / max(largest, 1e-300),
-            _LARGEST_TURN / max(turning, 1e-300),
+            self.cap / max(largest, numerics.TINY),
+            _LARGEST_TURN / max(turning, numerics.TINY),
         )
         capped = t < 1.0
         b, energy = self.balance, self.point.evaluation.energy
@@ -257,7 +258,7 @@ class _Iteration:
                     if halving == 0 and capped:
                         self.cap = min(2.0 * self.cap, _LARGEST_CAP)
                     elif halving > 0:
-                        self.cap = max(2.0 * t * largest, 1e-6)
+                        self.cap = max(2.0 * t * largest, numerics.SETTLED)
                     self.point, self.balance = point, balance
                     return True
                 self.contacts = old
@@ -284,7 +285,11 @@ class _Iteration:
                 step, _ = self._direction()
                 largest = float(np.abs(step).max(initial=0.0))
                 turning = self.system.turning(self.point.posture, step)
-                t = min(1.0, self.cap / max(largest, 1e-300), _LARGEST_TURN / max(turning, 1e-300))
+                t = min(
+                    1.0,
+                    self.cap / max(largest, numerics.TINY),
+                    _LARGEST_TURN / max(turning, numerics.TINY),
+                )
                 found = self._trial(t * step) if np.isfinite(t * largest) else None
                 if found is None or found[1] != self.contacts:
                     break
@@ -350,13 +355,13 @@ class _Iteration:
             return False
         posture = self.point.posture
         units = sizes(self.system.limits, posture)
-        scale = max(float(self.point.forces.max(initial=0.0)), 1e-300)
+        scale = max(float(self.point.forces.max(initial=0.0)), numerics.TINY)
         pulls = [
             float(r * c.side * units[c.quantity]) / scale
             for r, c in zip(self.reactions(), self.contacts, strict=True)
         ]
         worst = int(np.argmax(pulls))
-        if pulls[worst] <= 1e-9:
+        if pulls[worst] <= numerics.ENOUGH:
             return False
         self.contacts = tuple(c for i, c in enumerate(self.contacts) if i != worst)
         self.balance = self._balanced(self.point)

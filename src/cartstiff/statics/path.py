@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.errors import ConvergenceError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -119,7 +120,7 @@ class LoadPath:
         bordered = self._bordered(balance, push, direction)
         right = np.zeros(len(bordered))
         right[-1] = 1.0
-        solved = np.linalg.lstsq(bordered, right, rcond=1e-14)[0]
+        solved = np.linalg.lstsq(bordered, right, rcond=numerics.LAST_DIGITS)[0]
         along = np.append(balance.motion(solved[:-1]), solved[-1])
         along /= np.linalg.norm(along)
         moving = None
@@ -175,10 +176,10 @@ class LoadPath:
                 push = balance.free.T @ push
             right = -np.append(balance.force, 0.0)
             matrix = self._bordered(balance, push, direction)
-            solved = np.linalg.lstsq(matrix, right, rcond=1e-14)[0]
+            solved = np.linalg.lstsq(matrix, right, rcond=numerics.LAST_DIGITS)[0]
             motion = balance.motion(solved[:-1])
             largest = max(float(np.abs(motion).max(initial=0.0)), abs(float(solved[-1])))
-            share = min(1.0, _LARGEST / max(largest, 1e-300))
+            share = min(1.0, _LARGEST / max(largest, numerics.TINY))
             q = system.retracted(system.moved(point, share * motion))
             factor = factor + share * float(solved[-1]) * self.span
         raise ConvergenceError(

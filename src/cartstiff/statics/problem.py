@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.errors import ConvergenceError, InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
@@ -43,9 +44,9 @@ ROUNDINGS = 8.0
 #: Largest move of one step onto the constraints, in natural units, and how many are tried.
 _PULL, _PULLS = 0.2, 100
 # Ratio of stiffnesses from which on those of legs are kept apart.
-_FAR = 1e8
+_FAR = numerics.FAR
 # Stiff joints still move by this share of what soft ones do, so that ranks stay visible.
-_LEAST_EASE = 1e-7
+_LEAST_EASE = numerics.LEAST_EASE
 
 
 @dataclass(slots=True, eq=False)
@@ -176,7 +177,7 @@ class System:
             _, to_constraints, units = found
             A = to_constraints.jacobian * columns / units[:, None]
             U, values, Vt = np.linalg.svd(A)
-            rank = int(np.sum(values > RANK * max(values.max(initial=0.0), 1e-300)))
+            rank = int(np.sum(values > RANK * max(values.max(initial=0.0), numerics.TINY)))
             N = Vt[rank:].T
             carried = -(U[:, :rank] / values[:rank]) @ (Vt[:rank] @ g)
             forces = forces + np.abs(A.T @ carried)
@@ -202,7 +203,9 @@ class System:
             lost = len(g) * EPSILON * float(point.hardness.max(initial=0.0))
             own = np.maximum(np.diag(hardness), lost / IDLE)
             felt = self._felt(point.posture, lines, N) * reach
-        own = np.maximum(own, max(1e-30 * float(own.max(initial=0.0)), 1e-300))
+        own = np.maximum(
+            own, max(numerics.AS_GOOD_AS_FREE * float(own.max(initial=0.0)), numerics.TINY)
+        )
         unit = ROUNDINGS * EPSILON
         rounding = unit * (hardness.sum(axis=1) * reach + float(point.forces.max(initial=0.0)))
         return Balance(
@@ -304,17 +307,17 @@ class System:
             residual, to_constraints, units = found
             missed = residual / units
             size = float(np.abs(missed).max(initial=0.0))
-            if size <= 1e-15 or (size <= 1e-12 and size >= 0.5 * best):
+            if size <= numerics.FINEST or (size <= numerics.ROUNDING and size >= 0.5 * best):
                 return q
             best = min(best, size)
             columns = posture.coordinate_lengths
             A = to_constraints.jacobian * columns / units[:, None]
             step = -ease * np.linalg.lstsq(A * ease, missed, rcond=RANK)[0]
             largest = float(np.abs(step).max(initial=0.0))
-            if not np.isfinite(largest) or largest < 1e-16:
+            if not np.isfinite(largest) or largest < numerics.STILL:
                 break
             q = mechanism.moved(q, columns * step * min(1.0, _PULL / largest))
-        if size <= 1e-10:
+        if size <= numerics.REACHED:
             return q
         kinds = ("closures", posture.closure), ("held displacement", self.held)
         what = [name for name, there in kinds if there is not None]

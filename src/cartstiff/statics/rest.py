@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.arrays import read_only
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
@@ -34,7 +35,7 @@ from cartstiff.stiffness.tensor import StiffnessTensor
 __all__ = ["Equilibrium", "Reactions", "state_of_rest"]
 
 # A force that is unsure by more than this share of the largest one is named.
-_COUNTS = 1e-6
+_COUNTS = numerics.UNFELT
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,9 +23,9 @@ __all__ = ["COMPLEX", "Spectrum", "kinetic_matrix", "spectrum_of"]
 #: Imaginary part of omega^2 over its size above which a pair is complex: where two meet their
 #: difference goes with the root of the load, so that the rounding there is 1e-8, and this share is
 #: met at 1e-12 of the load.
-COMPLEX = 1e-6
+COMPLEX = numerics.COMPLEX
 # Below this ratio of omega^2 the small ones are taken from the compliance as well.
-_GRADED = 1e-5
+_GRADED = numerics.FAR_APART
 
 
 @dataclass(frozen=True, eq=False)

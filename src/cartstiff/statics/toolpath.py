@@ -18,6 +18,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.arrays import checked_array, is_pose
 from cartstiff.errors import CartstiffError, ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
@@ -35,7 +36,7 @@ from cartstiff.stiffness.applied_load import LoadKind
 __all__ = ["CompensatedPath", "compensate"]
 
 # What springs cannot balance, as a share of what acts, above which a posture is refused.
-_UNBALANCED = 1e-9
+_UNBALANCED = numerics.TELLING
 # Where the check of a command starts, as a share of the way that the mechanism gave.
 _ASIDE = 0.1
 
@@ -195,11 +196,11 @@ def _balancing_rest(
         idle.evaluate(posture).hessian * columns[:, None] * columns
     )  # fmt: skip
     U, values, _ = np.linalg.svd(reach)
-    deaf = U[:, values <= 1e-12 * values.max(initial=1e-300)]
+    deaf = U[:, values <= numerics.ROUNDING * values.max(initial=numerics.TINY)]
     wanted = torque * columns
     if posture.closure is not None and deaf.shape[1]:
         C = posture.closure.jacobian * columns
-        lam = np.linalg.lstsq(deaf.T @ C.T, deaf.T @ wanted, rcond=1e-10)[0]
+        lam = np.linalg.lstsq(deaf.T @ C.T, deaf.T @ wanted, rcond=numerics.RANK)[0]
         wanted = wanted - C.T @ lam
     missed = float(np.abs(deaf.T @ wanted).max(initial=0.0))
     size = float(np.abs(torque * columns).max(initial=0.0))

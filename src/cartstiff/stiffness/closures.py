@@ -17,7 +17,7 @@ __all__ = ["Closures", "State", "decompose", "irregular"]
 
 #: Forms below this share of the largest vanish: they are sums of products of closures that are met
 #: to about 1e-14, and of motions found from these.
-_VANISHING = 1e-7
+_VANISHING = numerics.VANISHING
 
 
 class State(NamedTuple):
@@ -129,8 +129,8 @@ def _common_root(forms: Array) -> Array | None:
         for _ in range(30):
             images = forms @ x
             residual = images @ x
-            if np.abs(residual).max() < 1e-9:
+            if np.abs(residual).max() < numerics.CLOSE:
                 return x
-            x = x - np.linalg.lstsq(2 * images, residual, rcond=1e-12)[0]
-            x = x / max(float(np.linalg.norm(x)), 1e-300)
+            x = x - np.linalg.lstsq(2 * images, residual, rcond=numerics.ROUNDING)[0]
+            x = x / max(float(np.linalg.norm(x)), numerics.TINY)
     return None

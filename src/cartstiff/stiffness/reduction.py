@@ -200,7 +200,7 @@ def _slight(J: Array, given: Array, energy: Evaluation) -> Array:
     """Generalised forces by which springs that carry a given wrench may miss it."""
     size = np.abs(J.T) @ np.abs(given) + np.abs(energy.gradient)
     rounding = numerics.ROUNDING * np.abs(energy.hessian).max(axis=0, initial=0.0)
-    return np.asarray(1e-6 * size + rounding)
+    return np.asarray(numerics.UNFELT * size + rounding)
 
 
 def _square(
@@ -325,7 +325,9 @@ def _general(
         given = force / rows
         missed = N.T @ (J.T @ given - g)
         size = np.abs(N.T) @ (np.abs(J.T) @ np.abs(given) + np.abs(g))
-        if np.all(np.abs(missed) <= 1e-6 * size + numerics.ROUNDING * (np.abs(N.T) @ stiff)):
+        if np.all(
+            np.abs(missed) <= numerics.UNFELT * size + numerics.ROUNDING * (np.abs(N.T) @ stiff)
+        ):
             w = given
         else:
             states.append(

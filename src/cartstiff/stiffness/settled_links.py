@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.errors import ConvergenceError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
@@ -19,7 +20,7 @@ __all__ = ["settled"]
 
 _STEPS = 60
 # Natural units: the largest step taken at once, and the one that ends the search.
-_CAP, _STILL = 0.2, 1e-13
+_CAP, _STILL = 0.2, numerics.SHARP
 
 
 def settled(
@@ -61,11 +62,11 @@ def settled(
             C, r = closure.jacobian * sizes, missed
             if lam.size:
                 H = H + closure.curvature(lam) * np.outer(sizes, sizes)
-        stiff = max(float(np.abs(H).max()), 1e-300)
+        stiff = max(float(np.abs(H).max()), numerics.TINY)
         C_f, H_f = C[:, free], H[np.ix_(free, free)] / stiff
         system = np.block([[H_f, C_f.T], [C_f, np.zeros((r.size, r.size))]])
         right = -np.concatenate([gradient[free] / stiff, r])
-        found = np.linalg.lstsq(system, right, rcond=1e-14)[0]
+        found = np.linalg.lstsq(system, right, rcond=numerics.LAST_DIGITS)[0]
         step, lam = found[: free.size], found[free.size :] * stiff
         largest = float(np.abs(step).max(initial=0.0))
         if not np.isfinite(largest):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.elastic import Note
@@ -64,7 +65,7 @@ def matrix_html(matrix: Array, block_units: BlockUnits, title: str, order: str) 
     rows = [
         (
             names[i // 3],
-            *(f"{0.0 if abs(x) < 1e-14 * size else x:.6g}" for x in row),
+            *(f"{0.0 if abs(x) < numerics.LAST_DIGITS * size else x:.6g}" for x in row),
             " | ".join(block_units[i // 3]),
         )
         for i, row in enumerate(matrix.tolist())

@@ -39,7 +39,9 @@ def format_matrix(matrix: Array, row_units: Sequence[str], title: str = "", digi
     lines = [title] if title else []
     size = float(np.abs(matrix).max(initial=0.0))
     for row, unit in zip(matrix, row_units, strict=True):
-        cells = "".join(f"{0.0 if abs(x) < 1e-14 * size else x:>{width}.{digits}g}" for x in row)
+        cells = "".join(
+            f"{0.0 if abs(x) < numerics.LAST_DIGITS * size else x:>{width}.{digits}g}" for x in row
+        )
         lines.append(f"{cells}   {unit}".rstrip())
     return "\n".join(lines)
 

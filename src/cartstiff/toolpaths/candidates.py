@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.joint_poses import SAME, distinct
 from cartstiff.toolpaths.choices import Choices, PathSolver
@@ -39,7 +40,7 @@ class Layer(NamedTuple):
 
 def layers(
     solver: PathSolver, poses: Array, grid: Choices, starts: int, seed: int,
-    tolerance: float = 1e-10, advance: Callable[[], None] | None = None,
+    tolerance: float = numerics.REACHED, advance: Callable[[], None] | None = None,
 ) -> list[Layer]:  # fmt: skip
     """Candidates for each pose (m, 4, 4), within the limits, up to the first that has none.
 

@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.postures import analyse_many
@@ -203,12 +204,12 @@ class PathCost:
         if self.rank == 6:
             return np.eye(6)
         values, vectors = np.linalg.eigh(np.einsum("nij,nkj->ik", scaled, scaled))
-        if not values[-self.rank - 1] < 1e-12 * values[-1]:
+        if not values[-self.rank - 1] < numerics.ROUNDING * values[-1]:
             return None
         onto = vectors[:, -self.rank :] @ vectors[:, -self.rank :].T
         basis: list[Array] = []
         for column in onto.T:
             rest = column - sum((b * (b @ column) for b in basis), np.zeros(6))
-            if np.linalg.norm(rest) > 1e-6 and len(basis) < self.rank:
+            if np.linalg.norm(rest) > numerics.NEARBY and len(basis) < self.rank:
                 basis.append(rest / np.linalg.norm(rest))
         return np.array(basis).T

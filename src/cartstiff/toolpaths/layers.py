@@ -12,6 +12,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.errors import UnknownNameError
 from cartstiff.geometry.se3 import Array
 
@@ -21,7 +22,7 @@ __all__ = ["Objective", "Steps", "best_way"]
 Objective = Literal["worst", "mean"]
 
 # Costs are equal within this: the worst one must not exclude itself by rounding.
-_EQUAL = 1.0 + 1e-12
+_EQUAL = 1.0 + numerics.ROUNDING
 # Candidates of a layer that are tried at first; four times as many each time after.
 _FEW = 100
 

@@ -17,6 +17,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -329,8 +330,8 @@ class _Search:
         wound = np.zeros(q.shape[1], bool)
         for j in np.flatnonzero(periodic):
             low, high = self.solver.lower[j], self.solver.upper[j]
-            least = np.ceil((low - q[:, j].min()) / (2 * np.pi) - 1e-12)
-            most = np.floor((high - q[:, j].max()) / (2 * np.pi) + 1e-12)
+            least = np.ceil((low - q[:, j].min()) / (2 * np.pi) - numerics.ROUNDING)
+            most = np.floor((high - q[:, j].max()) / (2 * np.pi) + numerics.ROUNDING)
             wound[j] = least > most
             if not wound[j]:
                 q[:, j] += 2 * np.pi * np.clip(0.0, least, most)

@@ -8,6 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.arrays import checked_array, checked_pose, is_pose, read_only
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
@@ -135,7 +136,7 @@ def _least_turn(a: Array, b: Array) -> Array:
     axis = np.cross(a, b)
     sine, cosine = float(np.linalg.norm(axis)), float(a @ b)
     angle = np.arctan2(sine, cosine)
-    if sine < 1e-12:  # the same or opposite: half a turn about any axis across
+    if sine < numerics.ROUNDING:  # the same or opposite: half a turn about any axis across
         axis = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
         sine = float(np.linalg.norm(axis))
     turn: Array = se3.exp(np.concatenate([axis / sine * angle, np.zeros(3)]))[:3, :3]

@@ -224,7 +224,7 @@ def impedance(
         wanted = wanted.to_order("angular-linear").matrix
     whole = checked_matrix(wanted, "stiffness wanted")
     K = _half(whole)
-    dropped = float(np.abs(whole - K).max() / max(float(np.abs(whole).max()), 1e-300))
+    dropped = float(np.abs(whole - K).max() / max(float(np.abs(whole).max()), numerics.TINY))
     D, V, squares = double_diagonalisation(mass, K, ratios)
     zeta = float(np.mean(_ratios(ratios, 6)))
     other = square_root_damping(mass, K, zeta)
@@ -294,7 +294,9 @@ def layout(stiffness: ArrayLike, pose: ArrayLike, name: str) -> Layout:
     if name not in LAYOUTS:
         raise UnknownNameError("layout", name, LAYOUTS)
     whole = checked_matrix(stiffness, "stiffness")
-    antisymmetric = float(np.abs(whole - whole.T).max() / 2 / max(np.abs(whole).max(), 1e-300))
+    antisymmetric = float(
+        np.abs(whole - whole.T).max() / 2 / max(np.abs(whole).max(), numerics.TINY)
+    )
     K, R = _half(whole), np.asarray(pose, float)[:3, :3]
     frame = None
     if name == "franka":
@@ -316,7 +318,7 @@ def layout(stiffness: ArrayLike, pose: ArrayLike, name: str) -> Layout:
     size = np.sqrt(np.abs(rr).max() * np.abs(tt).max())
     lost = {
         "translation": _beside(tt), "rotation": _beside(rr),
-        "coupling": float(np.abs(rt).max() / max(size, 1e-300)),
+        "coupling": float(np.abs(rt).max() / max(size, numerics.TINY)),
         "antisymmetric": antisymmetric,
     }  # fmt: skip
     turning = np.diag(rr) if name == "franka" else np.diag(rr)[::-1]
@@ -324,6 +326,6 @@ def layout(stiffness: ArrayLike, pose: ArrayLike, name: str) -> Layout:
 
 
 def _beside(block: Array) -> float:
-    size = max(float(np.abs(block).max()), 1e-300)
+    size = max(float(np.abs(block).max()), numerics.TINY)
     share = float(np.abs(block - np.diag(np.diag(block))).max()) / size
     return 0.0 if share < numerics.ZERO else share

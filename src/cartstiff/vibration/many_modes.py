@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
@@ -127,7 +128,7 @@ def _plain(elastic: ElasticMechanism, q: Array, count: int) -> Array:
         mass = chain.tree.mass_matrices(part)
         inverse = np.linalg.eigvalsh(mass * np.outer(per, per), UPLO="U")[:, ::-1]
         # Motions without mass stand last, and have no frequency.
-        least = np.finfo(float).eps * n * inverse[:, :1]
+        least = numerics.EPSILON * n * inverse[:, :1]
         with np.errstate(divide="ignore", invalid="ignore"):
             hertz = 1.0 / (2 * np.pi * np.sqrt(inverse))
         found[start : start + len(part), :n] = np.where(inverse > least, hertz, np.nan)

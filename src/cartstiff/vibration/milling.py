@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.arrays import checked_number, checked_unit, checked_vector
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
@@ -57,11 +58,11 @@ class Milling:
         if not (self.teeth == int(self.teeth) and self.teeth >= 1):
             raise InputError("number of teeth cannot be used", expected="a whole number from 1",
                              got=self.teeth)  # fmt: skip
-        if not 0.0 <= self.entry < self.exit <= np.pi + 1e-12:
+        if not 0.0 <= self.entry < self.exit <= np.pi + numerics.ROUNDING:
             raise InputError("immersion cannot be used", expected="0 <= entry < exit <= pi",
                              got=[self.entry, self.exit])  # fmt: skip
         u, v = checked_unit(self.feed, "feed"), checked_unit(self.normal, "normal")
-        if abs(u @ v) > 1e-6:
+        if abs(u @ v) > numerics.NEARBY:
             raise InputError("feed and normal are not at right angles", got=float(u @ v))
         checked_vector(self.at, 3, "tool's tip")
 

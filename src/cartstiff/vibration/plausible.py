@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.platform import Platform
@@ -103,7 +104,7 @@ def _absurd(chain: Chain, bodies: dict[str, object]) -> list[Note]:
                 f"robot's {size:.4g} m"
             )
             notes.append(Note("inertia-absurd", words, values))
-        elif moments[0] < 0.0 or moments[0] + moments[1] < (1 - 1e-6) * moments[2]:
+        elif moments[0] < 0.0 or moments[0] + moments[1] < (1 - numerics.NEARBY) * moments[2]:
             words = (
                 f"no body has the moments of inertia of {name!r}: one is negative or larger than "
                 "the other two together"

@@ -21,6 +21,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.arrays import checked_array, checked_unit, checked_vector, fixed
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
@@ -296,7 +297,7 @@ def _by_matrices(found: Modes, omega: Array, damping: Damping, out: Array, into:
     w = omega[:, None, None]
     dynamic = found.stiffness - w**2 * M + 1j * w * C
     # Angles and lengths alike: the sizes of the motions.
-    size = np.sqrt(np.maximum(np.abs(np.diag(found.stiffness)), 1e-300))
+    size = np.sqrt(np.maximum(np.abs(np.diag(found.stiffness)), numerics.TINY))
     total = np.full((omega.size, out.shape[0], into.shape[1]), np.nan, complex)
     for i, D in enumerate(dynamic / np.outer(size, size)):
         try:

@@ -38,7 +38,7 @@ __all__ = ["FrequencyInterval", "Sensitivities", "intervals", "sensitivities"]
 
 # Steps of central differences, in rad and characteristic lengths: the error goes with the square,
 # rounding with the inverse.
-_STEP = 1e-5
+_STEP = numerics.DIFFERENCE
 
 
 @dataclass(frozen=True, eq=False)

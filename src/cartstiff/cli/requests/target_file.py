@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cartstiff import numerics
 from cartstiff.errors import InputError, one_line
 
 if TYPE_CHECKING:
@@ -137,7 +138,7 @@ def read_target(path: Path, order: str | None) -> Target:
         raise InputError(
             "does not hold a matrix", where=where, expected=expected, got=str(error)
         ) from None
-    if np.abs(matrix - matrix.T).max() > 1e-6 * np.abs(matrix).max():
+    if np.abs(matrix - matrix.T).max() > numerics.NEARBY * np.abs(matrix).max():
         raise InputError("matrix is not symmetric", where=where,
                          expected="a symmetric stiffness (K^B)")  # fmt: skip
     own = said.get("order")

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.child_process import answer_of
 from cartstiff.errors import InputError, MissingDependencyError, one_line
 from cartstiff.geometry import se3
@@ -28,7 +29,7 @@ _WORDS = {
 }  # fmt: skip
 _SUFFIXES = {"mjJNT_BALL": ("x", "y", "z"), "mjJNT_FREE": ("x", "y", "z", "rx", "ry", "rz")}
 # MuJoCo makes directions of unit length, to rounding, where they have any.
-_UNIT = 1e-9
+_UNIT = numerics.CLOSE
 #: What must be numbers of moderate size, and whose they are.
 _NUMBERS = {
     "body": "body_pos body_quat body_mass body_ipos body_iquat body_inertia body_gravcomp",

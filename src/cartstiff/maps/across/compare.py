@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.maps.reading import best_branch, quantity_of, state_names
 
@@ -22,7 +23,7 @@ __all__ = ["How", "compare_maps", "compared"]
 How = Literal["ratio", "difference"]
 
 # Values of axes that two commands have computed from the same ends.
-_SAME_PLACE = 1e-9
+_SAME_PLACE = numerics.CLOSE
 _TOLD = ("mechanism", "frame", "connection", "load_kind", "load_at", "wrench", "gravity")
 
 
@@ -128,7 +129,7 @@ def _check_axes(x: xarray.DataArray, y: xarray.DataArray) -> None:
             raise InputError("maps of single postures cannot be compared", expected="grids")
         a, b = (np.asarray(array[dim].values, float) for array in (x, y))
         units = [str(array[dim].attrs.get("units", "")) for array in (x, y)]
-        size = max(float(np.abs(a).max(initial=0.0)), 1e-300)
+        size = max(float(np.abs(a).max(initial=0.0)), numerics.TINY)
         if units[0] != units[1] or len(a) != len(b) or np.abs(a - b).max() > _SAME_PLACE * size:
             both = zip((a, b), units, strict=True)
             told = [f"{v[0]:g} to {v[-1]:g} {u} in {len(v)}" for v, u in both]

@@ -1,6 +1,7 @@
 // Load, springs, reference point, and what the picture shows.
 
 import { byId, choice, el, short, toast } from "./dom.js";
+import { CLOSE, ZERO } from "./numerics.js";
 
 /** Numbers in a row of fields; calls back with all of them when one has changed. */
 /** Number inputs; `blank` are those that may be left empty, which means null and is called so. */
@@ -129,7 +130,7 @@ export function controls(store) {
     const [m, f] = [size(wrench.slice(0, 3)), size(wrench.slice(3))];
     // What is only rounding beside the other, or beside the stiffness, is no load.
     const K = (store.matrix("B", store.numbers, "stiffness") ?? [[1e4]]).flat().map(Math.abs);
-    const noise = Math.max(1e-9 * Math.max(m, f), 1e-13 * Math.max(...K));
+    const noise = Math.max(CLOSE * Math.max(m, f), ZERO * Math.max(...K));
     const parts = [[f, "force"], [m, "moment"]].filter(([x]) => x > noise).map(([x, kind]) => `${short(x, 3)} ${store.unit(kind)}`);
     loadSection.note.textContent = parts.join(", ") || "none";
   }

@@ -1,6 +1,7 @@
 // The first question: how far does the load move the point, and what gives way.
 
 import { byId, el, short } from "./dom.js";
+import { CLOSE, ROUNDING } from "./numerics.js";
 
 // Where lengths are metres, people say millimetres.
 const FINE = { m: [1000, "mm"], mm: [1, "mm"], cm: [10, "mm"] };
@@ -18,7 +19,7 @@ export function deflectionPanel(store) {
   const vector = (v) => {
     const [factor, unit] = FINE[store.unit("length")] ?? [1, store.unit("length")];
     const size = Math.hypot(...v);
-    return `${v.map((x) => short(Math.abs(x) < 1e-9 * size ? 0 : x * factor, 3)).join(", ")} ${unit}`;
+    return `${v.map((x) => short(Math.abs(x) < CLOSE * size ? 0 : x * factor, 3)).join(", ")} ${unit}`;
   };
 
   store.on("numbers", () => {
@@ -54,7 +55,7 @@ export function deflectionPanel(store) {
     for (const entry of ordered) {
       const { name, share } = entry;
       const bar = el("i");
-      bar.style.width = `${(100 * size(entry)) / Math.max(size(ordered[0]), 1e-12)}%`;
+      bar.style.width = `${(100 * size(entry)) / Math.max(size(ordered[0]), ROUNDING)}%`;
       bars.append(el("div", { class: "moved-bar", title: `${name}: part of the point's way` },
         el("span", { class: "moved-name" }, name), el("span", { class: `meter wide${share < 0 ? " against" : ""}` }, bar),
         el("span", { class: "num" }, share === null ? "–" : `${Math.round(100 * share) || 0} %`)));

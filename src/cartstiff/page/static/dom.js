@@ -1,6 +1,7 @@
 // Small helpers: elements, numbers as text, downloads.
 
 /** An element with attributes, listeners (on...) and children. */
+import { BLANK } from "./numerics.js";
 export function el(tag, attributes = {}, ...children) {
   const node = document.createElement(tag);
   for (const [name, value] of Object.entries(attributes)) {
@@ -37,7 +38,7 @@ export const full = (x) => (x === null || x === undefined ? "–" : String(x).re
 
 /** Numbers with those that are only rounding, beside the largest or a size, set to 0. */
 export const chop = (list, size = 0) => {
-  const noise = 1e-12 * Math.max(size, ...list.map(Math.abs));
+  const noise = BLANK * Math.max(size, ...list.map(Math.abs));
   return list.map((x) => (Math.abs(x) < noise ? 0 : x));
 };
 

@@ -1,6 +1,7 @@
 // Answers from the frames of an exported page: what a server would say, computed beforehand.
 
 import { toast } from "./dom.js";
+import { CLOSE, ROUNDING } from "./numerics.js";
 
 const LINE = "Exported page: each slider runs through computed postures; the others then stand as in the file.";
 
@@ -60,7 +61,7 @@ export class FramesSource {
   saySnapped(wanted, got, moved) {
     if (this.said || moved === null) return;
     const { sliders } = this.data.hello.mechanism;
-    if (!sliders.some((i) => i !== moved && Math.abs(wanted[i] - got[i]) > 1e-9)) return;
+    if (!sliders.some((i) => i !== moved && Math.abs(wanted[i] - got[i]) > CLOSE)) return;
     this.said = true;
     toast("This file holds a sweep of each slider alone: the others have gone back");
   }
@@ -68,7 +69,7 @@ export class FramesSource {
   /** The value of a coordinate at the next frame in a direction. */
   neighbour(coordinate, value, step) {
     const values = (this.data.sweeps[coordinate] ?? []).map((i) => this.data.frames[i].result.q[coordinate]);
-    const further = values.filter((x) => (x - value) * step > 1e-12);
+    const further = values.filter((x) => (x - value) * step > ROUNDING);
     return further.length ? (step > 0 ? Math.min(...further) : Math.max(...further)) : value;
   }
 

@@ -1,6 +1,7 @@
 // The 6x6 matrix as a heat map with units, and the choice of connection.
 
 import { byId, choice, copy, el, full, short } from "./dom.js";
+import { UNCOUPLED } from "./numerics.js";
 
 const WRENCH = ["mx", "my", "mz", "fx", "fy", "fz"];
 const MOTION = ["rx", "ry", "rz", "x", "y", "z"];
@@ -232,7 +233,7 @@ function paint(cells, matrix, whole) {
       for (let j = 0; j < 6; j++) {
         const [a, b] = [i < 3 ? 0 : 1, j < 3 ? 0 : 1];
         largest[a][b] = Math.max(largest[a][b], Math.abs(matrix[i][j]));
-        noise[a][b] = Math.max(noise[a][b], 1e-10 * Math.sqrt(Math.abs(whole[i][i] * whole[j][j])));
+        noise[a][b] = Math.max(noise[a][b], UNCOUPLED * Math.sqrt(Math.abs(whole[i][i] * whole[j][j])));
       }
     }
   }

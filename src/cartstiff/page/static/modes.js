@@ -1,6 +1,7 @@
 // Modes in a table, played in the picture, and the response of the body over frequency.
 
 import { byId, el, short } from "./dom.js";
+import { CLOSE } from "./numerics.js";
 import { MARGIN, svg } from "./strip.js";
 
 const SHARES = [[0.02, "2 %"], [0.05, "5 %"], [0.1, "10 %"], [0.2, "20 %"]];
@@ -81,7 +82,7 @@ export function modesPanel(store) {
     const what = shares.filter(([x]) => x > SMALL).map(([x, name]) => `${name.replace(/_joint$/, "")} ${Math.round(100 * x)} %`).join(", ");
     const hertz = f === null ? "unstable" : f === 0 ? "free" : `${short(f)} Hz`;
     const { direction, point, pitch } = modes.nodal_axes[i];
-    const list = (v) => v.map((x) => short(Math.abs(x) < 1e-9 ? 0 : x, 3)).join(", ");
+    const list = (v) => v.map((x) => short(Math.abs(x) < CLOSE ? 0 : x, 3)).join(", ");
     const axis = !direction ? "M rests" : !point ? `M moves along ${list(direction)}`
       : `M turns about ${list(direction)} through ${list(point)}, pitch ${short(pitch, 3)} ${store.unit("length")}`;
     const node = el("button", { type: "button", role: "radio", class: "mode", "aria-checked": String(chosen),

@@ -1,6 +1,7 @@
 // Verdict, principal values, condition, distance to singularities, notes.
 
 import { byId, chop, clamp, el, full, short } from "./dom.js";
+import { BLANK, NEAR, RANK } from "./numerics.js";
 
 const ICONS = { good: "✓", warning: "!", bad: "✕", none: "…" };
 
@@ -91,8 +92,8 @@ export function numbersPanel(store) {
       const size = found ? Math.max(...found.values.map(Math.abs)) : 0;
       cells.forEach((cell, i) => {
         const x = found ? found.values[i] : null;
-        cell.textContent = x !== null && Math.abs(x) < 1e-12 * size ? "0" : short(x, 5);
-        cell.classList.toggle("negative", x !== null && x < -1e-12 * size);
+        cell.textContent = x !== null && Math.abs(x) < BLANK * size ? "0" : short(x, 5);
+        cell.classList.toggle("negative", x !== null && x < -BLANK * size);
         cell.title = x === null ? "does not exist here"
           : `${full(x)} ${unit}\nalong (${found.axes[i].map((c) => short(c, 3)).join(", ")})${x < 0 ? "\nNEGATIVE: pushes away" : ""}`;
       });
@@ -126,15 +127,15 @@ export function numbersPanel(store) {
       const [label, meter, value] = meters.children[i].children;
       const words = entry.kind === "serial" ? "Distance to serial singularity" : "Distance to type-2 singularity";
       label.textContent = words;
-      const near = entry.ratio < 0.05;
-      meters.children[i].dataset.level = entry.ratio < 1e-10 ? "bad" : near ? "warning" : "good";
-      // Logarithmic from 1e-4 to 1; below 0.05 it is near.
+      const near = entry.ratio < NEAR;
+      meters.children[i].dataset.level = entry.ratio < RANK ? "bad" : near ? "warning" : "good";
+      // Logarithmic from 0.0001 to 1.
       const share = entry.ratio > 0 ? clamp(1 + Math.log10(entry.ratio) / 4, 0, 1) : 0;
       meter.firstChild.style.width = `${100 * share}%`;
       meter.setAttribute("aria-label", words);
       meter.setAttribute("aria-valuenow", entry.ratio);
-      value.textContent = entry.ratio < 1e-10 ? "singular" : short(entry.ratio, 3);
-      meters.children[i].title = `smallest over largest singular value ${short(entry.smallest)} / ${short(entry.largest)}, lengths over ${short(entry.length)} ${store.unit("length")}; below 0.05 is near`;
+      value.textContent = entry.ratio < RANK ? "singular" : short(entry.ratio, 3);
+      meters.children[i].title = `smallest over largest singular value ${short(entry.smallest)} / ${short(entry.largest)}, lengths over ${short(entry.length)} ${store.unit("length")}; below ${NEAR} is near`;
     });
   }
 

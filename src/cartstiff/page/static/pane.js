@@ -3,6 +3,7 @@
 /* global MeshCat */
 import { byId } from "./dom.js";
 import { spreadLabels } from "./labels.js";
+import { CLOSE } from "./numerics.js";
 
 // Time (ms) without a picture after which the next is not left to wait for the screen's turn.
 const REST = 250;
@@ -85,7 +86,7 @@ export class Pane {
       : camera.position.clone().set(...up(DIRECTIONS[preset]));
     const free = Math.max(0.3, (height - this.covered) / Math.max(1, height));
     const half = Math.tan((camera.fov * Math.PI) / 360) * Math.min(free, width / Math.max(1, height));
-    const radius = Math.max(1e-9, Math.hypot(...low.map((x, i) => high[i] - x)) / 2);
+    const radius = Math.max(CLOSE, Math.hypot(...low.map((x, i) => high[i] - x)) / 2);
     controls.target.set(...middle);
     camera.position.copy(controls.target).add(direction.normalize().multiplyScalar(FILLED * radius / Math.sin(Math.atan(half))));
     controls.update();

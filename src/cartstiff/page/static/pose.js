@@ -1,6 +1,7 @@
 // Sliders and numbers of the coordinates; a platform's legs.
 
 import { byId, clamp, el, short, toast } from "./dom.js";
+import { CLOSE } from "./numerics.js";
 
 const DEGREES = 180 / Math.PI;
 
@@ -150,7 +151,7 @@ function sliderRow(store, index, coordinate) {
   function set(x) {
     if (range.valueAsNumber !== x) range.value = x;
     if (document.activeElement !== number || !number.matches(":focus-visible")) number.value = shown(x);
-    node.classList.toggle("outside", x < lower - 1e-9 || x > upper + 1e-9);
+    node.classList.toggle("outside", x < lower - CLOSE || x > upper + CLOSE);
     range.setAttribute("aria-valuetext", `${shown(x)} ${shownUnit.textContent}`);
   }
 

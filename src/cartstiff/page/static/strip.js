@@ -1,6 +1,7 @@
 // Principal values along a sweep of one coordinate or along a trajectory, with a linked cursor.
 
 import { byId, choice, clamp, el, short } from "./dom.js";
+import { BLANK } from "./numerics.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 export const MARGIN = { left: 52, right: 12, top: 8, bottom: 18 };
@@ -223,7 +224,7 @@ export function strip(store) {
     // Where nothing exists, or a value is negative, the ground is marked.
     series.rows.forEach((row, i) => {
       const values = row?.[freedom];
-      if (values && !(values[0] < -1e-12 * Math.max(...values.map(Math.abs)))) return;
+      if (values && !(values[0] < -BLANK * Math.max(...values.map(Math.abs)))) return;
       const middle = (a, b) => placeX((series.at[a] + series.at[clamp(b, 0, series.at.length - 1)]) / 2, width);
       const x = middle(i, i - 1);
       plot.append(svg("rect", { class: values ? "gap negative" : "gap", x, y: MARGIN.top,

@@ -1,0 +1,158 @@
+"""Criteria of single questions: each a number with its reason, for one kind of decision.
+
+What is asked of ranks, definiteness and balance stands in `cartstiff.numerics.policy`.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+__all__ = [
+    "AGREEING",
+    "AS_GOOD_AS_FREE",
+    "BLANK",
+    "CLOSE",
+    "COMPLEX",
+    "CONVERGED",
+    "DIFFERENCE",
+    "ENOUGH",
+    "EXPLAINED",
+    "FAINT",
+    "FAR",
+    "FAR_APART",
+    "FINEST",
+    "FLAT",
+    "INFINITE_PITCH",
+    "LAST_DIGITS",
+    "LEAST_DAMPING",
+    "LEAST_EASE",
+    "LEAST_EFFORT",
+    "LIMIT_SLACK",
+    "NEARBY",
+    "NO_SLOPE",
+    "PLAIN",
+    "PLAIN_JACOBIAN",
+    "PLAIN_STIFFNESS",
+    "PORTABLE",
+    "REACHED",
+    "RESOLVED",
+    "SADDLE",
+    "SETTLED",
+    "SHARP",
+    "SHORTEST",
+    "SOFTEST",
+    "STIFF",
+    "STILL",
+    "SUFFICIENT",
+    "TRUSTED",
+    "TWO_UNITS",
+    "UNCOUPLED",
+    "UNFELT",
+    "USUAL_RANK",
+    "VANISHING",
+    "WIDE_DIFFERENCE",
+]
+
+# -- what is the same ---------------------------------------------------------------------------
+
+#: Numbers that are given, or found along two ways, are the same within this share: nine digits are
+#: more than people write, and fewer than a few operations lose.
+CLOSE: Final = 1e-9
+#: Places and postures nearer than this (shares of a size, rad) are one, and directions of this
+#: length none: files have six digits.
+NEARBY: Final = 1e-6
+#: A law explains a measured asymmetry, or a fit a matrix, if no more than this share is left.
+EXPLAINED: Final = 1e-8
+#: Numbers of two processors agree to this.
+PORTABLE: Final = 1e-8
+#: Sums and products of some dozens of numbers are known to this share of their terms.
+LAST_DIGITS: Final = 1e-14
+#: Two units in the last place: nothing computed is better.
+TWO_UNITS: Final = 4e-16
+#: A limit is kept to within this share of the quantity, or of its natural size.
+LIMIT_SLACK: Final = 1e-13
+#: The pitch of a screw is infinite where its direction is shorter than this, beside its moment.
+INFINITE_PITCH: Final = 1e-11
+#: What couples turning and moving is none below this share of the geometric mean of both blocks.
+UNCOUPLED: Final = 1e-10
+#: Lines shorter than this share of a platform's size are not trusted: their directions have six
+#: digits.
+SHORTEST: Final = 1e-10
+#: Imaginary part of omega^2 over its size above which a pair is complex: where two meet their
+#: difference goes with the root of the load, so that the rounding there is 1e-8, and this share is
+#: met at 1e-12 of the load.
+COMPLEX: Final = 1e-6
+#: Below this ratio of omega^2 the small ones are taken from the compliance as well.
+FAR_APART: Final = 1e-5
+#: Share of the largest eigenvalue above which a stiffness alone has digits enough.
+PLAIN: Final = 1e-8
+#: Forms on the motions of closures below this share of the largest vanish: they are products of
+#: motions that are known to the root of `LAST_DIGITS`.
+VANISHING: Final = 1e-7
+#: The rank that most postures have counts values above this share of the largest: some of the
+#: postures are nearly singular.
+USUAL_RANK: Final = 1e-8
+
+# -- what counts --------------------------------------------------------------------------------
+
+#: A force, or what is unsure of one, below this share of those beside it is not felt.
+UNFELT: Final = 1e-6
+#: A printed number below this share of the largest beside it is printed as 0.
+BLANK: Final = 1e-12
+#: Condition numbers of a Jacobian and of an equilibrated stiffness up to which fast arithmetic
+#: answers; beyond them the engine does, which names what is lost.
+PLAIN_JACOBIAN: Final = 1e8
+PLAIN_STIFFNESS: Final = 1e6
+
+# -- searches -----------------------------------------------------------------------------------
+
+#: Residual of an equilibrium that ends the search at once, and
+SHARP: Final = 1e-13
+#: the one that is accepted once it falls no more.
+ENOUGH: Final = 1e-9
+#: Share of the fall that a slope promises which a step must bring [NocedalWright]_.
+SUFFICIENT: Final = 1e-4
+#: The fall of an energy is trusted down to this share of the energies added up.
+TRUSTED: Final = 1e-11
+#: Shares of a motion's hardness: the least stiffness of a step, and
+SOFTEST: Final = 1e-10
+#: the least negative stiffness of a saddle.
+SADDLE: Final = 1e-8
+#: Ratio of stiffnesses up to which a failure is not laid to rounding,
+RESOLVED: Final = 1e12
+#: that from which on stiff springs hold back soft ones, and
+STIFF: Final = 1e5
+#: that from which on the springs of legs are kept apart: half of the digits.
+FAR: Final = 1e8
+#: Stiff joints still move by this share of what soft ones do, so that ranks stay visible.
+LEAST_EASE: Final = 1e-7
+#: Below this share of the stiffest a motion is as good as free.
+AS_GOOD_AS_FREE: Final = 1e-30
+#: A step, of searches whose result is looked at or refined, below this share is none.
+SETTLED: Final = 1e-6
+#: An iteration that comes no nearer has converged within this share.
+CONVERGED: Final = 1e-11
+#: Inverse kinematics and constraints: a pose is reached, a closure met, within this share.
+REACHED: Final = 1e-10
+#: A few units in the last place: no iteration, bisection or fit can do better.
+FINEST: Final = 1e-15
+#: A step, or a coordinate, below this does not change numbers of size 1.
+STILL: Final = 1e-16
+#: Directions in which closures move by less than this share are left where they are.
+LEAST_EFFORT: Final = 1e-9
+#: Steps of central differences in rad and characteristic lengths: the error goes with the square,
+#: rounding with the inverse;
+DIFFERENCE: Final = 1e-5
+#: of one-sided ones, and of those of first derivatives that are known to ten digits.
+WIDE_DIFFERENCE: Final = 1e-4
+#: Two differentiations, with the full and with half the step, agree to this share.
+AGREEING: Final = 1e-6
+#: A sum of squares that falls by less than this share has reached its minimum.
+FLAT: Final = 1e-7
+#: A slope so small beside the cost is none.
+NO_SLOPE: Final = 1e-7
+#: Least damping of a step that went well, as a share of what it is added to.
+LEAST_DAMPING: Final = 1e-4
+#: Information that stands for "nothing is known" while too few rows are chosen: a thousandth of a
+#: percent of what one row tells.
+FAINT: Final = 1e-5

@@ -1,0 +1,9 @@
+/* Of the numeric policy (names and values of cartstiff.numerics, which a test compares): what is rounding. */
+
+export const BLANK = 1e-12;
+export const CLOSE = 1e-9;
+export const NEAR = 0.05;
+export const RANK = 1e-10;
+export const ROUNDING = 1e-12;
+export const UNCOUPLED = 1e-10;
+export const ZERO = 1e-13;

@@ -1,0 +1,90 @@
+"""Every threshold stands in `cartstiff.numerics`, with its reason; nobody has an own one."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+import cartstiff
+from cartstiff import numerics
+
+PACKAGE = Path(cartstiff.__file__).parent
+#: Smaller numbers, and larger ones, are thresholds, unless they stand here with their reason.
+SMALL, LARGE = 1e-3, 1e5
+ALLOWED = {
+    "cli/export.py": "bytes to megabytes",
+    "cli/report.py": "bytes to megabytes",
+    "identify/columns.py": "units",
+    "loading/defaults.py": "joints without limits",
+    "loading/mjcf/worker.py": "a mass in kg that stands for none",
+    "loading/yaml_file.py": "the largest number that is read",
+    "many/arithmetic.py": "the largest angle that the sine of the fast code takes",
+    "many/vector_writer.py": "coefficients of sine and cosine",
+    "mechanisms/contract.py": "units",
+    "mechanisms/tree_building.py": "limits that stand for none",
+    "page/api.py": "bytes to megabytes",
+    "page/state.py": "the largest number that is taken",
+    "parsing.py": "the largest number that is read",
+    "report/figures_statics.py": "where a logarithmic axis ends",
+    "scene/ellipsoids.py": "the thinnest body that is drawn",
+    "scene/look.py": "the largest exaggeration that is drawn",
+    "scene/stage.py": "units",
+    "statics/newton.py": "the longest step: no bound",
+    "vibration/chatter.py": "the spacing of a picture's points",
+}
+FILES = sorted(p.relative_to(PACKAGE).as_posix() for p in PACKAGE.rglob("*.py"))
+
+
+def thresholds(source: str) -> list[int]:
+    """Lines on which a number decides."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        value = node.value if isinstance(node, ast.Constant) else None
+        is_extreme = isinstance(value, float) and (
+            0.0 < abs(value) < SMALL or LARGE <= abs(value) < float("inf")
+        )
+        if is_extreme or (isinstance(node, ast.Attribute) and node.attr == "finfo"):
+            found.append(node.lineno)
+    return found
+
+
+@pytest.mark.parametrize("name", [f for f in FILES if not f.startswith("numerics/")])
+def test_no_module_has_a_threshold_of_its_own(name):
+    lines = thresholds((PACKAGE / name).read_text(encoding="utf-8"))
+    if name in ALLOWED:
+        assert lines, f"{name} needs no exception any more"
+    else:
+        assert not lines, f"{name}: lines {lines}: name the number in cartstiff.numerics"
+
+
+def test_thresholds_are_seen():
+    assert thresholds("x = 1e-9\ny = 2.0\nz = np.finfo(float).eps\nif a > 1e8: pass") == [1, 4, 3]
+
+
+def test_each_threshold_has_its_reason():
+    for name in ("policy", "criteria"):
+        text = (PACKAGE / "numerics" / f"{name}.py").read_text(encoding="utf-8")
+        lines = text.splitlines()
+        named = [i for i, line in enumerate(lines) if re.match(r"[A-Z_]+: Final", line)]
+        assert len(named) > 10
+        for i in named:
+            told = lines[i - 1].startswith("#:") or re.match(r"[A-Z_]+: Final", lines[i - 1])
+            assert told, f"{name}.py:{i + 1} has no reason"
+
+
+def test_the_page_has_the_same_thresholds():
+    folder = PACKAGE / "page" / "static"
+    text = (folder / "numerics.js").read_text(encoding="utf-8")
+    found = re.findall(r"^export const (\w+) = (\S+);$", text, re.MULTILINE)
+    assert len(found) == text.count("export") > 3
+    for name, value in found:
+        assert float(value) == getattr(numerics, name), name
+    for path in folder.glob("*.js"):
+        if path.name != "numerics.js":
+            own = re.findall(
+                r"[ (]-?\d(?:\.\d+)?e-(?:[4-9]|\d\d)", path.read_text(encoding="utf-8")
+            )
+            assert not own, path.name
