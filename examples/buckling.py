@@ -6,7 +6,6 @@ links: 0.38197 for two, 0.19806 for three. The picture shows the load against th
 the top, along the branches that start there.
 """
 
-import sys
 import tempfile
 from pathlib import Path
 
@@ -63,9 +62,6 @@ def main(picture: Path | None = None) -> dict[str, object]:
 
 def draw(branches: dict[int, LoadCurve], exact: dict[int, float], picture: Path) -> None:
     """Load against the top's way sideways."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     import matplotlib.pyplot as plt
 
     figure, axis = plt.subplots(figsize=(6, 3.4), layout="constrained")
@@ -78,9 +74,3 @@ def draw(branches: dict[int, LoadCurve], exact: dict[int, float], picture: Path)
     axis.set(xlim=(-0.02, 0.8), ylim=(0, 1.5))
     axis.legend()
     figure.savefig(picture, dpi=80)
-    plt.close(figure)
-
-
-if __name__ == "__main__":
-    for key, value in main(Path(sys.argv[1]) if sys.argv[1:] else None).items():
-        print(f"{key:<40} {value}")

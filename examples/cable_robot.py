@@ -4,7 +4,6 @@ Eight crossed cables hold a frame. Twisting it about the vertical hardly stretch
 stiffness comes mostly from the preload.
 """
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -44,9 +43,6 @@ def main(picture: Path | None = None) -> dict[str, object]:
 
 def draw(twisting: list[float], sideways: list[float], picture: Path) -> None:
     """Two stiffnesses against preload."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     import matplotlib.pyplot as plt
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(8, 3.2), layout="constrained")
@@ -55,9 +51,3 @@ def draw(twisting: list[float], sideways: list[float], picture: Path) -> None:
     right.plot(PRELOADS, np.array(sideways) / 1e3, "o-")
     right.set(xlabel="preload of a cable [N]", ylabel="sideways stiffness [N/mm]", ylim=(0, None))
     figure.savefig(picture, dpi=80)
-    plt.close(figure)
-
-
-if __name__ == "__main__":
-    for key, value in main(Path(sys.argv[1]) if sys.argv[1:] else None).items():
-        print(f"{key:<50} {value}")

@@ -4,7 +4,6 @@ At the centre K is diagonal: 2 k for every translation, k H^2 (3/2, 3/2, 6) for 
 k the stiffness of a leg and H the height between the two rings of joints.
 """
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -38,9 +37,6 @@ def main(picture: Path | None = None) -> dict[str, float]:
 
 def draw(values: np.ndarray, picture: Path) -> None:
     """Principal translational stiffnesses against height."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     import matplotlib.pyplot as plt
 
     figure, axis = plt.subplots(figsize=(6, 3.4), layout="constrained")
@@ -49,9 +45,3 @@ def draw(values: np.ndarray, picture: Path) -> None:
         xlabel="height above the centre [mm]", ylabel="principal stiffness, translation [kN/mm]"
     )
     figure.savefig(picture, dpi=80)
-    plt.close(figure)
-
-
-if __name__ == "__main__":
-    for key, value in main(Path(sys.argv[1]) if sys.argv[1:] else None).items():
-        print(f"{key:<36} {value:.6g}")

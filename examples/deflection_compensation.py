@@ -6,7 +6,6 @@ as the model says; the picture shows what is left if it is a tenth softer. Joint
 those of the bundled file: illustrative.
 """
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -54,9 +53,6 @@ def main(picture: Path | None = None) -> dict[str, object]:
 
 def draw(result: CompensatedPath, left: np.ndarray, picture: Path) -> None:
     """Distance from the circle along it."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     import matplotlib.pyplot as plt
 
     figure, axis = plt.subplots(figsize=(6, 3.4), layout="constrained")
@@ -68,9 +64,3 @@ def draw(result: CompensatedPath, left: np.ndarray, picture: Path) -> None:
     axis.set(xlabel="place on the circle [deg]", ylabel="distance from the circle [mm]")
     axis.legend()
     figure.savefig(picture, dpi=80)
-    plt.close(figure)
-
-
-if __name__ == "__main__":
-    for key, value in main(Path(sys.argv[1]) if sys.argv[1:] else None).items():
-        print(f"{key:<36} {value}")

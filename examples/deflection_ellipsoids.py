@@ -4,7 +4,6 @@ Three postures of the same arm. Deflections are drawn 120 times too large. The j
 are those of the bundled file: illustrative, not the maker's.
 """
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -40,9 +39,6 @@ def main(picture: Path | None = None) -> dict[str, float]:
 
 def draw(scenes: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]], picture: Path) -> None:
     """The arms as lines, with the ellipsoids at the flange."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     import matplotlib.pyplot as plt
 
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 37), np.linspace(0, np.pi, 19))
@@ -62,9 +58,3 @@ def draw(scenes: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]], picture: 
         axis.view_init(18, -62)
         axis.tick_params(labelsize=6, pad=-2)
     figure.savefig(picture, dpi=90)
-    plt.close(figure)
-
-
-if __name__ == "__main__":
-    for key, value in main(Path(sys.argv[1]) if sys.argv[1:] else None).items():
-        print(f"{key:<28} {value:8.4f}")

@@ -4,7 +4,6 @@ With rigid forearms the platform can only translate, and the motors' stiffness i
 bundled file has forearms of thin carbon tube; here they are made stiffer and stiffer.
 """
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -44,9 +43,6 @@ def main(picture: Path | None = None) -> dict[str, float]:
 
 def draw(values: np.ndarray, picture: Path) -> None:
     """Diagonal entries against the forearms' stiffness."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     import matplotlib.pyplot as plt
 
     figure, axis = plt.subplots(figsize=(6, 3.4), layout="constrained")
@@ -56,9 +52,3 @@ def draw(values: np.ndarray, picture: Path) -> None:
     axis.set(xlabel="stiffness of the forearms against the file's", ylabel="stiffness")
     axis.legend()
     figure.savefig(picture, dpi=80)
-    plt.close(figure)
-
-
-if __name__ == "__main__":
-    for key, value in main(Path(sys.argv[1]) if sys.argv[1:] else None).items():
-        print(f"{key:<46} {value:10.1f}")

@@ -5,7 +5,6 @@ Give ``main`` your own ``meshcat.Visualizer()``: ellipsoids, load and path are a
 records, and says how much there is to send.
 """
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -55,9 +54,6 @@ def main(picture: Path | None = None, visualizer: Any = None) -> dict[str, float
 
 def draw(values: np.ndarray, picture: Path) -> None:
     """Principal stiffnesses along the path."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     import matplotlib.pyplot as plt
 
     figure, axis = plt.subplots(figsize=(6, 3.4), layout="constrained")
@@ -67,9 +63,3 @@ def draw(values: np.ndarray, picture: Path) -> None:
     axis.invert_xaxis()
     axis.legend()
     figure.savefig(picture, dpi=80)
-    plt.close(figure)
-
-
-if __name__ == "__main__":
-    for key, value in main(Path(sys.argv[1]) if sys.argv[1:] else None).items():
-        print(f"{key:<38} {value:.6g}")

@@ -4,7 +4,6 @@ The tip moves in two directions; in the other four the rigid links hold it, and 
 matrix exists. The compliance does, and its x, y block says what a force in the plane does.
 """
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -47,9 +46,6 @@ def principal(result: cartstiff.PostureStiffness) -> tuple[float, float]:
 
 def draw(points: list[tuple[np.ndarray, float, float]], picture: Path) -> None:
     """Lowest stiffness at every place of the tip."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     import matplotlib.pyplot as plt
 
     figure, axis = plt.subplots(figsize=(5.4, 3.8), layout="constrained")
@@ -58,9 +54,3 @@ def draw(points: list[tuple[np.ndarray, float, float]], picture: Path) -> None:
     figure.colorbar(shown, label="softest direction [N/mm]")
     axis.set(xlabel="x of the tip [mm]", ylabel="y of the tip [mm]", aspect="equal")
     figure.savefig(picture, dpi=80)
-    plt.close(figure)
-
-
-if __name__ == "__main__":
-    for key, value in main(Path(sys.argv[1]) if sys.argv[1:] else None).items():
-        print(f"{key:<34} {value:.6g}")

@@ -4,7 +4,6 @@ The environment pushes the flange with 400 N, and the joint springs balance it. 
 than a UR5 may carry: it makes the differences easy to see.
 """
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -32,9 +31,6 @@ def main(picture: Path | None = None) -> dict[str, float]:
 
 def draw(K: dict[str, np.ndarray], picture: Path) -> None:
     """K^B, and what the others add to it."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(1, 3, figsize=(9, 3.2), layout="constrained")
@@ -51,9 +47,3 @@ def draw(K: dict[str, np.ndarray], picture: Path) -> None:
         axis.set_xticks(range(6), labels)
         axis.set_yticks(range(6), rows)
     figure.savefig(picture, dpi=80)
-    plt.close(figure)
-
-
-if __name__ == "__main__":
-    for key, value in main(Path(sys.argv[1]) if sys.argv[1:] else None).items():
-        print(f"{key:<28} {value:10.3f}")

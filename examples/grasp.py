@@ -5,7 +5,6 @@ stiffnesses fall as the fingers squeeze harder: the load on each finger enters K
 object as a whole is unloaded.
 """
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -49,9 +48,6 @@ def main(picture: Path | None = None) -> dict[str, float]:
 
 def draw(values: np.ndarray, picture: Path) -> None:
     """Rotational stiffnesses against squeezing."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     import matplotlib.pyplot as plt
 
     figure, axis = plt.subplots(figsize=(6, 3.4), layout="constrained")
@@ -60,9 +56,3 @@ def draw(values: np.ndarray, picture: Path) -> None:
     axis.set(xlabel="squeeze against the file's", ylabel="rotational stiffness [N m/rad]")
     axis.legend()
     figure.savefig(picture, dpi=80)
-    plt.close(figure)
-
-
-if __name__ == "__main__":
-    for key, value in main(Path(sys.argv[1]) if sys.argv[1:] else None).items():
-        print(f"{key:<34} {value:.6g}")

@@ -4,7 +4,6 @@ Equation 50 of Zefran & Kumar: K^A - (K^A)^T is made of the load alone, whatever
 forces go far beyond what a UR5 may carry, to make the effect easy to see.
 """
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -37,9 +36,6 @@ def main(picture: Path | None = None) -> dict[str, float]:
 
 def draw(found: list[float], predicted: list[float], lowest: list[float], picture: Path) -> None:
     """Asymmetry against force, and the lowest translational stiffness."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     import matplotlib.pyplot as plt
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.2), layout="constrained")
@@ -50,9 +46,3 @@ def draw(found: list[float], predicted: list[float], lowest: list[float], pictur
     right.plot(FORCES, np.array(lowest) / 1e3, "o-")
     right.set(xlabel="force [N]", ylabel="lowest translational stiffness [N/mm]")
     figure.savefig(picture, dpi=80)
-    plt.close(figure)
-
-
-if __name__ == "__main__":
-    for key, value in main(Path(sys.argv[1]) if sys.argv[1:] else None).items():
-        print(f"{key:<46} {value:12.6g}")

@@ -7,7 +7,6 @@ point. Below, the worst deflection along the edge over places of the workpiece. 
 stiffnesses are those of the bundled file: illustrative, not the maker's.
 """
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -58,9 +57,6 @@ def main(picture: Path | None = None) -> dict[str, object]:
 
 def draw(drawn: OptimisedPath, result: OptimisedPath, placed: Placement, picture: Path) -> None:
     """Deflection along the edge; worst deflection over the places."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     import matplotlib.pyplot as plt
 
     figure, (above, below) = plt.subplots(2, 1, figsize=(6, 5.6), layout="constrained")
@@ -77,9 +73,3 @@ def draw(drawn: OptimisedPath, result: OptimisedPath, placed: Placement, picture
     below.plot(placed.place["x"], placed.place["y"], "*", color="C3", markersize=12)
     below.set(xlabel="workpiece x [m]", ylabel="workpiece y [m]")
     figure.savefig(picture, dpi=80)
-    plt.close(figure)
-
-
-if __name__ == "__main__":
-    for key, value in main(Path(sys.argv[1]) if sys.argv[1:] else None).items():
-        print(f"{key:<42} {value}")

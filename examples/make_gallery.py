@@ -1,11 +1,12 @@
-"""Run every example and notebook and write its picture to docs/images, or to another folder.
+"""Run examples and notebooks: print their numbers, write their pictures to docs/images or a folder.
 
-Usage: ``python examples/make_gallery.py [FOLDER] [NAME ...]``
+Usage: ``python examples/make_gallery.py [FOLDER] [NAME ...]``, all of them without a name.
 """
 
 import contextlib
 import io
 import json
+import os
 import runpy
 import sys
 import time
@@ -38,14 +39,16 @@ def load(name: str) -> dict[str, Any]:
 
 def main(folder: Path, names: list[str]) -> dict[str, Path]:
     """Pictures by example name."""
+    os.environ.setdefault("MPLBACKEND", "Agg")  # no window
     folder.mkdir(parents=True, exist_ok=True)
     pictures = {}
     for name in names:
         start = time.perf_counter()
         pictures[name] = folder / f"{name}.png"
-        load(name)["main"](pictures[name])
-        size = pictures[name].stat().st_size
-        print(f"{name:<26} {size:>8} bytes {time.perf_counter() - start:6.1f} s")
+        numbers = load(name)["main"](pictures[name])
+        print(f"{name}: {pictures[name]}, {time.perf_counter() - start:.1f} s")
+        for key, value in numbers.items():
+            print(f"    {key:<50} {f'{value:.6g}' if isinstance(value, float) else value}")
     return pictures
 
 

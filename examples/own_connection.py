@@ -4,7 +4,6 @@ The Levi-Civita connection of a body's inertia, a family between Cartan's two co
 connection that is neither symmetric nor known by name.
 """
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -50,18 +49,9 @@ def main(picture: Path | None = None) -> dict[str, object]:
 
 def draw(shares: np.ndarray, asymmetry: list[float], picture: Path) -> None:
     """Asymmetry between the two Cartan connections."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     import matplotlib.pyplot as plt
 
     figure, axis = plt.subplots(figsize=(6, 3.2), layout="constrained")
     axis.plot(shares, asymmetry, "o-")
     axis.set(xlabel="share s in ∇_X Y = s [X, Y]", ylabel="largest entry of $|K - K^T|$ [N cm]")
     figure.savefig(picture, dpi=80)
-    plt.close(figure)
-
-
-if __name__ == "__main__":
-    for key, value in main(Path(sys.argv[1]) if sys.argv[1:] else None).items():
-        print(f"{key:<34} {value}")

@@ -4,7 +4,6 @@ The energy is a well that pulls the flange to a place. cartstiff differentiates 
 takes your derivatives; `taylor_check` tells whether they are right.
 """
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -68,9 +67,6 @@ def main(picture: Path | None = None) -> dict[str, float]:
 
 def draw(T: np.ndarray, direction: np.ndarray, picture: Path) -> None:
     """Errors of the Taylor polynomials against the step."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     import matplotlib.pyplot as plt
 
     steps = np.logspace(0, -4, 33)
@@ -86,9 +82,3 @@ def draw(T: np.ndarray, direction: np.ndarray, picture: Path) -> None:
     axis.set(xlabel="step", ylabel="error of the energy [J]")
     axis.legend()
     figure.savefig(picture, dpi=80)
-    plt.close(figure)
-
-
-if __name__ == "__main__":
-    for key, value in main(Path(sys.argv[1]) if sys.argv[1:] else None).items():
-        print(f"{key:<28} {value:.6g}")

@@ -4,7 +4,6 @@ Seven joints leave one free motion that keeps the hand where it is. The stiffnes
 changes along it.
 """
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -64,9 +63,6 @@ def main(picture: Path | None = None) -> dict[str, float]:
 
 def draw(elbow: np.ndarray, lowest: list[float], vertical: list[float], picture: Path) -> None:
     """Stiffness against the way along the self-motion."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     import matplotlib.pyplot as plt
 
     figure, axis = plt.subplots(figsize=(6, 3.4), layout="constrained")
@@ -76,9 +72,3 @@ def draw(elbow: np.ndarray, lowest: list[float], vertical: list[float], picture:
     axis.set_ylim(0, 10)
     axis.legend()
     figure.savefig(picture, dpi=80)
-    plt.close(figure)
-
-
-if __name__ == "__main__":
-    for key, value in main(Path(sys.argv[1]) if sys.argv[1:] else None).items():
-        print(f"{key:<30} {value:10.1f} N/m")

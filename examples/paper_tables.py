@@ -4,7 +4,6 @@ The paper prints the platform's coordinates rounded. The picture shows how far e
 printed entries is missed, with the printed coordinates and with those of the bundled file.
 """
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -62,9 +61,6 @@ def main(picture: Path | None = None) -> dict[str, float]:
 
 def draw(missed: dict[tuple[str, str], np.ndarray], picture: Path) -> None:
     """Two rows of four maps of deviations."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     import matplotlib.pyplot as plt
     from matplotlib.colors import LogNorm
 
@@ -76,9 +72,3 @@ def draw(missed: dict[tuple[str, str], np.ndarray], picture: Path) -> None:
         axis.set_yticks([])
     figure.colorbar(shown, ax=axes, label="|computed - printed|")
     figure.savefig(picture, dpi=80)
-    plt.close(figure)
-
-
-if __name__ == "__main__":
-    for key, value in main(Path(sys.argv[1]) if sys.argv[1:] else None).items():
-        print(f"{key:<12} largest deviation from the printed table {value:.4f}")

@@ -4,7 +4,6 @@ The cubic platform turned by 90 degrees about its axis: the six legs' lines beco
 the leg lengths no longer hold the platform (type-2 singularity).
 """
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -39,18 +38,9 @@ def main(picture: Path | None = None) -> dict[str, object]:
 
 def draw(smallest: list[float], picture: Path) -> None:
     """Smallest stiffness against the angle."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     import matplotlib.pyplot as plt
 
     figure, axis = plt.subplots(figsize=(6, 3.4), layout="constrained")
     axis.semilogy(np.degrees(ANGLES), np.maximum(smallest, 1e-3), ".-")
     axis.set(xlabel="angle about the axis [deg]", ylabel="smallest scaled stiffness [N m/rad]")
     figure.savefig(picture, dpi=80)
-    plt.close(figure)
-
-
-if __name__ == "__main__":
-    for key, value in main(Path(sys.argv[1]) if sys.argv[1:] else None).items():
-        print(f"{key:<30} {value}")

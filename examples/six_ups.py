@@ -5,7 +5,6 @@ of the same geometry is six springs between points. Stiffness, and the place whe
 rest under a payload, agree to rounding. The picture shows both on the way up.
 """
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -50,9 +49,6 @@ def main(picture: Path | None = None) -> dict[str, float]:
 
 def draw(vertical: np.ndarray, picture: Path) -> None:
     """Stiffness against a vertical force, against height."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     import matplotlib.pyplot as plt
 
     figure, axis = plt.subplots(figsize=(6, 3.4), layout="constrained")
@@ -61,9 +57,3 @@ def draw(vertical: np.ndarray, picture: Path) -> None:
     axis.set(xlabel="height above the home pose [mm]", ylabel="vertical stiffness [kN/mm]")
     axis.legend()
     figure.savefig(picture, dpi=80)
-    plt.close(figure)
-
-
-if __name__ == "__main__":
-    for key, value in main(Path(sys.argv[1]) if sys.argv[1:] else None).items():
-        print(f"{key:<36} {value:.6g}")

@@ -4,7 +4,6 @@ In the plane the motors' springs and the links share the deflection; out of the 
 have no say. The picture shows the sinking under 50 N while the platform turns about its own axis.
 """
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -49,9 +48,6 @@ def main(picture: Path | None = None) -> dict[str, float]:
 
 def draw(sinking: np.ndarray, picture: Path) -> None:
     """Deflection under 50 N against the motors' turn."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     import matplotlib.pyplot as plt
 
     figure, axis = plt.subplots(figsize=(6, 3.4), layout="constrained")
@@ -61,9 +57,3 @@ def draw(sinking: np.ndarray, picture: Path) -> None:
     axis.set_ylim(bottom=0)
     axis.legend()
     figure.savefig(picture, dpi=80)
-    plt.close(figure)
-
-
-if __name__ == "__main__":
-    for key, value in main(Path(sys.argv[1]) if sys.argv[1:] else None).items():
-        print(f"{key:<38} {value:.6g}")

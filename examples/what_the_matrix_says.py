@@ -5,7 +5,6 @@ whether the choice of the connection matters. The picture shows two traps: a con
 function of the length that is chosen, and connections part as the load grows.
 """
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -54,9 +53,6 @@ def main(picture: Path | None = None) -> dict[str, object]:
 
 def draw(K: np.ndarray, changes: list[dict[str, float]], picture: Path) -> None:
     """Condition number against length, change by the connection against load."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     import matplotlib.pyplot as plt
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(8, 3.4), layout="constrained")
@@ -70,9 +66,3 @@ def draw(K: np.ndarray, changes: list[dict[str, float]], picture: Path) -> None:
     right.set(xlabel="force [N]", ylabel="change against K^B [%]")
     right.legend()
     figure.savefig(picture, dpi=80)
-    plt.close(figure)
-
-
-if __name__ == "__main__":
-    for key, value in main(Path(sys.argv[1]) if sys.argv[1:] else None).items():
-        print(f"{key:<46} {value}")

@@ -3,7 +3,6 @@
 The map goes to a file that xarray opens; the joint stiffnesses are illustrative.
 """
 
-import sys
 import tempfile
 from pathlib import Path
 
@@ -36,8 +35,3 @@ def main(picture: Path | None = None) -> dict[str, object]:
         "stiffest, kN/m": float(stiffest[QUANTITY][0]) / 1e3,
         "elbow at the stiffest, rad": float(np.abs(stiffest["elbow_joint"][0])),
     }
-
-
-if __name__ == "__main__":
-    for key, value in main(Path(sys.argv[1]) if sys.argv[1:] else None).items():
-        print(f"{key:<28} {value}")

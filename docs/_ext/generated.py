@@ -310,7 +310,7 @@ class Gallery(_Text):
             if path.suffix == ".py":
                 doc = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
                 title, _, rest = doc.partition("\n")
-                after = ["::", "", f"    python examples/{path.name} picture.png"]
+                after = ["::", "", f"    python examples/make_gallery.py . {path.stem}"]
             else:
                 title, rest = notebooks.heading(path)
                 after = [f"A notebook: :doc:`/notebooks/{path.stem}`."]
