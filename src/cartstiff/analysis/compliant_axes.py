@@ -48,7 +48,7 @@ class CompliantAxis(Result):
         Force per translation along the axis (held rotations), or moment per rotation about it
         (free translations).
     screw : Screw
-        Of the wrench that answers a unit translation, or of the twist that a moment causes.
+        Screw of the wrench that answers a unit translation, or of the twist that a moment causes.
     components : ndarray, shape (6,)
         That wrench per unit of force, or that twist per unit of rotation.
     """

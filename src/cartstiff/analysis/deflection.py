@@ -49,7 +49,7 @@ class Deflection(Result):
     point : ndarray, shape (3,)
         Body point looked at.
     displacement : ndarray, shape (3,)
-        Of that point, in the axes of the body frame.
+        Displacement of that point, in the axes of the body frame.
     energy : float
         Work of the growing load, ``1/2 dW . twist``.
     """
@@ -78,13 +78,13 @@ class JointShares(Result):
     Attributes
     ----------
     deflection : Deflection
-        Of the whole.
+        Deflection of the whole.
     motion : ndarray, shape (n,)
         Joint deflections dq (radians, or lengths for prismatic joints).
     twists : ndarray, shape (6, n)
         Columns J_a dq_a; their sum is the deflection's twist.
     displacements : ndarray, shape (3, n)
-        Of the point, due to each joint.
+        Displacements of the point, due to each joint.
     share : ndarray, shape (n,)
         Each displacement's component along the total one, over its length; they add up to 1 and
         may be negative. NaN if the point does not move.
@@ -158,7 +158,7 @@ class SpringShares(Result):
     Attributes
     ----------
     elongation : ndarray, shape (m,)
-        Of each spring: length, or angle for a spring in a revolute joint.
+        Elongation of each spring: length, or angle for a spring in a revolute joint.
     force : ndarray, shape (m,)
         Stiffness times elongation: what the deflection adds to the spring's force.
     energy : ndarray, shape (m,)
@@ -185,11 +185,11 @@ def spring_shares(
     Parameters
     ----------
     elongation : array_like, shape (m,)
-        Of each spring under the deflection.
+        Elongation of each spring under the deflection.
     stiffness : array_like, shape (m,)
-        Of the springs.
+        Stiffness of the springs.
     deflection : Deflection
-        Of the body.
+        Deflection of the body.
     """
     elongation = real_array(elongation)
     force = real_array(stiffness) * elongation

@@ -47,9 +47,9 @@ class Indices(Result):
     length : float
         The length l.
     eigenvalues : ndarray, shape (6,)
-        Of K_l (force per length), smallest first, with their signs.
+        Eigenvalues of K_l (force per length), smallest first, with their signs.
     definiteness : str
-        Of K; does not depend on l.
+        Definiteness of K; does not depend on l.
     condition_number : float
         Largest over smallest absolute eigenvalue of K_l; infinite if K is singular.
     condition_exponent : float
@@ -65,7 +65,7 @@ class Indices(Result):
     determinant : float
         det K in the original units, force^6 per angle^3. Depends neither on l nor on the frame.
     translational_condition, rotational_condition : float
-        Of the two diagonal blocks of K (the other held); depend on no length.
+        Condition numbers of the two diagonal blocks of K (the other held); depend on no length.
     """
 
     length: float

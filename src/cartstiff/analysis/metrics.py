@@ -214,7 +214,7 @@ class MetricModes(Result):
     twists : ndarray, shape (6, 6)
         Columns v with ``v_i^T M v_j = 1`` if i = j and 0 otherwise; largest component positive.
     definiteness : str
-        Of K; the same for every metric.
+        Definiteness of K; the same for every metric.
     """
 
     metric: str

@@ -132,7 +132,7 @@ class Eigenscrews:
     complex_eigenvalues : tuple of complex
         Pairs that belong to no screw; only an indefinite K has them.
     definiteness : str
-        Of K.
+        Definiteness of K.
     """
 
     screws: tuple[Eigenscrew, ...]

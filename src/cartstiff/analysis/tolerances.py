@@ -45,11 +45,12 @@ class Tolerances:
     Attributes
     ----------
     stiffness : float
-        Of every spring stiffness, relative to it (0.05: five per cent).
+        Standard deviation of every spring stiffness, relative to it (0.05: five per cent).
     length : float
-        Of every coordinate of a joint placement or an attachment point, in units of length.
+        Standard deviation of every coordinate of a joint placement or an attachment point, in
+        units of length.
     angle : float
-        Of every small rotation of a joint placement, in radians; chains only.
+        Standard deviation of every small rotation of a joint placement, in radians; chains only.
     """
 
     stiffness: float = 0.0

@@ -210,10 +210,11 @@ def propagate_first_order(
     level : float
         Probability of the interval, normal distribution assumed.
     correlation : array_like (n, n), optional
-        Of the parameters, in their order; default: independent. A parameter's share of the variance
-        then holds half of what it has in common with each other one, and may be negative.
+        Correlation of the parameters, in their order; default: independent. A parameter's share of
+        the variance then holds half of what it has in common with each other one, and may be
+        negative.
     degrees : float
-        Of freedom of Student's t, where the deviations are estimates themselves.
+        Degrees of freedom of Student's t, where the deviations are estimates themselves.
 
     Raises
     ------
@@ -289,7 +290,7 @@ def propagate_monte_carlo(
     samples : int
         Number of draws, at least 2. Quantiles at 95 % need some hundred.
     seed : int
-        Of the generator that belongs to this call.
+        Seed of the generator that belongs to this call.
 
     Raises
     ------

@@ -53,7 +53,7 @@ def candidates(
     ranges : mapping of str to (low, high), optional
         Narrower than the joints' limits.
     within : mapping of str to (low, high), optional
-        Of the measured point's x, y, z in F: the volume that is seen, and may be entered.
+        Range of the measured point's x, y, z in F: the volume that is seen, and may be entered.
     point, load_at : tuple of 3 floats
         As in `read_measurements`.
 

@@ -40,13 +40,13 @@ class Pattern:
     Attributes
     ----------
     kind : {"backlash", "stiffening", "drift"}
-        Of the term.
+        Kind of the term.
     name : str
-        Of the spring or column.
+        Name of the spring or column.
     size : float
         Its factor: half the play (rad, length); compliance per force; displacement per second.
     probability : float
-        Of so large a t under the model, by Holm's rule.
+        Probability of so large a t under the model, by Holm's rule.
     """
 
     kind: str
@@ -66,7 +66,7 @@ class Checks:
     freedom : float
         Numbers less what was fitted.
     probability : float or None
-        Of a larger one.
+        Probability of a larger one.
     repeats : int
         Numbers beyond the first at the same posture and load.
     lack_of_fit : float or None

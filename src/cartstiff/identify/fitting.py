@@ -35,7 +35,8 @@ class Fit:
     regressor : ndarray (m, P)
         Derivatives there.
     target : ndarray (m,)
-        Of the last linear problem: what is measured less what does not depend on the parameters.
+        Right-hand side of the last linear problem: what is measured less what does not depend on
+        the parameters.
     steps : int
         Taken.
     """
@@ -67,7 +68,7 @@ def fitted(
     unknowns : Unknowns
         Bounds, sizes, priors.
     noise : Noise
-        Of the observations.
+        Noise of the observations.
     nuisance : ndarray (m, S), optional
         Columns of the nuisances.
     weights : ndarray (m,), optional

@@ -33,7 +33,7 @@ class Estimate:
     compliance, deviation : float or None
         Estimate and standard deviation.
     interval : tuple of float or None
-        Of the compliance.
+        Interval of the compliance.
     method : {"linear", "profile", "linear, not looked at"}
         How the interval was found; the last where equilibria would take too long.
     """

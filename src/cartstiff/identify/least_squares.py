@@ -36,7 +36,7 @@ class Noise:
     group : ndarray of int (m,)
         0 for lengths, 1 for angles.
     is_known : tuple of bool
-        Of the two groups.
+        Whether the deviation is known of each of the two groups.
     """
 
     deviation: Array
@@ -83,7 +83,7 @@ class Solved:
     is_determined : ndarray of bool (P,)
         Whether the rows say anything about each parameter by itself.
     singular_values : ndarray
-        Of the divided rows with columns of unit length.
+        Singular values of the divided rows with columns of unit length.
     directions : ndarray (P + S, k)
         Combinations of scaled columns that belong to them.
     residual : ndarray (m,)
@@ -93,7 +93,7 @@ class Solved:
     scales : tuple of float
         By which those given were multiplied, for lengths and angles: estimated where unknown.
     degrees : float
-        Of freedom of the t distribution; infinite where all deviations are known.
+        Degrees of freedom of the t distribution; infinite where all deviations are known.
     whitened : ndarray (m + priors, P + S)
         Columns over the deviations, undetermined ones left out as zeros.
     leverage : ndarray (m,)
@@ -143,7 +143,7 @@ def solved(
     target : ndarray (m,)
         Measured.
     noise : Noise
-        Of the numbers.
+        Noise of the numbers.
     sizes : ndarray (P,)
         Natural sizes of the parameters.
     bounded : ndarray of bool (P,)

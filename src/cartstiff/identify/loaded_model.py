@@ -55,7 +55,7 @@ class LoadedModel:
     measured : Measurements
         The rows.
     linear : LinearModel
-        Of the same rows: their observations.
+        The linear model of the same rows: their observations.
     """
 
     unknowns: Unknowns

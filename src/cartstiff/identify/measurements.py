@@ -31,13 +31,13 @@ class Measurements:
     mass, mass0 : ndarray (N,)
         Hung at `load_at`, in kg; `mass0` in the state that differences are counted from.
     axes : {"body", "base", "world"}
-        Of the wrench.
+        Axes of the wrench.
     values, deviations : mapping of str to ndarray (N,)
         What was measured and its standard deviation, by column; NaN where not.
     direction : ndarray (N, 3)
-        Of the dial gauge, unit vectors in base axes; NaN where there is none.
+        Direction of the dial gauge, unit vectors in base axes; NaN where there is none.
     session : tuple of str
-        Of each row; empty without sessions.
+        Session of each row; empty without sessions.
     time : ndarray (N,)
         In seconds; NaN where not given.
     point, load_at : tuple of 3 floats

@@ -52,7 +52,7 @@ class Plan:
     rows : Measurements
         The chosen postures and loads, in the order of their choice; nothing measured yet.
     criterion : str
-        Of the choice.
+        Name of the choice.
     counts : ndarray of int (k,)
         Numbers of rows for which intervals are predicted.
     deviations : ndarray (k, P)

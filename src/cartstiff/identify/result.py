@@ -56,7 +56,7 @@ class Identification:
     estimates : tuple of Estimate
         One per parameter.
     checks : Checks
-        Of the model.
+        Checks of the model.
     level : float
         Probability of the intervals.
     fit, offsets : str

@@ -42,13 +42,13 @@ def simulated(
         Columns that are measured, each with the standard deviation of its noise, in the
         mechanism's units.
     seed : int
-        Of the noise.
+        Seed of the noise.
     loaded : bool
         Move as the equilibrium under load, not linearly in it.
     outliers : sequence of int
         Places of rows with a gross error in all their numbers.
     outlier_size : float
-        Of that error, in standard deviations.
+        Size of that error, in standard deviations.
     tell_deviations : bool
         Whether the result carries the standard deviations.
 

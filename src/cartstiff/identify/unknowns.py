@@ -30,7 +30,7 @@ class Unknown:
     pattern : CompliancePattern
         Where it acts.
     unit : str
-        Of its stiffness.
+        Unit of its stiffness.
     nominal : float
         Where the search starts: the mechanism's own.
     prior : tuple of float or None
@@ -63,7 +63,7 @@ class Unknowns:
     Attributes
     ----------
     elements : Elements
-        Of the mechanism.
+        Elements of the mechanism.
     parameters : tuple of Unknown
         In their order.
     patterns : ndarray (P, E, E)

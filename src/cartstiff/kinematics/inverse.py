@@ -65,7 +65,7 @@ def inverse_kinematics(
         How many random starts within the limits, or the starts themselves. The default posture
         is always tried as well. Where a body is carried by legs, each leg has so many.
     seed : int
-        Of the random starts; the same seed gives the same answer.
+        Seed of the random starts; the same seed gives the same answer.
     free : {"none", "x", "y", "z", "rotation"}
         The body's rotation about one of its own axes is left free; or all of its rotation.
     tolerance : float

@@ -44,7 +44,7 @@ def settled(
     free : {"none", "x", "y", "z", "rotation"}
         What of the body's rotation is left free.
     tolerance : float
-        Of the poses.
+        Largest error of the poses.
     cost : callable
         (k, n) postures to (k,) numbers, NaN where there is none.
     """

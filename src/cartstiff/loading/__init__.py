@@ -53,7 +53,7 @@ def load(
     locked : mapping of str to float, optional
         Positions (rad, m) of joints that do not move; for serial arms and closed chains.
     stiffness, rest : float, mapping of str to float, or array_like, optional
-        Of the joint springs, as in `ElasticMechanism.with_springs`.
+        Stiffness and rest positions of the joint springs, as in `ElasticMechanism.with_springs`.
     tcp : array_like (3,), (6,) or (4, 4), optional
         M in the frame of interest: x, y, z[, roll, pitch, yaw] about fixed axes, or the pose.
     gravity : array_like (3,), optional

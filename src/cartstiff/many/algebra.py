@@ -164,7 +164,7 @@ def solution(matrix: Array, right: Array) -> Array:
     Each step takes the column with fewest entries that vary and reflects the rows where it has any.
     A column of constants is eliminated instead, its pivot being known; and two columns that have
     entries in the same two rows only are solved for by Cramer's rule, which needs no pivots either.
-    What has no inverse in any posture gives numbers that are none.
+    A matrix that is singular at every posture gives NaN.
     """
     n = len(matrix)
     nowhere: Scalar = math.nan

@@ -189,8 +189,8 @@ def analyse_many(
         Arrays of doubles to write outputs into. Memory that is used again saves the system's
         work of providing it, which costs more than the computation.
     threads : int, optional
-        Of the compiled path; default: as many as there are processors. The others use one. The
-        result does not depend on it.
+        Threads of the compiled path; default: as many as there are processors. The others use one.
+        The result does not depend on it.
     path : {"auto", "compiled", "portable", "engine"}
         Machine code made by llvmlite; NumPy; one `analyse` after the other. "auto" takes the first
         that serves.

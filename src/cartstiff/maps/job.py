@@ -138,7 +138,7 @@ class MapJob:
         advance : callable, optional
             Called with the number of postures done since the last call.
         solved : tuple of ndarray, optional
-            Of a Cartesian grid, what `solved` gives for the box.
+            Postures of a Cartesian grid, what `solved` gives for the box.
         """
         shape = tuple(s.stop - s.start for s in box)
         found = None

@@ -87,7 +87,7 @@ class MapFile:
     path : Path
         The folder.
     shape, chunk : tuple of int
-        Of the map and of a chunk.
+        Shapes of the map and of a chunk.
     """
 
     path: Path
@@ -146,9 +146,9 @@ class MapFile:
             Attributes of each array: the quantities, ``state``, ``position``, and where they are
             kept ``q`` and ``branches``.
         attributes : mapping
-            Of the whole; values that JSON can hold.
+            Attributes of the whole; values that JSON can hold.
         units : mapping of str to str
-            Of every dimension with an axis.
+            Unit of every dimension with an axis.
         coordinates : int
             Number of coordinates of a posture.
         single : bool

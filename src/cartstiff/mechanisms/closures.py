@@ -55,7 +55,7 @@ class Ties:
     closures : sequence of Closure
         At least one.
     places : sequence of (Placement, Placement)
-        Of their frames a and b in the tree.
+        Places of their frames a and b in the tree.
     tree : KinematicTree
         The joints.
     """

@@ -34,7 +34,7 @@ class CompliancePattern:
     Attributes
     ----------
     name : str
-        Of the parameter.
+        Name of the parameter.
     entries : tuple of (str, str, float)
         Names of two elements and S there; S is symmetric, and each pair stands once.
     """
@@ -59,7 +59,7 @@ class Elements:
     Attributes
     ----------
     names : tuple of str
-        Of joints, legs ("leg1"), lines ("line1"), virtual joints ("forearm.px").
+        Names of joints, legs ("leg1"), lines ("line1"), virtual joints ("forearm.px").
     is_length : ndarray of bool (E,)
         Whether the deflection is a distance.
     """

@@ -45,12 +45,12 @@ class Give:
     start : ndarray, shape (4, 4)
         Pose of the spring, or of the beam's near end, in the link's frame.
     length : float
-        Of the beam; 0 for a spring.
+        Length of the beam; 0 for a spring.
     segments : int
         Equal parts of the beam.
     own : tuple of float, optional
-        Of the beam's own mass: per length, and the moments of inertia per length about the y and z
-        axes of the section.
+        Numbers of the beam's own mass: per length, and the moments of inertia per length about the
+        y and z axes of the section.
     """
 
     start: Array

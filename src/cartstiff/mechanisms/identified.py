@@ -32,7 +32,7 @@ class Identified:
     values : ndarray (P,)
         Their estimates; of a beam its share of the file's own.
     covariance : ndarray (P, P)
-        Of the estimates.
+        Covariance of the estimates.
     degrees : float or None
         Degrees of freedom of Student's t; None for a normal distribution.
     level : float

@@ -136,13 +136,13 @@ class Platform(Mechanism):
     T_P_M : array_like, optional
         The frame of interest in P; default P itself.
     units : Units
-        Of all lengths and forces.
+        Units of all lengths and forces.
     kind : str
         As in mechanism files.
     limits : sequence of (min, max), optional
         Leg length limits.
     mass : float
-        Of the body, for gravity, in kg whatever the units.
+        Mass of the body, for gravity, in kg whatever the units.
     mass_centre : array_like, shape (3,)
         Its mass centre in P.
     inertia : array_like, shape (3, 3)

@@ -42,7 +42,7 @@ class Struts:
     fixed_com, moving_com : ndarray (m,)
         Distances of their centres from their own joints.
     radius : ndarray (m,)
-        Of both; 0 for slender bars.
+        Radius of both; 0 for slender bars.
 
     Raises
     ------

@@ -20,7 +20,7 @@ class Weighed:
     Attributes
     ----------
     acceleration : tuple of float or None
-        Of the uniform field, in F; None without gravity.
+        Acceleration of the uniform field, in F; None without gravity.
     bodies : mapping of str to float
         Mass of what each joint carries [kg], by the name of the (first) link; the payload of the
         mechanism's file under "payload". Empty without gravity.

@@ -33,7 +33,8 @@ def eigenvalues(
     matrix : array_like, shape (..., n, n)
         Only the symmetric part counts.
     inverse : array_like, shape (..., n, n), optional
-        Of each matrix; NaN where there is none. Where the matrix is NaN the inverse alone is taken.
+        Inverse of each matrix; NaN where there is none. Where the matrix is NaN the inverse alone
+        is taken.
     losses : tuple of float
         Relative errors of matrix and inverse, each over `EPSILON`: what is a difference knows less.
     doubtful : bool

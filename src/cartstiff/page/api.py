@@ -119,13 +119,13 @@ def show(
         An exported page with computed frames instead of a live one: for notebooks that are kept,
         or whose server runs on another machine.
     frames : int
-        Of an exported page: postures along the sweep of each coordinate.
+        Pictures of an exported page: postures along the sweep of each coordinate.
     port : int
-        Of a live page, on 127.0.0.1; 0 takes a free one.
+        Port of a live page, on 127.0.0.1; 0 takes a free one.
     open_browser : bool, optional
         Open the page in a browser; default only outside notebooks.
     height : int
-        Of a notebook's cell, in dots.
+        Height of a notebook's cell, in dots.
 
     Returns
     -------

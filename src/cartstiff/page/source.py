@@ -57,7 +57,7 @@ class Cloud:
     units : mapping of str to str
         By quantity.
     thinned : int
-        Every how-manieth point of the file is here.
+        How far apart in the file the points are that are kept: 1 keeps all, 2 every second.
     """
 
     positions: Array

@@ -64,7 +64,8 @@ class State(_Strict):
     point : (3,)
         Reference point in the frame M.
     stiffness : list of float or None
-        Of the joints or legs; None for the mechanism's own. In the list None is a rigid joint.
+        Stiffness of the joints or legs; None for the mechanism's own. In the list None is a rigid
+        joint.
     load : (6,) or None
         Wrench (moment, force) that the environment applies, along `load_axes`.
     load_kind : {"dead", "follower", "conservative"}

@@ -65,7 +65,7 @@ def verdict(
     matrix : ndarray or None
         The stiffness, None where it does not exist.
     definiteness : str or None
-        Of its symmetric part.
+        Definiteness of its symmetric part.
 
     Returns
     -------

@@ -151,7 +151,7 @@ class Beam(Potential):
     indices : ndarray of int, shape (m, 6)
         Coordinates of the m segments.
     length : float
-        Of one segment.
+        Length of one segment.
     section : Section
         Stiffnesses of the section.
     link : str

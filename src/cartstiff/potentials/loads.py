@@ -91,7 +91,7 @@ class DeadForce(Load):
     frame_b : str
         Frame that carries the point.
     mass : float
-        Of what the force is the weight, for reports; 0 for any other force.
+        Mass whose weight the force is, for reports; 0 for any other force.
 
     Raises
     ------
@@ -266,7 +266,7 @@ def payload(
     mass : float
         Not negative; in the mechanism's unit of force over that of `acceleration` (kg in SI).
     acceleration : array_like, shape (3,)
-        Of the uniform field, in F.
+        Acceleration of the uniform field, in F.
     point : array_like, shape (3,)
         Mass centre in frame b.
     frame_b : str

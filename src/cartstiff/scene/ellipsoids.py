@@ -39,9 +39,9 @@ class EllipsoidPicture:
     scale : Linear or Logarithmic
         From values to lengths.
     size : float
-        Of the mechanism: how thick its axes are.
+        Size of the mechanism: how thick its axes are.
     look : Theme
-        Of the labels.
+        Colours of the labels.
     side : 1 or -1
         End of the axes that has the labels: two ellipsoids at one place use both.
     """
@@ -188,7 +188,7 @@ def add_ellipsoid(
         serves several ellipsoids, which can then be compared; `size` then plays no part but for
         the thickness of the axes.
     unit : str
-        Of the values, for the labels.
+        Unit of the values, for the labels.
     colour : int, optional
         0xRRGGBB.
     labels : bool

@@ -107,7 +107,7 @@ class Label:
     theme : Theme
         Colours of letters and paper.
     colour : int, optional
-        Of what it belongs to: its letters are tinted.
+        Colour of what it belongs to: its letters are tinted.
     """
 
     def __init__(self, node: Node, theme: themes.Theme, colour: int | None = None) -> None:

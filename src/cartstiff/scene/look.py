@@ -23,7 +23,7 @@ class Look:
         Which stiffness, "load" the tangent under the load; of an unsymmetric one the symmetric part
         is drawn.
     quantity : {"stiffness", "compliance"}
-        Of the ellipsoids.
+        What the ellipsoids show.
     translation, rotation : bool
         Which ellipsoids.
     others : {"block", "held", "free"}

@@ -27,7 +27,7 @@ class LinesPicture:
     count : int
         How many.
     radius : float
-        Of the rods.
+        Radius of the rods.
     cables : bool
         A slack line is drawn dashed and grey.
     telescope : float or None

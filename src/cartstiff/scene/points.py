@@ -82,7 +82,7 @@ def add_points(
     label, unit : str
         What the values are.
     size : float, optional
-        Of a point; default from the spread of the points and their number.
+        Size of a point; default from the spread of the points and their number.
 
     Returns
     -------

@@ -227,7 +227,7 @@ def add_screw(
     size : float
         Length of the line.
     unit : str
-        Of length, for the pitch.
+        Unit of length, for the pitch.
     colour : int
         0xRRGGBB.
     label : str, optional

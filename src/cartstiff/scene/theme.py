@@ -50,7 +50,7 @@ class Theme:
     top, bottom : int
         Background at the top and the bottom.
     text, paper : int
-        Of labels: their letters, and what is behind these.
+        Colours of labels: their letters, and what is behind these.
     grid : int
         Lines on the ground.
     link, joint, plate : int

@@ -93,7 +93,7 @@ class System:
     held : Held, optional
         With its reference pose.
     limits : Limits
-        Of joints or legs.
+        Limits of joints or legs.
 
     Raises
     ------

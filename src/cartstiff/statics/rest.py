@@ -96,7 +96,7 @@ class Equilibrium(ShownInLines):
         Without an energy omega^2 of the vibrations (rad^2/s^2), which may be complex; none where
         masses are missing.
     reactions : Reactions
-        Of held components, limits, closures.
+        Forces of held components, limits and closures.
     notes : tuple of Note
         What was found and assumed.
     """

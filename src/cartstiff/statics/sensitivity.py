@@ -51,7 +51,7 @@ def motion_by_compliance(
     balance : Balance
         What acts there.
     elements : Elements
-        Of the mechanism with all rest positions chosen.
+        Elements of the mechanism with all rest positions chosen.
     patterns : ndarray (P, E, E)
         S of each parameter.
     chosen : ndarray (E,), optional

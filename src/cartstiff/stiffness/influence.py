@@ -54,7 +54,7 @@ def influence(
     result : PostureStiffness
         From `cartstiff.analyse`; under its load the tangent counts.
     elements : Elements
-        Of the same mechanism.
+        Elements of the same mechanism.
     generalised : ndarray (n,), optional
         Force on the coordinates, as of weights, whose effect is wanted besides.
 

@@ -51,9 +51,9 @@ class Reduction:
     multipliers : ndarray (m,)
         Closure forces lam.
     singular_values : ndarray
-        Of the length-scaled J_N.
+        Singular values of the length-scaled J_N.
     rank : int
-        Of J_N.
+        Rank of J_N.
     freedoms : int
         Number of free motions, the columns of N.
     free : FreeMotions or None

@@ -332,7 +332,7 @@ class StiffnessTensor(_Labelled):
         matrix : array_like (6, 6)
             Symmetric, about M's origin.
         order : {"linear-angular", "angular-linear"}
-            Of its rows and columns; most controllers have translation first.
+            Order of its rows and columns; most controllers have translation first.
         axes : {"base", "body"}
             Along which its components are: those of F or those of M.
         pose : array_like (4, 4), optional

@@ -43,7 +43,7 @@ class Choices:
     positions : ndarray (b,), or None
         Its positions.
     dimension : int
-        Of the self-motions, all choices together.
+        Dimension of the self-motions, all choices together.
     size : float
         Natural size of the joint's coordinate.
     """

@@ -89,7 +89,7 @@ class PathCost:
     length : float
         Characteristic length.
     rank : int
-        Of the Jacobian at most postures.
+        Rank of the Jacobian at most postures.
     movable : ndarray of bool
         Columns of the Jacobian that are joints to be moved, and not a link that gives.
     damping : Damping

@@ -37,7 +37,7 @@ def best_way(
     Parameters
     ----------
     costs : sequence of ndarray (c_i,)
-        Of the candidates of each layer.
+        Costs of the candidates of each layer.
     steps : callable
         ``steps(i, a, b)`` gives what steps from candidates a (indices in layer i) to candidates b
         (in layer i + 1) add to the sum, infinite where one is forbidden: (len(a), len(b)).
@@ -153,7 +153,7 @@ class Steps:
     bounds : ndarray (n,)
         Largest step of each.
     price : float
-        Of a step in which every coordinate reaches its bound; others cost by the mean square.
+        Price of a step in which every coordinate reaches its bound; others cost by the mean square.
     sides : sequence of ndarray (c_i,), optional
         A step from one number to another is forbidden.
     """

@@ -80,7 +80,7 @@ class OptimisedPath:
     notes : tuple of Note
         From loading.
     half_widths : ndarray (m,) or None
-        Of the intervals of `values`, where springs were measured.
+        Half widths of the intervals of `values`, where springs were measured.
     collisions : dict or str
         What was tested (`cartstiff.loading.collisions.Collisions`), or that nothing was.
     off_singular : bool or None

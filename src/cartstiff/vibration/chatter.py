@@ -142,7 +142,7 @@ def lobes(
     Parameters
     ----------
     found : Modes
-        Of the mechanism that holds the tool (or the workpiece), at a posture, under its load.
+        Modes of the mechanism that holds the tool (or the workpiece), at a posture, under its load.
     milling : Milling
         Cutter and force law.
     speeds : array_like (N,)

@@ -36,7 +36,7 @@ class Shortcut:
     Attributes
     ----------
     name : str
-        Of the matrix; "energy" is the full problem.
+        Name of the matrix; "energy" is the full problem.
     all_masses, body_alone : ndarray (6,) or None
         Hz, with all masses as the tip feels them, and with the rigid body at the tip alone; NaN of
         motions that grow or swing with complex omega^2. None where either does not exist.
@@ -130,7 +130,7 @@ def compare(found: Modes, names: Sequence[str] = COMPARED) -> list[Shortcut]:
     Parameters
     ----------
     found : Modes
-        Of a held posture.
+        Modes of a held posture.
     names : sequence of str
         Of `COMPARED`.
 

@@ -200,12 +200,12 @@ def impedance(
     Parameters
     ----------
     found : Modes
-        Of the arm at the posture: its masses count, its springs do not.
+        Modes of the arm at the posture: its masses count, its springs do not.
     wanted : StiffnessTensor or array_like (6, 6)
         A tensor at M (see `StiffnessTensor.from_controller`), or a matrix in the axes of M, order
         angular-linear. Only the symmetric part is used.
     ratios : float or sequence of float
-        Of the six oscillators, softest first.
+        Damping ratios of the six oscillators, softest first.
 
     Raises
     ------

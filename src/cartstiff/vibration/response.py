@@ -53,7 +53,7 @@ class FrequencyResponse:
         Motion (angular, linear) of the point per (moment, force) at it, axes of M; of a
         transmissibility motion of the point per motion of the base, axes of F. NaN at a pole.
     units : Units
-        Of force and length; seconds and radians.
+        Units of force and length; seconds and radians.
     damping : Damping
         What damped.
     notes : tuple of Note

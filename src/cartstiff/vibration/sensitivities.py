@@ -106,7 +106,7 @@ def sensitivities(found: Modes, *, geometry: bool = True) -> Sensitivities:
     Parameters
     ----------
     found : Modes
-        Of a held posture, or of an equilibrium (then without geometry).
+        Modes of a held posture, or of an equilibrium (then without geometry).
     geometry : bool
         Whether placements of joints, or points of platforms, are varied.
 
@@ -299,7 +299,7 @@ def intervals(
         Standard deviations of stiffnesses (relative), lengths and angles. Where compliances are
         identified that of the stiffness is for the other springs.
     compliance_covariance : array_like, shape (j, j), optional
-        Of the joints' compliances (``1/k``), as ``cartstiff identify`` gives it.
+        Covariance of the joints' compliances (``1/k``), as ``cartstiff identify`` gives it.
     joints : tuple of str, optional
         Their names; default all springs, in order.
     level : float
