@@ -49,11 +49,8 @@ OWNERS = {"pinocchio": {"mechanisms", "loading"}, "meshcat": {"scene", "page"}}
 LONG = {
     "loading/schema.py": 480,
     "many/chain_arithmetic.py": 470,
-    "maps/store.py": 420,
-    "mechanisms/elastic.py": 490,
-    "statics/problem.py": 420,
     "statics/rest.py": 440,
-    "stiffness/posture.py": 470,
+    "stiffness/posture.py": 490,
     "stiffness/reduction.py": 500,
     "stiffness/tensor.py": 500,
 }

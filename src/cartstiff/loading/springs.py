@@ -20,8 +20,8 @@ from cartstiff.loading.schema import (
 )
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import rest_of_turns
-from cartstiff.mechanisms.elastic import Note, assumed_stiffness
 from cartstiff.mechanisms.flexible_links import Give
+from cartstiff.mechanisms.notes import Note, assumed_stiffness
 from cartstiff.mechanisms.tree import KinematicTree
 from cartstiff.numerics import ZERO
 from cartstiff.potentials.beams import Beam, Section

@@ -24,6 +24,7 @@ import numpy as np
 
 from cartstiff.errors import InputError, imported, one_line
 from cartstiff.geometry.se3 import Array
+from cartstiff.maps.chunks import chunk_shape
 from cartstiff.maps.damage import (
     CHECKSUM,
     DamageError,
@@ -36,14 +37,12 @@ from cartstiff.maps.damage import (
 )
 from cartstiff.maps.sampling import Axis, Sampling
 
-__all__ = ["NOT_COMPUTED", "SCHEMA", "MapFile", "chunk_shape"]
+__all__ = ["NOT_COMPUTED", "SCHEMA", "MapFile"]
 
 SCHEMA = "cartstiff-map/3"
 
 #: Value of ``state`` where nothing has been computed yet.
 NOT_COMPUTED = 255
-# Smallest and largest number of postures in a chunk, and how many chunks are aimed at.
-_LEAST, _MOST, _CHUNKS = 64, 2**18, 128
 # Most chunks of a map: each is some files, and all of them are listed.
 _MOST_CHUNKS = 10**6
 _RESERVED = ("state", "position", "q", "done", "branches", "xyz", "joint", "chunk")
@@ -52,30 +51,6 @@ _RESERVED = ("state", "position", "q", "done", "branches", "xyz", "joint", "chun
 def _zarr() -> Any:
     zarr = imported("zarr", package="zarr", purpose="keeping a map in a file", extra="maps")
     return zarr
-
-
-def chunk_shape(sampling: Sampling, postures: int | None = None) -> tuple[int, ...]:
-    """Shape of a chunk: near a cube, so that a slice in any direction touches few of them.
-
-    Parameters
-    ----------
-    sampling : Sampling
-        Its shape is cut.
-    postures : int, optional
-        Most postures of a chunk; default from 64 for small maps to 262144 for large ones.
-    """
-    if postures is None:
-        postures = min(max(sampling.size // _CHUNKS, _LEAST), _MOST)
-    shape = list(sampling.shape)
-    if len(shape) == 1:
-        return (min(shape[0], postures),)
-    may_split = [i for i, name in enumerate(sampling.dims) if name not in sampling.whole]
-    while int(np.prod(shape, dtype=object)) > postures:
-        i = max(may_split, key=lambda i: shape[i])
-        if shape[i] == 1:
-            break
-        shape[i] = ceil(shape[i] / 2)
-    return tuple(shape)
 
 
 @dataclass(frozen=True)

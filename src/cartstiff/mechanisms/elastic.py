@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff import numerics
 from cartstiff.arrays import checked_number, checked_vector, fixed
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
@@ -19,9 +18,10 @@ from cartstiff.mechanisms.contract import (
     MechanismPosture,
     Units,
     checked_gravity,
-    named_values,
     rest_of_turns,
 )
+from cartstiff.mechanisms.notes import Note, still_assumed
+from cartstiff.mechanisms.spring_values import borne_by_springs, with_values
 from cartstiff.notebook import ShownInLines, html_table
 from cartstiff.potentials.contract import Evaluation, Potential
 from cartstiff.potentials.gravity import Gravity
@@ -32,20 +32,7 @@ from cartstiff.potentials.springs import JointSprings
 if TYPE_CHECKING:
     from cartstiff.mechanisms.identified import Identified
 
-__all__ = ["ElasticMechanism", "Note", "assumed_stiffness", "checked_elastic"]
-
-
-@dataclass(frozen=True)
-class Note:
-    """Something worth knowing about a result: a code, words, and the numbers that show it."""
-
-    code: str
-    message: str
-    values: Mapping[str, object] = field(default_factory=dict)
-
-    def as_dict(self) -> dict[str, object]:
-        """For JSON."""
-        return {"code": self.code, "message": self.message, "values": dict(self.values)}
+__all__ = ["ElasticMechanism", "Note", "checked_elastic"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -206,46 +193,14 @@ class ElasticMechanism(ShownInLines):
             raise InputError(
                 f"{self.name} has no joint springs", expected="legs or line springs in its file"
             )
-        names = self.spring_names
-        k = self.springs.stiffness
-        springs = self.springs
-        if stiffness is not None:
-            if isinstance(springs, JointSprings):
-                k = k.copy()
-                k[list(springs.rigid)] = np.inf
-                springs = replace(springs, rigid=frozenset())
-            k = named_values(stiffness, names, k, "stiffness", infinite=True)
-            if np.any(k < 0):
-                raise InputError("stiffness must not be negative", got=k.tolist())
-        rests = self.springs.rest
-        if rest is not None:
-            rests = named_values(rest, names, rests, "rest")
-            for j in springs.rigid if isinstance(springs, JointSprings) else ():
-                if not isinstance(rest, Mapping) or names[j] in rest:
-                    raise InputError(
-                        f"joint {names[j]!r} is rigid and has no rest position",
-                        expected="rest positions by name, of the others",
-                    )
-        # What was at rest anywhere, or rigid, has no rest position yet.
-        rests = np.where(np.isinf(k), np.nan, rests)
-        if isinstance(self.springs, JointSprings):
-            eased = [j for j in self.springs.rigid if np.isfinite(k[j])]
-            if stiffness is not None and rest is None:
-                rests = rests.copy()
-                rests[eased] = np.nan
-        # A number given for every joint replaces nonlinear laws as well.
-        if isinstance(springs, JointSprings) and stiffness is not None:
-            given = set(stiffness) if isinstance(stiffness, Mapping) else set(names)
-            laws = {j: law for j, law in springs.laws.items() if names[j] not in given}
-            springs = replace(springs, laws=laws)
-        notes = self.notes if stiffness is None else _still_assumed(self.notes, stiffness)
+        springs = with_values(self.springs, self.spring_names, stiffness, rest)
+        notes = self.notes if stiffness is None else still_assumed(self.notes, stiffness)
         # What was measured is not known of springs that are given anew.
         identified = self.identified if stiffness is None else None
         if rest is not None and isinstance(springs, JointSprings):
             kept = [note for note in notes if note.code != "rest-of-turns"]
-            turned = rest_of_turns(self.mechanism.coordinates, rests)
+            turned = rest_of_turns(self.mechanism.coordinates, springs.rest)
             notes = (*kept, *(Note(*remark) for remark in turned))
-        springs = springs.replaced(k, rests)
         return replace(self, springs=springs, notes=notes, identified=identified)
 
     @property
@@ -320,7 +275,7 @@ class ElasticMechanism(ShownInLines):
             gradient -= others.gradient
         if not isinstance(springs, JointSprings):
             return springs.balanced(posture, gradient, every=every), None
-        gradient = self._carried(posture, gradient, every, size)
+        gradient = borne_by_springs(springs, self.names, posture, gradient, every, size)
         exerted = np.where(springs.is_open(every), gradient, np.nan)
         return springs.balanced(posture, gradient, every=every), exerted
 
@@ -338,41 +293,6 @@ class ElasticMechanism(ShownInLines):
         torque = np.where(np.isnan(exerted), own.gradient, exerted)
         own = own._replace(gradient=torque)
         return elastic, own if others is None else _sum(own, others)
-
-    def _carried(
-        self, posture: MechanismPosture, gradient: Array, every: bool, size: float
-    ) -> Array:
-        """The gradient that springs must give, less what closure forces can carry.
-
-        Joints whose torque is settled (passive, or with a rest position) leave the rest to the
-        closures; what neither carries is refused where a wrench was asked for, of generalised
-        forces up to `size`, and left unbalanced otherwise.
-        """
-        springs = self.springs
-        if not isinstance(springs, JointSprings):
-            return gradient
-        chosen = springs.is_open(every)
-        if chosen.all():
-            return gradient
-        settled = ~chosen
-        missing = np.where(settled, gradient - springs.torque(posture.q), 0.0)
-        if not missing.any():
-            return gradient
-        if posture.closure is not None:
-            C = posture.closure.jacobian
-            lam = np.linalg.lstsq(C[:, settled].T, missing[settled], rcond=numerics.RANK)[0]
-            gradient = gradient - C.T @ lam
-            missing = np.where(settled, missing - C.T @ lam, 0.0)
-        largest = int(np.argmax(np.abs(missing)))
-        size = max(size, float(np.abs(gradient).max()))
-        if every and abs(missing[largest]) > numerics.BALANCE * size + numerics.ROUNDING:
-            raise InputError(
-                f"the springs cannot balance this wrench: joint {self.names[largest]!r} has no "
-                "spring and would have to carry a torque",
-                expected="a stiffness above zero there, or a wrench that it does not feel",
-                got=f"torque {missing[largest]:.6g}",
-            )
-        return gradient
 
     def terms(self, springs: bool = True) -> tuple[Potential, ...]:
         """All potentials that act."""
@@ -450,33 +370,6 @@ def checked_elastic(source: object) -> ElasticMechanism:
     shown = repr(source) if isinstance(source, (str, Path)) else "a name, file or model"
     raise InputError("not a mechanism with springs", expected=f"cartstiff.load({shown})",
                      got=type(source).__name__)  # fmt: skip
-
-
-def assumed_stiffness(value: float, joints: Sequence[str], of: Sequence[str]) -> Note:
-    """Note on joints, of all of them, whose stiffness nobody gave."""
-    every = len(joints) == len(of)
-    who = "every joint" if every else ", ".join(joints)
-    return Note(
-        "stiffness-assumed",
-        f"no {'joint ' if every else ''}stiffness was given"
-        f"{'' if every else ' for some joints'}: {value:g} N m/rad (N/m for prismatic joints) is "
-        f"taken for {who} and says nothing about the real robot",
-        {"stiffness": value, "joints": list(joints), "all_joints": list(of)},
-    )
-
-
-def _still_assumed(notes: tuple[Note, ...], given: object) -> tuple[Note, ...]:
-    """Notes after stiffnesses were given: to all joints, or to those that a mapping names."""
-    found = []
-    for note in notes:
-        if note.code != "stiffness-assumed":
-            found.append(note)
-        elif isinstance(given, Mapping):
-            values: Any = note.values
-            left = [name for name in values.get("joints", ()) if name not in given]
-            if left:
-                found.append(assumed_stiffness(values["stiffness"], left, values["all_joints"]))
-    return tuple(found)
 
 
 def _is_outside(term: Potential) -> bool:

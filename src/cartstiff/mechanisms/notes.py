@@ -1,0 +1,49 @@
+"""Notes on results, and those on stiffnesses that nobody gave."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+__all__ = ["Note", "assumed_stiffness", "still_assumed"]
+
+
+@dataclass(frozen=True)
+class Note:
+    """Something worth knowing about a result: a code, words, and the numbers that show it."""
+
+    code: str
+    message: str
+    values: Mapping[str, object] = field(default_factory=dict)
+
+    def as_dict(self) -> dict[str, object]:
+        """For JSON."""
+        return {"code": self.code, "message": self.message, "values": dict(self.values)}
+
+
+def assumed_stiffness(value: float, joints: Sequence[str], of: Sequence[str]) -> Note:
+    """Note on joints, of all of them, whose stiffness nobody gave."""
+    every = len(joints) == len(of)
+    who = "every joint" if every else ", ".join(joints)
+    return Note(
+        "stiffness-assumed",
+        f"no {'joint ' if every else ''}stiffness was given"
+        f"{'' if every else ' for some joints'}: {value:g} N m/rad (N/m for prismatic joints) is "
+        f"taken for {who} and says nothing about the real robot",
+        {"stiffness": value, "joints": list(joints), "all_joints": list(of)},
+    )
+
+
+def still_assumed(notes: tuple[Note, ...], given: object) -> tuple[Note, ...]:
+    """Notes after stiffnesses were given: to all joints, or to those that a mapping names."""
+    found = []
+    for note in notes:
+        if note.code != "stiffness-assumed":
+            found.append(note)
+        elif isinstance(given, Mapping):
+            values: Any = note.values
+            left = [name for name in values.get("joints", ()) if name not in given]
+            if left:
+                found.append(assumed_stiffness(values["stiffness"], left, values["all_joints"]))
+    return tuple(found)
