@@ -4,6 +4,7 @@ Usage: ``python examples/make_gallery.py [FOLDER] [NAME ...]``, all of them with
 """
 
 import contextlib
+import importlib
 import io
 import json
 import os
@@ -46,6 +47,7 @@ def main(folder: Path, names: list[str]) -> dict[str, Path]:
         start = time.perf_counter()
         pictures[name] = folder / f"{name}.png"
         numbers = load(name)["main"](pictures[name])
+        importlib.import_module("matplotlib.pyplot").close("all")
         print(f"{name}: {pictures[name]}, {time.perf_counter() - start:.1f} s")
         for key, value in numbers.items():
             print(f"    {key:<50} {f'{value:.6g}' if isinstance(value, float) else value}")

@@ -236,6 +236,8 @@ def test_example_returns_its_numbers(name, tmp_path):
     has_plots = importlib.util.find_spec("matplotlib") is not None
     main = runpy.run_path(str(EXAMPLES / f"{name}.py"))["main"]
     numbers = main(picture) if has_plots else main()
+    if has_plots:
+        importlib.import_module("matplotlib.pyplot").close("all")
     assert picture.exists() is has_plots
     assert list(numbers) == list(NUMBERS[name])
     for key, expected in NUMBERS[name].items():
