@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -73,7 +74,7 @@ def command(
     order: str | None,
     axes: str | None,
     strict: bool,
-    **analysis_options: Any,
+    analysis: AnalysisRequest,
 ) -> None:
     """Stiffness matrices of MECHANISM at a posture, under every connection.
 
@@ -81,7 +82,7 @@ def command(
     file, or an example robot's name.
     """
     wrench = request.balanced_wrench
-    analysis = AnalysisRequest(**analysis_options, world=applied.world)
+    analysis = replace(analysis, world=applied.world)
     applied.check_world(load=wrench, deflect=analysis.deflect, direction=analysis.direction)
     elastic, q = request.load()
 

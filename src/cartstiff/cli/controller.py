@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cartstiff.cli.requests.target_file import read_target
+from cartstiff.cli.types import only_with
 from cartstiff.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,11 +29,9 @@ class ControllerRequest:
 
     def __post_init__(self) -> None:
         if self.impedance is None:
-            for name in ("order", "ratio", "output"):
-                if getattr(self, name) is not None:
-                    raise InputError("is for --impedance", where=f"--{name}")
-            if self.axes != "body":
-                raise InputError("is for --impedance", where="--axes")
+            axes = None if self.axes == "body" else self.axes
+            only_with("impedance", order=self.order, axes=axes, ratio=self.ratio,
+                      output=self.output)  # fmt: skip
         elif self.ratio is not None and min(self.ratio) < 0.0:
             raise InputError("cannot be used", where="--ratio", expected="zero or more",
                              got=self.ratio)  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,7 @@ from cartstiff.cli.types import (
     JointValues,
     Number,
     OutputFile,
+    gathered,
     json_option,
     option,
     option_group,
@@ -179,9 +180,8 @@ class _Request:
 @click.argument("mechanism")
 @click.argument("table", metavar="[DATA.csv]", required=False)
 @frame_option
-@_about_the_table
-@_about_the_fit
-@_about_a_plan
+@gathered(option_group(_about_the_table, _about_the_fit), "request", _Request)
+@gathered(_about_a_plan, "asked", PlanRequest)
 @option(
     "-o",
     "--output",
@@ -192,7 +192,7 @@ class _Request:
 @json_option
 def command(
     mechanism: str, table: str | None, frame: str | None, output: Path | None,
-    plot: Path | None, as_json: bool, **texts: Any,
+    plot: Path | None, as_json: bool, request: _Request, asked: PlanRequest,
 ) -> None:  # fmt: skip
     """Joint stiffness of MECHANISM from the loads and deflections in DATA.csv.
 
@@ -201,9 +201,7 @@ def command(
     roll,pitch,yaw; standard deviations sd_NAME; session; time. The page "Which joint stiffness do
     I enter?" says how to measure.
     """
-    request = _Request(**{f.name: texts[f.name] for f in fields(_Request)})
     of_table, of_unknowns, of_fit = request.of_table, request.of_unknowns, request.of_fit
-    asked = PlanRequest(**{f.name: texts[f.name] for f in fields(PlanRequest)})
     asked.check(table)
     if table is None or asked.simulate is not None:
         if output is not None or plot is not None:

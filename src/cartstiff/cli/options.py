@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields
-from functools import wraps
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,7 @@ from cartstiff.cli.types import (
     Numbers,
     UnitList,
     Values,
+    gathered,
     option,
     option_group,
     repeated_option,
@@ -274,7 +274,7 @@ def mechanism_options(
                help="Rest positions of the joints (rest lengths of legs), as for --q."),
         option("--load", "wrench", type=WRENCH, help=load_help),
     ) if placed else option_group(click.argument("mechanism"), posture, robot_options)  # fmt: skip
-    return _gathered(options, "request", MechanismRequest)
+    return gathered(options, "request", MechanismRequest)
 
 
 def load_options(world: str) -> Callable[..., Callable[..., Any]]:
@@ -293,18 +293,4 @@ def load_options(world: str) -> Callable[..., Callable[..., Any]]:
                      "their direction in the room; follower: they turn with the body; "
                      "conservative: the force keeps its direction, the moment turns by half."),
     )  # fmt: skip
-    return _gathered(options, "applied", LoadRequest)
-
-
-def _gathered(options: Callable[[Any], Any], keyword: str, kind: type[Any]) -> Callable[..., Any]:
-    """Decorator that adds options and hands their values over as one object."""
-
-    def decorate(command: Callable[..., Any]) -> Any:
-        @wraps(command)
-        def gathered(*arguments: Any, **values: Any) -> Any:
-            own = {f.name: values.pop(f.name) for f in fields(kind) if f.name in values}
-            return command(*arguments, **{keyword: kind(**own)}, **values)
-
-        return options(gathered)
-
-    return decorate
+    return gathered(options, "applied", LoadRequest)

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -31,7 +32,9 @@ __all__ = [
     "Pairs",
     "UnitList",
     "Values",
+    "gathered",
     "json_option",
+    "only_with",
     "option",
     "option_group",
     "progress_option",
@@ -287,6 +290,27 @@ def option_group(*options: Callable[[Any], Any]) -> Callable[[_Command], _Comman
         for decorator in reversed(options):
             command = decorator(command)
         return command
+
+    return decorate
+
+
+def only_with(of: str, **values: object) -> None:
+    """Refuse values of options that mean something only beside another one, which is not given."""
+    for name, value in values.items():
+        if value is not None:
+            raise InputError(f"is for --{of}", where=f"--{name.replace('_', '-')}")
+
+
+def gathered(options: Callable[[Any], Any], keyword: str, kind: type[Any]) -> Callable[..., Any]:
+    """Decorator that adds options and hands their values over as one object."""
+
+    def decorate(command: Callable[..., Any]) -> Any:
+        @wraps(command)
+        def gathered(*arguments: Any, **values: Any) -> Any:
+            own = {f.name: values.pop(f.name) for f in fields(kind) if f.name in values}
+            return command(*arguments, **{keyword: kind(**own)}, **values)
+
+        return options(gathered)
 
     return decorate
 

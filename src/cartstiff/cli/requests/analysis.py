@@ -12,7 +12,16 @@ import click
 
 from cartstiff.cli.output import Progress
 from cartstiff.cli.requests.target_file import ORDERS, Target, read_target
-from cartstiff.cli.types import POINT, WRENCH, Number, Numbers, option, option_group
+from cartstiff.cli.types import (
+    POINT,
+    WRENCH,
+    Number,
+    Numbers,
+    gathered,
+    only_with,
+    option,
+    option_group,
+)
 from cartstiff.errors import InputError
 from cartstiff.matrix_names import LETTERS
 
@@ -23,8 +32,7 @@ __all__ = ["AnalysisRequest", "analysis_options"]
 
 LEVELS = ("full", "short", "none")
 
-#: The command takes them as keywords for `AnalysisRequest`.
-analysis_options = option_group(
+_options = option_group(
     click.option(
         "--analysis", "level", type=click.Choice(LEVELS), default="short", show_default=True,
         help="How much of the analysis to print; with --json: none leaves it out.",
@@ -102,13 +110,12 @@ class AnalysisRequest:
 
     def __post_init__(self) -> None:
         """Refuse what does not go together, and zeros."""
-        for name, value, of in (
-            ("deflect-at", self.deflect_at, "deflect"),
-            ("samples", self.samples, "tolerance"),
-            ("target-order", self.target_order, "target"),
-        ):
-            if value is not None and getattr(self, of) is None:
-                raise InputError(f"is for --{of}", where=f"--{name}")
+        if self.deflect is None:
+            only_with("deflect", deflect_at=self.deflect_at)
+        if self.tolerance is None:
+            only_with("tolerance", samples=self.samples)
+        if self.target is None:
+            only_with("target", target_order=self.target_order)
         if self.direction is not None and not any(self.direction):
             raise InputError("must not be zero", where="--direction", got=self.direction)
         if self.tolerance is not None and not (min(self.tolerance) >= 0 and any(self.tolerance)):
@@ -166,3 +173,7 @@ class AnalysisRequest:
         if self.wanted is not None and (joints := answer["synthesis"]["target"]) is not None:
             joints |= {"order": self.wanted.order, "order_from": self.wanted.order_from}
         return answer
+
+
+#: What is read from the matrix: an `AnalysisRequest`, the command's keyword ``analysis``.
+analysis_options = gathered(_options, "analysis", AnalysisRequest)
