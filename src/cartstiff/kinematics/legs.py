@@ -24,7 +24,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.branches import Branches, Search
 from cartstiff.kinematics.joint_poses import SAME, JointPoses, distinct
 from cartstiff.kinematics.platform_poses import Free
-from cartstiff.kinematics.settling import settled
+from cartstiff.kinematics.self_motions import settled
 from cartstiff.mechanisms.chain import Chain, Closure
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree import Placement

@@ -31,7 +31,7 @@ from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.toolpaths.candidates import Layer, layers
 from cartstiff.toolpaths.choices import NEARBY, Choices, Counter, PathSolver, choices, path_solver
 from cartstiff.toolpaths.cost import Judged, PathCost, criteria, ready
-from cartstiff.toolpaths.layers import Objective, Steps, best_way
+from cartstiff.toolpaths.dynamic_programming import Objective, Steps, best_way
 from cartstiff.toolpaths.optimised import ConstantChoice, OptimisedPath
 from cartstiff.toolpaths.refusals import broken, colliding, impossible
 from cartstiff.toolpaths.tool_path import ToolPath

@@ -10,7 +10,7 @@ import numpy as np
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.toolpaths.choices import Choices, PathSolver
-from cartstiff.toolpaths.layers import Steps, best_way
+from cartstiff.toolpaths.dynamic_programming import Steps, best_way
 
 __all__ = ["broken", "colliding", "impossible"]
 
