@@ -28,8 +28,8 @@ class MatrixName:
 
     @property
     def words(self) -> str:
-        """Meaning and name in one line."""
-        return f"{self.meaning} ({self.name})"
+        """Name and meaning in one line."""
+        return f"{self.name}: {self.meaning}"
 
 
 #: Names and meanings by letter; the formulas stand in `cartstiff.geometry.connections`.
@@ -38,21 +38,12 @@ MATRICES: Final[dict[str, MatrixName]] = {
         "under the load", "what a small added wrench meets while the load goes on as stated"
     ),
     "A": MatrixName(
-        "Cartan minus",
-        "wrench components along the moving axes of the body, so that the load turns with it; "
-        "asymmetric under load",
+        "Cartan minus", "wrench components along the moving body axes: the load turns with the body"
     ),
-    "B": MatrixName(
-        "bi-invariant",
-        "second derivative along screw motions: the symmetric part of A, independent of both "
-        "frames",
-    ),
+    "B": MatrixName("bi-invariant", "the symmetric part of A; independent of both frames"),
     "K": MatrixName(
-        "kinematic",
-        "force components along axes that stay in the room; depends on the body frame's origin",
+        "kinematic", "force components along axes fixed in the room; depends on the body's origin"
     ),
-    "F": MatrixName(
-        "flat", "Hessian in the joint coordinates, carried to the body: the classical J^-T K_q J^-1"
-    ),
+    "F": MatrixName("flat", "Hessian in the joint coordinates, carried to the body"),
     "+": MatrixName("Cartan plus", "the transpose of A: derivatives along axes fixed in the room"),
 }
