@@ -47,7 +47,7 @@ class Estimate:
 
     @property
     def name(self) -> str:
-        """Of the parameter."""
+        """Name of the parameter."""
         return self.unknown.name
 
     @property

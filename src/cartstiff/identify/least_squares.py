@@ -243,7 +243,7 @@ class _Basis:
         return np.asarray(self.scale * (self.directions[:, : self.rank] @ inner))
 
     def covariance(self) -> Array:
-        """Of all columns; NaN where not determined."""
+        """Covariance of all columns; NaN where not determined."""
         half = self.scale[:, None] * (self.directions[:, : self.rank] / self.values[: self.rank])
         C = half @ half.T
         lost = ~self.is_determined

@@ -89,12 +89,12 @@ class Identification:
 
     @property
     def covariance(self) -> Array:
-        """Of the compliances (P, P); NaN where not identifiable."""
+        """Covariance of the compliances (P, P); NaN where not identifiable."""
         return np.asarray(self.chosen.solved.covariance * self.inflation**2)
 
     @property
     def degrees(self) -> float:
-        """Of freedom of the intervals."""
+        """Degrees of freedom of the intervals."""
         found = self.chosen.solved
         return found.degrees if self.inflation == 1.0 else min(found.degrees, found.freedom)
 

@@ -47,7 +47,7 @@ class Unknown:
 
     @property
     def name(self) -> str:
-        """Of the parameter."""
+        """Name of the parameter."""
         return self.pattern.name
 
     @property
@@ -79,7 +79,7 @@ class Unknowns:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the parameters."""
+        """Names of the parameters."""
         return tuple(u.name for u in self.parameters)
 
     @property

@@ -108,7 +108,7 @@ def reference_frame(result: PostureStiffness, state: State) -> Array | None:
 
 
 def _part(result: PostureStiffness, quantity: str) -> dict[str, Any]:
-    """Of the object of `analyse` what changes with the posture and is shown."""
+    """What is shown of the object of `analyse` and changes with the posture."""
     table = result.matrices if quantity == "stiffness" else result.compliances
     return {
         "q": result.q.tolist(),
@@ -189,7 +189,7 @@ def _principal(here: StiffnessInFrame, state: State) -> dict[str, Any] | None:
 
 
 def _indices(K: Array, C: Array | None, root: Array | None) -> dict[str, Any] | None:
-    """Of the indices those that are shown; `cartstiff.analysis.indices` has all of them."""
+    """The indices that are shown; `cartstiff.analysis.indices` has all of them."""
     length = characteristic_length(K, C, root)
     try:
         found = indices(K, length.value, C, root)
