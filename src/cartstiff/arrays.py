@@ -126,7 +126,9 @@ def real_array(
     def refused(reason: str, got: object) -> InputError:
         return InputError(f"{what} {reason}", where=where, expected=_words(expected), got=got)
 
-    if isinstance(values, np.ma.MaskedArray):
+    # Plain arrays first: NumPy loads its masked ones when they are named.
+    is_other = isinstance(values, np.ndarray) and type(values) is not np.ndarray
+    if is_other and isinstance(values, np.ma.MaskedArray):
         if np.ma.is_masked(values):
             raise refused("holds masked numbers", f"{int(np.ma.getmaskarray(values).sum())} masked")
         values = values.data

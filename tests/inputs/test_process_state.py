@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from threading import Barrier, Thread
 
 import pytest
@@ -69,3 +71,12 @@ def test_files_have_the_user_s_permissions(tmp_path, mask, mode):
         os.umask(before)
     assert (folder / "new.json").stat().st_mode & 0o777 == mode
     assert [p.name for p in folder.iterdir()] == ["new.json"]
+
+
+def test_loading_an_arm_brings_in_nothing_that_it_does_not_use():
+    code = (
+        "import sys, cartstiff; cartstiff.load('ur5'); sys.exit(str([m for m in ('numpy.ma', "
+        "'matplotlib', 'trimesh', 'llvmlite', 'tornado', 'pandas') if m in sys.modules]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stderr.strip() == "[]"
