@@ -53,7 +53,10 @@ WORDS = {
     "cases": "published numbers, checked",
 }
 # Read by everything, and read at most errors.
-SMALL = {"arrays", "child_process", "graded", "numerics", "parsing", "version"}
+SMALL = {
+    "arrays", "child_process", "figures", "graded", "matrix_names", "notebook", "numerics",
+    "parsing", "version",
+}  # fmt: skip
 WIDTH, HEIGHT, GAP, MARGIN = 320, 52, 34, 20
 SIDE = 110  # room for the arrows that pass by a row
 
