@@ -115,7 +115,7 @@ def test_progress_comes_to_its_end():
     [
         ({"ranges": {"j9": (0.0, 1.0)}}, UnknownNameError, "j9"),
         ({"ranges": {"j1": (4.0, 5.0)}}, InputError, "range of j1"),
-        ({"near": {"j1": 9.0}}, InputError, "range of j1"),
+        ({"near": {"j1": 9.0}}, InputError, "neighbourhood of j1"),
         ({"near": [0.0, 0.0]}, InputError, "posture nearby"),
     ],
 )

@@ -211,6 +211,8 @@ def command(
     if singular is not None:
         options["singular"] = singular
     for name, (low, high) in ranges.items():
+        if name not in elastic.names:
+            raise UnknownNameError("joint", name, elastic.names, where="--range")
         if not low <= high:
             raise InputError("values must rise", where=f"--range {name}",
                              expected="LOW at most HIGH", got=f"{low:g}:{high:g}")  # fmt: skip

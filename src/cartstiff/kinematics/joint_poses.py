@@ -118,7 +118,9 @@ class JointPoses:
         periodic: Array = turns & (self.upper - self.lower >= 2 * np.pi - numerics.CLOSE)
         return periodic
 
-    def narrowed(self, ranges: Mapping[str, tuple[float, float]]) -> JointPoses:
+    def narrowed(
+        self, ranges: Mapping[str, tuple[float, float]], what: str = "range"
+    ) -> JointPoses:
         """The same, with some coordinates kept within ranges of their own (low, high).
 
         Raises
@@ -138,7 +140,7 @@ class JointPoses:
             lower, upper = max(low, self.lower[j]), min(high, self.upper[j])
             if not lower <= upper:
                 raise InputError(
-                    f"nothing of the range of {name} lies within its limits",
+                    f"nothing of the {what} of {name} lies within its limits",
                     expected=f"{self.lower[j]:.6g} to {self.upper[j]:.6g}",
                     got=f"{low:.6g} to {high:.6g}",
                 )

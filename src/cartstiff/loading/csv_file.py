@@ -155,7 +155,8 @@ def _with_points(cells: list[str], place: str) -> list[str]:
 def _names(line: str, place: str, separator: str = ",") -> tuple[str, ...] | None:
     """Names of columns, or None for a line of numbers."""
     cells = tuple(cell.strip().strip('"') for cell in line.split(separator))
-    if not any(map(_is_word, cells)):
+    points = cells if separator == "," else [cell.replace(",", ".") for cell in cells]
+    if not any(map(_is_word, points)):
         return None
     _refuse_twice(cells, place)
     return cells

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -99,7 +100,10 @@ class Source:
     load_axes: Literal["body", "inertial"] = "body"
 
 
-def read_trajectory(path: Path, names: tuple[str, ...], units: Units = SI) -> Trajectory:
+def read_trajectory(
+    path: Path, names: tuple[str, ...], units: Units = SI,
+    factors: Mapping[str, float] = MappingProxyType({}),
+) -> Trajectory:  # fmt: skip
     """A trajectory from CSV: one posture a line, in joint order or under a line of names.
 
     A column named ``t`` or ``time``, or a first one more than there are coordinates, is the time in
@@ -110,7 +114,7 @@ def read_trajectory(path: Path, names: tuple[str, ...], units: Units = SI) -> Tr
     InputError
         With file and line.
     """
-    rows = read_rows(path, "postures", units=units)
+    rows = read_rows(path, "postures", units=units, factors=factors)
     if rows.names is not None:
         named = tuple("time" if x.lower() in ("t", "time") else x for x in rows.names)
         rows = rows._replace(names=named)

@@ -192,5 +192,6 @@ def path_solver(
         q = named_values(near, elastic.names, elastic.q, "posture nearby")
         turning = [(c.name, float(x)) for c, x in zip(elastic.mechanism.coordinates, q,
                                                       strict=True) if not c.is_length]  # fmt: skip
-        solver = solver.narrowed({name: (x - NEARBY, x + NEARBY) for name, x in turning})
+        solver = solver.narrowed({name: (x - NEARBY, x + NEARBY) for name, x in turning},
+                                 "neighbourhood")  # fmt: skip
     return solver

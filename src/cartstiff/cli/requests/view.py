@@ -49,6 +49,7 @@ def source_from_options(
     elastic, q = request.load()
     import numpy as np
 
+    from cartstiff.mechanisms.other_units import shown_factors
     from cartstiff.page.source import Source, read_cloud, read_trajectory
     from cartstiff.stiffness.compute import analyse
 
@@ -69,7 +70,9 @@ def source_from_options(
 
     trajectory = None
     if trajectory_path is not None:
-        trajectory = read_trajectory(trajectory_path, elastic.names, elastic.units)
+        trajectory = read_trajectory(
+            trajectory_path, elastic.names, elastic.units, shown_factors(elastic)
+        )
         say_unused(trajectory_path, trajectory.unused)
     return Source(
         elastic=elastic,

@@ -1,0 +1,163 @@
+"""What a user may get wrong with robots, units, ranges, collisions, maps: one clear line each."""
+
+from __future__ import annotations
+
+import pytest
+
+from cartstiff.cli.main import main
+
+URDF = """<robot name='r'><link name='l0'/><link name='l1'/><link name='tool0'/>
+<joint name='a' type='revolute'><parent link='l0'/><child link='l1'/><axis xyz='0 0 1'/>
+<origin xyz='0 0 .4'/><limit lower='-2' upper='2' effort='1' velocity='1'/></joint>
+<joint name='b' type='prismatic'><parent link='l1'/><child link='tool0'/><axis xyz='0 1 0'/>
+<origin xyz='.3 .1 0'/><limit lower='-.2' upper='.5' effort='1' velocity='1'/></joint></robot>"""
+LOAD = ("--load", "0,0,0,0,0,-10")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    place = tmp_path_factory.mktemp("bad")
+    files = {
+        "r.urdf": URDF,
+        "seam.csv": "0.2,0.1,0.4,0,0,0\n",
+        "q.csv": "a,b\n0.1,0.2\n",
+        "empty.csv": "",
+        "words.csv": "a,b\nhere,there\n",
+        "mixed.csv": "a;b\n1,5;2.5\n",
+        "commas.csv": "0,1,0,2\n0,1,0,2\n0,5\n",
+        "unit.csv": "a [grad],b [m]\n1,2\n",
+        "twice.csv": "a,a\n1,2\n",
+        "slip.csv": "a,bb\n1,2\n",
+        "short.csv": "a,b\n1\n",
+        "nan.csv": "a,b\nnan,1\n",
+        "pose.csv": "x [furlong],y,z,roll,pitch,yaw\n1,2,3,0,0,0\n",
+        "half.csv": "x,y,z,roll\n1,2,3,0\n",
+        "noise.urdf": "this is no XML",
+        "root.urdf": "<sdf version='1.6'/>",
+        "none.urdf": "<robot name='r'><link name='a'/></robot>",
+        "loop.urdf": URDF.replace("<child link='l1'/>", "<child link='l0'/>"),
+        "kind.urdf": URDF.replace("type='revolute'", "type='hinge'"),
+        "axis.urdf": URDF.replace("xyz='0 0 1'", "xyz='0 0 0'"),
+        "number.urdf": URDF.replace("xyz='0 0 .4'", "xyz='0 0 one'"),
+        "parent.urdf": URDF.replace("<parent link='l1'/>", "<parent link='l9'/>"),
+        "mesh.urdf": URDF.replace(
+            "<link name='l1'/>",
+            "<link name='l1'><collision><geometry><mesh filename='no.stl'/></geometry>"
+            "</collision></link>",
+        ),
+        "frame.yaml": "kind: serial\nmodel: r.urdf\nframe: l7\n",
+        "base.yaml": "kind: serial\nmodel: r.urdf\nbase: {xyz: [1, 2]}\n",
+        "turn.yaml": "kind: serial\nmodel: r.urdf\nbase: {xyz: [1, 2, 3], rpy: [0, 0]}\n",
+        "tilt.yaml": "kind: serial\nmodel: r.urdf\nbase: {angle: 3}\n",
+        "nowhere.yaml": "kind: serial\nmodel: nowhere.urdf\n",
+        "self.yaml": "kind: serial\nmodel: self.yaml\n",
+        "m.zarr.txt": "no map",
+    }
+    for name, text in files.items():
+        (place / name).write_text(text, encoding="utf-8")
+    return place
+
+
+#: Words of the command, and words of the answer.
+CASES = [
+    (("analyse", "r.urdf", "--units", "furlong"), "unknown unit"),
+    (("analyse", "r.urdf", "--units", "mm,mm"), "two units of length"),
+    (("analyse", "r.urdf", "--units", "mm;deg"), "unknown unit"),
+    (("analyse", "r.urdf", "--units", ""), "unknown unit"),
+    (("analyse", "r.urdf", "--units", "kg"), "unknown unit"),
+    (("analyse", "r.urdf", "--units", "mm", "--units", "deg"), "more than once"),
+    (("analyse", "r.urdf", "--units", "deg", "--q", "1"), "wrong count"),
+    (("analyse", "r.urdf", "--units", "deg", "--q", "c=3"), "unknown joint"),
+    (("analyse", "r.urdf", "--units", "deg", "--q", "a=90,b"), "mixes numbers"),
+    (("analyse", "r.urdf", "--units", "mm", "--tcp", "1,2"), "wrong count"),
+    (("analyse", "r.urdf", "--units", "mm", "--payload", "-1"), "negative"),
+    (("analyse", "r.urdf", "--payload", "1,2,3"), "wrong count"),
+    (("analyse", "r.urdf", "--gravity", "9.81"), "wrong count"),
+    (("analyse", "r.urdf", "--gravity", "0,0,-9810"), "gravity"),
+    (("analyse", "r.urdf", "--tcp", "0,0,inf"), "--tcp"),
+    (("analyse", "r.urdf", "--frame", "l8"), "unknown frame"),
+    (("analyse", "r.urdf", "--frame", ""), "unknown frame"),
+    (("analyse", "r.urdf", "--stiffness", "-3"), "cannot be used"),
+    (("analyse", "r.urdf", "--xacro-arg", "a=b"), "--xacro-arg"),
+    (("analyse", "r.urdf", "--package-path", "nowhere"), "nowhere"),
+    (("analyse", "noise.urdf"), "not valid XML"),
+    (("analyse", "root.urdf"), "SDF"),
+    (("analyse", "none.urdf"), "no movable joints"),
+    (("analyse", "loop.urdf"), "loop.urdf"),
+    (("analyse", "kind.urdf"), "hinge"),
+    (("analyse", "axis.urdf"), "axis"),
+    (("analyse", "number.urdf"), "one"),
+    (("analyse", "parent.urdf"), "l9"),
+    (("analyse", "frame.yaml"), "unknown frame"),
+    (("analyse", "base.yaml"), "base"),
+    (("analyse", "turn.yaml"), "base"),
+    (("analyse", "tilt.yaml"), "angle"),
+    (("analyse", "nowhere.yaml"), "nowhere.urdf"),
+    (("analyse", "self.yaml"), "self.yaml"),
+    (("frames", "nothing.urdf"), "nothing.urdf"),
+    (("frames", "r.urdf", "--units", "yard"), "unknown unit"),
+    (("path", "r.urdf", "seam.csv", *LOAD, "--range", "c=0:1"), "--range: unknown joint"),
+    (("path", "r.urdf", "seam.csv", *LOAD, "--range", "a=1:0"), "must rise"),
+    (("path", "r.urdf", "seam.csv", *LOAD, "--range", "a=3:4"), "range of a"),
+    (("path", "r.urdf", "seam.csv", *LOAD, "--range", "a=0"), "NAME=LOW:HIGH"),
+    (("path", "r.urdf", "seam.csv", *LOAD, "--range", "a=0:x"), "--range a"),
+    (("path", "r.urdf", "seam.csv", *LOAD, "--range", "a=0:1,a=0:1"), "given twice"),
+    (("path", "r.urdf", "seam.csv", *LOAD, "--near", "0.1"), "wrong count"),
+    (("path", "r.urdf", "seam.csv", *LOAD, "--near", "c=1"), "unknown joint"),
+    (("path", "r.urdf", "seam.csv", *LOAD, "--near", "a=9"), "neighbourhood of a"),
+    (("path", "r.urdf", "seam.csv", *LOAD, "--collisions"), "no shapes"),
+    (("path", "mesh.urdf", "seam.csv", *LOAD, "--collisions"), "no.stl"),
+    (("path", "hexapod", "seam.csv", *LOAD, "--collisions"), "links of arms"),
+    (("path", "hexapod", "seam.csv", *LOAD, "--range", "x=0:1"), "are for joints"),
+    (("path", "hexapod", "seam.csv", *LOAD, "--near", "x=0"), "are for joints"),
+    (("path", "r.urdf", "pose.csv", *LOAD), "unknown unit"),
+    (("path", "r.urdf", "half.csv", *LOAD), "columns are missing"),
+    (("path", "r.urdf", "nofile.csv", *LOAD), "nofile.csv"),
+    (("poses", "r.urdf", "q.csv"), "--for"),
+    (("poses", "r.urdf", "q.csv", "--for", "staubli"), "--for"),
+    (("poses", "r.urdf", "empty.csv", "--for", "kuka"), "empty"),
+    (("poses", "r.urdf", "words.csv", "--for", "kuka"), "line 2"),
+    (("poses", "r.urdf", "mixed.csv", "--for", "kuka"), "decimal commas and points"),
+    (("poses", "r.urdf", "commas.csv", "--for", "kuka"), "wrong count"),
+    (("poses", "r.urdf", "unit.csv", "--for", "kuka"), "unknown unit"),
+    (("poses", "r.urdf", "twice.csv", "--for", "kuka"), "named twice"),
+    (("poses", "r.urdf", "slip.csv", "--for", "kuka"), "columns do not fit"),
+    (("poses", "r.urdf", "short.csv", "--for", "kuka"), "wrong count"),
+    (("poses", "r.urdf", "nan.csv", "--for", "kuka"), "not a finite number"),
+    (("equilibrium", "r.urdf", "--path", "q.csv"), "needs a load"),
+    (("equilibrium", "r.urdf", *LOAD, "--path", "slip.csv"), "columns do not fit"),
+    (("equilibrium", "r.urdf", *LOAD, "--units", "stone"), "unknown unit"),
+    (("modes", "r.urdf", "--units", "deg,rad"), "two units of angle"),
+    (("report", "r.urdf", "-o", "r.txt"), "unknown file ending"),
+    (("report", "r.urdf", "-o", "no/such/r.html"), "no such folder"),
+    (("map", "r.urdf", "--grid", "a=0:1:3", "--quantity", "condition", "--single-branch",
+      "-o", "x.zarr"), "--single-branch"),
+    (("map", "r.urdf", "--grid", "a=0:1", "--quantity", "condition", "-o", "x.zarr"), "COUNT"),
+    (("map", "r.urdf", "--grid", "c=0:1:3", "--quantity", "condition", "-o", "x.zarr"), "'c'"),
+    (("map", "r.urdf", "--quantity", "condition", "-o", "x.zarr"), "where the map looks"),
+    (("map", "r.urdf", "--grid", "a=0:1:3", "--quantity", "condition", "--below", "2mm",
+      "-o", "x.zarr"), "--below"),
+    (("compare", "m.zarr.txt", "m.zarr.txt"), "m.zarr.txt"),
+    (("compare", "one.zarr"), "SECOND.zarr"),
+    (("compare", "one.zarr", "two.zarr"), "one.zarr"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("words", "expected"), CASES, ids=lambda x: "-".join(x)[:60]
+                         if isinstance(x, tuple) else "")  # fmt: skip
+def test_one_clear_line(words, expected, folder, capfd, monkeypatch):
+    monkeypatch.chdir(folder)
+    capfd.readouterr()
+    with pytest.raises(SystemExit) as exit_:
+        main(list(words))
+    out, error = capfd.readouterr()
+    assert exit_.value.code == 2, error
+    assert out == ""
+    assert error.count("\n") == 1
+    assert "Traceback" not in error
+    assert "internal" not in error
+    assert expected in error
+
+
+def test_there_are_sixty_of_them():
+    assert len(CASES) >= 60
