@@ -189,6 +189,11 @@ def _from_name(source: str | Path, given: dict[str, Any]) -> ElasticMechanism:
     suffix = path.suffix.lower()
     if suffix in (".yaml", ".yml"):
         return _from_file(path, given)
+    if suffix == ".xml" and exists:
+        from cartstiff.loading.caspr.reading import is_caspr, read_caspr
+
+        if is_caspr(path):
+            return read_caspr(path, given)
     if suffix in ROBOT_FILES:
         return _from_robot(str(path), path.stem.removesuffix(".urdf"), given)
     robots = example_robots()

@@ -1,0 +1,1 @@
+"""Cable robots as the program CASPR keeps them."""
