@@ -129,8 +129,8 @@ def _body(root: ET.Element, where: str, notes: list[Note]) -> tuple[dict[str, An
                          got=", ".join([f"{len(links)} rigid bodies", *others]))  # fmt: skip
     (link,) = links
     joint = link.find("joint")
-    kind = link.findtext("joint_type") or (joint.get("type", "") if joint is not None else "")
-    kind = kind.strip()
+    declared = None if joint is None else joint.get("type")
+    kind = (link.findtext("joint_type") or declared or "").strip()
     if kind not in _FREE:
         raise InputError("bodies that move freely are served", where=where,
                          expected=" or ".join(_FREE), got=kind or "no joint type")  # fmt: skip
