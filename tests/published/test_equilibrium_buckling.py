@@ -6,7 +6,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.optimize import brentq
+from tests.mechanisms.machines import write_file
 
+from cartstiff.loading import load
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree_building import plain_tree
@@ -96,3 +98,28 @@ def test_a_loaded_planar_arm():
     expected = np.array([[480.0, 739.008344562721], [739.008344562721, 1654.21367205046]])
     assert np.allclose(loaded.q, q, rtol=0, atol=1e-13)
     assert np.allclose(stiffness_in_base_axes(loaded), expected, rtol=1e-11)
+
+
+@pytest.mark.parametrize("axial", [1e4, 1e10])
+@pytest.mark.parametrize("segments", [1, 4])
+def test_eulers_load_however_stiff_the_bar_is_along_its_axis(tmp_path, axial, segments):
+    """E A L^2 / (E I) up to 1e10: what is stiff must not hide what bends.
+
+    A bar that shortens buckles where P (1 - P / E A) = pi^2 E I / 4 L^2.
+    """
+    (tmp_path / "bar.urdf").write_text(
+        '<robot name="bar"><link name="wall"/><link name="bar"/><link name="tip"/>'
+        '<joint name="clamp" type="fixed"><parent link="wall"/><child link="bar"/></joint>'
+        '<joint name="end" type="fixed"><parent link="bar"/><child link="tip"/>'
+        '<origin xyz="1 0 0"/></joint></robot>'
+    )
+    beam = {"E": 1e6, "G": 4e5, "length": 1.0, "area": axial / 1e6, "Iy": 1e-6, "Iz": 2e-6,
+            "J": 2e-6, "segments": segments}  # fmt: skip
+    column = load(write_file(tmp_path, "column", kind="serial", model="bar.urdf", frame="tip",
+                             flexible={"bar": {"beam": beam}}))  # fmt: skip
+    (critical,) = load_curve(column, DeadForce([-1.0, 0.0, 0.0]), to=3.0).critical
+    rigid = np.pi**2 / 4
+    expected = 2 * rigid / (1 + np.sqrt(1 - 4 * rigid / axial))
+    # One beam takes the work of shear from its stretched length: P / E A of a share of the load.
+    assert critical.factor == pytest.approx(expected, rel=1e-8 + 0.5 / axial)
+    assert repr(critical) == f"<bifurcation at factor {critical.factor:.6g}>"

@@ -54,6 +54,10 @@ class CriticalPoint:
     frequency: float | None
     _state: State
 
+    def __repr__(self) -> str:
+        swing = "" if self.frequency is None else f", {self.frequency:.4g} Hz"
+        return f"<{self.kind} at factor {self.factor:.6g}{swing}>"
+
 
 def _negative(state: State) -> int:
     """Number of negative eigenvalues; without an energy the parity of the determinant."""
@@ -117,6 +121,8 @@ def _located(
     """Root by secants kept in their bracket (every third step halves it)."""
     a, b = 0.0, size
     value_a, value_b = measure(start), measure(end)
+    # Of this motion's own stiffness, not of the stiffest one's: rounding is no excuse to end early.
+    small = numerics.LAST_DIGITS * max(abs(value_a), abs(value_b))
     best = start if abs(value_a) < abs(value_b) else end
     for iteration in range(_BISECTIONS):
         if b - a <= numerics.FINEST * size or value_a == value_b:
@@ -133,8 +139,7 @@ def _located(
         value = measure(state)
         if abs(value) < abs(measure(best)):
             best = state
-        largest = float(np.abs(state.eigenvalues).max(initial=0.0))
-        if abs(value) <= numerics.LAST_DIGITS * largest or middle in (a, b):
+        if abs(value) <= small or middle in (a, b):
             break
         if (value < 0.0) == (value_a < 0.0):
             a, value_a = middle, value

@@ -117,10 +117,8 @@ class LoadPath:
             push = balance.free.T @ push
         conservative = not np.isnan(point.evaluation.energy)
         values = spectrum(balance, conservative)
-        bordered = self._bordered(balance, push, direction)
-        right = np.zeros(len(bordered))
-        right[-1] = 1.0
-        solved = np.linalg.lstsq(bordered, right, rcond=numerics.LAST_DIGITS)[0]
+        right = np.append(np.zeros_like(push), 1.0)
+        solved = self._solved(balance, push, direction, right)
         along = np.append(balance.motion(solved[:-1]), solved[-1])
         along /= np.linalg.norm(along)
         moving = None
@@ -129,18 +127,23 @@ class LoadPath:
             moving = vibrations(point, balance, units, self.system.terms)
         return State(point, balance, factor, along, values, moving, push, corrections)
 
-    def _bordered(self, balance: Balance, push: Array, direction: Array) -> Array:
-        N = balance.free
-        t = direction[:-1] if N is None else N.T @ direction[:-1]
-        f = len(t)
-        matrix = np.empty((f + 1, f + 1))
-        matrix[:f, :f] = balance.stiffness
-        matrix[:f, f] = push
-        matrix[f, :f] = t
-        matrix[f, f] = direction[-1]
-        # The border in units of the stiffness, so that rank is judged on one scale.
-        matrix[f] *= float(np.abs(matrix[:f]).max(initial=0.0)) or 1.0
-        return matrix
+    @staticmethod
+    def _solved(balance: Balance, push: Array, direction: Array, right: Array) -> Array:
+        """Motions and load factor from the stiffness, bordered by the push and the direction.
+
+        Each motion is counted in units of its own stiffness, and the border in units of 1, so that
+        a stiff spring hides no soft motion when the rank is judged.
+        """
+        t = direction[:-1] if balance.free is None else balance.free.T @ direction[:-1]
+        per = 1.0 / np.sqrt(balance.hardness)
+        pushed, along = per * push, np.append(per * t, direction[-1])
+        column = float(np.abs(pushed).max(initial=0.0)) or 1.0
+        along[-1] /= column
+        row = float(np.abs(along).max()) or 1.0
+        matrix = np.block([[balance.scaled, (pushed / column)[:, None]], [along / row]])
+        scaled = np.append(per * right[:-1], right[-1] / row)
+        solved = np.linalg.lstsq(matrix, scaled, rcond=numerics.LAST_DIGITS)[0]
+        return np.append(per * solved[:-1], solved[-1] / column)
 
     def step(self, start: State, size: float, direction: Array | None = None) -> State:
         """The point at a distance `size` along a direction (default: the curve's own).
@@ -175,8 +178,7 @@ class LoadPath:
             if balance.free is not None:
                 push = balance.free.T @ push
             right = -np.append(balance.force, 0.0)
-            matrix = self._bordered(balance, push, direction)
-            solved = np.linalg.lstsq(matrix, right, rcond=numerics.LAST_DIGITS)[0]
+            solved = self._solved(balance, push, direction, right)
             motion = balance.motion(solved[:-1])
             largest = max(float(np.abs(motion).max(initial=0.0)), abs(float(solved[-1])))
             share = min(1.0, _LARGEST / max(largest, numerics.TINY))
