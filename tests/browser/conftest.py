@@ -24,9 +24,9 @@ def _missing(reason: str) -> None:
     pytest.skip(words)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def chromium() -> Iterator[Any]:
-    """One browser for the tests of a file.
+    """One browser for the tests of this folder.
 
     While it runs, playwright keeps an event loop running in this thread: it must be gone before
     tests that run one of their own.
@@ -96,11 +96,12 @@ class Pages:
         page.watch = watch
         return page
 
-    def shared(self, url: str) -> Any:
+    def shared(self, url: str, *, offline: bool = False) -> Any:
         """The same page for every test that asks for it, as if it had just been opened."""
         if url not in self._shared:
-            self._shared[url] = self.open(url)
+            self._shared[url] = self.open(url, offline=offline)
         page = self._shared[url]
+        page.set_viewport_size(VIEWPORT)
         page.evaluate(RESET)
         settled(page)
         return page
@@ -127,7 +128,7 @@ RESET = """() => {
 }"""
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def _pages(chromium: Any) -> Pages:
     return Pages(chromium)
 

@@ -46,11 +46,11 @@ def unbalanced(elastic, loads, q) -> float:
 
 
 @pytest.mark.parametrize(("name", "size"), [("ur5", 300.0), ("panda", 60.0), ("platform", 0.3)])
-def test_a_thousand_loads_within_the_elastic_range(name, size):
+def test_loads_within_the_elastic_range(name, size):
     elastic = unloaded_platform() if name == "platform" else mechanism(name)
     rng = np.random.default_rng(7)
     length = elastic.mechanism.at(elastic.q).length
-    for _ in range(1000):
+    for _ in range(250):
         load = DeadForce(size * rng.normal(size=3), 0.2 * length * rng.normal(size=3))
         state = equilibrium(elastic, load)
         assert state.residual < 1e-9
@@ -96,7 +96,7 @@ def test_loads_that_must_be_put_on_in_stages():
 
 
 @pytest.mark.parametrize(
-    ("name", "count"), [("ur5", 60), ("panda", 40), ("stewart-gough", 60), ("five-bar", 40)]
+    ("name", "count"), [("ur5", 30), ("panda", 21), ("stewart-gough", 30), ("five-bar", 21)]
 )
 def test_absurd_loads_end_in_an_answer_or_a_refusal(name, count):
     elastic = mechanism(name)

@@ -55,6 +55,7 @@ class Held:
         self.n = self.q0.size
         self.pose0 = self.mechanism.at(self.q0).pose.copy()
         self.frozen: dict[bool, np.ndarray] = {}
+        self.solved: dict[bytes, np.ndarray] = {}
 
     def _parts(self, q: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray, Any]:
         """Energy, gradient, closure residual and Jacobian, and the posture."""
@@ -112,9 +113,16 @@ class Held:
             before = largest
         raise AssertionError(f"no minimum found: last step {largest:.2g}")
 
+    def held_at(self, target: np.ndarray) -> np.ndarray:
+        """Coordinates of least energy with the body held there, found once."""
+        key = np.round(target, 13).tobytes()
+        if key not in self.solved:
+            self.solved[key] = self.solve(target)[0]
+        return self.solved[key]
+
     def at(self, x: np.ndarray) -> float:
         """Energy with the body displaced along a screw motion."""
-        return self.solve(self.pose0 @ small_motion(x))[1]
+        return self._parts(self.held_at(self.pose0 @ small_motion(x)))[0]
 
     @property
     def forces(self) -> np.ndarray:
@@ -126,8 +134,7 @@ class Held:
 
     def wrench(self, target: np.ndarray) -> np.ndarray:
         """Wrench that holds the body at a pose, in its own components."""
-        q, _ = self.solve(target)
-        _, g, c, D = self._conditions(q, target)
+        _, g, c, D = self._conditions(self.held_at(target), target)
         return np.linalg.lstsq(D.T, -g, rcond=1e-10)[0][len(c) - 6 :]
 
 
@@ -263,7 +270,7 @@ def stiffness_by_definition(
 
 
 def by_energy(
-    held: Any, sizes: np.ndarray, h: float, rng: np.random.Generator, count: int = 10
+    held: Any, sizes: np.ndarray, h: float, rng: np.random.Generator, count: int = 8
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Directions, and first and second differences of the energy along their screw motions."""
     directions = np.concatenate([np.eye(6), rng.normal(size=(count - 6, 6))])
