@@ -158,7 +158,9 @@ def test_a_changed_file_is_read_or_refused(name: str, answer: Callable[[str], No
     Path("two.urdf").write_text(URDF, encoding="utf-8")
 
     # Each MJCF file is compiled by a process of its own; `make fuzz` tries many more of all.
-    @settings(max_examples=30 if name.endswith(".xml") else 100, suppress_health_check=list(HealthCheck))
+    count = 30 if name.endswith(".xml") else 100
+
+    @settings(max_examples=count, suppress_health_check=list(HealthCheck))
     @given(mutations(FILES[name]))
     def law(data: bytes) -> None:
         Path(name).write_bytes(data)

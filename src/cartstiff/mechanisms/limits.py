@@ -79,6 +79,8 @@ class Limits:
 
     def holds(self, q: Array, pose: Array) -> bool:
         """Whether everything is within its limits at one posture, to the last digit."""
+        if not self._each:
+            return True
         if self.legs is not None:
             values = self.values(q, pose).tolist()
             return all(lo <= x <= hi for x, (_, lo, hi) in zip(values, self._each, strict=True))

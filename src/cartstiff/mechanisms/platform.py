@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +23,7 @@ from cartstiff.arrays import (
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import SI, Coordinate, Mechanism, MechanismPosture, Units
 from cartstiff.mechanisms.struts import Struts
 from cartstiff.potentials.contract import Evaluation, Map

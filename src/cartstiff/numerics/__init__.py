@@ -59,6 +59,7 @@ from cartstiff.numerics.inverses import (
     inverses_of_sums,
     invert,
     invert_each,
+    plain_inverses,
 )
 from cartstiff.numerics.policy import (
     BALANCE,
@@ -74,6 +75,7 @@ from cartstiff.numerics.policy import (
     SYMMETRY,
     TELLING,
     TINY,
+    WELL_CONDITIONED,
     ZERO,
     Array,
     is_about_symmetric,
@@ -82,6 +84,7 @@ from cartstiff.numerics.policy import (
     rank,
     ratio,
 )
+from cartstiff.numerics.small import inverted, singular_values
 from cartstiff.numerics.spectra import (
     condition,
     eigenpairs,
@@ -145,6 +148,7 @@ __all__ = [
     "UNFELT",
     "USUAL_RANK",
     "VANISHING",
+    "WELL_CONDITIONED",
     "WIDE_DIFFERENCE",
     "ZERO",
     "Array",
@@ -160,10 +164,13 @@ __all__ = [
     "inverses_of_sums",
     "invert",
     "invert_each",
+    "inverted",
     "is_about_symmetric",
     "is_regular",
     "is_symmetric",
     "pair_conditions",
+    "plain_inverses",
     "rank",
     "ratio",
+    "singular_values",
 ]

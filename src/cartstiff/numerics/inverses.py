@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cartstiff.numerics.policy import EPSILON, INVERTIBLE, TELLING, Array, is_symmetric
+from cartstiff.numerics.policy import (
+    EPSILON,
+    INVERTIBLE,
+    TELLING,
+    WELL_CONDITIONED,
+    Array,
+    is_symmetric,
+)
+from cartstiff.numerics.small import inverted
 
 __all__ = [
     "Inverse",
@@ -17,6 +26,7 @@ __all__ = [
     "inverses_of_sums",
     "invert",
     "invert_each",
+    "plain_inverses",
 ]
 
 # Entries that are one or two digits larger than the diagonal cost no more digits than that.
@@ -66,10 +76,7 @@ def invert(matrix: ArrayLike, sizes_of_motions: ArrayLike | None = None) -> Inve
     s = equilibration(m) if sizes_of_motions is None else np.asarray(sizes_of_motions, float)
     sizes = np.multiply.outer(s, s)
     scaled = m / sizes
-    try:
-        inverse = np.linalg.inv(scaled)
-    except np.linalg.LinAlgError:
-        return None
+    inverse = inverted(scaled)
     # The product of norms bounds the condition number; it is much cheaper than an SVD.
     bound = float(np.vdot(scaled, scaled) * np.vdot(inverse, inverse)) ** 0.5
     if not bound < INVERTIBLE:
@@ -102,15 +109,36 @@ def invert_each(matrices: Array) -> tuple[Array, list[float]]:
     # Else the diagonal alone may not give the sizes.
     if not (max(squares.tolist()) <= _EVEN**2 or np.abs(flat).max(initial=0.0) <= _EVEN):
         return _inverted_one_by_one(matrices)
-    try:
-        inverses = np.linalg.inv(scaled)
-    except np.linalg.LinAlgError:
-        return _inverted_one_by_one(matrices)
+    inverses = inverted(scaled)
     flat = inverses.reshape(len(s), -1)
     errors = (EPSILON * np.sqrt(squares * np.vecdot(flat, flat))).tolist()
-    if not max(errors) < EPSILON * INVERTIBLE:
+    if not all(error < EPSILON * INVERTIBLE for error in errors):
         return _inverted_one_by_one(matrices)
     return inverses / sizes, errors
+
+
+def plain_inverses(matrices: Array) -> tuple[Array, list[float]] | None:
+    """Inverses of a stack (k, n, n) and their errors, infinite where one is not well conditioned.
+
+    All are measured by the diagonal of the first: what is lost by adding to it shows, too. None if
+    that diagonal is not positive.
+    """
+    diagonal = matrices[0].diagonal()
+    if not min(diagonal.tolist()) > 0.0:
+        return None
+    s = np.sqrt(diagonal)
+    sizes = s[:, None] * s
+    scaled = matrices / sizes
+    found = inverted(scaled)
+    flat, other = scaled.reshape(len(scaled), -1), found.reshape(len(scaled), -1)
+    known, least = np.vecdot(flat, flat).tolist(), np.vecdot(other, other).tolist()
+    # Squares of norms. Those of the inverses alone bound what is lost by adding.
+    return found / sizes, [
+        EPSILON * sqrt(a * b)
+        if a * b < WELL_CONDITIONED**2 and b < WELL_CONDITIONED**2
+        else float("inf")
+        for a, b in zip(known, least, strict=True)
+    ]
 
 
 def error_of_inverting(matrix: Array, inverse: Array) -> float:

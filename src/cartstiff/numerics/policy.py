@@ -34,6 +34,7 @@ __all__ = [
     "SYMMETRY",
     "TELLING",
     "TINY",
+    "WELL_CONDITIONED",
     "ZERO",
     "Array",
     "is_about_symmetric",
@@ -75,6 +76,9 @@ LOST: Final = 1e-4
 #: Up to this condition number a stiffness and its inverse together hold all principal values: the
 #: worst stand in the middle and lose its root, 3e5 of 4e15.
 PAIRED: Final = 1e11
+#: Up to this product of the norms of an equilibrated matrix and its inverse nothing is to be gained
+#: from another way to the inverse: it is known to twelve digits.
+WELL_CONDITIONED: Final = 4e3
 #: An asymmetry below this share of the block's size is taken for rounding.
 SYMMETRY: Final = 1e-9
 
@@ -106,6 +110,8 @@ def is_regular(values: ArrayLike) -> bool:
 
 def is_symmetric(matrix: Array) -> bool:
     """Whether a square matrix is its own transpose, to the last digit."""
+    if matrix.size <= 64:  # lists are compared sooner, and to the first that differs
+        return bool(matrix.tolist() == matrix.T.tolist())
     return bool((matrix == matrix.T).all())
 
 

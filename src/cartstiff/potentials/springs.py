@@ -8,7 +8,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from math import pi
 
 import numpy as np
@@ -18,6 +17,7 @@ from cartstiff.arrays import checked_array, real_array
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.lazily import cached_property
 from cartstiff.potentials.contract import Evaluation, Posture, Potential, Remark
 
 __all__ = [
@@ -240,6 +240,14 @@ class JointSprings(Potential):
         """Which rest positions are to be chosen: those not given, or all of them."""
         return ~self.is_passive if every else ~self.is_passive & np.isnan(self.rest)
 
+    def is_wholly_open(self, every: bool = False) -> bool:
+        """Whether all rest positions are to be chosen."""
+        return self._wholly_open[every]
+
+    @cached_property
+    def _wholly_open(self) -> tuple[bool, bool]:
+        return bool(self.is_open().all()), not self.is_passive.any()
+
     def torque(self, q: Array) -> Array:
         """Torques of the springs whose rest position is given; zero for the others."""
         x = np.where(np.isnan(self.rest), 0.0, q - self.rest)
@@ -281,9 +289,9 @@ class JointSprings(Potential):
         InputError
             If a spring's law never reaches its torque.
         """
-        chosen = self.is_open(every)
-        if chosen.all() and not self.laws:
+        if self.is_wholly_open(every) and not self.laws:
             return self._with_rest(posture.q - gradient / self.stiffness)
+        chosen = self.is_open(every)
         rest = self.rest.copy()
         for j, law in self.laws.items():
             if chosen[j]:
@@ -301,7 +309,8 @@ class JointSprings(Potential):
         rest.flags.writeable = False
         springs = object.__new__(type(self))
         vars(springs).update(vars(self), rest=rest, _diagonal=self._diagonal)
-        vars(springs).pop("is_complete", None)
+        for name in ("is_complete", "_wholly_open"):
+            vars(springs).pop(name, None)
         return springs
 
 

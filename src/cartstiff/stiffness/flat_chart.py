@@ -86,7 +86,7 @@ def flat_chart(
         H = energy.hessian
         return FlatChart(rates.T @ H @ rates, H, rates)
     to_chart = chart.jacobian @ rates
-    values = np.linalg.svd(to_chart * natural, compute_uv=False)
+    values = numerics.singular_values(to_chart * natural)
     if not numerics.is_regular(values):
         message = "the actuated coordinates do not determine the pose here"
         found = {"singular_values": values.tolist()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,14 +12,11 @@ from numpy.typing import NDArray
 
 from cartstiff import graded, numerics
 from cartstiff.geometry.se3 import Array
+from cartstiff.lazily import cached_property
 
 __all__ = ["FreeMotions"]
 
 _NO_CHANGE, _NO_CHANGES = np.zeros((1, 6, 6)), np.zeros((0, 6, 6))
-
-
-def _nothing() -> None:
-    return None
 
 
 def _given(motions: FreeMotions | None) -> FreeMotions | None:
@@ -45,7 +42,7 @@ class FreeMotions:
         The motions; None if they are the coordinates themselves.
     is_symmetric : bool
         Whether `hessian` is that of an energy.
-    apart : callable
+    apart : callable or None
         The same motions in a basis that keeps stiff springs from soft ones, or None: taken where
         `hessian` has lost digits.
     springs : tuple of ndarray (m, n), (m,), or None
@@ -60,7 +57,7 @@ class FreeMotions:
     largest: Callable[[], float]
     basis: Array | None = None
     is_symmetric: bool = True
-    apart: Callable[[], FreeMotions | None] = _nothing
+    apart: Callable[[], FreeMotions | None] | None = None
     springs: tuple[Array, Array] | None = None
     error: float = 0.0
 
@@ -95,8 +92,8 @@ class FreeMotions:
         inverses, errors = self._inverses(changes, other)
         J = self.jacobian
         C = J @ inverses @ J.T
-        same = (changes == changes.swapaxes(1, 2)).reshape(len(changes), 36).tolist()
-        symmetric = [self.is_symmetric and all(each) for each in ([], *same, [])]
+        same = [self.is_symmetric and numerics.is_symmetric(D) for D in changes]
+        symmetric = [self.is_symmetric, *same, self.is_symmetric]
         return [_one(*each) for each in zip(C, errors, symmetric, strict=False)]
 
     def root(
@@ -178,7 +175,7 @@ class FreeMotions:
 
     @cached_property
     def _apart(self) -> FreeMotions | None:
-        return self.apart()
+        return None if self.apart is None else self.apart()
 
     @cached_property
     def _terms(self) -> Array:
@@ -187,6 +184,12 @@ class FreeMotions:
     @cached_property
     def _largest(self) -> float:
         return self.largest()
+
+    @cached_property
+    def is_far_from_idle(self) -> bool:
+        """Whether stiffness along each motion is no small share of all that acts."""
+        least = min(self.hessian.diagonal().tolist(), default=0.0)
+        return least > 1e5 * numerics.IDLE * self._largest
 
     @cached_property
     def idle(self) -> NDArray[np.bool_]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,6 +21,7 @@ from cartstiff.geometry.connections import (
     Connection,
 )
 from cartstiff.geometry.se3 import Array
+from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import MechanismPosture, Units
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.notebook import ShownInLines
@@ -29,6 +29,7 @@ from cartstiff.potentials.contract import Evaluation
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.flat_chart import FlatChart, flat_chart, flat_connection
 from cartstiff.stiffness.in_frame import StiffnessInFrame, stiffness_in_frame
+from cartstiff.stiffness.inverses import has_all_digits, inverses, plain_inverses
 from cartstiff.stiffness.posture_notes import (
     error_of_chosen_forces,
     notes_on_digits,
@@ -184,18 +185,17 @@ class PostureStiffness(ShownInLines):
 
     @cached_property
     def _inverses(self) -> dict[str, numerics.Inverse | None]:
-        """`compliances` with their errors, all from one stack."""
-        free, W = self.reduction.free, self.wrench
-        if free is None or W is None:
-            return dict.fromkeys("ABKF")
-        H = self._flat.hessian
-        if any(W.tolist()):
-            B, A, K, *F = free.compliances(self._changes, H)
-            return {"A": A, "B": B, "K": K, "F": F[0] if F else None}
-        # Then one Hessian serves all, but for a chart that is not the coordinates themselves.
-        same = H is self.evaluation.hessian and self.posture.closure is None
-        B, *F = free.compliances(other=None if same else H)
-        return {**dict.fromkeys("ABK", B), "F": F[0] if F else B if same else None}
+        """`compliances` with their errors."""
+        if self._plain_inverses is not None:
+            return self._plain_inverses
+        chart = self._flat.hessian
+        own = chart is self.evaluation.hessian and self.posture.closure is None
+        return inverses(self.reduction, self._changes, chart, own)
+
+    @cached_property
+    def _plain_inverses(self) -> dict[str, numerics.Inverse | None] | None:
+        changes, chart = self._changes, self._flat.hessian
+        return plain_inverses(self.reduction, self.matrices, changes, chart)
 
     def root_of_compliance(self, name: str, others: str) -> Array | None:
         """G (6, 6) with ``G G^T`` the C of `StiffnessInFrame.pair`, in M.
@@ -354,22 +354,22 @@ class PostureStiffness(ShownInLines):
         if isinstance(chart, str):
             return None
         if self._flat.to_chart is None:  # else it has been seen to be regular
-            values = np.linalg.svd(chart.jacobian * self._natural, compute_uv=False)
+            values = numerics.singular_values(chart.jacobian * self._natural)
             if not values[-1] > numerics.RANK * values[0]:
                 return None
-        return fixed(np.linalg.inv(chart.jacobian))
+        return fixed(numerics.inverted(chart.jacobian, regular=True))
 
     @cached_property
     def notes(self) -> tuple[Note, ...]:
         """What was assumed, and why something does not exist."""
-        reason = self._flat.note
+        reason, error = self._flat.note, self._error_of_forces
         change = self.change_by_load if self._load_is_given else None
-        known = self._inverses["B"], self._natural, change, self._error_of_forces
-        return (
-            *self.notes_on_posture,
-            *(() if reason is None else (reason,)),
-            *notes_on_digits(self.reduction, *known),
-        )
+        digits = list[Note]()
+        K = None if self._plain_inverses is None else self.reduction.stiffness
+        if error > numerics.TELLING or not has_all_digits(K, change):
+            known = self._inverses["B"], self._natural, change, error
+            digits = notes_on_digits(self.reduction, *known)
+        return (*self.notes_on_posture, *(() if reason is None else (reason,)), *digits)
 
     @property
     def _error_of_forces(self) -> float:

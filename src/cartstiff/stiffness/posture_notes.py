@@ -30,7 +30,7 @@ def notes_on_posture(
         *near_type_2(posture, reduction.motions),
         *elastic.remarks(posture),
         *limit_notes(elastic.mechanism, posture),
-        *weighed(elastic).notes,
+        *(() if elastic.gravity is None else weighed(elastic).notes),
     )
 
 
@@ -158,14 +158,15 @@ def near_type_2(posture: MechanismPosture, free: Array | None = None) -> list[No
     rates = posture.actuation * posture.coordinate_lengths
     if free is not None:
         rates = rates @ free
-    values = np.linalg.svd(rates, compute_uv=False)
+    values = numerics.singular_values(rates)
     if len(values) < rates.shape[1] or not values[-1] < numerics.NEAR * values[0]:
         return []
     motions = np.linalg.svd(rates)[2]
     if free is not None:
         motions = motions @ free.T
-    lost = int(np.sum(values <= numerics.RANK * values[0]))
-    weak = lost or int(np.sum(values < numerics.NEAR * values[0]))
+    each = values.tolist()
+    lost = sum(value <= numerics.RANK * each[0] for value in each)
+    weak = lost or sum(value < numerics.NEAR * each[0] for value in each)
     return [
         Note(
             "type-2-singularity" if lost else "near-type-2-singularity",

@@ -23,17 +23,20 @@ Motions are combined by `cartstiff.numerics.graded_basis`: stiff and soft spring
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from dataclasses import dataclass, field
+from functools import cache
+from math import sqrt
 
 import numpy as np
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
+from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.potentials.contract import Evaluation, Map
 from cartstiff.stiffness.closures import State, decompose, irregular
 from cartstiff.stiffness.free_motions import FreeMotions
+from cartstiff.stiffness.redundant import plainly_redundant
 
 __all__ = ["Reduction", "State", "reduce_to", "scaled_values"]
 
@@ -133,18 +136,27 @@ def reduce_to(
         result = _square(output, energy, rows, coordinate_lengths, force, apart)
         if result is not None:
             return result
+    if closure is None and n > m:
+        found = plainly_redundant(output, energy, rows, coordinate_lengths, force)
+        if found is not None:
+            force, K, values, free = found
+            K = _without_noise(K, rows)
+            inner = K / rows / rows[:, None]
+            return Reduction(force, K, np.zeros(0), values, m, n, free, np.diag(1 / rows), inner)
     return _general(output, energy, closure, rows, coordinate_lengths, force, what)
 
 
 def scaled_values(posture: MechanismPosture) -> Array:
     """Singular values of the length-scaled Jacobian of a posture."""
     rows = np.repeat([1.0, 1 / posture.length], 3)
-    scaled = posture.motion.jacobian * rows[:, None] * posture.coordinate_lengths
-    return np.linalg.svd(scaled, compute_uv=False)
+    return numerics.singular_values(
+        posture.motion.jacobian * rows[:, None] * posture.coordinate_lengths
+    )
 
 
 #: How many units of rounding the direction of a spring may be off.
 _GEOMETRY = 16.0
+_NOISE = (_GEOMETRY * numerics.EPSILON) ** 2
 _COMPLIANCE_ALONE = "the stiffness matrix does not exist, the compliance does"
 _NEITHER = "the stiffness matrix does not exist, nor the compliance, as a motion costs nothing"
 
@@ -167,6 +179,10 @@ def _without_noise(K: Array, rows: Array) -> Array:
     A spring k whose rate along a motion is rounded to 0 still adds ``k EPSILON^2`` there, and
     ``k EPSILON`` beside it. A load can leave zero on the diagonal alone: that is no noise.
     """
+    # Where the least of the diagonal is above all that can count as noise there is none.
+    least, units = min(map(abs, K.diagonal().tolist())), (1.0, rows.item(-1))
+    if least * min(units) ** 2 > _NOISE * _norm(K) * max(units) ** 2:
+        return K
     size = np.abs(K) / rows / rows[:, None]
     most, share = size.max(initial=0.0), _GEOMETRY * numerics.EPSILON
     noise = (size.diagonal() <= share**2 * most) & (size.max(axis=1, initial=0.0) <= share * most)
@@ -188,7 +204,9 @@ def _norm(array: Array) -> float:
 
 def _symmetric(matrix: Array, energy: Evaluation) -> Array:
     """The matrix without the asymmetry of its rounding, where the forces have a potential."""
-    return 0.5 * (matrix + matrix.T) if energy.energy == energy.energy else matrix
+    if energy.energy != energy.energy or numerics.is_symmetric(matrix):
+        return matrix
+    return 0.5 * (matrix + matrix.T)
 
 
 def _doubtful(gradient: Array, stiffness: Array) -> Array:
@@ -213,14 +231,14 @@ def _square(
 ) -> Reduction | None:
     """As many coordinates as outputs and no closure: K = J^-T H_L J^-1; None if J is singular."""
     J = output.jacobian
-    values = np.linalg.svd(J * rows[:, None] * columns, compute_uv=False)
+    values = numerics.singular_values(J * rows[:, None] * columns)
     if not values[-1] > numerics.RANK * values[0]:
         return None
-    A = np.linalg.inv(J)
+    A = numerics.inverted(J, regular=True)
     force = A.T @ energy.gradient
     if given is not None:  # the springs' own torques are rounded where they are stiff
         missed = J.T @ given - energy.gradient
-        if not missed.any() or np.all(np.abs(missed) <= _slight(J, given, energy)):
+        if not any(missed.tolist()) or np.all(np.abs(missed) <= _slight(J, given, energy)):
             force = given
     curvature = output.curvature(force)
     H = energy.hessian - curvature
@@ -238,18 +256,21 @@ def _square(
     def largest() -> float:
         stiff = _norm(energy.hessian)
         doubt = 0.0 if force is given else numerics.ROUNDING * stiff * _norm(A)
-        least = (numerics.EPSILON * _norm(force) + doubt) * _norm(1 / rows) / numerics.IDLE
-        return stiff + _norm(curvature) + least / float(columns.min()) ** 2
+        lengths = sqrt(3.0 + 3.0 / rows.item(-1) ** 2)
+        least = (numerics.EPSILON * _norm(force) + doubt) * lengths / numerics.IDLE
+        return stiff + _norm(curvature) + least / min(columns.tolist()) ** 2
 
     free = FreeMotions(
-        J, _symmetric(H, energy), terms, largest, is_symmetric=energy.energy == energy.energy
-    )
-    if apart is not None:
-        free = replace(free, apart=apart)
+        J, _symmetric(H, energy), terms, largest, is_symmetric=energy.energy == energy.energy,
+        apart=apart,
+    )  # fmt: skip
     idle = free.idle
-    if idle.any() and free.inverse() is None:
+    if any(idle.tolist()) and free.inverse() is None:
         H = np.where(idle[:, None] | idle, 0.0, H)
-    K = _without_noise(_symmetric(A.T @ H @ A, energy), rows)
+    K = A.T @ H @ A
+    if energy.energy == energy.energy:
+        K = 0.5 * (K + K.T)
+    K = _without_noise(K, rows)
     return Reduction(force, K, np.zeros(0), values, n, n, free, rates=A)
 
 
@@ -289,7 +310,7 @@ def _general(
         N, leading = numerics.graded_basis(orthonormal, stiff, closures.V)
     motions = None if closure is None else orthonormal
     freedoms = N.shape[1]
-    U, values, Vt = np.linalg.svd(J @ orthonormal)
+    U, values, Vt = np.linalg.svd(J if closure is None else J @ orthonormal)
     rank = numerics.rank(values, numerics.EPSILON * np.abs(J).sum())
     U, lost, along = U[:, :rank], U[:, rank:], orthonormal @ Vt[rank:].T
     if rank == len(rows):

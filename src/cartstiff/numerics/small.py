@@ -1,0 +1,53 @@
+"""Inverses and singular values of small matrices, by NumPy's routines without what is around them.
+
+`numpy.linalg` looks at types and shapes for longer than LAPACK works on six rows. The digits are
+the same; where NumPy keeps its routines elsewhere its public functions are taken.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cartstiff.numerics.policy import Array
+
+__all__ = ["inverted", "singular_values"]
+
+
+def _routine(name: str) -> Any:
+    return getattr(getattr(np.linalg, "_umath_linalg", None), name, None)
+
+
+_INVERT, _SINGULAR_VALUES = _routine("inv"), _routine("svd")
+
+
+def inverted(matrices: Array, regular: bool = False) -> Array:
+    """Inverses of square matrices (..., n, n) of doubles; NaN for one with a pivot of zero.
+
+    With `regular` it is known that there is none, and nobody need watch for it.
+    """
+    if _INVERT is None:
+        return _inverted(matrices)
+    if regular:
+        return np.asarray(_INVERT(matrices))
+    with np.errstate(all="ignore"):
+        return np.asarray(_INVERT(matrices))
+
+
+def singular_values(matrix: Array) -> Array:
+    """Singular values of a matrix (m, n) of doubles, the largest first."""
+    if _SINGULAR_VALUES is None or not matrix.size:
+        return np.asarray(np.linalg.svd(matrix, compute_uv=False), float)
+    return np.asarray(_SINGULAR_VALUES(matrix))
+
+
+def _inverted(matrices: Array) -> Array:
+    """`inverted` by what NumPy shows, for which one singular matrix of a stack is an error."""
+    found = np.full(matrices.shape, np.nan)
+    for at in np.ndindex(matrices.shape[:-2]):
+        try:
+            found[at] = np.linalg.inv(matrices[at])
+        except np.linalg.LinAlgError:
+            continue
+    return found
