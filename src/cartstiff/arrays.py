@@ -16,13 +16,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
-from cartstiff.errors import InputError
+from cartstiff.errors import InputError, one_line
 
 __all__ = [
     "Array",
     "NamedArrays",
     "Result",
     "checked_array",
+    "checked_flag",
     "checked_length",
     "checked_matrix",
     "checked_number",
@@ -272,6 +273,13 @@ def checked_unit(values: ArrayLike, what: str = "direction") -> Array:
 def checked_number(value: object, what: str, *, where: str | None = None) -> float:
     """One finite number."""
     return float(checked_array(value, (), what, where=where, copy=False))  # type: ignore[arg-type]
+
+
+def checked_flag(value: object, what: str) -> bool:
+    """True or False: text such as "no" would count as true."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise InputError(what, expected="True or False", got=one_line(value))
+    return bool(value)
 
 
 def checked_length(value: object, what: str = "length", *, where: str | None = None) -> float:

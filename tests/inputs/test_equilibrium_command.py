@@ -263,7 +263,7 @@ def test_a_path_of_postures(run: Run, answer: Any) -> None:
     data = answer(*push)
     assert data["springs"] == [f"leg{i}" for i in range(1, 7)]
     header, table = _table("commands.csv")
-    assert header[:2] == ["command_leg1", "command_leg2"]
+    assert header[:2] == ["command_leg1 [m]", "command_leg2 [m]"]
     np.testing.assert_array_equal(table[:, :6], data["commands"])
     assert data["stable"] == [True, True]
     assert data["summary"]["before"]["translation_max"] > 1e-5

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_array, is_pose
+from cartstiff.arrays import checked_array, checked_flag, is_pose
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.branches import Branches, Search
@@ -98,6 +98,7 @@ def inverse_kinematics(
     """
     if free not in get_args(Free):
         raise UnknownNameError("free rotation", str(free), get_args(Free))
+    limits = checked_flag(limits, "limits")
     wanted = checked_array(T_F_M, [(4, 4), ("N", 4, 4)], "array of poses")
     single = wanted.ndim == 2
     wanted = wanted[None] if single else wanted

@@ -87,6 +87,11 @@ def prepare_map(
 
     Arguments as in `compute_map`.
     """
+    if not isinstance(sampling, Sampling):
+        raise InputError(
+            "not a choice of postures", where="sampling", got=type(sampling).__name__,
+            expected="a Grid, RandomPostures, Trajectory or CartesianGrid",
+        )  # fmt: skip
     path = Path(file)
     if path.suffix != ".zarr":
         raise InputError("unknown file ending", where=one_line(str(file)), expected=".zarr")

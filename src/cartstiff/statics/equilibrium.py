@@ -15,6 +15,7 @@ from typing import Literal
 
 from numpy.typing import ArrayLike
 
+from cartstiff.arrays import checked_flag
 from cartstiff.errors import ConvergenceError, InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import named_values
@@ -99,6 +100,7 @@ def equilibrium(
     """
     if not (isinstance(iterations, Integral) and iterations >= 1):
         raise InputError("bound on the steps cannot be used", expected="1 or more", got=iterations)
+    limits, settle = checked_flag(limits, "limits"), checked_flag(settle, "settle")
     names = checked_elastic(elastic).names
     q = elastic.q if q0 is None else (
         named_values(q0, names, elastic.q, "q0")

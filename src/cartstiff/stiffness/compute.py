@@ -8,7 +8,7 @@ from typing import Literal
 
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_vector, fixed
+from cartstiff.arrays import checked_flag, checked_vector, fixed
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
@@ -83,6 +83,7 @@ def analyse(
     kind = DEAD_AT_ORIGIN
     if load_kind != "dead" or load_at is not kind.at:
         kind = LoadKind(load_kind, load_at)  # type: ignore[arg-type]
+    strict = checked_flag(strict, "strict")
     given = None
     if wrench is not None:
         given = checked_vector(wrench, 6, "wrench")
