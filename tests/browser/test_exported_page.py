@@ -57,7 +57,7 @@ def test_the_same_numbers_offline(file, pages):
     settled(page)
     assert "Principal compliance" in page.inner_text("#right")
     # The plot of the sweep, its cursor, dark colours, the analysis.
-    assert page.locator(".plot .curve").count() == 3
+    assert page.locator("#strip .plot .curve").count() == 3
     page.keyboard.press("t")
     settled(page)
     assert page.get_attribute("html", "data-theme") == "dark"
@@ -96,7 +96,7 @@ def test_a_trajectory_has_a_time_slider(tmp_path, pages):
     path = tmp_path / "path.html"
     path.write_text(export_page(source), encoding="utf-8")
     page = pages.open(path.as_uri(), offline=True)
-    page.wait_for_selector(".plot .curve-2")
+    page.wait_for_selector("#strip .plot .curve-2")
     page.focus("#time")
     page.keyboard.press("End")
     settled(page)

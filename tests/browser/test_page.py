@@ -274,9 +274,9 @@ def test_posture_a_against_posture_b(ur5):
 
 
 def test_a_sweep_is_plotted_and_followed(ur5):
-    ur5.wait_for_selector(".plot .curve")
-    assert ur5.locator(".plot .curve").count() == 3
-    box = ur5.locator(".plot").bounding_box()
+    ur5.wait_for_selector("#strip .plot .curve")
+    assert ur5.locator("#strip .plot .curve").count() == 3
+    box = ur5.locator("#strip .plot").bounding_box()
     ur5.mouse.click(box["x"] + 0.9 * box["width"], box["y"] + box["height"] / 2)
     settled(ur5)
     q = ur5.evaluate("() => window.cartstiff.numbers.result.q")
