@@ -24,9 +24,9 @@ def _missing(reason: str) -> None:
     pytest.skip(words)
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
-    """One browser for the tests of this folder.
+    """One browser for the tests of a file.
 
     While it runs, playwright keeps an event loop running in this thread: it must be gone before
     tests that run one of their own.
@@ -96,12 +96,11 @@ class Pages:
         page.watch = watch
         return page
 
-    def shared(self, url: str, *, offline: bool = False) -> Any:
+    def shared(self, url: str) -> Any:
         """The same page for every test that asks for it, as if it had just been opened."""
         if url not in self._shared:
-            self._shared[url] = self.open(url, offline=offline)
+            self._shared[url] = self.open(url)
         page = self._shared[url]
-        page.set_viewport_size(VIEWPORT)
         page.evaluate(RESET)
         settled(page)
         return page
@@ -128,7 +127,7 @@ RESET = """() => {
 }"""
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="module")
 def _pages(chromium: Any) -> Pages:
     return Pages(chromium)
 

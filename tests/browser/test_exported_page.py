@@ -29,7 +29,7 @@ def result(page: Any) -> dict[str, Any]:
 
 
 def test_the_same_numbers_offline(file, pages):
-    page = pages.shared(file, offline=True)
+    page = pages.open(file, offline=True)
     assert page.title() == "cubic · cartstiff"
     arm = cartstiff.load("cubic")
     assert result(page) == cartstiff.analyse(arm, wrench=LOAD).as_dict()
@@ -64,11 +64,11 @@ def test_the_same_numbers_offline(file, pages):
     page.keyboard.press("i")
     page.wait_for_selector("#report pre:has-text('Principal stiffness')")
     assert page.watch.requests == [file]
-    page.keyboard.press("t")
+    page.context.close()
 
 
 def test_parts_can_be_hidden(file, pages):
-    page = pages.shared(file, offline=True)
+    page = pages.open(file, offline=True)
     visible = """() => {
         const tree = window.cartstiff.pane.viewer.scene_tree;
         const node = tree.find(["meshcat", "cartstiff", "translation ellipsoid"]);
@@ -85,6 +85,7 @@ def test_parts_can_be_hidden(file, pages):
     page.check("text=Translation ellipsoid")
     settled(page)
     assert page.evaluate(visible)
+    page.context.close()
 
 
 def test_a_trajectory_has_a_time_slider(tmp_path, pages):

@@ -48,21 +48,17 @@ def notebook(tmp_path: Path, pages: Any) -> Iterator[Any]:
 
     server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=tmp_path))
     threading.Thread(target=server.serve_forever, daemon=True).start()
-    shown = []
 
     def show(cells: str) -> Any:
         head = "<!doctype html><meta charset=utf-8><link rel=icon href=data:,>"
         (tmp_path / "notebook.html").write_text(head + cells, "utf-8")
         page = pages.blank()
-        shown.append(page)
         page.goto(f"http://127.0.0.1:{server.server_port}/notebook.html")
         frame = page.query_selector("iframe").content_frame()
         frame.wait_for_function(_READY)
         return frame
 
     yield show
-    for page in shown:  # before the kernel that serves it ends
-        page.context.close()
     server.shutdown()
     server.server_close()
 

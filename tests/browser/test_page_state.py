@@ -38,7 +38,7 @@ def changed(page, **wishes):
 
 
 def test_another_frame_keeps_posture_load_springs_and_posture_a(serve, pages):
-    page = pages.shared(serve("ur5").url)
+    page = pages.open(serve("ur5").url)
     q = [0.3, -1.0, 1.2, -0.4, 0.9, 0.1]
     springs = [2e4, 3e4, 2e4, 5e3, 5e3, 4e3]
     changed(page, q=q, moved=None, stiffness=springs, load=[1, 2, 3, 40, -50, 60],
@@ -67,8 +67,6 @@ def test_another_frame_keeps_posture_load_springs_and_posture_a(serve, pages):
     assert np.allclose(state["load_at"], point, atol=1e-12)
     assert np.allclose(after.at(apart).matrices["B"], before.matrices["B"], rtol=1e-9, atol=1e-6)
     assert close(matrix(page), after.tangent)
-    page.select_option("select[aria-label='Frame M']", "tool0")
-    page.wait_for_selector("#kind:has-text('tool0')")
 
 
 def test_fit_frames_the_posture_that_is_shown(ur5):
@@ -81,7 +79,7 @@ def test_fit_frames_the_posture_that_is_shown(ur5):
         window.looks = 0;
         pane.look = function (...how) { look.apply(this, how); window.looks += 1; };
     }""")
-    for looks in range(1, 6):
+    for looks in range(1, 9):
         changed(ur5, q=draw.uniform(-3.1, 3.1, len(arm.names)).tolist(), moved=None)
         ur5.click("#cameras [data-preset=fit]")
         ur5.wait_for_function("(looks) => window.looks === looks", arg=looks)
