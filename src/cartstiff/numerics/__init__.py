@@ -64,6 +64,7 @@ from cartstiff.numerics.inverses import (
 from cartstiff.numerics.policy import (
     BALANCE,
     EPSILON,
+    FAR_FROM_IDLE,
     IDLE,
     INVERTIBLE,
     LOST,
@@ -107,6 +108,7 @@ __all__ = [
     "FAINT",
     "FAR",
     "FAR_APART",
+    "FAR_FROM_IDLE",
     "FINEST",
     "FLAT",
     "IDLE",

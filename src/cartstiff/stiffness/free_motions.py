@@ -189,7 +189,7 @@ class FreeMotions:
     def is_far_from_idle(self) -> bool:
         """Whether stiffness along each motion is no small share of all that acts."""
         least = min(self.hessian.diagonal().tolist(), default=0.0)
-        return least > 1e5 * numerics.IDLE * self._largest
+        return least > numerics.FAR_FROM_IDLE * self._largest
 
     @cached_property
     def idle(self) -> NDArray[np.bool_]:
