@@ -240,7 +240,10 @@ def _has_members(name: str) -> bool:
     path = base / "__init__.py" if base.is_dir() else base.with_suffix(".py")
     tree = ast.parse(path.read_text(encoding="utf-8"))
     kinds = (ast.FunctionDef, ast.ClassDef)
-    return any(isinstance(n, kinds) and not n.name.startswith("_") for n in tree.body)
+    # What stands in a branch, as for a type checker, is there too.
+    branches = [m for n in tree.body if isinstance(n, ast.If) for m in (*n.body, *n.orelse)]
+    members = [n for n in (*tree.body, *branches) if isinstance(n, kinds)]
+    return any(not n.name.startswith("_") for n in members)
 
 
 class PackageModules(_Text):
