@@ -345,7 +345,8 @@ class PublishedCases(_Text):
                 yield f"*{case.reason}*"
             source = case.source
             link = f" `{source.link} <{source.link}>`__" if source.link else ""
-            yield from ("", f"Source: {source.work}; {source.place}.{link}", "")
+            where = f"{source.work}; {source.place}. Seen: {source.looked_up}.{link}"
+            yield from ("", f"Source: {where}", "")
             yield from (
                 ".. list-table::",
                 "   :header-rows: 1",

@@ -29,6 +29,7 @@ def test_case(name):
     outcomes = run_case(path, case, PLAIN)
     assert not [(o.tool, o.asked.name, o.value) for o in outcomes if not o.as_said]
     assert all(o.value is not None for o in outcomes if o.tool == "cartstiff")
+    assert {o.asked.name for o in outcomes if o.tool == "cartstiff"} == {a.name for a in case.asked}
     if (path / "derivation.py").is_file():
         code = (path / "derivation.py").read_text(encoding="utf-8")
         assert "cartstiff" not in code
@@ -64,6 +65,9 @@ def test_the_short_reader_judges_alike():
 def _changed(tmp_path, name, old, new, file="case.yaml"):
     folder = tmp_path / name
     shutil.copytree(FOLDER / name, folder)
+    home = CASES[name][1].answered_as
+    if home:
+        shutil.copytree(FOLDER / home, tmp_path / home, dirs_exist_ok=True)
     text = (folder / file).read_text(encoding="utf-8")
     assert old in text
     (folder / file).write_text(text.replace(old, new, 1), encoding="utf-8")
@@ -127,6 +131,19 @@ def test_bad_cases_are_refused_in_one_line(tmp_path, old, new, word):
         read_case(folder)
     assert word in str(refusal.value)
     assert "\n" not in str(refusal.value)
+
+
+def test_a_case_without_an_answer_is_refused(tmp_path):
+    folder = _changed(
+        tmp_path, "cubic-centred", "import cartstiff", "import cartstiff", "answer.py"
+    )
+    (folder / "answer.py").unlink()
+    with pytest.raises(InputError, match="case has no answer"):
+        run_case(folder, read_case(folder))
+    bad = _changed(tmp_path, "cubic-small-above", "answered_as: cubic-centred",
+                   "answered_as: ../elsewhere")  # fmt: skip
+    with pytest.raises(InputError, match="answered_as"):
+        read_case(bad)
 
 
 def test_tools_that_are_none(tmp_path):

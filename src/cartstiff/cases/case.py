@@ -127,7 +127,13 @@ class Case(_Entry):
         "reproduced", "reproduced after a correction", "contradicts itself", "inputs incomplete"
     ]
     reason: Annotated[Text | None, Field(description="needed where it is not reproduced")] = None
-    slow: Annotated[bool, Field(description="takes more than ten seconds")] = False
+    answered_as: Annotated[
+        str | None,
+        Field(
+            pattern=r"^[\w-]+$", max_length=200,
+            description="the case beside this one whose answer.py and derivation.py serve here too",
+        ),
+    ] = None  # fmt: skip
 
     @model_validator(mode="after")
     def _fits(self) -> Case:

@@ -93,9 +93,20 @@ def tool(path: Path) -> Tool:
     return answers
 
 
-def own_tools(folder: Path) -> dict[str, Tool]:
-    """What stands in the case's own folder: cartstiff's answer, and the derivation if any."""
-    return {name: tool(folder / file) for file, name in OWN.items() if (folder / file).is_file()}
+def own_tools(folder: Path, case: Case) -> dict[str, Tool]:
+    """The case's own tools: cartstiff's answer, and the derivation if there is one.
+
+    Raises
+    ------
+    InputError
+        If something is asked and there is no answer.
+    """
+    home = folder.parent / case.answered_as if case.answered_as else folder
+    tools = {name: tool(home / file) for file, name in OWN.items() if (home / file).is_file()}
+    if case.asked and "cartstiff" not in tools:
+        raise InputError("case has no answer", where=one_line(str(folder)),
+                         expected=one_line(str(home / "answer.py")))  # fmt: skip
+    return tools
 
 
 def run_case(folder: Path, case: Case, others: Mapping[str, Tool] | None = None) -> list[Outcome]:
@@ -114,7 +125,7 @@ def run_case(folder: Path, case: Case, others: Mapping[str, Tool] | None = None)
     inputs = dict(case.inputs)
     inputs["asked"] = {a.name: {"quantity": a.quantity, "order": a.order} for a in case.asked}
     outcomes = []
-    for name, answers in {**own_tools(folder), **(others or {})}.items():
+    for name, answers in {**own_tools(folder, case), **(others or {})}.items():
         error, values = "", {}
         try:
             values = dict(answers(dict(inputs), folder))
