@@ -49,10 +49,6 @@ OWNERS = {"pinocchio": {"mechanisms", "loading"}, "meshcat": {"scene", "page"}}
 LONG = {
     "loading/schema.py": 480,
     "many/chain_arithmetic.py": 470,
-    "statics/rest.py": 440,
-    "stiffness/posture.py": 490,
-    "stiffness/reduction.py": 500,
-    "stiffness/tensor.py": 500,
 }
 #: Packages that `import cartstiff` must not load.
 HEAVY = ("numpy", "pinocchio", "scipy", "matplotlib", "tornado", "meshcat")

@@ -8,7 +8,7 @@ import pytest
 import cartstiff
 from cartstiff import numerics
 from cartstiff.numerics import inverses, small
-from cartstiff.stiffness import compute, posture, redundant
+from cartstiff.stiffness import compute, posture
 
 WRENCH = np.array([3.0, -2.0, 1.0, 40.0, -25.0, 60.0])
 #: Relative to what the diagonal allows an entry to be: twelve digits are promised.
@@ -16,7 +16,6 @@ AGREED = 1e-12
 
 
 def _without_short_ways(monkeypatch):
-    monkeypatch.setattr(redundant, "plainly_redundant", lambda *_: None)
     monkeypatch.setattr("cartstiff.stiffness.reduction.plainly_redundant", lambda *_: None)
     monkeypatch.setattr(posture.PostureStiffness, "_plain_inverses", None)
 

@@ -59,8 +59,7 @@ def cartesian_stiffness(jacobian: ArrayLike, joint_matrix: ArrayLike, wrench: Ar
     reduction = reduce_to(output, energy, None, reach(J), np.ones(J.shape[1]))
     K = reduction.stiffness
     if K is None:
-        state = reduction.states[-1]
-        raise UndefinedError(state.message, code=state.code, values=state.values)
+        raise reduction.undefined()
     return K
 
 

@@ -27,8 +27,9 @@ from cartstiff.statics.held import Held
 from cartstiff.statics.limits import Contact
 from cartstiff.statics.newton import Solution, solve
 from cartstiff.statics.problem import System
-from cartstiff.statics.rest import Equilibrium, Reactions, state_of_rest
+from cartstiff.statics.rest import Equilibrium, Reactions
 from cartstiff.statics.sensitivity import chosen_forces
+from cartstiff.statics.verdict import state_of_rest
 from cartstiff.stiffness.applied_load import LoadKind
 
 __all__ = ["Equilibrium", "Held", "Reactions", "equilibrium"]

@@ -9,33 +9,23 @@ from typing import Any
 
 import numpy as np
 
-from cartstiff import numerics
 from cartstiff.arrays import read_only
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.elements import Elements
-from cartstiff.mechanisms.limits import limit_notes
-from cartstiff.mechanisms.weighed import weighed
 from cartstiff.notebook import ShownInLines
-from cartstiff.numerics import EPSILON, IDLE
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import Load
-from cartstiff.potentials.springs import JointSprings
-from cartstiff.statics.balance import Balance, spectrum
-from cartstiff.statics.flutter import MASSLESS, UNDAMPED, vibrations
 from cartstiff.statics.held import displacement_between
 from cartstiff.statics.newton import Solution
-from cartstiff.statics.problem import Point, System
+from cartstiff.statics.problem import System
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.reduction import reduce_to
 from cartstiff.stiffness.showing import codes_of, numbers_text
 from cartstiff.stiffness.tensor import StiffnessTensor
 
-__all__ = ["Equilibrium", "Reactions", "state_of_rest"]
-
-# A force that is unsure by more than this share of the largest one is named.
-_COUNTS = numerics.UNFELT
+__all__ = ["Equilibrium", "Reactions"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,151 +253,3 @@ class Equilibrium(ShownInLines):
 
 def _plain(array: Array | None) -> list[float] | None:
     return None if array is None else array.tolist()
-
-
-def state_of_rest(
-    system: System, solution: Solution, start: MechanismPosture, stages: int
-) -> Equilibrium:
-    """The result of a solution: verdict on its stability, reactions, notes."""
-    point, balance = solution.point, solution.balance
-    notes = list(system.elastic.notes)
-    conservative = not np.isnan(point.evaluation.energy)
-    stable, values, found = (
-        _by_energy(balance) if conservative else _by_vibrations(system, point, balance)
-    )
-    notes += found
-    if stages > 1:
-        notes.append(
-            Note(
-                "load-stages",
-                f"the load was put on in {stages} stages: at once, no equilibrium was found",
-                {"stages": stages},
-            )
-        )
-    beyond = limit_notes(system.elastic.mechanism, start, "at the start: ")
-    if beyond and len(system.limits):
-        words = ". The limits act from there on: the displacement begins with the way back to them"
-        beyond = [Note(n.code, n.message + words, n.values) for n in beyond]
-    notes += beyond
-    if not len(system.limits):
-        notes += limit_notes(system.elastic.mechanism, point.posture, "at rest: ")
-    notes += system.elastic.remarks(point.posture)
-    notes += weighed(system.elastic).notes
-    notes += _drowned(system.elastic, point)
-    reactions = _reactions(system, solution)
-    for name, force in reactions.limits.items():
-        side = "lower" if force > 0 else "upper"
-        notes.append(Note("limit-contact", f"{name} rests on its {side} limit", {name: force}))
-    return Equilibrium(
-        system.elastic,
-        system.loads,
-        read_only(point.q),
-        point.posture,
-        start,
-        point.evaluation.energy,
-        0.0 if balance.is_rounding else balance.residual,
-        solution.iterations,
-        tuple(solution.history),
-        stable,
-        values,
-        reactions,
-        tuple(notes),
-        system,
-        solution,
-    )
-
-
-def _by_energy(balance: Balance) -> tuple[bool | None, Array, list[Note]]:
-    """Verdict by the energy's second derivative, its eigenvalues, and notes."""
-    values = spectrum(balance, conservative=True)
-    scaled, modes = balance.modes()
-    zero = max(IDLE, balance.unsure)
-    if np.all(scaled > zero):
-        return True, values, []
-    facts: dict[str, object] = {"eigenvalues": values.tolist()}
-    if np.all(scaled >= -zero):
-        words = (
-            "a motion costs no energy to second order, or too little to be seen beside the "
-            "stiffest spring: definiteness does not decide stability here"
-        )
-        return None, values, [Note("neutral", words, facts)]
-    direction = balance.motion(modes[:, 0])
-    facts["direction"] = (direction / np.linalg.norm(direction)).tolist()
-    words = "the equilibrium is unstable: the mechanism leaves it by itself"
-    return False, values, [Note("unstable", words, facts)]
-
-
-def _by_vibrations(
-    system: System, point: Point, balance: Balance
-) -> tuple[bool | None, Array, list[Note]]:
-    """Verdict by small vibrations, where a load has no potential."""
-    found = vibrations(point, balance, system.elastic.units, system.terms)
-    words = "a load has no potential: the definiteness of its tangent proves nothing"
-    notes = [Note("non-conservative", words)]
-    if found is None:
-        return None, np.empty(0), [*notes, MASSLESS]
-    if found.growing is None:
-        return None, found.squares, [*notes, UNDAMPED]
-    facts = {"frequency": found.frequency, "mode": found.mode.tolist()}
-    if found.growing == "flutter":
-        growing = Note("flutter", "vibrations about the equilibrium grow (flutter)", facts)
-    else:
-        words = "the mechanism leaves the equilibrium in one sense (divergence)"
-        growing = Note("divergence", words, facts)
-    return False, found.squares, [*notes, growing]
-
-
-def _drowned(elastic: ElasticMechanism, point: Point) -> list[Note]:
-    """Springs so stiff that the rounding of their joint's coordinate is a force that counts."""
-    springs = elastic.springs
-    if not isinstance(springs, JointSprings):
-        return []
-    lengths = point.posture.coordinate_lengths
-    size = np.maximum(np.abs(point.q), lengths) * lengths
-    unsure = EPSILON * springs.stiffness * size
-    acting = float(point.forces.max(initial=0.0))
-    found = {
-        elastic.names[j]: float(unsure[j] / lengths[j])
-        for j in np.flatnonzero(unsure > _COUNTS * acting)
-        if point.forces[j] > 0.0
-    }
-    if not found:
-        return []
-    return [
-        Note(
-            "force-unresolved",
-            f"the springs of {', '.join(found)} are so stiff that double precision does not "
-            "resolve their deflection: their forces, and the wrench that follows from them, are "
-            "known to the values given here; the posture does not suffer. A rigid joint has "
-            "no such limit (stiffness: rigid)",
-            {"uncertainty": found},
-        )
-    ]
-
-
-def _reactions(system: System, solution: Solution) -> Reactions:
-    posture, lam = solution.point.posture, solution.balance.multipliers
-    touched = len(solution.contacts)
-    rows = 0 if system.held is None else len(system.held.rows)
-    stiff = sorted(system.elastic.mechanism.rigid)
-    loops = len(lam) - rows - touched
-    closures = read_only(lam[: loops - len(stiff)])
-    names = system.elastic.names
-    torques = (-lam[loops - len(stiff) : loops]).tolist()
-    rigid = {names[j]: torque for j, torque in zip(stiff, torques, strict=True)}
-    stops = -lam[len(lam) - touched :]
-    limits = {
-        system.limits.names[c.quantity]: float(force)
-        for c, force in zip(solution.contacts, stops, strict=True)
-    }
-    if system.held is None:
-        return Reactions({}, None, limits, closures, rigid)
-    forces = -lam[loops : loops + rows]
-    _, _, to_components = system.held.constraint(posture)
-    return Reactions(
-        dict(zip(system.held.names, forces.tolist(), strict=True)),
-        read_only(to_components.T @ forces),
-        limits,
-        closures,
-        rigid,
-    )

@@ -27,11 +27,21 @@ from numpy.typing import ArrayLike
 from cartstiff.arrays import checked_vector
 from cartstiff.errors import UnknownNameError
 from cartstiff.geometry import se3
-from cartstiff.geometry.connections import CARTAN_MINUS, Connection, from_bilinear_map
+from cartstiff.geometry.connections import CARTAN_MINUS, KINEMATIC, Connection, from_bilinear_map
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.loads import DeadWrench, FollowerWrench, Load, SemitangentialWrench
 
-__all__ = ["LOAD_KINDS", "LoadKind", "wrench_in_body"]
+__all__ = ["LOAD_KINDS", "LoadKind", "changes_from_b", "wrench_in_body"]
+
+# K^X = K^B + (W @ _FROM_B)[X] for X = A, K at once: K^A = K^B - 1/2 M with the M of
+# `se3.bracket_form`, and K^X = K^A less the wrench term of the connection.
+_FROM_B = -np.concatenate(
+    [
+        c._symbols_by_wrench + 0.5 * se3.bracket_form(np.eye(6)).reshape(6, 36)
+        for c in (CARTAN_MINUS, KINEMATIC)
+    ],
+    axis=1,
+)
 
 #: Kinds of load and what each says, in words.
 LOAD_KINDS: Final = {
@@ -168,3 +178,8 @@ def _connection(kind: str, at: tuple[float, float, float]) -> Connection:
         name += f" at ({', '.join(f'{x:g}' for x in at)})"
     there = from_bilinear_map(nabla, name, meaning=f"tangent: {LOAD_KINDS[kind]}")
     return there.carried_to(se3.pose(translation=np.negative(at)))
+
+
+def changes_from_b(wrench: Array) -> Array:
+    """``K^A - K^B`` and ``K^K - K^B`` (2, 6, 6) under a wrench (6,) in the body frame."""
+    return np.asarray(np.dot(wrench, _FROM_B).reshape(2, 6, 6))

@@ -9,7 +9,7 @@ from typing import Literal
 from numpy.typing import ArrayLike
 
 from cartstiff.arrays import checked_flag, checked_vector, fixed
-from cartstiff.errors import InputError, UndefinedError
+from cartstiff.errors import InputError
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
@@ -112,6 +112,5 @@ def analyse(
         _load_is_given=given is not None and bool(given.any()),
     )  # fmt: skip
     if strict and reduction.stiffness is None:
-        state = reduction.states[-1]
-        raise UndefinedError(state.message, code=state.code, values=state.values)
+        raise reduction.undefined()
     return result

@@ -3,7 +3,7 @@ r"""Everything known about a mechanism's stiffness at one posture."""
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,31 +12,22 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.arrays import NamedArrays, checked_matrix, checked_pose, checked_vector, fixed
 from cartstiff.errors import UndefinedError, UnknownNameError
-from cartstiff.geometry import se3
-from cartstiff.geometry.connections import (
-    BI_INVARIANT,
-    CARTAN_MINUS,
-    KINEMATIC,
-    NAMED,
-    Connection,
-)
+from cartstiff.geometry.connections import NAMED, Connection
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import MechanismPosture, Units
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.notebook import ShownInLines
 from cartstiff.potentials.contract import Evaluation
-from cartstiff.stiffness.applied_load import LoadKind
-from cartstiff.stiffness.flat_chart import FlatChart, flat_chart, flat_connection
+from cartstiff.stiffness import posture_notes
+from cartstiff.stiffness.applied_load import LoadKind, changes_from_b
+from cartstiff.stiffness.flat_chart import FlatChart, flat_chart, flat_connection, pose_by_chart
 from cartstiff.stiffness.in_frame import StiffnessInFrame, stiffness_in_frame
 from cartstiff.stiffness.inverses import has_all_digits, inverses, plain_inverses
-from cartstiff.stiffness.posture_notes import (
-    error_of_chosen_forces,
-    notes_on_digits,
-    notes_on_posture,
-)
+from cartstiff.stiffness.named_tensor import named_tensor
 from cartstiff.stiffness.reduction import Reduction
-from cartstiff.stiffness.showing import SCHEMA, posture_dict, posture_lines
+from cartstiff.stiffness.rounding import is_felt, shown_wrench
+from cartstiff.stiffness.showing import SCHEMA, load_dict, posture_dict, posture_lines
 from cartstiff.stiffness.tensor import Compliance, StiffnessTensor
 
 __all__ = ["DEAD_AT_ORIGIN", "SCHEMA", "PostureStiffness"]
@@ -45,15 +36,6 @@ __all__ = ["DEAD_AT_ORIGIN", "SCHEMA", "PostureStiffness"]
 DEAD_AT_ORIGIN = LoadKind()
 
 _EYE_4 = np.eye(4)
-# K^X = K^B + (W @ _FROM_B)[X] for X = A, K at once: K^A = K^B - 1/2 M with the M of
-# `se3.bracket_form`, and K^X = K^A less the wrench term of the connection.
-_FROM_B = -np.concatenate(
-    [
-        c._symbols_by_wrench + 0.5 * se3.bracket_form(np.eye(6)).reshape(6, 36)
-        for c in (CARTAN_MINUS, KINEMATIC)
-    ],
-    axis=1,
-)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -145,8 +127,7 @@ class PostureStiffness(ShownInLines):
         """
         reduction = self.reduction
         if self.wrench is None:
-            state = reduction.states[-1]
-            raise UndefinedError(state.message, code=state.code, values=state.values)
+            raise reduction.undefined()
         D = None if change is None else checked_matrix(change, "change")
         found = None if reduction.free is None else reduction.free.inverse(D)
         if found is None or reduction.free is None:
@@ -170,8 +151,7 @@ class PostureStiffness(ShownInLines):
     @cached_property
     def _changes(self) -> Array:
         """K^A - K^B and K^K - K^B (2, 6, 6), zero without a load."""
-        W = self.wrench
-        return np.zeros((2, 6, 6)) if W is None else np.dot(W, _FROM_B).reshape(2, 6, 6)
+        return np.zeros((2, 6, 6)) if self.wrench is None else changes_from_b(self.wrench)
 
     @cached_property
     def compliances(self) -> Mapping[str, Array | None]:
@@ -214,9 +194,6 @@ class PostureStiffness(ShownInLines):
         return {}
 
     def _new_root(self, name: str, others: str) -> Array | None:
-        free = self.reduction.free
-        if free is None:
-            return None
         change, other = np.zeros((6, 6)), None
         if name == "F":
             other = self._flat.hessian
@@ -224,7 +201,8 @@ class PostureStiffness(ShownInLines):
             change = self.change_by_load
         elif name != "B":
             change = self._changes["AK+".index(name) % 2]
-        return free.root(change, other, symmetric=others == "held")
+        free = self.reduction.free
+        return None if free is None else free.root(change, other, symmetric=others == "held")
 
     def needs_root(self, name: str) -> bool:
         """Whether a stiffness and its inverse leave some principal values without digits."""
@@ -239,13 +217,8 @@ class PostureStiffness(ShownInLines):
         """Whether there is a load: one was given, or the springs exert more than rounding."""
         if self.wrench is None or self._load_is_given:
             return self.wrench is not None
-        sizes = self.posture.coordinate_lengths
-        torque = np.abs(self.posture.motion.jacobian.T @ self.wrench) * sizes
-        stiffness = np.abs(self.evaluation.hessian * np.outer(sizes, sizes)).max(
-            axis=0, initial=0.0
-        )
-        stiffness[stiffness == 0.0] = stiffness.max(initial=0.0)  # passive: the others' rounding
-        return bool(np.any(torque > numerics.ROUNDING * stiffness))
+        J, sizes = self.posture.motion.jacobian, self.posture.coordinate_lengths
+        return is_felt(self.wrench, J, self.evaluation.hessian, sizes)
 
     @property
     def wrench_is_known(self) -> bool:
@@ -257,18 +230,9 @@ class PostureStiffness(ShownInLines):
         return self.wrench is not None and (self.reduction.rank == 6 or self._load_is_given)
 
     def shown_wrench(self, wrench: Array) -> Array:
-        """A wrench (6,) with moment and force set to 0 where they are rounding.
-
-        Rounding is what the springs exert over a turn of `numerics.ROUNDING`, and what is below
-        that share of the other half, a force taken over the characteristic length.
-        """
-        sizes, length = self.posture.coordinate_lengths, self.posture.length
-        stiffest = np.abs(self.evaluation.hessian * np.outer(sizes, sizes)).max(initial=0.0)
-        scaled = np.abs(wrench) * np.repeat([1.0, length], 3)
-        if self._load_is_given:
-            stiffest = 0.0
-        noise = numerics.ROUNDING * max(float(stiffest), float(scaled.max()))
-        return np.where(scaled > noise, wrench, 0.0)
+        """A wrench (6,) with zeros for moment and force that are rounding, of springs or halves."""
+        H = None if self._load_is_given else self.evaluation.hessian
+        return shown_wrench(wrench, H, self.posture.coordinate_lengths, self.posture.length)
 
     @cached_property
     def change_by_load(self) -> Array:
@@ -350,42 +314,31 @@ class PostureStiffness(ShownInLines):
         """Body Jacobian of the joint coordinates; for a platform d(pose)/d(leg lengths)."""
         if not self.posture.coordinates_are_pose:
             return fixed(self.posture.motion.jacobian)
-        chart = self.posture.chart()
-        if isinstance(chart, str):
-            return None
-        if self._flat.to_chart is None:  # else it has been seen to be regular
-            values = numerics.singular_values(chart.jacobian * self._natural)
-            if not values[-1] > numerics.RANK * values[0]:
-                return None
-        return fixed(numerics.inverted(chart.jacobian, regular=True))
+        J = pose_by_chart(self.posture, self._flat, self._natural)
+        return None if J is None else fixed(J)
 
     @cached_property
     def notes(self) -> tuple[Note, ...]:
         """What was assumed, and why something does not exist."""
-        reason, error = self._flat.note, self._error_of_forces
-        change = self.change_by_load if self._load_is_given else None
-        digits = list[Note]()
-        K = None if self._plain_inverses is None else self.reduction.stiffness
-        if error > numerics.TELLING or not has_all_digits(K, change):
-            known = self._inverses["B"], self._natural, change, error
-            digits = notes_on_digits(self.reduction, *known)
-        return (*self.notes_on_posture, *(() if reason is None else (reason,)), *digits)
+        reason = self._flat.note
+        return (*self.notes_on_posture, *(() if reason is None else (reason,)), *self._on_digits())
 
-    @property
-    def _error_of_forces(self) -> float:
-        near = (n for n in self.notes_on_posture if n.code == "near-type-2-singularity")
-        if not self.is_loaded or (note := next(near, None)) is None:
-            return 0.0
-        ratio = numerics.ratio(np.asarray(note.values["singular_values"]))
-        parts = self.elastic, self.posture, self.evaluation, self.reduction
-        return error_of_chosen_forces(*parts, ratio)
+    def _on_digits(self) -> list[Note]:
+        change = self.change_by_load if self._load_is_given else None
+        parts = self.elastic, self.posture, self.evaluation, self.reduction, self.notes_on_posture
+        error = posture_notes.error_of_chosen_forces(*parts) if self.is_loaded else 0.0
+        K = None if self._plain_inverses is None else self.reduction.stiffness
+        if error <= numerics.TELLING and has_all_digits(K, change):
+            return []
+        known = self._inverses["B"], self._natural, change, error
+        return posture_notes.notes_on_digits(self.reduction, *known)
 
     @cached_property
     def notes_on_posture(self) -> tuple[Note, ...]:
         """The `notes` without those on matrices."""
         if self._notes is not None:
             return self._notes
-        return notes_on_posture(self.elastic, self.posture, self.reduction)
+        return posture_notes.notes_on_posture(self.elastic, self.posture, self.reduction)
 
     def tensor(self, connection: str | Connection = "B") -> StiffnessTensor:
         """Stiffness tensor under a named connection ("A", "B", "K", "+", "F") or any other.
@@ -404,25 +357,8 @@ class PostureStiffness(ShownInLines):
             raise UnknownNameError("connection", connection, known)
         K, W = self.reduction.stiffness, self.reduction.force
         if K is None or W is None:
-            state = self.reduction.states[-1]
-            raise UndefinedError(state.message, code=state.code, values=state.values)
-        frame, units = self.frame, self.units
-        named = connection if isinstance(connection, str) else connection.name
-        C = self.compliances.get(named)
-        if connection == "+" and self.compliances["A"] is not None:
-            C = self.compliances["A"].T
-        base = StiffnessTensor(
-            K, BI_INVARIANT, W, self.pose, frame, units, inverse=self.compliances["B"]
-        )
-        if connection == "B":
-            return base
-        if connection == "F":
-            F = self._flat.stiffness
-            if F is None:
-                raise self._flat.missing
-            return StiffnessTensor(F, self.flat_connection(), W, self.pose, frame, units, inverse=C)
-        moved = base.to_connection(self.load.connection if connection == "load" else connection)
-        return moved if C is None or not isinstance(connection, str) else replace(moved, inverse=C)
+            raise self.reduction.undefined()
+        return named_tensor(self, K, W, connection)
 
     def flat_connection(self) -> Connection:
         """The flat connection of the chart at this posture, [ZK]_ eq. 47.
@@ -456,14 +392,7 @@ class PostureStiffness(ShownInLines):
 
     def load_as_dict(self) -> dict[str, Any]:
         """What the load does, where it acts, and the tangent that follows, as plain data."""
-        K, C = self.tangent, self.tangent_compliance
-        return {
-            "kind": self.load.kind,
-            "at": list(self.load.at),
-            "meaning": self.load.words,
-            "stiffness": None if K is None else K.tolist(),
-            "compliance": None if C is None else C.tolist(),
-        }
+        return load_dict(self)
 
     def as_dict(self) -> dict[str, Any]:
         """The object printed by ``cartstiff analyse --json``."""

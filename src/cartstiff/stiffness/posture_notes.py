@@ -2,6 +2,8 @@ r"""Notes on one posture: what was assumed, what is near, what a matrix has no d
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from cartstiff import numerics
@@ -118,13 +120,17 @@ def error_of_chosen_forces(
     posture: MechanismPosture,
     energy: Evaluation,
     reduction: Reduction,
-    ratio: float,
+    notes: Iterable[Note],
 ) -> float:
     """Relative error that forces inside a mechanism leave in its compliance near type 2.
 
     Actuators balance a load there by forces that go with the inverse of the least singular
     value, and with them the rounding of their lines; what they add to the stiffness is as unsure.
     """
+    near = next((note for note in notes if note.code == "near-type-2-singularity"), None)
+    if near is None:
+        return 0.0
+    ratio = numerics.ratio(np.asarray(near.values["singular_values"]))
     free, parts = reduction.free, elastic.line_springs_apart(posture)
     found = None if free is None else free.inverse()
     if free is None or found is None or not ratio > 0.0:

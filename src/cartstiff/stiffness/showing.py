@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 __all__ = [
     "SCHEMA",
     "codes_of",
+    "load_dict",
     "matrix_html",
     "numbers_text",
     "posture_dict",
@@ -50,6 +51,18 @@ def posture_lines(result: PostureStiffness) -> list[str]:
         + f" in {elastic.units.force} and {elastic.units.length}: .A .B .K .F, .matrices",
         f"  notes    {codes_of(result.notes)}",
     ]
+
+
+def load_dict(result: PostureStiffness) -> dict[str, Any]:
+    """What the load does, where it acts, and the tangent that follows, as plain data."""
+    K, C = result.tangent, result.tangent_compliance
+    return {
+        "kind": result.load.kind,
+        "at": list(result.load.at),
+        "meaning": result.load.words,
+        "stiffness": None if K is None else K.tolist(),
+        "compliance": None if C is None else C.tolist(),
+    }
 
 
 def codes_of(notes: Iterable[Note]) -> str:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -24,63 +23,13 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.connections import NAMED, Connection, Field
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import SI, Units, convert_length
-from cartstiff.stiffness.labelled import AXES, labelled
-from cartstiff.stiffness.showing import matrix_html
+from cartstiff.stiffness.labelled import Compliance, LabelledMatrix, Order, format_matrix
 
 __all__ = ["Compliance", "StiffnessTensor", "format_matrix"]
 
-Order = Literal["angular-linear", "linear-angular"]
 
-
-def format_matrix(matrix: Array, row_units: Sequence[str], title: str = "", digits: int = 6) -> str:
-    """Matrix as aligned text, one row a line, each row followed by its unit."""
-    # One format for the whole matrix, so that columns can be compared at a glance.
-    width = digits + 8
-    lines = [title] if title else []
-    size = float(np.abs(matrix).max(initial=0.0))
-    for row, unit in zip(matrix, row_units, strict=True):
-        cells = "".join(
-            f"{0.0 if abs(x) < numerics.LAST_DIGITS * size else x:>{width}.{digits}g}" for x in row
-        )
-        lines.append(f"{cells}   {unit}".rstrip())
-    return "\n".join(lines)
-
-
-class _Labelled:
-    """A 6x6 matrix in one of the two orders; NumPy, xarray and pandas see it."""
-
-    matrix: Array
-    order: Order
-    #: Letter of the matrix, and what its rows and columns are.
-    _letter = "K"
-    _axes = ("wrench", "motion")
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
-        """NumPy sees the matrix."""
-        return np.array(self.matrix, dtype=dtype)
-
-    def __getitem__(self, index: Any) -> Any:
-        """Entries of the matrix: ``K[3:, 3:]``."""
-        return self.matrix[index]
-
-    @property
-    def T(self) -> Array:  # noqa: N802
-        """The transposed matrix."""
-        return self.matrix.T
-
-    def to_xarray(self) -> Any:
-        """`xarray.DataArray` with the components' names; MissingDependencyError without xarray."""
-        angular = self.order == se3.ANGULAR_LINEAR
-        axes = {n: v if angular else (*v[3:], *v[:3]) for n, v in AXES.items()}
-        return labelled({self._letter: (self._axes, self.matrix)}, axes)[self._letter]
-
-    def to_pandas(self) -> Any:
-        """`pandas.DataFrame` with the components' names on rows and columns."""
-        return self.to_xarray().to_pandas()
-
-
-@dataclass(frozen=True, eq=False)
-class StiffnessTensor(_Labelled):
+@dataclass(frozen=True, eq=False, repr=False)
+class StiffnessTensor(LabelledMatrix):
     """A Cartesian stiffness matrix with everything that gives it a meaning.
 
     Attributes
@@ -291,22 +240,6 @@ class StiffnessTensor(_Labelled):
 
     # -- output -----------------------------------------------------------------------------
 
-    @property
-    def block_units(self) -> tuple[tuple[str, str], tuple[str, str]]:
-        """Units of the four 3x3 blocks, in the tensor's order."""
-        return _in_order(self.units.blocks, self.order)
-
-    def __str__(self) -> str:
-        (a, b), (c, d) = self.block_units
-        title = f"K^{self.connection.name} in {self.frame}, order {self.order}"
-        return format_matrix(self.matrix, [f"[{a} | {b}]"] * 3 + [f"[{c} | {d}]"] * 3, title)
-
-    __repr__ = __str__
-
-    def _repr_html_(self) -> str:
-        title = f"K^{self.connection.name} in {self.frame}"
-        return matrix_html(self.matrix, self.block_units, title, self.order)
-
     def as_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         return {
@@ -431,46 +364,3 @@ def _scale_symbols(symbols: Array, a: float) -> Array:
     """Christoffel symbols when lengths are multiplied by `a`: each linear component scales."""
     s = np.array([1.0] * 3 + [a] * 3)
     return symbols / s[:, None, None] / s[None, :, None] * s[None, None, :]
-
-
-@dataclass(frozen=True, eq=False)
-class Compliance(_Labelled):
-    """A compliance matrix: twist (rows) per wrench (columns); the inverse of a stiffness matrix."""
-
-    _letter = "C"
-    _axes = ("motion", "wrench")
-
-    matrix: Array
-    connection: Connection
-    pose: Array
-    frame: str
-    units: Units
-    order: Order = "angular-linear"
-
-    def to_order(self, order: Order) -> Compliance:
-        """Components in another order."""
-        if order == self.order:
-            return self
-        return replace(self, matrix=self.matrix[se3.SWAP][:, se3.SWAP], order=order)
-
-    @property
-    def block_units(self) -> tuple[tuple[str, str], tuple[str, str]]:
-        """Units of the four 3x3 blocks, in the tensor's order."""
-        return _in_order(self.units.blocks_of_compliance, self.order)
-
-    def __str__(self) -> str:
-        (a, b), (c, d) = self.block_units
-        title = f"C^{self.connection.name} in {self.frame}, order {self.order}"
-        return format_matrix(self.matrix, [f"[{a} | {b}]"] * 3 + [f"[{c} | {d}]"] * 3, title)
-
-    __repr__ = __str__
-
-    def _repr_html_(self) -> str:
-        title = f"C^{self.connection.name} in {self.frame}"
-        return matrix_html(self.matrix, self.block_units, title, self.order)
-
-
-def _in_order(blocks: Mapping[str, str], order: Order) -> tuple[tuple[str, str], tuple[str, str]]:
-    """Units of the blocks by rows, see `Units.blocks`."""
-    a, b = "rt" if order == se3.ANGULAR_LINEAR else "tr"
-    return (blocks[a + a], blocks[a + b]), (blocks[b + a], blocks[b + b])

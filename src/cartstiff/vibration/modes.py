@@ -121,8 +121,7 @@ def _held_at(result: PostureStiffness) -> Modes:
     """Modes of a posture that springs hold under a load."""
     reduction, posture, W = result.reduction, result.posture, result.wrench
     if W is None:
-        state = reduction.states[-1]
-        raise UndefinedError(state.message, code=state.code, values=state.values)
+        raise reduction.undefined()
     columns = posture.coordinate_lengths
     H, terms = stiffness_under_load(result)
     D, basis = result.change_by_load, np.diag(columns)

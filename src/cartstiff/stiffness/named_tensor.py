@@ -1,0 +1,41 @@
+"""The tensor of a posture under a connection: matrix, inverse, wrench, frame and units together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from cartstiff.geometry.connections import BI_INVARIANT, Connection
+from cartstiff.geometry.se3 import Array
+from cartstiff.stiffness.tensor import StiffnessTensor
+
+if TYPE_CHECKING:
+    from cartstiff.stiffness.posture import PostureStiffness
+
+__all__ = ["named_tensor"]
+
+
+def named_tensor(
+    result: PostureStiffness, K: Array, W: Array, connection: str | Connection
+) -> StiffnessTensor:
+    """The tensor under a connection, from K^B (6, 6) and the wrench W (6,), with its own inverse.
+
+    Raises
+    ------
+    UndefinedError
+        For K^F where it does not exist.
+    """
+    pose, frame, units = result.pose, result.frame, result.units
+    compliances = result.compliances
+    C = compliances.get(connection if isinstance(connection, str) else connection.name)
+    if connection == "+" and compliances["A"] is not None:
+        C = compliances["A"].T
+    base = StiffnessTensor(K, BI_INVARIANT, W, pose, frame, units, inverse=compliances["B"])
+    if connection == "B":
+        return base
+    if connection == "F":
+        flat, F = result.flat_connection(), result.matrices["F"]
+        assert F is not None  # else there is no flat connection
+        return StiffnessTensor(F, flat, W, pose, frame, units, inverse=C)
+    moved = base.to_connection(result.load.connection if connection == "load" else connection)
+    return moved if C is None or not isinstance(connection, str) else replace(moved, inverse=C)

@@ -1,0 +1,75 @@
+"""What a reduction gave: stiffness, forces, motions, and the states it found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from cartstiff import numerics
+from cartstiff.errors import UndefinedError
+from cartstiff.geometry.se3 import Array
+from cartstiff.lazily import cached_property
+from cartstiff.stiffness.closures import State
+from cartstiff.stiffness.free_motions import FreeMotions
+
+__all__ = ["Reduction"]
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """What equation (2) of `cartstiff.stiffness.reduction` gave, or why not, and what (3) is of.
+
+    Attributes
+    ----------
+    force : ndarray (6,) or None
+        Output force w; None if the posture is unbalanced.
+    stiffness : ndarray (6, 6) or None
+        K; None if it does not exist, for which `states` has the reason.
+    multipliers : ndarray (m,)
+        Closure forces lam.
+    singular_values : ndarray
+        Singular values of the length-scaled J_N.
+    rank : int
+        Rank of J_N.
+    freedoms : int
+        Number of free motions, the columns of N.
+    free : FreeMotions or None
+        The motions that (3) is made of, idle ones left out; None where the posture is unbalanced or
+        its self-motion has no minimum.
+    reachable, reachable_stiffness : ndarray (6, r), (r, r)
+        U and Y^T S Y: the stiffness on the motions that exist.
+    rates : ndarray (n, 6) or None
+        Coordinate rates per output rate, N J_N^-1, where that is one to one.
+    motions : ndarray (n, f) or None
+        Motions that keep the closures, in scaled coordinates; None if all do.
+    states : list of State
+        Named states found.
+    """
+
+    force: Array | None
+    stiffness: Array | None
+    multipliers: Array
+    singular_values: Array
+    rank: int
+    freedoms: int
+    free: FreeMotions | None = None
+    reachable: Array | None = None
+    reachable_stiffness: Array | None = None
+    rates: Array | None = None
+    motions: Array | None = None
+    states: list[State] = field(default_factory=list)
+
+    @cached_property
+    def compliance_with_error(self) -> numerics.Inverse | None:
+        """C of equation (3) with its relative error; None where a motion costs nothing."""
+        return None if self.free is None else self.free.compliance()
+
+    @property
+    def compliance(self) -> Array | None:
+        """C (6, 6) of equation (3); None where a motion costs nothing."""
+        found = self.compliance_with_error
+        return None if found is None else found.matrix
+
+    def undefined(self) -> UndefinedError:
+        """The error for whoever needs the stiffness where it does not exist."""
+        state = self.states[-1]
+        return UndefinedError(state.message, code=state.code, values=state.values)

@@ -1,0 +1,73 @@
+"""What of a stiffness, a force, a matrix may be the rounding of the numbers it is made of."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cartstiff import numerics
+from cartstiff.geometry.se3 import Array
+from cartstiff.potentials.contract import Evaluation
+
+__all__ = ["doubtful", "is_felt", "norm", "shown_wrench", "symmetric_part", "without_noise"]
+
+#: How many units of rounding the direction of a spring may be off.
+_GEOMETRY = 16.0
+_NOISE = (_GEOMETRY * numerics.EPSILON) ** 2
+
+
+def without_noise(K: Array, rows: Array) -> Array:
+    """K with zeros for motions that no spring feels but by the rounding of its own geometry.
+
+    A spring k whose rate along a motion is rounded to 0 still adds ``k EPSILON^2`` there, and
+    ``k EPSILON`` beside it. A load can leave zero on the diagonal alone: that is no noise.
+    """
+    # Where the least of the diagonal is above all that can count as noise there is none.
+    least, units = min(map(abs, K.diagonal().tolist())), (1.0, rows.item(-1))
+    if least * min(units) ** 2 > _NOISE * norm(K) * max(units) ** 2:
+        return K
+    size = np.abs(K) / rows / rows[:, None]
+    most, share = size.max(initial=0.0), _GEOMETRY * numerics.EPSILON
+    noise = (size.diagonal() <= share**2 * most) & (size.max(axis=1, initial=0.0) <= share * most)
+    if noise.any():
+        K = np.where(noise[:, None] | noise, 0.0, K)
+    return K
+
+
+def norm(array: Array) -> float:
+    """Root of the sum of the squares of all entries."""
+    return float(np.vdot(array, array)) ** 0.5
+
+
+def symmetric_part(matrix: Array, energy: Evaluation) -> Array:
+    """The matrix without the asymmetry of its rounding, where the forces have a potential."""
+    if energy.energy != energy.energy or numerics.is_symmetric(matrix):
+        return matrix
+    return 0.5 * (matrix + matrix.T)
+
+
+def doubtful(gradient: Array, stiffness: Array) -> Array:
+    """What of each generalised force may be rounding of the coordinates that its spring feels."""
+    return np.minimum(np.abs(gradient), numerics.ROUNDING * stiffness)
+
+
+def is_felt(wrench: Array, jacobian: Array, hessian: Array, sizes: Array) -> bool:
+    """Whether some spring feels more of a wrench (6,) than the rounding of its coordinate.
+
+    `sizes` (n,) are the natural sizes of the coordinates of J (6, n) and H (n, n).
+    """
+    torque = np.abs(jacobian.T @ wrench) * sizes
+    stiffness = np.abs(hessian * np.outer(sizes, sizes)).max(axis=0, initial=0.0)
+    stiffness[stiffness == 0.0] = stiffness.max(initial=0.0)  # passive: the others' rounding
+    return bool(np.any(torque > numerics.ROUNDING * stiffness))
+
+
+def shown_wrench(wrench: Array, hessian: Array | None, sizes: Array, length: float) -> Array:
+    """A wrench (6,) with moment and force set to 0 where they are rounding.
+
+    Rounding is what the springs exert over a turn of `numerics.ROUNDING`, and what is below
+    that share of the other half, a force taken over the characteristic length.
+    """
+    stiffest = 0.0 if hessian is None else np.abs(hessian * np.outer(sizes, sizes)).max(initial=0.0)
+    scaled = np.abs(wrench) * np.repeat([1.0, length], 3)
+    noise = numerics.ROUNDING * max(float(stiffest), float(scaled.max()))
+    return np.where(scaled > noise, wrench, 0.0)
