@@ -32,6 +32,27 @@ def ur5(serve, pages):
     return pages.shared(serve("ur5").url)
 
 
+# Values of principal axes that are written in the picture.
+VALUES = """() => {
+    const found = [];
+    window.cartstiff.pane.viewer.scene.traverseVisible((node) => {
+        if (node.isSprite && node.material.visible && node.parent.name.startsWith("value")) {
+            found.push(`${node.parent.parent.parent.name} ${node.parent.name}`);
+        }
+    });
+    return found;
+}"""
+
+
+def pointed_at(page, x, y):
+    """What the page says of the part of its picture at a place within [-1, 1]."""
+    box = page.locator("#pane canvas").bounding_box()
+    page.mouse.move(box["x"] + box["width"] * (1 + x) / 2, box["y"] + box["height"] * (1 - y) / 2)
+    page.wait_for_selector(".tip:not([hidden])")
+    settled(page)
+    return page.inner_text(".tip")
+
+
 def changed(page, **wishes):
     page.evaluate("(wishes) => window.cartstiff.change(wishes)", wishes)
     settled(page)
@@ -189,6 +210,29 @@ def test_the_first_card_says_how_far_the_load_moves_the_point(ur5):
     shares = [float(x.split(" ")[0]) for x in card.locator(".moved-bar .num").all_inner_texts()]
     assert len(shares) == 6
     assert abs(sum(shares) - 100) <= 3
+
+
+def test_what_is_pointed_at_says_its_number_and_lights_its_row(ur5):
+    page = ur5
+    page.mouse.move(0, 0)
+    softest = [f"{name} ellipsoid value 1" for name in ("rotation", "translation")]
+    assert sorted(page.evaluate(VALUES)) == softest
+    words = pointed_at(page, *page.evaluate(TOOL)).replace("\u2212", "-")
+    freedom = words.split(",")[0]
+    values = page.evaluate("() => window.cartstiff.numbers.principal")[freedom]["values"]
+    first = float(words.split(": ")[1].split(" ")[0].rstrip(","))
+    assert any(first == pytest.approx(value, rel=1e-4) for value in values)
+    assert len([v for v in page.evaluate(VALUES) if v.startswith(freedom)]) == 3
+    page.mouse.down()
+    page.mouse.up()
+    assert page.locator(f'[data-row-of="{freedom}"].lit, [data-row-of="{freedom}"] .lit').count()
+    page.mouse.move(0, 0)
+    page.click("text=Hang 100 N on it")
+    settled(page)
+    assert page.evaluate("() => window.cartstiff.state.load") == [0, 0, 0, 0, 0, -100]
+    line = page.inner_text(".moved-line")
+    assert line.startswith("100 N at M: its force and moment keep their direction in the room")
+    assert "Gravity: none" in line
 
 
 def test_a_rigid_joint_stays_rigid_until_it_is_given_a_number(serve, pages, tmp_path):

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import cartstiff
+from cartstiff.analysis.posture import analyse_posture
 from cartstiff.geometry import se3
+from cartstiff.page.description import describe_mechanism
 from cartstiff.page.payload import payload, reference_frame, series_row
 from cartstiff.page.session import Session
 from cartstiff.page.source import Source
@@ -179,3 +181,20 @@ def test_a_row_of_a_series(loaded):
     singular = series_row(cartstiff.analyse(cartstiff.load("ur5"), [0.0] * 6), State())
     assert singular["translation"] is None
     assert singular["singularity"] < 1e-10
+
+
+@pytest.mark.parametrize("name", ["ur5", "stewart-gough"])
+def test_how_far_the_load_moves_it_is_what_the_analysis_says(name):
+    elastic = cartstiff.load(name)
+    point, at = (0.01, -0.02, 0.1), (0.0, 0.05, 0.0)
+    state = State(load=(1.0, 2.0, 0.0, 3.0, -40.0, 60.0), point=point, load_at=at)
+    result = Session(Source(elastic)).result(state)
+    moved = payload(result, state)["moved"]
+    told = analyse_posture(result, connection="load", at=se3.pose(np.eye(3), point))["deflection"]
+    assert moved["displacement"] == told["displacement"]
+    assert moved["rotation"] == told["twist"][:3]
+    assert moved["energy"] == told["energy"]
+    assert moved["acts_at"] == told["acts_at"] == list(at)
+    assert moved["shares"] == [{k: row[k] for k in ("name", "share")} for row in told["shares"]]
+    told = describe_mechanism(elastic.with_gravity([0, 0, -9.81]), elastic.q)["weighed"]
+    assert told.startswith("Gravity: (0, 0, -9.81) on ")

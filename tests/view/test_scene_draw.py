@@ -14,6 +14,7 @@ import cartstiff
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.scene import Look, RecordingWindow, Scene
 from cartstiff.scene.canvas import Node
+from cartstiff.scene.ellipsoids import add_ellipsoid
 
 ROOT = "/meshcat/cartstiff"
 # Lengths go through a single division and square roots.
@@ -150,13 +151,20 @@ def test_an_indefinite_matrix_has_no_ellipsoid():
     assert viewer.visible(drawing.body("translation"))
 
 
-def test_a_singular_matrix_is_named():
+def test_a_singular_matrix_is_a_disc_or_a_rod():
     drawing = Drawing("grasp")
     facts = drawing.draw()["ellipsoids"]["rotation"]
     assert facts["definiteness"] == "positive semidefinite"
-    assert "singular" in facts["reason"]
+    assert "singular: a principal value is zero; what is drawn is a disc" in facts["reason"]
     assert facts["radii"][0] == 0.0
-    assert not drawing.viewer.visible(drawing.body("rotation", scale="log"))
+    body = drawing.body("rotation", scale="log")
+    assert drawing.viewer.visible(body)
+    lengths = np.linalg.norm(drawing.viewer.world(body)[:3, :3], axis=0)
+    assert 0 < lengths[0] < 0.2 * lengths[1]
+    assert lengths[1:] == pytest.approx(facts["radii"][1:])
+    rod = add_ellipsoid(Node(RecordingWindow(), "/meshcat"), np.diag([0.0, 3.0, 0.0]))
+    assert rod["shown"]
+    assert "two principal values are zero; what is drawn is a rod" in rod["reason"]
 
 
 def test_what_does_not_exist_has_its_reason():

@@ -13,6 +13,7 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Coordinate
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.mechanisms.weighed import weighed
 from cartstiff.potentials.line_springs import LineSprings
 
 __all__ = ["describe_mechanism", "slider_coordinates", "slider_ranges"]
@@ -64,6 +65,7 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array, frames: bool = True)
         "frames": _frames(elastic) if frames else [mechanism.frame],
         "units": units.as_dict(),
         "coordinates": coordinates,
+        "joints": _joints(elastic),
         "sliders": slider_coordinates(elastic),
         "springs": [
             {"name": name, "stiffness": plain(k), "unit": unit}
@@ -71,6 +73,7 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array, frames: bool = True)
         ],
         "takes_load": springs is not None,
         "source": elastic.source,
+        "weighed": weighed(elastic).text,
         "platform": isinstance(mechanism, Platform),
         "connections": [
             {"name": name, "title": matrix.name, "meaning": matrix.sentence}
@@ -87,6 +90,17 @@ def _frames(elastic: ElasticMechanism) -> list[str]:
     joint = mechanism.body.joint
     names = [name for name, place in mechanism.tree.frames.items() if place.joint == joint]
     return names if mechanism.frame in names else [mechanism.frame, *names]
+
+
+def _joints(elastic: ElasticMechanism) -> list[int]:
+    """The coordinate that moves each joint of the tree."""
+    mechanism = elastic.mechanism
+    if not isinstance(mechanism, Chain):
+        return []
+    mimic = mechanism.tree.mimic
+    if mimic is None:
+        return list(range(len(mechanism.coordinates)))
+    return np.abs(mimic).argmax(axis=1).tolist()
 
 
 def slider_coordinates(elastic: ElasticMechanism) -> list[int]:

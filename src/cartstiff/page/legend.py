@@ -26,6 +26,8 @@ def legend_lines(legend: Mapping[str, Any]) -> list[dict[str, str]]:
             if facts["shown"]
             else f"not drawn: {facts['reason']}"
         )
+        if facts["shown"] and facts["reason"]:
+            words += f"; {facts['reason']}"
         lines.append({"mark": freedom, "text": f"{freedom}: {words}"})
     wrench = legend["wrench"]
     if wrench is not None:

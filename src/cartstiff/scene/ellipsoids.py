@@ -1,8 +1,9 @@
 """Ellipsoids of stiffness and compliance, with their principal axes and values.
 
 Radii and axes are those of `cartstiff.analysis.ellipsoids`; what is drawn are lengths by a stated
-scale. A matrix that is not positive definite has no ellipsoid: its axes are drawn alone, negative
-ones red and dashed, and the legend says why.
+scale. Where principal values are zero what is drawn is a disc or a rod, of a thickness of its own.
+A matrix with negative ones has no ellipsoid: its axes are drawn alone, negative ones red and
+dashed. The legend says why.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.analysis.ellipsoids import Ellipsoid, Freedom, ellipsoid
 from cartstiff.arrays import checked_pose, real_array
 from cartstiff.errors import InputError
@@ -24,6 +26,12 @@ from cartstiff.scene.scales import Linear, Logarithmic, Scale
 
 __all__ = ["EllipsoidPicture", "add_ellipsoid"]
 
+# Half the thickness of a disc or a rod, over the size of the mechanism.
+_THICKNESS = 0.006
+_FLAT = {
+    1: "singular: a principal value is zero; what is drawn is a disc",
+    2: "singular: two principal values are zero; what is drawn is a rod",
+}
 _BLOCKS = {"rotation": slice(0, 3), "translation": slice(3, 6)}
 
 
@@ -63,7 +71,8 @@ class EllipsoidPicture:
     ) -> dict[str, Any]:
         """Show an ellipsoid whose matrix is in the frame with pose T; returns its legend."""
         values = shape.eigenvalues
-        positive = shape.definiteness == "positive"
+        flat = shape.definiteness == "positive semidefinite"
+        solid = flat or shape.definiteness == "positive"
         self.scale.fit(values)
         lengths = self.scale.length(values)
         if not self._made:
@@ -78,11 +87,12 @@ class EllipsoidPicture:
         columns = (T[:3, :3] @ shape.axes).T.tolist()
         centre, radii, principal = T[:3, 3].tolist(), lengths.tolist(), values.tolist()
         self.node.show(True)
-        self._body.show(positive)
-        if positive:
+        self._body.show(solid)
+        if solid:
             # A flat side still is a surface to look at.
+            thickness = (_THICKNESS if flat else 1e-4) * self._size
             x, y, z = (
-                _along(column, max(radius, 1e-4 * self._size))
+                _along(column, max(radius, thickness))
                 for column, radius in zip(columns, radii, strict=True)
             )
             self._body.set_columns(x, y, z, centre)
@@ -94,8 +104,8 @@ class EllipsoidPicture:
             else:
                 self._labels[i].hide()
         return {
-            "shown": positive,
-            "reason": None if positive else _reason(shape),
+            "shown": solid,
+            "reason": None if solid and not flat else _reason(shape),
             "definiteness": shape.definiteness,
             "eigenvalues": principal,
             "axes": shape.axes.tolist(),
@@ -145,7 +155,9 @@ def _reason(shape: Ellipsoid) -> str:
     kind = shape.definiteness
     low = number(float(shape.eigenvalues[0]))
     if kind == "positive semidefinite":
-        return "singular: a principal value is zero, and the ellipsoid is flat"
+        size = numerics.ZERO * float(np.abs(shape.eigenvalues).max())
+        zeros = int(np.sum(np.abs(shape.eigenvalues) <= size))
+        return _FLAT[max(1, zeros)]
     if kind == "zero":
         return "zero: there is nothing to draw"
     return f"{kind}: the smallest principal value is {low}, and no ellipsoid belongs to it"

@@ -35,7 +35,7 @@ export function controls(store) {
   const pointSection = section("Reference point");
   left.append(loadSection.node, springSection.node, pointSection.node);
 
-  let load, springs, point, axes, frameSelect, given, loadAxes, loadKind, loadPlace;
+  let load, springs, point, axes, frameSelect, given, loadAxes, loadKind, loadPlace, loadPoint;
 
   function build(hello) {
     const { mechanism } = hello;
@@ -59,12 +59,19 @@ export function controls(store) {
     (value) => store.change({ load_kind: value }));
     loadPlace = choice("The load acts at", [
       ["point", "at the point", "The load acts at the reference point, about which its moment is"],
-      ["origin", "at M", "The load acts at the origin of M, about which its moment is"]],
-    (value) => store.change({ load_at: value === "point" ? null : [0, 0, 0] }));
+      ["origin", "at M", "The load acts at the origin of M, about which its moment is"],
+      ["own", "elsewhere", "The load acts at a point of its own, about which its moment is"]],
+    (value) => {
+      loadPoint.node.hidden = value !== "own";
+      if (value === "own") loadPoint.node.querySelector("input").focus();
+      else store.change({ load_at: value === "point" ? null : [0, 0, 0] });
+    });
+    loadPoint = fields([["x", units.length], ["y", units.length], ["z", units.length]], (values) => store.change({ load_at: values }));
+    loadPoint.node.title = `Where the load acts: from the origin of M along its axes, in ${units.length}`;
     loadSection.node.replaceChildren(loadSection.node.firstChild,
       el("label", { class: "check" }, given, "held by a given wrench"),
       el("p", { class: "dim small" }, `Moment in ${moment}, force in ${units.force}. The springs' rest positions are chosen so that they balance it. Unticked: the load that the springs exert.`),
-      load.node, loadAxes[0], loadPlace[0], loadKind[0]);
+      load.node, loadAxes[0], loadPlace[0], loadPoint.node, loadKind[0]);
 
     // -- springs
     springs = mechanism.springs.length ? fields(mechanism.springs.map(({ name, unit }) => [name, unit]),
@@ -108,7 +115,11 @@ export function controls(store) {
     const { state, hello } = store;
     given.checked = state.load !== null;
     load.set(state.load ?? store.numbers?.result.wrench?.map((x) => Number(x.toPrecision(6))) ?? ["", "", "", "", "", ""]);
-    loadPlace[1](state.load_at !== null || state.load === null ? "origin" : "point");
+    const own = state.load !== null && state.load_at?.some((x) => x);
+    loadPlace[1](own ? "own" : state.load_at !== null || state.load === null ? "origin" : "point");
+    if (!loadPoint.node.contains(document.activeElement)) loadPoint.node.hidden = !own;
+    loadPoint.set(state.load_at ?? state.point);
+    loadPoint.disable(state.load === null || !store.source.live);
     loadKind[1](state.load_kind);
     load.disable(state.load === null || !store.source.live);
     loadAxes[1](state.load_axes);
@@ -162,6 +173,8 @@ export function pictureControls(store) {
     boxes.set(key, box);
     list.append(el("label", { class: "check" }, box, text));
   }
+  const every = el("input", { type: "checkbox", onchange: () => { store.pane.every = every.checked; store.pane.viewer.set_dirty(); } });
+  list.append(el("label", { class: "check", title: "Otherwise the softest value of each, and the others when it is pointed at" }, every, "All principal values"));
   const [scale, chooseScale] = choice("Scale of the ellipsoids",
     [["log", "log", "Radii grow with the logarithm: soft and stiff stay visible"], ["linear", "linear", "Radii grow with the value"]],
     (value) => store.change({ scale: value }));

@@ -1,4 +1,12 @@
-// Labels of the picture: each as near to its point as it can be without covering another.
+// What is seen of labels and of what is hidden: each label as near to its point as it can be without
+// covering another; of an ellipsoid's values the softest, until it is pointed at; ellipsoids and
+// arrows shine through the links.
+
+/* global MeshCat */
+
+// Parts that are seen through others, by the share of their opacity.
+const SHINING = /^(translation ellipsoid|rotation ellipsoid|wrench|deflection)$/;
+const SHINE = 0.45;
 
 // Places around the point, in sizes of the label, nearest first.
 const PLACES = [0, 1, 2, 3]
@@ -22,15 +30,63 @@ function onScreen(sprite, camera) {
   return { sprite, x: x0, y: y0, shift: [(x0 - middle.x) / (2 * width), (y0 - middle.y) / (2 * height)], width, height };
 }
 
+/** Names of the nodes from below the mechanism's place down to an object. */
+export function pathOf(object) {
+  const names = [];
+  for (let node = object; node; node = node.parent) {
+    if (node.name === "cartstiff") return names;
+    names.unshift(node.name);
+  }
+  return [];
+}
+
+/** Let a part be seen through what stands before it. */
+function shine(mesh) {
+  if (mesh.userData.twin !== undefined) return;
+  mesh.userData.twin = SHINING.test(pathOf(mesh)[0]);
+  if (!mesh.userData.twin) return;
+  const { Mesh, GreaterDepth } = MeshCat.THREE;
+  const material = mesh.material.clone();
+  Object.assign(material, { transparent: true, depthWrite: false, depthFunc: GreaterDepth, opacity: SHINE * mesh.material.opacity });
+  const twin = new Mesh(mesh.geometry, material);
+  twin.userData.twin = false;
+  twin.userData.isTwin = true;
+  mesh.add(twin);
+}
+
+/** Labels that are written: all but the values of an ellipsoid that are neither softest nor pointed at. */
+function written(sprites, lit) {
+  const values = new Map(); // by ellipsoid
+  const found = [];
+  for (const sprite of sprites) {
+    const [part, look, name] = pathOf(sprite);
+    if (!part?.endsWith(" ellipsoid") || lit(part.split(" ")[0])) {
+      found.push(sprite);
+      continue;
+    }
+    const key = `${part}/${look}`;
+    values.set(key, [...(values.get(key) ?? []), [name, sprite]]);
+  }
+  for (const [key, named] of values) {
+    named.sort(([a], [b]) => a.localeCompare(b)); // "value 1" is the smallest
+    found.push(named.at(key.includes("/compliance") ? -1 : 0)[1]);
+  }
+  for (const sprite of sprites) sprite.material.visible = found.includes(sprite);
+  return found;
+}
+
 /** Move the labels of a scene apart; one that stood free stays where it was. */
-export function spreadLabels(scene, camera) {
+export function arrange(scene, camera, lit) {
   scene.updateMatrixWorld();
   camera.updateMatrixWorld();
-  const labels = [];
+  const sprites = [];
+  const meshes = [];
   scene.traverseVisible((node) => {
-    const found = node.isSprite && onScreen(node, camera);
-    if (found) labels.push(found);
+    if (node.isSprite) sprites.push(node);
+    else if (node.isMesh) meshes.push(node);
   });
+  meshes.forEach(shine);
+  const labels = written(sprites, lit).map((sprite) => onScreen(sprite, camera)).filter(Boolean);
   const placed = [];
   for (const label of labels) {
     const { sprite, width, height } = label;

@@ -10,6 +10,7 @@ import { connectionPanel, matrixPanel } from "./matrix.js";
 import { legendBox, numbersPanel, verdictLine } from "./numbers.js";
 import { modesPanel } from "./modes.js";
 import { Pane } from "./pane.js";
+import { picking } from "./pick.js";
 import { posePanel } from "./pose.js";
 import { sharing } from "./share.js";
 import { Store } from "./store.js";
@@ -28,6 +29,7 @@ function build(source) {
   numbersPanel(store);
   const modes = modesPanel(store);
   legendBox(store);
+  picking(store);
   sharing(store);
   const parts = { pose, matrix, modes };
   shortcuts(store, parts);

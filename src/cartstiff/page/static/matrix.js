@@ -61,7 +61,7 @@ export function connectionPanel(store) {
   });
 }
 
-const sup = (name) => ({ A: "ᴬ", B: "ᴮ", K: "ᴷ", F: "ꟳ", "+": "⁺" })[name] ?? `^${name}`;
+const sup = (name) => ({ A: "ᴬ", B: "ᴮ", K: "ᴷ", F: "ꟳ", "+": "⁺", load: " under the load" })[name] ?? `^${name}`;
 
 export function matrixPanel(store) {
   let view = "whole";

@@ -52,7 +52,7 @@ export function numbersPanel(store) {
     const ratios = [0, 1, 2].map(() => el("td", { class: "num ratio" }));
     const compare = el("tr", { class: "compare", hidden: true }, el("th", { scope: "row", class: "dim" }, "over posture A"), ...ratios);
     rows[kind] = { name, cells, ratios, compare };
-    body.append(el("tr", {}, name, ...cells), compare);
+    body.append(el("tr", { "data-row-of": kind }, name, ...cells), compare);
   }
   const low = el("th", { scope: "col" });
   const high = el("th", { scope: "col" });

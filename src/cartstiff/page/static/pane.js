@@ -2,7 +2,7 @@
 
 /* global MeshCat */
 import { byId } from "./dom.js";
-import { spreadLabels } from "./labels.js";
+import { arrange } from "./labels.js";
 import { CLOSE } from "./numerics.js";
 
 // Time (ms) without a picture after which the next is not left to wait for the screen's turn.
@@ -26,6 +26,9 @@ export class Pane {
     window.onload = null;
     this.viewer.gui.domElement.style.display = "none";
     this.covered = 0;
+    this.lit = null;
+    this.every = false;
+    this.holding = false; // whether a handle is being dragged
     new ResizeObserver(() => this.viewer.set_3d_pane_size()).observe(this.node);
     new ResizeObserver(() => this.center()).observe(byId("legend"));
     this.viewer.set_3d_pane_size();
@@ -33,11 +36,24 @@ export class Pane {
     const render = this.viewer.render.bind(this.viewer);
     this.rendered = 0;
     this.viewer.render = () => {
-      spreadLabels(this.viewer.scene, this.viewer.camera);
+      arrange(this.viewer.scene, this.viewer.camera, (freedom) => this.every || this.lit === freedom);
       render();
       this.rendered = performance.now();
       for (const callback of this.after.splice(0)) callback();
     };
+  }
+
+  /** Where a pointer is in the picture, from -1 to 1. */
+  place(event) {
+    const box = this.viewer.renderer.domElement.getBoundingClientRect();
+    return [2 * (event.clientX - box.left) / box.width - 1, 1 - 2 * (event.clientY - box.top) / box.height];
+  }
+
+  /** Write all values of an ellipsoid ("translation", "rotation"), or of none. */
+  light(freedom) {
+    if (this.lit === freedom) return;
+    this.lit = freedom;
+    this.viewer.set_dirty();
   }
 
   /** Put the middle of the picture into the middle of what the legend leaves free. */

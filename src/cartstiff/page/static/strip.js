@@ -5,6 +5,8 @@ import { BLANK } from "./numerics.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 export const MARGIN = { left: 52, right: 12, top: 8, bottom: 18 };
+// A plot less wide than this (dots) has fewer words below.
+const NARROW = 420;
 // A sweep that took longer than this (s) is not repeated by itself.
 const QUICK = 1;
 
@@ -221,6 +223,8 @@ export function strip(store) {
     const [bottom, top] = [middle - half, middle + half];
     const placeY = (x) => MARGIN.top + ((top - Math.log10(x)) / (top - bottom)) * (height - MARGIN.top - MARGIN.bottom);
     grid(width, height, bottom, top, placeY, unit);
+    plot.append(svg("defs", {}, svg("pattern", { id: "hatching", width: 6, height: 6, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" },
+      svg("line", { class: "hatch", x1: 0, x2: 0, y1: 0, y2: 6 }))));
     // Where nothing exists, or a value is negative, the ground is marked.
     series.rows.forEach((row, i) => {
       const values = row?.[freedom];
@@ -265,7 +269,7 @@ export function strip(store) {
       }
     }
     const [first, last] = [series.at[0], series.at.at(-1)];
-    for (const share of [0, 0.25, 0.5, 0.75, 1]) {
+    for (const share of width < NARROW ? [0, 0.5, 1] : [0, 0.25, 0.5, 0.75, 1]) {
       const x = first + share * (last - first);
       plot.append(text(placeX(x, width), height - 4, atText(x), share === 0 ? "start" : share === 1 ? "end" : "middle"));
     }
