@@ -20,7 +20,7 @@ PACKAGE = Path(cartstiff.__file__).parent
 #: From the bottom up; a part may import itself and what stands below it.
 LAYERS = [
     {"errors", "lazily", "matrix_names", "numerics", "version"},
-    {"parsing", "arrays", "child_process", "figures", "graded", "notebook"},
+    {"parsing", "expressions", "arrays", "child_process", "figures", "graded", "notebook"},
     {"geometry"},
     {"potentials"},
     {"mechanisms"},

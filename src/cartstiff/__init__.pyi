@@ -14,6 +14,7 @@ from .geometry.connections import from_bilinear_map as from_bilinear_map
 from .geometry.connections import from_symbols as from_symbols
 from .geometry.connections import levi_civita as levi_civita
 from .kinematics.inverse import inverse_kinematics as inverse_kinematics
+from .loading import hexapod as hexapod
 from .loading import load as load
 from .loading.pinocchio_model import from_pinocchio as from_pinocchio
 from .many.postures import Postures as Postures

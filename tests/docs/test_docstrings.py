@@ -196,7 +196,8 @@ def test_no_file_is_exempt_from_the_rules_for_docstrings():
     lint = tomllib.loads(Path(ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["ruff"]["lint"]
     assert "D" in lint["select"]
     assert lint["pydocstyle"]["convention"] == "numpy"
-    assert not [p for p in lint["per-file-ignores"] if p.startswith("src")]
+    exempt = lint["per-file-ignores"].items()
+    assert not [p for p, rules in exempt if p.startswith("src") and any(r[0] == "D" for r in rules)]
     noqa = [
         p.name for p in SOURCES.rglob("*.py") if re.search(r"noqa:.*\bD\d", p.read_text("utf-8"))
     ]

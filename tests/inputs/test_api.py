@@ -10,7 +10,6 @@ import pytest
 
 import cartstiff
 from cartstiff.errors import CartstiffError, InputError, UnknownNameError
-from cartstiff.loading.mechanism_file import read_mechanism_file
 from cartstiff.loading.yaml_file import read_yaml
 
 GOOD = [0.1, -1.0, 1.2, 0.3, 0.9, 0.2]
@@ -174,7 +173,7 @@ def test_plain_values_of_yaml(text: str, value: Any) -> None:
 def test_error_carries_its_parts() -> None:
     Path("f.yaml").write_text("kind: serial\nmodel: ur5\nq: {elbow_joint: up}\n", encoding="utf-8")
     with pytest.raises(InputError) as error:
-        read_mechanism_file(Path("f.yaml"))
+        cartstiff.load("f.yaml")
     assert error.value.where == "f.yaml, line 3, key q.elbow_joint"
     assert error.value.expected == "a number"
     assert error.value.got == "'up'"

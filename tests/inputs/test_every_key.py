@@ -80,6 +80,13 @@ FIVE_BAR = {
 LINE = {"frames": ["world", "hand"], "points": [[0, 0, 1], [0, 0, 0]], "stiffness": 1e4}
 TAUT = {"lines": [LINE | {"rest_length": 0.4}]}
 
+RING = {"radius": 1.0, "half_angle": 0.1}
+PAIRS = {"base": RING, "platform": {"radius": 0.6, "half_angle": 0.2}, "height": 0.8}
+LAID = {"kind": "stewart-gough", "layout": PAIRS, "legs": {"stiffness": 1e5, "rest_length": 0.9}}
+THIRDS = {"base": {"radius": 1.0, "angles": [-0.1, 0.1]}, "platform": {"radius": 0.6, "angles":
+          [-0.9, 0.9]}, "height": 0.8, "symmetry": 3}  # fmt: skip
+CUBE = {"cubic": {"edge": 1.0, "centre": 0.3}, "base": {"height": 0.0}}
+
 KINDS = {
     "SerialFile": ARM,
     "PlatformFile": PLATFORM,
@@ -232,6 +239,28 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
             "body": BODY,
         }.items()
     },
+    **{
+        f"{name}.parameters": (
+            file, ("parameters", "m"), 5.0,
+            {"gravity": [0.5, -3, -9.81], "payload": {"mass": "=m"}, "parameters": {"m": 2.0}},
+        )
+        for name, file in KINDS.items()
+    },
+    "PlatformFile.layout": (LAID, ("layout",), THIRDS, {}),
+    "LayoutModel.base": (LAID, ("layout", "base"), {"radius": 1.0}, {}),
+    "LayoutModel.platform": (LAID, ("layout", "platform"), {"radius": 0.6}, {}),
+    "LayoutModel.height": (LAID, ("layout", "height"), 0.9, {}),
+    "LayoutModel.turn": (LAID, ("layout", "turn"), 0.8, {}),
+    "LayoutModel.symmetry": (LAID, ("layout",), {**THIRDS, "symmetry": 6, "base": RING, "platform":
+                             {"radius": 0.6, "angles": [0.4]}}, {"layout": THIRDS}),
+    "LayoutModel.cubic": (LAID, ("layout",), CUBE, {}),
+    "RingModel.radius": (LAID, ("layout", "base", "radius"), 1.1, {}),
+    "RingModel.half_angle": (LAID, ("layout", "base", "half_angle"), 0.3, {}),
+    "RingModel.angles": (LAID, ("layout", "base", "angles"), [-0.1, 0.2], {"layout": THIRDS}),
+    "RingModel.height": (LAID, ("layout", "platform", "height"), 0.1, {}),
+    "CubicModel.edge": (LAID, ("layout", "cubic", "edge"), 1.2, {"layout": CUBE}),
+    "CubicModel.size": (LAID, ("layout", "cubic"), {"size": 1.0}, {"layout": CUBE}),
+    "CubicModel.centre": (LAID, ("layout", "cubic", "centre"), [0, 0, 0.4], {"layout": CUBE}),
     "SpringsFile.unilateral": (SPRINGS, ("unilateral",), True, {}),
     "SerialFile.model": (ARM, ("model",), "other.urdf", {}),
     "SerialFile.frame": (ARM, ("frame",), "fore", {}),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,8 @@ import numpy as np
 import pytest
 
 import cartstiff
+from cartstiff.errors import InputError
+from cartstiff.loading.yaml_file import read_yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 PLATFORM = (ROOT / "robots" / "stewart-gough.yaml").read_text(encoding="utf-8")
@@ -181,7 +184,12 @@ PLATFORMS: dict[str, tuple[str, tuple[str, ...]]] = {
     "key twice": (changed(LEGS, "kind: springs\n" + LEGS), ("line 23: key stands twice", "'kind'")),
     "nested key twice": (changed("force: N", "force: N, length: m"), ("line 7", "twice")),
     "alias without anchor": (changed("[0, 0, 0]", "*p"), ("line 10", "undefined alias")),
-    "merge key": (changed(LEGS, "<<: {name: x}\n" + LEGS), ("line 23", "keys must be plain text")),
+    "merged text": (changed(LEGS, "<<: x\n" + LEGS), ("line 23", "cannot be merged")),
+    "merged unknown key": (changed(LEGS, "<<: {nam: x}\n" + LEGS), ("line 23", "unknown key")),
+    "merged twice": (
+        changed(LEGS, "<<: {name: x}\n<<: {name: y}\n" + LEGS),
+        ("line 24", "key stands twice"),
+    ),
     "key is a list": (changed(LEGS, "? [a, b]\n: 1\n" + LEGS), ("line 23", "keys must be plain")),
     "key is a mapping": (
         changed(LEGS, "? {a: b}\n: 1\n" + LEGS),
@@ -519,3 +527,39 @@ def test_anchors_aliases_and_repeated_lists_are_read_as_what_they_name(tmp_path)
     assert np.array_equal(
         cartstiff.analyse(one).matrices["A"], cartstiff.analyse(other).matrices["A"]
     )
+
+
+def test_merged_keys_are_those_of_the_mapping_that_they_name(tmp_path) -> None:
+    """YAML's merge: keys that stand here count first, then those of the first mapping named."""
+    path = tmp_path / "merged.yaml"
+    text = changed("legs:\n", "legs:\n  <<: [{preload: 1}, {mass: {fixed: 1.0, radius: 0.1}}]\n")
+    path.write_text(text.replace("  rest_length: [11, 12, 13, 14, 15, 16]\n", ""))
+    elastic = cartstiff.load(path)
+    assert elastic.masses["legs"] == 6.0
+    tensions = elastic.springs.stiffness * (
+        elastic.mechanism.leg_lengths(elastic.q) - elastic.springs.rest_length
+    )
+    assert np.allclose(tensions, 1.0)
+    data, lines = read_yaml(_written(tmp_path, "a: &a {x: 1, y: {z: 1}}\nb: {<<: *a, x: 2}\n"
+                                     "c:\n  <<: [{x: 3}, *a]\n"))  # fmt: skip
+    assert data["b"] == {"x": 2, "y": {"z": 1}}
+    assert data["c"] == {"x": 3, "y": {"z": 1}}
+    assert (lines[("b", "x")], lines[("b", "y")], lines[("c", "x")]) == (2, 1, 4)
+
+
+def test_mappings_that_grow_by_merging_are_refused(tmp_path) -> None:
+    """They stay small in memory, and would take for ever."""
+    names = "abcdefghijkl"
+    text = "a: &a {k: 1}\n" + "".join(
+        f"{new}: &{new} {{<<: [{', '.join([f'*{old}'] * 9)}]}}\n" for old, new in pairwise(names)
+    )
+    with pytest.raises(InputError, match="too many values"):
+        read_yaml(_written(tmp_path, text))
+    with pytest.raises(InputError, match="nested too deeply"):
+        read_yaml(_written(tmp_path, "a: &a {<<: *a, b: 1}\n"))
+
+
+def _written(folder: Path, text: str) -> Path:
+    path = folder / "f.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from cartstiff import numerics
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.schema import Number, Positive, Text
+from cartstiff.loading.shorthand.words import Number, Positive, Text
 from cartstiff.loading.yaml_file import read_yaml
 
 __all__ = ["Asked", "Case", "json_schema", "read_case", "read_cases"]

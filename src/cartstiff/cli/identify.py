@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from cartstiff.cli.options import frame_option
+from cartstiff.cli.options import frame_option, parameters_option
 from cartstiff.cli.output import say, tell
 from cartstiff.cli.requests.identify import (
     deviations_of,
@@ -166,11 +166,11 @@ class _Request:
             "reject": reject_of(self.reject), "level": self.level,
         }  # fmt: skip
 
-    def mechanism(self, name: str, frame: str | None) -> Any:
+    def mechanism(self, name: str, frame: str | None, parameters: dict[str, float]) -> Any:
         """The mechanism that was, or is to be, measured."""
         from cartstiff.loading import load
 
-        elastic = load(name, frame=frame)
+        elastic = load(name, frame=frame, parameters=parameters)
         if self.gravity is None:
             return elastic
         return elastic.with_gravity(self.gravity, where="--gravity")
@@ -180,6 +180,7 @@ class _Request:
 @click.argument("mechanism")
 @click.argument("table", metavar="[DATA.csv]", required=False)
 @frame_option
+@parameters_option
 @gathered(option_group(_about_the_table, _about_the_fit), "request", _Request)
 @gathered(_about_a_plan, "asked", PlanRequest)
 @option(
@@ -191,8 +192,8 @@ class _Request:
 @option("--plot", type=PICTURE, help="Draw the residuals against load, posture and time.")
 @json_option
 def command(
-    mechanism: str, table: str | None, frame: str | None, output: Path | None,
-    plot: Path | None, as_json: bool, request: _Request, asked: PlanRequest,
+    mechanism: str, table: str | None, frame: str | None, parameters: dict[str, float],
+    output: Path | None, plot: Path | None, as_json: bool, request: _Request, asked: PlanRequest,
 ) -> None:  # fmt: skip
     """Joint stiffness of MECHANISM from the loads and deflections in DATA.csv.
 
@@ -206,14 +207,14 @@ def command(
     if table is None or asked.simulate is not None:
         if output is not None or plot is not None:
             raise InputError("-o and --plot need measurements", expected="DATA.csv, measured")
-        elastic = request.mechanism(mechanism, frame)
+        elastic = request.mechanism(mechanism, frame, parameters)
         if table is None:
             data, text = asked.run_plan(elastic, of_table, of_unknowns, request)
         else:
             data, text = asked.run_simulation(elastic, table, of_table, request)
         tell(as_json, data, mechanism, text)
         return
-    elastic = request.mechanism(mechanism, frame)
+    elastic = request.mechanism(mechanism, frame, parameters)
 
     import numpy as np
 

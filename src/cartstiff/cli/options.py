@@ -17,6 +17,7 @@ from cartstiff.cli.types import (
     Arguments,
     JointValues,
     Numbers,
+    Pairs,
     UnitList,
     Values,
     gathered,
@@ -36,6 +37,11 @@ _BALANCED = (
     "Wrench on the body in its own frame; rest positions are chosen so that the springs balance it."
 )
 frame_option = option("--frame", metavar="NAME", help="Body frame M: a link or site.")
+parameters_option = repeated_option(
+    "--set", "parameters", type=Pairs("NAME=VALUE"),
+    help="A parameter of the mechanism file, in its units, instead of the value there; repeat it "
+    "for several.",
+)  # fmt: skip
 stiffness_option = option(
     "--stiffness", type=JointValues(rigid=True),
     help="Joint (or leg) stiffnesses: one number for all, one each, or name=value pairs; joints "
@@ -87,6 +93,7 @@ class MechanismRequest:
     xacro_args: dict[str, str] | None = None
     package_path: tuple[Path, ...] = ()
     units: dict[str, str] | None = None
+    parameters: dict[str, float] | None = None
 
     @property
     def degree(self) -> float:
@@ -162,7 +169,7 @@ class MechanismRequest:
         tool: dict[str, Any] = {"tcp": self.turned(self.tcp), "payload": self.payload}
         given: dict[str, Any] = {
             "frame": frame, "gravity": self.gravity, "xacro_args": self.xacro_args,
-            "package_path": self.package_path,
+            "package_path": self.package_path, "parameters": self.parameters,
         }  # fmt: skip
         if self.units is None:
             return load(self.mechanism, **tool, **given)
@@ -242,6 +249,7 @@ robot_options = option_group(
            "then moments are in N mm, and stiffnesses in N mm/rad and N/mm; a CSV file may name "
            "others in its head. deg: of joints, of roll, pitch, yaw, and in tables of postures. "
            "JSON names its unit of length and has radians."),
+    parameters_option,
     repeated_option("--xacro-arg", "xacro_args", type=Arguments("NAME:=VALUE"),
            help="Argument of a xacro file; repeat it for several."),
     click.option("--package-path", type=click.Path(path_type=Path), metavar="FOLDER",

@@ -15,6 +15,8 @@ from cartstiff.arrays import Array
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry import se3
 from cartstiff.loading.catalogue import bundled
+from cartstiff.loading.mechanism_file import place_of
+from cartstiff.loading.shorthand.parameters import with_parameters
 from cartstiff.loading.yaml_file import read_yaml
 from cartstiff.mechanisms.elements import CompliancePattern, Elements
 from cartstiff.mechanisms.identified import Identified
@@ -149,7 +151,11 @@ def _data(result: Identification, mechanism: str, frame: str | None, to: Path) -
     path = bundled(mechanism) or Path(mechanism).expanduser()
     elastic = result.elastic
     if path.suffix.lower() in (".yaml", ".yml"):
-        data, _ = read_yaml(path)
+        read, lines = read_yaml(path)
+        # Numbers are written anew: none of them may follow from a parameter any more.
+        data, _ = with_parameters(
+            read, lambda at: place_of(path, lines, at), result.elastic.parameters
+        )
         data.pop("identified", None)
         if frame is not None and data["kind"] in ("serial", "closed-chain"):
             data["frame"] = frame

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +19,10 @@ from cartstiff.loading.catalogue import (
 )
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 
-__all__ = ["load"]
+if TYPE_CHECKING:
+    from cartstiff.loading.yaml_file import Lines
+
+__all__ = ["file_reader", "hexapod", "load"]
 
 # What a robot description alone may be given, whether it has loops or none.
 _SHARED = ("model", "frame", "locked", "offset", "gravity", "payload", "xacro", "package_path")
@@ -37,6 +40,7 @@ def load(
     payload: ArrayLike | None = None,
     xacro_args: Mapping[str, str] | None = None,
     package_path: Sequence[str | Path] = (),
+    parameters: Mapping[str, float] | None = None,
     **of_model: Any,
 ) -> ElasticMechanism:
     """Load a mechanism.
@@ -66,6 +70,8 @@ def load(
     package_path : sequence of str or Path, optional
         Folders in or under which ROS packages are looked for, before ROS_PACKAGE_PATH,
         AMENT_PREFIX_PATH and the folders above the file.
+    parameters : mapping of str to float, optional
+        Values of the mechanism file's parameters, instead of those that stand in it; in its units.
     **of_model
         For Pinocchio's models, see `cartstiff.loading.pinocchio_model.from_pinocchio`: `visual`,
         `q`, `closures`, `actuated`, `name`.
@@ -90,12 +96,13 @@ def load(
                 where=one_line(str(source)),
                 expected="frame, locked, stiffness, rest, tcp, gravity, payload",
             )
-        loaded = _from_name(source, {**given, **_ros_keys(xacro_args, package_path)})
+        given |= {"parameters": parameters, **_ros_keys(xacro_args, package_path)}
+        loaded = _from_name(source, given)
     else:
         from cartstiff.loading.pinocchio_model import from_pinocchio, is_pinocchio
 
-        if xacro_args or package_path:
-            raise InputError("xacro_args and package_path belong to files",
+        if xacro_args or package_path or parameters:
+            raise InputError("xacro_args, package_path and parameters belong to files",
                              got=type(source).__name__)  # fmt: skip
         if not is_pinocchio(source):
             raise InputError(
@@ -177,6 +184,8 @@ def _from_name(source: str | Path, given: dict[str, Any]) -> ElasticMechanism:
     if not text.strip() or "\0" in text:
         raise InputError("mechanism has no name", expected="a name or a path", got=repr(text))
     if isinstance(source, str) and text.lstrip().startswith("<"):
+        if given.get("parameters"):
+            raise InputError("parameters belong to mechanism files", got="XML text")
         return _from_robot(text, "robot", given)
     try:
         path = Path(text).expanduser()
@@ -189,6 +198,9 @@ def _from_name(source: str | Path, given: dict[str, Any]) -> ElasticMechanism:
     suffix = path.suffix.lower()
     if suffix in (".yaml", ".yml"):
         return _from_file(path, given)
+    if given.get("parameters"):
+        raise InputError("parameters belong to mechanism files", where=one_line(text),
+                         expected="a .yaml file", got=", ".join(given["parameters"]))  # fmt: skip
     if suffix == ".xml" and exists:
         from cartstiff.loading.caspr.reading import is_caspr, read_caspr
 
@@ -242,10 +254,33 @@ def _from_robot(model: str, name: str, given: dict[str, Any]) -> ElasticMechanis
     return serial_of(description, serial, where, name, said=said)
 
 
+def file_reader(source: str | Path) -> Callable[[dict[str, Any]], ElasticMechanism] | None:
+    """Reads a mechanism file once: gives the mechanism for values of parameters, and so on.
+
+    None where the name is not that of a mechanism file.
+    """
+    from cartstiff.loading.yaml_file import read_yaml
+
+    path = bundled(str(source)) or Path(source).expanduser()
+    if path.suffix.lower() not in (".yaml", ".yml"):
+        return None
+    data, lines = read_yaml(path)
+    return lambda given: _from_data(data, lines, path, given)
+
+
 def _from_file(path: Path, given: dict[str, Any]) -> ElasticMechanism:
+    from cartstiff.loading.yaml_file import read_yaml
+
+    return _from_data(*read_yaml(path), path, given)
+
+
+def _from_data(
+    data: dict[str, Any], lines: Lines, path: Path, given: dict[str, Any]
+) -> ElasticMechanism:
+    """The mechanism of a file's data, with what was given beside it."""
     from cartstiff.loading import build, build_closed
     from cartstiff.loading.findings import with_findings
-    from cartstiff.loading.mechanism_file import located, read_mechanism_file
+    from cartstiff.loading.mechanism_file import checked_file, located
     from cartstiff.loading.plausible import file_notes
     from cartstiff.loading.schema import (
         ParallelFile,
@@ -254,7 +289,7 @@ def _from_file(path: Path, given: dict[str, Any]) -> ElasticMechanism:
         SpringsFile,
     )
 
-    file, lines = read_mechanism_file(path)
+    file, parameters = checked_file(data, lines, path, given.get("parameters"))
     where = one_line(str(path))
     name = file.name or path.stem
     try:
@@ -267,8 +302,84 @@ def _from_file(path: Path, given: dict[str, Any]) -> ElasticMechanism:
             elastic = build_closed.build_parallel(file, path.parent, where, name)
         else:
             elastic = build_closed.build_closed_chain(file, path.parent, where, name)
-        elastic = replace(elastic, notes=(*elastic.notes, *file_notes(file)))
-        elastic = replace(elastic, source=" ".join((file.source or "").split()))
+        notes = (*elastic.notes, *file_notes(file), *parameters.notes())
+        source = " ".join((file.source or "").split())
+        elastic = replace(elastic, notes=notes, source=source, parameters=parameters.values)
         return elastic if file.identified is None else with_findings(elastic, file.identified)
     except InputError as error:
         raise located(error, path, lines) from None
+
+
+def hexapod(
+    *,
+    base: Mapping[str, Any] | None = None,
+    platform: Mapping[str, Any] | None = None,
+    height: float | None = None,
+    turn: float | None = None,
+    symmetry: int | None = None,
+    cubic: Mapping[str, Any] | None = None,
+    legs: float | Mapping[str, Any],
+    name: str = "hexapod",
+    **keys: Any,
+) -> ElasticMechanism:
+    """A Stewart-Gough platform by radii and angles, or in a cube.
+
+    The same as a mechanism file of kind stewart-gough with a ``layout``: every key means there
+    what it means here, and is checked in the same way.
+
+    Parameters
+    ----------
+    base, platform : mapping
+        The joints' circles: ``radius``, ``half_angle`` (rad) of the pairs or ``angles`` (rad) of
+        the joints, ``height``.
+    height : float
+        Of the platform's frame P over F; without it 0 for a cube.
+    turn : float, optional
+        Of the platform's pairs against the base's; default pi/3.
+    symmetry : {1, 2, 3, 6}, optional
+        `angles` are given for one part of so many.
+    cubic : mapping, optional
+        ``edge`` or ``size`` of a cube, and its ``centre``.
+    legs : float or mapping
+        The stiffness of every leg, or the file's key: ``stiffness``, ``rest_length``, ``preload``,
+        ``limits``, ``mass``, ``damping``.
+    name : str
+        For people.
+    **keys
+        Any other key of the file: ``units``, ``frame``, ``body``, ``payload``, ``gravity``.
+
+    Returns
+    -------
+    ElasticMechanism
+        As `load` gives it.
+
+    Raises
+    ------
+    InputError
+        With the key that cannot be used.
+
+    Examples
+    --------
+    >>> import cartstiff
+    >>> ring = {"radius": 0.3, "half_angle": 0.2}
+    >>> platform = cartstiff.hexapod(base=ring, platform=ring, height=0.4, legs=1e6)
+    >>> platform.mechanism.leg_lengths(platform.q).round(4).tolist()
+    [0.4432, 0.4432, 0.4432, 0.4432, 0.4432, 0.4432]
+    """
+    given = {"base": base, "platform": platform, "height": height, "turn": turn,
+             "symmetry": symmetry, "cubic": cubic}  # fmt: skip
+    layout = {key: _plain(value) for key, value in given.items() if value is not None}
+    data = {"kind": "stewart-gough", "layout": layout, **_plain(keys), "name": name}
+    data["legs"] = _plain(legs) if isinstance(legs, Mapping) else {"stiffness": _plain(legs)}
+    return _from_data(data, {}, Path("hexapod"), {})
+
+
+def _plain(value: Any) -> Any:
+    """The same as a file has it: mappings, lists and numbers."""
+    if isinstance(value, Mapping):
+        return {key: _plain(inner) for key, inner in value.items()}
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [_plain(inner) for inner in value]
+    return value.item() if isinstance(value, np.generic) else value

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -13,22 +14,36 @@ from pydantic import (
 )
 
 from cartstiff.errors import InputError, one_line
-from cartstiff.loading.schema import ADAPTER, KINDS, FileModel, PlatformFile, SpringsFile
-from cartstiff.loading.yaml_file import Lines, read_yaml
+from cartstiff.loading.schema import ADAPTER, KINDS, PlatformFile, SpringsFile
+from cartstiff.loading.shorthand.layout import LayoutModel, laid_out
+from cartstiff.loading.shorthand.parameters import Parameters, with_parameters
+from cartstiff.loading.shorthand.words import FileModel
+from cartstiff.loading.yaml_file import Lines
 
-__all__ = ["located", "place_of", "read_mechanism_file"]
+__all__ = ["checked_file", "located", "place_of"]
 
 
-def read_mechanism_file(path: Path) -> tuple[Any, Lines]:
-    """Read and check a mechanism file; returns its model and the line of each value.
+def checked_file(
+    data: dict[str, Any], lines: Lines, path: Path, given: Mapping[str, Any] | None = None
+) -> tuple[Any, Parameters]:
+    """Model of a file's data, and the values of its parameters.
+
+    Parameters
+    ----------
+    data, lines, path
+        As read, with the line of each value; messages name the path.
+    given : mapping of str to float, optional
+        Values of parameters that count instead of the file's.
 
     Raises
     ------
     InputError
         The first thing that is wrong, with file, line and key.
     """
-    data, lines = read_yaml(path)
+    data, parameters = with_parameters(data, lambda at: place_of(path, lines, at), given)
     try:
+        if data.get("kind") == "stewart-gough":
+            data = _with_layout(data, lines, path)
         file = ADAPTER.validate_python(data)
     except ValidationError as error:
         raise _first_error(error, data, lines, path) from None
@@ -36,7 +51,22 @@ def read_mechanism_file(path: Path) -> tuple[Any, Lines]:
         raise InputError("file is nested too deeply", where=one_line(str(path))) from None
     if isinstance(file, (PlatformFile, SpringsFile)):
         _check_legs(file, lines, path)
-    return file, lines
+    return file, parameters
+
+
+def _with_layout(data: dict[str, Any], lines: Lines, path: Path) -> dict[str, Any]:
+    """The data with points in place of a layout."""
+    if data.get("layout") is None:
+        return data
+    for key in ("base", "platform", "pose"):
+        if key in data:
+            raise InputError(f"give layout or {key}, not both", where=place_of(path, lines, (key,)))
+    try:
+        layout = LayoutModel.model_validate(data["layout"])
+    except ValidationError as error:
+        # Its places begin where the layout does; as those of a file they name its kind first.
+        raise _first_error(error, data, lines, path, ("kind", "layout")) from None
+    return {**{k: v for k, v in data.items() if k != "layout"}, **laid_out(layout)}
 
 
 def _check_legs(file: PlatformFile | SpringsFile, lines: Lines, path: Path) -> None:
@@ -65,9 +95,9 @@ def place_of(path: Path, lines: Lines, at: tuple[str | int, ...]) -> str:
     known = at
     while known and known not in lines:
         known = known[:-1]
-    line = lines.get(known, 1)
+    line = f", line {lines.get(known, 1)}" if lines else ""  # what comes from Python has none
     key = ".".join(str(part + 1) if isinstance(part, int) else part for part in at)
-    return one_line(f"{path}, line {line}" + (f", key {key}" if key else ""))
+    return one_line(f"{path}{line}" + (f", key {key}" if key else ""))
 
 
 def located(error: InputError, path: Path, lines: Lines) -> InputError:
@@ -88,14 +118,18 @@ def located(error: InputError, path: Path, lines: Lines) -> InputError:
 
 
 def _first_error(
-    error: ValidationError, data: dict[str, Any], lines: Lines, path: Path
+    error: ValidationError,
+    data: dict[str, Any],
+    lines: Lines,
+    path: Path,
+    within: tuple[str, ...] = (),
 ) -> InputError:
     # Of a union's alternatives the one that went deepest is the one the user meant; an unknown
     # key says most of all, as it often explains a missing one.
     problems = error.errors(include_url=False)
     chosen = max(problems, key=lambda p: (p["type"] == "extra_forbidden", len(p["loc"])))
     kind = chosen["type"]
-    at = _keys(chosen["loc"], data, kind)
+    at = _keys((*within, *chosen["loc"]), data, kind)
     got = chosen["input"]
     got = "nothing" if got is None or got == "" else repr(got) if isinstance(got, str) else got
     if kind == "extra_forbidden":

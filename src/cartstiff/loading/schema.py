@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import (
-    BaseModel,
-    ConfigDict,
     Field,
     PlainValidator,
     TypeAdapter,
@@ -20,7 +18,15 @@ from pydantic_core import PydanticCustomError
 
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.yaml_file import LARGEST_NUMBER
+from cartstiff.loading.shorthand.layout import LayoutModel
+from cartstiff.loading.shorthand.words import (
+    FileModel,
+    NotNegative,
+    Number,
+    Positive,
+    Text,
+    Vector,
+)
 
 __all__ = [
     "BeamModel",
@@ -45,12 +51,6 @@ __all__ = [
     "json_schema",
     "pose_of",
 ]
-
-_MOST = LARGEST_NUMBER
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-_MOST, le=_MOST)]
-Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1 / _MOST, le=_MOST)]
-NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=_MOST)]
-Text = Annotated[str, Field(strict=True, min_length=1, max_length=4000)]
 
 
 def _file_name(name: Any) -> str:
@@ -82,14 +82,7 @@ Argument = Annotated[
     WithJsonSchema({"type": ["string", "number", "boolean"]}),
 ]
 Flag = Annotated[bool, Field(strict=True)]
-Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Vectors = Annotated[list[Vector], Field(min_length=1, max_length=100_000)]
-
-
-class FileModel(BaseModel):
-    """What stands in a mechanism file: no other keys, and nothing changes it."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class PoseModel(FileModel):
@@ -325,6 +318,13 @@ class _File(FileModel):
         Field(description="acceleration in F, m/s^2 whatever the units; none if absent"),
     ] = None
     payload: PayloadModel | None = None
+    parameters: Annotated[
+        dict[Text, Number | Text],
+        Field(
+            description="names for numbers; wherever a number stands in the file, a text such as "
+            "'=2*r*cos(pi/6)' may stand for it"
+        ),
+    ] = {}
     identified: IdentifiedModel | None = None
 
 
@@ -358,12 +358,22 @@ class PlatformFile(_File):
 
     kind: Literal["stewart-gough"]
     units: UnitsModel = UnitsModel()
-    base: Annotated[Vectors, Field(min_length=6, max_length=6, description="points in F")]
-    platform: Annotated[Vectors, Field(min_length=6, max_length=6, description="points in P")]
+    layout: Annotated[
+        LayoutModel | None, Field(description="in place of base, platform and pose")
+    ] = None
+    base: Annotated[Vectors, Field(min_length=6, max_length=6, description="points in F")] = []
+    platform: Annotated[Vectors, Field(min_length=6, max_length=6, description="points in P")] = []
     pose: Annotated[PoseModel, Field(description="P in F")] = PoseModel()
     frame: Annotated[PoseModel, Field(description="M in P")] = PoseModel()
     body: BodyModel | None = None
     legs: LinesLegs
+
+    @model_validator(mode="after")
+    def _has_points(self) -> PlatformFile:
+        for key in ("base", "platform"):
+            if not getattr(self, key):
+                raise ValueError(f"key '{key}' is missing: give base and platform, or layout")
+        return self
 
 
 class SpringsFile(_File):

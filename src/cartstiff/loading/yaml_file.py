@@ -26,6 +26,7 @@ LARGEST_NUMBER = 1e30
 _BRACKETS = re.compile(r"(?:[\[{]\s*){60}")
 _COMMENTS = re.compile(r"^\s*(?:#.*)?$", re.MULTILINE)
 _NULLS = {"", "~", "null", "Null", "NULL"}
+_MERGE = "tag:yaml.org,2002:merge"
 _TRUTHS = {"true": True, "false": False}
 
 
@@ -73,8 +74,9 @@ def read_text(path: Path, largest: int = LARGEST) -> str:
 def read_yaml(path: Path) -> tuple[dict[str, Any], Lines]:
     """Mapping in a YAML file, and the line of each of its values.
 
-    Only mappings, sequences and plain scalars are accepted: no tags, no merge keys, no key twice,
-    no second document. An alias stands for a copy of what its anchor names. Numbers
+    Only mappings, sequences and plain scalars are accepted: no tags, no key twice, no second
+    document. An alias stands for a copy of what its anchor names; ``<<`` takes over the keys of a
+    mapping, or of several, that do not stand beside it, the first of several counting. Numbers
     follow YAML 1.2 (``3e5`` is a number, ``1:30`` is text).
 
     Raises
@@ -101,8 +103,7 @@ def read_yaml(path: Path) -> tuple[dict[str, Any], Lines]:
                 "file must hold one YAML document", where=where,
                 got="several" if len(documents) > 1 else "none",
             )  # fmt: skip
-        constructor = yaml.constructor
-        data = _plain(documents[0], (), lines, constructor, where)
+        data = _Reader(lines, where).plain(documents[0], ())
     except YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f", line {mark.line + 1}" if mark is not None else ""
@@ -130,36 +131,65 @@ def _check_directives(text: str, where: str) -> None:
             return
 
 
-def _plain(node: Any, at: tuple[str | int, ...], lines: Lines, constructor: Any, where: str) -> Any:
-    """Plain Python data of a composed node; refuses whatever is not data."""
-    line = node.start_mark.line + 1
-    place = f"{where}, line {line}"
-    lines[at] = line
-    _check_count(len(lines), place)
-    if len(at) > _DEEPEST:  # an alias may stand inside what its anchor names
-        raise InputError("YAML is nested too deeply", where=place)
-    tag = str(node.tag or "")
-    if node.id == "mapping":
+class _Reader:
+    """Plain Python data of composed nodes; refuses whatever is not data."""
+
+    def __init__(self, lines: Lines, where: str) -> None:
+        self._lines, self._where = lines, where
+        self._seen = 0
+
+    def plain(self, node: Any, at: tuple[str | int, ...]) -> Any:
+        """Data of a node that stands at some keys."""
+        line = node.start_mark.line + 1
+        place = f"{self._where}, line {line}"
+        self._lines[at] = line
+        # Not the lines: what several merged mappings have in common has one of them only.
+        self._seen += 1
+        _check_count(self._seen, place)
+        if len(at) > _DEEPEST:  # an alias may stand inside what its anchor names
+            raise InputError("YAML is nested too deeply", where=place)
+        tag = str(node.tag or "")
+        if node.id == "mapping":
+            return self._mapping(node, at, place, tag)
+        if node.id == "sequence":
+            if tag != "tag:yaml.org,2002:seq":
+                raise InputError("YAML tags are not supported", where=place, got=tag)
+            return [self.plain(value, (*at, i)) for i, value in enumerate(node.value)]
+        return _scalar(node, tag, place)
+
+    def _mapping(
+        self, node: Any, at: tuple[str | int, ...], place: str, tag: str
+    ) -> dict[str, Any]:
         if tag != "tag:yaml.org,2002:map":
             raise InputError("YAML tags are not supported", where=place, got=tag)
-        data: dict[str, Any] = {}
+        pairs, merged = [], None
         for key_node, value_node in node.value:
-            key_place = f"{where}, line {key_node.start_mark.line + 1}"
-            if key_node.id != "scalar" or "merge" in str(key_node.tag):
+            key_place = f"{self._where}, line {key_node.start_mark.line + 1}"
+            if key_node.id != "scalar":
                 raise InputError("keys must be plain text", where=key_place)
+            if str(key_node.tag) == _MERGE:
+                if merged is not None:
+                    raise InputError("key stands twice", where=key_place, got="'<<'")
+                merged = value_node.value if value_node.id == "sequence" else [value_node]
+                if any(part.id != "mapping" for part in merged):
+                    raise InputError("cannot be merged", where=key_place,
+                                     expected="a mapping, or a list of mappings")  # fmt: skip
+                continue
             if not str(key_node.tag).startswith("tag:yaml.org,2002:") or "/" in str(key_node.tag):
                 raise InputError("YAML tags are not supported", where=key_place, got=key_node.tag)
-            key = str(key_node.value)
-            if key in data:
-                raise InputError("key stands twice", where=key_place, got=repr(key))
-            data[key] = _plain(value_node, (*at, key), lines, constructor, where)
-            lines[(*at, key)] = key_node.start_mark.line + 1
+            pairs.append((str(key_node.value), key_node.start_mark.line + 1, value_node))
+        data: dict[str, Any] = {}
+        for part in reversed(merged or []):  # the first counts, and what stands here before all
+            data |= self.plain(part, at)
+        own: set[str] = set()
+        for key, line, value_node in pairs:
+            if key in own:
+                raise InputError("key stands twice", where=f"{self._where}, line {line}",
+                                 got=repr(key))  # fmt: skip
+            own.add(key)
+            data[key] = self.plain(value_node, (*at, key))
+            self._lines[(*at, key)] = line
         return data
-    if node.id == "sequence":
-        if tag != "tag:yaml.org,2002:seq":
-            raise InputError("YAML tags are not supported", where=place, got=tag)
-        return [_plain(v, (*at, i), lines, constructor, where) for i, v in enumerate(node.value)]
-    return _scalar(node, tag, place)
 
 
 def _check_count(count: int, where: str) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -62,6 +62,8 @@ class ElasticMechanism(ShownInLines):
         How well the stiffnesses are known, where they were measured.
     source : str
         Where the numbers come from, for readers; empty where nobody has said it.
+    parameters : mapping of str to float
+        Values of the parameters of the mechanism's file, in its units; empty without any.
     """
 
     name: str
@@ -74,6 +76,7 @@ class ElasticMechanism(ShownInLines):
     damping: Array | None = None
     identified: Identified | None = None
     source: str = ""
+    parameters: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "q", fixed(np.asarray(self.q, float)))

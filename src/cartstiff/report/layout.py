@@ -32,9 +32,9 @@ def percent(x: float | None) -> str:
     return f"{float(shown):g} %"
 
 
-def share(x: float) -> str:
-    """A pure number of size one; what is only rounding is 0."""
-    return number(0.0 if abs(x) < numerics.BLANK else x, 3)
+def share(x: float | None) -> str:
+    """A pure number of size one; what is only rounding is 0, what does not exist "-"."""
+    return number(0.0 if x is not None and abs(x) < numerics.BLANK else x, 3)
 
 
 def _shown(values: Iterable[float | None], size: float = 0.0) -> list[float | None]:

@@ -1,0 +1,163 @@
+"""Parameters of mechanism files: their arithmetic against Python's, their refusals, and --set."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import cartstiff
+from cartstiff.cli.main import command
+from cartstiff.errors import InputError
+from cartstiff.expressions import Expression
+
+FILE = """\
+kind: springs
+parameters: {r: 0.25, h: =2*r, k: "=4e3*r**2/h"}
+base: [[=r, 0, 0], ["=r*cos(2*pi/3)", "=r*sin(2*pi/3)", 0], [=-r/2, "=-r*sqrt(3)/2", 0]]
+platform: [[0, 0, 0], [0, 0, 0], [0, 0, 0]]
+pose: {xyz: [0, 0, =h]}
+legs: {stiffness: =k}
+"""
+
+
+@pytest.fixture
+def tripod(tmp_path: Path) -> Path:
+    """Three legs to a point over the middle of an equilateral triangle."""
+    path = tmp_path / "tripod.yaml"
+    path.write_text(FILE, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(("r", "given"), [(0.25, None), (0.4, {"r": 0.4})])
+def test_numbers_follow_from_the_parameters(tripod: Path, r: float, given: dict | None) -> None:
+    """The tripod's stiffness by hand: k (3/2 sin^2, 3/2 sin^2, 3 cos^2) of the leg's angle."""
+    elastic = cartstiff.load(tripod, parameters=given)
+    h, k = 2 * r, 4e3 * r**2 / (2 * r)
+    across = r**2 / (r**2 + h**2)
+    K = cartstiff.analyse(elastic).matrices["B"][3:, 3:]
+    expected = k * np.diag([1.5 * across, 1.5 * across, 3 * (1 - across)])
+    assert np.abs(K - expected).max() < 1e-12 * k
+    assert elastic.parameters == pytest.approx({"r": r, "h": h, "k": k})
+
+
+numbers = st.floats(0.1, 9.0).map(lambda x: repr(round(x, 3)))
+texts = st.recursive(
+    numbers | st.sampled_from(["x", "y", "pi"]),
+    lambda part: (
+        st.tuples(part, st.sampled_from(["+", "-", "*", "/", "**"]), part).map(
+            lambda found: f"({found[0]} {found[1]} {found[2]})"
+        )
+        | st.tuples(st.sampled_from(["sin", "cos", "sqrt", "-", "atan2"]), part).map(
+            lambda found: f"{found[0]}({found[1]}{', 2' if found[0] == 'atan2' else ''})"
+        )
+    ),
+    max_leaves=8,
+)
+
+
+@settings(max_examples=60)
+@given(text=texts)
+def test_arithmetic_is_that_of_python(text: str) -> None:
+    names = {"x": 0.7, "y": -1.3, "pi": math.pi, "sin": math.sin, "cos": math.cos,
+             "sqrt": math.sqrt, "atan2": math.atan2}  # fmt: skip
+    try:
+        expected = eval(text, {"__builtins__": {}}, names)
+    except (ArithmeticError, ValueError, TypeError):
+        expected = math.nan
+    if isinstance(expected, complex) or not math.isfinite(expected):
+        with pytest.raises(InputError, match=r"division by zero|no finite real number"):
+            Expression(text, "here").value({"x": 0.7, "y": -1.3})
+    else:
+        found = Expression(text, "here").value({"x": 0.7, "y": -1.3})
+        assert found == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "2 +", "__import__('os')", "r.real", "r[0]", "r if r else 1", "r < 2", "True", "1j",
+     "'a'", "lambda: 1", "sin", "sin(1, 2)", "sin(x=1)", "(" * 300, "-" * 390 + "1 2", "1 # 2\n3",
+     "r := 2", "abs(r)", "f'{r}'", "[1]", "2 if r", "pow(2, 3)", "9" * 500],
+)  # fmt: skip
+def test_what_is_no_arithmetic_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match=r"(arithmetic|unknown function).* here|here: "):
+        Expression(text, "here")
+
+
+REFUSALS = {
+    "unknown": ("r: 0.25", "r: =q", "line 2, key parameters.r", "unknown parameter"),
+    "unknown below": ("=-r/2", "=-q/2", "line 3, key base.3.1", "unknown parameter"),
+    "a circle": ("r: 0.25", "r: =h", "parameters", "r -> h -> r"),
+    "itself": ("r: 0.25", "r: =r+1", "parameters.r", "r -> r"),
+    "not used": ("r: 0.25", "r: 0.25, s: 1", "key parameters.s", "'s' is not used"),
+    "zero": ("r: 0.25", "r: 0", "parameters.k", "division by zero"),
+    "root": ("r: 0.25", "r: =sqrt(2-3)", "parameters.r", "no finite real number"),
+    "too large": ("r: 0.25", "r: =10**300*10**300", "parameters.r", "no finite real number"),
+    "text": ("r: 0.25", "r: big", "parameters.r", "a number, or arithmetic"),
+    "name": ("r: 0.25", "pi: 3, r: 1", "parameters.pi", "name of a parameter"),
+    "list": ("{r: 0.25", "[{r: 0.25", "parameters", "names and their numbers"),
+    "of a bad number": ("stiffness: =k", "stiffness: =-k", "legs.stiffness", "above zero"),
+    "of a name": ("kind: springs", "kind: =k", "kind", "unknown kind"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSALS)
+def test_refusals_name_the_place(tripod: Path, case: str) -> None:
+    old, new, where, what = REFUSALS[case]
+    text = FILE.replace(old, new)
+    if case == "list":
+        text = text.replace('h"}', 'h"}]')
+    tripod.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as error:
+        cartstiff.load(tripod)
+    assert what in str(error.value)
+    assert where in str(error.value)
+
+
+def test_what_is_set_is_known_and_told(tripod: Path) -> None:
+    run = CliRunner().invoke(command, ["analyse", str(tripod), "--set", "r=0.4", "--json"])
+    answer = json.loads(run.output)
+    note = next(n for n in answer["notes"] if n["code"] == "parameters-set")
+    assert note["values"] == {"r": 0.4}
+    plain = CliRunner().invoke(command, ["analyse", str(tripod), "--set", "r=0.4,h=1"]).output
+    assert "r = 0.4, h = 1" in plain
+    for arguments, words in (
+        (["analyse", str(tripod), "--set", "s=1"], "expected one of r, h, k"),
+        (["analyse", "cubic", "--set", "s=1"], "has no parameters"),
+        (["analyse", "robot.urdf", "--set", "s=1"], "belong to mechanism files"),
+        (["map", str(tripod), "--set", "r=1,r=2"], "each once"),
+    ):
+        with pytest.raises(InputError, match=words):
+            CliRunner().invoke(command, arguments, catch_exceptions=False)
+    with pytest.raises(InputError, match="parameter 'r'"):
+        cartstiff.load(tripod, parameters={"r": math.nan})
+
+
+def test_counts_and_xacro_arguments_may_be_arithmetic(tmp_path: Path) -> None:
+    """What is a whole number can stand where a count stands."""
+    arm = (
+        "<robot name='a'><link name='b'/><link name='l'/><link name='t'/>"
+        "<joint name='j' type='revolute'><parent link='b'/><child link='l'/><axis xyz='0 0 1'/>"
+        "<limit lower='-3' upper='3' effort='1' velocity='1'/></joint>"
+        "<joint name='e' type='fixed'><parent link='l'/><child link='t'/>"
+        "<origin xyz='0.5 0 0'/></joint></robot>"
+    )
+    (tmp_path / "a.urdf").write_text(arm)
+    text = (
+        "kind: serial\nmodel: a.urdf\nframe: t\nparameters: {n: 2, I: 4.0e-8}\n"
+        "flexible: {l: {beam: {E: 7.0e10, G: 2.6e10, length: 0.5, area: 6.0e-4, Iy: =I, Iz: =I, "
+        "J: =2*I, segments: =n}}}\n"
+    )
+    (tmp_path / "a.yaml").write_text(text)
+    counts = [
+        len(cartstiff.load(tmp_path / "a.yaml", parameters={"n": n}).names) for n in (1, 2, 3)
+    ]
+    assert counts[1] - counts[0] == counts[2] - counts[1] == 6
+    with pytest.raises(InputError, match=r"segments.*got 1.5"):
+        cartstiff.load(tmp_path / "a.yaml", parameters={"n": 1.5})
