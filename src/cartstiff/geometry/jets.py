@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["Jet", "variables"]
+__all__ = ["Jet", "stacked", "variables"]
 
 
 class Jet:
@@ -63,6 +66,24 @@ class Jet:
 
     __rmul__ = __mul__
 
+    def __getitem__(self, index: Any) -> Jet:
+        """Some of the values, by an index of their own axes that stand in front."""
+        return Jet(self.value[index], self.gradient[index], self.hessian[index])
+
+    def combined(self, matrix: Array) -> Jet:
+        """Sums (..., k) of the values on the last axis (..., j), with coefficients (k, j)."""
+        return Jet(
+            self.value @ matrix.T,
+            matrix @ self.gradient,
+            np.einsum("kj,...jab->...kab", matrix, self.hessian),
+        )
+
+    def among(self, selection: Array) -> Jet:
+        """The same in more variables, by what (..., n, m) these are of the n it has."""
+        turned = selection.swapaxes(-1, -2)
+        gradient = (self.gradient[..., None, :] @ selection)[..., 0, :]
+        return Jet(self.value, gradient, turned @ self.hessian @ selection)
+
     def sin(self) -> Jet:
         """Sine."""
         s, c = np.sin(self.value), np.cos(self.value)
@@ -90,3 +111,12 @@ def variables(values: Array) -> list[Jet]:
     zero = np.zeros((*values.shape[:-1], n, n))
     eye = np.broadcast_to(np.eye(n), zero.shape)
     return [Jet(values[..., i], eye[..., i, :], zero) for i in range(n)]
+
+
+def stacked(jets: Sequence[Jet]) -> Jet:
+    """Jets (...) as one (..., k), so that one operation serves them all."""
+    return Jet(
+        np.stack([jet.value for jet in jets], axis=-1),
+        np.stack([jet.gradient for jet in jets], axis=-2),
+        np.stack([jet.hessian for jet in jets], axis=-3),
+    )

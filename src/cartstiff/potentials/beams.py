@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.geometry.jets import Jet, variables
+from cartstiff.geometry.jets import Jet, stacked, variables
 from cartstiff.geometry.se3 import Array, read_only
 from cartstiff.potentials.contract import Evaluation, Posture, Potential, Remark
 
@@ -254,9 +254,7 @@ class Beam(Potential):
     def _evaluated(self, x: Array) -> _Segments:
         h = self.length
         phi, turns = _deformations(x)
-        u = x[:, 2]
-        # (m, 4): bow about y and z, S about y and z.
-        theta = np.stack([t.value for t in turns], axis=-1)
+        u, theta = x[:, 2], turns.value
         N, s, s1, s2 = self._axial_force(u, theta)
         squares = theta * theta
         torsion = self.section.torsion / h
@@ -270,21 +268,18 @@ class Beam(Potential):
         mixed = np.zeros(x.shape)  # d^2 U / dN dx
         mixed[:, 2] = 1.0
         gradient[:, 2] += N
-        for k, turn in enumerate(turns):
-            moment = 2 * s[:, k] * turn.value
-            gradient += moment[:, None] * turn.gradient
-            mixed += (2 * s1[:, k] * turn.value)[:, None] * turn.gradient
-            hessian += moment[:, None, None] * turn.hessian
-            hessian += (2 * s[:, k])[:, None, None] * (
-                turn.gradient[:, :, None] * turn.gradient[:, None, :]
-            )
+        G, moments = turns.gradient, 2 * s * theta
+        gradient += (moments[:, None] @ G)[:, 0]
+        mixed += ((2 * s1 * theta)[:, None] @ G)[:, 0]
+        hessian += np.einsum("mk,mkab->mab", moments, turns.hessian)
+        hessian += G.swapaxes(1, 2) @ ((2 * s)[:, :, None] * G)
         # Along the equation of N, which is at its maximum unless it stands at a bound.
         softness = h / self.section.axial - (s2 * squares).sum(axis=-1)
         low, high = self._bounds
         at_bound = ((1 - _NEAR) * low >= N) | ((1 - _NEAR) * high <= N)
         answers = np.where(at_bound, 0.0, 1 / softness)
         hessian += answers[:, None, None] * mixed[:, :, None] * mixed[:, None, :]
-        bent = max(float(np.abs(jet.value).max()) for jet in (phi, *turns))
+        bent = float(max(np.abs(phi.value).max(), np.abs(theta).max()))
         return _Segments(energy, gradient, hessian, N, bent)
 
     def _axial_force(self, u: Array, theta: Array) -> tuple[Array, Array, Array, Array]:
@@ -331,37 +326,54 @@ class Beam(Potential):
         return s, s1, s2
 
 
-def _deformations(x: Array) -> tuple[Jet, list[Jet]]:
-    """Twist, bow about y and z, and S about y and z, of segments with coordinates x (m, 6)."""
-    near_y, near_z, _, along, far_z, far_y = variables(x)
-    a_y, a_z, near_twist = _swing(near_y, near_z)
-    b_y, b_z, far_twist = _swing(far_y, far_z)
-    phi = along + near_twist - far_twist
-    # The rotations against the chord are -a and b; each turned by half the twist, so that they
-    # stand on the axes of the section half way.
-    c, s = (0.5 * phi).cos(), (0.5 * phi).sin()
-    one_y, one_z = -(a_y * c + a_z * s), a_y * s - a_z * c
-    two_y, two_z = b_y * c - b_z * s, b_z * c + b_y * s
-    bow_y, double_y = 0.5 * (one_y - two_y), 0.5 * (one_y + two_y)
-    bow_z, double_z = 0.5 * (one_z - two_z), 0.5 * (one_z + two_z)
+# Which of the six coordinates turn about y and z at the near and at the far end, as selections.
+_TURNS = np.array([[0, 1], [5, 4]])
+_OF_ENDS = np.eye(6)[_TURNS][:, None]
+# From (y, z) of the near and far vectors, each times (cos, sin) of half the twist, to the bows
+# about y and z and the S about y and z: the rotations against the chord are -near and far.
+_ONE_Y, _ONE_Z = [-1, 0, 0, -1, 0, 0, 0, 0], [0, 1, -1, 0, 0, 0, 0, 0]
+_TWO_Y, _TWO_Z = [0, 0, 0, 0, 1, 0, 0, -1], [0, 0, 0, 0, 0, 1, 1, 0]
+_SECTIONS = np.array([_ONE_Y, _ONE_Z, _TWO_Y, _TWO_Z], float)
+_BOW_AND_S = 0.5 * np.block([[np.eye(2), -np.eye(2)], [np.eye(2), np.eye(2)]]) @ _SECTIONS
+
+
+def _deformations(x: Array) -> tuple[Jet, Jet]:
+    """Twist (m,), and bow about y and z and S about y and z (m, 4), at coordinates x (m, 6)."""
+    ends = _swing(x[:, _TURNS]).among(_OF_ENDS)  # (m, 2, 3): y, z, twist of the near and far end
+    along = variables(x)[3]
+    phi = along + ends[:, 0, 2] - ends[:, 1, 2]
+    # Each turned by half the twist, so that they stand on the axes of the section half way.
+    half = stacked([(0.5 * phi).cos(), (0.5 * phi).sin()])
+    turned = ends[:, :, :2, None] * half[:, None, None, :]
+    count = len(x)
+    turns = Jet(
+        turned.value.reshape(count, 8),
+        turned.gradient.reshape(count, 8, 6),
+        turned.hessian.reshape(count, 8, 6, 6),
+    ).combined(_BOW_AND_S)
     # A line that bends in two planes winds: so much of the turn is no strain.
-    twist = phi - (double_y * bow_z - bow_y * double_z)
-    return twist, [bow_y, bow_z, double_y, double_z]
+    winding = turns[:, 2:] * turns[:, 1::-1]
+    return phi - winding[:, 0] + winding[:, 1], turns
 
 
-def _swing(about_y: Jet, about_z: Jet) -> tuple[Jet, Jet, Jet]:
-    """Ry(b) Rz(g) as a rotation vector (0, y, z), after or before a twist about e_x.
+def _swing(angles: Array) -> Jet:
+    """Ry(b) Rz(g) as (y, z, twist): a rotation vector (0, y, z), after or before a turn about e_x.
 
     The angle of the vector is acos(cos b cos g); the twist is 2 atan(tan(b/2) tan(g/2)).
+    Angles (..., 2), found (..., 3) in these two variables.
     """
-    half_b, half_g = 0.5 * about_y, 0.5 * about_z
-    p, q = half_b.sin() * half_b.sin(), half_g.sin() * half_g.sin()
+    both = stacked(variables(angles))
+    sine, cosine = np.sin(angles), np.cos(angles)
+    squares = both.apply(np.sin(0.5 * angles) ** 2, 0.5 * sine, 0.5 * cosine)
+    p, q = squares[..., 0], squares[..., 1]
     w = p + q - 2 * (p * q)
     stretch = w.apply(*_turn(w.value))
-    y = stretch * (about_y.sin() * about_z.cos())
-    z = stretch * about_z.sin()
-    twist = 2 * (half_b.tan() * half_g.tan()).atan()
-    return y, z, twist
+    sines, about_z = both.apply(sine, cosine, -sine), angles[..., 1]
+    cosine_z = both[..., 1].apply(np.cos(about_z), -sine[..., 1], -np.cos(about_z))
+    y = stretch * (sines[..., 0] * cosine_z)
+    z = stretch * sines[..., 1]
+    tangents = (0.5 * both).tan()
+    return stacked([y, z, 2 * (tangents[..., 0] * tangents[..., 1]).atan()])
 
 
 def _turn(w: Array) -> tuple[Array, Array, Array]:
