@@ -15,17 +15,17 @@ PATIENCE = 300.0
         ("abort", "signal 6"),
         ("wrong", "planted"),
         ("large", "MiB"),
-        ("endless", "no answer for 3 s"),
+        ("endless", "no answer for 1 s"),
         ("busy", "more than 1 s"),
     ],
 )
 def test_what_is_wrong_is_seen(kind, words):
     faults = run(
-        2, families=[kind], seconds=1.0 if kind == "busy" else PATIENCE,
-        patience=3.0 if kind == "endless" else PATIENCE,
+        1, families=[kind], seconds=1.0 if kind == "busy" else PATIENCE,
+        patience=1.0 if kind == "endless" else PATIENCE,
     )  # fmt: skip
-    assert [words in fault["fault"] for fault in faults] == [True, True]
+    assert [words in fault["fault"] for fault in faults] == [True]
 
 
 def test_inputs_of_every_kind_are_answered_or_refused():
-    assert run(90, seed=20, seconds=PATIENCE) == []
+    assert run(60, seed=20, seconds=PATIENCE) == []
