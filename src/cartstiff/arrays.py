@@ -6,10 +6,11 @@ one would be -9e18), complex numbers, masked numbers.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from decimal import Decimal
 from math import isfinite
 from numbers import Real
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -80,12 +81,23 @@ class Result:
 
 
 class NamedArrays(Mapping[str, Array | None]):
-    """Arrays by name that cannot be changed: what is shown, saved and computed stays one thing."""
+    """Arrays by name that cannot be changed: what is shown, saved and computed stays one thing.
 
-    def __init__(self, arrays: Mapping[str, Array | None]) -> None:
+    What is `also` known under a name is found when it is asked for, and not listed.
+    """
+
+    def __init__(
+        self,
+        arrays: Mapping[str, Array | None],
+        also: Mapping[str, Callable[[], Array | None]] = MappingProxyType({}),
+    ) -> None:
         self._arrays = {n: None if a is None else fixed(a) for n, a in arrays.items()}
+        self._also = dict(also)
 
     def __getitem__(self, name: str) -> Array | None:
+        if name not in self._arrays and name in self._also:
+            found = self._also[name]()
+            return None if found is None else fixed(found)
         return self._arrays[name]
 
     def __iter__(self) -> Iterator[str]:

@@ -71,7 +71,8 @@ def eigenvalues(root: Array) -> Array:
 def eigenpairs(root: Array) -> tuple[Array, Array]:
     """`eigenvalues` with their eigenvectors in columns (m, m)."""
     values, vectors = _singular(root, vectors=True)
-    return values**-2.0, vectors
+    with np.errstate(divide="ignore"):
+        return values**-2.0, vectors
 
 
 def extremes(root: Array, lengths: Array) -> Array:

@@ -189,3 +189,33 @@ def test_a_frame_is_a_name(frame):
 def test_springs_are_numbers_of_one_shape(stiffness):
     with pytest.raises(cartstiff.errors.InputError, match="stiffness"):
         cartstiff.load("cubic").with_springs(stiffness)
+
+
+UNLOADED = {
+    "analyse": cartstiff.analyse,
+    "analyse_many": lambda arm, **load: cartstiff.analyse_many(arm, [GOOD], **load),
+    "modes": cartstiff.modes,
+    "equilibrium": cartstiff.equilibrium,
+}
+
+
+@pytest.mark.parametrize("name", UNLOADED)
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("load_kind", "follower"), ("load_at", [0.0, 0.0, 0.1]), ("load_axes", "world")],
+)
+def test_words_about_a_load_need_one(name: str, key: str, value: Any) -> None:
+    with pytest.raises(InputError, match=f"{key}.*none is given"):
+        UNLOADED[name](cartstiff.load("ur5"), **{key: value})
+
+
+def test_a_load_that_springs_exert_acts_somewhere_too() -> None:
+    """Rest positions that are given leave a load to be held: its kind changes the tangent."""
+    arm = cartstiff.load("ur5", rest=GOOD)
+    q = np.array(GOOD) + 0.01
+    dead, turning = (cartstiff.analyse(arm, q, load_kind=k) for k in ("dead", "follower"))
+    W = dead.wrench
+    cross = np.cross(np.eye(3), W[3:])
+    assert turning.tangent[3:, :3] - dead.tangent[3:, :3] == pytest.approx(cross, rel=1e-9)
+    with pytest.raises(InputError, match="load_axes"):
+        cartstiff.analyse(arm, q, load_axes="world")

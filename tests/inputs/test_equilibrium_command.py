@@ -351,6 +351,12 @@ BAD: dict[str, tuple[list[str], tuple[str, ...]]] = {
     "path and posture": ([*PATH, "--q", "0,0,0.75,0,0,0"], ("--q or --path",)),
     "path and pose": ([*PATH, "--pose", "0,0,0.75,0,0,0"], ("--pose or --path",)),
     "path and hold": ([*PATH, "--hold", "z=0"], ("--hold or --path",)),
+    "place of no load": (["--load-at", "0,0,1"], ("--load-at", "is for --load")),
+    "kind of no load": (["--load-kind", "follower"], ("--load-kind", "is for --load")),
+    "place of no load on a path": (
+        ["--path", "path.csv", "--payload", "2", "--load-at", "0,0,1"],
+        ("--load-at",),
+    ),
     "missing path": ([*LOAD, "--path", "none.csv"], ("none.csv",)),
     "path is a folder": ([*LOAD, "--path", "."], (".",)),
     "empty path": ([*LOAD, "--path", "empty.csv"], ("empty.csv", "no postures")),

@@ -15,6 +15,7 @@ import pytest
 from tests.support import add_frame, log_reference, platform_mechanism, random_pose, translation
 
 import cartstiff
+from cartstiff import numerics
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.errors import ConvergenceError, InputError
 from cartstiff.many.postures import analyse_many
@@ -183,6 +184,7 @@ def _numbers_of_maps(elastic, q, w, settings):
     """Quantities and matrices of two equal postures, the second of them."""
     names = ("translation_free_min", "translation_free_max", "rotation_free_min",
              "translation_held_min", "compliance_translation_free_max", "along_free",
+             "along_held", "about_held",
              "condition", "minimum", "deflection")  # fmt: skip
     chosen = choose_quantities(names, settings, elastic)
     outputs = {o for quantity in chosen for o in quantity.outputs(settings)}
@@ -287,9 +289,8 @@ def check_posture(name, load, distance, decades, seed):
     lost = max(_promised(at_origin, "compliance"), _promised(result, "compliance"))
     direction = np.array([0.6, 0.0, 0.8])
     settings = Settings("load", 0.3, tuple(direction), tuple(w))
-    numbers, arrays, many = _numbers_of_maps(
-        elastic, q, None if wrench is None else result.wrench, settings
-    )
+    many_wrench = None if wrench is None else result.wrench
+    numbers, arrays, many = _numbers_of_maps(elastic, q, many_wrench, settings)
     single = analyse_posture(
         at_origin, connection="load", length=0.3, direction=direction, wrench=w
     )
@@ -305,6 +306,11 @@ def check_posture(name, load, distance, decades, seed):
     if not many.is_regular[1]:
         state = many.codes[many.state[1]]
         assert state in _codes(at_origin), state
+    # A stiffness alone is a state where its note says that soft directions are lost.
+    if at_origin.tangent is not None and many.is_regular[1]:
+        alone = analyse_many(elastic, [q], wrench=many_wrench, outputs=("stiffness_load",))
+        is_lost = max(lost, _promised(at_origin, "stiffness")) > numerics.LOST
+        assert alone.counts() == {"lost-digits" if is_lost else "regular": 1}
     # Held values are those of K's own digits, the others of the compliance's.
     tolerance = max(SAME, 100.0 * lost)
     ellipsoids = single["ellipsoids"]
@@ -321,6 +327,8 @@ def check_posture(name, load, distance, decades, seed):
         held = ellipsoids["stiffness"]["translation"]["held"]["eigenvalues"]
         known = max(tolerance, 10.0 * _promised(at_origin, "stiffness"))
         _same(numbers["translation_held_min"], held[0], known, "held")
+        for kind in ("along", "about"):
+            _same(numbers[f"{kind}_held"], single["directions"][-1][kind]["held"], known, kind)
         condition = single["indices"]["condition_number"] or np.inf
         _same(numbers["condition"], condition, max(1e-6, known), "condition")
         if known < 1.0:  # else a note says that K does not hold it

@@ -16,9 +16,10 @@ from cartstiff.analysis.ellipsoids import (
     stiffness_ellipsoid,
 )
 from cartstiff.analysis.indices import indices
-from cartstiff.analysis.matrices import symmetric_part
+from cartstiff.analysis.matrices import stiffness_of_motion, symmetric_part
 from cartstiff.analysis.metrics import natural_length
 from cartstiff.analysis.posture import analyse_posture
+from cartstiff.analysis.summary import summarise
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.many.postures import analyse_many
 from cartstiff.maps import stacks
@@ -173,7 +174,8 @@ def test_under_each_kind_of_load_a_map_says_what_the_analysis_says(name, kind, a
     at, W = rng.uniform(-0.3, 0.3, 3), None
     if wrench is not None:
         W = rng.normal(size=6) * np.repeat([1.0, 20.0], 3)
-    load = {"wrench": W, "load_kind": kind, "load_at": at, "load_axes": axes}
+    load = {"wrench": W, "load_kind": kind, "load_at": at}
+    load |= {} if W is None else {"load_axes": axes}
     settings = Settings(
         "load", LENGTH, DIRECTION, None if W is not None else DEFLECT, False, LoadKind(kind, at),
         is_loaded=W is not None,
@@ -252,20 +254,38 @@ def test_indefinite_matrices_keep_their_signs():
     assert found["condition"] == pytest.approx([9.0])
 
 
-def test_singular_stiffness_gives_no_made_up_number():
-    """A free translation beside a stiffness that has no inverse: no number, not a rounded zero."""
+def test_a_motion_that_costs_nothing_has_no_stiffness():
+    """A free translation beside a stiffness that has no inverse: zero, as in the analysis."""
     K = np.diag([1.0, 2.0, 3.0, 0.0, 5.0, 6.0])
     C = np.full((1, 6, 6), np.nan)
     names = ["translation_free_min", "translation_free_max", "translation_held_min", "condition",
              "isotropy", "along_free", "rotation_free_min"]  # fmt: skip
     found = _evaluate(names, K[None], C, direction=(0.0, 1.0, 0.0))
-    assert np.isnan(found["translation_free_min"]).all()
+    shown = summarise({"B": K}, np.zeros(6), compliance=None)["ellipsoids"]["stiffness"]
+    assert shown["translation"]["free"]["eigenvalues"] == pytest.approx([0.0, 5.0, 6.0], abs=0)
+    assert found["translation_free_min"] == [0.0]
     assert found["translation_free_max"] == pytest.approx([6.0])
     assert found["translation_held_min"] == pytest.approx([0.0], abs=1e-12)
     assert np.isinf(found["condition"]).all()
     assert found["isotropy"] == [0.0]
     assert found["along_free"] == pytest.approx([5.0])
     assert found["rotation_free_min"] == pytest.approx([1.0])
+
+
+def test_a_soft_motion_beside_stiff_ones_is_read_from_a_root():
+    """Held along it, K leaves no digit; the eigenvalue that K was made with is the truth."""
+    U = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]
+    values = np.array([3e17, 5e3, 0.7])
+    K, G = np.eye(6), np.eye(6)
+    K[3:, 3:], G[3:, 3:] = (U * values) @ U.T, U / np.sqrt(values)
+    soft = np.concatenate([np.zeros(3), U[:, 2]])
+    assert abs(soft @ K @ soft - 0.7) > 1.0
+    assert stiffness_of_motion(soft, K, G) == pytest.approx(0.7, rel=1e-6)
+    assert stiffness_of_motion(soft, K) is None
+    arrays = {"pose": np.eye(4)[None], "stiffness_B": K[None],
+              "compliance_B": (G @ G.T)[None], "root_held_B": G[None]}  # fmt: skip
+    found = evaluate([QUANTITIES["along_held"]], arrays, Settings(direction=tuple(U[:, 2])))
+    assert found["along_held"] == pytest.approx([0.7], rel=1e-6)
 
 
 def test_only_a_compliance():

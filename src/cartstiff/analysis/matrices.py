@@ -49,6 +49,7 @@ __all__ = [
     "require_full_rank",
     "scale_jacobian",
     "scale_lengths",
+    "stiffness_of_motion",
     "symmetric_part",
 ]
 
@@ -256,6 +257,35 @@ def lost_digits(values: Array, what: str) -> UndefinedError:
         code="lost-digits",
         values={"known": numerics.LOST, "unknown": int(np.isnan(values).sum())},
     )
+
+
+def stiffness_of_motion(
+    twist: Array, stiffness: Array, root: Array | None = None, is_singular: bool = False
+) -> float | None:
+    """``t^T K t`` of a motion t (6,), the other freedoms held; None where its digits are lost.
+
+    Parameters
+    ----------
+    twist : ndarray, shape (6,)
+        t.
+    stiffness : ndarray, shape (6, 6)
+        K, symmetric.
+    root : ndarray, shape (6, 6), optional
+        Root G of the compliance, see `cartstiff.graded`, which holds a soft motion beside stiff
+        ones: ``|G^-1 t|^2``.
+    is_singular : bool
+        K has no inverse: what may be rounding of its terms is zero.
+    """
+    value, size = float(twist @ stiffness @ twist), np.abs(twist)
+    terms = float(size @ np.abs(stiffness) @ size)
+    rounding = numerics.EPSILON * terms
+    if rounding <= numerics.TELLING * abs(value):
+        return value
+    if root is not None:
+        return float(np.sum(np.linalg.solve(root, twist) ** 2))
+    if is_singular and abs(value) <= numerics.ZERO * terms:
+        return 0.0
+    return value if rounding <= numerics.LOST * abs(value) else None
 
 
 def loss_of_elimination(matrix: ArrayLike, keep: slice) -> float:

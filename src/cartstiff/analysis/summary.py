@@ -32,6 +32,7 @@ from cartstiff.analysis.matrices import (
     invert,
     move_compliance,
     move_stiffness,
+    stiffness_of_motion,
     symmetric_part,
 )
 from cartstiff.analysis.metrics import characteristic_length, inertia_metric, length_metric, modes
@@ -173,7 +174,7 @@ def summarise(
         "stiffness": K,
         "compliance": free[1],
         "ellipsoids": _ellipsoids({"held": (K, C), "free": free}, G, notes),
-        "directions": _directions(K, free[1], axes),
+        "directions": _directions(K, free[1], G["held"], C is None, axes),
     }
     result |= _of_stiffness(K, C, G["held"], scale.value, metric, springs, notes)
     minus = stiffness.get("A")
@@ -253,12 +254,13 @@ def _ellipsoids(
 
 
 def _directions(
-    K: Array | None, C: Array | None, axes: Mapping[str, Array]
-) -> list[dict[str, Any]]:
+    K: Array | None, C: Array | None, root: Array | None, is_singular: bool,
+    axes: Mapping[str, Array],
+) -> list[dict[str, Any]]:  # fmt: skip
     """Stiffness along and about lines through the origin, the other freedoms held and free.
 
-    Held: the diagonal of K; free: the inverse of the diagonal of C (see `stiffness_along`,
-    `stiffness_about`), or by elimination where C does not exist.
+    Held: the diagonal of K, see `stiffness_of_motion`; free: the inverse of the diagonal of C (see
+    `stiffness_along`, `stiffness_about`), or by elimination where C does not exist.
     """
     table = []
     for name, axis in axes.items():
@@ -273,7 +275,8 @@ def _directions(
                     free = 1.0 / (twist @ C @ twist)
             elif K is not None:
                 free = Notes().attempt(kind, function, K, axis, np.zeros(3), "free")
-            row[kind] = {"held": None if K is None else twist @ K @ twist, "free": free}
+            held = None if K is None else stiffness_of_motion(twist, K, root, is_singular)
+            row[kind] = {"held": held, "free": free}
         table.append(row)
     return table
 

@@ -91,7 +91,7 @@ def command(
     from cartstiff.stiffness.compute import analyse
 
     with np.errstate(all="ignore"):  # what is not finite is refused as a whole
-        load = {"wrench": wrench, **applied.keywords}
+        load = {"wrench": wrench, **applied.keywords(wrench)}
         result = analyse(elastic, q, **load)
         if relax and any(note.code == "unbalanced" for note in result.notes):
             from cartstiff.statics.relax import relaxed

@@ -105,6 +105,7 @@ def command(
         if path is not None and value is not None:
             raise InputError(f"give {name} or --path, not both")
     applied.check_world(load=request.wrench, hold=hold, path=path)
+    applied.check_load(request.wrench is not None or path is not None)
     if curve == 0.0:
         raise InputError("not a usable factor", where="--curve", expected="a number not 0", got="0")
     # A payload is a load here: it deflects the mechanism, which is at rest without it.
@@ -118,7 +119,7 @@ def command(
         q = named_values(q, elastic.names, elastic.q, "--q")
     q = elastic.mechanism.assembled(elastic.q if q is None else q)
     weight = _weight(elastic, request.payload)
-    kind = LoadKind(applied.load_kind, applied.keywords["load_at"])  # type: ignore[arg-type]
+    kind = LoadKind(applied.load_kind, applied.acts_at)  # type: ignore[arg-type]
 
     def loads_at(q: Any, wrench: Any) -> tuple[Any, ...]:
         """What acts on a body that is to be at q."""
@@ -128,7 +129,7 @@ def command(
 
     held = None if hold is None else Held(hold, axes=applied.axes)
     if path is not None:
-        _compensate(elastic, path, request.wrench, loads_at, csv, plot, as_json)
+        _compensate(elastic, path, request.wrench, applied, loads_at, csv, plot, as_json)
         return
     loads = loads_at(q, request.wrench)
     if curve is None:
@@ -166,6 +167,7 @@ def _compensate(
     elastic: Any,
     path: Path,
     wrench: list[float] | None,
+    applied: LoadRequest,
     loads_at: Callable[[Any, Any], tuple[Any, ...]],
     csv: Path | None,
     plot: Path | None,
@@ -187,6 +189,7 @@ def _compensate(
         if wrench is not None:
             raise InputError("give wrenches by --load or in the path file, not both")
         wrenches = list(table[:, n:])
+    applied.check_load(wrenches[0] is not None)
     loads = [list(loads_at(q, w)) for q, w in zip(postures, wrenches, strict=True)]
     if not loads[0]:
         raise InputError("a path needs a load", where="--path",

@@ -233,7 +233,7 @@ def command(
     # Dimensions have dots where names of coordinates have slashes.
     cuts = {name.replace("/", "."): value for name, value in cuts.items()}
     asked: dict[str, Any] = {
-        **applied.keywords, **vibration, "wrench": request.balanced_wrench,
+        **applied.keywords(request.wrench), **vibration, "wrench": request.balanced_wrench,
         "world": applied.world, "direction": direction, "deflect": deflect, "length": length,
     }  # fmt: skip
     if deflect_at is not None:

@@ -166,7 +166,7 @@ def command(
 
     try:
         with np.errstate(all="ignore"):
-            found = modes(elastic, q, wrench=wrench, **applied.keywords)
+            found = modes(elastic, q, wrench=wrench, **applied.keywords(wrench))
             bare = None if wrench is None or not any(wrench) else modes(elastic, q)
     except UndefinedError as error:
         if strict:

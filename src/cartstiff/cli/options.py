@@ -57,16 +57,28 @@ class LoadRequest:
     world: bool
     load_kind: str
 
+    def keywords(self, wrench: object) -> dict[str, Any]:
+        """Arguments of `cartstiff.analyse` beside a wrench; --world may be about other options."""
+        return {"load_at": self.acts_at, "load_kind": self.load_kind,
+                "load_axes": "body" if wrench is None else self.axes}  # fmt: skip
+
     @property
-    def keywords(self) -> dict[str, Any]:
-        """Arguments of `cartstiff.analyse`."""
-        return {"load_at": self.load_at or (0.0, 0.0, 0.0), "load_kind": self.load_kind,
-                "load_axes": self.axes}  # fmt: skip
+    def acts_at(self) -> Any:
+        """The point of the body at which the load acts."""
+        return self.load_at or (0.0, 0.0, 0.0)
 
     @property
     def axes(self) -> Any:
         """Axes of the load's components: "body" or "world"."""
         return "world" if self.world else "body"
+
+    def check_load(self, is_given: bool) -> None:
+        """Refuse what is said of a load where there is none."""
+        for name, is_said in (
+            ("--load-at", self.load_at is not None), ("--load-kind", self.load_kind != "dead"),
+        ):  # fmt: skip
+            if is_said and not is_given:
+                raise InputError("is for --load", where=name)
 
     def check_world(self, **given: object) -> None:
         """Refuse --world where none of the options is given whose components it is about."""

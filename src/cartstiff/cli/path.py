@@ -205,7 +205,7 @@ def command(
         units=elastic.units,
     )
     options |= {"free": free, "loaded": loaded, "load_kind": applied.load_kind,
-                "load_at": applied.keywords["load_at"], **vibration}  # fmt: skip
+                "load_at": applied.acts_at, **vibration}  # fmt: skip
     if max_step is not None:
         options["max_step"] = request.radians(max_step.of(elastic.names, broadcast=True), elastic)
     if singular is not None:

@@ -11,7 +11,7 @@ import click
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import say
 from cartstiff.cli.types import OutputFile, option
-from cartstiff.errors import InputError, one_line
+from cartstiff.errors import one_line
 
 __all__ = ["command"]
 
@@ -42,8 +42,7 @@ def command(request: MechanismRequest, applied: LoadRequest, output: Path, frame
     """
     wrench = request.balanced_wrench
     applied.check_world(load=wrench)
-    if wrench is None and applied.load_at is not None:
-        raise InputError("is for --load", where="--load-at")
+    applied.check_load(wrench is not None)
     elastic, q = request.load()
 
     from cartstiff.page.paper import report_page
@@ -51,7 +50,7 @@ def command(request: MechanismRequest, applied: LoadRequest, output: Path, frame
 
     typed = shlex.join(["cartstiff", *sys.argv[1:]])
     text = report_page(
-        elastic, q, wrench=wrench, command=typed, frames=frames, **applied.keywords
+        elastic, q, wrench=wrench, command=typed, frames=frames, **applied.keywords(wrench)
     ).encode()  # fmt: skip
     write_whole(output, text)
     say(f"{one_line(str(output))}: {len(text) / 1e6:.1f} MB")

@@ -13,12 +13,13 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.algebra import inverse, norm_squared, skew, zeros
+from cartstiff.many.algebra import inverse, norm_squared, positive_factor, skew, zeros
 from cartstiff.many.tape import Scalar, absolute, larger, pick
 from cartstiff.numerics import EPSILON, NEAR, TELLING
 
-__all__ = ["ENGINE", "PLAIN", "UNBALANCED", "connections", "limited", "noteworthy",
-           "scaled_inverse", "unsymmetric_part"]  # fmt: skip
+__all__ = ["ENGINE", "PLAIN", "UNBALANCED", "add_compliances", "changed_compliance",
+           "connections", "holds_soft_directions", "limited", "noteworthy", "scaled_inverse",
+           "unsymmetric_part"]  # fmt: skip
 
 #: Verdicts on a posture: the numbers stand; the engine decides; no wrench balances it.
 PLAIN, ENGINE, UNBALANCED = 0.0, 1.0, 2.0
@@ -47,12 +48,25 @@ def _in_length(matrix: Array, rows: Scalar, columns: Scalar) -> Array:
 
 
 def scaled_inverse(K: Array, length: Scalar) -> tuple[Array, Scalar]:
-    """Inverse of a stiffness matrix, its lengths measured in `length`, and the verdict on it."""
+    """Inverse of a stiffness, its lengths measured in `length`, and its squared condition."""
     scaled = _in_length(K, length, length)
     found = inverse(scaled)
-    condition = norm_squared(scaled) * norm_squared(found)
-    verdict = limited(condition, STIFFNESS_CONDITION**2)
-    return _in_length(found, length, length), verdict
+    return _in_length(found, length, length), norm_squared(scaled) * norm_squared(found)
+
+
+def holds_soft_directions(K: Array, wanted: Collection[str]) -> Scalar:
+    """The verdict on a stiffness K^B (6, 6) that is wanted without its inverse.
+
+    Beside a compliance it need not hold its softer directions.
+    """
+    verdict: Scalar = PLAIN
+    if any(name.startswith("stiffness") for name in wanted) and not any(
+        name.startswith("compliance") for name in wanted
+    ):
+        for k, pivot in zip(K.diagonal(), positive_factor(K)[2], strict=True):
+            size = absolute(k) * numerics.PLAIN_PIVOT
+            verdict = larger(verdict, pick(size, absolute(pivot), PLAIN, ENGINE))
+    return verdict
 
 
 def unsymmetric_part(W: Array) -> Array:
@@ -74,14 +88,14 @@ def connections(K_B: Array, W: Array) -> dict[str, Array]:
 def add_compliances(
     found: dict[str, Array], stiffness: dict[str, Array], wanted: Collection[str], length: Scalar
 ) -> Scalar:
-    """Put the compliances that are wanted into `found`; the verdict on them."""
-    verdict: Scalar = PLAIN
+    """Put the compliances that are wanted into `found`; the largest squared condition of them."""
+    largest: Scalar = 0.0
     for name, K in stiffness.items():
         output = f"compliance_{name}"
         if output in wanted:
-            found[output], doubt = scaled_inverse(K, length)
-            verdict = larger(verdict, doubt)
-    return verdict
+            found[output], condition = scaled_inverse(K, length)
+            largest = larger(largest, condition)
+    return largest
 
 
 def noteworthy(

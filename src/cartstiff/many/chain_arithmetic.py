@@ -54,6 +54,7 @@ from cartstiff.many.arithmetic import (
     UNBALANCED,
     changed_compliance,
     connections,
+    holds_soft_directions,
     limited,
     noteworthy,
     unsymmetric_part,
@@ -436,6 +437,8 @@ def chain_program(case: ChainCase, wanted: Collection[str]) -> Program:
     found["wrench"] = W
     found.update({f"stiffness_{name}": K for name, K in stiffness.items()})
     verdict = _compliances(chain, W, found, wanted)
+    if stiffness:
+        verdict = larger(verdict, holds_soft_directions(stiffness["B"], wanted))
     # What does not balance stays so, whatever its stiffness would be.
     both = larger(chain.verdict, verdict)
     found["verdict"] = np.array([pick(chain.verdict, 1.5, both, chain.verdict)], object)

@@ -23,23 +23,29 @@ def state_of(found: PostureStiffness, outputs: Collection[str] = ()) -> str:
     """The code that stands for a posture's state.
 
     The last state of the reduction, as in `analyse` with ``strict``; else a type-2 singularity;
-    else, if compliances are among the outputs, a stiffness matrix (the tangent under the load,
-    where that is asked for) that has no inverse, or digits that are lost: of the compliance, or,
-    where its roots are asked for, of principal values that nothing holds.
+    else, if matrices are among the outputs, a stiffness matrix (the tangent under the load, where
+    its inverse is asked for) that has no inverse, or what a note of `analyse` says of lost digits:
+    of the compliance, or, where none is asked for, of the stiffness, too; or, where its roots are
+    asked for, of principal values that nothing holds.
     """
     if found.reduction.states:
         return found.reduction.states[-1].code
-    with_compliance = any(name.startswith("compliance") for name in outputs)
-    codes = {note.code for note in found.notes} if with_compliance else set()
-    codes |= {note.code for note in found.notes_on_posture}
+    kinds = {name.partition("_")[0] for name in outputs}
+    notes = found.notes if kinds & {"stiffness", "compliance"} else found.notes_on_posture
+    codes = {note.code for note in notes}
     for code in ("type-2-singularity", "singular-stiffness"):
         if code in codes:
             return code
     if "compliance_load" in outputs and found.tangent_compliance is None:
         return "singular-stiffness"
-    inverse = found.reduction.compliance_with_error if with_compliance else None
-    if inverse is not None and inverse.error > numerics.LOST:
-        return "lost-digits"
+    for note in notes:
+        if (
+            note.code == "lost-digits"
+            and np.asarray(note.values["relative_error"]) > numerics.LOST
+            # Beside a compliance a stiffness need not hold its softer directions.
+            and (note.values["matrix"] == "compliance" or "compliance" not in kinds)
+        ):
+            return note.code
     for output in outputs:
         kind, _, which = output.partition("_")
         others, _, name = which.partition("_")

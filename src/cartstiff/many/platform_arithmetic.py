@@ -35,8 +35,10 @@ from cartstiff.many.arithmetic import (
     JACOBIAN_CONDITION,
     LARGEST_ANGLE,
     PLAIN,
+    STIFFNESS_CONDITION,
     add_compliances,
     connections,
+    holds_soft_directions,
     limited,
     noteworthy,
 )
@@ -46,6 +48,9 @@ __all__ = ["PlatformCase", "platform_program"]
 
 #: Shortest line that is trusted, as a share of the platform's size; the engine names none shorter.
 _SHORT = numerics.SHORTEST
+#: Product of the condition numbers of lines and stiffness up to which a compliance has its digits,
+#: one to spare.
+_KNOWN = 0.1 * numerics.LOST / numerics.EPSILON
 
 
 @dataclass(frozen=True)
@@ -222,7 +227,11 @@ def platform_program(case: PlatformCase, wanted: Collection[str]) -> Program:
     T[:3, :3], T[:3, 3], T[3, 3] = R, p, 1.0
     found.update(pose=T, wrench=W, energy=np.array([energy], object))
     found.update({f"stiffness_{name}": K for name, K in stiffness.items()})
-    verdict = larger(verdict, add_compliances(found, stiffness, wanted, case.length))
+    condition = add_compliances(found, stiffness, wanted, case.length)
+    verdict = larger(verdict, limited(condition, STIFFNESS_CONDITION**2))
+    # Near type 2 forces of actuators, and what they add to the stiffness, are known to less.
+    verdict = larger(verdict, limited(condition * squared_condition, _KNOWN**2))
+    verdict = larger(verdict, holds_soft_directions(K_B, wanted))
     found["verdict"] = np.array([verdict], object)
     if "noteworthy" in wanted and decomposition is not None and "compliance_B" in found:
         found["noteworthy"] = noteworthy(squared_condition, (K_B, found["compliance_B"]))

@@ -36,7 +36,7 @@ from cartstiff.many.given import (
 from cartstiff.many.portable import PortableKernel
 from cartstiff.many.running import PATHS, Path, chosen, run
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
+from cartstiff.stiffness.applied_load import LoadKind, checked_load, wrench_in_body
 from cartstiff.stiffness.labelled import AXES, labelled
 
 __all__ = ["OUTPUTS", "Postures", "analyse_many"]
@@ -221,7 +221,7 @@ def analyse_many(
     arrays = arrays_for(names, out, coordinates.shape, {"q": coordinates, "wrench": loads})
     state = np.zeros(len(coordinates), np.uint8)
 
-    kind = LoadKind(load_kind, load_at)  # type: ignore[arg-type]
+    kind = checked_load(load_kind, load_at, load_axes, loads is not None, elastic.may_be_loaded)
     each = loads
     if loads is not None and loads.ndim == 1 and load_axes == "world":
         each = np.broadcast_to(loads, (len(coordinates), 6))

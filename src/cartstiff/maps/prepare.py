@@ -27,7 +27,7 @@ from cartstiff.maps.sampling import Sampling, dimension_name
 from cartstiff.maps.store import NOT_COMPUTED, SCHEMA, MapFile
 from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.stiffness.applied_load import LoadKind
+from cartstiff.stiffness.applied_load import checked_load
 from cartstiff.stiffness.compute import analyse
 from cartstiff.version import __version__
 from cartstiff.vibration.damping import Damping
@@ -102,9 +102,7 @@ def prepare_map(
     if chunk is not None and chunk < 1:
         raise InputError("size of chunks cannot be used", expected="1 or more", got=chunk)
     load = None if wrench is None else checked_vector(wrench, 6, "wrench")
-    kind = LoadKind(load_kind, load_at)  # type: ignore[arg-type]
-    if load_axes not in ("body", "world"):
-        raise UnknownNameError("axes", load_axes, ("body", "world"))
+    kind = checked_load(load_kind, load_at, load_axes, load is not None, elastic.may_be_loaded)
     asked = None if deflect is None else checked_vector(deflect, 6, "wrench of the deflection")
     if connection is None:
         connection = default_connection(elastic, load)

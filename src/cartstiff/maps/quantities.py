@@ -26,7 +26,7 @@ from cartstiff.analysis.ellipsoids import (
     stiffness_along,
     stiffness_ellipsoid,
 )
-from cartstiff.analysis.matrices import ROTATION, TRANSLATION
+from cartstiff.analysis.matrices import ROTATION, TRANSLATION, stiffness_of_motion
 from cartstiff.analysis.sections import UNITS
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
@@ -104,7 +104,7 @@ def _on_axis(s: Stacks, block: slice, others: str) -> Array:
     """Stiffness along or about the direction through the frame's origin."""
     u = s.direction()
     if others == "held":
-        return np.einsum("ni,nij,nj->n", u, s.K[:, block, block], u)
+        return _held_on_axis(s, block, u)
     K, C = s.pair("free")
     C = C[:, block, block]
     give = np.einsum("ni,nij,nj->n", u, C, u)
@@ -120,6 +120,20 @@ def _on_axis(s: Stacks, block: slice, others: str) -> Array:
             found[i] = function(K[i], u[i], others="free")
         except UndefinedError:
             found[i] = np.nan
+    return found
+
+
+def _held_on_axis(s: Stacks, block: slice, u: Array) -> Array:
+    """`stiffness_of_motion` of turning about, or shifting along, a direction (N, 3)."""
+    twists = np.zeros((len(u), 6))
+    twists[:, block] = u
+    found: Array = np.einsum("ni,nij,nj->n", twists, s.K, twists)
+    size = np.abs(twists)
+    terms = numerics.EPSILON * np.einsum("ni,nij,nj->n", size, np.abs(s.K), size)
+    for i in np.flatnonzero(terms > numerics.TELLING * np.abs(found)):
+        is_singular = not np.isfinite(s.C[i]).all()
+        value = stiffness_of_motion(twists[i], s.K[i], s.roots(int(i))["held"], is_singular)
+        found[i] = np.nan if value is None else value
     return found
 
 
@@ -235,13 +249,13 @@ QUANTITIES: dict[str, Quantity] = {
                  (*_FREE, "pose"), "direction"),
         Quantity("along_held", "stiffness along the direction, everything else held",
                  _STIFF["translation"], lambda s: _on_axis(s, TRANSLATION, "held"),
-                 (*_K, "pose"), "direction"),
+                 (*_K, *_C, "pose"), "direction"),
         Quantity("about_free", "stiffness about the direction, everything else free",
                  _STIFF["rotation"], lambda s: _on_axis(s, ROTATION, "free"),
                  (*_FREE, "pose"), "direction"),
         Quantity("about_held", "stiffness about the direction, everything else held",
                  _STIFF["rotation"], lambda s: _on_axis(s, ROTATION, "held"),
-                 (*_K, "pose"), "direction"),
+                 (*_K, *_C, "pose"), "direction"),
         Quantity("deflection", "displacement of the frame's origin under the given wrench",
                  "{length}", lambda s: _deflection(s, TRANSLATION), _DEFLECT,
                  "deflect", "smaller"),

@@ -137,10 +137,6 @@ def block_values(
             found[i] = one(stack[i], inverse[i] if known[i] else None, None)
         except (UndefinedError, np.linalg.LinAlgError):
             found[i] = np.nan
-        if not known[i] and not is_held:
-            # Beside a matrix without inverse, what is only rounding of it is no number.
-            rounding = numerics.ZERO * np.abs(stack[i, keep, keep]).max()
-            found[i, np.abs(found[i]) <= rounding] = np.nan
     for row, root in rooted:
         found[row] = one(stack[row], inverse[row], root)
     return found

@@ -306,6 +306,16 @@ class ElasticMechanism(ShownInLines):
             terms.append(Gravity(self.gravity))
         return tuple(terms)
 
+    @property
+    def may_be_loaded(self) -> bool:
+        """Whether a load may be left for the environment to hold although none is given.
+
+        Rest positions that are open are chosen so that none is.
+        """
+        if self.springs is None:
+            return True
+        return bool(np.any((self.springs.stiffness > 0.0) & ~np.isnan(self.springs.rest)))
+
     def inner_terms(self) -> list[Potential] | None:
         """What stores energy in the mechanism: all but gravity and loads; None if that is all."""
         terms = self.terms()

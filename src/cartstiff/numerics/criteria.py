@@ -32,6 +32,7 @@ __all__ = [
     "NO_SLOPE",
     "PLAIN",
     "PLAIN_JACOBIAN",
+    "PLAIN_PIVOT",
     "PLAIN_STIFFNESS",
     "PORTABLE",
     "REACHED",
@@ -103,6 +104,9 @@ BLANK: Final = 1e-12
 #: answers; beyond them the engine does, which names what is lost.
 PLAIN_JACOBIAN: Final = 1e8
 PLAIN_STIFFNESS: Final = 1e6
+#: Least pivot, as a share of its diagonal entry, up to which a stiffness matrix alone is taken to
+#: hold its softer directions: hundreds of what leaves them four digits.
+PLAIN_PIVOT: Final = 1e-9
 
 # -- searches -----------------------------------------------------------------------------------
 

@@ -208,10 +208,14 @@ class Session:
         if isinstance(mechanism, Chain) and mechanism.closures:
             hold = None if moved is None or mechanism.actuated is not None else [moved]
             q = mechanism.closed(q, hold=hold).q
-        return analyse(
-            elastic, q, wrench=state.load, load_kind=state.load_kind, load_at=state.acts_at,
-            load_axes="body" if state.load_axes == "body" else "world",
-        )  # fmt: skip
+        load: dict[str, Any] = {}
+        if state.load is not None:
+            axes = "body" if state.load_axes == "body" else "world"
+            load = {"wrench": state.load, "load_axes": axes}
+        # Its buttons stay as they are while there is no load.
+        if load or elastic.may_be_loaded:
+            load |= {"load_kind": state.load_kind, "load_at": state.acts_at}
+        return analyse(elastic, q, **load)
 
     def _with_stiffness(self, stiffness: list[float | None] | None) -> ElasticMechanism:
         if self._variant[0] != stiffness:

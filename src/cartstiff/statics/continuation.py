@@ -29,7 +29,7 @@ from cartstiff.statics.held import Held, displacement_between
 from cartstiff.statics.newton import solve
 from cartstiff.statics.path import LoadPath, State
 from cartstiff.statics.problem import System
-from cartstiff.stiffness.applied_load import LoadKind
+from cartstiff.stiffness.applied_load import checked_load
 
 __all__ = ["LoadCurve", "branch", "load_curve"]
 
@@ -100,8 +100,8 @@ def load_curve(
         q = elastic.q if q0 is None else elastic.mechanism.checked(q0, "q0")
     elastic = elastic.balanced(q)
     posture = elastic.mechanism.at(q)
+    kind = checked_load(load_kind, load_at, load_axes, wrench is not None)
     if wrench is not None:
-        kind = LoadKind(load_kind, load_at)  # type: ignore[arg-type]
         loads = (*loads, kind.acting(wrench, posture.pose, load_axes))
     if held is not None:
         held = (held if isinstance(held, Held) else Held(held)).at_start(posture)

@@ -30,7 +30,7 @@ from cartstiff.statics.problem import System
 from cartstiff.statics.rest import Equilibrium, Reactions
 from cartstiff.statics.sensitivity import chosen_forces
 from cartstiff.statics.verdict import state_of_rest
-from cartstiff.stiffness.applied_load import LoadKind
+from cartstiff.stiffness.applied_load import checked_load
 
 __all__ = ["Equilibrium", "Held", "Reactions", "equilibrium"]
 
@@ -113,8 +113,8 @@ def equilibrium(
     start = elastic.mechanism.at(q)
     if held is not None:
         held = (held if isinstance(held, Held) else Held(held)).at_start(start)
+    kind = checked_load(load_kind, load_at, load_axes, wrench is not None)
     if wrench is not None:
-        kind = LoadKind(load_kind, load_at)
         loads = (*loads, kind.acting(wrench, start.pose, load_axes))
     chosen = None if elastic.identified is None else chosen_forces(given, elastic, start)
     system = System(elastic, loads, held, Limits(elastic.mechanism, ignore=not limits))

@@ -32,6 +32,7 @@ from cartstiff.statics.equilibrium import Equilibrium, equilibrium
 from cartstiff.statics.held import Held, displacement_between
 from cartstiff.statics.problem import System
 from cartstiff.stiffness.applied_load import LoadKind
+from cartstiff.stiffness.posture import DEAD_AT_ORIGIN
 
 __all__ = ["CompensatedPath", "compensate"]
 
@@ -142,6 +143,7 @@ def _loads(
     if axes not in ("world", "body"):
         raise InputError("unknown axes", expected="world or body", got=axes)
     if isinstance(wrenches, Potential):
+        _refuse_words(kind, axes)
         return [(wrenches,)] * m
     if isinstance(wrenches, Sequence) and wrenches and not np.isscalar(wrenches[0]):
         first = wrenches[0]
@@ -150,6 +152,7 @@ def _loads(
         ):
             if len(wrenches) != m:
                 raise InputError("loads and path differ in number", expected=m, got=len(wrenches))  # type: ignore[arg-type]
+            _refuse_words(kind, axes)
             return [
                 (p,) if isinstance(p, Potential) else tuple(p)  # type: ignore[arg-type]
                 for p in wrenches
@@ -157,6 +160,13 @@ def _loads(
     given = checked_array(wrenches, [(m, 6), (6,)], "array of wrenches")  # type: ignore[arg-type]
     rows = np.broadcast_to(given, (m, 6))
     return [(kind.acting(w, T, axes),) for w, T in zip(rows, poses, strict=True)]
+
+
+def _refuse_words(kind: LoadKind, axes: str) -> None:
+    """Refuse what is said of wrenches where potentials are given, which know how they act."""
+    if kind != DEAD_AT_ORIGIN or axes != "world":
+        raise InputError("potentials know how and where they act", where="loads of the path",
+                         expected="no axes, load_kind or load_at")  # fmt: skip
 
 
 def _naive_rest(elastic: ElasticMechanism, q: Array) -> Array:

@@ -25,13 +25,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.arrays import checked_vector
-from cartstiff.errors import UnknownNameError
+from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import CARTAN_MINUS, KINEMATIC, Connection, from_bilinear_map
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.loads import DeadWrench, FollowerWrench, Load, SemitangentialWrench
 
-__all__ = ["LOAD_KINDS", "LoadKind", "changes_from_b", "wrench_in_body"]
+__all__ = ["LOAD_KINDS", "LoadKind", "changes_from_b", "checked_load", "wrench_in_body"]
 
 # K^X = K^B + (W @ _FROM_B)[X] for X = A, K at once: K^A = K^B - 1/2 M with the M of
 # `se3.bracket_form`, and K^X = K^A less the wrench term of the connection.
@@ -130,6 +130,41 @@ class LoadKind:
         if self.kind == "dead":
             return DeadWrench(inertial, point=self.at)
         return SemitangentialWrench(inertial, R, point=self.at)
+
+
+def checked_load(kind: str, at: ArrayLike, axes: str, given: bool, own: bool = False) -> LoadKind:
+    """The kind of a load, refused where there is no load that it says something of.
+
+    Parameters
+    ----------
+    kind, at, axes
+        As in `cartstiff.analyse`.
+    given : bool
+        Whether a wrench is given.
+    own : bool
+        Whether springs may exert a load of their own, which behaves in some way and acts somewhere
+        as well.
+
+    Raises
+    ------
+    UnknownNameError
+        For an unknown kind or axes.
+    InputError
+        For a point that is not three finite numbers, or where there is no load.
+    """
+    found = LoadKind(kind, at)  # type: ignore[arg-type]
+    if axes not in _AXES:
+        raise UnknownNameError("axes", axes, _AXES)
+    if not given:
+        for name, is_said in (
+            ("load_axes", axes != "body"),
+            ("load_kind", found.kind != "dead" and not own),
+            ("load_at", any(found.at) and not own),
+        ):
+            if is_said:
+                raise InputError("says something of a load, and none is given", where=name,
+                                 expected="a wrench as well")  # fmt: skip
+    return found
 
 
 def wrench_in_body(

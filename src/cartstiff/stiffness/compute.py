@@ -12,7 +12,7 @@ from cartstiff.arrays import checked_flag, checked_vector, fixed
 from cartstiff.errors import InputError
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
+from cartstiff.stiffness.applied_load import checked_load, wrench_in_body
 from cartstiff.stiffness.posture import DEAD_AT_ORIGIN, SCHEMA, PostureStiffness
 from cartstiff.stiffness.reduction import reduce_to
 from cartstiff.stiffness.settled_links import settled
@@ -65,7 +65,8 @@ def analyse(
     Raises
     ------
     InputError
-        For a wrong count, an unknown name, or numbers that are not finite.
+        For a wrong count, an unknown name, or numbers that are not finite; for words about a load
+        where none is given and the springs, whose rest positions are open, exert none.
     UnknownNameError
         For an unknown kind or axes of the load.
     ConvergenceError
@@ -81,8 +82,9 @@ def analyse(
     else:
         values = elastic.mechanism.checked(q)
     kind = DEAD_AT_ORIGIN
-    if load_kind != "dead" or load_at is not kind.at:
-        kind = LoadKind(load_kind, load_at)  # type: ignore[arg-type]
+    if load_kind != "dead" or load_at is not kind.at or load_axes != "body":
+        given_one = wrench is not None
+        kind = checked_load(load_kind, load_at, load_axes, given_one, elastic.may_be_loaded)
     strict = checked_flag(strict, "strict")
     given = None
     if wrench is not None:
@@ -94,8 +96,7 @@ def analyse(
             )
     posture = elastic.mechanism.closed(values)
     if given is not None:
-        if load_axes in ("body", "world"):
-            posture = settled(elastic, posture, given, kind.at, load_axes)
+        posture = settled(elastic, posture, given, kind.at, load_axes)
         given = wrench_in_body(given, posture.pose, kind.at, load_axes)
     elastic, energy = elastic._balanced_with_evaluation(posture, given)
     reduction = reduce_to(

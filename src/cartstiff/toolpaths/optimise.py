@@ -27,7 +27,7 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.numerics import NEAR
-from cartstiff.stiffness.applied_load import LoadKind
+from cartstiff.stiffness.applied_load import checked_load
 from cartstiff.toolpaths.candidates import Layer, layers
 from cartstiff.toolpaths.choices import NEARBY, Choices, Counter, PathSolver, choices, path_solver
 from cartstiff.toolpaths.cost import Judged, PathCost, criteria, ready
@@ -159,7 +159,10 @@ def optimise_path(
     solver = path_solver(elastic, ranges, near)
     grid = choices(solver, free, redundant, samples, list(elastic.names))
     connection = connection or ("load" if loaded else "B")
-    load = LoadKind(load_kind, load_at)  # type: ignore[arg-type]
+    load = checked_load(load_kind, load_at, "body", given=path.wrenches is not None)
+    if load.kind != "dead" and not loaded:
+        raise InputError("is for the stiffness under load", where="load_kind",
+                         expected="loaded as well")  # fmt: skip
     cost = PathCost(
         ready(elastic), path, criteria()[criterion], connection, loaded, load, solver.length,
         solver.rank("none"), solver.movable,

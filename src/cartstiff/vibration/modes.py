@@ -29,7 +29,7 @@ from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.rest import Equilibrium
 from cartstiff.statics.small_motions import kinetic_matrix, spectrum_of
-from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
+from cartstiff.stiffness.applied_load import LoadKind, checked_load, wrench_in_body
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 from cartstiff.vibration.mode_set import Modes
 
@@ -78,6 +78,7 @@ def modes(
     [780.6, 780.6, 903.9, 1061.4, 1061.4, 1269.7]
     """
     if isinstance(subject, ElasticMechanism):
+        checked_load(load_kind, load_at, load_axes, wrench is not None, subject.may_be_loaded)
         if wrench is not None or load_kind != "dead" or np.any(load_at) or load_axes != "body":
             load: dict[str, Any] = {
                 "wrench": wrench,
@@ -90,9 +91,11 @@ def modes(
         if is_plain(subject):
             return _plain(subject, q, load)
         subject = analyse(subject, q, **load)
-    elif q is not None or wrench is not None:
-        raise InputError("a result has its posture and its load", expected="no q and no wrench",
-                         got="q" if q is not None else "wrench")  # fmt: skip
+    else:
+        if q is not None or wrench is not None:
+            raise InputError("a result has its posture and its load", expected="no q and no wrench",
+                             got="q" if q is not None else "wrench")  # fmt: skip
+        checked_load(load_kind, load_at, load_axes, given=False)
     if isinstance(subject, Equilibrium):
         return _at_rest(subject)
     return _held_at(subject)

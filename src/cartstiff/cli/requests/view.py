@@ -54,7 +54,7 @@ def source_from_options(
     from cartstiff.stiffness.compute import analyse
 
     with np.errstate(all="ignore"):
-        first = analyse(elastic, q, wrench=load, **applied.keywords)
+        first = analyse(elastic, q, wrench=load, **applied.keywords(load))
 
     def reload(name: str) -> Any:
         other = request.in_frame(name)
