@@ -19,7 +19,7 @@ from cartstiff.numerics import EPSILON, NEAR, TELLING
 
 __all__ = ["ENGINE", "PLAIN", "UNBALANCED", "add_compliances", "changed_compliance",
            "connections", "holds_soft_directions", "limited", "noteworthy", "scaled_inverse",
-           "unsymmetric_part"]  # fmt: skip
+           "shared_inputs", "unsymmetric_part"]  # fmt: skip
 
 #: Verdicts on a posture: the numbers stand; the engine decides; no wrench balances it.
 PLAIN, ENGINE, UNBALANCED = 0.0, 1.0, 2.0
@@ -130,3 +130,8 @@ def changed_compliance(C: Array, D: Array, length: Scalar) -> tuple[Array, Scala
     condition = norm_squared(factor) * norm_squared(turned)
     back = _in_length(turned, 1.0 / length, length)
     return C @ back, limited(condition, STIFFNESS_CONDITION**2)
+
+
+def shared_inputs(wrench: str) -> list[str]:
+    """Inputs with one row for all postures; `wrench` is "none", "shared" or "each"."""
+    return ["stiffness", "rest", "forces"] + (["wrench"] if wrench == "shared" else [])

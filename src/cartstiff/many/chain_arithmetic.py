@@ -60,10 +60,10 @@ from cartstiff.many.arithmetic import (
     unsymmetric_part,
 )
 from cartstiff.many.chain_twists import ChainConstants, ChainKinematics, Field
-from cartstiff.many.tape import Program, Scalar, Tape, larger, pick, square_root
+from cartstiff.many.tape import Scalar, Tape, larger, pick, square_root
 from cartstiff.numerics import BALANCE, ROUNDING
 
-__all__ = ["ChainCase", "chain_program"]
+__all__ = ["ChainCase", "chain_arrays"]
 
 #: Where all axes meet within this share of the chain's size the engine chooses the length.
 _MEETING = numerics.NEARBY
@@ -415,9 +415,8 @@ def _softness(chain: _Chain, H: Array) -> tuple[Array, Scalar]:
     return congruence(below(L, chain.J.T), np.diag(inverses)), verdict
 
 
-def chain_program(case: ChainCase, wanted: Collection[str]) -> Program:
-    """Tape of the outputs that are wanted and exist, and of the verdict on the posture."""
-    tape = Tape()
+def chain_arrays(tape: Tape, case: ChainCase, wanted: Collection[str]) -> dict[str, Array]:
+    """What of the outputs exists, among it all that is wanted, and "verdict" on the posture."""
     joints, n = len(case.constants.screws) // 6, len(case.constants.is_length)
     chain = _Chain(tape, case, _middle(case.constants) if n == 6 else joints)
     found: dict[str, Array] = {
@@ -449,6 +448,4 @@ def chain_program(case: ChainCase, wanted: Collection[str]) -> Program:
         pairs = (H, softness), (stiffness["B"], found["compliance_B"])
         margin = 2.0 if n == 6 else 100.0
         found["noteworthy"] = noteworthy(chain.squared_condition, *pairs, margin=margin)
-    outputs = {name: found[name] for name in (*wanted, "verdict") if name in found}
-    shared = ["stiffness", "rest", "forces"] + (["wrench"] if case.wrench == "shared" else [])
-    return tape.program(outputs, shared)
+    return found

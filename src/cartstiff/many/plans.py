@@ -13,11 +13,12 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.arithmetic import ENGINE, PLAIN
-from cartstiff.many.chain_arithmetic import ChainCase, chain_program
+from cartstiff.many.arithmetic import ENGINE, PLAIN, shared_inputs
+from cartstiff.many.chain_arithmetic import ChainCase, chain_arrays
 from cartstiff.many.chain_twists import ChainConstants, Field
-from cartstiff.many.platform_arithmetic import PlatformCase, platform_program
-from cartstiff.many.tape import Program
+from cartstiff.many.platform_arithmetic import PlatformCase, platform_arrays
+from cartstiff.many.reading_arithmetic import Readings, read
+from cartstiff.many.tape import Program, Tape, larger
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -99,11 +100,27 @@ class Plan:
 
 
 @lru_cache(maxsize=64)
-def program_for(case: Case, outputs: tuple[str, ...]) -> Program:
-    """Program of a case; kept."""
+def program_for(case: Case, outputs: tuple[str, ...], readings: Readings | None = None) -> Program:
+    """Program of the outputs of a case that exist, and of the verdict on the posture; kept.
+
+    With `readings`, where all that they need exists, of their numbers under that name and of the
+    pose instead; verdicts on the outputs count.
+    """
+    tape = Tape()
+    needed = outputs if readings is None else (*outputs, *readings.needs)
     if isinstance(case, ChainCase):
-        return chain_program(case, outputs)
-    return platform_program(case, outputs)
+        found = chain_arrays(tape, case, needed)
+        lengths = case.constants.is_length
+    else:
+        found = platform_arrays(tape, case, needed)
+        lengths = (True,) * 6
+    if readings is not None and readings.exist_beside(found):
+        values, doubt = read({**found, "lengths": np.array(lengths)}, readings)
+        found["verdict"][0] = larger(found["verdict"][0], doubt)
+        found["readings"] = np.append(values, values[: len(values) % 2])  # written by pairs
+        outputs = ("pose", "readings")
+    kept = {name: found[name] for name in (*outputs, "verdict") if name in found}
+    return tape.program(kept, shared_inputs(case.wrench))
 
 
 #: The last plans, with what they were made for: mechanisms do not change.

@@ -42,9 +42,9 @@ from cartstiff.many.arithmetic import (
     limited,
     noteworthy,
 )
-from cartstiff.many.tape import Program, Scalar, Tape, cosine, larger, pick, sine, square_root
+from cartstiff.many.tape import Scalar, Tape, cosine, larger, pick, sine, square_root
 
-__all__ = ["PlatformCase", "platform_program"]
+__all__ = ["PlatformCase", "platform_arrays"]
 
 #: Shortest line that is trusted, as a share of the platform's size; the engine names none shorter.
 _SHORT = numerics.SHORTEST
@@ -135,9 +135,8 @@ def _chosen_tensions(found: Reflections, inverse_R: Array, missing: Array, prese
     return present + found.apply(short)
 
 
-def platform_program(case: PlatformCase, wanted: Collection[str]) -> Program:
-    """Tape of the outputs that are wanted and exist, and of the verdict on the posture."""
-    tape = Tape()
+def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> dict[str, Array]:
+    """What of the outputs exists, among it all that is wanted, and "verdict" on the posture."""
     q = tape.vector("q", 6)
     anchors = np.reshape(case.anchors, (-1, 3))
     points = np.reshape(case.points, (-1, 3))
@@ -235,6 +234,4 @@ def platform_program(case: PlatformCase, wanted: Collection[str]) -> Program:
     found["verdict"] = np.array([verdict], object)
     if "noteworthy" in wanted and decomposition is not None and "compliance_B" in found:
         found["noteworthy"] = noteworthy(squared_condition, (K_B, found["compliance_B"]))
-    outputs = {name: found[name] for name in (*wanted, "verdict") if name in found}
-    shared = ["stiffness", "rest", "forces"] + (["wrench"] if case.wrench == "shared" else [])
-    return tape.program(outputs, shared)
+    return found

@@ -39,7 +39,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.stiffness.applied_load import LoadKind, checked_load, wrench_in_body
 from cartstiff.stiffness.labelled import AXES, labelled
 
-__all__ = ["OUTPUTS", "Postures", "analyse_many"]
+__all__ = ["OUTPUTS", "Postures", "analyse_many", "loads_in_body"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,12 +234,8 @@ def analyse_many(
         everything = np.arange(len(state))
         _by_engine(elastic, coordinates, loads, arrays, everything, state, codes, kind, load_axes)
         return Postures(coordinates, arrays, state, tuple(codes), "engine", reason, elastic.names)
-    if each is not None and (load_axes != "body" or any(kind.at)):
-        posed = np.broadcast_to(np.eye(4), (1, 4, 4)) if load_axes == "body" else analyse_many(
-            elastic, coordinates, wrench=np.zeros(6), outputs=("pose",), threads=threads,
-            path=path, chunk=chunk,
-        )["pose"]  # fmt: skip
-        each = wrench_in_body(each, posed, kind.at, load_axes).reshape(each.shape)
+    if each is not None:
+        each = loads_in_body(elastic, coordinates, each, kind, load_axes, path, threads, chunk)
     by_kernel = arrays_for(known, {n: a for n, a in arrays.items() if n in known},
                            coordinates.shape, {})  # fmt: skip
     run(taken, kernel, coordinates, each, by_kernel, state, count, size)
@@ -263,6 +259,20 @@ def analyse_many(
         state[:] = _index(codes, taken.regular)
     ran = "portable" if isinstance(kernel, PortableKernel) else "compiled"
     return Postures(coordinates, arrays, state, tuple(codes), ran, reason, elastic.names)
+
+
+def loads_in_body(
+    elastic: ElasticMechanism, q: Array, loads: Array, kind: LoadKind,
+    axes: Literal["body", "world"], path: Path, threads: int | None = None,
+    chunk: int | None = None,
+) -> Array:  # fmt: skip
+    """Wrenches about M's origin in the axes of M, from one (6,) or one a posture as given."""
+    if axes == "body" and not any(kind.at):
+        return loads
+    posed = np.broadcast_to(np.eye(4), (1, 4, 4)) if axes == "body" else analyse_many(
+        elastic, q, wrench=np.zeros(6), outputs=("pose",), threads=threads, path=path, chunk=chunk,
+    )["pose"]  # fmt: skip
+    return wrench_in_body(loads, posed, kind.at, axes).reshape(loads.shape)
 
 
 def _under_load(

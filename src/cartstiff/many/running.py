@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import lru_cache
 from importlib.util import find_spec
+from threading import Lock
 from typing import Any, Literal
 
 import numpy as np
@@ -16,15 +17,18 @@ from cartstiff.many import portable
 from cartstiff.many.arithmetic import ENGINE
 from cartstiff.many.given import OUTPUTS, aligned_empty, recorded
 from cartstiff.many.plans import Case, Plan, plan, program_for
+from cartstiff.many.reading_arithmetic import Readings
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["PATHS", "Path", "chosen", "lasting_path", "run"]
+__all__ = ["PATHS", "WORTH_READING", "Path", "chosen", "lasting_path", "reading_kernel", "run"]
 
 Path = Literal["auto", "compiled", "portable", "engine"]
 PATHS = ("auto", "compiled", "portable", "engine")
 
 #: Postures from which on it pays to compile a mechanism that has not been compiled yet.
 WORTH_COMPILING = 5000
+#: Postures from which on it pays to compile what is read, too.
+WORTH_READING = 200_000
 #: Operations beyond which compiling takes more than a few seconds.
 LARGEST_PROGRAM = 60_000
 #: Postures computed at a time in compiled code, a multiple of every block.
@@ -40,19 +44,39 @@ def _portable_kernel(case: Case, names: tuple[str, ...]) -> portable.PortableKer
     return portable.PortableKernel(program_for(case, names))
 
 
-_compiled: dict[tuple[Case, tuple[str, ...]], Any] = {}
+_compiled: dict[tuple[Case, tuple[str, ...], Readings | None], Any] = {}
+_lock = Lock()
 
 
-def _compiled_kernel(case: Case, names: tuple[str, ...]) -> Any:
+def _compiled_kernel(case: Case, names: tuple[str, ...], readings: Readings | None = None) -> Any:
     """Machine code for a case; the last 64 are kept."""
     from cartstiff.many.compiled import CompiledKernel
 
-    key = (case, names)
-    kernel = _compiled.pop(key, None) or CompiledKernel(program_for(case, names))
+    key = (case, names, readings)
+    with _lock:
+        kernel = _compiled.pop(key, None) or CompiledKernel(program_for(*key))
+        _keep(key, kernel)
+    return kernel
+
+
+def _keep(key: tuple[Case, tuple[str, ...], Readings | None], kernel: Any) -> None:
     _compiled[key] = kernel
     while len(_compiled) > 64:
         del _compiled[next(iter(_compiled))]
-    return kernel
+
+
+def reading_kernel(
+    case: Case, names: tuple[str, ...], readings: Readings, path: Path = "auto"
+) -> Any:
+    """What reads; None where something that is read does not exist, or nothing is quick enough."""
+    program = program_for(case, names, readings)
+    if "readings" not in program.outputs:
+        return None
+    if path == "portable":
+        return portable.PortableKernel(program)
+    if not has_package("llvmlite") or program.size > LARGEST_PROGRAM:
+        return None
+    return _compiled_kernel(case, names, readings)
 
 
 @lru_cache(maxsize=8)
@@ -85,7 +109,7 @@ def chosen(
             raise error
         return found, _portable_kernel(found.case, ordered), str(error)
     reason = ""
-    if path == "auto" and (found.case, ordered) not in _compiled:
+    if path == "auto" and (found.case, ordered, None) not in _compiled:
         size = program_for(found.case, ordered).size
         if count < WORTH_COMPILING:
             reason = f"compiling pays from {WORTH_COMPILING} postures on"

@@ -8,15 +8,18 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
 from threading import local
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.errors import ConvergenceError
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.engine import NOT_ASSEMBLED, REGULAR
 from cartstiff.many.postures import Postures, analyse_many
+from cartstiff.many.read_many import Reader
+from cartstiff.many.reading_arithmetic import READINGS, Readings
 from cartstiff.many.running import Path
 from cartstiff.maps.cartesian import PLACES, CartesianGrid
 from cartstiff.maps.intervals import half_width_name, half_widths, intervals_of, why_none
@@ -70,6 +73,8 @@ class MapJob:
     path : {"compiled", "portable", "engine"}
         What computes every posture of the map, as in `analyse_many`: who goes on with the map takes
         the same, so that its numbers do not depend on where it was interrupted.
+    by_kernel : bool
+        Whether machine code reads the quantities, too, where it can.
     """
 
     elastic: ElasticMechanism
@@ -79,6 +84,7 @@ class MapJob:
     wrench: tuple[float, ...] | None
     load_axes: Literal["body", "world"] = "body"
     path: Path = "auto"
+    by_kernel: bool = False
 
     @cached_property
     def quantities(self) -> tuple[Quantity, ...]:
@@ -95,10 +101,7 @@ class MapJob:
     @cached_property
     def outputs(self) -> tuple[str, ...]:
         """Arrays that are asked of `analyse_many`."""
-        needed = {"pose"}
-        for quantity in self.quantities:
-            needed.update(quantity.outputs(self.settings))
-        return tuple(sorted(needed))
+        return _outputs(self.quantities, self.settings)
 
     @property
     def stores_q(self) -> bool:
@@ -195,32 +198,76 @@ class MapJob:
         if there.any():
             whole = bool(there.all())
             present = part if whole else part[there]
-            result = self._analysed(present, self.outputs, self._buffers(len(present)))
-            to_own = np.array([_code(c) for c in result.codes], np.uint8)
-            state[there] = to_own[result.state]
-            values = self._values(result)
-            if self.with_interval:
-                found = half_widths(
-                    self.elastic, lambda other: self._with_springs(other, result.q),
-                    self.with_interval,
-                )  # fmt: skip
-                values |= {half_width_name(name): width for name, width in found.items()}
-            beyond = self._beyond(result.q, result.arrays["pose"])
+            answer = self._answer(present)
+            state[there] = answer.state
+            beyond = self._beyond(answer.q, answer.poses)
             state[np.flatnonzero(there)[beyond]] = STATES.index(BEYOND)
-            for name, value in values.items():
+            for name, value in answer.values.items():
                 arrays[name][rows][there] = np.where(beyond, np.nan, value)
-            arrays["position"][rows][there] = result.arrays["pose"][:, :3, 3]
+            arrays["position"][rows][there] = answer.poses[:, :3, 3]
         arrays["state"][rows] = state
 
-    def _values(self, result: Postures) -> dict[str, Array]:
-        """The quantities (N,) by name."""
-        return evaluate(self.quantities, result.arrays, self.settings, self._lengths,
+    def _answer(self, q: Array) -> _Answer:
+        """What is known of postures (N, n): read by the kernel where it can be."""
+        reader = self._reader
+        if reader is None:
+            return self._by_matrices(q, self.quantities)
+        read = reader.read(q)
+        unknown = np.flatnonzero(~read.is_known)
+        state = np.full(len(q), _code(reader.state), np.uint8)
+        values = {name: read.values[name] for name in reader.readings.names}
+        others = [quantity for quantity in self.quantities if quantity.name not in values]
+        if others:
+            values |= self._by_matrices(q, others).values
+        if len(unknown):
+            rest = self._by_matrices(q[unknown], self.quantities)
+            state[unknown] = rest.state
+            read.poses[unknown] = rest.poses
+            for name, column in values.items():
+                column[unknown] = rest.values[name]
+        return _Answer(q, state, read.poses, values)
+
+    def _by_matrices(self, q: Array, quantities: Sequence[Quantity]) -> _Answer:
+        """What is known of postures (N, n), read from stored matrices."""
+        outputs = self.outputs
+        if len(quantities) < len(self.quantities):
+            outputs = _outputs(quantities, self.settings)
+        buffers = self._buffers(len(q)) if outputs == self.outputs else None
+        result = self._analysed(q, outputs, buffers)
+        values = self._values(result, quantities)
+        if self.with_interval:
+            found = half_widths(
+                self.elastic, lambda other: self._with_springs(other, result.q),
+                self.with_interval,
+            )  # fmt: skip
+            values |= {half_width_name(name): width for name, width in found.items()}
+        to_own = np.array([_code(c) for c in result.codes], np.uint8)
+        return _Answer(result.q, to_own[result.state], result.arrays["pose"], values)
+
+    @cached_property
+    def _reader(self) -> Reader | None:
+        """Machine code that reads some of the quantities."""
+        names = tuple(name for name in self.names if name in READINGS)
+        if not (self.by_kernel and names) or self.with_interval:
+            return None
+        own = self.settings
+        readings = Readings(
+            names, own.connection, own.length, own.direction, own.deflect, own.deflect_at,
+            own.world, own.load,
+        )  # fmt: skip
+        wrench = None if self.wrench is None else np.array(self.wrench)
+        reader = Reader(self.elastic, readings, self.outputs, wrench, self.load_axes)
+        return reader if reader.serves else None
+
+    def _values(self, result: Postures, quantities: Sequence[Quantity]) -> dict[str, Array]:
+        """Quantities (N,) by name."""
+        return evaluate(quantities, result.arrays, self.settings, self._lengths,
                         self._vibrations(result.q))  # fmt: skip
 
     def _with_springs(self, other: ElasticMechanism, q: Array) -> dict[str, Array]:
         """The quantities that have intervals, of the mechanism with other springs."""
         job = replace(self, elastic=other, names=self.with_interval)
-        return job._values(job._analysed(q, job.outputs))
+        return job._values(job._analysed(q, job.outputs), job.quantities)
 
     def _analysed(
         self, q: Array, outputs: tuple[str, ...], out: Mapping[str, Array] | None = None
@@ -300,6 +347,22 @@ class MapJob:
                 continue
             q[i] = closed
         return done
+
+
+class _Answer(NamedTuple):
+    """Postures (N, n) as assembled, what state they are in, where they are, and their numbers."""
+
+    q: Array
+    state: NDArray[np.uint8]
+    poses: Array
+    values: dict[str, Array]
+
+
+def _outputs(quantities: Sequence[Quantity], settings: Settings) -> tuple[str, ...]:
+    needed = {"pose"}
+    for quantity in quantities:
+        needed.update(quantity.outputs(settings))
+    return tuple(sorted(needed))
 
 
 def _code(name: str) -> int:

@@ -18,7 +18,7 @@ from cartstiff.analysis.metrics import characteristic_length
 from cartstiff.arrays import checked_unit, checked_vector
 from cartstiff.errors import CartstiffError, InputError, UnknownNameError, one_line
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.running import lasting_path
+from cartstiff.many.running import WORTH_READING, lasting_path
 from cartstiff.maps.cartesian import CartesianGrid
 from cartstiff.maps.intervals import half_width_name, why_none
 from cartstiff.maps.job import STATES, MapJob
@@ -165,12 +165,14 @@ def prepare_map(
         existing = MapFile.at(path)
         there = json.loads(existing.attributes["description"])
         _require_same(there, description, path)
-        return replace(job, path=there["path"]), existing
+        return replace(job, path=there["path"], by_kernel=there.get("by_kernel", False)), existing
     postures = int(np.prod(sampling.shape, dtype=object))
     given: Literal["none", "shared", "each"]
     given = "none" if load is None else "shared" if load_axes == "body" else "each"
-    job = replace(job, path=lasting_path(elastic, given, job.outputs, postures))
-    description["path"] = job.path
+    path_taken = lasting_path(elastic, given, job.outputs, postures)
+    reads = path_taken == "compiled" and postures >= WORTH_READING
+    job = replace(job, path=path_taken, by_kernel=reads)
+    description |= {"path": job.path, "by_kernel": reads}
     units, mechanism = elastic.units, elastic.mechanism
     attributes = {
         "schema": SCHEMA,

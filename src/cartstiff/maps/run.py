@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from os import cpu_count
 from pathlib import Path
@@ -176,13 +177,25 @@ def run_map(
 
                 run_in_processes(job, file, todo, advance, workers)
             else:
-                boxes = [file.boxes[chunk] for chunk in todo]
-                for chunk, solved in zip(todo, job.solved(boxes), strict=True):
-                    arrays = job.compute(
-                        file.boxes[chunk], threads or cpu_count() or 1, advance, solved
-                    )
-                    file.write(chunk, arrays)
+                _run_here(job, file, todo, threads or cpu_count() or 1, advance)
     return Run(len(todo), tuple(damaged.values()) + tuple(f"axis {name}" for name in axes))
+
+
+def _run_here(
+    job: MapJob, file: MapFile, todo: Sequence[int], threads: int,
+    advance: Callable[[int], None],
+) -> None:  # fmt: skip
+    """In this process: while a chunk is written, which mostly waits, the next one is computed."""
+    boxes = [file.boxes[chunk] for chunk in todo]
+    with ThreadPoolExecutor(1) as pool:
+        writing: Future[None] | None = None
+        for chunk, solved in zip(todo, job.solved(boxes), strict=True):
+            arrays = job.compute(file.boxes[chunk], threads, advance, solved)
+            if writing is not None:
+                writing.result()
+            writing = pool.submit(file.write, chunk, arrays)
+        if writing is not None:
+            writing.result()
 
 
 def _bar(

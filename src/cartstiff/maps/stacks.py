@@ -75,7 +75,7 @@ def eigenvalues(K: Array, C: Array, length: float | Array, G: Array | None = Non
     """
     scaled = scale_lengths(K, length)
     found = numerics.eigenvalues(scaled)
-    plain = np.asarray(numerics.condition(found) < _PLAIN)
+    plain = np.asarray(numerics.condition(found) < numerics.PLAIN_BLOCK)
     rows = np.logical_not(plain) & np.isfinite(C).all(axis=(1, 2))
     if rows.any():
         inverse = scale_lengths(C, 1.0 / np.asarray(length))
@@ -90,10 +90,6 @@ def eigenvalues(K: Array, C: Array, length: float | Array, G: Array | None = Non
 def _rooted(G: Array | None) -> list[tuple[int, Array]]:
     """Rows that have a root, and these."""
     return [] if G is None else [(int(i), G[i]) for i in np.flatnonzero(np.isfinite(G[:, 0, 0]))]
-
-
-#: Condition number of a block up to which it alone has digits enough for all its eigenvalues.
-_PLAIN = 1e4
 
 
 def block_values(
@@ -123,7 +119,7 @@ def block_values(
         Values (3,) of one matrix, and its inverse and root, or None if it has none.
     """
     found = principal((stack if is_held else inverse)[:, keep, keep])
-    plain = np.asarray(numerics.condition(found) < _PLAIN)
+    plain = np.asarray(numerics.condition(found) < numerics.PLAIN_BLOCK)
     if not is_held:
         with np.errstate(divide="ignore", invalid="ignore"):
             found = np.sort(1.0 / found, axis=1)

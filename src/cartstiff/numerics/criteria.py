@@ -31,6 +31,7 @@ __all__ = [
     "NEARBY",
     "NO_SLOPE",
     "PLAIN",
+    "PLAIN_BLOCK",
     "PLAIN_JACOBIAN",
     "PLAIN_PIVOT",
     "PLAIN_STIFFNESS",
@@ -107,6 +108,9 @@ PLAIN_STIFFNESS: Final = 1e6
 #: Least pivot, as a share of its diagonal entry, up to which a stiffness matrix alone is taken to
 #: hold its softer directions: hundreds of what leaves them four digits.
 PLAIN_PIVOT: Final = 1e-9
+#: Condition number of a stiffness, or of a block of one, up to which it alone has digits enough for
+#: all its eigenvalues.
+PLAIN_BLOCK: Final = 1e4
 
 # -- searches -----------------------------------------------------------------------------------
 

@@ -1,0 +1,104 @@
+"""Numbers of many postures, read by the machine code that makes their matrices."""
+
+from __future__ import annotations
+
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cartstiff.geometry.se3 import Array
+from cartstiff.many.given import OUTPUTS, aligned_empty, recorded
+from cartstiff.many.plans import Plan, plan
+from cartstiff.many.postures import loads_in_body
+from cartstiff.many.reading_arithmetic import Readings, finished
+from cartstiff.many.running import Path, reading_kernel, run
+from cartstiff.mechanisms.elastic import ElasticMechanism
+
+__all__ = ["Reader", "Values"]
+
+
+class Values(NamedTuple):
+    """What was read.
+
+    Attributes
+    ----------
+    values : dict of str to ndarray (N,)
+        Numbers by name.
+    poses : ndarray (N, 4, 4)
+        ``T_F_M``.
+    is_known : ndarray of bool (N,)
+        Postures of which the numbers stand; all others are for `analyse_many` and what reads its
+        arrays.
+    """
+
+    values: dict[str, Array]
+    poses: Array
+    is_known: NDArray[np.bool_]
+
+
+class Reader:
+    """Reads many postures of a mechanism under one load.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        The mechanism.
+    readings : Readings
+        What to read.
+    outputs : tuple of str
+        Outputs of `analyse_many` whose verdicts count.
+    wrench : ndarray (6,), optional
+        Load on the body.
+    axes : {"body", "world"}
+        Axes of its components; of what kind it is, and where, the readings say.
+    path : {"auto", "portable"}
+        Machine code, where it can be made; or NumPy, which is slower than reading from arrays and
+        serves to compare.
+
+    Attributes
+    ----------
+    state : str
+        State of the postures that are read.
+    """
+
+    def __init__(
+        self, elastic: ElasticMechanism, readings: Readings, outputs: tuple[str, ...],
+        wrench: Array | None = None, axes: Literal["body", "world"] = "body", path: Path = "auto",
+    ) -> None:  # fmt: skip
+        self.elastic, self.readings = elastic, readings
+        self._wrench, self._axes = wrench, axes
+        given = "none" if wrench is None else "shared" if axes == "body" else "each"
+        self._plan = plan(elastic, given)
+        wanted = recorded(outputs)
+        self._outputs = tuple(name for name in OUTPUTS if name in wanted or name == "pose")
+        self._kernel: Any = None
+        self.state = ""
+        if isinstance(self._plan, Plan):
+            self.state = self._plan.regular
+            self._kernel = reading_kernel(self._plan.case, self._outputs, readings, path)
+
+    @property
+    def serves(self) -> bool:
+        """Whether there is machine code for these readings of this mechanism."""
+        return self._kernel is not None
+
+    def read(self, q: Array) -> Values:
+        """Read postures q (N, n)."""
+        if not isinstance(self._plan, Plan):
+            raise TypeError(self._plan)
+        count = len(q)
+        loads = self._wrench
+        if loads is not None:
+            if self._axes == "world":
+                loads = np.broadcast_to(loads, (count, 6))
+            loads = loads_in_body(
+                self.elastic, q, loads, self.readings.load, self._axes, "compiled", 1
+            )
+        arrays = {
+            "readings": aligned_empty(count, len(self._kernel.program.outputs["readings"])),
+            "pose": aligned_empty(count, 4, 4),
+        }
+        verdicts = np.zeros(count, np.uint8)
+        run(self._plan, self._kernel, q, loads, arrays, verdicts, 1, None)
+        return Values(finished(arrays["readings"], self.readings), arrays["pose"], verdicts == 0)

@@ -1,0 +1,139 @@
+"""What machine code reads equals what is read from matrices, and doubtful postures are left to it.
+
+The oracle is `evaluate` on the arrays of `analyse_many`: NumPy's LAPACK for eigenvalues.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import cartstiff
+from cartstiff.many.eigenvalues import ascending, eigenvalues, largest_eigenvalue
+from cartstiff.many.portable import PortableKernel
+from cartstiff.many.postures import analyse_many
+from cartstiff.many.read_many import Reader
+from cartstiff.many.reading_arithmetic import READINGS, Readings
+from cartstiff.many.tape import Tape
+from cartstiff.maps.job import MapJob
+from cartstiff.maps.quantities import QUANTITIES, Settings, choose_quantities, evaluate
+from cartstiff.maps.sampling import RandomPostures
+from cartstiff.stiffness.applied_load import LoadKind
+
+LENGTH = 0.18
+#: Rounding that two ways to a number may differ by, over the condition number of what is read.
+ROUNDING = 1e-12
+
+
+def _asked(connection: str, load: LoadKind, is_loaded: bool) -> Settings:
+    return Settings(
+        connection, LENGTH, (0.0, 0.6, 0.8), (1.0, 0.0, 0.0, 0.0, 20.0, -50.0), True, load,
+        (0.1, 0.0, 0.0), is_loaded,
+    )  # fmt: skip
+
+
+def _readings(names: tuple[str, ...], s: Settings) -> Readings:
+    return Readings(names, s.connection, s.length, s.direction, s.deflect, s.deflect_at, s.world,
+                    s.load)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("robot", "connection", "wrench", "load"),
+    [
+        ("ur5", "B", None, LoadKind()),
+        ("ur5", "A", (1.0, 2.0, -1.0, 30.0, -20.0, 50.0), LoadKind()),
+        ("ur5", "F", (1.0, 2.0, -1.0, 30.0, -20.0, 50.0), LoadKind()),
+        ("panda", "load", (1.0, 2.0, -1.0, 30.0, -20.0, 50.0), LoadKind("dead", (0.0, 0.0, 0.1))),
+    ],
+)
+def test_every_reading_is_the_quantity(robot, connection, wrench, load):
+    elastic = cartstiff.load(robot)
+    names = tuple(READINGS)
+    settings = _asked(connection, load, wrench is not None)
+    quantities = choose_quantities(names, settings, elastic)
+    outputs = tuple(dict.fromkeys(o for one in quantities for o in one.outputs(settings)))
+    given = None if wrench is None else np.array(wrench)
+    q = np.random.default_rng(1).uniform(-2.5, 2.5, (300, len(elastic.q)))
+    reader = Reader(elastic, _readings(names, settings), outputs, given, path="portable")
+    read = reader.read(q)
+    assert read.is_known.mean() > 0.9
+    found = analyse_many(
+        elastic, q, outputs=outputs, wrench=given, load_kind=load.kind, load_at=load.at
+    )
+    expected = evaluate(quantities, found.arrays, settings)
+    condition = expected["condition"][read.is_known]
+    for name in names:
+        a, b = read.values[name][read.is_known], expected[name][read.is_known]
+        np.testing.assert_array_less(np.abs(a - b), ROUNDING * condition * np.abs(b) + 1e-12, name)
+    assert found.is_regular[read.is_known].all()
+
+
+def test_readings_are_quantities():
+    assert set(READINGS) < set(QUANTITIES)
+
+
+def test_a_map_read_by_machine_code_is_the_map_read_from_matrices():
+    elastic = cartstiff.load("ur5")
+    count = 400
+    sampling = RandomPostures.within_limits(elastic, count, 3)
+    names = ("translation_free_min", "condition", "deflection", "connection_change")
+    job = MapJob(elastic, sampling, names, _asked("B", LoadKind(), False), None, path="compiled")
+    box = (slice(0, count),)
+    expected = job.compute(box)
+    found = replace(job, by_kernel=True).compute(box)
+    assert set(found) == set(expected)
+    for name, values in expected.items():
+        scale = expected["condition"] if values.ndim == 1 else 1.0
+        assert (np.abs(found[name] - values) <= ROUNDING * scale * np.abs(values) + 1e-15).all()
+
+
+def test_singular_postures_and_closed_chains_are_read_from_matrices():
+    elastic = cartstiff.load("ur5")
+    reader = Reader(elastic, Readings(("condition",), length=LENGTH), (), path="portable")
+    q = np.array([np.zeros(6), elastic.q + 0.3])
+    assert reader.read(q).is_known.tolist() == [False, True]
+    closed = Reader(cartstiff.load("five-bar"), Readings(("condition",)), (), path="portable")
+    assert not closed.serves
+
+
+def _on_tape(function, matrices):
+    """The numbers that a function of a recorded symmetric matrix gives, for each of some."""
+    tape, n = Tape(), matrices.shape[1]
+    values = function(tape.vector("m", n * n).reshape(n, n))
+    program = tape.program({"found": np.array(values, object)}, [])
+    out = {"found": np.empty((len(matrices), len(values)))}
+    rows = matrices.reshape(len(matrices), -1)
+    PortableKernel(program).workspace(len(matrices)).run({"m": rows}, out, len(matrices))
+    return out["found"]
+
+
+@pytest.mark.parametrize("n", [3, 6])
+def test_eigenvalues_on_a_tape_are_those_of_lapack(n):
+    rng = np.random.default_rng(0)
+    factors = rng.normal(size=(500, n, n)) * 10.0 ** rng.uniform(-2, 2, (500, 1, n))
+    positive = factors @ factors.swapaxes(1, 2)
+    indefinite = factors + factors.swapaxes(1, 2)
+    for matrices in (positive, indefinite):
+        expected = np.linalg.eigvalsh(matrices)
+        size = np.abs(expected).max(axis=1, keepdims=True)
+
+        def all_of_them(m):
+            values, doubt = eigenvalues(m)
+            return [*ascending(values), doubt]
+
+        found = _on_tape(all_of_them, matrices)
+        known = found[:, -1] == 0.0
+        assert known.mean() > 0.98
+        assert (np.abs(found[known, :-1] - expected[known]) < 1e-14 * size[known]).all()
+    found = _on_tape(lambda m: list(largest_eigenvalue(m)), positive)
+    known = found[:, 1] == 0.0
+    assert known.mean() > 0.98
+    assert np.abs(found[known, 0] / np.linalg.eigvalsh(positive)[known, -1] - 1.0).max() < 1e-14
+
+
+def test_two_equal_largest_eigenvalues_are_a_doubt_or_right():
+    matrices = np.array([np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 5.0]), np.eye(6)])
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(6, 6)))[0]
+    found = _on_tape(lambda m: list(largest_eigenvalue(m)), turn @ matrices @ turn.T)
+    right = np.abs(found[:, 0] - [5.0, 1.0]) < 1e-13
+    assert (right | (found[:, 1] != 0.0)).all()
