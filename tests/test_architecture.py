@@ -31,7 +31,7 @@ LAYERS = [
     {"vibration"},
     {"many"},
     {"maps"},
-    {"toolpaths"},
+    {"reach", "toolpaths"},
     {"identify"},
     {"report"},
     {"scene"},

@@ -42,6 +42,8 @@ from .potentials.loads import DeadWrench as DeadWrench
 from .potentials.loads import FollowerWrench as FollowerWrench
 from .potentials.loads import payload as payload
 from .potentials.springs import JointSprings as JointSprings
+from .reach.assembly import AssemblyModes as AssemblyModes
+from .reach.assembly import assemble as assemble
 from .scene.scene import Scene as Scene
 from .statics.continuation import load_curve as load_curve
 from .statics.curves import LoadCurve as LoadCurve

@@ -26,6 +26,10 @@ _COMMANDS = {
         "cartstiff.cli.equilibrium",
         "Where a mechanism comes to rest under load, and how stiff it is there.",
     ),
+    "assemble": (
+        "cartstiff.cli.reach.assemble",
+        "All poses in which the same leg lengths, or actuators, hold a mechanism.",
+    ),
     "map": (
         "cartstiff.cli.map",
         "Stiffness over a grid, a trajectory or random postures, to a file and a picture.",

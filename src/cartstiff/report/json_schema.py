@@ -8,6 +8,7 @@ from cartstiff.analysis.plain import schema as schema_of_analysis
 from cartstiff.matrix_names import MATRICES
 from cartstiff.report.frames import FRAMES_SCHEMA
 from cartstiff.report.identify_schema import identify_schema
+from cartstiff.report.reach_schema import assemble_schema
 from cartstiff.stiffness.applied_load import LOAD_KINDS
 from cartstiff.stiffness.compute import SCHEMA
 from cartstiff.vibration.mode_set import MODES_SCHEMA
@@ -322,7 +323,7 @@ def json_schema(command: str = "analyse") -> dict[str, Any]:
 
     Parameters
     ----------
-    command : {"analyse", "equilibrium", "frames", "modes", "identify", "analysis"}
+    command : {"analyse", "equilibrium", "frames", "modes", "identify", "assemble", "analysis"}
         The command; "analysis" is the object that ``analyse`` adds under this key.
 
     Returns
@@ -347,6 +348,8 @@ def json_schema(command: str = "analyse") -> dict[str, Any]:
         }
         schema["properties"] = _MODES | more
         return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+    if command == "assemble":
+        return assemble_schema(_ANALYSIS)
     if command == "identify":
         return identify_schema(_ANALYSIS["notes"], _ANALYSIS["mechanism"], _ANALYSIS["units"])
     properties = dict(_ANALYSIS)

@@ -1,0 +1,1 @@
+"""Commands that say where a mechanism can be."""

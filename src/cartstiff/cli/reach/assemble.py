@@ -1,0 +1,79 @@
+"""``cartstiff assemble``."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import click
+
+from cartstiff.cli.options import MechanismRequest, mechanism_options
+from cartstiff.cli.output import tell
+from cartstiff.cli.types import Numbers, OutputFile, json_option, option, option_group
+from cartstiff.errors import InputError, UndefinedError
+
+__all__ = ["command"]
+
+_EPILOG = """\b
+Examples:
+  cartstiff assemble hexapod --all
+  cartstiff assemble stewart-simscape --all --lengths 0.085,0.085,0.085,0.085,0.085,0.086 --json
+  cartstiff assemble five-bar --all --csv modes.csv
+"""
+
+_options = option_group(
+    option("--pose", type=Numbers("X,Y,Z,R,P,Y", 6),
+           help="Pose of a platform whose leg lengths are meant, and to which modes are near: "
+           "position and roll, pitch, yaw about fixed axes; default the file's."),
+    option("--lengths", type=Numbers("L1,...,L6", 6, above_zero=True),
+           help="Leg lengths of a platform; default those at its pose."),
+    click.option("--all", "every", is_flag=True,
+                 help="All assembly modes; without it the one nearest to the pose."),
+    click.option("--starts", type=click.IntRange(0, 100_000), default=64, show_default=True,
+                 help="Random starts, for closed chains. Platforms need none."),
+    click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
+                 help="Seed of the starts."),
+    option("--csv", type=OutputFile("FILE.csv", ".csv"), help="Write a table of the modes."),
+    json_option,
+    click.option("--strict", is_flag=True,
+                 help="Exit with code 3 where no mode exists, or some may be missing."),
+)  # fmt: skip
+
+
+@click.command(name="assemble", epilog=_EPILOG)
+@mechanism_options(placed=False)
+@_options
+def command(
+    request: MechanismRequest,
+    every: bool,
+    starts: int,
+    seed: int,
+    csv: Path | None,
+    as_json: bool,
+    strict: bool,
+) -> None:
+    """Assembly modes of MECHANISM: all poses that the same leg lengths, or actuators, hold.
+
+    Of a six-legged platform all of them are found: the 40 complex solutions of a general platform
+    are followed to this one, and the answer says what has become of each. Of a closed chain the
+    actuated joints are held where --q has them, and random starts are closed.
+    """
+    lengths = request.lengths
+    elastic, q = replace(request, lengths=None).load()
+    from cartstiff.mechanisms.platform import Platform
+    from cartstiff.reach.assembly import assemble
+    from cartstiff.report.output import write_whole
+    from cartstiff.report.reach import assembly_csv, describe_assembly
+
+    if lengths is not None and not isinstance(elastic.mechanism, Platform):
+        raise InputError("is for platforms", where="--lengths", expected="--q")
+    found = assemble(elastic, lengths, q=q, starts=starts, seed=seed, every=every)
+    if csv is not None:
+        write_whole(csv, assembly_csv(found).encode())
+    tell(as_json, found.as_dict(), request.mechanism, lambda: describe_assembly(found))
+    if strict and (not found.found or any(note.code == "paths-lost" for note in found.notes)):
+        note = found.notes[-1] if found.notes else None
+        raise UndefinedError(
+            "no assembly mode exists" if note is None else note.message,
+            code="no-assembly" if note is None else note.code,
+        )

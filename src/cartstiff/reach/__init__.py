@@ -1,0 +1,1 @@
+"""Where a mechanism can be: assembly modes, and the workspace with what limits it."""

@@ -1,0 +1,377 @@
+r"""Assembly modes: all poses in which the same actuator positions hold a mechanism.
+
+Of a six-legged platform all of them are known (`cartstiff.kinematics.platform_assembly`); of a
+closed chain those that a number of starts lead to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff import numerics
+from cartstiff.arrays import checked_flag, checked_vector
+from cartstiff.errors import ConvergenceError, InputError, UndefinedError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.kinematics.architecture import architecture_of
+from cartstiff.kinematics.branches import Search
+from cartstiff.kinematics.joint_poses import JointPoses
+from cartstiff.kinematics.platform_assembly import PathCount, poses_of_lengths
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.contract import named_values
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note, checked_elastic
+from cartstiff.mechanisms.limits import limit_notes
+from cartstiff.mechanisms.platform import Platform
+from cartstiff.notebook import ShownInLines
+from cartstiff.stiffness.compute import PostureStiffness, analyse
+from cartstiff.vibration.modes import modes
+
+__all__ = ["ASSEMBLE_SCHEMA", "AssemblyMode", "AssemblyModes", "assemble"]
+
+#: Name and version of the form of `AssemblyModes.as_dict`.
+ASSEMBLE_SCHEMA = "cartstiff-assemble/1"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AssemblyMode(ShownInLines):
+    """One pose in which the actuator positions hold the mechanism.
+
+    Attributes
+    ----------
+    result : PostureStiffness
+        What `cartstiff.analyse` finds there; ``result.q`` and ``result.pose`` say where it is.
+    residual : float
+        Largest difference from the lengths wanted, or gap of the closures.
+    multiplicity : int
+        1; more at a singular pose in which several solutions meet, and which is known to a root
+        of the digits.
+    """
+
+    result: PostureStiffness
+    residual: float
+    multiplicity: int = 1
+
+    def _lines(self) -> list[str]:
+        return [
+            f"AssemblyMode at q = {np.array2string(self.q, precision=5)}",
+            f"  smallest eigenvalue {self.eigenvalue}, stable {self.stable}",
+        ]
+
+    @property
+    def q(self) -> Array:
+        """Coordinates (n,); of a platform x, y, z, roll, pitch, yaw."""
+        return self.result.q
+
+    @property
+    def pose(self) -> Array:
+        """``T_F_M`` (4, 4)."""
+        return self.result.pose
+
+    @cached_property
+    def eigenvalue(self) -> float | None:
+        """Smallest eigenvalue of the tangent stiffness, force per length.
+
+        Symmetric part; angles times the characteristic length. None where no K exists.
+        """
+        K = self.result.tangent
+        if K is None:
+            return None
+        scale = np.repeat([1.0 / self.result.posture.length, 1.0], 3)
+        scaled = 0.5 * (K + K.T) * np.outer(scale, scale)
+        return float(numerics.eigenvalues(scaled)[0])
+
+    @cached_property
+    def stable(self) -> bool | None:
+        """Whether every motion meets a restoring force; None where that is not decided.
+
+        That is at singular poses, and where neither stiffness nor compliance exists.
+        """
+        codes = {note.code for note in self.result.notes}
+        if self.multiplicity > 1 or codes & {"type-2-singularity", "singular-stiffness"}:
+            return None
+        if self.eigenvalue is not None:
+            return self.eigenvalue > 0.0
+        C = self.result.tangent_compliance  # of what has fewer than six free motions
+        if C is None:
+            return None
+        scale = np.repeat([self.result.posture.length, 1.0], 3)
+        values = numerics.eigenvalues(0.5 * (C + C.T) * np.outer(scale, scale))
+        return bool(values[0] >= -numerics.ZERO * max(values[-1], 0.0))
+
+    @cached_property
+    def determinant(self) -> float | None:
+        """Of the six legs' lines, moments over the characteristic length; None of chains.
+
+        Its sign is that of the region between singularities.
+        """
+        lines = self.result.posture.actuation
+        if not self.result.posture.coordinates_are_pose or lines is None or len(lines) != 6:
+            return None
+        return float(np.linalg.det(lines / np.repeat([self.result.posture.length, 1.0], 3)))
+
+    @cached_property
+    def frequencies(self) -> Array | None:
+        """Natural frequencies [Hz] in this pose; None without masses or where there are none."""
+        elastic = self.result.elastic
+        if not sum(elastic.masses.values()) > 0.0:
+            return None
+        try:
+            return modes(self.result).frequencies
+        except UndefinedError:
+            return None
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        found = self.frequencies
+        return {
+            "q": self.q.tolist(),
+            "pose": self.pose.tolist(),
+            "residual": self.residual,
+            "multiplicity": self.multiplicity,
+            "smallest_eigenvalue": self.eigenvalue,
+            "stable": self.stable,
+            "determinant": self.determinant,
+            "frequencies": None if found is None
+            else [float(f) if np.isfinite(f) else None for f in found],
+            "notes": [note.as_dict() for note in self._own_notes],
+        }  # fmt: skip
+
+    @cached_property
+    def _own_notes(self) -> list[Note]:
+        """Those that are not of loading."""
+        general = {note.code for note in self.result.elastic.notes}
+        return [note for note in self.result.notes if note.code not in general]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AssemblyModes(ShownInLines):
+    """Assembly modes of a mechanism, and how completely they are known.
+
+    Attributes
+    ----------
+    elastic : ElasticMechanism
+        The mechanism.
+    given : mapping
+        Leg lengths, or positions of the actuated joints, by name.
+    found : tuple of AssemblyMode
+        The nearest to the default posture first.
+    search : PathCount or Search or None
+        What has become of the 40 paths, or how many starts there were; None where nothing was
+        searched, for the reason in the notes.
+    notes : tuple of Note
+        What was assumed, and why modes are missing.
+    """
+
+    elastic: ElasticMechanism
+    given: Mapping[str, float]
+    found: tuple[AssemblyMode, ...]
+    search: PathCount | Search | None
+    notes: tuple[Note, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.found)
+
+    def __getitem__(self, index: int) -> AssemblyMode:
+        return self.found[index]
+
+    @property
+    def q(self) -> Array:
+        """Coordinates (k, n) of all modes."""
+        return np.array([mode.q for mode in self.found]).reshape(-1, len(self.elastic.names))
+
+    @property
+    def poses(self) -> Array:
+        """``T_F_M`` (k, 4, 4) of all modes."""
+        return np.array([mode.pose for mode in self.found]).reshape(-1, 4, 4)
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether it is certain that no isolated mode is missing; of chains it never is."""
+        return isinstance(self.search, PathCount) and self.search.is_complete
+
+    def _lines(self) -> list[str]:
+        return [
+            f"Assembly modes of {self.elastic.name}: {len(self.found)}",
+            f"  searched  {self.search}",
+            f"  stable    {sum(mode.stable is True for mode in self.found)}",
+        ]
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON: numbers, lists, texts, None."""
+        elastic, search = self.elastic, self.search
+        told: dict[str, Any] | None = None
+        if isinstance(search, PathCount):
+            told = {"method": "homotopy", **search.as_dict()}
+        elif search is not None:
+            told = {"method": "starts", "starts": search.starts, "found": search.found,
+                    "complete": False}  # fmt: skip
+        units = elastic.units
+        return {
+            "schema": ASSEMBLE_SCHEMA,
+            "mechanism": {"name": elastic.name, "kind": elastic.mechanism.kind,
+                          "joints": list(elastic.names)},
+            "frame": elastic.mechanism.frame,
+            "units": {"length": units.length, "force": units.force, "angle": "rad"},
+            "given": dict(self.given),
+            "search": told,
+            "modes": [mode.as_dict() for mode in self.found],
+            "notes": [note.as_dict() for note in self.notes],
+        }  # fmt: skip
+
+
+def assemble(
+    elastic: ElasticMechanism,
+    lengths: ArrayLike | None = None,
+    *,
+    q: ArrayLike | Mapping[str, float] | None = None,
+    starts: int = 64,
+    seed: int = 0,
+    every: bool = True,
+) -> AssemblyModes:
+    """All assembly modes of a mechanism, with the stiffness in each.
+
+    Of a six-legged platform the 40 complex solutions of a general platform are followed to this
+    one; `PathCount` says what has become of each, and nothing isolated is missing where none is
+    lost. Of a closed chain with named actuated joints, these are held and random starts closed.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        A platform of six legs, or a closed chain.
+    lengths : array_like (6,), optional
+        Leg lengths; default those at `q`. Of platforms only.
+    q : array_like (n,) or mapping, optional
+        Default the file's posture: its leg lengths, or positions of its actuated joints, are
+        meant, and modes near it come first.
+    starts, seed : int
+        Of closed chains: how many random starts, and their seed.
+    every : bool
+        List all modes; else only the one nearest to `q`.
+
+    Returns
+    -------
+    AssemblyModes
+        None found where the architecture is singular: a note says so.
+
+    Raises
+    ------
+    InputError
+        For cables, more or fewer than six legs, arms, chains that name no actuated joints, and
+        numbers that cannot be used.
+
+    Examples
+    --------
+    >>> import cartstiff
+    >>> found = cartstiff.assemble(cartstiff.load("hexapod"))
+    >>> print(found.search)
+    40 paths: 8 real, 32 complex
+    """
+    checked_elastic(elastic)
+    every = checked_flag(every, "every")
+    values = elastic.q if q is None else named_values(q, elastic.names, elastic.q, "q")
+    mechanism = elastic.mechanism
+    if isinstance(mechanism, Platform):
+        return _of_platform(elastic, mechanism, lengths, values, every)
+    if lengths is not None:
+        raise InputError("leg lengths are of platforms", got=mechanism.kind)
+    if not isinstance(mechanism, Chain) or not mechanism.closures:
+        raise InputError("assembly modes are of closed chains and platforms", got=mechanism.kind,
+                         expected="for an arm, inverse_kinematics")  # fmt: skip
+    return _of_chain(elastic, mechanism, values, starts, seed, every)
+
+
+def _of_platform(
+    elastic: ElasticMechanism, platform: Platform, lengths: ArrayLike | None, q: Array, every: bool
+) -> AssemblyModes:
+    if platform.kind != "stewart-gough" and getattr(elastic.springs, "unilateral", False):
+        raise InputError("cables do not hold a body by their lengths alone",
+                         expected="six legs that push and pull")  # fmt: skip
+    if len(platform.points) != 6:
+        raise InputError("all assembly modes are known of six legs", got=str(len(platform.points)))
+    start = platform.at(q)
+    wanted = start.lines.lengths if lengths is None else checked_vector(lengths, 6, "leg lengths")
+    given = dict(zip(elastic.spring_names, map(float, wanted), strict=True))
+    notes = list(elastic.notes)
+    singular = architecture_of(platform).note()
+    if singular is not None:
+        return AssemblyModes(elastic, given, (), None, (*notes, singular))
+    poses, counts, search, moving = poses_of_lengths(platform, wanted)
+    away = np.linalg.norm(se3.log(se3.inverse(start.pose) @ poses)
+                          / [1.0, 1.0, 1.0, *[platform.length] * 3], axis=1)  # fmt: skip
+    order = np.argsort(away, kind="stable")[: None if every else 1]
+    found = []
+    for i in order:
+        at = platform.coordinates_of(poses[i])
+        missed = float(np.abs(platform.leg_lengths(at) - wanted).max())
+        found.append(AssemblyMode(analyse(elastic, at), missed, int(counts[i])))
+    if search.moving:
+        message = (
+            f"{search.moving} of {sum((search.single, search.multiple, search.moving))} solutions "
+            "lie on curves: with these lengths the platform can move while its legs are held, "
+            + ("for example from the pose in `values`" if len(moving) else "in complex poses")
+        )
+        notes.append(Note("self-motion", message, {"paths": search.moving,
+                          "pose": moving.tolist() if len(moving) else None}))  # fmt: skip
+    if search.multiple:
+        message = (
+            f"{search.multiple} solutions meet in groups at singular poses (their `multiplicity`), "
+            "which are known to a root of the digits only"
+        )
+        notes.append(Note("multiple-solutions", message, {"paths": search.multiple}))
+    if not search.is_complete:
+        notes.append(Note("paths-lost", f"{search.lost} of the paths are lost: assembly modes may "
+                          "be missing", {"lost": search.lost}))  # fmt: skip
+    if found:
+        notes += limit_notes(platform, found[0].result.posture)
+    return AssemblyModes(elastic, given, tuple(found), search, tuple(notes))
+
+
+def _of_chain(
+    elastic: ElasticMechanism, chain: Chain, q: Array, starts: int, seed: int, every: bool
+) -> AssemblyModes:
+    if not chain.actuated:
+        raise InputError("the mechanism names no actuated joints, so that nothing is held",
+                         expected="actuated: [...] in its file")  # fmt: skip
+    if isinstance(starts, bool) or not isinstance(starts, (int, np.integer)) or starts < 0:
+        raise InputError("number of starts cannot be used", expected="0 or more", got=starts)
+    held = list(chain.actuated)
+    q = chain.assembled(q)
+    solver = JointPoses(elastic, limits=False)
+    begin = solver.random_starts(int(starts), np.random.default_rng(seed))
+    begin = np.vstack([q, begin])
+    begin[:, chain.held] = q[chain.held]
+    fixed = chain.with_rigid(chain.rigid | frozenset(chain.held))
+    found: list[Array] = []
+    places: list[Array] = []
+    for row in begin:
+        try:
+            posture = fixed.closed(row, hold=())
+        except ConvergenceError:
+            continue
+        if np.abs(posture.q[held] - q[held]).max() > numerics.NEARBY:
+            continue  # closed only by leaving the actuators' positions
+        place = chain.tree.at(posture.q).joint_poses(list(range(1, chain.tree.model.njoints)))
+        where = np.append(place[:, :3, 3].ravel(), posture.pose[:3].ravel())
+        unit = numerics.NEARBY * max(1.0, posture.length)
+        if all(np.abs(where - other).max() > unit for other in places):
+            places.append(where)
+            found.append(np.array(posture.q))
+    order = sorted(range(len(found)), key=lambda i: float(np.linalg.norm(places[i] - places[0])))
+    listed = tuple(
+        AssemblyMode(result, _gap(result))
+        for result in (analyse(elastic, found[i]) for i in order[: None if every else 1])
+    )
+    given = {elastic.names[j]: float(q[j]) for j in held}
+    search = Search(len(begin), (), len(found), len(listed))
+    return AssemblyModes(elastic, given, listed, search, tuple(elastic.notes))
+
+
+def _gap(result: PostureStiffness) -> float:
+    residual = result.posture.residual
+    return 0.0 if residual is None else float(np.abs(residual).max(initial=0.0))

@@ -1,0 +1,130 @@
+"""Assembly modes and workspaces as text and as tables."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+
+import numpy as np
+
+from cartstiff import numerics
+from cartstiff.errors import joined
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.elastic import Note
+from cartstiff.mechanisms.platform import Platform
+from cartstiff.reach.assembly import AssemblyMode, AssemblyModes
+from cartstiff.report.layout import number, numbers, table
+
+__all__ = ["assembly_csv", "describe_assembly", "lines_of_notes"]
+
+_STABLE = {True: "yes", False: "NO", None: "-"}
+
+
+def lines_of_notes(notes: Sequence[Note]) -> list[str]:
+    """The notes, under their title; nothing without any."""
+    if not notes:
+        return []
+    return ["", "Notes", *(f"  [{note.code}] {note.message}" for note in notes)]
+
+
+def describe_assembly(found: AssemblyModes) -> str:
+    """How many modes there are, how completely they are known, and each on a line."""
+    elastic, units = found.elastic, found.elastic.units
+    given = ", ".join(f"{name} {number(x, 6)}" for name, x in found.given.items())
+    count = len(found.found)
+    lines = [
+        f"{elastic.name}: {elastic.mechanism.kind}, body frame {elastic.mechanism.frame!r}",
+        f"Held: {given}",
+        f"Assembly modes: {count}; searched: {found.search or 'not, see the notes'}",
+    ]
+    if found.search is not None:
+        lines.append(
+            "No isolated mode is missing: every path's end is known."
+            if found.is_complete
+            else "There may be more."
+        )
+    if count:
+        lines += ["", *_table(found)]
+        lines += [
+            "",
+            f"min K: smallest eigenvalue of the tangent stiffness, angles times the body's length "
+            f"[{units.force}/{units.length}]",
+        ]
+        if isinstance(elastic.mechanism, Platform):
+            lines.append("det: of the legs' lines, moments over that length")
+        own = {note.code: note for mode in found.found for note in mode.result.notes}
+        known = {note.code for note in found.notes}
+        states = [
+            Note(code, f"modes {_with(found, code)}: {note.message}", note.values)
+            for code, note in own.items()
+            if code not in known and code != "no-chart"
+        ]
+        return joined([*lines, *lines_of_notes([*found.notes, *states])])
+    return joined([*lines, *lines_of_notes(found.notes)])
+
+
+def _with(found: AssemblyModes, code: str) -> str:
+    return ", ".join(
+        str(i + 1)
+        for i, mode in enumerate(found.found)
+        if any(note.code == code for note in mode.result.notes)
+    )
+
+
+def _table(found: AssemblyModes) -> list[str]:
+    of_legs = isinstance(found.elastic.mechanism, Platform)
+    swing = any(mode.frequencies is not None for mode in found.found)
+    names = found.elastic.names_with_units if of_legs else _pose_names(found)
+    titles = ["", *names, "residual", "min K", "stable"]
+    titles += ["det"] * of_legs + ["first frequencies [Hz]"] * swing
+    rows = []
+    for i, mode in enumerate(found.found):
+        row = [str(i + 1), *(number(x) for x in _place(mode, of_legs)), number(mode.residual, 2)]
+        row += [number(mode.eigenvalue), _STABLE[mode.stable]]
+        row += [number(mode.determinant, 4)] * of_legs
+        if swing:
+            first = mode.frequencies
+            row.append("-" if first is None else numbers(_first(first)[:3]))
+        rows.append(row)
+    return table(titles, rows)
+
+
+def _first(frequencies: Array) -> list[float | None]:
+    return [float(f) if np.isfinite(f) else None for f in frequencies]
+
+
+def _pose_names(found: AssemblyModes) -> list[str]:
+    length = found.elastic.units.length
+    return [f"{name} [{length}]" for name in "xyz"] + ["roll [rad]", "pitch [rad]", "yaw [rad]"]
+
+
+def _place(mode: AssemblyMode, of_legs: bool) -> list[float]:
+    """Coordinates of a platform, or the pose of M of a chain; rounding is 0."""
+    q = mode.q if of_legs else np.append(mode.pose[:3, 3], se3.roll_pitch_yaw(mode.pose))
+    return np.where(np.abs(q) < numerics.BLANK * np.abs(q).max(), 0.0, q).tolist()
+
+
+def assembly_csv(found: AssemblyModes) -> str:
+    """A row a mode: coordinates, residual, smallest eigenvalue, stable, determinant, frequencies.
+
+    A cell is empty where a number does not exist.
+    """
+    most = max((0 if m.frequencies is None else len(m.frequencies) for m in found.found), default=0)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    units = found.elastic.units
+    writer.writerow([
+        *found.elastic.names_with_units, f"residual [{units.length}]", "multiplicity",
+        f"smallest_eigenvalue [{units.force}/{units.length}]", "stable", "determinant",
+        *(f"frequency_{i + 1} [Hz]" for i in range(most)),
+    ])  # fmt: skip
+    for mode in found.found:
+        own = [] if mode.frequencies is None else _first(mode.frequencies)
+        cells = [
+            *mode.q.tolist(), mode.residual, mode.multiplicity, mode.eigenvalue, mode.stable,
+            mode.determinant, *own, *[None] * (most - len(own)),
+        ]  # fmt: skip
+        writer.writerow(["" if cell is None else str(cell) for cell in cells])
+    return text.getvalue()
