@@ -26,13 +26,11 @@ _FINER = 0.1
 # A path whose parameter is below this has come near its end: it is known to the root of it.
 _NEAR_END = 1e-3
 # Ends nearer than this (of unit vectors) are one multiple solution: four paths that meet are known
-# to the fourth root of `numerics.REACHED`; and points with a smaller share of rotation are no pose.
+# to the fourth root of `numerics.REACHED`.
 _ONE = 3e-3
-_NO_ROTATION = 1e-4
 # A multiple solution is left by this much to see whether others lie beside it: there an isolated
-# one, be it fourfold, misses the quadrics by more than `_OFF`.
+# one, be it fourfold, misses the quadrics by more than `numerics.BESIDE`.
 _ASIDE = 0.05
-_OFF = 1e-8
 
 
 @dataclass(frozen=True)
@@ -134,7 +132,7 @@ def poses_of_lengths(platform: Platform, lengths: Array) -> Poses:
     ends, single = _followed(Q)
     x, share = ends.x, study.rotation_share(ends.x)
     lost = ~single & (ends.at > _NEAR_END)
-    no_pose = ~single & ~lost & (share < _NO_ROTATION)
+    no_pose = ~single & ~lost & (share < numerics.NO_ROTATION)
     rest = np.flatnonzero(~single & ~no_pose & ~lost)
     moving = np.array([_is_on_curve(Q, x[i]) for i in rest], bool)
     real = _real_points(Q, x[single])
@@ -155,7 +153,7 @@ def poses_of_lengths(platform: Platform, lengths: Array) -> Poses:
 def _followed(Q: Array) -> tuple[study.Ends, NDArray[np.bool_]]:
     """Ends of all paths, and which are solutions of their own; with finer steps where need be."""
     start, solutions = study.general_platform()
-    miss = study.MISS
+    miss = numerics.FOLLOWED
     for way in _WAYS:
         ends = study.follow(way * start, Q, solutions.copy(), miss)
         values = np.linalg.svd(study.jacobians(Q, ends.x), compute_uv=False)
@@ -215,7 +213,7 @@ def _is_on_curve(Q: Array, x: Complex) -> bool:
         J = np.vstack([study.jacobians(Q, y[None])[0][:7], x.conj(), aside.conj()])
         missed = [*study.values(Q, y[None])[0], np.vdot(x, y) - 1.0, np.vdot(aside, y) - _ASIDE]
         y = y - np.linalg.lstsq(J, np.array(missed), rcond=None)[0]
-    return bool(np.abs(missed).max() < _OFF)
+    return bool(np.abs(missed).max() < numerics.BESIDE)
 
 
 def _real_on_curve(Q: Array, x: Complex) -> Array:
@@ -223,7 +221,11 @@ def _real_on_curve(Q: Array, x: Complex) -> Array:
     for row in x:
         point = _refined(Q, _real(row[None])[0])
         met = np.abs(study.values(Q, point[None])).max() < numerics.REACHED
-        if met and study.rotation_share(point[None])[0] > _NO_ROTATION and _is_on_curve(Q, point):
+        if (
+            met
+            and study.rotation_share(point[None])[0] > numerics.NO_ROTATION
+            and _is_on_curve(Q, point)
+        ):
             return point[None]
     return np.empty((0, 8))
 

@@ -26,7 +26,6 @@ from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 
 __all__ = [
-    "MISS",
     "PATHS",
     "Ends",
     "follow",
@@ -42,12 +41,9 @@ Complex = NDArray[np.complex128]
 
 #: Solutions of a general platform.
 PATHS = 40
-# A step is chosen so that the predictor misses by this much (of unit vectors); one that misses by
-# ten times that is repeated.
-MISS = 1e-5
+# A step is chosen so that the predictor misses by `miss`; one that misses by ten times that is
+# repeated.
 _FIRST_STEP = 0.02
-# Where the parameter is below this, a path that has not arrived ends at a singular solution.
-_LAST = 1e-11
 _MOST_STEPS = 2000
 
 
@@ -171,7 +167,7 @@ def _norms(x: Complex) -> Array:
     return np.sqrt((x.real**2 + x.imag**2).sum(axis=-1))
 
 
-def follow(start: Complex, end: NDArray, x: Complex, miss: float = MISS) -> Ends:  # type: ignore[type-arg]
+def follow(start: Complex, end: NDArray, x: Complex, miss: float = numerics.FOLLOWED) -> Ends:  # type: ignore[type-arg]
     """Solutions of the quadrics `end`, from solutions x (n, 8) of the quadrics `start`.
 
     ``Q(t) = t start + (1 - t) end`` from t = 1 to 0: a Runge-Kutta step of fourth order and
@@ -179,11 +175,15 @@ def follow(start: Complex, end: NDArray, x: Complex, miss: float = MISS) -> Ends
 
     Parameters
     ----------
+    start, end : ndarray (7, 8, 8)
+        Complex; symmetric matrices.
+    x : ndarray (n, 8)
+        Complex; changed in place.
     miss : float
         What the predictor may miss by; smaller is slower, and jumps to another path less.
     """
     n = len(x)
-    x = x / _norms(x)[:, None]
+    x /= _norms(x)[:, None]
     t, step = np.ones(n), np.full(n, _FIRST_STEP)
     running = np.arange(n)
     change = end - start  # dQ / d(1 - t)
@@ -221,6 +221,6 @@ def follow(start: Complex, end: NDArray, x: Complex, miss: float = MISS) -> Ends
         factor = np.where(good, factor, np.minimum(np.nan_to_num(factor, nan=0.2), 0.5))
         step[running] = h * factor
         # Near the end of a path that goes to nowhere, or to where others go.
-        stuck = (t[running] < _LAST) | (step[running] < 1e-3 * _LAST)
+        stuck = (t[running] < numerics.PATH_END) | (step[running] < 1e-3 * numerics.PATH_END)
         running = running[~stuck & (t[running] > 0.0)]
     return Ends(x, t, count)

@@ -10,6 +10,7 @@ from typing import Final
 __all__ = [
     "AGREEING",
     "AS_GOOD_AS_FREE",
+    "BESIDE",
     "BLANK",
     "CLOSE",
     "COMPLEX",
@@ -22,6 +23,7 @@ __all__ = [
     "FAR_APART",
     "FINEST",
     "FLAT",
+    "FOLLOWED",
     "INFINITE_PITCH",
     "LAST_DIGITS",
     "LEAST_DAMPING",
@@ -29,7 +31,9 @@ __all__ = [
     "LEAST_EFFORT",
     "LIMIT_SLACK",
     "NEARBY",
+    "NO_ROTATION",
     "NO_SLOPE",
+    "PATH_END",
     "PLAIN",
     "PLAIN_BLOCK",
     "PLAIN_JACOBIAN",
@@ -157,6 +161,17 @@ WIDE_DIFFERENCE: Final = 1e-4
 AGREEING: Final = 1e-6
 #: A sum of squares that falls by less than this share has reached its minimum.
 FLAT: Final = 1e-7
+#: A predictor along a path of solutions may miss it by this (of unit vectors): Newton's method then
+#: comes back to the same path in two steps.
+FOLLOWED: Final = 1e-5
+#: Where the parameter of a path that began at 1 is below this, it has ended at a singular solution:
+#: those of which three meet are then known to the root of `NEARBY`.
+PATH_END: Final = 1e-11
+#: Points whose rotation has a smaller share than this are no pose; the ends of paths to infinity
+#: have 1e-6 and less.
+NO_ROTATION: Final = 1e-4
+#: A point beside a multiple solution is one itself if it misses the equations by less than this.
+BESIDE: Final = 1e-8
 #: A slope so small beside the cost is none.
 NO_SLOPE: Final = 1e-7
 #: Least damping of a step that went well, as a share of what it is added to.
