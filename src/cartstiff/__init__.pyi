@@ -16,6 +16,7 @@ from .geometry.connections import levi_civita as levi_civita
 from .kinematics.inverse import inverse_kinematics as inverse_kinematics
 from .loading import hexapod as hexapod
 from .loading import load as load
+from .loading.legs.api import parallel as parallel
 from .loading.pinocchio_model import from_pinocchio as from_pinocchio
 from .many.postures import Postures as Postures
 from .many.postures import analyse_many as analyse_many

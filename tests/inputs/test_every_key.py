@@ -86,6 +86,13 @@ LAID = {"kind": "stewart-gough", "layout": PAIRS, "legs": {"stiffness": 1e5, "re
 THIRDS = {"base": {"radius": 1.0, "angles": [-0.1, 0.1]}, "platform": {"radius": 0.6, "angles":
           [-0.9, 0.9]}, "height": 0.8, "symmetry": 3}  # fmt: skip
 CUBE = {"cubic": {"edge": 1.0, "centre": 0.3}, "base": {"height": 0.0}}
+RINGS = {
+    "base": {"radius": 0.3, "half_angle": 0.25}, "platform": {"radius": 0.12, "half_angle": 0.8},
+}  # fmt: skip
+RODS = {"chain": "PUS", **RINGS, "rod": 0.6, "stiffness": 1e6}
+NAMED = {"kind": "parallel", "legs": RODS, "pose": {"xyz": [0, 0, 0.5]}}
+CRANKS = NAMED | {"legs": RODS | {"chain": "RUS", "crank": 0.1, "axis": "radial"}}
+TRIPOD = {"chain": "UPS", "base": {"radius": 0.3}, "platform": {"radius": 0.1}, "stiffness": 1e6}
 
 KINDS = {
     "SerialFile": ARM,
@@ -298,6 +305,30 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
     "ClosedChainFile.lines": (
         FIVE_BAR, ("lines",), [LINE | {"frames": ["world", "tip"], "rest_length": 0.4}], {},
     ),
+    **{
+        f"NamedLegs.{key}": (NAMED, ("legs", key), value, {})
+        for key, value in {
+            "chain": "PSU", "base": {"radius": 0.31, "half_angle": 0.25},
+            "platform": {"radius": 0.13, "half_angle": 0.8}, "rail": [-0.2, 0.1, 1], "rod": 0.55,
+            "mode": "plus", "actuated": ["u1"], "stiffness": [1e6, 1e6, 1e6, 1e6, 1e6, 2e6],
+            "springs": {"u1": {"stiffness": 10.0}}, "limits": [-0.1, 0.2],
+            "flexible": {"rod": {"stiffness": K6.tolist()}}, "turn": 1.2,
+        }.items()
+    },
+    "NamedLegs.axis": (CRANKS, ("legs", "axis"), "tangential", {}),
+    "NamedLegs.crank": (CRANKS, ("legs", "crank"), [0.1, 0.1, 0.1, 0.1, 0.1, 0.12], {}),
+    "NamedLegs.symmetry": (NAMED, ("legs",), TRIPOD | {"symmetry": 4}, {"legs": TRIPOD}),
+    "LegEndsModel.radius": (NAMED, ("legs", "base", "radius"), 0.25, {}),
+    "LegEndsModel.half_angle": (NAMED, ("legs", "base", "half_angle"), 0.3, {}),
+    "LegEndsModel.angles": (
+        NAMED, ("legs", "base"), {"radius": 0.3, "angles": [-0.25, 0.3]},
+        {"legs": RODS | {"symmetry": 3}},
+    ),
+    "LegEndsModel.height": (NAMED, ("legs", "base", "height"), 0.1, {}),
+    "LegEndsModel.points": (
+        NAMED, ("legs", "platform"), {"points": [[0.1, -0.1, 0], [0.1, 0.1, 0.02]]},
+        {"legs": RODS | {"symmetry": 3}},
+    ),
     "SerialFile.xacro": (ARM, ("xacro",), {"kind": "long"}, {}),
     "SerialFile.package_path": (ARM, ("package_path",), ["none"], {}),
     "LegModel.xacro": (PAIR, ("legs", 0, "xacro"), {"kind": "long"}, {}),
@@ -314,7 +345,7 @@ def keys() -> list[str]:
     while models:
         model = models.pop()
         models += model.__subclasses__()
-        if not model.__name__.startswith("_"):
+        if not model.__name__.startswith("_") and not model.__subclasses__():
             found += [f"{model.__name__}.{key}" for key in model.model_fields]
     return sorted(set(found))
 

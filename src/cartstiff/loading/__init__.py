@@ -265,16 +265,16 @@ def file_reader(source: str | Path) -> Callable[[dict[str, Any]], ElasticMechani
     if path.suffix.lower() not in (".yaml", ".yml"):
         return None
     data, lines = read_yaml(path)
-    return lambda given: _from_data(data, lines, path, given)
+    return lambda given: from_data(data, lines, path, given)
 
 
 def _from_file(path: Path, given: dict[str, Any]) -> ElasticMechanism:
     from cartstiff.loading.yaml_file import read_yaml
 
-    return _from_data(*read_yaml(path), path, given)
+    return from_data(*read_yaml(path), path, given)
 
 
-def _from_data(
+def from_data(
     data: dict[str, Any], lines: Lines, path: Path, given: dict[str, Any]
 ) -> ElasticMechanism:
     """The mechanism of a file's data, with what was given beside it."""
@@ -293,6 +293,10 @@ def _from_data(
     where = one_line(str(path))
     name = file.name or path.stem
     try:
+        if isinstance(file, ParallelFile):
+            from cartstiff.loading.legs.tree import with_drawn_legs
+
+            file = with_drawn_legs(file, where)
         file = build.with_given(file, given, where)
         if isinstance(file, SerialFile):
             elastic = build.build_serial(file, path.parent, where, name)
@@ -368,18 +372,18 @@ def hexapod(
     """
     given = {"base": base, "platform": platform, "height": height, "turn": turn,
              "symmetry": symmetry, "cubic": cubic}  # fmt: skip
-    layout = {key: _plain(value) for key, value in given.items() if value is not None}
-    data = {"kind": "stewart-gough", "layout": layout, **_plain(keys), "name": name}
-    data["legs"] = _plain(legs) if isinstance(legs, Mapping) else {"stiffness": _plain(legs)}
-    return _from_data(data, {}, Path("hexapod"), {})
+    layout = {key: plain(value) for key, value in given.items() if value is not None}
+    data = {"kind": "stewart-gough", "layout": layout, **plain(keys), "name": name}
+    data["legs"] = plain(legs) if isinstance(legs, Mapping) else {"stiffness": plain(legs)}
+    return from_data(data, {}, Path("hexapod"), {})
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """The same as a file has it: mappings, lists and numbers."""
     if isinstance(value, Mapping):
-        return {key: _plain(inner) for key, inner in value.items()}
+        return {key: plain(inner) for key, inner in value.items()}
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, (list, tuple)):
-        return [_plain(inner) for inner in value]
+        return [plain(inner) for inner in value]
     return value.item() if isinstance(value, np.generic) else value

@@ -295,8 +295,8 @@ def _with_ros(file: Any, given: Mapping[str, Any], where: str) -> Any:
         keys = {"xacro": {**file.xacro, **given.get("xacro", {})},
                 "package_path": [*given.get("package_path", ()), *file.package_path]}  # fmt: skip
         return file.model_copy(update=keys)
-    if isinstance(file.legs, list):
-        legs = [_with_ros(leg, given, where) for leg in file.legs]
+    if isinstance(file.legs, list) and any(leg.drawing is None for leg in file.legs):
+        legs = [_with_ros(leg, given, where) if leg.drawing is None else leg for leg in file.legs]
         return file.model_copy(update={"legs": legs})
     raise InputError(f"kind {file.kind} has no robot description", where=where,
                      expected="no xacro arguments and no package path")  # fmt: skip

@@ -11,6 +11,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.assembly import leg_at_pose
 from cartstiff.loading.defaults import chosen_frame, default_posture
+from cartstiff.loading.legs.tree import drawn_legs
 from cartstiff.loading.mjcf.facts import Lifted, MjcfClosure, MjcfFacts, MjcfSpring
 from cartstiff.loading.parts import (
     add_payload,
@@ -33,6 +34,7 @@ from cartstiff.loading.schema import (
 from cartstiff.loading.springs import link_springs, springs_of, virtual_joints
 from cartstiff.mechanisms.chain import Chain, Closure, Description
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.tree import KinematicTree, Placement
 from cartstiff.mechanisms.tree_building import extended, merged
 
@@ -92,9 +94,11 @@ def build_parallel(
     file_passive: list[str] = []
     drawn: dict[str, float] = {}
     lifted: list[Lifted] = []
-    for i, leg in enumerate(file.legs):
+    legs = drawn_legs(file)
+    for i, leg in enumerate(legs):
         prefix, place = f"leg{i + 1}/", f"{where}, leg {i + 1}"
-        description = described(leg, beside)
+        drawing = leg.drawing
+        description = described(leg, beside) if drawing is None else drawing.description
         end = chosen_frame(description, leg.frame, place, notes, f"leg {i + 1}: ")
         tree = tree_to(description, [end], leg.locked, place, notes, leg.flexible)
         notes += description_notes(description, tree)
@@ -122,7 +126,7 @@ def build_parallel(
         ends.append(prefix + end)
     tree = merged(parts)
     body = [f"body of leg {i + 1}" for i in range(len(ends))]
-    for frame, end, leg in zip(body, ends, file.legs, strict=True):
+    for frame, end, leg in zip(body, ends, legs, strict=True):
         _with_frame(tree, frame, end, se3.inverse(pose_of(leg.grip)))
     chain = Chain(
         tree,
@@ -134,20 +138,23 @@ def build_parallel(
         descriptions=descriptions,
     )
     chain.frame = "body"
+    chain.legs = _placed(legs, [c.name for c in tree.coordinates])
     add_payload(tree, chain, file.payload)
     facts = MjcfFacts(file_springs, tuple(file_passive), posture=drawn)
     q = default_posture(tree, posture, where, facts=facts)
     if file.pose is not None:
         start = 0
-        for i, (leg, (prefix, part, T_F_root)) in enumerate(zip(file.legs, parts, strict=True)):
+        for i, (leg, (prefix, part, T_F_root)) in enumerate(zip(legs, parts, strict=True)):
             own = slice(start, start + part.n)
+            start += part.n
+            if leg.drawing is not None:
+                continue  # it was drawn there
             q[own] = leg_at_pose(
                 part, ends[i].removeprefix(prefix), se3.inverse(pose_of(leg.grip)),
                 se3.inverse(T_F_root) @ pose_of(file.pose), q[own],
                 [j for j, c in enumerate(part.coordinates) if prefix + c.name in virtual],
                 where, f"leg {i + 1}",
             )  # fmt: skip
-            start += part.n
     q = _assembled(chain, q, where)
     joint_springs, assumed = springs_of(
         springs, passive, tree, facts, where, virtual=virtual, actuated=file.actuated
@@ -159,6 +166,17 @@ def build_parallel(
     ]
     notes += assumed
     return put_together(file, name, chain, q, joint_springs, links, notes, where, lifted, springs)
+
+
+def _placed(legs: Sequence[LegModel], names: Sequence[str]) -> tuple[PlacedLeg, ...]:
+    """The legs that have been drawn from their names, among a chain's coordinates."""
+    found = []
+    for i, leg in enumerate(legs):
+        if (drawing := leg.drawing) is not None:
+            at = {name: names.index(f"leg{i + 1}/{name}") for name in drawing.joints}
+            found.append(PlacedLeg(drawing.shape, tuple(at.values()), at[drawing.driven],
+                                   pose_of(leg.grip)))  # fmt: skip
+    return tuple(found)
 
 
 def build_closed_chain(

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import (
     Field,
     PlainValidator,
+    PrivateAttr,
     TypeAdapter,
     WithJsonSchema,
     WrapValidator,
@@ -18,6 +19,7 @@ from pydantic_core import PydanticCustomError
 
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.loading.legs.model import NamedLegsModel
 from cartstiff.loading.shorthand.layout import LayoutModel
 from cartstiff.loading.shorthand.words import (
     FileModel,
@@ -41,6 +43,7 @@ __all__ = [
     "LegModel",
     "LineModel",
     "MechanismFile",
+    "NamedLegs",
     "ParallelFile",
     "PayloadModel",
     "PlatformFile",
@@ -408,16 +411,41 @@ class LegModel(_Robot):
     q: dict[str, Number] = {}
     springs: dict[str, JointSpringModel] = {}
     flexible: dict[str, FlexibleModel] = {}
+    _drawing: Any = PrivateAttr(default=None)
+
+    @property
+    def drawing(self) -> Any:
+        """What a leg by name has been drawn as; None for a leg that is described."""
+        return self._drawing
+
+    def drawn(self, drawing: Any) -> LegModel:
+        """The same leg with its drawing, which stands for a description."""
+        leg = self.model_copy()
+        leg._drawing = drawing
+        return leg
+
+
+class NamedLegs(NamedLegsModel):
+    """Equal legs by the letters of their joints, from the ground to the body.
+
+    Their joints are slide, crank, u1, u2, s1, ...; their links rod, crank, slider, lower, upper.
+    """
+
+    springs: dict[str, JointSpringModel] = {}
+    flexible: dict[str, FlexibleModel] = {}
 
 
 class ParallelFile(_File):
     """One body carried by several chains."""
 
     kind: Literal["parallel"]
-    legs: Annotated[list[LegModel], Field(min_length=1, max_length=100)]
+    legs: Annotated[
+        NamedLegs | Annotated[list[LegModel | NamedLegs], Field(min_length=1, max_length=100)],
+        Field(description="legs by name, or chains one by one, or a list of both"),
+    ]
     pose: Annotated[
         PoseModel | None,
-        Field(description="body frame in F: the legs are put together there, starting from q"),
+        Field(description="body frame in F, where the legs are put together; legs by name need it"),
     ] = None
     actuated: Annotated[list[Text], Field(description="joints as leg1/joint_name")] = []
     lines: list[LineModel] = []

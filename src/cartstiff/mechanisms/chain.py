@@ -23,6 +23,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.closures import Closure, TiedState, Ties
 from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
+from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.shapes import Piece
 from cartstiff.mechanisms.tree import WORLD, KinematicTree, Placement, TreeState
 from cartstiff.numerics import CLOSE, FINEST, LEAST_EFFORT, ROUNDING, STILL
@@ -259,6 +260,7 @@ class Chain(Mechanism):
         self.body = Placement(at.joint, at.T_j_f @ T)
         #: Mass [kg] of what hangs on the body and is no link, and that of the links there.
         self.payload: tuple[float, float] | None = None
+        self.legs: tuple[PlacedLeg, ...] = ()  # those that are known in closed form
         self.world = WORLD
         for closure in self.closures:
             for name in (closure.frame_a, closure.frame_b):
@@ -293,6 +295,7 @@ class Chain(Mechanism):
         other.tree = self.tree.with_placements(placements)
         other.body = Placement(self.body.joint, np.array(T_j_M, float))
         vars(other).pop("ties", None)
+        other.legs = ()
         return other
 
     def with_mass(self, mass: float, centre: Array) -> Chain:
@@ -308,8 +311,7 @@ class Chain(Mechanism):
     @property
     def frames(self) -> tuple[str, ...]:
         """Names of the frames that potentials can act between, and --frame can name."""
-        names = (name for name in self.tree.frames if name.rpartition("/")[2] != "universe")
-        return ("body", *names)
+        return ("body", *(n for n in self.tree.frames if n.rpartition("/")[2] != "universe"))
 
     def masses(self) -> dict[str, float]:
         """Masses [kg] of what each joint carries, by its first link, and of the payload."""

@@ -1,0 +1,326 @@
+r"""Legs of parallel machines whose kinematics are known in closed form: struts, rails, cranks.
+
+Every such leg ends at a point B of the body and has a straight *rod* from a point C to B,
+
+    strut   C is fixed to the ground, the rod changes its length             UPS, RPS, SPR, UCU, UP
+    rail    C slides along a straight line, C = A + s d, the rod is rigid        PUS, PRS, PUU, PSS
+    crank   C goes round on a circle, C = A + r e(t), the rod is rigid           RUS, RUU, RSS, RRR
+
+so that with B known from the body's pose the driven coordinate follows from :math:`|B - C| = l`: a
+length, the root of a quadratic, or of :math:`a \cos t + b \sin t = c` [MER]_. The joint at C and
+that at B follow from how the rod and the body are turned. Passive coordinates are zero where the
+leg was drawn (its *home*); the driven one is a distance or an angle of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from cartstiff import numerics
+from cartstiff.errors import InputError
+from cartstiff.geometry.se3 import Array
+
+__all__ = ["Family", "LegShape", "PlacedLeg", "frame_along", "turns"]
+
+Family = Literal["strut", "rail", "crank"]
+
+
+def turns(axis: Array, angle: Array) -> Array:
+    """Rotations (..., 3, 3) about a unit axis (3,) by angles (...)."""
+    x, y, z = axis
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    angle = np.asarray(angle)[..., None, None]
+    found: Array = np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K)
+    return found
+
+
+def frame_along(first: Array, second: Array) -> Array:
+    """Rotations (..., 3, 3): x along the first vectors (..., 3), y across them towards the second.
+
+    NaN where the second lies along the first.
+    """
+    x = first / np.linalg.norm(first, axis=-1, keepdims=True)
+    y = second - (second * x).sum(axis=-1, keepdims=True) * x
+    size = np.linalg.norm(y, axis=-1, keepdims=True)
+    with np.errstate(invalid="ignore"):
+        y = np.where(size > numerics.CLOSE * np.linalg.norm(second), y / size, np.nan)
+    return np.stack([x, y, np.cross(x, y)], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class LegShape:
+    """A leg from the ground to a point of the body.
+
+    Attributes
+    ----------
+    family : {"strut", "rail", "crank"}
+        How its driven joint moves C.
+    middle : {"U", "R", "S"}
+        The joint at C.
+    spins : bool
+        Whether a strut turns about its own line (a cylindrical joint).
+    end : {"S", "U", "R", ""}
+        The joint at B; none: the rod is fixed to the body.
+    anchor : ndarray (3,)
+        A in F: where a strut starts, where a rail's coordinate is zero, the crank's centre.
+    along : ndarray (3,)
+        Unit vector: of a rail, or of a crank at angle zero.
+    axis : ndarray (3,)
+        Unit axis in F of the crank, and at home of the hinge or first axis of the universal joint
+        at C.
+    end_axis : ndarray (3,)
+        The same at home of the hinge at B, or of that axis of the universal joint which the body
+        carries.
+    crank, rod : float
+        Lengths; 0 for those that are not there, or not constant.
+    home : float
+        Driven coordinate at home.
+    end_home : ndarray (4, 4)
+        Pose of the leg's end there, in F: its origin is B.
+    """
+
+    family: Family
+    middle: str
+    spins: bool
+    end: str
+    anchor: Array
+    along: Array
+    axis: Array
+    end_axis: Array
+    crank: float
+    rod: float
+    home: float
+    end_home: Array
+
+    @property
+    def modes(self) -> tuple[int, ...]:
+        """Signs of the root that the driven coordinate may take: its working modes."""
+        return (1,) if self.family == "strut" else (-1, 1)
+
+    def scaled(self, a: float) -> LegShape:
+        """The same leg with all lengths times `a`."""
+        T = np.array(self.end_home)
+        T[:3, 3] *= a
+        home = self.home if self.family == "crank" else self.home * a
+        return replace(
+            self, anchor=self.anchor * a, crank=self.crank * a, rod=self.rod * a, home=home,
+            end_home=T,
+        )  # fmt: skip
+
+    def driven(self, B: Array, mode: int) -> tuple[Array, Array]:
+        """Driven coordinate (N,) and C (N, 3) with the leg's end at points B (N, 3).
+
+        NaN where the leg does not reach; `mode` is the sign of the root.
+        """
+        d = B - self.anchor
+        if self.family == "strut":
+            return np.linalg.norm(d, axis=1), np.broadcast_to(self.anchor, d.shape)
+        with np.errstate(invalid="ignore"):
+            if self.family == "rail":
+                along = d @ self.along
+                across = (d * d).sum(axis=1) - along * along
+                s = along + mode * np.sqrt(self.rod**2 - across)
+                return s, self.anchor + s[:, None] * self.along
+            side = np.cross(self.axis, self.along)
+            a, b = d @ self.along, d @ side
+            c = ((d * d).sum(axis=1) + self.crank**2 - self.rod**2) / (2.0 * self.crank)
+            t = np.arctan2(b, a) + mode * np.arccos(c / np.hypot(a, b))
+        t = np.pi - np.mod(np.pi - t, 2.0 * np.pi)
+        arm = np.cos(t)[:, None] * self.along + np.sin(t)[:, None] * side
+        return t, self.anchor + self.crank * arm
+
+    def short_of(self, B: Array) -> float:
+        """By how much the rod, or crank and rod together, fail to reach a point B (3,); or 0."""
+        d = B - self.anchor
+        if self.family == "strut":
+            return 0.0
+        if self.family == "rail":
+            away = float(np.linalg.norm(d - (d @ self.along) * self.along))
+            return max(0.0, away - self.rod)
+        height = float(d @ self.axis)
+        radius = float(np.linalg.norm(d - height * self.axis))
+        near = float(np.hypot(radius - self.crank, height))
+        far = float(np.hypot(radius + self.crank, height))
+        return max(0.0, near - self.rod, self.rod - far)
+
+    def inverse(self, T: Array, mode: int) -> tuple[Array, Array]:
+        """Coordinates (N, k) with the leg's end at poses T (N, 4, 4), in the joints' order.
+
+        Also by how much (N,) the joints miss the pose (rad): a leg with fewer than six freedoms
+        reaches some poses only. NaN where it does not reach B.
+        """
+        B = T[:, :3, 3]
+        body = T[:, :3, :3] @ self.end_home[:3, :3].T  # turned since home, in F
+        driven, C = self.driven(B, mode)
+        n = B - C
+        n = n / np.linalg.norm(n, axis=1, keepdims=True)
+        n0 = self.line
+        carrier = np.broadcast_to(np.eye(3), body.shape)
+        if self.family == "crank":
+            carrier = turns(self.axis, driven - self.home)
+        back = carrier.swapaxes(1, 2)
+        own = (back @ n[..., None])[..., 0]
+        columns: list[Array] = []
+        if self.middle == "S":
+            rod = body if not self.end or self.end == "S" else self._by_end(n, body)
+            columns += _about_three_axes(self.rod_frame, back @ rod)
+        elif self.middle == "U":
+            m, b = self.universal
+            u = np.arctan2(own @ b, own @ m)
+            tilt = np.arctan2(-own @ self.axis, np.hypot(own @ m, own @ b))
+            w = tilt - np.arctan2(-n0 @ self.axis, n0 @ m)
+            rod = carrier @ turns(self.axis, u) @ turns(b, w)
+            columns += [u, w]
+        else:
+            side = np.cross(self.axis, n0)
+            u = np.arctan2(own @ side, own @ n0 - (own @ self.axis) * (n0 @ self.axis))
+            rod = carrier @ turns(self.axis, u)
+            columns.append(u)
+        spin = []
+        if self.spins:
+            aim = body if not self.end else self._by_end(n, body)
+            if self.end != "S":
+                turned = self.rod_frame.T @ rod.swapaxes(1, 2) @ aim @ self.rod_frame
+                angle = np.arctan2(turned[:, 2, 1], turned[:, 1, 1])
+                rod = rod @ turns(n0, angle)
+                spin = [angle]
+            else:
+                spin = [np.zeros(len(T))]
+        left = rod.swapaxes(1, 2) @ body
+        missed = np.linalg.norm((rod @ n0) - n, axis=1)
+        if self.end == "S":
+            columns_end = _about_three_axes(self.end_home[:3, :3], left)
+        else:
+            columns_end, made = self._end(left)
+            apart = made.swapaxes(1, 2) @ left
+            missed = missed + np.linalg.norm(apart - np.eye(3), axis=(1, 2)) / np.sqrt(2.0)
+        strut = self.family == "strut"
+        columns = [*columns, driven, *spin] if strut else [driven, *columns]
+        return np.stack([*columns, *columns_end], axis=1), missed
+
+    @property
+    def line(self) -> Array:
+        """Unit vector of the rod at home."""
+        d = self.end_home[:3, 3] - self.centre
+        return np.asarray(d / np.linalg.norm(d))
+
+    @property
+    def centre(self) -> Array:
+        """C at home."""
+        if self.family == "strut":
+            return self.anchor
+        if self.family == "rail":
+            return self.anchor + self.home * self.along
+        side = np.cross(self.axis, self.along)
+        return self.anchor + self.crank * (np.cos(self.home) * self.along
+                                           + np.sin(self.home) * side)  # fmt: skip
+
+    @property
+    def universal(self) -> tuple[Array, Array]:
+        """What a universal joint at C has across its first axis at home: near the rod; second axis.
+
+        Raises
+        ------
+        InputError
+            If the rod lies along the first axis.
+        """
+        return _across(self.axis, self.line)
+
+    @property
+    def end_inner(self) -> Array:
+        """Axis that the rod carries of a universal joint at B, at home; errors as `universal`."""
+        return _across(self.end_axis, self.line)[1]
+
+    @property
+    def rod_frame(self) -> Array:
+        """Rotation of the rod's frame at home: x along it, y along what turns it there."""
+        if self.middle == "U":
+            return frame_along(self.line, self.universal[1])
+        if self.middle == "R":
+            return frame_along(self.line, self.axis)
+        helper = np.eye(3)[int(np.argmin(np.abs(self.line)))]
+        return frame_along(self.line, helper)
+
+    def _by_end(self, n: Array, body: Array) -> Array:
+        """How the rod is turned where the joint at B is a hinge or universal."""
+        now = np.broadcast_to((body @ self.end_axis), n.shape)
+        found: Array = frame_along(n, now) @ frame_along(self.line, self.end_axis).T
+        return found
+
+    def _end(self, left: Array) -> tuple[list[Array], Array]:
+        """Angles of the hinge or universal joint at B, and the rotation that they make."""
+        if not self.end:
+            return [], np.broadcast_to(np.eye(3), left.shape)
+        if self.end == "R":
+            G = frame_along(self.end_axis, np.eye(3)[int(np.argmin(np.abs(self.end_axis)))])
+            M = G.T @ left @ G
+            angle = np.arctan2(M[:, 2, 1] - M[:, 1, 2], M[:, 1, 1] + M[:, 2, 2])
+            return [angle], turns(self.end_axis, angle)
+        G = frame_along(self.end_inner, self.end_axis)
+        M = G.T @ left @ G
+        first, second = np.arctan2(M[:, 2, 1], M[:, 1, 1]), np.arctan2(M[:, 0, 2], M[:, 0, 0])
+        return [first, second], turns(self.end_inner, first) @ turns(self.end_axis, second)
+
+
+def _across(axis: Array, line: Array) -> tuple[Array, Array]:
+    """Two unit vectors across an axis: nearest to a line, and across both."""
+    m = line - (line @ axis) * axis
+    size = float(np.linalg.norm(m))
+    if size < numerics.NEARBY:
+        raise InputError("the rod lies along an axis of its universal joint",
+                         expected="another axis or pose")  # fmt: skip
+    m = m / size
+    return m, np.cross(axis, m)
+
+
+def _about_three_axes(frame: Array, R: Array) -> list[Array]:
+    """Angles (N,) about x, y, z of a frame, one after the other, that make rotations (N, 3, 3)."""
+    M = frame.T @ R @ frame
+    return [
+        np.arctan2(-M[:, 1, 2], M[:, 2, 2]),
+        np.arctan2(M[:, 0, 2], np.hypot(M[:, 0, 0], M[:, 0, 1])),
+        np.arctan2(-M[:, 0, 1], M[:, 0, 0]),
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedLeg:
+    """A leg of a chain that is known in closed form.
+
+    Attributes
+    ----------
+    shape : LegShape
+        Its numbers.
+    columns : tuple of int
+        Its coordinates in the chain, in the joints' order.
+    driven : int
+        The coordinate that the shape's is.
+    T_M_end : ndarray (4, 4)
+        Pose of its end in the body frame.
+    """
+
+    shape: LegShape
+    columns: tuple[int, ...]
+    driven: int
+    T_M_end: Array
+
+    def scaled(self, a: float) -> PlacedLeg:
+        """The same leg with all lengths times `a`."""
+        T = np.array(self.T_M_end)
+        T[:3, 3] *= a
+        return replace(self, shape=self.shape.scaled(a), T_M_end=T)
+
+    def mode(self, q: Array, T_F_M: Array) -> int:
+        """Working mode of coordinates q (n,) of the chain, at which the body has a pose."""
+        B = (T_F_M @ self.T_M_end)[None, :3, 3]
+        value, angle = float(q[self.driven]), self.shape.family == "crank"
+
+        def away(mode: int) -> float:
+            d = float(self.shape.driven(B, mode)[0][0]) - value
+            d = (d + np.pi) % (2.0 * np.pi) - np.pi if angle else d
+            return abs(d) if np.isfinite(d) else np.inf
+
+        return min(self.shape.modes, key=away)

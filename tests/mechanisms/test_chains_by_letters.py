@@ -1,0 +1,137 @@
+"""Legs by letters: every chain closes and comes back from its poses; what cannot be is refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cartstiff
+from cartstiff.errors import InputError
+
+EXACT = 1e-10
+SIX: dict[str, Any] = {
+    "base": {"radius": 0.3, "half_angle": 0.25}, "platform": {"radius": 0.12, "half_angle": 0.25},
+    "stiffness": 1e6,
+}  # fmt: skip
+THREE: dict[str, Any] = {
+    "base": {"radius": 0.3}, "platform": {"radius": 0.15}, "stiffness": 1e6,
+}  # fmt: skip
+ROD = {"rod": 0.5}
+CRANK = {"crank": 0.2, "rod": 0.5, "mode": "minus"}
+#: Legs, height, and how many freedoms the body has.
+CHAINS: dict[str, tuple[dict[str, Any], float, int]] = {
+    "UPS": (SIX, 0.5, 6), "SPS": (SIX, 0.5, 6), "UCU": (SIX, 0.5, 6),
+    "PUS": ({**SIX, **ROD, "rail": [-1, 0.3, 1]}, 0.5, 6), "PSS": ({**SIX, **ROD}, 0.5, 6),
+    "RUS": ({**SIX, **CRANK, "axis": "radial"}, 0.5, 6),
+    "RSS": ({**SIX, **CRANK, "axis": [0.5, 1, 0.2]}, 0.5, 6),
+    "RPS": (THREE, 0.5, 3), "SPR": (THREE, 0.5, 3), "UPU": (THREE, 0.5, 3),
+    "PRS": ({**THREE, **ROD}, 0.5, 3), "PSR": ({**THREE, **ROD}, 0.5, 3),
+    "PUU": ({**THREE, **ROD}, 0.5, 3), "RUU": ({**THREE, **CRANK}, 0.5, 3),
+    "RRS": ({**THREE, **CRANK}, 0.5, 3),
+    "RRR": ({**THREE, "crank": 0.2, "rod": 0.2}, 0.0, 3),
+    "RPR": ({**THREE, "platform": {"radius": 0.1, "angles": [0.4]}, "symmetry": 3}, 0.0, 3),
+    "PRR": ({**THREE, "rod": 0.25, "rail": "tangential"}, 0.0, 3),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("chain", CHAINS)
+def test_chains_close_and_come_back_from_their_poses(chain: str) -> None:
+    legs, height, freedoms = CHAINS[chain]
+    machine = cartstiff.parallel({"chain": chain, **legs}, [0, 0, height, 0, 0, 0])
+    m = machine.mechanism
+    home = cartstiff.analyse(machine)
+    assert np.abs(home.pose[:3, 3] - [0, 0, height]).max() < EXACT
+    C = home.compliances["B"]
+    assert np.linalg.matrix_rank(C, tol=1e-9 * np.abs(C).max()) == freedoms
+    rng = np.random.default_rng(5)
+    sizes = np.where(m.is_length, 0.03, 0.1)
+    q = m.closed(machine.q + sizes * rng.standard_normal(machine.q.size), hold=[]).q
+    T = m.at(q).pose
+    assert np.abs(T - home.pose).max() > 1e-3
+    back = np.full(q.size, np.nan)
+    for leg in m.legs:
+        x, missed = leg.shape.inverse((T @ leg.T_M_end)[None], leg.mode(q, T))
+        assert missed[0] < EXACT
+        back[list(leg.columns)] = x[0]
+    posture = m.at(back)
+    assert np.abs(posture.residual).max() < EXACT
+    assert np.abs(posture.pose - T).max() < EXACT
+    driven = [leg.driven for leg in m.legs]
+    assert np.abs(np.angle(np.exp(1j * (back - q)))[driven]).max() < EXACT
+
+
+def test_struts_are_the_lines_of_a_platform() -> None:
+    """A hexapod's legs as UPS chains, with springs along them only, are its line springs."""
+    lines = cartstiff.load("hexapod")
+    legs = {
+        "chain": "UPS", "base": {"points": lines.mechanism.anchors},
+        "platform": {"points": lines.mechanism.points_P}, "stiffness": 2.0e6,
+    }  # fmt: skip
+    struts = cartstiff.parallel(legs, lines.q, name="struts")
+    W = [30.0, -25.0, 18.0, 200.0, -300.0, -500.0]
+    a, b = cartstiff.analyse(lines, wrench=W), cartstiff.analyse(struts, wrench=W)
+    for name in "ABKF":
+        size = np.abs(a.matrices[name]).max()
+        assert np.abs(a.matrices[name] - b.matrices[name]).max() < 1e-9 * size
+
+
+def test_delta_by_name_is_the_delta_of_links() -> None:
+    """Cranks and forearms that give, against the bundled machine made of a URDF."""
+    links = cartstiff.load("delta")
+    beam = {
+        "E": 7.0e10, "G": 5.0e9, "length": 0.45, "area": 3.45575e-05, "Iy": 5.27002e-10,
+        "Iz": 5.27002e-10, "J": 1.054e-09,
+    }  # fmt: skip
+    pose = links.mechanism.at(links.q).pose
+    legs = {
+        "chain": "RUU", "base": {"radius": 0.15}, "platform": {"radius": 0.05}, "crank": 0.2,
+        "rod": 0.45, "stiffness": 1500.0, "flexible": {"rod": {"beam": beam}},
+    }  # fmt: skip
+    named = cartstiff.parallel(legs, [0, 0, pose[2, 3], 0, 0, 0])
+    W = [0.0, 0.0, 0.0, 5.0, -3.0, -40.0]
+    for wrench in (None, W):
+        a, b = (cartstiff.analyse(m, wrench=wrench) for m in (links, named))
+        for name in "ABK":
+            size = np.abs(a.matrices[name]).max()
+            # The forearm's length is that of the file to ten digits.
+            assert np.abs(a.matrices[name] - b.matrices[name]).max() < 1e-7 * size
+
+
+def test_lengths_in_other_units_and_a_tool() -> None:
+    legs = {"chain": "RUS", **SIX, **CRANK, "axis": "radial"}
+    machine = cartstiff.parallel(legs, [0, 0, 0.5, 0.1, 0, 0])
+    from cartstiff.mechanisms.other_units import in_units
+
+    small = in_units(machine, "mm", "rad")
+    T = small.mechanism.at(small.q).pose
+    for leg in small.mechanism.legs:
+        x, _ = leg.shape.inverse((T @ leg.T_M_end)[None], leg.mode(small.q, T))
+        assert np.abs(x[0] - small.q[list(leg.columns)]).max() < EXACT * 1e3
+
+
+@pytest.mark.parametrize(
+    ("change", "pose", "words"),
+    [
+        ({"chain": "QQQ"}, None, "unknown chain 'QQQ'"),
+        ({"crank": 0.1}, None, "a leg PUS has no crank"),
+        ({"rod": 0.05}, None, "leg 1, which is .* too short"),
+        ({"rod": [0.5, 0.5]}, None, r"key legs\.rod: wrong count"),
+        ({"springs": {"u9": {"stiffness": 3.0}}}, None, "unknown joint.*u9"),
+        ({"base": {"radius": 0.3}}, None, "expected 3 joints as on the base, got 6"),
+        ({"axis": [0, 0, 0]}, None, "a direction has no length"),
+        ({"limits": [3, 1]}, None, "wrong way round"),
+        ({"chain": "PRS", **THREE}, [0.02, 0, 0.5, 0, 0, 0], "joints of leg 2 do not fit"),
+        ({"stiffness": None}, None, "driven joint 'slide' has no spring"),
+    ],
+)
+def test_what_cannot_be_is_refused(change: dict[str, Any], pose: Any, words: str) -> None:
+    legs = {"chain": "PUS", **SIX, **ROD, **change}
+    with pytest.raises(InputError, match=words):
+        cartstiff.parallel(legs, pose or [0, 0, 0.5, 0, 0, 0], name="machine")
+
+
+def test_legs_by_name_need_a_pose() -> None:
+    with pytest.raises(InputError, match="key 'pose' is missing"):
+        cartstiff.parallel({"chain": "UPS", **SIX})
