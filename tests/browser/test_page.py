@@ -436,11 +436,14 @@ def test_every_kind_of_mechanism(serve, pages, name, words):
 def test_no_label_covers_another(ur5):
     places = ur5.evaluate(
         """() => {
-            const { viewer } = window.cartstiff.pane;
+            const { pane } = window.cartstiff;
+            const { viewer } = pane;
+            pane.every = true;
             viewer.render();
+            pane.every = false;
             const found = [];
             viewer.scene.traverseVisible((node) => {
-                if (!node.isSprite) return;
+                if (!node.isSprite || !node.material.visible) return;
                 const at = node.position.clone()
                     .setFromMatrixPosition(node.matrixWorld).project(viewer.camera);
                 const [sx, , , , , sy] = viewer.camera.projectionMatrix.elements;

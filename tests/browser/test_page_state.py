@@ -50,7 +50,7 @@ def pointed_at(page, x, y):
     page.mouse.move(box["x"] + box["width"] * (1 + x) / 2, box["y"] + box["height"] * (1 - y) / 2)
     page.wait_for_selector(".tip:not([hidden])")
     settled(page)
-    return page.inner_text(".tip")
+    return page.inner_text(".tip:not([hidden])")
 
 
 def changed(page, **wishes):
@@ -59,7 +59,8 @@ def changed(page, **wishes):
 
 
 def test_another_frame_keeps_posture_load_springs_and_posture_a(serve, pages):
-    page = pages.open(serve("ur5").url)
+    page = pages.open(serve("ur5").url, viewport={"width": 1280, "height": 720})
+    assert_seen(page, 1280)
     q = [0.3, -1.0, 1.2, -0.4, 0.9, 0.1]
     springs = [2e4, 3e4, 2e4, 5e3, 5e3, 4e3]
     changed(page, q=q, moved=None, stiffness=springs, load=[1, 2, 3, 40, -50, 60],
@@ -107,13 +108,18 @@ def test_fit_frames_the_posture_that_is_shown(ur5):
         assert np.abs(ur5.evaluate(TOOL)).max() < 0.95
 
 
-@pytest.mark.parametrize("viewport", [(1024, 768), (390, 844), (1280, 720)])
+def assert_seen(page, width):
+    """The first view holds the tool, and nothing is wider than the screen."""
+    assert np.abs(page.evaluate(TOOL)).max() < 0.95
+    assert page.evaluate("() => document.documentElement.scrollWidth") <= width
+
+
+@pytest.mark.parametrize("viewport", [(1024, 768), (390, 844)])
 def test_the_first_view_holds_the_tool_and_nothing_is_wider_than_the_screen(serve, pages, viewport):
     width, height = viewport
     page = pages.open(serve("ur5").url, viewport={"width": width, "height": height})
     settled(page)
-    assert np.abs(page.evaluate(TOOL)).max() < 0.95
-    assert page.evaluate("() => document.documentElement.scrollWidth") <= width
+    assert_seen(page, width)
     page.context.close()
 
 
@@ -233,6 +239,70 @@ def test_what_is_pointed_at_says_its_number_and_lights_its_row(ur5):
     line = page.inner_text(".moved-line")
     assert line.startswith("100 N at M: its force and moment keep their direction in the room")
     assert "Gravity: none" in line
+
+
+def test_a_hand_moves_the_tool_and_pulls_the_load(ur5):
+    page = ur5
+    changed(page, load=[0, 0, 0, 0, 0, -100], load_axes="inertial")
+    before = page.evaluate("() => window.cartstiff.numbers.result")
+
+    def screen(point):
+        box = page.locator("#pane canvas").bounding_box()
+        x, y = point
+        return box["x"] + box["width"] * (1 + x) / 2, box["y"] + box["height"] * (1 - y) / 2
+
+    def dragged(start, way):
+        (x, y), (dx, dy) = start, way
+        page.mouse.move(x, y)
+        settled(page)
+        page.mouse.down()
+        for part in (0.5, 1.0):
+            page.mouse.move(x + part * dx, y + part * dy)
+        settled(page)
+        page.mouse.up()
+        page.mouse.move(0, 0)
+        settled(page)
+
+    # The tool is where the hand is, and has not turned.
+    x, y = screen(page.evaluate(TOOL))
+    dragged((x, y), (-35.0, -28.0))
+    assert screen(page.evaluate(TOOL)) == pytest.approx((x - 35, y - 28), abs=1.0)
+    after = page.evaluate("() => window.cartstiff.numbers.result")
+    assert np.allclose(np.array(after["pose"])[:3, :3], np.array(before["pose"])[:3, :3], atol=1e-8)
+    arm = cartstiff.load("ur5")
+    assert np.allclose(cartstiff.analyse(arm, after["q"]).pose, after["pose"], atol=1e-12)
+    page.keyboard.press("u")
+    settled(page)
+    assert page.evaluate("() => window.cartstiff.state.q") == before["q"]
+    page.keyboard.press("U")
+    settled(page)
+    assert page.evaluate("() => window.cartstiff.state.q") == after["q"]
+
+    # The head of the force's arrow: straight up snaps to the axis, two digits.
+    x, y = screen(page.evaluate(TOOL))
+    page.mouse.move(x, y)
+    settled(page)
+    head = page.evaluate("""() => {
+        const { viewer } = window.cartstiff.pane;
+        const arrow = viewer.scene_tree.find(["meshcat", "cartstiff", "wrench", "force", "arrow"]);
+        const at = viewer.camera.position.clone().set(1, 0, 0);
+        at.applyMatrix4(arrow.object.matrixWorld).project(viewer.camera);
+        return [at.x, at.y];
+    }""")
+    X, Y = screen(head)
+    dragged((X, Y), (1.2 * (X - x), 1.2 * (Y - y)))
+    load = page.evaluate("() => window.cartstiff.state.load")
+    assert load[:5] == [0, 0, 0, 0, 0]
+    assert load[5] == pytest.approx(-230, abs=31)
+    assert load[5] == round(load[5] / 10) * 10
+
+    # Numbers beside: beyond reach it goes as near as it can, and says so.
+    page.click("summary:has-text('Tool')")
+    page.fill("input[aria-label='tool x m']", "3")
+    page.keyboard.press("Enter")
+    settled(page)
+    assert "not reached" in page.inner_text("summary:has-text('Tool')")
+    assert 0.6 < page.evaluate("() => window.cartstiff.numbers.position[0]") < 1.0
 
 
 def test_a_rigid_joint_stays_rigid_until_it_is_given_a_number(serve, pages, tmp_path):

@@ -153,6 +153,22 @@ def test_the_motor_moves_and_the_closures_follow(session):
     assert np.abs(cartstiff.load("five-bar").mechanism.at(found).residual).max() < 1e-11
 
 
+def test_a_hand_pulls_the_tool(session):
+    one, arm = session("ur5"), cartstiff.load("ur5")
+    pose = cartstiff.analyse(arm).pose.copy()
+    pose[:3, 3] += [0.05, -0.04, 0.03]
+    answer = asked(one, do="draw", towards={"pose": pose.tolist()})
+    assert answer["followed"]["reached"]
+    assert np.allclose(answer["numbers"]["result"]["pose"], pose, atol=1e-9)
+    assert asked(one, do="draw")["followed"] is None
+    pose[0, 3] += 5.0
+    found = asked(one, do="draw", towards={"pose": pose.tolist()})["followed"]
+    assert not found["reached"]
+    assert 3.0 < found["distance"] < 5.0
+    with pytest.raises(InputError, match="not a rigid motion"):
+        asked(one, do="draw", towards={"pose": (2 * pose).tolist()})
+
+
 def test_a_moved_joint_of_a_grasp_stays_where_it_was_put(session):
     """No motors are named: the coordinate just moved is held, the others close the chain."""
     one = session("grasp")

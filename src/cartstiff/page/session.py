@@ -13,9 +13,11 @@ from typing import Any, Protocol
 import numpy as np
 
 from cartstiff.analysis.posture import analyse_posture
+from cartstiff.arrays import checked_pose
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.kinematics.following import Follower
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.page.answer import Answer
@@ -84,6 +86,7 @@ class Session:
         self._elastic = elastic
         self._q = np.array(elastic.q if q is None else q, float)
         self._variant: tuple[list[float | None] | None, ElasticMechanism] = (None, elastic)
+        self._follower = Follower(elastic)
         self._cloud_shown: tuple[str, str] | None = None
         self._colour_bar: dict[str, Any] | None = None
         self.picture = self._make_picture(elastic)
@@ -152,11 +155,7 @@ class Session:
         """
         with np.errstate(all="ignore"):  # what is not finite is refused as a whole
             if isinstance(message, Draw):
-                result = self.result(message.state)
-                numbers = payload(result, message.state)
-                legend = self._draw(result, message.state)
-                data = {"id": message.id, "do": "draw", "numbers": numbers, "legend": legend}
-                return Answer(data, self.picture.changes())
+                return self._drawn(message)
             if isinstance(message, Numbers):
                 numbers = payload(self.result(message.state), message.state)
                 return Answer({"id": message.id, "do": "numbers", "numbers": numbers})
@@ -238,6 +237,24 @@ class Session:
     def with_colour_bar(self, legend: dict[str, Any]) -> dict[str, Any]:
         """A picture's legend with that of the map, if there is one."""
         return legend if self._colour_bar is None else {**legend, "cloud": self._colour_bar}
+
+    def _drawn(self, message: Draw) -> Answer:
+        """Numbers and picture of the state, or of the posture that follows a hand from there."""
+        state, followed = message.state, None
+        if message.towards is not None:
+            pose = checked_pose(np.array(message.towards.pose), "pose", where="towards")
+            q = self._elastic.mechanism.checked(self._q if state.q is None else state.q)
+            found = self._follower.follow(q, pose, message.towards.turning)
+            state = state.model_copy(update={"q": found.q.tolist(), "moved": None})
+            followed = {
+                "distance": found.distance, "angle": found.angle, "reached": found.reached,
+                "stopped": list(found.stopped),
+            }  # fmt: skip
+        result = self.result(state)
+        numbers = payload(result, state)
+        data = {"id": message.id, "do": "draw", "numbers": numbers, "followed": followed,
+                "legend": self._draw(result, state)}  # fmt: skip
+        return Answer(data, self.picture.changes())
 
     # -- questions --------------------------------------------------------------------------
 

@@ -28,6 +28,7 @@ __all__ = [
     "State",
     "Sweep",
     "Swing",
+    "Towards",
     "read_message",
 ]
 
@@ -41,6 +42,7 @@ _NotNegative = Annotated[float, Field(ge=0.0, le=_LARGEST, allow_inf_nan=False)]
 _Short = Annotated[str, Field(min_length=1, max_length=200)]
 _Vector = Annotated[list[_Number], Field(min_length=1, max_length=500)]
 _Three = tuple[_Number, _Number, _Number]
+_Four = tuple[_Number, _Number, _Number, _Number]
 _Six = tuple[_Number, _Number, _Number, _Number, _Number, _Number]
 _Axes = Literal["body", "inertial"]
 
@@ -122,10 +124,18 @@ class _Asked(_Strict):
     state: State = State()
 
 
+class Towards(_Strict):
+    """A pose that a hand pulls M to, ``T_F_M``, and whether it turns M as well."""
+
+    pose: tuple[_Four, _Four, _Four, _Four]
+    turning: bool = True
+
+
 class Draw(_Asked):
-    """The numbers and the picture of a state."""
+    """The numbers and the picture of a state; of the posture that follows a hand, if one pulls."""
 
     do: Literal["draw"]
+    towards: Towards | None = None
 
 
 class Numbers(_Asked):

@@ -1,12 +1,12 @@
 // Load, springs, reference point, and what the picture shows.
 
-import { byId, choice, el, short, toast } from "./dom.js";
+import { byId, chop, choice, el, short, toast } from "./dom.js";
 import { CLOSE, ZERO } from "./numerics.js";
 
 /** Numbers in a row of fields; calls back with all of them when one has changed. */
 /** Number inputs; `blank` are those that may be left empty, which means null and is called so. */
 function fields(names, onchange, step = "any", blank = null, called = "") {
-  const inputs = names.map(([name, unit]) => el("input", { type: "number", step, "aria-label": `${name} ${unit}`, onchange: commit }));
+  const inputs = names.map(([name, unit, of]) => el("input", { type: "number", step, "aria-label": `${of ? `${of} ` : ""}${name} ${unit}`, onchange: commit }));
   function commit() {
     const values = inputs.map((input, i) =>
       (blank?.[i] && input.value === "" && !input.validity.badInput ? null : input.valueAsNumber));
@@ -27,6 +27,42 @@ function section(title, ...children) {
   const node = el("details", { class: "card" }, el("summary", {}, el("h2", {}, title), note), ...children);
   return { node, note };
 }
+
+/** The pose of M as numbers: joints follow, as they do a hand. */
+export function toolPanel(store) {
+  const { node, note } = section("Tool");
+  const words = el("p", { class: "dim small" });
+  byId("left").querySelector(".card").after(node);
+  let rows;
+  store.on("hello", ({ mechanism }) => {
+    node.hidden = mechanism.platform || !store.source.live;
+    const { length } = mechanism.units;
+    rows = [fields(NAMES.map((name) => [name, length, "tool"]), () => go()), fields(TURNS.map((name) => [name, "°", "tool"]), () => go())];
+    words.textContent = `Position of M in ${length} and its roll, pitch, yaw about the room's axes in degrees; the joints follow as near as they can. In the picture: the ball at M, its arms and rings.`;
+    node.replaceChildren(node.firstChild, rows[0].node, rows[1].node, words);
+  });
+  store.on("numbers", ({ followed }) => {
+    const { numbers } = store;
+    const digits = (x) => Number(x.toPrecision(6));
+    rows[0].set(chop(numbers.position, numbers.singularity[0]?.length).map(digits));
+    rows[1].set(numbers.angles.map((x) => digits((Math.abs(x) < CLOSE ? 0 : x) * (180 / Math.PI))));
+    const away = followed && !followed.reached;
+    note.textContent = away ? `not reached${followed.stopped.length ? `: ${followed.stopped.join(", ")}` : ""}` : "";
+  });
+
+  function go() {
+    const [position, angles] = rows.map(({ node: row }) => [...row.querySelectorAll("input")].map((input) => input.valueAsNumber));
+    if (![...position, ...angles].every(Number.isFinite)) return;
+    const [[a, b, c], [d, e, f]] = [angles.map((x) => Math.cos((x * Math.PI) / 180)), angles.map((x) => Math.sin((x * Math.PI) / 180))];
+    // Rz(yaw) Ry(pitch) Rx(roll)
+    const R = [[c * b, c * e * d - f * a, c * e * a + f * d], [f * b, f * e * d + c * a, f * e * a - c * d], [-e, b * d, b * a]];
+    store.remember("pose");
+    store.reach({ pose: [...R.map((row, i) => [...row, position[i]]), [0, 0, 0, 1]], turning: true });
+  }
+}
+
+const NAMES = ["x", "y", "z"];
+const TURNS = ["roll", "pitch", "yaw"];
 
 export function controls(store) {
   const left = byId("left");
@@ -66,7 +102,7 @@ export function controls(store) {
       if (value === "own") loadPoint.node.querySelector("input").focus();
       else store.change({ load_at: value === "point" ? null : [0, 0, 0] });
     });
-    loadPoint = fields([["x", units.length], ["y", units.length], ["z", units.length]], (values) => store.change({ load_at: values }));
+    loadPoint = fields(NAMES.map((name) => [name, units.length, "load at"]), (values) => store.change({ load_at: values }));
     loadPoint.node.title = `Where the load acts: from the origin of M along its axes, in ${units.length}`;
     loadSection.node.replaceChildren(loadSection.node.firstChild,
       el("label", { class: "check" }, given, "held by a given wrench"),

@@ -32,6 +32,9 @@ export function shortcuts(store, parts) {
     ["4", "connection F", connection("F")],
     ["5", "connection +", connection("+")],
     ["6", "tangent under the load", connection("load")],
+    ["g", "handles at the tool stay", () => parts.hands.toggle()],
+    ["u", "undo", () => store.undo()],
+    ["U", "redo", () => store.redo()],
     ["s", "stiffness or compliance", () => store.change({ quantity: store.state.quantity === "stiffness" ? "compliance" : "stiffness" })],
     ["l", "logarithmic or linear radii", () => store.source.live && store.change({ scale: store.state.scale === "log" ? "linear" : "log" })],
     ["c", "copy the matrix as NumPy array", () => parts.matrix.copyNumpy()],
@@ -51,14 +54,20 @@ export function shortcuts(store, parts) {
       el("dl", { class: "keys" }, ...keys.flatMap(([key, words]) => [el("dt", {}, el("kbd", {}, key)), el("dd", {}, words)]),
         el("dt", {}, el("kbd", {}, "← →")), el("dd", {}, "on a slider: a degree or half a per cent; Shift a tenth, PageUp ten"),
         el("dt", {}, el("kbd", {}, "Tab")), el("dd", {}, "next control; arrows within a group or the matrix")),
-      el("p", { class: "dim small" }, "Mouse in the picture: left turns, right moves, wheel zooms."),
+      el("p", { class: "dim small" }, "Mouse in the picture: left turns, right moves, wheel zooms; the ball at M and its arms move the tool, its rings turn it (Shift: in steps of 5°), the balls at the load's arrows pull them (Alt: without snapping). Arrow keys turn the view, + and − zoom."),
       el("p", { class: "dim small" }, `cartstiff ${store.hello.version}`));
     dialog.showModal();
   }
 
   document.addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.metaKey || event.altKey || !store.numbers) return;
-    if (event.target.closest("input:not([type=range]):not([type=checkbox]), select, textarea")) return;
+    if (event.altKey || !store.numbers) return;
+    const typing = event.target.closest("input:not([type=range]):not([type=checkbox]), select, textarea");
+    if ((event.ctrlKey || event.metaKey) && !typing && /^[zy]$/i.test(event.key)) {
+      event.preventDefault();
+      if (event.shiftKey || /y/i.test(event.key)) store.redo();
+      else store.undo();
+    }
+    if (event.ctrlKey || event.metaKey || typing) return;
     const found = keys.find(([key]) => key === event.key);
     if (!found || (document.querySelector("dialog[open]") && found[0] !== "?")) return;
     event.preventDefault();

@@ -1,9 +1,10 @@
 // The page: from a server, or from the data that an exported file holds.
 
-import { controls, pictureControls } from "./controls.js";
+import { controls, pictureControls, toolPanel } from "./controls.js";
 import { byId, el } from "./dom.js";
 import { deflectionPanel } from "./deflection.js";
 import { EXPORTED, FramesSource } from "./frames.js";
+import { hands } from "./hands.js";
 import { shortcuts } from "./help.js";
 import { LiveSource, unpack } from "./live.js";
 import { connectionPanel, matrixPanel } from "./matrix.js";
@@ -29,9 +30,11 @@ function build(source) {
   numbersPanel(store);
   const modes = modesPanel(store);
   legendBox(store);
+  toolPanel(store);
+  const held = hands(store);
   picking(store);
   sharing(store);
-  const parts = { pose, matrix, modes };
+  const parts = { pose, matrix, modes, hands: held };
   shortcuts(store, parts);
   parts.strip = strip(store);
   banners(store, source);

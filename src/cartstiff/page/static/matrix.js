@@ -251,6 +251,7 @@ function paint(cells, matrix, whole) {
       const vanishes = Math.abs(x) <= noise[a][b];
       const text = vanishes ? "0" : short(x, 4, 1e5);
       if (cell.textContent !== text) cell.textContent = text;
+      cell.classList.toggle("tight", text.length > 7);
       const sign = vanishes ? "zero" : x > 0 ? "plus" : "minus";
       if (cell.dataset.sign !== sign) cell.dataset.sign = sign;
       const share = vanishes ? 0 : Math.sqrt(Math.abs(x) / largest[a][b]);

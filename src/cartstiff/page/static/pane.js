@@ -35,7 +35,9 @@ export class Pane {
     this.after = [];
     const render = this.viewer.render.bind(this.viewer);
     this.rendered = 0;
+    this.before = []; // called before each picture
     this.viewer.render = () => {
+      for (const callback of this.before) callback();
       arrange(this.viewer.scene, this.viewer.camera, (freedom) => this.every || this.lit === freedom);
       render();
       this.rendered = performance.now();

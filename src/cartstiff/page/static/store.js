@@ -1,6 +1,10 @@
 // What the page shows now: the state that is asked for, and the newest answer to it.
 // One question is in flight; while it is, only the newest state is kept.
 
+// Steps that can be taken back, and the time (ms) within which changes of one kind are one step.
+const MOST_PAST = 200;
+const TOGETHER = 800;
+
 export class Store {
   constructor(source) {
     this.source = source;
@@ -16,6 +20,9 @@ export class Store {
     this.wanted = false;
     this.number = 1;
     this.waiting = new Map();
+    this.towards = null;
+    this.past = [];
+    this.future = [];
     source.onanswer = (data, commands) => this.receive(data, commands);
     source.onlost = () => this.lost();
   }
@@ -28,10 +35,54 @@ export class Store {
     for (const listener of this.listeners[event]) listener(detail);
   }
 
+  /** Keep the state, to come back to it; changes of one kind in quick succession are one. */
+  remember(kind) {
+    const now = performance.now();
+    const again = kind === this.lastKind && now - this.lastTime < TOGETHER;
+    [this.lastKind, this.lastTime] = [kind, now];
+    if (again || this.pane.holding && !kind.startsWith("hand")) return;
+    this.past.push(structuredClone(this.state));
+    if (this.past.length > MOST_PAST) this.past.shift();
+    this.future = [];
+  }
+
+  undo() {
+    this.travel(this.past, this.future);
+  }
+
+  redo() {
+    this.travel(this.future, this.past);
+  }
+
+  travel(from, to) {
+    if (!from.length || !this.state) return;
+    to.push(structuredClone(this.state));
+    this.lastKind = null;
+    const { ghost } = this.state;
+    const wanted = { ...from.pop(), theme: this.state.theme, moved: null };
+    this.apply(wanted);
+    if (JSON.stringify(ghost) !== JSON.stringify(wanted.ghost)) this.compareWith(wanted.ghost);
+  }
+
+  /** Pull M towards a pose, see state.py. */
+  reach(towards) {
+    this.sticky = false;
+    this.towards = towards;
+    this.state.moved = null;
+    this.draw();
+  }
+
   /** Change what is wanted, and ask for it. */
   change(patch) {
     if (!this.state) return;
+    const kinds = Object.keys(patch).filter((key) => key !== "theme" && JSON.stringify(patch[key]) !== JSON.stringify(this.state[key]));
+    if (kinds.length && this.numbers) this.remember(`${kinds.filter((key) => key !== "moved")} ${patch.moved ?? ""}`);
+    this.apply(patch);
+  }
+
+  apply(patch) {
     this.sticky = false;
+    this.towards = null;
     Object.assign(this.state, patch);
     this.tell("state", patch);
     this.draw();
@@ -58,8 +109,10 @@ export class Store {
     this.wanted = false;
     this.busy = this.number++;
     this.sentQ = this.state.q;
+    const { towards } = this;
+    this.towards = null;
     document.dispatchEvent(new CustomEvent("cartstiff:sent", { detail: this.busy }));
-    this.source.ask({ id: this.busy, do: "draw", state: this.state });
+    this.source.ask({ id: this.busy, do: "draw", state: this.state, ...(towards ? { towards } : {}) });
   }
 
   /** Ask something else; resolves with the answer, rejects with the reason in words. */
@@ -99,6 +152,7 @@ export class Store {
     const kept = again ? this.state : data.now;
     const looks = this.state;
     this.hello = data;
+    if (!again) [this.past, this.future] = [[], []];
     this.state = kept ?? { ...data.state, ...(looks ? LOOKS(looks) : {}) };
     this.busy = null;
     this.pane.reset(commands, data.bounds);
@@ -116,7 +170,7 @@ export class Store {
     this.numbers = numbers;
     this.legend = data.legend;
     // A closed chain has been assembled: its other coordinates, and without newer wishes all.
-    if (!this.wanted) this.state.q = numbers.result.q.slice();
+    if (!this.wanted || this.towards) this.state.q = numbers.result.q.slice();
     else {
       const moved = new Set(this.hello.mechanism.sliders);
       const q = numbers.result.q.slice();

@@ -1,0 +1,136 @@
+"""The posture that follows a hand: as near to a wanted pose as it comes from where it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from cartstiff import numerics
+from cartstiff.arrays import Result
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.kinematics.joint_poses import JointPoses, pose_errors
+from cartstiff.kinematics.platform_poses import Free
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.limits import Limits
+from cartstiff.mechanisms.platform import Platform
+
+__all__ = ["Followed", "Follower"]
+
+# Halvings of the way to a pose that a platform's legs do not reach.
+_HALVINGS = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Followed(Result):
+    """Where a mechanism has followed to.
+
+    Attributes
+    ----------
+    q : ndarray (n,)
+        Coordinates; those of a closed chain are assembled.
+    distance, angle : float
+        What is left to the wanted pose: of the origin of M, and of its rotation [rad].
+    reached : bool
+        Whether that is nothing.
+    stopped : tuple of str
+        Joints or legs that stand at a limit where something is left.
+    """
+
+    q: Array
+    distance: float
+    angle: float
+    reached: bool
+    stopped: tuple[str, ...]
+
+
+class Follower:
+    """Follows wanted poses of M with one mechanism, step by step from the posture before.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        A chain, closed or not, or a platform.
+    """
+
+    def __init__(self, elastic: ElasticMechanism) -> None:
+        self._elastic = elastic
+        self._mechanism = elastic.mechanism
+        self._limits = Limits(self._mechanism)
+
+    @cached_property
+    def _solver(self) -> JointPoses:
+        return JointPoses(self._elastic)
+
+    @cached_property
+    def _deficient(self) -> bool:
+        return self._solver.rank("none") < 6
+
+    def follow(self, q: Array, T_wanted: Array, turning: bool = True) -> Followed:
+        """From coordinates q (n,) towards a pose (4, 4) of M.
+
+        Where the pose is beyond reach, arms end at the least error; so do arms of fewer than six
+        freedoms, which without `turning` care for the position of M alone. A platform stops on
+        the straight way to the pose where a leg meets its limit.
+
+        Raises
+        ------
+        InputError
+            For a mechanism that is neither.
+        CartstiffError
+            Where a closed chain does not assemble.
+        """
+        stopped: tuple[str, ...]
+        if isinstance(self._mechanism, Platform):
+            found, stopped = self._platform(self._mechanism, q, T_wanted)
+        else:
+            found = self._joints(q, T_wanted, turning)
+            stopped = self._beyond(found, np.eye(4), numerics.NEARBY)
+        posture = self._mechanism.at(found)
+        e = pose_errors(posture.pose[None], T_wanted[None], "none", 1.0)[0]
+        distance, angle = float(np.linalg.norm(e[3:])), float(np.linalg.norm(e[:3]))
+        reached = max(distance / posture.length, angle) <= numerics.NEARBY
+        return Followed(found, distance, angle, reached, () if reached else stopped)
+
+    def _joints(self, q: Array, T: Array, turning: bool) -> Array:
+        free: Free = "rotation" if not turning and self._deficient else "none"
+        found: Array = self._solver.solve(T[None], q[None], free)[0][0]
+        if isinstance(self._mechanism, Chain) and self._mechanism.closures:
+            found = np.array(self._mechanism.closed(found).q)
+        return found
+
+    def _platform(self, platform: Platform, q: Array, T: Array) -> tuple[Array, tuple[str, ...]]:
+        def near(pose: Array) -> Array:
+            """Coordinates of a pose, its angles on the turn of q."""
+            found = np.array(platform.coordinates_of(pose))
+            found[3:] -= 2 * np.pi * np.round((found[3:] - q[3:]) / (2 * np.pi))
+            return found
+
+        start = platform.pose_of(q)
+        best, stopped = near(T), self._beyond(q, start, 0.0)
+        if stopped:  # who is beyond a limit may come back
+            return best, stopped
+        stopped = self._beyond(best, T, 0.0)
+        if not stopped:
+            return best, ()
+        step = se3.log(se3.inverse(start) @ T)
+        low, high = 0.0, 1.0
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            pose = start @ se3.exp(middle * step)
+            beyond = self._beyond(near(pose), pose, 0.0)
+            if beyond:
+                high, stopped = middle, beyond
+            else:
+                low = middle
+        return near(start @ se3.exp(low * step)), stopped
+
+    def _beyond(self, q: Array, T: Array, near: float) -> tuple[str, ...]:
+        """Joints or legs that are beyond a limit, or so near to one."""
+        limits = self._limits
+        values = limits.values(q, T)
+        at = (values < limits.lower + near) | (values > limits.upper - near)
+        return tuple(name for name, stands in zip(limits.names, at, strict=True) if stands)

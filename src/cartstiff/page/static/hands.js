@@ -1,0 +1,358 @@
+// Hands in the picture: handles at the tool, at the load's arrows, and the view by keyboard.
+
+/* global MeshCat */
+import { byId, chop, el, short } from "./dom.js";
+
+// Length of the handles' arms on the screen (dots), and how near (dots) a pointer brings them out.
+const ARM = 84;
+const NEAR_HAND = 120;
+// Sine of the angle between a ring's plane and the line of sight below which it is turned as seen.
+const EDGE_ON = 0.2;
+// An arrow's head that is pulled within this distance (dots) of a line stays on it.
+const SNAP = 12;
+const AXIS_NAMES = ["x", "y", "z"];
+const HUES = [0xcc3311, 0x44aa66, 0x2255cc];
+// Turn of the camera (rad) and share of its distance for a key.
+const TURN = Math.PI / 36;
+const ZOOM = 1.1;
+
+export function hands(store) {
+  const { pane } = store;
+  const { viewer } = pane;
+  const { THREE } = MeshCat;
+  const vector = (...xyz) => new THREE.Vector3(...xyz);
+  const node = (...names) => viewer.scene_tree.find(["meshcat", "cartstiff", ...names]).object;
+  // The viewer's scene is turned: here places are those of the world.
+  const world = new THREE.Group();
+  world.quaternion.copy(viewer.scene.quaternion).invert();
+  viewer.scene.add(world);
+  const tool = new THREE.Group();
+  const arms = new THREE.Group();
+  tool.add(arms);
+  world.add(tool);
+  const tip = el("div", { class: "tip overlay", role: "status", hidden: true });
+  byId("stage").append(tip);
+  let near = false;
+  let pinned = false;
+  let hold = null;
+
+  // -- what can be taken hold of
+
+  const glow = (colour) => new THREE.MeshBasicMaterial({ color: colour, transparent: true, opacity: 0.9, depthTest: false });
+  const unseen = new THREE.MeshBasicMaterial({ visible: false });
+  const grips = [];
+
+  function add(parent, geometry, colour, grip, seen = true) {
+    const mesh = new THREE.Mesh(geometry, seen ? glow(colour) : unseen);
+    mesh.renderOrder = 20;
+    mesh.userData.twin = false;
+    if (grip) grips.push({ mesh, ...grip });
+    parent.add(mesh);
+    return mesh;
+  }
+
+  const ball = add(tool, new THREE.SphereGeometry(0.085, 20, 14), 0x0b5cad, null);
+  add(tool, new THREE.SphereGeometry(0.15, 12, 8), 0, { kind: "ball" }, false);
+  for (let i = 0; i < 3; i++) {
+    const arm = new THREE.Group(); // along its own y
+    arm.quaternion.setFromUnitVectors(vector(0, 1, 0), vector(i === 0, i === 1, i === 2));
+    arms.add(arm);
+    add(arm, new THREE.CylinderGeometry(0.016, 0.016, 0.5, 10).translate(0, 0.5, 0), HUES[i], null);
+    add(arm, new THREE.ConeGeometry(0.06, 0.18, 16).translate(0, 0.84, 0), HUES[i], null);
+    add(arm, new THREE.CylinderGeometry(0.07, 0.07, 0.75, 8).translate(0, 0.58, 0), 0, { kind: "arm", axis: i }, false);
+    add(arm, new THREE.TorusGeometry(0.66, 0.013, 8, 60).rotateX(Math.PI / 2), HUES[i], null);
+    add(arm, new THREE.TorusGeometry(0.66, 0.06, 6, 40).rotateX(Math.PI / 2), 0, { kind: "ring", axis: i }, false);
+  }
+  const pulls = ["force", "moment"].map((kind) => {
+    const pull = new THREE.Group();
+    world.add(pull);
+    add(pull, new THREE.SphereGeometry(0.07, 16, 12), 0x0b5cad, null);
+    add(pull, new THREE.SphereGeometry(0.14, 10, 8), 0, { kind }, false);
+    return pull;
+  });
+
+  // -- where the handles are
+
+  const arrow = (kind) => node("wrench", kind, "arrow");
+  const shown = (object) => {
+    for (let at = object; at; at = at.parent) if (!at.visible) return false;
+    return true;
+  };
+
+  function size(group) {
+    const { camera } = viewer;
+    const away = group.position.distanceTo(vector().setFromMatrixPosition(camera.matrixWorld));
+    group.scale.setScalar(Math.max(1e-6, (ARM * 2 * away * Math.tan((camera.fov * Math.PI) / 360)) / Math.max(1, pane.node.clientHeight)));
+  }
+
+  function place() {
+    const live = store.source.live && store.numbers !== null && !store.swing?.playing;
+    tool.visible = live;
+    if (live) {
+      const M = node("M");
+      M.updateWorldMatrix(true, false);
+      M.matrixWorld.decompose(tool.position, tool.quaternion, vector());
+      if (store.state.axes === "inertial") node().getWorldQuaternion(tool.quaternion);
+      size(tool);
+      arms.visible = near || pinned || (hold !== null && ["ball", "arm", "ring"].includes(hold.kind));
+    }
+    ["force", "moment"].forEach((kind, i) => {
+      const vectorOf = arrow(kind);
+      const given = live && store.state.load !== null && store.state.wrench && vectorOf.children.length > 0 && shown(vectorOf);
+      pulls[i].visible = Boolean(given) && (near || pinned || hold?.kind === kind);
+      if (!given) return;
+      if (hold?.kind === kind) pulls[i].position.copy(hold.at);
+      else {
+        vectorOf.updateWorldMatrix(true, false);
+        pulls[i].position.copy(vector(1, 0, 0).applyMatrix4(vectorOf.matrixWorld));
+      }
+      size(pulls[i]);
+    });
+  }
+  pane.before.push(place);
+
+  // -- taking hold
+
+  function rayAt(event) {
+    const ray = new THREE.Raycaster();
+    const [x, y] = pane.place(event);
+    ray.setFromCamera({ x, y }, viewer.camera);
+    return ray;
+  }
+
+  function gripAt(event) {
+    const ray = rayAt(event);
+    const found = grips.filter(({ mesh }) => shown(mesh)).flatMap((grip) =>
+      ray.intersectObject(grip.mesh, false).map(({ distance }) => ({ ...grip, distance })));
+    // A ball in the middle is meant before a ring behind which it lies.
+    const order = { force: 0, moment: 0, ball: 1, arm: 2, ring: 3 };
+    return found.sort((a, b) => order[a.kind] - order[b.kind] || a.distance - b.distance)[0] ?? null;
+  }
+
+  /** How far (dots) a pointer is from a point, on the screen. */
+  function distance(event, point = tool.position) {
+    const p = point.clone().project(viewer.camera);
+    const [x, y] = pane.place(event);
+    return Math.hypot((p.x - x) * pane.node.clientWidth, (p.y - y) * pane.node.clientHeight) / 2;
+  }
+
+  const sight = () => vector().setFromMatrixColumn(viewer.camera.matrixWorld, 2);
+  const onPlane = ({ ray }, point, normal) =>
+    ray.intersectPlane(new THREE.Plane().setFromNormalAndCoplanarPoint(normal, point), vector());
+
+  /** Along a line through `o` with direction `a`, where a ray passes it. */
+  function onLine({ ray }, o, a) {
+    const w = ray.origin.clone().sub(o);
+    const b = a.dot(ray.direction);
+    return Math.abs(1 - b * b) < 1e-6 ? 0 : (a.dot(w) - b * ray.direction.dot(w)) / (1 - b * b);
+  }
+
+  function angleIn(point, origin, axis) {
+    const u = vector(1, 0, 0);
+    if (Math.abs(axis.x) > 0.8) u.set(0, 1, 0);
+    u.cross(axis).normalize();
+    const d = point.clone().sub(origin);
+    return Math.atan2(d.dot(axis.clone().cross(u)), d.dot(u));
+  }
+
+  function begin(event, grip) {
+    const origin = grip.kind in { force: 1, moment: 1 } ? pulls[Number(grip.kind === "moment")].position.clone() : tool.position.clone();
+    const toF = node().matrixWorld.clone().invert();
+    hold = { ...grip, pointer: event.pointerId, origin, at: origin.clone(), toF, normal: sight(), moved: false,
+      pose: store.numbers.result.pose.map((row) => row.slice()), state: structuredClone(store.state) };
+    if (grip.axis !== undefined) hold.along = vector(grip.axis === 0, grip.axis === 1, grip.axis === 2).applyQuaternion(tool.quaternion);
+    const ray = rayAt(event);
+    if (grip.kind === "arm") hold.from = onLine(ray, origin, hold.along);
+    else if (grip.kind === "ring") {
+      if (Math.abs(hold.along.dot(hold.normal)) < EDGE_ON) hold.along = hold.normal.clone().multiplyScalar(Math.sign(hold.along.dot(hold.normal)) || 1);
+      const met = onPlane(ray, origin, hold.along);
+      hold.from = met ? angleIn(met, origin, hold.along) : 0;
+    } else hold.from = onPlane(ray, origin, hold.normal);
+    if (grip.kind in { force: 1, moment: 1 }) {
+      const place = arrow(grip.kind).matrixWorld;
+      hold.base = vector().setFromMatrixPosition(place);
+      const { wrench } = store.numbers;
+      hold.vector = grip.kind === "force" ? wrench.slice(3) : wrench.slice(0, 3);
+      hold.per = Math.hypot(...hold.vector) / toRoom(origin.clone().sub(hold.base), toF).length();
+    }
+    pane.holding = true;
+    viewer.controls.enabled = false;
+    pane.node.setPointerCapture(event.pointerId);
+    store.remember(`hand ${Date.now()}`);
+  }
+
+  const toRoom = (way, toF) => way.applyMatrix3(new THREE.Matrix3().setFromMatrix4(toF));
+
+  function drag(event) {
+    const ray = rayAt(event);
+    hold.moved = true;
+    if (hold.kind === "ring") {
+      const met = onPlane(ray, hold.origin, hold.along);
+      if (met) turn(angleIn(met, hold.origin, hold.along) - hold.from, event);
+    } else if (hold.kind === "arm") shift(hold.along.clone().multiplyScalar(onLine(ray, hold.origin, hold.along) - hold.from));
+    else {
+      const met = onPlane(ray, hold.origin, hold.normal);
+      if (!met || !hold.from) return;
+      const way = met.sub(hold.from);
+      if (hold.kind === "ball") shift(way);
+      else pull(way, event);
+    }
+    say(event);
+  }
+
+  function shift(way) {
+    const d = toRoom(way, hold.toF).toArray();
+    store.reach({ pose: hold.pose.map((row, i) => (i < 3 ? [row[0], row[1], row[2], row[3] + d[i]] : row)), turning: false });
+  }
+
+  function turn(angle, event) {
+    const steps = event.shiftKey ? Math.PI / 36 : 0; // five degrees
+    const by = steps ? Math.round(angle / steps) * steps : angle;
+    const axis = toRoom(hold.along.clone(), hold.toF).normalize();
+    const R = new THREE.Matrix4().makeRotationAxis(axis, by).elements;
+    const pose = hold.pose.map((row, i) => (i === 3 ? row : [0, 1, 2].map((j) =>
+      [0, 1, 2].reduce((sum, k) => sum + R[4 * k + i] * hold.pose[k][j], 0)).concat(row[3])));
+    store.reach({ pose, turning: true });
+  }
+
+  /** Force or moment by its arrow's head: direction and size, along its line or an axis where the hand passes one. */
+  function pull(way, event) {
+    const head = (event.altKey ? null : onGuide(event)) ?? hold.origin.clone().add(way);
+    hold.at.copy(head);
+    const { state } = hold;
+    const R = hold.pose.slice(0, 3).map((row) => row.slice(0, 3));
+    const toBody = (v) => [0, 1, 2].map((j) => R[0][j] * v[0] + R[1][j] * v[1] + R[2][j] * v[2]);
+    const toF = (v) => R.map((row) => row[0] * v[0] + row[1] * v[1] + row[2] * v[2]);
+    const room = toRoom(head.sub(hold.base), hold.toF).multiplyScalar(hold.per).toArray();
+    const own = state.load_axes === "body";
+    let found = own ? toBody(room) : room;
+    if (!event.altKey) found = rounded(found);
+    // The arrows are along the axes of the numbers; a change is the same along any axes.
+    const before = state.axes === "body" ? (own ? hold.vector : toF(hold.vector)) : own ? toBody(hold.vector) : hold.vector;
+    const load = state.load.slice();
+    const first = hold.kind === "force" ? 3 : 0;
+    for (let i = 0; i < 3; i++) load[first + i] = hold.kind === "force" ? found[i] : load[i] + found[i] - before[i];
+    hold.words = `${short(Math.hypot(...found), 3)} ${store.unit(hold.kind)} (${found.map((x) => short(x, 3)).join(", ")}) ${own ? "tool" : "room"} axes`;
+    store.change({ load });
+  }
+
+  /** The point under a pointer on the arrow's own line or on an axis, if it passes one. */
+  function onGuide(event) {
+    const ray = rayAt(event);
+    const turned = hold.state.load_axes === "body" ? new THREE.Quaternion().setFromRotationMatrix(new THREE.Matrix4().extractRotation(node("M").matrixWorld))
+      : node().getWorldQuaternion(new THREE.Quaternion());
+    const axes = [0, 1, 2].flatMap((i) => [1, -1].map((side) => vector(...[0, 1, 2].map((k) => (k === i ? side : 0))).applyQuaternion(turned)));
+    for (const direction of [hold.origin.clone().sub(hold.base).normalize(), ...axes]) {
+      const along = onLine(ray, hold.base, direction);
+      const point = hold.base.clone().addScaledVector(direction, along);
+      if (along > 0 && distance(event, point) < SNAP) return point;
+    }
+    return null;
+  }
+
+  /** Two digits of the size; what is rounding beside it is zero. */
+  function rounded(v) {
+    const length = Math.hypot(...v);
+    if (!length) return v;
+    const digit = 10 ** (Math.floor(Math.log10(length)) - 1);
+    return chop(v.map((x) => (x * Math.round(length / digit) * digit) / length)).map((x) => Number(x.toPrecision(12)));
+  }
+
+  function end() {
+    pane.holding = false;
+    viewer.controls.enabled = true;
+    tip.hidden = true;
+    if (hold.kind === "ball" && !hold.moved) pin(!pinned);
+    hold = null;
+    feel(null);
+    viewer.set_dirty();
+  }
+
+  pane.node.addEventListener("pointerdown", (event) => {
+    if (!store.source.live || !store.numbers || hold || event.button !== 0) return;
+    const grip = gripAt(event);
+    if (!grip) return;
+    begin(event, grip);
+    say(event);
+  }, true);
+  pane.node.addEventListener("pointermove", (event) => {
+    if (hold) {
+      if (event.pointerId === hold.pointer) drag(event);
+      return;
+    }
+    if (event.buttons || !tool.visible) return;
+    const close = distance(event) < NEAR_HAND;
+    pane.node.style.cursor = close && gripAt(event) ? "grab" : "";
+    if (close !== near) {
+      near = close;
+      viewer.set_dirty();
+    }
+  });
+  for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) {
+    pane.node.addEventListener(name, (event) => hold && event.pointerId === hold.pointer && end());
+  }
+  pane.node.addEventListener("pointerleave", () => {
+    if (near && !hold) {
+      near = false;
+      viewer.set_dirty();
+    }
+  });
+
+  // -- what the hand feels
+
+  function say(event) {
+    if (event) hold.last = event;
+    const { left, top, width, height } = byId("stage").getBoundingClientRect();
+    const length = store.unit("length");
+    const p = store.numbers.position.map((x) => short(x, 4)).join(", ");
+    const said = { ball: p, arm: `${AXIS_NAMES[hold.axis]}: ${p}`, ring: `about ${AXIS_NAMES[hold.axis]}` }[hold.kind];
+    tip.textContent = hold.kind === "ring" ? said : hold.words ?? (hold.kind in { force: 1, moment: 1 } ? `pull: ${hold.kind}` : `${said} ${length}`);
+    if (hold.stopped) tip.textContent += ` · ${hold.stopped}`;
+    tip.classList.toggle("stopped", Boolean(hold.stopped));
+    tip.hidden = false;
+    tip.style.left = `${Math.max(4, Math.min(hold.last.clientX - left + 18, width - tip.offsetWidth - 6))}px`;
+    tip.style.top = `${Math.max(4, Math.min(hold.last.clientY - top + 18, height - tip.offsetHeight - 6))}px`;
+  }
+
+  /** Limits that stop the hand: named beside it, their rows coloured, the ball red. */
+  function feel(followed) {
+    const stopped = followed && !followed.reached ? followed.stopped : [];
+    const { coordinates } = store.hello.mechanism;
+    coordinates.forEach(({ name }, i) => byId(`slider-${i}`)?.closest(".slider").classList.toggle("stopped", stopped.includes(name)));
+    [...document.querySelectorAll(".leg:not(.leg-head)")].forEach((row, i) =>
+      row.classList.toggle("stopped", stopped.includes(`leg${i + 1}`)));
+    const away = followed && !followed.reached;
+    ball.material.color.set(away ? 0xb3261e : 0x0b5cad);
+    if (!hold) return;
+    hold.stopped = !away ? "" : stopped.length ? `${stopped.join(", ")} at ${stopped.length > 1 ? "their limits" : "its limit"}`
+      : "out of reach";
+    if (hold.last) say();
+  }
+  store.on("numbers", ({ followed }) => feel(followed ?? null));
+
+  function pin(on) {
+    pinned = on;
+    viewer.set_dirty();
+  }
+
+  // -- the view by keyboard
+
+  const keys = { ArrowLeft: [TURN, 0], ArrowRight: [-TURN, 0], ArrowUp: [0, -TURN], ArrowDown: [0, TURN], "+": ZOOM, "=": ZOOM, "-": 1 / ZOOM };
+  pane.node.addEventListener("keydown", (event) => {
+    const found = keys[event.key];
+    if (!found || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    event.stopPropagation();
+    const { camera, controls } = viewer;
+    const way = new THREE.Spherical().setFromVector3(camera.position.clone().sub(controls.target));
+    if (Array.isArray(found)) {
+      way.theta += found[0];
+      way.phi = Math.max(0.02, Math.min(Math.PI - 0.02, way.phi + found[1]));
+    } else way.radius /= found;
+    camera.position.copy(controls.target).add(vector().setFromSpherical(way));
+    controls.update();
+    viewer.set_dirty();
+  });
+
+  return { toggle: () => pin(!pinned) };
+}
