@@ -1,0 +1,11 @@
+"""One spring from its loads and deflections, by cartstiff's least squares."""
+
+import cartstiff
+from cartstiff.identify.campaign import identify
+from cartstiff.identify.table import read_measurements
+
+
+def answers(inputs, folder):
+    slide = cartstiff.load(folder / "mechanism.yaml")
+    found = identify(slide, read_measurements(folder / "measurements.csv", slide)).estimates[0]
+    return {"compliance": 1e6 * found.compliance, "deviation": 1e6 * found.deviation}
