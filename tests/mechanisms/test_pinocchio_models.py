@@ -13,8 +13,11 @@ from scipy.spatial.transform import Rotation
 
 import cartstiff
 from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.geometry.differences import jacobian
 from cartstiff.loading.catalogue import example_robot
 from cartstiff.loading.visuals import visuals
+from cartstiff.mechanisms.tree import TreeState
+from cartstiff.mechanisms.tree_building import plain_tree
 
 ROBOTS = Path(__file__).resolve().parents[2] / "robots"
 POINTS = {
@@ -222,3 +225,30 @@ def test_what_cannot_be_used():
         cartstiff.load(model, visual=3)
     with pytest.raises(InputError, match="no joints to lock"):
         cartstiff.load("stewart-gough", locked={"x": 1.0})
+
+
+def test_joints_of_a_subtree_that_stand_apart():
+    """Pinocchio's own mass matrix and derivatives of gravity want each subtree in one piece."""
+    rng = np.random.default_rng(4)
+    model = pin.Model()
+    for i, parent in enumerate((0, 1, 1, 2, 3, 2), start=1):
+        model.addJoint(parent, pin.JointModelRY() if i % 2 else pin.JointModelRX(),
+                       pin.SE3.Random(), f"j{i}")  # fmt: skip
+        model.appendBodyToJoint(
+            i, pin.Inertia(i, rng.normal(size=3), np.eye(3)), pin.SE3.Identity()
+        )
+    tree = plain_tree(model)
+    q, down = rng.normal(size=6), np.array([0.5, -1.0, -9.0])
+    posture = TreeState(tree, q)
+
+    def gradient(step):
+        return TreeState(tree, q + step).gravity(down).gradient
+
+    found = posture.gravity(down).hessian
+    assert np.abs(jacobian(gradient, np.ones(6)) - found).max() <= 1e-9
+    data, v = model.createData(), rng.normal(size=6)
+    pin.forwardKinematics(model, data, q, v)
+    energy = pin.computeKineticEnergy(model, data)
+    assert 0.5 * v @ posture.mass_matrix() @ v == pytest.approx(energy, rel=1e-12)
+    many = tree.mass_matrices(q[None])[0]
+    assert np.abs(np.triu(many) - np.triu(posture.mass_matrix())).max() <= 1e-12

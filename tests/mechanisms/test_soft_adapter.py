@@ -1,7 +1,7 @@
-"""A soft link behind a fixed joint: what it is fixed to does not move with it.
+"""Soft links behind fixed joints: what they are fixed to does not move with them.
 
-The same arm with a locked joint in place of the fixed one takes another way through the library:
-there the soft link is the only one on its joint.
+The same arm with locked joints in place of the fixed ones takes another way through the library:
+there each soft link is the only one on its joint.
 """
 
 from __future__ import annotations
@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from tests.mechanisms.machines import joint, masses, write_file, write_urdf
 
-from cartstiff import analyse, load
+from cartstiff import analyse, equilibrium, load
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.potentials.loads import DeadForce
 
 # Two ways through the same few rotations.
 ROUNDING = 1e-12
@@ -21,15 +22,20 @@ K = np.diag([3e3, 4e3, 5e3, 2e5, 3e5, 4e5]) + 100.0
 FRAMES = ("upper", "camera", "adapter", "tool", "spindle", "gripper")
 
 
-def arm(folder: Path, kind: str, frame: str) -> ElasticMechanism:
-    """Upper arm with a camera, a soft adapter, and on that a tool, a spindle and a gripper."""
+def arm(
+    folder: Path, kind: str, frame: str, soft: tuple[str, ...] = ("adapter",)
+) -> ElasticMechanism:
+    """Upper arm with a camera, an adapter, on that a tool and a spindle, and a gripper.
+
+    The gripper's joint comes before those beyond the adapter: the tree is not in one piece.
+    """
     joints = [
         joint("lift", "base", "upper", axis=(0, 1, 0), at=(0, 0, 0.3)),
-        joint("mount", "upper", "camera", kind="fixed", at=(0.2, 0.1, 0)),
+        joint("mount", "upper", "camera", kind=kind, at=(0.2, 0.1, 0)),
         joint("bolts", "upper", "adapter", kind=kind, at=(0.5, 0, 0.1), rpy=(0.2, 0.1, 0.4)),
-        joint("flange", "adapter", "tool", kind="fixed", at=(0, 0, 0.2)),
+        joint("flange", "adapter", "tool", kind=kind, at=(0, 0, 0.2)),
         joint("turn", "tool", "spindle", axis=(1, 0, 0), at=(0, 0.1, 0)),
-        joint("side", "upper", "gripper", axis=(0, 0, 1), at=(0.4, 0, 0)),
+        joint("aside", "upper", "gripper", axis=(0, 0, 1), at=(0.4, 0, 0)),
     ]
     path = write_urdf(folder, *joints, name=kind)
     text = path.read_text(encoding="utf-8")
@@ -39,17 +45,25 @@ def arm(folder: Path, kind: str, frame: str) -> ElasticMechanism:
         "model": path.name,
         "frame": frame,
         "gravity": [0.3, -2, -9.81],
-        "springs": {name: {"stiffness": 1e4} for name in ("lift", "turn", "side")},
-        "flexible": {"adapter": {"stiffness": K.tolist(), "offset": {"xyz": [0, 0, 0.05]}}},
+        "springs": {name: {"stiffness": 1e4} for name in ("lift", "turn", "aside")},
+        "flexible": {
+            name: {"stiffness": (i * K).tolist(), "offset": {"xyz": [0.01 * i, 0, 0.05]}}
+            for i, name in enumerate(soft, start=1)
+        },
     }
     if kind != "fixed":
-        content["locked"] = {"bolts": 0}
+        content["locked"] = {"mount": 0, "bolts": 0, "flange": 0}
     return load(write_file(folder, kind, **content))
 
 
+# In a row, beside each other, and named from the tip to the base.
+SOFT = (("adapter",), ("tool", "adapter", "upper"), ("adapter", "camera"))
+
+
+@pytest.mark.parametrize("links", SOFT, ids="-".join)
 @pytest.mark.parametrize("frame", FRAMES)
-def test_soft_adapter_behind_a_fixed_joint(frame: str, tmp_path: Path) -> None:
-    soft, other = (arm(tmp_path, kind, frame) for kind in ("fixed", "revolute"))
+def test_soft_links_behind_fixed_joints(frame: str, links: tuple[str, ...], tmp_path: Path) -> None:
+    soft, other = (arm(tmp_path, kind, frame, links) for kind in ("fixed", "revolute"))
     assert sorted(soft.names) == sorted(other.names)
     rng = np.random.default_rng(3)
     values = {n: 0.1 * rng.standard_normal() for n in soft.names}
@@ -62,6 +76,8 @@ def test_soft_adapter_behind_a_fixed_joint(frame: str, tmp_path: Path) -> None:
     mine = a.gravity(np.array(soft.gravity))
     assert np.abs(mine.gradient - theirs.gradient[order]).max() < ROUNDING * 100
     assert np.abs(mine.hessian - theirs.hessian[np.ix_(order, order)]).max() < ROUNDING * 100
+    assert np.abs(a.mass_matrix() - b.mass_matrix()[np.ix_(order, order)]).max() < ROUNDING
+    assert np.abs(a.momentum()[0] - b.momentum()[0][:, order]).max() < ROUNDING
 
 
 def test_links_before_the_adapter_do_not_feel_it(tmp_path: Path) -> None:
@@ -73,3 +89,27 @@ def test_links_before_the_adapter_do_not_feel_it(tmp_path: Path) -> None:
     tool = arm(tmp_path, "fixed", "tool")
     result = analyse(tool)
     assert result.reduction.rank == 6
+
+
+@pytest.mark.parametrize("mass", [0.0, 7800.0])
+def test_two_beams_in_a_row_are_one_of_two_segments(mass: float, tmp_path: Path) -> None:
+    """Stiffness and weight of a cantilever, in one link and in two that are fixed together."""
+    section = {
+        "E": 2e11, "G": 8e10, "area": 1e-4, "Iy": 1e-9, "Iz": 2e-9, "J": 2e-9, "density": mass,
+    }  # fmt: skip
+    whole = [joint("wall", "base", "bar", kind="fixed"),
+             joint("end", "bar", "tip", kind="fixed", at=(1, 0, 0))]  # fmt: skip
+    halves = [joint("wall", "base", "near", kind="fixed"),
+              joint("weld", "near", "far", kind="fixed", at=(0.5, 0, 0)),
+              joint("end", "far", "tip", kind="fixed", at=(0.5, 0, 0))]  # fmt: skip
+    give = {"bar": {"beam": {**section, "length": 1.0, "segments": 2}}}
+    both = {name: {"beam": {**section, "length": 0.5}} for name in ("far", "near")}
+    found = []
+    for name, joints, flexible in (("one", whole, give), ("two", halves, both)):
+        write_urdf(tmp_path, *joints, name=name)
+        path = write_file(tmp_path, name, kind="serial", model=f"{name}.urdf", frame="tip",
+                          gravity=[0, -3, -9.81], flexible=flexible)  # fmt: skip
+        rest = equilibrium(load(path), DeadForce([-200.0, 30.0, 50.0]))
+        found.append((rest.pose, rest.stiffness.matrices["B"]))
+    assert np.abs(found[0][0] - found[1][0]).max() <= 1e-10
+    assert np.abs(found[0][1] / found[1][1] - 1).max() <= 1e-6

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.errors import UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 
@@ -19,6 +19,7 @@ __all__ = [
     "VIRTUAL",
     "Give",
     "LinkSpring",
+    "Place",
     "masses_by_side",
     "springs_by_joint",
 ]
@@ -32,6 +33,8 @@ SEGMENT = (
 )  # fmt: skip
 
 
+#: A joint, and the pose of another frame in its frame.
+Place = tuple[int, Array]
 #: Stands for a joint without a frame, as models put together by hand have: links carry it.
 UNFRAMED = -1
 
@@ -101,26 +104,30 @@ class LinkSpring:
     """Virtual joints of a link, placed in the joint's frame, and the frames that hang on them."""
 
     link: str
+    frame: int
     give: Give
     carried: frozenset[int]
 
 
-def springs_by_joint(model: pin.Model, flexible: Mapping[str, Give]) -> dict[int, LinkSpring]:
-    """Virtual joints of flexible links by the joint that their links are fixed to."""
-    found: dict[int, LinkSpring] = {}
+def springs_by_joint(model: pin.Model, flexible: Mapping[str, Give]) -> dict[int, list[LinkSpring]]:
+    """Virtual joints of flexible links by the joint that their links are fixed to.
+
+    Those that others hang on come first.
+    """
+    found: dict[int, list[LinkSpring]] = {}
     bodies = {f.name: k for k, f in enumerate(model.frames) if f.type == pin.FrameType.BODY}
-    for name, give in flexible.items():
+    for name in flexible:
         if name not in bodies:
             raise UnknownNameError("link", name, bodies)
-        link = model.frames[bodies[name]]
-        joint = int(link.parentJoint)
-        if joint in found:
-            raise InputError(
-                f"links {found[joint].link!r} and {name!r} are fixed together: one of them can be "
-                "flexible"
-            )
+    # Parents stand before their children in Pinocchio's list of frames.
+    for name in sorted(flexible, key=lambda name: bodies[name]):
+        link, give = model.frames[bodies[name]], flexible[name]
         start = link.placement.homogeneous @ give.start
-        found[joint] = LinkSpring(name, replace(give, start=start), _carried(model, bodies[name]))
+        found.setdefault(int(link.parentJoint), []).append(
+            LinkSpring(
+                name, bodies[name], replace(give, start=start), _carried(model, bodies[name])
+            )
+        )
     return found
 
 
@@ -144,19 +151,20 @@ def _carried(model: pin.Model, link: int) -> frozenset[int]:
 
 
 def masses_by_side(
-    model: pin.Model,
-    joint: int,
-    springs: Mapping[int, LinkSpring],
-    near: Mapping[int, tuple[int, Array]],
-    at: Mapping[int, tuple[int, Array]],
-) -> list[tuple[tuple[int, Array], Any]]:
-    """What is fixed to a joint as (place, inertia): on its own side and on that of its spring."""
-    whole = model.inertias[joint]
-    if joint not in springs:
-        return [(near[joint], whole)]
+    model: pin.Model, joint: int, side: Callable[[int, int], Place], near: Place
+) -> list[tuple[Place, Any]]:
+    """What is fixed to a joint as (place, inertia): on its own side, and beyond each spring.
+
+    ``side(frame, joint)`` tells where a frame hangs.
+    """
     # Pinocchio keeps the masses of fixed links with their frames, that of the moved link does not.
-    beyond = pin.Inertia.Zero()
-    for k in springs[joint].carried - {UNFRAMED}:
-        if model.frames[k].parentJoint == joint and model.frames[k].inertia.mass > 0:
-            beyond += model.frames[k].placement.act(model.frames[k].inertia)
-    return [(near[joint], whole - beyond), (at[joint], beyond)]
+    own = model.inertias[joint]
+    beyond: list[tuple[Place, Any]] = []
+    for k, frame in enumerate(model.frames):
+        if int(frame.parentJoint) == joint and frame.inertia.mass > 0:
+            place = side(k, joint)
+            if place is not near:
+                inertia = frame.placement.act(frame.inertia)
+                own = own - inertia
+                beyond.append((place, inertia))
+    return [(near, own), *beyond]

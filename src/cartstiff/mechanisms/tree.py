@@ -147,6 +147,36 @@ class KinematicTree:
         """Number of coordinates."""
         return len(self.coordinates)
 
+    @cached_property
+    def depth_first(self) -> tuple[KinematicTree, NDArray[np.intp]]:
+        """The same tree with each joint's subtree in one piece, and where its coordinates stand.
+
+        Pinocchio's mass matrix and derivatives of gravity take this order for granted. It is this
+        tree itself where the order is right, and then the indices are those of all coordinates.
+        """
+        here = np.arange(self.model.nv)
+        supports = [{0, *self.support(j)} for j in range(self.model.njoints)]
+        if all(self._parents[j] in supports[j - 1] for j in range(1, self.model.njoints)):
+            return self, here
+        order: list[int] = []
+        left = [0]
+        while left:
+            joint = left.pop()
+            order.append(joint)
+            left += [j for j in range(self.model.njoints - 1, 0, -1) if self._parents[j] == joint]
+        order.remove(0)
+        model, at = pin.Model(), {0: 0}
+        for j in order:
+            at[j] = model.addJoint(
+                at[self._parents[j]], self.model.joints[j], self.model.jointPlacements[j],
+                self.model.names[j],
+            )  # fmt: skip
+            model.armature[model.idx_vs[at[j]]] = self.model.armature[self.model.idx_vs[j]]
+            if self.model.inertias[j].mass > 0:
+                model.appendBodyToJoint(at[j], self.model.inertias[j], pin.SE3.Identity())
+        places = np.array(order, np.intp) - 1
+        return KinematicTree(model, tuple(self.coordinates[k] for k in places), {}), places
+
     def placement(self, name: str) -> Placement:
         """Placement of a named frame.
 
@@ -204,12 +234,32 @@ class KinematicTree:
 
     def mass_matrices(self, q: Array) -> Array:
         """Upper triangles of the masses' matrices (N, n, n) at postures (N, n), without mimics."""
+        tree, places = self.depth_first
         found = np.empty((len(q), self.model.nv, self.model.nv))
-        model, crba = self.model, pin.crba
-        with self.workspace() as data:
-            for i, posture in enumerate(q):
-                found[i] = crba(model, data, posture)
+        model, crba = tree.model, pin.crba
+        if tree is self:
+            with tree.workspace() as data:
+                for i, posture in enumerate(q):
+                    found[i] = crba(model, data, posture)
+            return found
+        for i, posture in enumerate(q):
+            found[i][np.ix_(places, places)] = tree.mass_matrix(posture[places])
         return found
+
+    def mass_matrix(self, q: Array) -> Array:
+        """Masses' matrix (n, n) at one posture, without mimics."""
+        tree, places = self.depth_first
+        if tree is not self:
+            found = np.empty((self.model.nv, self.model.nv))
+            found[np.ix_(places, places)] = tree.mass_matrix(q[places])
+            return found
+        with self.workspace() as data:
+            full = np.array(pin.crba(self.model, data, q))  # only its upper triangle
+        n = self.model.nv
+        if n not in _BELOW:
+            _BELOW[n] = np.tril_indices(n, -1)
+        full[_BELOW[n]] = full.T[_BELOW[n]]
+        return full
 
     def placements(self) -> list[Array]:
         """Poses ``T_parent_joint`` of all joints, in their order from joint 1."""
@@ -280,25 +330,22 @@ class TreeState:
 
     def gravity(self, acceleration: Array) -> Evaluation:
         """Energy of all masses in a uniform field with the given acceleration, with derivatives."""
-        model = self._with_gravity(acceleration)
-        with self.tree.workspace() as data:
-            energy = pin.computePotentialEnergy(model, data, self.q)
-            gradient = np.array(pin.computeGeneralizedGravity(model, data, self.q))
-            hessian = np.array(pin.computeGeneralizedGravityDerivatives(model, data, self.q))
-        hessian = 0.5 * (hessian + hessian.T)
+        tree, places = self.tree.depth_first
+        model = _with_gravity(tree.model, acceleration)
+        q = self.q[places]
+        gradient, hessian = np.empty(model.nv), np.empty((model.nv, model.nv))
+        with tree.workspace() as data:
+            energy = pin.computePotentialEnergy(model, data, q)
+            gradient[places] = pin.computeGeneralizedGravity(model, data, q)
+            ordered = np.array(pin.computeGeneralizedGravityDerivatives(model, data, q))
+        hessian[places[:, None], places] = 0.5 * (ordered + ordered.T)
         if (M := self.tree.mimic) is not None:
             gradient, hessian = M.T @ gradient, M.T @ hessian @ M
         return Evaluation(float(energy), gradient, hessian)
 
     def mass_matrix(self) -> Array:
         """Masses' matrix (n, n): kinetic energy ``1/2 dq^T M dq``."""
-        model = self.tree.model
-        with self.tree.workspace() as data:
-            full = np.array(pin.crba(model, data, self.q))  # only its upper triangle
-        n = model.nv
-        if n not in _BELOW:
-            _BELOW[n] = np.tril_indices(n, -1)
-        full[_BELOW[n]] = full.T[_BELOW[n]]
+        full = self.tree.mass_matrix(self.q)
         return full if (M := self.tree.mimic) is None else np.asarray(M.T @ full @ M)
 
     def momentum(self) -> tuple[Array, float, Array]:
@@ -312,13 +359,6 @@ class TreeState:
         full = about_centre.copy()
         full[:3] += se3.skew(centre) @ about_centre[3:]
         return (full if (M := self.tree.mimic) is None else full @ M), mass, centre
-
-    def _with_gravity(self, acceleration: Array) -> Any:
-        model = self.tree.model
-        if not np.array_equal(model.gravity.linear, acceleration):
-            model = model.copy()
-            model.gravity = pin.Motion(np.concatenate([acceleration, np.zeros(3)]))
-        return model
 
 
 class _BracketCurvature:
@@ -346,3 +386,10 @@ class _BracketCurvature:
 
 def _is_world(frame: Placement) -> bool:
     return frame is WORLD or (frame.joint == 0 and np.array_equal(frame.T_j_f, WORLD.T_j_f))
+
+
+def _with_gravity(model: pin.Model, acceleration: Array) -> Any:
+    if not np.array_equal(model.gravity.linear, acceleration):
+        model = model.copy()
+        model.gravity = pin.Motion(np.concatenate([acceleration, np.zeros(3)]))
+    return model

@@ -22,6 +22,7 @@ from cartstiff.mechanisms.flexible_links import (
     SEGMENT,
     UNFRAMED,
     Give,
+    Place,
     masses_by_side,
     springs_by_joint,
 )
@@ -174,14 +175,19 @@ def plain_tree(
     plain.name = model.name
     plain.gravity = model.gravity
     coordinates: list[Coordinate] = []
-    at: dict[int, tuple[int, Array]] = {0: (0, np.eye(4))}
-    near = dict(at)
+    near: dict[int, Place] = {0: (0, np.eye(4))}
+    beyond: dict[int, list[tuple[frozenset[int], Place]]] = {}
     springs = springs_by_joint(model, flexible or {})
 
-    def side(frame: int, joint: int) -> tuple[int, Array]:
-        """Where what is fixed to a joint hangs: on it, or on the spring of a link fixed to it."""
-        carried = joint in springs and frame in springs[joint].carried
-        return at[joint] if carried else near[joint]
+    def side(frame: int, joint: int) -> Place:
+        """Where what is fixed to a joint hangs: on it, or on the last spring that carries it."""
+        hung = [place for carried, place in beyond.get(joint, ()) if frame in carried]
+        if frame == UNFRAMED and len(hung) > 1:
+            raise InputError(
+                "several links that give are fixed together, and a joint has no frame that tells "
+                "which of them carries it", expected="a frame for each joint",
+            )  # fmt: skip
+        return hung[-1] if hung else near[joint]
 
     def carry(joint: int, T_j: Array, inertia: Any) -> None:
         """Fix a mass to a joint."""
@@ -189,14 +195,14 @@ def plain_tree(
             plain.appendBodyToJoint(joint, inertia, pin.SE3(T_j))
 
     def soften(i: int) -> None:
-        near[i] = at[i]
-        if i in springs:
-            name, give = springs[i].link, springs[i].give
-            joint, T_j = at[i][0], at[i][1] @ give.start
+        for spring in springs.get(i, ()):
+            give = spring.give
+            joint, T_j = side(spring.frame, i)
+            T_j = T_j @ give.start
             carry(joint, T_j, give.half(1.0))
             count = len(give.joints)
             for k, (suffix, kind, along) in enumerate(give.joints, start=1):
-                full = f"{name}.{suffix}"
+                full = f"{spring.link}.{suffix}"
                 T_j = T_j @ se3.pose(translation=(along, 0.0, 0.0))
                 joint = plain.addJoint(joint, _primitive(kind), pin.SE3(T_j), full)
                 coordinates.append(
@@ -206,8 +212,9 @@ def plain_tree(
                 if k % len(SEGMENT) == 0:  # a node of the beam
                     carry(joint, T_j, give.half(-1.0))
                     carry(joint, T_j, give.half(1.0) if k < count else None)
-            at[i] = (joint, se3.inverse(give.end))
-        for (joint, T_j), inertia in masses_by_side(model, i, springs, near, at):
+            place = joint, se3.inverse(give.end)
+            beyond.setdefault(i, []).append((spring.carried, place))
+        for (joint, T_j), inertia in masses_by_side(model, i, side, near[i]):
             if joint > 0 and inertia.mass > 0:
                 plain.appendBodyToJoint(joint, inertia, pin.SE3(T_j))
 
@@ -218,7 +225,7 @@ def plain_tree(
     for i in range(1, model.njoints):
         parent, T_p = side(frame_of.get(i, UNFRAMED), int(model.parents[i]))
         if i not in kept:
-            at[i] = (parent, T_p @ data.liMi[i].homogeneous)
+            near[i] = (parent, T_p @ data.liMi[i].homogeneous)
         else:
             T = T_p @ model.jointPlacements[i].homogeneous
             parts = expansion(model.joints[i], model.names[i])
@@ -232,7 +239,7 @@ def plain_tree(
                 plain.damping[plain.idx_vs[parent]] = model.damping[k]
                 coordinates.append(Coordinate(unique, kind, lower, upper))  # type: ignore[arg-type]
                 T = np.eye(4)
-            at[i] = (parent, T)
+            near[i] = (parent, T)
         soften(i)
     frames: dict[str, Placement] = {"world": WORLD}
     for k, frame in sorted(enumerate(model.frames), key=lambda f: _precedence(f[1])):
