@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 from tests.identify.campaigns import SPRINGS, arm, load, random_campaign, table_of
 
@@ -167,3 +169,27 @@ def test_an_option_is_refused_in_one_line(case, folder, capfd):
 
 def test_there_are_enough_of_them():
     assert len(TABLES) >= 40
+
+
+def test_a_tool_given_by_option_is_that_point(folder, capfd, tmp_path):
+    """Measured and loaded at --point, or at M moved there by --tcp; -o would not hold it."""
+
+    def found(*options):
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as end:
+            main(["identify", str(folder / "elbow.yaml"), str(folder / "good.csv"), *options])
+        return end.value.code, *capfd.readouterr()
+
+    at_point = found("--point", "0.1,0.02,0.05", "--json")
+    by_tool = found("--tcp", "0.1,0.02,0.05", "--payload", "0.001", "--json")
+    assert at_point[0] == by_tool[0] == 0
+    sought = [[p["compliance"] for p in json.loads(out)["parameters"]]
+              for _, out, _ in (at_point, by_tool)]  # fmt: skip
+    assert sought[0] == pytest.approx(sought[1], rel=1e-9)
+    file = tmp_path / "known.yaml"
+    code, _, error = found("--tcp", "0.1,0,0", "-o", str(file))
+    assert (code, file.exists()) == (2, False)
+    assert "-o: the file written would not hold what --tcp say" in error
+    code, _, error = found("--gravity", "0,0,-3.7", "-o", str(file))
+    assert code == 0, error
+    assert "gravity: [0.0, 0.0, -3.7]\n" in file.read_text()

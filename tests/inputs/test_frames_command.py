@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -83,3 +84,11 @@ def test_json_from_the_command() -> None:
 
     result = CliRunner().invoke(command, ["delta", "--json"])
     assert json.loads(result.output)["schema"] == "cartstiff-frames/1"
+
+
+def test_postures_in_degrees(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["frames", "five-bar", "--units", "mm,deg"])
+    words, arm = capsys.readouterr().out, cartstiff.load("five-bar")
+    q = float(arm.q[list(arm.names).index("left_motor")])
+    assert f"deg, q {math.degrees(q):.6g}" in words

@@ -136,3 +136,34 @@ def test_refusals(arguments, said, tmp_path, monkeypatch):
     assert isinstance(done.exception, (CartstiffError, SystemExit))
     assert said in f"{done.output} {done.exception}"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_map_stands_in_the_report(arm, tmp_path):
+    """Its picture and range, with joints in degrees; a map of another mechanism is refused."""
+    from dataclasses import replace
+
+    from cartstiff.errors import InputError
+    from cartstiff.maps import compute_map, open_map
+    from cartstiff.maps.sampling import Axis, Grid
+    from cartstiff.mechanisms.other_units import in_units
+    from cartstiff.report.maps import map_section
+
+    grid = Grid({"j2": Axis(0.3, 0.9, 4), "j3": Axis(-1, -0.4, 3)}, arm.names, Q)
+    compute_map(arm, grid, ["condition"], tmp_path / "m.zarr", length=1.0)
+    title, text = map_section(tmp_path / "m.zarr", None, in_units(arm, "m", "deg"))
+    least = float(open_map(tmp_path / "m.zarr")["condition"].min())
+    assert title == "Map"
+    assert f"smallest {least:.5g}" in text
+    assert "postures: 12 regular" in text
+    assert "j2 [deg]" in text
+    assert text.count("<svg") == 1
+    page = report_page(arm, Q, frames=2, sections=[(title, text)])
+    assert page.index("<h2>Map</h2>") < page.index("<h2>What is assumed</h2>")
+    with pytest.raises(InputError, match="map of another mechanism; expected b, got "):
+        map_section(tmp_path / "m.zarr", None, replace(arm, name="b"))
+
+
+def test_what_the_file_says_of_its_springs_is_told():
+    arm = cartstiff.load("five-bar")
+    assert arm.source
+    assert html.escape(arm.source[:40]) in report_page(arm, frames=2)

@@ -24,5 +24,6 @@ def command(request: MechanismRequest, as_json: bool) -> None:
     """
     from cartstiff.report.frames import describe_frames, frames_of
 
-    answer = frames_of(request.at_posture())
-    tell(as_json, answer, request.mechanism, lambda: describe_frames(answer))
+    elastic = request.at_posture()
+    answer, angle = frames_of(elastic), elastic.units.shown_angle
+    tell(as_json, answer, request.mechanism, lambda: describe_frames(answer, angle))

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from cartstiff.cli.options import frame_option, parameters_option
+from cartstiff.cli.options import MechanismRequest, file_options, frame_option, tool_options
 from cartstiff.cli.output import say, tell
 from cartstiff.cli.requests.identify import (
     deviations_of,
@@ -56,8 +56,6 @@ _about_the_table = option_group(
            help="Point of the body, in its frame, at which loads act; default the measured one."),
     click.option("--axes", type=click.Choice(["base", "body", "world"]), default="base",
                  show_default=True, help="Axes of the columns mx,my,mz,fx,fy,fz."),
-    option("--gravity", type=POINT, help="Acceleration in F, m/s^2, instead of the file's: the "
-           "arm's own weight acts."),
     option("--units", metavar="UNITS", help="Units of columns without one in their head, such as "
            "mm,deg; SI otherwise."),
     click.option("--sd", metavar="COLUMN=VALUE[UNIT]", multiple=True,
@@ -123,7 +121,6 @@ class _Request:
     point: list[float] | None
     load_at: list[float] | None
     axes: str
-    gravity: list[float] | None
     units: str | None
     sd: tuple[str, ...]
     unknown: tuple[str, ...]
@@ -166,21 +163,10 @@ class _Request:
             "reject": reject_of(self.reject), "level": self.level,
         }  # fmt: skip
 
-    def mechanism(self, name: str, frame: str | None, parameters: dict[str, float]) -> Any:
-        """The mechanism that was, or is to be, measured."""
-        from cartstiff.loading import load
-
-        elastic = load(name, frame=frame, parameters=parameters)
-        if self.gravity is None:
-            return elastic
-        return elastic.with_gravity(self.gravity, where="--gravity")
-
 
 @click.command(name="identify", epilog=_EPILOG)
 @click.argument("mechanism")
 @click.argument("table", metavar="[DATA.csv]", required=False)
-@frame_option
-@parameters_option
 @gathered(option_group(_about_the_table, _about_the_fit), "request", _Request)
 @gathered(_about_a_plan, "asked", PlanRequest)
 @option(
@@ -191,8 +177,9 @@ class _Request:
 )
 @option("--plot", type=PICTURE, help="Draw the residuals against load, posture and time.")
 @json_option
+@gathered(option_group(frame_option, tool_options, file_options), "robot", MechanismRequest)
 def command(
-    mechanism: str, table: str | None, frame: str | None, parameters: dict[str, float],
+    table: str | None, robot: MechanismRequest,
     output: Path | None, plot: Path | None, as_json: bool, request: _Request, asked: PlanRequest,
 ) -> None:  # fmt: skip
     """Joint stiffness of MECHANISM from the loads and deflections in DATA.csv.
@@ -207,14 +194,16 @@ def command(
     if table is None or asked.simulate is not None:
         if output is not None or plot is not None:
             raise InputError("-o and --plot need measurements", expected="DATA.csv, measured")
-        elastic = request.mechanism(mechanism, frame, parameters)
+        elastic = robot.in_frame(robot.frame)
         if table is None:
             data, text = asked.run_plan(elastic, of_table, of_unknowns, request)
         else:
             data, text = asked.run_simulation(elastic, table, of_table, request)
-        tell(as_json, data, mechanism, text)
+        tell(as_json, data, robot.mechanism, text)
         return
-    elastic = request.mechanism(mechanism, frame, parameters)
+    if output is not None:
+        _check_written(robot)
+    elastic = robot.in_frame(robot.frame)
 
     import numpy as np
 
@@ -224,16 +213,26 @@ def command(
     measured = read_measurements(Path(table), elastic, **of_table)
     with np.errstate(all="ignore"):
         result = identify(elastic, measured, **of_unknowns, **of_fit, progress=_progress)
-    _write(result, mechanism, frame, Path(table), output, plot)
+    _write(result, robot, Path(table), output, plot)
 
     from cartstiff.report.identification import describe_identification
 
-    tell(as_json, result.as_dict(), mechanism, lambda: describe_identification(result))
+    tell(as_json, result.as_dict(), robot.mechanism, lambda: describe_identification(result))
+
+
+def _check_written(robot: MechanismRequest) -> None:
+    """Refuse to write a file that would not hold what options say of the robot."""
+    said = {"--tcp": robot.tcp, "--payload": robot.payload, "--xacro-arg": robot.xacro_args,
+            "--package-path": robot.package_path}  # fmt: skip
+    if given := [name for name, value in said.items() if value]:
+        raise InputError(
+            f"the file written would not hold what {', '.join(given)} say", where="-o",
+            expected="a mechanism file that says it, as MECHANISM",
+        )  # fmt: skip
 
 
 def _write(
-    result: Any, mechanism: str, frame: str | None, table: Path, output: Path | None,
-    plot: Path | None,
+    result: Any, robot: MechanismRequest, table: Path, output: Path | None, plot: Path | None
 ) -> None:  # fmt: skip
     """The files that were asked for."""
     from cartstiff.identify.writing import mechanism_file
@@ -242,7 +241,9 @@ def _write(
     def found() -> str:
         if output is None:
             raise TypeError("no file was asked for")
-        return mechanism_file(result, mechanism, frame, output, one_line(table.name)).decode()
+        return mechanism_file(
+            result, robot.mechanism, robot.frame, output, one_line(table.name)
+        ).decode()
 
     def drawn() -> Any:
         from cartstiff.report.figures_identification import draw_residuals

@@ -304,22 +304,22 @@ def command(
             alone = one_branch(whole, quantities[0], level, below is not None)
             single_found = share_within(alone, quantities[0], level, below is not None)
             within = single_found["within"]
-            found["single_branch"] = {
-                "places": single_found["reached"], "within": within,
-                "share": within / found["reached"] if found["reached"] else 0.0,
-            }  # fmt: skip
+            share = within / found["reached"] if found["reached"] else 0.0
+            by_one = {"places": single_found["reached"], "within": within, "share": share}
+            found["single_branch"] = by_one
         answer["below" if below else "above"] = {"quantity": quantities[0], **found}
     if picture is not None:
         from cartstiff.maps.pictures import draw_map
         from cartstiff.report.output import save_figure
 
-        save_figure(draw_map(dataset, quantities[0], kind, by=by, level=level), picture)
+        shown = {"by": by, "level": level, "angle": elastic.units.shown_angle}
+        save_figure(draw_map(dataset, quantities[0], kind, **shown), picture)
     if as_json:
         say(json.dumps(answer, allow_nan=False))
     else:
         from cartstiff.report.maps import describe_map
 
-        say(describe_map(answer))
+        say(describe_map(answer, elastic.names_with_units))
 
 
 def _check_picture(

@@ -246,9 +246,8 @@ def _check_range(values: Values, expected: str, finite: bool = False) -> None:
                              expected=f"{expected}, at least {1 / LARGEST:g}")  # fmt: skip
 
 
-#: Which robot it is, and what it carries: the same on every command, for `MechanismRequest`.
-robot_options = option_group(
-    frame_option,
+#: Tool, gravity and what is carried.
+tool_options = option_group(
     option("--tcp", type=Numbers("X,Y,Z[,R,P,Y]", 3, 6),
            help="M in the frame: position, and roll, pitch, yaw about fixed axes."),
     option("--gravity", type=POINT,
@@ -256,16 +255,25 @@ robot_options = option_group(
     option("--payload", type=PAYLOAD,
            help="A mass (kg, whatever the units) on the body and its centre in M, under the "
            "gravity of the file or option, else 9.81 m/s^2 along -z."),
-    option("--units", type=UnitList("UNITS"),
-           help="Units of numbers given and shown, such as mm,deg. A length (m, cm, mm, um, in): "
-           "then moments are in N mm, and stiffnesses in N mm/rad and N/mm; a CSV file may name "
-           "others in its head. deg: of joints, of roll, pitch, yaw, and in tables of postures. "
-           "JSON names its unit of length and has radians."),
+)  # fmt: skip
+#: How a file is read.
+file_options = option_group(
     parameters_option,
     repeated_option("--xacro-arg", "xacro_args", type=Arguments("NAME:=VALUE"),
            help="Argument of a xacro file; repeat it for several."),
     click.option("--package-path", type=click.Path(path_type=Path), metavar="FOLDER",
                  multiple=True, help="Folder in or under which ROS packages are looked for."),
+)  # fmt: skip
+#: Which robot it is, and what it carries: the same on every command, for `MechanismRequest`.
+robot_options = option_group(
+    frame_option,
+    tool_options,
+    option("--units", type=UnitList("UNITS"),
+           help="Units of numbers given and shown, such as mm,deg. A length (m, cm, mm, um, in): "
+           "then moments are in N mm, and stiffnesses in N mm/rad and N/mm; a CSV file may name "
+           "others in its head. deg: of joints, of roll, pitch, yaw, and in tables of postures. "
+           "JSON names its unit of length and has radians."),
+    file_options,
     stiffness_option,
 )  # fmt: skip
 

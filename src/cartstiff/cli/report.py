@@ -18,6 +18,8 @@ __all__ = ["command"]
 _EPILOG = """\b
 Examples:
   cartstiff report ur5 --load 0,0,0,0,0,-100 --world -o ur5.html
+  cartstiff map ur5 --grid shoulder_lift_joint=-2:0:41,elbow_joint=0.2:2.6:41 -o m.zarr
+  cartstiff report ur5 --load 0,0,0,0,0,-100 --map m.zarr -o ur5.html
   cartstiff report kr210.urdf --tcp 0,0,0.2 --payload 12 --load 0,0,0,0,0,-300 -o spindle.html
 """
 
@@ -34,7 +36,13 @@ Examples:
     "--frames", type=click.IntRange(2, 101), default=13, show_default=True,
     help="Postures along each slider of the picture in 3D.",
 )  # fmt: skip
-def command(request: MechanismRequest, applied: LoadRequest, output: Path, frames: int) -> None:
+@click.option("--map", "map_path", type=click.Path(path_type=Path), metavar="FILE",
+              help="Also show a map that `cartstiff map` computed.")  # fmt: skip
+@click.option("--quantity", metavar="NAME", help="Quantity of --map; default its first.")
+def command(
+    request: MechanismRequest, applied: LoadRequest, output: Path, frames: int,
+    map_path: Path | None, quantity: str | None,
+) -> None:  # fmt: skip
     """Write what an engineer sends on: how far the tip moves, which joint, where it is better.
 
     One HTML file with a picture in 3D, posture, load, weight, stiffness, a sweep and everything
@@ -43,14 +51,22 @@ def command(request: MechanismRequest, applied: LoadRequest, output: Path, frame
     wrench = request.balanced_wrench
     applied.check_world(load=wrench)
     applied.check_load(wrench is not None)
+    if map_path is None and quantity is not None:
+        raise InputError("is for --map", where="--quantity")
     elastic, q = request.load()
+    sections = []
+    if map_path is not None:
+        from cartstiff.report.maps import map_section
+
+        sections.append(map_section(map_path, quantity, elastic))
 
     from cartstiff.page.paper import report_page
     from cartstiff.report.output import write_whole
 
     typed = shlex.join(["cartstiff", *sys.argv[1:]])
     text = report_page(
-        elastic, q, wrench=wrench, command=typed, frames=frames, **applied.keywords(wrench)
+        elastic, q, wrench=wrench, command=typed, frames=frames, sections=sections,
+        **applied.keywords(wrench),
     ).encode()  # fmt: skip
     write_whole(output, text)
     say(f"{one_line(str(output))}: {len(text) / 1e6:.1f} MB")

@@ -54,7 +54,6 @@ def with_result(result: Identification, date: str | None = None, source: str = "
     """The mechanism with the springs found, and their covariance."""
     values = written_values(result)
     elastic = result.unknowns.mechanism(values)
-    elements = Elements(elastic)
     known = [
         p for p, e in enumerate(result.estimates) if e.compliance is not None
         and e.verdict != "negative"
@@ -82,7 +81,6 @@ def with_result(result: Identification, date: str | None = None, source: str = "
         None if np.isinf(result.degrees) else result.degrees, result.level,
         len(result.measured), date or datetime.date.today().isoformat(), source, tuple(lost), least,
     )  # fmt: skip
-    del elements
     notes = tuple(n for n in elastic.notes if n.code != "stiffness-assumed" or lost)
     return replace(elastic, identified=found, notes=notes)
 
@@ -166,6 +164,8 @@ def _data(result: Identification, mechanism: str, frame: str | None, to: Path) -
                 beside = path.parent / model
                 if beside.suffix.lower() in _ROBOTS or beside.is_file():
                     holder["model"] = _relative(beside, to)
+        if elastic.gravity is not None:
+            data["gravity"] = elastic.gravity.tolist()
         return data
     kind = elastic.mechanism.kind
     if kind not in ("serial", "closed-chain"):

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from cartstiff.errors import UnknownNameError
 from cartstiff.maps.picture_distributions import histogram, points, violin
 from cartstiff.maps.picture_grids import heat_map, line, slices
@@ -22,7 +24,7 @@ __all__ = ["KINDS", "draw_map", "heat_map", "histogram", "line", "points", "slic
 
 def draw_map(
     dataset: xarray.Dataset, quantity: str, kind: str = "auto", *, by: str | None = None,
-    level: float | None = None,
+    level: float | None = None, angle: str = "rad",
 ) -> Any:  # fmt: skip
     """Draw a map in the way that suits its dimensions, or in a given one.
 
@@ -37,9 +39,10 @@ def draw_map(
         histogram for more and for random postures.
     by : str, optional
         For "violin" and "slices": the axis, joint or direction along which the map is cut.
-
     level : float, optional
         For heat maps: a value of the quantity, in its unit, at which a line is drawn.
+    angle : str
+        What joints stand in along the axes: "rad" or "deg".
 
     Returns
     -------
@@ -53,6 +56,8 @@ def draw_map(
     InputError
         If the kind does not fit the dimensions.
     """
+    if angle == "deg":
+        dataset = _in_degrees(dataset)
     array = quantity_of(dataset, quantity)
     if kind == "auto":
         if by is not None:
@@ -69,6 +74,15 @@ def draw_map(
     if level is not None and kind == "heat":
         return heat_map(dataset, quantity, level)
     return KINDS[kind](dataset, quantity)
+
+
+def _in_degrees(dataset: xarray.Dataset) -> xarray.Dataset:
+    """The map with the angles along its axes in degrees."""
+    shown = {}
+    for name, axis in dataset.coords.items():
+        if axis.attrs.get("units") == "rad":
+            shown[name] = (axis.dims, np.degrees(axis.values), axis.attrs | {"units": "deg"})
+    return dataset.assign_coords(shown)
 
 
 #: Pictures by name.

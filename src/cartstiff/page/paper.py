@@ -6,6 +6,7 @@ import platform
 from collections.abc import Sequence
 from html import escape
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -35,23 +36,7 @@ __all__ = ["report_page"]
 # Values along the sweep of a coordinate, and how far it goes: rad, or characteristic lengths.
 _COUNT, _REACH = 21, 0.5
 _COLOURS = ("#2060c0", "#c04020", "#208040", "#8040a0", "#b08000", "#008090", "#c0307a", "#606060")
-_STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; max-width: 52rem; margin: 2rem auto; padding: 0 1rem;
-  color: #1a1a1a; background: #fff; }
-h1 { font-size: 1.5rem; margin-bottom: 0.2rem; } h2 { font-size: 1.1rem; margin-top: 1.8rem; }
-.answer { font-size: 1.1rem; border-left: 4px solid #2060c0; padding: 0.2rem 1rem; }
-table { border-collapse: collapse; font-size: 0.85rem; }
-td, th { padding: 0.15rem 0.7rem; text-align: right; border-bottom: 1px solid #ddd; }
-td:first-child, th:first-child { text-align: left; }
-iframe { width: 100%; height: 40rem; border: 1px solid #ccc; }
-svg { max-width: 100%; height: auto; } code { overflow-wrap: anywhere; }
-.quiet { color: #555; font-size: 0.85rem; }
-@media print {
-  @page { size: A4; margin: 15mm; } .screen { display: none; }
-  body { margin: 0; max-width: none; font-size: 10.5pt; }
-  section, figure, table { break-inside: avoid; }
-}
-"""
+_STYLE = Path(__file__).parent / "static" / "paper.css"
 
 
 def report_page(
@@ -64,6 +49,7 @@ def report_page(
     load_axes: Literal["body", "world"] = "body",
     command: str = "",
     frames: int = 13,
+    sections: Sequence[tuple[str, str]] = (),
 ) -> str:
     """The report as HTML text that needs nothing else.
 
@@ -80,6 +66,8 @@ def report_page(
         What the report names as the command that made it.
     frames : int
         Postures along each slider of the picture in 3D.
+    sections : sequence of (title, HTML)
+        What else it shows, after the sweep.
 
     Raises
     ------
@@ -117,6 +105,9 @@ def report_page(
             f"in the room, while one coordinate moves from here.</p><figure>{_plot(swept, elastic)}"
             "</figure></section>"
         )
+    parts += [f"<section><h2>{_text(head)}</h2>{body}</section>" for head, body in sections]
+    if elastic.source:
+        notes.insert(0, f"The file says of its numbers: {elastic.source}")
     about = [f"cartstiff {__version__}", f"Pinocchio {version('pin')}",
              f"NumPy {np.__version__}", f"Python {platform.python_version()}"]  # fmt: skip
     parts += [
@@ -126,7 +117,7 @@ def report_page(
     ]
     return (
         '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" '
-        f'content="width=device-width"><title>{_text(title)}</title><style>{_STYLE}</style>\n'
+        f'content="width=device-width"><title>{_text(title)}</title><style>\n{_STYLE.read_text("utf-8")}</style>\n'
         + "\n".join(parts) + "</html>\n"
     )  # fmt: skip
 

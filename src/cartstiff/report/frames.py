@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import degrees
 from typing import Any
 
 import numpy as np
@@ -141,8 +142,8 @@ def _legs(mechanism: Any, springs: LineSprings) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def describe_frames(answer: Mapping[str, Any]) -> str:
-    """The answer of ``cartstiff frames``, for reading."""
+def describe_frames(answer: Mapping[str, Any], angle: str = "rad") -> str:
+    """The answer of ``cartstiff frames``, for reading, with postures in "rad" or "deg"."""
     units, joints = answer["units"], answer["joints"]
     mechanism = answer["mechanism"]
     lines = [
@@ -156,7 +157,7 @@ def describe_frames(answer: Mapping[str, Any]) -> str:
         children = [j for j in joints if j["parent"] == parent]
         for i, joint in enumerate(children):
             last = i == len(children) - 1
-            lines.append(f"{indent}{'└─' if last else '├─'} {_joint_words(joint, units)}")
+            lines.append(f"{indent}{'└─' if last else '├─'} {_joint_words(joint, units, angle)}")
             deeper = indent + ("   " if last else "│  ")
             if joint["frames"]:
                 own = "M on " if joint["carries_body"] else ""
@@ -176,23 +177,27 @@ def describe_frames(answer: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _range(low: float | None, high: float | None) -> str:
-    ends = ["-inf" if low is None else f"{low:.6g}", "inf" if high is None else f"{high:.6g}"]
+def _range(low: float | None, high: float | None, size: float = 1.0) -> str:
+    ends = [
+        "-inf" if low is None else f"{low * size:.6g}",
+        "inf" if high is None else f"{high * size:.6g}",
+    ]
     return f"[{ends[0]}, {ends[1]}]"
 
 
-def _joint_words(joint: Mapping[str, Any], units: Mapping[str, str]) -> str:
+def _joint_words(joint: Mapping[str, Any], units: Mapping[str, str], angle: str) -> str:
     words = [f"{joint['name']}: {joint['type']}"]
     turns = joint["type"] != "prismatic"
+    shown, size = (
+        (angle, degrees(1.0) if angle == "deg" else 1.0) if turns else (units["length"], 1)
+    )
     if joint["follows"] is not None:
         words.append(f"follows {joint['follows']}")
     elif joint["q"] is not None:
-        words.append(
-            f"{_range(joint['lower'], joint['upper'])} {'rad' if turns else units['length']}"
-        )
-        words.append(f"q {round(joint['q'], 10):.6g}")
+        words.append(f"{_range(joint['lower'], joint['upper'], size)} {shown}")
+        words.append(f"q {round(joint['q'] * size, 10):.6g}")
         if not joint["virtual"]:
-            words.append(_spring_words(joint["spring"], units, turns))
+            words.append(_spring_words(joint["spring"], units, turns, size))
     if joint["actuated"]:
         words.append("actuated")
     if joint["virtual"]:
@@ -202,7 +207,9 @@ def _joint_words(joint: Mapping[str, Any], units: Mapping[str, str]) -> str:
     return ", ".join(words)
 
 
-def _spring_words(spring: Mapping[str, Any] | None, units: Mapping[str, str], turns: bool) -> str:
+def _spring_words(
+    spring: Mapping[str, Any] | None, units: Mapping[str, str], turns: bool, size: float
+) -> str:
     if spring is None:
         return "passive"
     if spring["rigid"]:
@@ -211,7 +218,7 @@ def _spring_words(spring: Mapping[str, Any] | None, units: Mapping[str, str], tu
         return "nonlinear spring"
     force, length = units["force"], units["length"]
     unit = f"{force} {length}/rad" if turns else f"{force}/{length}"
-    rest = "" if spring["rest"] is None else f" at rest at {spring['rest']:.6g}"
+    rest = "" if spring["rest"] is None else f" at rest at {spring['rest'] * size:.6g}"
     return f"{spring['stiffness']:.6g} {unit}{rest}"
 
 

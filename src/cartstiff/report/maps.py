@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from html import escape
+from math import degrees
+from pathlib import Path
 from typing import Any
 
-from cartstiff.errors import joined
+from cartstiff.errors import InputError, joined, one_line
+from cartstiff.figures import figure_content
+from cartstiff.maps.opening import open_map
+from cartstiff.maps.pictures import draw_map
+from cartstiff.maps.reading import quantities_of, quantity_of, summary
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.report.layout import number, table
 
-__all__ = ["describe_comparison", "describe_map"]
+__all__ = ["describe_comparison", "describe_map", "map_section"]
 
 
-def describe_map(answer: Mapping[str, Any]) -> str:
-    """The answer of ``cartstiff map``, for reading."""
+def describe_map(answer: Mapping[str, Any], coordinates: Sequence[str]) -> str:
+    """The answer of ``cartstiff map``, for reading, with the coordinates' names and units."""
     parts, units = answer["parts"], answer["units"]
     lines = [
         f"{answer['mechanism']}: {answer['postures']} postures, body frame {answer['frame']!r}, "
@@ -51,7 +59,8 @@ def describe_map(answer: Mapping[str, Any]) -> str:
     for which in ("best", "worst"):
         for name, rows in answer.get(which, {}).items():
             unit = answer["quantities"][name]["unit"]
-            lines += ["", f"{which.capitalize()} of {name} [{unit}]", *_postures(rows, units)]
+            lines += ["", f"{which.capitalize()} of {name} [{unit}]"]
+            lines += _postures(rows, units, coordinates)
     return joined(lines)
 
 
@@ -76,17 +85,21 @@ def _load(answer: Mapping[str, Any]) -> list[str]:
     return [f"K^load: the tangent under the load, {load['kind']} at ({at}): {load['meaning']}"]
 
 
-def _postures(rows: list[dict[str, Any]], units: Mapping[str, str]) -> list[str]:
+def _postures(
+    rows: list[dict[str, Any]], units: Mapping[str, str], coordinates: Sequence[str]
+) -> list[str]:
     if not rows:
         return ["  none"]
+    sizes = [degrees(1.0) if head.endswith("[deg]") else 1.0 for head in coordinates]
     half = ["half_width"] if "half_width" in rows[0] else []  # where springs were measured
-    titles = ["value", *(name.replace("_", " ") for name in half), *rows[0]["q"]]
+    titles = ["value", *(name.replace("_", " ") for name in half), *coordinates]
     titles += [f"{c} [{units['length']}]" for c in "xyz"]
     return table(
         titles,
         [
             [number(row["value"]), *(number(row[name], 3) for name in half),
-             *(number(x) for x in (*row["q"].values(), *row["position"]))]
+             *(number(q * s) for q, s in zip(row["q"].values(), sizes, strict=True)),
+             *(number(x) for x in row["position"])]
             for row in rows
         ],
     )  # fmt: skip
@@ -106,3 +119,33 @@ def describe_comparison(answer: Mapping[str, Any], words: str) -> str:
     if answer["differs"]:
         lines += ["What else differs", *(f"  {words}" for words in answer["differs"])]
     return joined(lines)
+
+
+def map_section(path: Path, quantity: str | None, elastic: ElasticMechanism) -> tuple[str, str]:
+    """Title and HTML of a map's quantity, by default its first: picture, range, command.
+
+    Raises
+    ------
+    InputError
+        For a map of another mechanism, or one that cannot be read.
+    UnknownNameError
+        If it has no such quantity.
+    """
+    dataset = open_map(path)
+    about = dataset.attrs
+    if about["mechanism"] != elastic.name:
+        raise InputError("is the map of another mechanism", where="--map", expected=elastic.name,
+                         got=one_line(about["mechanism"]))  # fmt: skip
+    name = quantity or quantities_of(dataset)[0]
+    words = quantity_of(dataset, name).attrs
+    figure = draw_map(dataset, name, angle=elastic.units.shown_angle)
+    drawn, found = figure_content(figure, ".svg").decode(), summary(dataset)
+    ends = ", ".join(
+        f"{end} {number(found['quantities'][name][end])} {words['units']}"
+        for end in ("smallest", "largest")
+    )
+    states = ", ".join(f"{count} {state}" for state, count in found["states"].items())
+    text = f"{words['long_name']}: {ends}; postures: {states}."
+    if about.get("command"):
+        text += f" Made by {one_line(about['command'], 400)}"
+    return "Map", f"<figure>{drawn[drawn.index('<svg') :]}</figure><p>{escape(text)}</p>"
