@@ -11,7 +11,7 @@ import click
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import say
 from cartstiff.cli.types import OutputFile, option
-from cartstiff.errors import one_line
+from cartstiff.errors import InputError, one_line
 
 __all__ = ["command"]
 
