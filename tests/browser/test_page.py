@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -281,6 +283,22 @@ def test_a_sweep_is_plotted_and_followed(ur5):
     settled(ur5)
     q = ur5.evaluate("() => window.cartstiff.numbers.result.q")
     assert 2.0 < q[2] < np.pi, "the elbow follows the cursor"
+    # What stands under the pointer, and the plot as files that say what they show.
+    values = np.linalg.eigvalsh(cartstiff.analyse(cartstiff.load("ur5"), q).matrices["K"][3:, 3:])
+    words = ur5.inner_text(".reading").split(": ")[1].split(" ")[0].rstrip(",")
+    assert float(words) == pytest.approx(values[0], rel=1e-4)
+    kept = {}
+    for kind in ("svg", "csv"):
+        with ur5.expect_download() as waiting:
+            ur5.select_option("select[aria-label='Save the plot']", kind)
+        kept[kind] = Path(waiting.value.path()).read_text(encoding="utf-8")
+        assert "ur5, frame tool0" in kept[kind]
+        assert f"cartstiff {cartstiff.__version__}" in kept[kind]
+    rows = [line.split(",") for line in kept["csv"].splitlines() if line[0] != "#"]
+    assert rows[0] == ["elbow_joint [rad]", "least [N/m]", "middle [N/m]", "largest [N/m]"]
+    row = min(rows[1:], key=lambda r: abs(float(r[0]) - q[2]))
+    assert [float(x) for x in row[1:]] == pytest.approx(values, rel=1e-8)
+    assert ElementTree.fromstring(kept["svg"]).tag.endswith("svg")
     ur5.keyboard.press("p")
     ur5.wait_for_function("(before) => window.cartstiff.numbers.result.q[2] !== before", arg=q[2])
     ur5.keyboard.press("p")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gzip
 import json
 import random
 import socket
@@ -56,6 +57,18 @@ def test_the_page_and_its_files(page):
     for path in ("page/main.js", "page/style.css", "viewer.js"):
         assert get(page.url, path)[0] == 200
     assert page.url.startswith("http://127.0.0.1:")
+
+
+def test_files_are_small_on_the_way_and_not_sent_twice(page):
+    _, body, headers = get(page.url, "viewer.js")
+    assert headers["Cache-Control"] == "private, no-cache"
+    packed = get(page.url, "viewer.js", **{"Accept-Encoding": "gzip"})
+    assert gzip.decompress(packed[1]) == body
+    assert len(packed[1]) < 0.3 * len(body)
+    again = {"Accept-Encoding": "gzip", "If-None-Match": packed[2]["Etag"]}
+    assert get(page.url, "viewer.js", **again)[:2] == (304, b"")
+    # The page itself, whose address is a secret, is not kept.
+    assert get(page.url)[2]["Cache-Control"] == "no-store"
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,11 @@ the same origin. Each tab has its own `Session`.
 from __future__ import annotations
 
 import asyncio
+import gzip
 import secrets
 import socket
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -49,9 +51,21 @@ class _File(Guarded):
             f"img-src 'self' data: blob:; connect-src 'self' ws://{host}; base-uri 'none'; "
             f"form-action 'none'; frame-ancestors {_FRAMES}",
         )
+        self.set_header("Vary", "Accept-Encoding")
+        if self.request.path != "/":
+            # The same for everybody: kept by the browser, which asks whether it still holds.
+            self.set_header("Cache-Control", "private, no-cache")
+        if "gzip" in self.request.headers.get("Accept-Encoding", ""):
+            self.set_header("Content-Encoding", "gzip")
+            content = _zipped(content)
         self.finish(content)
 
     head = get
+
+
+@cache
+def _zipped(content: bytes) -> bytes:
+    return gzip.compress(content, 6, mtime=0)
 
 
 def _listening(host: str, port: int) -> socket.socket:

@@ -3,12 +3,16 @@
 import { byId, clamp, el, short, toast } from "./dom.js";
 import { CLOSE } from "./numerics.js";
 
+// From so many sliders on there is a field to find one.
+const MANY = 10;
 const DEGREES = 180 / Math.PI;
 
 export function posePanel(store) {
   const rows = [];
   const list = el("div", { class: "sliders" });
   const legs = el("div", { class: "legs" });
+  const filter = el("input", { type: "search", class: "filter", placeholder: "Find a joint", "aria-label": "Find a joint", hidden: true,
+    oninput: () => narrow() });
   const unitButton = el("button", {
     type: "button", title: "Degrees or radians (d)", class: "quiet",
     onclick: () => setAngle(store.angle === "deg" ? "rad" : "deg"),
@@ -25,7 +29,7 @@ export function posePanel(store) {
       zero,
       random,
       el("span", { class: "grow" }), back, pin),
-    list, legs);
+    filter, list, legs);
   byId("left").append(panel);
 
   function button(text, title, onclick) {
@@ -50,11 +54,19 @@ export function posePanel(store) {
       rows.push(row);
       list.append(row.node);
     }
+    filter.hidden = sliders.length < MANY;
+    filter.value = "";
     const passive = coordinates.length - sliders.length;
     if (passive) list.append(el("p", { class: "dim small" },
       `${passive} more coordinates follow from the closures and the links that give.`));
     setAngle(store.angle);
     showPinned();
+  }
+
+  /** Show the coordinates whose names hold what is looked for. */
+  function narrow() {
+    const wanted = filter.value.trim().toLowerCase();
+    for (const { node, index } of rows) node.hidden = !store.hello.mechanism.coordinates[index].name.toLowerCase().includes(wanted);
   }
 
   function update() {

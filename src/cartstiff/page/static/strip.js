@@ -1,7 +1,8 @@
 // Principal values along a sweep of one coordinate or along a trajectory, with a linked cursor.
 
-import { byId, choice, clamp, el, short } from "./dom.js";
+import { byId, choice, clamp, download, el, short } from "./dom.js";
 import { BLANK } from "./numerics.js";
+import { drawing, provenance, saveDrawing, table } from "./plotfiles.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 export const MARGIN = { left: 52, right: 12, top: 8, bottom: 18 };
@@ -39,12 +40,15 @@ export function strip(store) {
   const time = el("input", { type: "range", id: "time", min: 0, max: 1, step: 1, value: 0, "aria-label": "Time" });
   const label = el("span", { class: "num small time-label" });
   const again = el("button", { type: "button", class: "quiet", hidden: true, title: "The posture or the load has changed since this was computed", onclick: () => request(true) }, "↻ compute");
+  const save = el("select", { "aria-label": "Save the plot", class: "save", title: "The plot as a file, with what it shows", onchange: () => keep(save.value) },
+    ...[["", "Save"], ["svg", "SVG"], ["csv", "CSV"], ["png1", "PNG"], ["png2", "PNG × 2"], ["png4", "PNG × 4"]].map(([value, text]) => el("option", { value }, text)));
+  const reading = el("div", { class: "tip reading", role: "status", hidden: true });
   const plot = svg("svg", { role: "img", class: "plot" });
   const cursor = svg("line", { class: "cursor" });
   byId("strip").append(
     el("div", { class: "row" }, el("span", { class: "dim" }, "Along"), what, freedoms, again,
-      el("span", { class: "grow" }), label),
-    plot,
+      el("span", { class: "grow" }), label, save),
+    plot, reading,
     el("div", { class: "row time-row" }, play, time));
 
   time.addEventListener("input", () => go(time.valueAsNumber));
@@ -55,7 +59,9 @@ export function strip(store) {
   });
   plot.addEventListener("pointermove", (event) => {
     if (plot.hasPointerCapture(event.pointerId)) follow(event);
+    read(event);
   });
+  plot.addEventListener("pointerleave", () => { reading.hidden = true; });
   // Asking for a size after a change has the whole page laid out: it is kept instead.
   let [width, height] = [0, 0];
   new ResizeObserver(() => {
@@ -63,15 +69,49 @@ export function strip(store) {
     draw();
   }).observe(plot);
 
-  function follow(event) {
+  /** The values under a pointer, in words. */
+  function read(event) {
+    reading.hidden = !series;
+    if (!series) return;
+    const k = nearest(event);
+    const values = series.rows[k]?.[freedom];
+    reading.textContent = `${atText(series.at[k])}: ${values ? `${values.map((x) => short(x, 5)).join(", ")} ${unitOf()}` : "nothing exists here"}`;
+    const strip = byId("strip").getBoundingClientRect();
+    reading.style.left = `${clamp(event.clientX - strip.left + 12, 4, strip.width - reading.offsetWidth - 6)}px`;
+    reading.style.top = `${clamp(event.clientY - strip.top - 30, 2, strip.height - 26)}px`;
+  }
+
+  const unitOf = () => store.blockUnits()[freedom === "translation" ? 1 : 0][freedom === "translation" ? 1 : 0];
+
+  /** The plot as a file. */
+  function keep(kind) {
+    save.value = "";
+    if (!series || !kind) return;
+    const title = `Principal ${store.state.quantity} of ${freedom} [${unitOf()}] along ${what.selectedOptions[0].text}`;
+    const name = `${store.hello.mechanism.name}-${freedom}`.replaceAll(/[^\w.-]+/g, "_");
+    const lines = provenance(store, title);
+    if (kind === "csv") {
+      const along = series.kind === "sweep" ? `${what.selectedOptions[0].text} [${store.hello.mechanism.coordinates[series.coordinate].unit}]`
+        : store.hello.trajectory.timed ? "time [s]" : "posture";
+      const names = [along, ...["least", "middle", "largest"].map((word) => `${word} [${unitOf()}]`)];
+      const rows = series.at.map((x, k) => [x, ...(series.rows[k]?.[freedom] ?? [null, null, null])]);
+      return download(`${name}.csv`, table(lines, names, rows), "text/csv");
+    }
+    const legend = ["line: least value; dashes: middle; dots: largest; grey: nothing exists; hatched: a value is negative"];
+    saveDrawing(kind, name, drawing(plot, lines, legend));
+  }
+
+  function nearest(event) {
     const box = plot.getBoundingClientRect();
     const share = (event.clientX - box.left - MARGIN.left) / (box.width - MARGIN.left - MARGIN.right);
     const [first, last] = [series.at[0], series.at.at(-1)];
     const wanted = first + clamp(share, 0, 1) * (last - first);
     let best = 0;
     series.at.forEach((x, i) => { if (Math.abs(x - wanted) < Math.abs(series.at[best] - wanted)) best = i; });
-    go(best);
+    return best;
   }
+
+  const follow = (event) => go(nearest(event));
 
   /** Take the mechanism to a place of the series. */
   function go(index) {
@@ -206,7 +246,7 @@ export function strip(store) {
     if (!series || width < 80 || height < 40) return;
     const lines = [0, 1, 2].map((k) => series.rows.map((row) => row?.[freedom]?.[k] ?? null));
     const positive = lines.flat().filter((x) => x !== null && x > 0);
-    const unit = store.blockUnits()[freedom === "translation" ? 1 : 0][freedom === "translation" ? 1 : 0];
+    const unit = unitOf();
     plot.replaceChildren();
     if (!positive.length) {
       const other = store.state.quantity === "stiffness" ? "the stiffness does not exist here; the compliance may" : "the compliance does not exist here";

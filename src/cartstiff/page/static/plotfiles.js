@@ -1,0 +1,73 @@
+// A plot as a file: SVG, PNG of one to four times its size, CSV; each says what it shows and of what.
+
+import { download, full, toast } from "./dom.js";
+
+const SVG_SPACE = "http://www.w3.org/2000/svg";
+// What a style sheet says of a line or a word, which a file must say itself.
+const OWN = ["fill", "stroke", "stroke-width", "stroke-dasharray", "opacity", "font-size", "font-family", "font-weight", "paint-order"];
+const ROW = 14;
+
+/** What a plot is of: mechanism, state and program, in lines. */
+export function provenance(store, title) {
+  const { state, hello } = store;
+  const { mechanism } = hello;
+  const q = mechanism.coordinates.map(({ name }, i) => `${name}=${store.numbers.result.q[i].toPrecision(6)}`).join(" ");
+  const load = state.load ? `, load (${state.load.join(", ")}) ${state.load_kind}, ${state.load_axes === "body" ? "tool" : "room"} axes` : "";
+  const springs = state.stiffness ? `, springs (${state.stiffness.map((k) => k ?? "rigid").join(", ")})` : "";
+  return [
+    title,
+    `${mechanism.name}, frame ${mechanism.frame}, point (${state.point.join(", ")}), ${state.axes === "body" ? "tool" : "room"} axes, connection ${state.connection}${load}${springs}`,
+    `posture ${q}`,
+    `cartstiff ${hello.version}`,
+  ];
+}
+
+/** A plot on the page as a drawing of its own, what it shows below. */
+export function drawing(plot, lines, legend) {
+  const { clientWidth: width, clientHeight: height } = plot;
+  const copy = plot.cloneNode(true);
+  const [from, to] = [plot, copy].map((node) => [...node.querySelectorAll("*")]);
+  from.forEach((node, i) => {
+    const style = getComputedStyle(node);
+    to[i].setAttribute("style", OWN.map((name) => `${name}:${style.getPropertyValue(name)}`).join(";"));
+  });
+  const ink = getComputedStyle(plot).color;
+  const paper = getComputedStyle(plot.parentElement).backgroundColor;
+  const words = [lines[0], ...legend, ...lines.slice(1)];
+  const fit = Math.min(11, ...words.map((text) => (1.75 * (width - 12)) / Math.max(1, text.length)));
+  const total = height + ROW * (words.length + 0.6);
+  const ground = document.createElementNS(SVG_SPACE, "rect");
+  for (const [name, value] of Object.entries({ width, height: total, fill: paper })) ground.setAttribute(name, value);
+  copy.prepend(ground);
+  words.forEach((text, i) => {
+    const line = document.createElementNS(SVG_SPACE, "text");
+    for (const [name, value] of Object.entries({ x: 6, y: height + ROW * (i + 1), "font-size": fit, "font-family": "sans-serif", fill: ink })) line.setAttribute(name, value);
+    line.textContent = text;
+    copy.append(line);
+  });
+  for (const [name, value] of Object.entries({ xmlns: SVG_SPACE, width, height: total, viewBox: `0 0 ${width} ${total}` })) copy.setAttribute(name, value);
+  copy.removeAttribute("class");
+  return { text: `<?xml version="1.0"?>\n${new XMLSerializer().serializeToString(copy)}\n`, width, height: total };
+}
+
+/** Rows of numbers, every digit, under comments and a line of names. */
+export function table(lines, names, rows) {
+  const cell = (x) => (x === null || x === undefined ? "" : full(x).replace("\u2212", "-"));
+  return [...lines.map((line) => `# ${line}`), names.join(","), ...rows.map((row) => row.map(cell).join(","))].join("\n") + "\n";
+}
+
+export async function saveDrawing(kind, name, { text, width, height }) {
+  if (kind === "svg") return download(`${name}.svg`, text, "image/svg+xml");
+  const times = Number(kind.slice(3));
+  const image = new Image();
+  image.src = `data:image/svg+xml;charset=utf-8,${encodeURIComponent(text)}`;
+  try {
+    await image.decode();
+  } catch {
+    return toast("This browser does not draw the plot as a picture; SVG holds it");
+  }
+  const canvas = document.createElement("canvas");
+  [canvas.width, canvas.height] = [Math.round(times * width), Math.round(times * height)];
+  canvas.getContext("2d").drawImage(image, 0, 0, canvas.width, canvas.height);
+  canvas.toBlob((blob) => download(`${name}.png`, blob), "image/png");
+}
