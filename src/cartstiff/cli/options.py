@@ -140,7 +140,8 @@ class MechanismRequest:
     def load(self) -> tuple[Any, Any]:
         """The elastic mechanism, and its coordinates or None for the default posture."""
         elastic = self.in_frame(self.frame)
-        q = self._coordinates(elastic)
+        q, notes = self._coordinates(elastic)
+        elastic = elastic.with_notes(*notes)
         names = elastic.spring_names
         are_lines = names != elastic.names
         stiffness = rest = None
@@ -200,15 +201,11 @@ class MechanismRequest:
             bare = load(self.mechanism, **tool, **given)
         return in_units(bare, length, self.units.get("angle", "rad"))
 
-    def _coordinates(self, elastic: Any) -> Any:
-        """Coordinates from --q, --pose or --lengths; None without any."""
+    def _coordinates(self, elastic: Any) -> tuple[Any, tuple[Any, ...]]:
+        """Coordinates from --q, --pose or --lengths, None without any; and notes on them."""
         mechanism = elastic.mechanism
-        if self.pose is not None:
-            if mechanism.kind not in ("stewart-gough", "springs"):
-                raise InputError("is for platforms", where="--pose",
-                                 expected=f"--q for {mechanism.kind}")  # fmt: skip
-            if self.q is not None:
-                raise InputError("give --q or --pose, not both")
+        if self.pose is not None and self.q is not None:
+            raise InputError("give --q or --pose, not both")
         if self.lengths is not None:
             from cartstiff.mechanisms.platform import Platform
 
@@ -219,10 +216,18 @@ class MechanismRequest:
             if len(self.lengths) != len(elastic.spring_names):
                 raise InputError("wrong count", where="--lengths", got=len(self.lengths),
                                  expected=f"{len(elastic.spring_names)} numbers")  # fmt: skip
-            return mechanism.forward_kinematics(self.lengths, elastic.q)
+            return mechanism.forward_kinematics(self.lengths, elastic.q), ()
         if self.pose is not None:
-            return self.turned(self.pose)
-        return None if self.q is None else self.radians(self.q.of(elastic.names), elastic)
+            from cartstiff.geometry import se3
+            from cartstiff.kinematics.at_pose import at_pose
+
+            x = (*(self.turned(self.tcp) or ()), *[0.0] * 6)[:6]
+            try:
+                return at_pose(elastic, self.turned(self.pose) or (),
+                               se3.from_roll_pitch_yaw(x[:3], x[3:]))  # fmt: skip
+            except InputError as error:
+                raise error.moved_to("--pose") from None
+        return None if self.q is None else self.radians(self.q.of(elastic.names), elastic), ()
 
 
 def _scaled(value: Any, size: float) -> Any:
@@ -294,7 +299,8 @@ def mechanism_options(
         click.argument("mechanism"),
         posture,
         option("--pose", type=Numbers("X,Y,Z,R,P,Y", 6),
-               help="Posture of a platform: position and roll, pitch, yaw about fixed axes."),
+               help="Posture of a platform, or of a body on legs: position and roll, pitch, yaw "
+               "about fixed axes."),
         option("--lengths", type=Numbers("L1,...,L6"),
                help="Posture of a six-legged platform by its leg lengths, near the file's pose."),
         robot_options,

@@ -19,7 +19,8 @@ class Search:
     Attributes
     ----------
     starts : int
-        Starts of the search, of each leg where legs were searched one by one.
+        Starts of the search, of each leg where legs were searched one by one; 0 where all of them
+        were known in closed form.
     legs : tuple of int
         Solutions found of each leg; empty where the mechanism was searched as a whole.
     found : int
@@ -35,11 +36,12 @@ class Search:
 
     def __str__(self) -> str:
         legs = " x ".join(map(str, self.legs))
+        how = f"{self.starts} starts a leg" if self.starts else "in closed form"
         whole = f"{self.found} found, {self.starts} starts"
         if legs:
             equal = prod(self.legs) == self.found
             combined = f"{legs} solutions of the legs" + ("" if equal else ", by pose of the body")
-            whole = f"{self.found} found: {combined}, {self.starts} starts a leg"
+            whole = f"{self.found} found: {combined}, {how}"
         return whole + (
             f"; the nearest {self.listed} are listed" if self.listed < self.found else ""
         )

@@ -27,6 +27,7 @@ from cartstiff.kinematics.platform_poses import Free
 from cartstiff.kinematics.self_motions import settled
 from cartstiff.mechanisms.chain import Chain, Closure
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.tree import Placement
 from cartstiff.mechanisms.tree_building import part_of
 from cartstiff.potentials.springs import JointSprings
@@ -77,6 +78,28 @@ class Leg(NamedTuple):
     after: Array
     hangs: bool
     free: Free
+    closed: PlacedLeg | None = None
+
+    def is_known(self, near: Array) -> bool:
+        """Whether the solutions with the leg's links undeformed follow from a closed form."""
+        return self.closed is not None and not any(near[sorted(self.chain.virtual)].tolist())
+
+    def in_closed_form(self, poses: Array, near: Array, tolerance: float) -> list[Array]:
+        """Solutions at poses of M, within the limits."""
+        if self.closed is None:
+            return []
+        solver, shape = self.solver, self.closed.shape
+        rows = np.array([j for j in range(len(near)) if j not in self.chain.virtual])
+        found: list[list[Array]] = [[] for _ in poses]
+        for mode in shape.modes:
+            own, missed = shape.inverse(poses @ self.closed.T_M_end, mode)
+            for i in np.flatnonzero(missed <= tolerance):
+                q = near.copy()
+                q[rows] = own[i]
+                q = np.where(solver.periodic, solver.within(q[None])[0], q)
+                if np.all((q >= solver.lower) & (q <= solver.upper)):
+                    found[i].append(q)
+        return [np.array(own).reshape(-1, len(near)) for own in found]
 
     def solutions(
         self, T_F_M: Array, begin: Array, near: Array, free: Free, tolerance: float
@@ -92,6 +115,9 @@ class Leg(NamedTuple):
             total: Array = np.linalg.norm(d, axis=-1)
             return total
 
+        if free == "none" and self.is_known(near):
+            known = self.in_closed_form(T_F_M, near, tolerance)
+            return [q[np.argsort(away(q), kind="stable")] for q in known]
         cost = away if solver.redundancy(free) else None
         found = searched(solver, target, np.clip(begin, solver.lower, solver.upper), free,
                          tolerance, cost)  # fmt: skip
@@ -216,7 +242,9 @@ def _leg(
         telling |= set(np.flatnonzero(springs.stiffness).tolist()) | springs.rigid
         telling |= set(springs.laws)
     told = np.array([i for c, i in index.items() if c in telling], int)
-    return Leg(solver, part, columns, told, before, after, hangs, free)
+    real = tuple(c for c in columns.tolist() if c not in chain.virtual)
+    closed = next((known for known in chain.legs if known.columns == real), None)
+    return Leg(solver, part, columns, told, before, after, hangs, free, closed)
 
 
 def working_modes(
@@ -260,11 +288,13 @@ def working_modes(
         ]
     poses = np.array([T for _, _, T in cases]).reshape(-1, 4, 4)
     others = [solved(leg, poses, leg.free) for leg in legs[1:]]
+    known = free == "none" and all(leg.is_known(near[leg.columns]) for leg in legs)
+    starts = 0 if known else len(begin)
     result = []
     for i in range(len(wanted)):
         own = [k for k, case in enumerate(cases) if case[0] == i]
         sets = [[cases[k][1], *(part[k] for part in others)] for k in own]
-        result.append(_combined(legs, sets, near, len(begin), most))
+        result.append(_combined(legs, sets, near, starts, most))
     return result
 
 

@@ -217,6 +217,10 @@ class ElasticMechanism(ShownInLines):
         """The same mechanism with more potentials on it."""
         return replace(self, potentials=(*self.potentials, *potentials))
 
+    def with_notes(self, *notes: Note) -> ElasticMechanism:
+        """The same mechanism with more notes."""
+        return replace(self, notes=(*self.notes, *notes)) if notes else self
+
     def with_payload(self, mass: float, point: ArrayLike = (0.0, 0.0, 0.0)) -> ElasticMechanism:
         """The same mechanism with a point mass [kg] fixed to a point (3,) of M.
 

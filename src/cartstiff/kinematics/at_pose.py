@@ -1,0 +1,230 @@
+r"""The posture of a machine with a pose of its body: what ``--pose`` asks for.
+
+Legs that are known in closed form are solved by it, in the working mode of the default posture.
+Other closed chains go there by Newton's method from the default posture. A body with fewer than six
+freedoms cannot take every pose: as many of its coordinates x, y, z, roll, pitch, yaw as it has
+freedoms are taken from the pose, the others follow, and a note says which.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff import numerics
+from cartstiff.arrays import checked_pose, checked_vector
+from cartstiff.errors import InputError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.kinematics.inverse import inverse_kinematics
+from cartstiff.mechanisms.chain import Chain, ChainPosture
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note, checked_elastic
+from cartstiff.mechanisms.leg_shapes import PlacedLeg
+from cartstiff.mechanisms.platform import Platform
+
+__all__ = ["COORDINATES", "at_pose"]
+
+#: What a pose is given by: the position, and angles about fixed axes.
+COORDINATES = ("x", "y", "z", "roll", "pitch", "yaw")
+
+# Steps of Newton's method at the most, and the longest (rad, or characteristic lengths).
+_STEPS, _LONGEST = 200, 0.1
+
+
+def at_pose(
+    elastic: ElasticMechanism, pose: ArrayLike, tool: ArrayLike | None = None
+) -> tuple[Array, tuple[Note, ...]]:
+    """Coordinates at which the body has a pose, and notes on what of the pose is not met.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        A platform, or a body carried by legs; its working mode is that of its default posture.
+    pose : array_like, shape (6,)
+        x, y, z, roll, pitch, yaw (about fixed axes) of the body in F; lengths in the mechanism's
+        unit, rad.
+    tool : array_like, shape (4, 4), optional
+        Pose of M in the body, where M is elsewhere.
+
+    Returns
+    -------
+    q : ndarray (n,)
+        Coordinates.
+    notes : tuple of Note
+        ``pose-follows`` where the body has fewer than six freedoms and its pose differs from what
+        was asked for.
+
+    Raises
+    ------
+    InputError
+        If the pose cannot be reached: which leg is too short, or how far away the body stays.
+    """
+    wanted = checked_vector(pose, 6, "pose")
+    T_P_M = np.eye(4) if tool is None else checked_pose(tool, "tool")
+    chain = checked_elastic(elastic).mechanism
+    if isinstance(chain, Platform):
+        return wanted, ()
+    if not isinstance(chain, Chain) or not chain.closures:
+        raise InputError("is for platforms and bodies carried by legs", where="pose",
+                         expected=f"q for {chain.kind}")  # fmt: skip
+    T = se3.from_roll_pitch_yaw(wanted[:3], wanted[3:]) @ T_P_M
+    search = _Search(elastic, chain, T_P_M)
+    q = search.by_legs(T)
+    if q is not None:
+        return q, ()
+    free = search.freedoms()
+    if len(free) == 6:
+        q = None if chain.legs else search.by_steps(wanted, free)
+        if q is None and not (short := search.short(T)):
+            found = inverse_kinematics(elastic, T, most=1)
+            q = np.array(found[0]) if len(found) else None
+        if q is None:
+            raise _refusal(short or f"a place that was not found from {elastic.name}'s posture")
+        return q, ()
+    q = search.by_steps(wanted, free)
+    if q is None:
+        names = ", ".join(COORDINATES[i] for i in free)
+        raise _refusal(search.short(T) or f"{names} that the body does not take together")
+    reached = search.coordinates(chain.at(q))
+    if chain.legs and (again := search.by_legs(search.at(q).pose)) is not None:
+        q = again
+    off = _difference(wanted, reached)
+    if np.all(np.abs(off) <= numerics.CLOSE * search.sizes):
+        return q, ()
+    return q, (_note(elastic, wanted, reached, free),)
+
+
+def _refusal(got: str) -> InputError:
+    return InputError("the pose cannot be reached", expected="a pose that every leg reaches",
+                      got=got)  # fmt: skip
+
+
+def _difference(a: Array, b: Array) -> Array:
+    d = a - b
+    d[3:] = (d[3:] + np.pi) % (2.0 * np.pi) - np.pi
+    return np.asarray(d)
+
+
+def _note(elastic: ElasticMechanism, wanted: Array, reached: Array, free: list[int]) -> Note:
+    units = [elastic.units.length] * 3 + ["rad"] * 3
+    follow = [i for i in range(6) if i not in free]
+    reached = np.where(np.abs(reached) < numerics.LAST_DIGITS, 0.0, reached)
+    shown = [f"{COORDINATES[i]} = {reached[i]:.6g} {units[i]} ({wanted[i]:.6g} was given)"
+             for i in follow]  # fmt: skip
+    taken = ", ".join(COORDINATES[i] for i in free)
+    words = f"the body has {len(free)} freedoms: {taken} are those of the pose; the others follow: "
+    values = {
+        "free": [COORDINATES[i] for i in free],
+        "follow": {COORDINATES[i]: float(reached[i]) for i in follow},
+        "given": {COORDINATES[i]: float(wanted[i]) for i in follow},
+    }
+    return Note("pose-follows", words + ", ".join(shown), values)
+
+
+class _Search:
+    """Ways to postures of a chain with closures."""
+
+    def __init__(self, elastic: ElasticMechanism, chain: Chain, T_P_M: Array) -> None:
+        self.chain, self.q = chain, np.array(elastic.q, float)
+        self.T_P_M = T_P_M
+        self.rows = sum(c.rows.stop - c.rows.start for c in chain.closures)  # not rigid joints'
+        self.movable = np.array([j not in chain.virtual for j in range(self.q.size)], float)
+        start = self.at(self.q)
+        self.start = start
+        self.columns = start.coordinate_lengths * self.movable
+        #: Natural sizes of x, y, z, roll, pitch, yaw.
+        self.sizes = np.repeat([start.length, 1.0], 3)
+
+    def at(self, q: Array) -> ChainPosture:
+        """Posture at coordinates."""
+        return self.chain.at(q)
+
+    def coordinates(self, posture: ChainPosture) -> Array:
+        """x, y, z, roll, pitch, yaw of the body."""
+        T = posture.pose @ se3.inverse(self.T_P_M)
+        return np.concatenate([T[:3, 3], se3.roll_pitch_yaw(T)])
+
+    def rates(self, posture: ChainPosture) -> Array:
+        """Their derivatives (6, n) by the coordinates."""
+        T = posture.pose @ se3.inverse(self.T_P_M)
+        twists = se3.adjoint(self.T_P_M) @ posture.motion.jacobian
+        roll, pitch, _ = se3.roll_pitch_yaw(T)
+        sr, cr, sp, cp = np.sin(roll), np.cos(roll), np.sin(pitch), np.cos(pitch)
+        E = np.array([[1.0, 0.0, -sp], [0.0, cr, sr * cp], [0.0, -sr, cr * cp]])
+        turning = np.linalg.pinv(E, rcond=numerics.RANK) @ twists[:3]
+        return np.concatenate([T[:3, :3] @ twists[3:], turning])
+
+    def _closing(self, posture: ChainPosture) -> tuple[Array, Array]:
+        residual, closure = posture.residual, posture.closure
+        if residual is None or closure is None:
+            return np.zeros(0), np.zeros((0, self.q.size))
+        return residual[: self.rows], closure.jacobian[: self.rows]
+
+    def by_legs(self, T: Array) -> Array | None:
+        """Closed form at a pose of M; None where there is none, or it does not lead there."""
+        chain = self.chain
+        if len(chain.legs) != len(chain.closures) + 1:
+            return None
+        q = self.q.copy()
+        for leg in chain.legs:
+            row, missed = leg.shape.inverse((T @ leg.T_M_end)[None], self._mode(leg))
+            if not missed[0] <= numerics.REACHED:
+                return None
+            q[list(leg.columns)] = row[0]
+        posture = self.at(q)
+        gap = np.abs(self._closing(posture)[0]).max(initial=0.0)
+        away = np.abs(posture.pose - T).max()
+        return q if max(gap, away) <= numerics.REACHED * max(1.0, posture.length) else None
+
+    def _mode(self, leg: PlacedLeg) -> int:
+        return leg.mode(self.q, self.start.pose)
+
+    def short(self, T: Array) -> str:
+        """Which leg does not reach a pose of M, in words; empty if all do."""
+        for i, leg in enumerate(self.chain.legs):
+            missing = leg.shape.short_of((T @ leg.T_M_end)[:3, 3])
+            if missing > 0.0:
+                name = self.chain.names[leg.driven].partition("/")[0] or f"leg {i + 1}"
+                return f"{name}, which is {missing:.3g} {self.chain.units.length} too short"
+        return ""
+
+    def freedoms(self) -> list[int]:
+        """Coordinates of the pose that are free of each other, positions first."""
+        _, C = self._closing(self.start)
+        C = C * self.columns
+        C = C / np.max(np.abs(C), axis=1, keepdims=True, initial=numerics.TINY)
+        _, values, Vt = np.linalg.svd(C[:, self.movable > 0.0])
+        motions = Vt[numerics.rank(values) :].T
+        rates = (self.rates(self.start) * self.columns)[:, self.movable > 0.0] @ motions
+        rates = rates / self.sizes[:, None]
+        count = numerics.rank(np.linalg.svd(rates, compute_uv=False))
+        every = [list(c) for c in combinations(range(6), count)]
+        scores = [float(np.linalg.svd(rates[c], compute_uv=False).min(initial=1.0)) for c in every]
+        return next(c for c, s in zip(every, scores, strict=True)
+                    if s >= numerics.NEAR * max(scores))  # fmt: skip
+
+    def by_steps(self, wanted: Array, free: list[int]) -> Array | None:
+        """Newton's method from the default posture; None where it does not get there."""
+        posture, best = self.start, np.inf
+        for _ in range(_STEPS):
+            gap, C = self._closing(posture)
+            off = _difference(wanted, self.coordinates(posture))
+            left = off[free] / self.sizes[free]
+            size = max(np.abs(gap).max(initial=0.0), np.abs(left).max(initial=0.0))
+            if size <= numerics.REACHED and size >= 0.5 * best:
+                return posture.q
+            best = min(best, size)
+            # The body goes a bounded way at once, so that the closures are met on it.
+            shorter = min(1.0, _LONGEST / max(float(np.abs(left).max(initial=0.0)), numerics.TINY))
+            rates = self.rates(posture)[free] / self.sizes[free][:, None]
+            A = np.concatenate([C, rates]) * self.columns
+            b = np.concatenate([-gap, shorter * left])
+            step = np.linalg.lstsq(A, b, rcond=numerics.LEAST_EFFORT)[0]
+            largest = float(np.abs(step).max(initial=0.0))
+            if not np.isfinite(largest):
+                return None
+            scale = min(1.0, 0.5 / max(largest, numerics.TINY))
+            posture = self.at(posture.q + self.columns * step * scale)
+        return posture.q if best <= numerics.REACHED else None

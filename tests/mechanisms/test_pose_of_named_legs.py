@@ -1,0 +1,119 @@
+"""`--pose` for bodies on legs: there in closed form, or as far as the freedoms go, and said so."""
+
+from __future__ import annotations
+
+import json
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import cartstiff
+from cartstiff.cli.main import main
+from cartstiff.errors import InputError
+from cartstiff.kinematics.at_pose import COORDINATES, at_pose
+from cartstiff.kinematics.inverse import inverse_kinematics
+
+EXACT = 1e-10
+#: What of a pose is free, by machine.
+FREE = {
+    "6-pus": "x y z roll pitch yaw", "hexaglide": "x y z roll pitch yaw",
+    "6-rus": "x y z roll pitch yaw", "3-rps": "z roll pitch", "3-prs": "z roll pitch",
+    "tricept": "x y z", "orthoglide": "x y z", "4-rrr": "x y yaw", "delta": "x y z",
+    "6-ups": "x y z roll pitch yaw", "five-bar": "x y",
+}  # fmt: skip
+
+
+def pose_numbers(T: np.ndarray) -> np.ndarray:
+    angles = Rotation.from_matrix(T[:3, :3]).as_euler("xyz")
+    return np.concatenate([T[:3, 3], angles])
+
+
+@pytest.mark.parametrize("name", FREE)
+def test_the_free_coordinates_are_met_and_the_others_follow(name: str) -> None:
+    machine = cartstiff.load(name)
+    home = pose_numbers(machine.mechanism.at(machine.q).pose)
+    wanted = home + 0.02 * np.cos(1.0 + np.arange(6))
+    q, notes = at_pose(machine, wanted)
+    posture = machine.mechanism.at(q)
+    assert np.abs(posture.residual).max() < EXACT
+    free = [COORDINATES.index(c) for c in FREE[name].split()]
+    reached = pose_numbers(posture.pose)
+    assert np.abs((reached - wanted)[free]).max() < EXACT
+    if len(free) == 6:
+        assert notes == ()
+        return
+    (note,) = notes
+    assert note.code == "pose-follows"
+    assert note.values["free"] == FREE[name].split()
+    assert set(note.values["follow"]) == set(COORDINATES) - set(FREE[name].split())
+    for c, x in note.values["follow"].items():
+        assert x == pytest.approx(reached[COORDINATES.index(c)], abs=EXACT)
+    # A pose that the body can take is met as a whole.
+    again, notes = at_pose(machine, reached)
+    assert notes == ()
+    assert np.abs(pose_numbers(machine.mechanism.at(again).pose) - reached).max() < EXACT
+
+
+def test_the_working_mode_is_kept() -> None:
+    machine = cartstiff.load("hexaglide")
+    q, _ = at_pose(machine, [0.05, 0.02, -0.4, 0.05, -0.1, 0.1])
+    P = machine.mechanism.at(q).pose
+    for leg in machine.mechanism.legs:
+        assert leg.mode(q, P) == leg.mode(machine.q, machine.mechanism.at(machine.q).pose)
+
+
+def test_all_working_modes_of_six_cranks() -> None:
+    """In closed form the 64 that random starts find, and nothing is searched for."""
+    machine = cartstiff.load("6-rus")
+    T = machine.mechanism.at(machine.q).pose
+    found = inverse_kinematics(machine, T)
+    assert len(found) == 64
+    assert "in closed form" in str(found.search)
+    cranks = [leg.driven for leg in machine.mechanism.legs]
+    values = [np.unique(found[:, j].round(9)) for j in cranks]
+    assert [len(v) for v in values] == [2] * 6
+    assert {tuple(row) for row in found[:, cranks].round(9)} == set(product(*values))
+    for q in found:
+        posture = machine.mechanism.at(q)
+        assert np.abs(posture.residual).max() < EXACT
+        assert np.abs(posture.pose - T).max() < EXACT
+
+
+@pytest.mark.parametrize(
+    ("name", "pose", "words"),
+    [
+        ("6-pus", [0.6, 0, 0.5, 0, 0, 0], r"leg\d, which is 0\.\d+ m too short"),
+        ("6-rus", [0, 0, 0.6, 0, 0, 0], r"leg\d, which is 0\.\d+ m too short"),
+        ("orthoglide", [0.5, 0, 0, 0, 0, 0], r"leg\d, which is 0\.\d+ m too short"),
+        ("ur5", [0.3, 0, 0.5, 0, 0, 0], "platforms and bodies carried by legs"),
+    ],
+)
+def test_what_is_out_of_reach_is_refused(name: str, pose: Any, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        at_pose(cartstiff.load(name), pose)
+
+
+def _run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as exit_:
+        main(list(arguments))
+    out, error = capsys.readouterr()
+    return int(exit_.value.code or 0), out, error
+
+
+def test_on_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = _run(capsys, "analyse", "3-rps", "--pose", "0,0,0.65,0.1,0,0.2", "--json")
+    assert code == 0
+    answer = json.loads(out)
+    assert answer["pose"][2][3] == pytest.approx(0.65, abs=EXACT)
+    assert "pose-follows" in [note["code"] for note in answer["notes"]]
+    _, out, _ = _run(capsys, "analyse", "6-pus", "--pose", "10,0,550,5,0,0", "--units", "mm,deg",
+                     "--tcp", "0,0,100", "--json")  # fmt: skip
+    # The pose is the body's; the tool stands 100 mm above it, tilted by 5 degrees.
+    tool = [10, -100 * np.sin(np.pi / 36), 550 + 100 * np.cos(np.pi / 36)]
+    assert np.array(json.loads(out)["pose"])[:3, 3] == pytest.approx(tool, abs=1e-8)
+    code, _, err = _run(capsys, "analyse", "6-pus", "--pose", "0.6,0,0.5,0,0,0")
+    assert code == 2
+    assert "--pose: the pose cannot be reached" in err
