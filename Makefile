@@ -66,7 +66,9 @@ test: export CARTSTIFF_REQUIRE_BROWSER := 1
 test: export CARTSTIFF_BUILT_DOCS := docs/_build/html
 test: $(DEV)
 	@tools/provide_browser.sh $(PY) || true
-	@$(MAKE) --no-print-directory --keep-going lint format-check types docs pytest
+	@$(MAKE) --no-print-directory --keep-going lint format-check types & checks=$$!; ok=0; \
+	  $(MAKE) --no-print-directory docs || ok=1; wait $$checks || ok=1; \
+	  $(MAKE) --no-print-directory pytest || ok=1; exit $$ok
 
 lint: $(DEV)
 	@echo "== ruff check"

@@ -43,15 +43,15 @@ def test_first_order_agrees_with_draws_on_the_cubic_platform() -> None:
     """On a posture without symmetry; principal values that meet have no derivative."""
     result = cartstiff.analyse(cartstiff.load("cubic"), [0.05, 0.03, -0.04, 0.2, -0.1, 0.3])
     tolerances = Tolerances(0.02, 2e-4)
-    first, drawn = uncertain(result, tolerances), uncertain(result, tolerances, 240)
-    assert drawn["samples"] == 240
+    first, drawn = uncertain(result, tolerances), uncertain(result, tolerances, 120)
+    assert drawn["samples"] == 120
     assert drawn["failures"] == {}
     for name in (
         "stiffness[0, 0]", "stiffness[3, 3]", "stiffness[0, 4]", "centres.stiffness[0]",
         "centres.compliance[2]", "indices.determinant", f"{HELD}[0]", f"{HELD}[2]",
     ):  # fmt: skip
         a, b = first["numbers"][name], drawn["numbers"][name]
-        assert b["deviation"] == pytest.approx(a["deviation"], rel=0.12), name
+        assert b["deviation"] == pytest.approx(a["deviation"], rel=0.15), name
         assert a["mean"] is None  # to first order there is none
         assert abs(b["mean"] - a["nominal"]) < 0.2 * a["deviation"], name
 
