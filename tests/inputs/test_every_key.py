@@ -185,6 +185,21 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
             ("inertia", [[0.2, 0, 0], [0, 0.3, 0], [0, 0, 0.4]]),
         )
     },
+    **{
+        f"LinesLegs.{key}": (PLATFORM, ("legs", key), value, {})
+        for key, value in (
+            ("base_joints", {"axis": [0, 0, 1], "angle": 0.1}),
+            ("platform_joints", {"axis": [0, 0, -1], "angle": 0.1}),
+            ("diameter", 0.5), ("force", [0.0, 0.1]),
+        )
+    },
+    **{
+        f"LegJointsModel.{key}": (
+            PLATFORM, ("legs", "base_joints", key), value,
+            {"legs": PLATFORM["legs"] | {"base_joints": {"axis": [0, 0, 1], "angle": 0.1}}},
+        )
+        for key, value in (("axis", [0, 1, 1]), ("angle", 0.2))
+    },
     "LinesLegs.limits": (PLATFORM, ("legs", "limits"), [[0.1, 0.2]] * 6, {}),
     "LineModel.frames": (ARM, ("lines", 0, "frames"), ["world", "fore"], TAUT),
     "LineModel.points": (ARM, ("lines", 0, "points"), [[0, 0, 2], [0, 0, 0]], TAUT),

@@ -76,19 +76,19 @@ class PlatformPoses:
         return q, np.array([self._excess(row)[1] <= 0.0 for row in q], bool)
 
     def _excess(self, q: Array) -> tuple[int, float]:
-        """The leg that is beyond its limits most, and by how much."""
+        """Number of the limit that is broken most, and by how much."""
         if not len(self.limits):
             return 0, 0.0
         beyond = self.limits.excess(self.limits.values(q, self.platform.pose_of(q)))
-        leg = int(np.argmax(beyond))
-        return int(self.limits.columns[leg]), float(beyond[leg])
+        worst = int(np.argmax(beyond))
+        return worst, float(beyond[worst])
 
     def beyond_limits(self, poses: Array, free: Free) -> tuple[str, float] | None:
         """The leg that is beyond its limits most, at the pose where that is least."""
         starts = np.tile(self.start, (len(poses), 1))
         worst = [self._excess(q) for q in self.solve(poses, starts, free)[0]]
-        leg, amount = min(worst, key=lambda found: found[1])
-        return f"leg{leg + 1}", amount
+        limit, amount = min(worst, key=lambda found: found[1])
+        return self.limits.names[limit], amount
 
     def self_motions(self, q: Array, free: Free, dimension: int) -> Array:
         """Changes of the coordinates (N, 6, d) with the free turn, to first order."""

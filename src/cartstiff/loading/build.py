@@ -21,6 +21,7 @@ from cartstiff.loading.parts import (
     put_together,
     tree_to,
 )
+from cartstiff.loading.platforms.leg_limits import leg_limits_of
 from cartstiff.loading.plausible import stretched
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.schema import (
@@ -152,6 +153,7 @@ def build_platform(file: PlatformFile | SpringsFile, where: str, name: str) -> E
         mass_centre=centre,
         inertia=inertia,
         struts=_struts(file, m, where),
+        leg_limits=leg_limits_of(file, T_P_M, where),
     )
     T_F_M = T_F_P @ T_P_M
     try:

@@ -39,6 +39,7 @@ __all__ = [
     "FoundModel",
     "IdentifiedModel",
     "JointSpringModel",
+    "LegJointsModel",
     "LegMassModel",
     "LegModel",
     "LineModel",
@@ -230,6 +231,20 @@ class FlexibleModel(FileModel):
         return self
 
 
+_Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
+
+
+class LegJointsModel(FileModel):
+    """Universal or spherical joints at one end of the legs, and how far they turn."""
+
+    axis: Annotated[
+        Vector | Vectors,
+        Field(description="middle direction of the leg seen from the joint, or one per leg; in F "
+              "at the base, in P at the platform"),
+    ]  # fmt: skip
+    angle: Annotated[_PerLeg, Field(description="largest angle of the leg from it, rad")]
+
+
 class LinesLegs(FileModel):
     """Springs in the legs; one number for all or one per leg."""
 
@@ -245,6 +260,15 @@ class LinesLegs(FileModel):
     limits: Annotated[
         list[Annotated[list[Positive], Field(min_length=2, max_length=2)]] | None,
         Field(description="[shortest, longest] of each leg"),
+    ] = None
+    base_joints: LegJointsModel | None = None
+    platform_joints: LegJointsModel | None = None
+    diameter: Annotated[
+        _PerLeg | None, Field(description="of the legs, which must not touch each other")
+    ] = None
+    force: Annotated[
+        _Pair | list[_Pair] | None,
+        Field(description="[least, largest] tension, or one pair per leg; compression below zero"),
     ] = None
     mass: LegMassModel | None = None
     damping: Annotated[

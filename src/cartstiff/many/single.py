@@ -25,7 +25,7 @@ from cartstiff.arrays import NamedArrays, checked_vector
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
-from cartstiff.mechanisms.limits import limit_notes
+from cartstiff.mechanisms.limits import force_notes, limit_notes
 from cartstiff.mechanisms.weighed import weighed
 from cartstiff.potentials.contract import Evaluation, Potential
 from cartstiff.potentials.line_springs import LineSprings
@@ -162,8 +162,15 @@ class QuickPosture(PostureStiffness):
             if not self.posture.coordinates_are_pose:
                 near += near_serial(self.posture, scaled_values(self.posture))
         return (
-            *self._asked.notes, *near, *limit_notes(mechanism, self), *self._code.notes_on_weight,
+            *self._asked.notes, *near, *limit_notes(mechanism, self), *self._forces,
+            *self._code.notes_on_weight,
         )  # fmt: skip
+
+    @property
+    def _forces(self) -> list[Note]:
+        """Notes of forces of legs; only where they have limits is the engine asked for them."""
+        legs = getattr(self._asked.mechanism, "leg_limits", None)
+        return [] if legs is None or legs.forces is None else force_notes(self.elastic, self)
 
 
 class _Code:

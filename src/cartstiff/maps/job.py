@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff import numerics
-from cartstiff.errors import ConvergenceError
+from cartstiff.errors import CartstiffError, ConvergenceError
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.engine import NOT_ASSEMBLED, REGULAR
 from cartstiff.many.postures import Postures, analyse_many
@@ -27,7 +27,8 @@ from cartstiff.maps.quantities import Quantity, Settings, choose_quantities, eva
 from cartstiff.maps.sampling import Grid, Sampling
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.limits import Limits
+from cartstiff.mechanisms.limits import Limits, force_notes
+from cartstiff.stiffness.compute import analyse
 from cartstiff.vibration.many_modes import ManyModes
 
 __all__ = ["BEYOND", "STATES", "UNREACHABLE", "MapJob"]
@@ -289,7 +290,23 @@ class MapJob:
         """Which postures (N,) are beyond limits."""
         limits = self._limits
         sides = limits.side(limits.values(q, poses))
-        return np.asarray(sides.any(axis=-1))
+        beyond = np.asarray(sides.any(axis=-1))
+        legs = getattr(self.elastic.mechanism, "leg_limits", None)
+        if legs is not None and legs.forces is not None:  # they depend on the load as well
+            for i in np.flatnonzero(~beyond):
+                beyond[i] = self._is_force_beyond(q[i])
+        return beyond
+
+    def _is_force_beyond(self, q: Array) -> bool:
+        load = self.settings.load
+        try:
+            found = analyse(
+                self.elastic, q, wrench=self.wrench, load_kind=load.kind, load_at=load.at,
+                load_axes=self.load_axes,
+            )  # fmt: skip
+        except CartstiffError:
+            return False  # what is wrong there has a name of its own
+        return bool(force_notes(found.elastic, found.posture))
 
     def _cost(self, q: Array) -> Array:
         """The first quantity, turned so that less is better."""

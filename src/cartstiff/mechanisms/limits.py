@@ -1,4 +1,8 @@
-r"""What is within limits: decided here, for joints and for the legs of platforms."""
+r"""What is within limits: decided here, for joints and for the legs of platforms.
+
+Lengths of legs are limits that the mechanism comes to rest on; angles of their joints, distances
+between them and their forces are limits of what may be used.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +15,11 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Mechanism
-from cartstiff.mechanisms.elastic import Note
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.potentials.line_springs import LineSprings, line_geometry
 
-__all__ = ["Limits", "finite", "limit_notes"]
+__all__ = ["Limits", "finite", "force_notes", "limit_notes", "tensions_of"]
 
 #: A limit is kept to within this share of the quantity, or of its natural size: rounding.
 _SLACK = numerics.LIMIT_SLACK
@@ -34,7 +39,7 @@ class _Placed(Protocol):
 
 
 class Limits:
-    """The limits of a mechanism: of its coordinates, or of a platform's leg lengths.
+    """The limits of a mechanism: of its coordinates, or of a platform's legs.
 
     Parameters
     ----------
@@ -42,6 +47,8 @@ class Limits:
         Its infinite limits are left out.
     ignore : bool
         Leave all limits out.
+    contacts : bool
+        Only those that the mechanism can come to rest on: joints, lengths of legs.
 
     Attributes
     ----------
@@ -51,11 +58,15 @@ class Limits:
         Bounds, in rad or length units.
     columns : ndarray of int (m,)
         Coordinates, or legs, that are limited.
+    are_angles : ndarray of bool (m,)
+        Of a platform: which are angles of joints of its legs.
     legs : Platform or None
         Whose legs are limited.
     """
 
-    def __init__(self, mechanism: Mechanism, ignore: bool = False) -> None:
+    def __init__(
+        self, mechanism: Mechanism, ignore: bool = False, *, contacts: bool = False
+    ) -> None:
         self.legs = mechanism if isinstance(mechanism, Platform) else None
         names = list(mechanism.bounds)
         pairs = np.array(list(mechanism.bounds.values()), float).reshape(-1, 2)
@@ -65,6 +76,15 @@ class Limits:
         self.lower = pairs[self.columns, 0]
         self.upper = pairs[self.columns, 1]
         self._each = [(int(j), *map(float, pairs[j])) for j in self.columns]
+        self.are_angles = np.zeros(len(self.columns), bool)
+        self._more = None if self.legs is None or contacts or ignore else self.legs.leg_limits
+        if self.legs is not None and self._more is not None:
+            rows = self._more.rows(self.legs.anchors, self.legs.points)
+            self.names += tuple(name for name, *_ in rows)
+            self.lower = np.append(self.lower, [low for _, low, _, _ in rows])
+            self.upper = np.append(self.upper, [high for _, _, high, _ in rows])
+            self.are_angles = np.append(self.are_angles, [angle for *_, angle in rows])
+            self._each += [(-1, low, high) for _, low, high, _ in rows]
 
     def __len__(self) -> int:
         return len(self.names)
@@ -75,7 +95,11 @@ class Limits:
             return np.asarray(q[..., self.columns])
         ends = self.legs.points[self.columns] @ pose[..., :3, :3].swapaxes(-1, -2)
         lines = ends + pose[..., None, :3, 3] - self.legs.anchors[self.columns]
-        return np.asarray(np.linalg.norm(lines, axis=-1))
+        lengths = np.asarray(np.linalg.norm(lines, axis=-1))
+        if self._more is None:
+            return lengths
+        more = self._more.values(self.legs.anchors, self.legs.points, pose)
+        return np.concatenate([lengths, more], axis=-1)
 
     def holds(self, q: Array, pose: Array) -> bool:
         """Whether everything is within its limits at one posture, to the last digit."""
@@ -145,6 +169,11 @@ def limit_notes(mechanism: Mechanism, posture: _Placed, what: str = "") -> list[
     sides = limits.side(values)
     if sides.any():
         angles = {c.name: c.type == "revolute" for c in mechanism.coordinates}
+        angles |= (
+            dict(zip(limits.names, limits.are_angles.tolist(), strict=True))
+            if (limits.legs is not None)
+            else {}
+        )
         found: dict[str, Mapping[str, float | None]] = {}
         words = []
         degrees = False
@@ -163,3 +192,44 @@ def limit_notes(mechanism: Mechanism, posture: _Placed, what: str = "") -> list[
             Note("many-turns", f"{what}several turns: {'; '.join(words)}{_DEGREES}", turned)
         )
     return notes
+
+
+def tensions_of(elastic: ElasticMechanism, posture: _Placed) -> Array | None:
+    """Tensions (m,) of the legs of a platform at a posture; None of other mechanisms.
+
+    Their rest lengths must be known, or NaN is what they exert.
+    """
+    springs = elastic.springs
+    if not isinstance(springs, LineSprings) or not isinstance(elastic.mechanism, Platform):
+        return None
+    lengths = line_geometry(posture.pose, springs.anchors, springs.points).lengths
+    return springs.tensions(lengths)
+
+
+def force_notes(elastic: ElasticMechanism, posture: _Placed) -> list[Note]:
+    """A note of legs that pull or push beyond their limits at a posture.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        With the rest lengths that are used.
+    posture : MechanismPosture
+        Anything with `q` and `pose`.
+    """
+    platform = elastic.mechanism
+    if not isinstance(platform, Platform) or platform.leg_limits is None:
+        return []
+    bounds, tensions = platform.leg_limits.forces, tensions_of(elastic, posture)
+    if bounds is None or tensions is None:
+        return []
+    slack = numerics.LIMIT_SLACK * np.abs(tensions).max(initial=0.0)
+    found: dict[str, Mapping[str, float | None]] = {}
+    words = []
+    for i, (t, (low, high)) in enumerate(zip(tensions.tolist(), bounds.tolist(), strict=True)):
+        if not low - slack <= t <= high + slack:
+            unit = platform.units.force
+            words.append(f"leg{i + 1} has {t:.6g} {unit}, its limits are {low:.6g} and {high:.6g}")
+            found[f"leg{i + 1}"] = finite({"value": t, "lower": low, "upper": high})
+    if not found:
+        return []
+    return [Note("force-limits", f"forces of legs beyond limits: {'; '.join(words)}", found)]

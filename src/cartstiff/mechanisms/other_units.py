@@ -145,6 +145,8 @@ def _platform(platform: Platform, a: float, units: Units) -> Platform:
     other.T_P_M = _moved(platform.T_P_M, a)
     other.body_inertia = platform.body_inertia * np.outer(*(np.repeat([a, 1.0], 3),) * 2)
     other.limits = None if platform.limits is None else platform.limits * a
+    if platform.leg_limits is not None:
+        other.leg_limits = platform.leg_limits.in_units(a)
     other.length = platform.length * a
     if platform.struts is not None:
         s = platform.struts

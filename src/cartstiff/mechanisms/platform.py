@@ -25,6 +25,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import SI, Coordinate, Mechanism, MechanismPosture, Units
+from cartstiff.mechanisms.leg_limits import LegLimits
 from cartstiff.mechanisms.struts import Struts
 from cartstiff.potentials.contract import Evaluation, Map
 from cartstiff.potentials.line_springs import LineGeometry, line_geometry, second_derivative
@@ -149,6 +150,8 @@ class Platform(Mechanism):
         About its mass centre, along the axes of P; kg and the unit of length squared.
     struts : Struts, optional
         Masses of the legs; none by default.
+    leg_limits : LegLimits, optional
+        Limits besides the lengths; its platform axes in the frame of interest.
     """
 
     def __init__(
@@ -164,6 +167,7 @@ class Platform(Mechanism):
         mass_centre: ArrayLike = (0.0, 0.0, 0.0),
         inertia: ArrayLike | None = None,
         struts: Struts | None = None,
+        leg_limits: LegLimits | None = None,
     ) -> None:
         self.kind = kind
         self.frame = "platform"
@@ -191,6 +195,7 @@ class Platform(Mechanism):
             self.mass, self.mass_centre, T_M_P[:3, :3] @ about @ T_M_P[:3, :3].T
         )
         self.struts = struts
+        self.leg_limits = leg_limits
         self.coordinates = tuple(
             Coordinate(name, "prismatic" if i < 3 else "revolute") for i, name in enumerate(_POSE)
         )

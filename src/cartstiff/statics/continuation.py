@@ -105,7 +105,7 @@ def load_curve(
         loads = (*loads, kind.acting(wrench, posture.pose, load_axes))
     if held is not None:
         held = (held if isinstance(held, Held) else Held(held)).at_start(posture)
-    limits = Limits(elastic.mechanism)
+    limits = Limits(elastic.mechanism, contacts=True)
     start = solve(System(elastic, fixed, held), q)
     path = LoadPath(elastic, loads, fixed, held, abs(to))
     upwards = np.zeros(start.point.posture.coordinate_lengths.size + 1)

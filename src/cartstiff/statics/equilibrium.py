@@ -117,7 +117,9 @@ def equilibrium(
     if wrench is not None:
         loads = (*loads, kind.acting(wrench, start.pose, load_axes))
     chosen = None if elastic.identified is None else chosen_forces(given, elastic, start)
-    system = System(elastic, loads, held, Limits(elastic.mechanism, ignore=not limits))
+    system = System(
+        elastic, loads, held, Limits(elastic.mechanism, ignore=not limits, contacts=True)
+    )
     stages = 1
     try:
         solution = solve(system, q, iterations=iterations, settle=settle)

@@ -278,7 +278,7 @@ def _verdict(
 
 def _note_limits(elastic: ElasticMechanism, rest: Array, index: int, notes: list[Note]) -> None:
     """Commands that the joints, or the legs of a platform, cannot take."""
-    limits = Limits(elastic.mechanism)
+    limits = Limits(elastic.mechanism, contacts=True)
     commands = rest[limits.columns]
     for i in np.flatnonzero(limits.side(commands)):
         name, r = limits.names[i], float(commands[i])

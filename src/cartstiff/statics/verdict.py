@@ -9,7 +9,7 @@ from cartstiff.arrays import read_only
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
-from cartstiff.mechanisms.limits import limit_notes
+from cartstiff.mechanisms.limits import Limits, force_notes, limit_notes
 from cartstiff.mechanisms.weighed import weighed
 from cartstiff.numerics import EPSILON, IDLE
 from cartstiff.potentials.springs import JointSprings
@@ -49,8 +49,10 @@ def state_of_rest(
         words = ". The limits act from there on: the displacement begins with the way back to them"
         beyond = [Note(n.code, n.message + words, n.values) for n in beyond]
     notes += beyond
-    if not len(system.limits):
+    beside = Limits(system.elastic.mechanism)
+    if not len(system.limits) or len(beside) > len(system.limits):
         notes += limit_notes(system.elastic.mechanism, point.posture, "at rest: ")
+    notes += force_notes(system.elastic, point.posture)
     notes += system.elastic.remarks(point.posture)
     notes += weighed(system.elastic).notes
     notes += _drowned(system.elastic, point)

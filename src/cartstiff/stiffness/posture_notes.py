@@ -10,7 +10,7 @@ from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
-from cartstiff.mechanisms.limits import limit_notes
+from cartstiff.mechanisms.limits import force_notes, limit_notes
 from cartstiff.mechanisms.weighed import weighed
 from cartstiff.potentials.contract import Evaluation
 from cartstiff.stiffness.reduction import Reduction
@@ -32,6 +32,7 @@ def notes_on_posture(
         *near_type_2(posture, reduction.motions),
         *elastic.remarks(posture),
         *limit_notes(elastic.mechanism, posture),
+        *force_notes(elastic, posture),
         *(() if elastic.gravity is None else weighed(elastic).notes),
     )
 

@@ -1,0 +1,1 @@
+"""What mechanism files say of platforms."""

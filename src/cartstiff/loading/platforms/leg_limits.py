@@ -1,0 +1,71 @@
+"""Limits of legs, from the mechanism file."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cartstiff.errors import InputError
+from cartstiff.geometry.se3 import Array
+from cartstiff.loading.schema import LegJointsModel, PlatformFile, SpringsFile
+from cartstiff.mechanisms.leg_limits import LegLimits
+
+__all__ = ["leg_limits_of"]
+
+
+def leg_limits_of(file: PlatformFile | SpringsFile, T_P_M: Array, where: str) -> LegLimits | None:
+    """Limits of joint angles, distances and forces; None without any.
+
+    Raises
+    ------
+    InputError
+        For counts that differ from that of the legs, axes without a direction, and force limits
+        the wrong way round.
+    """
+    legs, m = file.legs, len(file.base)
+    base_axes, base_angles = _joints(legs.base_joints, m, f"{where}, key legs.base_joints")
+    axes, angles = _joints(legs.platform_joints, m, f"{where}, key legs.platform_joints")
+    diameters = None
+    if legs.diameter is not None:
+        diameters = _each(legs.diameter, m, f"{where}, key legs.diameter")
+    forces = None
+    if legs.force is not None:
+        given = np.array(legs.force, float)
+        forces = np.broadcast_to(given, (m, 2)) if given.ndim == 1 else given
+        place = f"{where}, key legs.force"
+        if len(forces) != m:
+            raise InputError("wrong count", where=place, expected=f"{m} pairs", got=len(forces))
+        if np.any(forces[:, 0] > forces[:, 1]):
+            raise InputError("limits are the wrong way round", where=place,
+                             expected="[least, largest]", got=legs.force)  # fmt: skip
+        if np.any(forces[:, 1] < 0.0) and getattr(file, "unilateral", False):
+            raise InputError("cables cannot push", where=place, expected="0 or more",
+                             got=legs.force)  # fmt: skip
+    if all(part is None for part in (base_axes, axes, diameters, forces)):
+        return None
+    in_body = None if axes is None else axes @ T_P_M[:3, :3]
+    return LegLimits(base_axes, base_angles, in_body, angles, diameters, forces)
+
+
+def _each(value: Any, m: int, where: str) -> Array:
+    found = np.asarray(value, float)
+    if found.ndim == 1 and len(found) != m:
+        raise InputError("wrong count", where=where, expected=f"{m} numbers, one per leg",
+                         got=len(found))  # fmt: skip
+    return np.broadcast_to(found, (m,)).copy()
+
+
+def _joints(given: LegJointsModel | None, m: int, where: str) -> tuple[Array | None, Array | None]:
+    """Unit axes (m, 3) and largest angles (m,)."""
+    if given is None:
+        return None, None
+    axes = np.array(given.axis, float)
+    if axes.ndim == 2 and len(axes) != m:
+        raise InputError("wrong count", where=f"{where}.axis", expected=f"{m} axes, one per leg",
+                         got=len(axes))  # fmt: skip
+    axes = np.broadcast_to(axes, (m, 3))
+    sizes = np.linalg.norm(axes, axis=1)
+    if not sizes.min() > 0.0:
+        raise InputError("an axis has no direction", where=f"{where}.axis", got=given.axis)
+    return axes / sizes[:, None], _each(given.angle, m, f"{where}.angle")
