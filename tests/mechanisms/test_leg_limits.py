@@ -122,7 +122,7 @@ def test_an_equilibrium_names_them_and_stops_at_lengths_only(tmp_path):
 
 
 def test_a_map_leaves_out_what_is_beyond(tmp_path):
-    legs = {"base_joints": {"axis": [0, 0, 1], "angle": 0.75}}
+    legs = {"base_joints": {"axis": [0, 0, 1], "angle": 0.9}}
     elastic = _load(tmp_path, legs)
     path = tmp_path / "map.zarr"
     grid = cartstiff.Grid({"x": cartstiff.Axis(-0.4, 0.4, 9)}, elastic.names, elastic.q)
