@@ -123,6 +123,7 @@ RESET = """() => {
     document.querySelector('[data-value="whole"]').click();
     document.activeElement.blur();
     if (store.pinned) store.unpin();
+    store.readIn(null);
     store.change({ ...structuredClone(store.hello.state), theme: store.state.theme, moved: null });
 }"""
 

@@ -202,6 +202,18 @@ def test_a_cell_says_all_its_digits(ur5):
     ur5.focus('.cell[data-row="0"][data-column="0"]')
     ur5.keyboard.press("ArrowDown")
     assert "moment about y per rotation about x" in ur5.inner_text(".readout")
+    # Translations in micrometres; all else stays.
+    ur5.select_option("select[aria-label='Unit of translations']", "\u00b5m")
+    read = K.copy()
+    read[3:, 3:] *= 1e-6
+    assert close(matrix(ur5), read)
+    row = ur5.locator('[data-row-of="translation"]')
+    assert "N/\u00b5m" in row.inner_text()
+    shown = [float(text) for text in row.locator("td").all_inner_texts()]
+    assert np.allclose(shown, np.linalg.eigvalsh(K[3:, 3:]) * 1e-6, rtol=SHOWN)
+    ur5.wait_for_function("() => window.location.hash.includes('lengths=')")
+    ur5.select_option("select[aria-label='Unit of translations']", "m")
+    assert close(matrix(ur5), K)
 
 
 def test_a_singular_posture_is_said(ur5):

@@ -109,11 +109,13 @@ export function matrixPanel(store) {
   }
   table.append(el("thead", {}, headRow), body);
   const readout = el("div", { class: "readout", role: "status" });
+  const lengths = el("select", { "aria-label": "Unit of translations", class: "units", title: "Unit in which translations are read",
+    onchange: () => store.readIn(lengths.value) });
   const absent = el("p", { class: "absent-words", hidden: true });
   byId("right").append(el("div", { class: "card" },
     el("div", { class: "row" }, title, place, el("span", { class: "grow" }), views, select),
     table, absent,
-    el("div", { class: "row" }, readout, el("span", { class: "grow" }),
+    el("div", { class: "row" }, readout, el("span", { class: "grow" }), lengths,
       el("button", { type: "button", class: "quiet", title: "Copy as NumPy array (c)", onclick: () => copyNumpy() }, "NumPy"),
       el("button", { type: "button", class: "quiet", title: "Copy as CSV", onclick: () => copyCsv() }, "CSV"))));
   chooseView(view);
@@ -151,15 +153,19 @@ export function matrixPanel(store) {
   }
   const scaleWords = "colour: sign and size within blocks of one unit";
 
+  /** A matrix in the units in which it is read. */
+  const scaled = (M) => M && M.map((row, i) => row.map((x, j) => (i > 2 && j > 2 ? store.read(x) : x)));
+
   function chosen() {
-    const M = store.matrix(store.state.connection);
+    const M = scaled(store.matrix(store.state.connection));
     if (!M) return null;
     const map = (f) => M.map((row, i) => row.map((x, j) => f(x, i, j)));
     if (view === "symmetric") return map((x, i, j) => (x + M[j][i]) / 2);
     if (view === "antisymmetric") return map((x, i, j) => (x - M[j][i]) / 2);
     if (view === "difference") {
       const N = other === "posture" ? store.pinned?.numbers && store.matrix(store.state.connection, store.pinned.numbers) : store.matrix(other);
-      return N && map((x, i, j) => x - N[i][j]);
+      const other6 = scaled(N);
+      return other6 && map((x, i, j) => x - other6[i][j]);
     }
     return M;
   }
@@ -190,7 +196,7 @@ export function matrixPanel(store) {
     absent.hidden = shown !== null;
     table.classList.toggle("empty", shown === null);
     if (shown === null) absent.textContent = reason(store, symbol);
-    paint(cells, shown, store.matrix(connection));
+    paint(cells, shown, scaled(store.matrix(connection)));
     showReadout();
   }
 
@@ -205,6 +211,12 @@ export function matrixPanel(store) {
     copy(`# ${title.textContent} ${place.textContent}; ${blockWords(store)}\n${shown.map((row) => row.map(String).join(",")).join("\n")}\n`, "CSV");
   }
 
+  store.on("hello", () => lengths.replaceChildren(...store.lengths.map((unit) =>
+    el("option", { value: unit, selected: unit === store.fine }, unit))));
+  store.on("units", () => {
+    lengths.value = store.fine ?? store.unit("length");
+    update();
+  });
   store.on("numbers", update);
   store.on("pinned", update);
   return { copyNumpy, update };

@@ -76,6 +76,8 @@ export function numbersPanel(store) {
     return { value, nodes: [el("dt", {}, name), value] };
   }
 
+  const reading = (kind, x) => (kind === "translation" ? store.read(x) : x);
+
   function update() {
     const { numbers, state } = store;
     if (!numbers) return;
@@ -89,9 +91,9 @@ export function numbersPanel(store) {
       const { name, cells, ratios, compare } = rows[kind];
       name.lastElementChild.textContent = unit;
       const found = numbers.principal?.[kind];
-      const size = found ? Math.max(...found.values.map(Math.abs)) : 0;
+      const size = found ? Math.max(...found.values.map((x) => Math.abs(reading(kind, x)))) : 0;
       cells.forEach((cell, i) => {
-        const x = found ? found.values[i] : null;
+        const x = found ? reading(kind, found.values[i]) : null;
         cell.textContent = x !== null && Math.abs(x) < BLANK * size ? "0" : short(x, 5);
         cell.classList.toggle("negative", x !== null && x < -BLANK * size);
         cell.title = x === null ? "does not exist here"
@@ -99,7 +101,7 @@ export function numbersPanel(store) {
       });
       compare.hidden = !store.pinned;
       if (store.pinned) ratios.forEach((cell, i) => {
-        const [x, y] = [found?.values[i], before?.[kind].values[i]];
+        const [x, y] = [found?.values[i], before?.[kind].values[i]]; // a ratio has no unit
         cell.textContent = x != null && y ? `× ${short(x / y, 3)}` : "–";
       });
     }
@@ -140,6 +142,7 @@ export function numbersPanel(store) {
   }
 
   store.on("numbers", update);
+  store.on("units", update);
   store.on("pinned", update);
 }
 

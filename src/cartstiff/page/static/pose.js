@@ -109,6 +109,7 @@ export function posePanel(store) {
     back.hidden = !store.pinned;
   }
 
+  store.on("angles", setAngle);
   store.on("hello", build);
   store.on("state", update);
   store.on("numbers", () => {

@@ -28,6 +28,8 @@ export function toHash(store) {
   }
   const { frame } = store.hello.mechanism;
   if (frame !== store.firstFrame) parts.set("frame", frame);
+  if (store.fine) parts.set("lengths", store.fine);
+  if (store.angle !== "deg") parts.set("angles", store.angle);
   return parts.toString().replaceAll("%2C", ",");
 }
 
@@ -85,6 +87,9 @@ export function sharing(store) {
     if (applied) return;
     applied = true;
     store.firstFrame = hello.mechanism.frame;
+    const asked = new URLSearchParams(location.hash.slice(1));
+    store.readIn(asked.get("lengths"));
+    if (asked.get("angles") === "rad") store.tell("angles", "rad");
     const wishes = fromHash(location.hash, hello.state);
     const frame = new URLSearchParams(location.hash.slice(1)).get("frame");
     if (frame && frame !== hello.mechanism.frame && store.source.live) {
@@ -97,7 +102,7 @@ export function sharing(store) {
       store.compareWith(wishes.ghost);
     } else store.compareWith(hello.state.ghost);
   });
-  store.on("numbers", () => {
+  const settle = () => {
     clearTimeout(timer);
     timer = setTimeout(() => {
       const hash = toHash(store);
@@ -107,7 +112,9 @@ export function sharing(store) {
         // A file opened from disk may not rewrite its address.
       }
     }, 500);
-  });
+  };
+  store.on("numbers", settle);
+  store.on("units", () => store.numbers && settle());
   window.addEventListener("hashchange", () => {
     const wishes = fromHash(location.hash, store.hello.state);
     store.change({ ...store.hello.state, theme: store.state.theme, ...wishes });

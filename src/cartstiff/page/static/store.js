@@ -15,7 +15,8 @@ export class Store {
     this.pinned = null; // posture A: {q, numbers}
     this.angle = "deg";
     this.error = null;
-    this.listeners = { hello: [], state: [], numbers: [], pinned: [], error: [], pose: [] };
+    this.listeners = { hello: [], state: [], numbers: [], pinned: [], error: [], pose: [], units: [], angles: [] };
+    this.fine = null; // the unit of length in which translations are read, if not the file's
     this.busy = null;
     this.wanted = false;
     this.number = 1;
@@ -251,15 +252,37 @@ export class Store {
     return { length, force, moment: `${force} ${length}` }[kind];
   }
 
-  /** Units of the four blocks [[rr, rt], [tr, tt]]. */
+  /** Units of the four blocks [[rr, rt], [tr, tt]] as they are read; `read` gives the last one's numbers. */
   blockUnits(quantity = this.state.quantity) {
     const [l, f, m] = ["length", "force", "moment"].map((kind) => this.unit(kind));
+    const fine = this.fine ?? l;
     return quantity === "stiffness"
-      ? [[`${m}/rad`, f], [`${f}/rad`, `${f}/${l}`]]
-      : [[`rad/(${m})`, `rad/${f}`], [`${l}/(${m})`, `${l}/${f}`]];
+      ? [[`${m}/rad`, f], [`${f}/rad`, `${f}/${fine}`]]
+      : [[`rad/(${m})`, `rad/${f}`], [`${l}/(${m})`, `${fine}/${f}`]];
+  }
+
+  /** Units of length in which translations may be read; none where the file's is no metre. */
+  get lengths() {
+    const own = this.unit("length");
+    return own in METRES ? [...new Set([own, "m", "mm", "µm"])] : [own];
+  }
+
+  /** A translational stiffness or compliance of the answer as it is read. */
+  read(x) {
+    if (x === null || !this.fine) return x;
+    const times = 10 ** (METRES[this.unit("length")] - METRES[this.fine]);
+    return this.state.quantity === "stiffness" ? x / times : x * times;
+  }
+
+  /** Read translations in a unit of length. */
+  readIn(unit) {
+    this.fine = this.lengths.includes(unit) && unit !== this.unit("length") ? unit : null;
+    this.tell("units", this.fine);
   }
 }
 
+// Powers of ten.
+const METRES = { m: 0, cm: -2, mm: -3, "µm": -6 };
 // What changes the numbers of a posture without moving it.
 const SHOWN = new Set(["connection", "quantity", "axes", "point", "stiffness", "load", "load_axes",
   "load_kind", "load_at"]);

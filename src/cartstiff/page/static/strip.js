@@ -74,13 +74,14 @@ export function strip(store) {
     reading.hidden = !series;
     if (!series) return;
     const k = nearest(event);
-    const values = series.rows[k]?.[freedom];
+    const values = valuesOf(series.rows[k]);
     reading.textContent = `${atText(series.at[k])}: ${values ? `${values.map((x) => short(x, 5)).join(", ")} ${unitOf()}` : "nothing exists here"}`;
     const strip = byId("strip").getBoundingClientRect();
     reading.style.left = `${clamp(event.clientX - strip.left + 12, 4, strip.width - reading.offsetWidth - 6)}px`;
     reading.style.top = `${clamp(event.clientY - strip.top - 30, 2, strip.height - 26)}px`;
   }
 
+  const valuesOf = (row) => (row?.[freedom] && freedom === "translation" ? row[freedom].map((x) => store.read(x)) : row?.[freedom]);
   const unitOf = () => store.blockUnits()[freedom === "translation" ? 1 : 0][freedom === "translation" ? 1 : 0];
 
   /** The plot as a file. */
@@ -94,7 +95,7 @@ export function strip(store) {
       const along = series.kind === "sweep" ? `${what.selectedOptions[0].text} [${store.hello.mechanism.coordinates[series.coordinate].unit}]`
         : store.hello.trajectory.timed ? "time [s]" : "posture";
       const names = [along, ...["least", "middle", "largest"].map((word) => `${word} [${unitOf()}]`)];
-      const rows = series.at.map((x, k) => [x, ...(series.rows[k]?.[freedom] ?? [null, null, null])]);
+      const rows = series.at.map((x, k) => [x, ...(valuesOf(series.rows[k]) ?? [null, null, null])]);
       return download(`${name}.csv`, table(lines, names, rows), "text/csv");
     }
     const legend = ["line: least value; dashes: middle; dots: largest; grey: nothing exists; hatched: a value is negative"];
@@ -244,7 +245,7 @@ export function strip(store) {
 
   function draw() {
     if (!series || width < 80 || height < 40) return;
-    const lines = [0, 1, 2].map((k) => series.rows.map((row) => row?.[freedom]?.[k] ?? null));
+    const lines = [0, 1, 2].map((k) => series.rows.map((row) => valuesOf(row)?.[k] ?? null));
     const positive = lines.flat().filter((x) => x !== null && x > 0);
     const unit = unitOf();
     plot.replaceChildren();
@@ -336,6 +337,7 @@ export function strip(store) {
     plot.replaceChildren();
     request(true);
   });
+  store.on("units", draw);
   store.on("numbers", () => {
     request();
     showCursor();
