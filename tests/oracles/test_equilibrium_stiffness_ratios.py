@@ -5,9 +5,10 @@ from __future__ import annotations
 import mpmath as mp
 import numpy as np
 import pytest
-from tests.support import robot_file
+from tests.support import platform_mechanism, robot_file
 
 import cartstiff
+from cartstiff.geometry import se3
 from cartstiff.potentials.loads import DeadForce
 from cartstiff.statics.equilibrium import equilibrium
 
@@ -134,3 +135,31 @@ def test_closed_chains_with_a_stiff_motor_approach_the_limit(name):
     size = np.abs(limit).max()
     for factor in (1e8, 1e10):
         assert np.abs(moved(factor) - limit).max() < 1e-6 * size
+
+
+def test_a_posture_that_rounding_hides_is_named():
+    """Legs of 1e12 beside 1e-3 near a singularity: 1e-6 N of a stiff leg is less than its rounding.
+
+    The linear motion under the same load, from springs kept apart, is what is missed.
+    """
+    corners = np.repeat(2 * np.pi / 3 * np.arange(3), 2)
+    base, top = (
+        np.array([[r * np.cos(a), r * np.sin(a), 0.0] for a in corners + np.tile([-h, h], 3)])
+        for r, h in ((0.5, 0.3), (0.3, 0.7))
+    )
+    q = np.array([0.0, 0.0, 0.4, 0.0, 0.0, 0.5 * np.pi - 1e-4])
+    legs = [1e12, 1.1e10, 1.4, 330.0, 1e-3, 105.0]
+    elastic = platform_mechanism(base, top, legs, np.full(6, np.nan), q=q)
+    load = np.array([2e-6, -1e-6, 3e-6, 1e-6, 0.0, 2e-6])
+    C = cartstiff.analyse(elastic).compliances["B"]
+    load *= 1e-7 / np.abs(C @ load).max()  # linear over a share of the distance
+    state = equilibrium(elastic, wrench=load)
+    expected = C @ load
+    twist = se3.log(se3.inverse(state.start.pose) @ state.pose)
+    missed = np.abs(twist - expected).max()
+    notes = {n.code: n for n in state.notes}
+    told = notes["posture-unresolved"].values["largest"] if "posture-unresolved" in notes else 0.0
+    assert missed < max(1e-3 * np.abs(expected).max(), 4.0 * told)
+    assert told > 1e-9
+    plain = elastic.with_springs([100.0, 200.0, 300.0, 150.0, 120.0, 90.0])
+    assert "posture-unresolved" not in {n.code for n in equilibrium(plain, wrench=load).notes}

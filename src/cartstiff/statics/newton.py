@@ -21,6 +21,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.statics.balance import Balance
 from cartstiff.statics.limits import Contact, bound, sizes
 from cartstiff.statics.problem import Point, System
+from cartstiff.stiffness.posture_notes import near_type_2
 
 __all__ = ["Solution", "solve"]
 
@@ -152,6 +153,10 @@ class _Iteration:
                 f"stiffnesses differ by a factor {ratio:.0e}, which double precision hardly "
                 "resolves; make the stiffest rigid"
             )
+        posture = self.point.posture
+        free = None if posture.closure is None else self.balance.free
+        for note in near_type_2(posture, free):
+            return f"{note.message}; a load moves it far, or nothing holds it"
         if self.system.loads:
             return "the load may be beyond what the mechanism carries"
         return "the forces do not balance near this posture"

@@ -23,6 +23,10 @@ __all__ = ["state_of_rest"]
 
 # A force that is unsure by more than this share of the largest one is named.
 _COUNTS = numerics.UNFELT
+_NEUTRAL = (
+    "a motion costs no energy to second order, or too little to be seen beside the stiffest "
+    "spring: definiteness does not decide stability here"
+)
 
 
 def state_of_rest(
@@ -55,7 +59,7 @@ def state_of_rest(
     notes += force_notes(system.elastic, point.posture)
     notes += system.elastic.remarks(point.posture)
     notes += weighed(system.elastic).notes
-    notes += _drowned(system.elastic, point)
+    notes += _drowned(system.elastic, point) + _unresolved(point, balance, start, stable)
     reactions = _reactions(system, solution)
     for name, force in reactions.limits.items():
         side = "lower" if force > 0 else "upper"
@@ -88,11 +92,7 @@ def _by_energy(balance: Balance) -> tuple[bool | None, Array, list[Note]]:
         return True, values, []
     facts: dict[str, object] = {"eigenvalues": values.tolist()}
     if np.all(scaled >= -zero):
-        words = (
-            "a motion costs no energy to second order, or too little to be seen beside the "
-            "stiffest spring: definiteness does not decide stability here"
-        )
-        return None, values, [Note("neutral", words, facts)]
+        return None, values, [Note("neutral", _NEUTRAL, facts)]
     direction = balance.motion(modes[:, 0])
     facts["direction"] = (direction / np.linalg.norm(direction)).tolist()
     words = "the equilibrium is unstable: the mechanism leaves it by itself"
@@ -145,6 +145,33 @@ def _drowned(elastic: ElasticMechanism, point: Point) -> list[Note]:
             {"uncertainty": found},
         )
     ]
+
+
+def _unresolved(
+    point: Point, balance: Balance, start: MechanismPosture, stable: bool | None
+) -> list[Note]:
+    """A posture that stiff springs leave open: their rounding moves soft motions.
+
+    Of an unstable one, at which nothing stays, nothing is said.
+    """
+    per = 1 / np.sqrt(balance.hardness)
+    if np.isnan(point.evaluation.energy) and numerics.invert(balance.scaled, per / per) is None:
+        return [Note("neutral", _NEUTRAL)]  # with a potential it is said elsewhere
+    inverse = np.abs(numerics.inverted(balance.scaled))
+    give = per * (inverse @ (per * (balance.rounding + np.abs(balance.unbalanced))))
+    if not len(per) or not np.isfinite(give).all():
+        return []  # neutral, which is said
+    unsure = give if balance.free is None else np.abs(balance.free) @ give
+    most = float(unsure.max())
+    away = np.abs(point.q - start.q) / point.posture.coordinate_lengths
+    if stable is False or most <= max(numerics.ROUNDING, numerics.LOST * float(away.max())):
+        return []
+    known = "are not known at all"
+    if most < 1.0:
+        known = f"are known to {most:.1g} (rad, or shares of the characteristic length)"
+    words = f"the rounding of stiff springs' forces moves soft motions: coordinates {known}"
+    each = unsure * point.posture.coordinate_lengths
+    return [Note("posture-unresolved", words, {"largest": most, "uncertainty": each.tolist()})]
 
 
 def _reactions(system: System, solution: Solution) -> Reactions:
