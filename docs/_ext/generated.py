@@ -336,11 +336,13 @@ class PublishedCases(_Text):
         self.env.note_dependency(str(ROOT / "cases"))
         verdicts = [case.verdict for _, case in cases]
         counts = [f"{verdicts.count(v)} {v}" for v in dict.fromkeys(sorted(verdicts))]
-        yield f"{len(cases)} cases: {', '.join(counts)}."
+        exact = sum(case.to_the_digit for _, case in cases)
+        yield f"{len(cases)} cases: {', '.join(counts)}. {exact} are met to the last printed digit."
         yield ""
         for folder, case in cases:
             yield from (case.title, "-" * len(case.title), "")
-            yield f"``{folder.name}``: **{case.verdict}**. {case.about}"
+            digits = ", to the last printed digit" if case.to_the_digit else ""
+            yield f"``{folder.name}``: **{case.verdict}{digits}**. {case.about}"
             if case.reason:
                 yield f"*{case.reason}*"
             source = case.source

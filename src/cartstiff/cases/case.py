@@ -135,6 +135,11 @@ class Case(_Entry):
         ),
     ] = None  # fmt: skip
 
+    @property
+    def to_the_digit(self) -> bool:
+        """Whether every printed value is met to its last digit, without a wider tolerance."""
+        return bool(self.asked) and all(a.agrees and a.tolerance is None for a in self.asked)
+
     @model_validator(mode="after")
     def _fits(self) -> Case:
         if not self.asked and self.verdict != "inputs incomplete":

@@ -147,7 +147,8 @@ def table(cases: Iterable[tuple[Path, Case]], outcomes: Iterable[Outcome]) -> st
         values.setdefault(outcome.asked.name, {})[outcome.tool] = outcome.words
     lines = [["case, value", *tools]]
     for folder, case in cases:
-        lines.append([f"{folder.name}: {case.verdict}"])
+        digits = ", to the printed digit" if case.to_the_digit else ""
+        lines.append([f"{folder.name}: {case.verdict}{digits}"])
         for name, words in by_case.get(folder.name, {}).items():
             lines.append(["  " + name, *(words.get(tool, "-") for tool in tools)])
     widths = [
