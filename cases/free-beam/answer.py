@@ -1,4 +1,4 @@
-"""Frequencies for 8 to 32 segments, extrapolated; the error goes with even powers of their length."""
+"""Frequencies for 8 to 32 segments, extrapolated; the error goes with even powers of the length."""
 
 import numpy as np
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 
-def tip(load, curvature, steps=200):
+def tip(load, curvature, steps=80):
     """Turn, place and curvature at the end: turn'' = -load cos(turn), clamped at the wall."""
     h = 1 / steps
 

@@ -54,9 +54,10 @@ def main(folder: Path | None, files: tuple[Path, ...], only: tuple[str, ...]) ->
             outcomes += run_case(path, case, others)
     click.echo(table(cases, outcomes))
     wrong = [o for o in outcomes if not o.as_said]
+    exact = sum(case.to_the_digit for _, case in cases)
     click.echo(
-        f"\n{len(cases)} cases, {sum(case.to_the_digit for _, case in cases)} of them to the printed "
-        f"digit; {len({(o.case, o.asked.name) for o in outcomes})} values, "
+        f"\n{len(cases)} cases, {exact} of them to the printed digit; "
+        f"{len({(o.case, o.asked.name) for o in outcomes})} values, "
         f"{len(wrong)} not as said, {time.monotonic() - started:.1f} s"
     )
     for o in wrong:
