@@ -52,7 +52,8 @@ def _may(words: str, unit: str = "", varies: Literal["", "number", "axes"] = "")
 
 
 class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    # Built when it is first used.
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
 
 class Length(_Section):

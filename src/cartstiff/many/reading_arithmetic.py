@@ -242,8 +242,15 @@ def _change(load: LoadKind) -> NDArray[np.float64]:
 
 def _on_axis(r: _Reader, freedom: str, others: str) -> Scalar:
     u, keep = r.direction(), _BLOCKS[freedom]
-    on_axis: Any = u @ ((r.K if others == "held" else r.free_C)[keep, keep] @ u)
-    return on_axis if others == "held" else 1.0 / on_axis
+    block = (r.K if others == "held" else r.free_C)[keep, keep]
+    on_axis: Any = u @ (block @ u)
+    if others == "free":
+        return 1.0 / on_axis
+    size = np.array([absolute(x) for x in u], object)
+    terms: Any = sum(size[i] * absolute(block[i, j]) * size[j] for i in range(3) for j in range(3))
+    told = absolute(on_axis) * (numerics.TELLING / numerics.EPSILON)
+    r.require(pick(terms, told, PLAIN, ENGINE))
+    return on_axis
 
 
 def _asymmetry(r: _Reader) -> Scalar:
@@ -289,7 +296,7 @@ def _manipulability(r: _Reader) -> Scalar:
     return absolute(found)
 
 
-def _condition_of(values: list[Scalar]) -> Scalar:
+def _ratio(values: list[Scalar]) -> Scalar:
     return values[-1] / values[0]
 
 
@@ -353,11 +360,11 @@ READINGS: dict[str, _Reading] = {
     "about_held": _Reading(lambda r: _on_axis(r, "rotation", "held")),
     "deflection": _Reading(lambda r: _size(np.array(r.deflection()[3:], object))),
     "deflection_angle": _Reading(lambda r: _size(np.array(r.deflection()[:3], object))),
-    "condition": _Reading(lambda r: _condition_of(r.ends())),
+    "condition": _Reading(lambda r: _ratio(r.ends())),
     "isotropy": _Reading(_isotropy, 6),
     "minimum": _Reading(lambda r: r.ends()[0]),
-    "translation_condition": _Reading(lambda r: _condition_of(r.block("translation", "held"))),
-    "rotation_condition": _Reading(lambda r: _condition_of(r.block("rotation", "held"))),
+    "translation_condition": _Reading(lambda r: _ratio(r.block("translation", "held"))),
+    "rotation_condition": _Reading(lambda r: _ratio(r.block("rotation", "held"))),
     "determinant": _Reading(lambda r: _product(r.spectrum()) * r.asked.length**6),
     # Where there may be one it is read elsewhere.
     "unstable_directions": _Reading(lambda r: r.ends()[0] * 0.0),

@@ -21,4 +21,5 @@ Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 class FileModel(BaseModel):
     """What stands in a mechanism file: no other keys, and nothing changes it."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    # Built when it is first used: a file uses few of them.
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
