@@ -32,12 +32,14 @@ def inverse_kinematics(
     elastic: ElasticMechanism, T_F_M: ArrayLike, starts: int | ArrayLike = ..., *, seed: int = ...,
     free: Free = ..., tolerance: float = ..., limits: bool = ...,
     cost: Callable[[Array], Array] | None = ..., most: int = ...,
+    solver: JointPoses | None = ...,
 ) -> Branches: ...  # fmt: skip
 @overload
 def inverse_kinematics(
     elastic: ElasticMechanism, T_F_M: list[Array], starts: int | ArrayLike = ..., *,
     seed: int = ..., free: Free = ..., tolerance: float = ..., limits: bool = ...,
     cost: Callable[[Array], Array] | None = ..., most: int = ...,
+    solver: JointPoses | None = ...,
 ) -> list[Branches]: ...  # fmt: skip
 
 
@@ -52,6 +54,7 @@ def inverse_kinematics(
     limits: bool = True,
     cost: Callable[[Array], Array] | None = None,
     most: int = MOST_LISTED,
+    solver: JointPoses | None = None,
 ) -> Branches | list[Branches]:
     """All different postures at a pose that the starts lead to.
 
@@ -79,6 +82,8 @@ def inverse_kinematics(
     most : int
         Where a body is carried by legs: how many combinations of their solutions are listed at
         most, those nearest to the first start. `Search.found` counts all of them.
+    solver : JointPoses, optional
+        A solver made before for this mechanism of joints, whose limits hold instead.
 
     Returns
     -------
@@ -112,7 +117,7 @@ def inverse_kinematics(
             for i in range(len(wanted))
         ]
         return found[0] if single else found
-    solver = JointPoses(elastic, limits)
+    solver = JointPoses(elastic, limits) if solver is None else solver
     begin = _starts(solver, starts, seed)
     given = not isinstance(starts, (int, np.integer)) and len(begin) > 1
     near = begin[1 if given else 0]

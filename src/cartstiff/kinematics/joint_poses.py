@@ -29,13 +29,11 @@ from cartstiff.kinematics.platform_poses import Free
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["SAME", "JointPoses", "distinct", "pose_errors"]
+__all__ = ["LONGEST_STEP", "SAME", "JointPoses", "distinct", "pose_errors"]
 
-# Rows that are iterated at once: their arrays stay within the cache of a processor.
-_ROWS = 1000
 _ITERATIONS = 40
-# A step turns no joint further than this (rad, or characteristic lengths).
-_LONGEST_STEP = 0.7
+#: A step turns no joint further than this (rad, or characteristic lengths).
+LONGEST_STEP = 0.7
 # A start is given up at a minimum that is no solution: after so many steps in a row that took less
 # than this share off |e|^2.
 _SLOW_STEPS, _SLOW = 6, 0.03
@@ -89,6 +87,9 @@ class JointPoses:
     periodic : ndarray of bool (n,)
         Coordinates whose whole turns lead to the same pose within their limits.
     """
+
+    #: Rows that are iterated at once: their arrays stay within the cache of a processor.
+    rows_at_once = 1000
 
     def __init__(self, elastic: ElasticMechanism, limits: bool = True) -> None:
         mechanism = elastic.mechanism
@@ -191,6 +192,10 @@ class JointPoses:
         J = np.concatenate([self._free_rows(many.jacobian, free), many.closure], axis=1)
         return e, J * (self.sizes * self.movable), many
 
+    def _errors(self, q: Array, T_wanted: Array, free: Free) -> tuple[Array, Array]:
+        """The first two of `task`."""
+        return self.task(q, T_wanted, free)[:2]
+
     def _free_rows(self, jacobian: Array, free: Free) -> Array:
         J = jacobian * np.repeat([1.0, 1.0 / self.length], 3)[:, None]
         if free == "rotation":
@@ -213,30 +218,30 @@ class JointPoses:
         """  # fmt: skip
         q = np.array(starts, float)
         good = np.zeros(len(q), bool)
-        for first in range(0, len(q), _ROWS):
-            part = slice(first, first + _ROWS)
+        for first in range(0, len(q), self.rows_at_once):
+            part = slice(first, first + self.rows_at_once)
             q[part], good[part] = self._solve(T_wanted[part], q[part], free, tolerance, held)
         return q, good
 
     def _solve(
         self, T_wanted: Array, q: Array, free: Free, tolerance: float, held: Array | None
     ) -> tuple[Array, Array]:
-        columns = np.ones(q.shape[1]) if held is None else np.where(held, 0.0, 1.0)
         result, good = q.copy(), np.zeros(len(q), bool)
         rows = np.arange(len(q))
         mu, count, slow = np.full(len(q), 0.1), np.zeros(len(q), int), np.zeros(len(q), int)
-        e, J, _ = self.task(q, T_wanted, free)
+        e, J = self._errors(q, T_wanted, free)
         for _ in range(_ITERATIONS):
             if not rows.size:
                 break
-            step = self._step(q, e, J * columns, mu)
+            step = self._step(q, e, J if held is None else J * np.where(held, 0.0, 1.0), mu)
             trial = np.clip(q + step, self.lower, self.upper)
-            e_new, J_new, _ = self.task(trial, T_wanted, free)
+            e_new, J_new = self._errors(trial, T_wanted, free)
             before, after = (e * e).sum(axis=1), (e_new * e_new).sum(axis=1)
             better = after < before
-            q = np.where(better[:, None], trial, q)
-            e = np.where(better[:, None], e_new, e)
-            J = np.where(better[:, None, None], J_new, J)
+            worse = np.flatnonzero(~better)
+            for new, old in ((trial, q), (e_new, e), (J_new, J)):
+                new[worse] = old[worse]
+            q, e, J = trial, e_new, J_new
             # Far away a tenth of the damping is enough; |e|^2 takes care of the end.
             mu = np.where(better, np.maximum(0.3 * mu, numerics.LEAST_DAMPING), 8.0 * mu)
             size = np.abs(e).max(axis=1, initial=0.0)
@@ -246,6 +251,8 @@ class JointPoses:
             slow = np.where(after > (1.0 - _SLOW) * before, slow + 1, 0)
             result[rows], good[rows] = q, size <= tolerance
             keep = ~done & (slow < _SLOW_STEPS)
+            if keep.all():
+                continue
             rows, q, e, J, mu = rows[keep], q[keep], e[keep], J[keep], mu[keep]
             count, slow, T_wanted = count[keep], slow[keep], T_wanted[keep]
         return result, good
@@ -262,7 +269,7 @@ class JointPoses:
             J = np.where(beyond[:, None, :], 0.0, J)
             step[again] = _damped(J[again], e[again], damping[again]) * self.sizes
         largest = np.abs(step / self.sizes).max(axis=1, initial=0.0)
-        return step * np.minimum(1.0, _LONGEST_STEP / np.maximum(largest, numerics.TINY))[:, None]
+        return step * np.minimum(1.0, LONGEST_STEP / np.maximum(largest, numerics.TINY))[:, None]
 
     def along_self_motions(
         self, q: Array, J: Array, slope: Array, inverse: Array | None = None

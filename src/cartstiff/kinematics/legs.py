@@ -55,9 +55,10 @@ def searched(
             block = rows[i : i + _ROWS]
             q[block] = settled(unwound, q[block], T[block], free, tolerance, cost)
     same, found = SAME if cost is None else _SETTLED, []
+    q = solver.within(q)
     for cell in range(len(wanted)):
         part = slice(cell * k, (cell + 1) * k)
-        own = solver.within(q[part][good[part]])
+        own = q[part][good[part]]
         found.append(own[distinct(own, solver.periodic, solver.sizes, same)])
     return found
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -510,22 +509,13 @@ MechanismFile = Annotated[
     SerialFile | PlatformFile | SpringsFile | ParallelFile | ClosedChainFile,
     Field(discriminator="kind"),
 ]
-MODELS: dict[str, type[FileModel]] = {
-    "serial": SerialFile, "stewart-gough": PlatformFile, "springs": SpringsFile,
-    "parallel": ParallelFile, "closed-chain": ClosedChainFile,
-}  # fmt: skip
-KINDS = ", ".join(MODELS)
-
-
-@cache
-def any_file() -> TypeAdapter[Any]:
-    """What checks a file of any kind; it takes a tenth of a second to build."""
-    return TypeAdapter(MechanismFile)
+ADAPTER: TypeAdapter[Any] = TypeAdapter(MechanismFile)
+KINDS = "serial, stewart-gough, springs, parallel, closed-chain"
 
 
 def json_schema() -> dict[str, Any]:
     """JSON schema of the mechanism file."""
-    return any_file().json_schema()
+    return ADAPTER.json_schema()
 
 
 def pose_of(model: PoseModel) -> Array:

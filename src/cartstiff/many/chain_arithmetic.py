@@ -63,7 +63,7 @@ from cartstiff.many.chain_twists import ChainConstants, ChainKinematics, Field
 from cartstiff.many.tape import Scalar, Tape, larger, pick, square_root
 from cartstiff.numerics import BALANCE, ROUNDING
 
-__all__ = ["ChainCase", "chain_arrays"]
+__all__ = ["ChainCase", "chain_arrays", "chain_motion"]
 
 #: Where all axes meet within this share of the chain's size the engine chooses the length.
 _MEETING = numerics.NEARBY
@@ -413,6 +413,12 @@ def _softness(chain: _Chain, H: Array) -> tuple[Array, Scalar]:
     for a, pivot in enumerate(pivots):
         verdict = larger(verdict, pick(H[a, a] * _SHARE, pivot, PLAIN, ENGINE))
     return congruence(below(L, chain.J.T), np.diag(inverses)), verdict
+
+
+def chain_motion(tape: Tape, constants: ChainConstants) -> tuple[Array, Array]:
+    """Pose (4, 4) and body Jacobian (6, n)."""
+    chain = _Chain(tape, ChainCase(constants, None), len(constants.screws) // 6)
+    return chain.pose(), chain.J
 
 
 def chain_arrays(tape: Tape, case: ChainCase, wanted: Collection[str]) -> dict[str, Array]:

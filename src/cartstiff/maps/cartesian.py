@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from math import prod
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -13,8 +14,11 @@ from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.inverse import Free, inverse_kinematics
+from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.kinematics.legs import legs_of
+from cartstiff.many.quick_poses import QuickPoses
 from cartstiff.maps.sampling import Axis, RandomPostures, Sampling, grid_indices
+from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
 __all__ = ["PLACES", "CartesianGrid", "Redundancy"]
@@ -26,6 +30,8 @@ Redundancy = Literal["nearest", "best"]
 _NAMES = ("x", "y", "z")
 #: Places that are solved for at once.
 PLACES = 200
+# Searches from a start from which on machine code is made for them.
+_MUCH = 20_000
 # Combinations of legs' solutions among which the nearest, or best, are chosen.
 _LISTED = 64
 
@@ -105,6 +111,7 @@ class CartesianGrid(Sampling):
         self.dims = (*_NAMES, "branch")
         self.shape = (*(axis.count for axis in self._axes.values()), self.branches)
         self._starts: Array | None = None
+        self._quick: tuple[ElasticMechanism, JointPoses | None] | None = None
 
     @property
     def axes(self) -> Mapping[str, Axis]:
@@ -125,6 +132,20 @@ class CartesianGrid(Sampling):
                 random = list(within.postures((slice(0, self.count),)))
             self._starts = np.array([self.base, *random])
         return self._starts
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Machine code stays in its process."""
+        return {**vars(self), "_quick": None}
+
+    def _solver(self, elastic: ElasticMechanism) -> JointPoses | None:
+        """Machine code where there is much to do: the same for all of the map, wherever it is."""
+        if self._quick is None or self._quick[0] is not elastic:
+            solver = None
+            if isinstance(elastic.mechanism, Chain) and not self.legs:
+                every = prod(self.shape[:3]) * (1 + self.count)
+                solver = (QuickPoses if every >= _MUCH else JointPoses)(elastic)
+            self._quick = elastic, solver
+        return self._quick[1]
 
     def solve(
         self,
@@ -158,7 +179,7 @@ class CartesianGrid(Sampling):
             part = inverse_kinematics(
                 elastic, list(poses[first : first + PLACES]), self.starts(elastic),
                 free=self.free, cost=cost if self.redundancy == "best" else away,
-                most=max(self.branches, _LISTED),
+                most=max(self.branches, _LISTED), solver=self._solver(elastic),
             )  # fmt: skip
             for cell, solutions in enumerate(part, start=first):
                 # The nearest first; equally near ones stay in their order.

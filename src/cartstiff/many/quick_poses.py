@@ -1,0 +1,157 @@
+r"""Inverse kinematics of arms by machine code: the steps of `JointPoses`, recorded.
+
+The rotation that is left, ``R = exp([w])``, has the vector ``s = w sin(t) / t`` in its skew part,
+t = |w|. With the cosines c_k of t / 2^k, found by halving from ``c_1 = sqrt((1 + tr R) / 4)``,
+
+    t / sin t = asin(y) / (y c_1 c_2 c_3 c_4),      y = sin(t / 16) = sin t / (16 c_1 c_2 c_3 c_4)
+
+and the series of asin(y) / y ends soon. Near half a turn NumPy finds the error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import comb
+from typing import Any
+
+import numpy as np
+
+from cartstiff import numerics
+from cartstiff.geometry.se3 import Array
+from cartstiff.kinematics.joint_poses import LONGEST_STEP, JointPoses
+from cartstiff.kinematics.platform_poses import Free
+from cartstiff.many.algebra import below, norm_squared, positive_factor, zeros
+from cartstiff.many.arithmetic import ENGINE, PLAIN
+from cartstiff.many.chain_arithmetic import chain_motion
+from cartstiff.many.chain_twists import ChainConstants
+from cartstiff.many.given import aligned_empty
+from cartstiff.many.plans import chain_constants
+from cartstiff.many.running import has_package
+from cartstiff.many.tape import Program, Scalar, Tape, absolute, larger, pick, square_root
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.elastic import ElasticMechanism
+
+__all__ = ["QuickPoses"]
+
+#: How often the angle is halved, and terms of the series of asin(y) / y that are left to count.
+_HALVINGS, _TERMS = 4, 11
+#: Cosine of half the angle below which NumPy finds it: there is little left of its sine.
+_TURNED = 0.02
+
+
+class QuickPoses(JointPoses):
+    """`JointPoses` with errors and steps by machine code, where a chain of any joints has them.
+
+    Worth its compiling from some 20 000 solutions on. The steps are the same to rounding.
+    """
+
+    rows_at_once = 4096
+
+    def __init__(self, elastic: ElasticMechanism, limits: bool = True) -> None:
+        super().__init__(elastic, limits)
+        self._constants: ChainConstants | None = None
+        mechanism = elastic.mechanism
+        if has_package("llvmlite") and isinstance(mechanism, Chain) and self.movable.all():
+            found = chain_constants(mechanism)
+            self._constants = None if isinstance(found, str) else found
+        self._known: dict[str, Any] = {}
+
+    def _errors(self, q: Array, T_wanted: Array, free: Free) -> tuple[Array, Array]:
+        constants = self._constants
+        if constants is None or free != "none":
+            return super()._errors(q, T_wanted, free)
+        count, n = q.shape
+        kernel = self._kernel("errors", lambda: _error_program(constants, self.length, self.sizes))
+        found = {"e": aligned_empty(count, 6), "jacobian": aligned_empty(count, 6 * n),
+                 "verdict": aligned_empty(count, 1)}  # fmt: skip
+        given = {"q": q, "wanted": T_wanted[:, :3].reshape(count, 12)}
+        kernel.run({name: np.ascontiguousarray(a) for name, a in given.items()}, found, count)
+        e, J = found["e"], found["jacobian"].reshape(count, 6, n)
+        turned = np.flatnonzero(found["verdict"][:, 0] != PLAIN)
+        if turned.size:
+            e[turned], J[turned] = super()._errors(q[turned], T_wanted[turned], free)
+        return e, J
+
+    def _step(self, q: Array, e: Array, J: Array, mu: Array) -> Array:
+        if self._constants is None or J.shape[1] != 6:
+            return super()._step(q, e, J, mu)
+        count, n = q.shape
+        is_limited = bool(np.isfinite([self.lower, self.upper]).any())
+        kernel = self._kernel(
+            f"step {is_limited}", lambda: _step_program(self.sizes, is_limited)
+        )  # fmt: skip
+        found = {"step": aligned_empty(count, n + n % 2)}
+        given = {
+            "q": q, "e": e, "jacobian": J.reshape(count, 6 * n), "mu": mu[:, None],
+            "lower": self.lower[None], "upper": self.upper[None],
+        }  # fmt: skip
+        kernel.run({name: np.ascontiguousarray(a) for name, a in given.items()}, found, count)
+        return found["step"][:, :n]
+
+    def _kernel(self, key: str, program: Callable[[], Program]) -> Any:
+        if key not in self._known:
+            from cartstiff.many.compiled import CompiledKernel
+
+            self._known[key] = CompiledKernel(program()).workspace(self.rows_at_once)
+        return self._known[key]
+
+
+def _error_program(constants: ChainConstants, length: float, sizes: Array) -> Program:
+    """Error e (6,) and its rates (6, n) at q against "wanted", the first rows of a pose."""
+    tape = Tape()
+    T, J = chain_motion(tape, constants)
+    wanted = tape.vector("wanted", 12).reshape(3, 4)
+    R = T[:3, :3].T @ wanted[:, :3]
+    e = zeros(6)
+    e[3:] = (T[:3, :3].T @ (wanted[:, 3] - T[:3, 3])) * (1.0 / length)
+    s = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]], object) * 0.5
+    cosine: Scalar = square_root(larger((R[0, 0] + R[1, 1] + R[2, 2] + 1.0) * 0.25, 0.0))
+    verdict = pick(_TURNED, cosine, PLAIN, ENGINE)
+    product = cosine
+    for _ in range(_HALVINGS - 1):
+        cosine = square_root((cosine + 1.0) * 0.5)
+        product = product * cosine
+    inverse = 1.0 / product
+    y = norm_squared(s) * inverse * inverse * 0.25**_HALVINGS
+    series: Scalar = 0.0
+    for k in reversed(range(_TERMS)):
+        series = series * y + comb(2 * k, k) / (4.0**k * (2 * k + 1))
+    e[:3] = s * (series * inverse)
+    scale = np.repeat([1.0, 1.0 / length], 3)[:, None] * sizes
+    return tape.program({"e": e, "jacobian": J * scale, "verdict": np.array([verdict], object)}, [])
+
+
+def _step_program(sizes: Array, is_limited: bool) -> Program:
+    """`JointPoses._step`, its second and third look at the limits taken everywhere."""
+    tape, n = Tape(), len(sizes)
+    q, e = tape.vector("q", n), tape.vector("e", 6)
+    J = tape.vector("jacobian", 6 * n).reshape(6, n)
+    lower, upper = tape.vector("lower", n), tape.vector("upper", n)
+    damping = tape.input("mu", 0) * norm_squared(e)
+    step = _damped(J, e, damping) * sizes
+    for _ in range(2 if is_limited else 0):
+        J = J.copy()
+        for j in range(n):
+            below_it = pick(lower[j], q[j], 0.0, pick(step[j], 0.0, 1.0, 0.0))
+            above_it = pick(q[j], upper[j], 0.0, pick(0.0, step[j], 1.0, 0.0))
+            J[:, j] = J[:, j] * (1.0 - larger(below_it, above_it))
+        step = _damped(J, e, damping) * sizes
+    largest: Scalar = 0.0
+    for x, size in zip(step, sizes, strict=True):
+        largest = larger(largest, absolute(x * (1.0 / size)))
+    step = step * pick(largest, LONGEST_STEP, 1.0, LONGEST_STEP / largest)
+    # Written by pairs.
+    return tape.program({"step": np.append(step, step[: n % 2])}, ["lower", "upper"])
+
+
+def _damped(J: Array, e: Array, damping: Scalar) -> Array:
+    """``J^T (J J^T + damping I)^-1 e``, as in `JointPoses`."""
+    M = J @ J.T
+    trace: Any = M.trace()
+    for i in range(6):
+        M[i, i] = M[i, i] + damping + trace * numerics.LAST_DIGITS + numerics.TINY
+    L, inverses, _ = positive_factor(M)
+    x = below(L, e) * inverses
+    for i in range(4, -1, -1):
+        x[i] = x[i] - L[i + 1 :, i] @ x[i + 1 :]
+    return J.T @ x
