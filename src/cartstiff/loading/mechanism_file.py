@@ -14,7 +14,7 @@ from pydantic import (
 )
 
 from cartstiff.errors import InputError, one_line
-from cartstiff.loading.schema import ADAPTER, KINDS, PlatformFile, SpringsFile
+from cartstiff.loading.schema import ADAPTER, KINDS, MODELS, PlatformFile, SpringsFile
 from cartstiff.loading.shorthand.layout import LayoutModel, laid_out
 from cartstiff.loading.shorthand.parameters import Parameters, with_parameters
 from cartstiff.loading.shorthand.words import FileModel
@@ -44,7 +44,7 @@ def checked_file(
     try:
         if data.get("kind") == "stewart-gough":
             data = _with_layout(data, lines, path)
-        file = ADAPTER.validate_python(data)
+        file = _of_its_kind(data)
     except ValidationError as error:
         raise _first_error(error, data, lines, path) from None
     except RecursionError:
@@ -52,6 +52,24 @@ def checked_file(
     if isinstance(file, (PlatformFile, SpringsFile)):
         _check_legs(file, lines, path)
     return file, parameters
+
+
+def _of_its_kind(data: dict[str, Any]) -> Any:
+    """The model of a file. Others than its own are built for a message only, which tells the kind.
+
+    Raises
+    ------
+    ValidationError
+        If anything is wrong.
+    """
+    kind = data.get("kind")
+    model = MODELS.get(kind) if isinstance(kind, str) else None
+    if model is not None:
+        try:
+            return model.model_validate(data)
+        except ValidationError:
+            pass
+    return ADAPTER.validate_python(data)
 
 
 def _with_layout(data: dict[str, Any], lines: Lines, path: Path) -> dict[str, Any]:

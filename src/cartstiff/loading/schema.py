@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import (
+    ConfigDict,
     Field,
     PlainValidator,
     PrivateAttr,
@@ -509,8 +510,12 @@ MechanismFile = Annotated[
     SerialFile | PlatformFile | SpringsFile | ParallelFile | ClosedChainFile,
     Field(discriminator="kind"),
 ]
-ADAPTER: TypeAdapter[Any] = TypeAdapter(MechanismFile)
-KINDS = "serial, stewart-gough, springs, parallel, closed-chain"
+MODELS: dict[str, type[FileModel]] = {
+    "serial": SerialFile, "stewart-gough": PlatformFile, "springs": SpringsFile,
+    "parallel": ParallelFile, "closed-chain": ClosedChainFile,
+}  # fmt: skip
+KINDS = ", ".join(MODELS)
+ADAPTER: TypeAdapter[Any] = TypeAdapter(MechanismFile, config=ConfigDict(defer_build=True))
 
 
 def json_schema() -> dict[str, Any]:

@@ -116,7 +116,8 @@ def _error_program(constants: ChainConstants, length: float, sizes: Array) -> Pr
     series: Scalar = 0.0
     for k in reversed(range(_TERMS)):
         series = series * y + comb(2 * k, k) / (4.0**k * (2 * k + 1))
-    e[:3] = s * (series * inverse)
+    factor: Any = series * inverse
+    e[:3] = s * factor
     scale = np.repeat([1.0, 1.0 / length], 3)[:, None] * sizes
     return tape.program({"e": e, "jacobian": J * scale, "verdict": np.array([verdict], object)}, [])
 

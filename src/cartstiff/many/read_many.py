@@ -11,7 +11,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.many.given import OUTPUTS, aligned_empty, recorded
 from cartstiff.many.plans import Plan, plan
 from cartstiff.many.postures import loads_in_body
-from cartstiff.many.reading_arithmetic import Readings, finished
+from cartstiff.many.reading_arithmetic import READINGS, Readings
 from cartstiff.many.running import Path, reading_kernel, run
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
@@ -101,4 +101,13 @@ class Reader:
         }
         verdicts = np.zeros(count, np.uint8)
         run(self._plan, self._kernel, q, loads, arrays, verdicts, 1, None)
-        return Values(finished(arrays["readings"], self.readings), arrays["pose"], verdicts == 0)
+        return Values(_finished(arrays["readings"], self.readings), arrays["pose"], verdicts == 0)
+
+
+def _finished(values: Array, asked: Readings) -> dict[str, Array]:
+    """Numbers (N,) by name from what was read (N, k), and perhaps once more."""
+    found = {}
+    for name, column in zip(asked.names, values.T, strict=False):
+        root = READINGS[name].root
+        found[name] = column if root == 1 else column ** (1.0 / root)
+    return found

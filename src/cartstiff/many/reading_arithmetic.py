@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import lru_cache, partial
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,7 +34,7 @@ from cartstiff.many.eigenvalues import ascending, eigenvalues, largest_eigenvalu
 from cartstiff.many.tape import Scalar, absolute, larger, pick, square_root
 from cartstiff.stiffness.applied_load import LoadKind
 
-__all__ = ["READINGS", "Readings", "finished", "read"]
+__all__ = ["READINGS", "Readings", "read"]
 
 #: Condition number of a block up to which it alone has digits enough for all its eigenvalues, less
 #: what two ways to find it may differ by.
@@ -161,6 +162,11 @@ class _Reader:
             return values
         return [1.0 / x for x in reversed(values)]
 
+    def ratio(self, freedom: str) -> Scalar:
+        """Largest over smallest eigenvalue of a block of K."""
+        values = self.block(freedom, "held")
+        return values[2] / values[0]
+
     def spectrum(self) -> list[Scalar]:
         """Eigenvalues of a positive K with lengths scaled, smallest first."""
 
@@ -230,6 +236,7 @@ def _scaled(matrix: Array, length: float) -> Array:
 
 
 def _squared_blocks(matrix: Array) -> tuple[Scalar, Scalar, Scalar]:
+    """Squared sizes of the rotation, coupling and translation blocks."""
     coupling = norm_squared(matrix[:3, 3:]) + norm_squared(matrix[3:, :3])
     return norm_squared(matrix[:3, :3]), coupling, norm_squared(matrix[3:, 3:])
 
@@ -246,8 +253,7 @@ def _on_axis(r: _Reader, freedom: str, others: str) -> Scalar:
     on_axis: Any = u @ (block @ u)
     if others == "free":
         return 1.0 / on_axis
-    size = np.array([absolute(x) for x in u], object)
-    terms: Any = sum(size[i] * absolute(block[i, j]) * size[j] for i in range(3) for j in range(3))
+    terms: Any = sum(absolute(x) for x in (block * np.outer(u, u)).ravel())
     told = absolute(on_axis) * (numerics.TELLING / numerics.EPSILON)
     r.require(pick(terms, told, PLAIN, ENGINE))
     return on_axis
@@ -296,8 +302,8 @@ def _manipulability(r: _Reader) -> Scalar:
     return absolute(found)
 
 
-def _ratio(values: list[Scalar]) -> Scalar:
-    return values[-1] / values[0]
+def _norm(values: Array) -> Scalar:
+    return square_root(norm_squared(values))
 
 
 def _product(values: list[Scalar]) -> Scalar:
@@ -322,10 +328,6 @@ def _natural_length(r: _Reader) -> Scalar:
     return 1.0 / _product([x * y for x, y in zip(held, free, strict=True)])
 
 
-def _size(values: Array) -> Scalar:
-    return square_root(norm_squared(values))
-
-
 class _Reading(NamedTuple):
     """How a number is read, and the root that is taken of it at last."""
 
@@ -335,20 +337,18 @@ class _Reading(NamedTuple):
 
 def _principal_readings() -> dict[str, _Reading]:
     found = {}
-    for kind, prefix in (("stiffness", ""), ("compliance", "compliance_")):
-        for freedom in _BLOCKS:
-            for others in ("free", "held"):
-                for end, at in (("min", 0), ("max", 2)):
-
-                    def record(
-                        r: _Reader,
-                        key: tuple[str, str, str] = (kind, freedom, others),
-                        at: int = at,
-                    ) -> Scalar:
-                        return r.principal(*key)[at]
-
-                    found[f"{prefix}{freedom}_{others}_{end}"] = _Reading(record)
+    every = product(
+        ("stiffness", "compliance"), _BLOCKS, ("free", "held"), (("min", 0), ("max", 2))
+    )
+    for kind, freedom, others, (end, at) in every:
+        prefix = "" if kind == "stiffness" else "compliance_"
+        record = partial(_principal, key=(kind, freedom, others), at=at)
+        found[f"{prefix}{freedom}_{others}_{end}"] = _Reading(record)
     return found
+
+
+def _principal(r: _Reader, key: tuple[str, str, str], at: int) -> Scalar:
+    return r.principal(*key)[at]
 
 
 #: What can be read, by the names of `cartstiff.maps.quantities.QUANTITIES`.
@@ -358,13 +358,13 @@ READINGS: dict[str, _Reading] = {
     "along_held": _Reading(lambda r: _on_axis(r, "translation", "held")),
     "about_free": _Reading(lambda r: _on_axis(r, "rotation", "free")),
     "about_held": _Reading(lambda r: _on_axis(r, "rotation", "held")),
-    "deflection": _Reading(lambda r: _size(np.array(r.deflection()[3:], object))),
-    "deflection_angle": _Reading(lambda r: _size(np.array(r.deflection()[:3], object))),
-    "condition": _Reading(lambda r: _ratio(r.ends())),
+    "deflection": _Reading(lambda r: _norm(np.array(r.deflection()[3:], object))),
+    "deflection_angle": _Reading(lambda r: _norm(np.array(r.deflection()[:3], object))),
+    "condition": _Reading(lambda r: r.ends()[1] / r.ends()[0]),
     "isotropy": _Reading(_isotropy, 6),
     "minimum": _Reading(lambda r: r.ends()[0]),
-    "translation_condition": _Reading(lambda r: _ratio(r.block("translation", "held"))),
-    "rotation_condition": _Reading(lambda r: _ratio(r.block("rotation", "held"))),
+    "translation_condition": _Reading(lambda r: r.ratio("translation")),
+    "rotation_condition": _Reading(lambda r: r.ratio("rotation")),
     "determinant": _Reading(lambda r: _product(r.spectrum()) * r.asked.length**6),
     # Where there may be one it is read elsewhere.
     "unstable_directions": _Reading(lambda r: r.ends()[0] * 0.0),
@@ -372,8 +372,8 @@ READINGS: dict[str, _Reading] = {
     "asymmetry": _Reading(_asymmetry),
     "singular_value_ratio": _Reading(_singular_value_ratio),
     "manipulability": _Reading(_manipulability),
-    "moment": _Reading(lambda r: _size(r.found["wrench"][:3])),
-    "force": _Reading(lambda r: _size(r.found["wrench"][3:])),
+    "moment": _Reading(lambda r: _norm(r.found["wrench"][:3])),
+    "force": _Reading(lambda r: _norm(r.found["wrench"][3:])),
     "energy": _Reading(lambda r: r.found["energy"][0]),
 }
 
@@ -395,12 +395,3 @@ def read(found: Mapping[str, Array], asked: Readings) -> tuple[Array, Scalar]:
     for value in values:
         reader.require(limited(absolute(value), np.inf))
     return values, reader.verdict
-
-
-def finished(values: Array, asked: Readings) -> dict[str, Array]:
-    """Numbers (N,) by name from what was read (N, k), and perhaps once more."""
-    found = {}
-    for name, column in zip(asked.names, values.T, strict=False):
-        root = READINGS[name].root
-        found[name] = column if root == 1 else column ** (1.0 / root)
-    return found
