@@ -47,6 +47,8 @@ from .potentials.springs import JointSprings as JointSprings
 from .reach.assembly import AssemblyModes as AssemblyModes
 from .reach.assembly import assemble as assemble
 from .scene.scene import Scene as Scene
+from .statics.command import after_command as after_command
+from .statics.command import commanded as commanded
 from .statics.continuation import load_curve as load_curve
 from .statics.curves import LoadCurve as LoadCurve
 from .statics.equilibrium import equilibrium as equilibrium

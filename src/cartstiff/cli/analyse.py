@@ -9,11 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
+from cartstiff.cli.options import (
+    LoadRequest,
+    MechanismRequest,
+    command_option,
+    load_options,
+    mechanism_options,
+)
 from cartstiff.cli.output import json_text, say
 from cartstiff.cli.requests.analysis import AnalysisRequest, analysis_options
 from cartstiff.cli.requests.target_file import ORDERS
-from cartstiff.cli.types import OutputFile, json_option, option, option_group
+from cartstiff.cli.types import OutputFile, Values, json_option, option, option_group
 
 if TYPE_CHECKING:
     from cartstiff.stiffness.compute import PostureStiffness
@@ -28,6 +34,8 @@ Examples:
   cartstiff analyse my_arm.urdf --stiffness 20000 --frame tool
   cartstiff analyse panda --rest 0,-0.8,0.1,-2.3,0,1.6,0.8 --relax
 
+  cartstiff analyse 6-pus --load 0,0,0,0,0,-500 --command leg1/slide=0.001
+
   cartstiff analyse ur5 --analysis full --at 0,0,0.1 --length 0.2
   cartstiff analyse ur5 --load 0,0,0,0,0,-100 --world --load-at 0,0,0.1 --deflect 0,0,0,10,0,0
   cartstiff analyse cubic --tolerance 0.05,0.0001 --samples 500
@@ -63,11 +71,13 @@ _options = option_group(
     "axes; rest positions are chosen so that the springs balance it."
 )
 @load_options("--load, --deflect and --direction")
+@command_option
 @analysis_options
 @_options
 def command(
     request: MechanismRequest,
     applied: LoadRequest,
+    told: Values | None,
     as_json: bool,
     output: Path | None,
     relax: bool,
@@ -92,6 +102,12 @@ def command(
 
     with np.errstate(all="ignore"):  # what is not finite is refused as a whole
         load = {"wrench": wrench, **applied.keywords(wrench)}
+        if told is not None:
+            from cartstiff.statics.command import after_command
+
+            state = after_command(elastic, request.command(told, elastic), q, **load)
+            elastic, q = state.elastic, state.q
+            load = {key: load[key] for key in ("load_kind", "load_at") if wrench and key in load}
         result = analyse(elastic, q, **load)
         if relax and any(note.code == "unbalanced" for note in result.notes):
             from cartstiff.statics.relax import relaxed

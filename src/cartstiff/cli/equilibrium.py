@@ -9,7 +9,13 @@ from typing import Any
 
 import click
 
-from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
+from cartstiff.cli.options import (
+    LoadRequest,
+    MechanismRequest,
+    command_option,
+    load_options,
+    mechanism_options,
+)
 from cartstiff.cli.output import say_unused, tell
 from cartstiff.cli.requests.path_file import WRENCH
 from cartstiff.cli.types import (
@@ -17,6 +23,7 @@ from cartstiff.cli.types import (
     Number,
     OutputFile,
     Pairs,
+    Values,
     json_option,
     option,
     option_group,
@@ -35,6 +42,7 @@ Examples:
   cartstiff equilibrium ur5 --load 0,0,5,0,0,-100 --load-kind follower
   cartstiff equilibrium panda --payload 3,0,0,0.1
   cartstiff equilibrium ur5 --hold z=-0.002
+  cartstiff equilibrium 6-pus --load 0,0,0,0,0,-500 --command leg1/slide=0.001
   cartstiff equilibrium five-bar --load 0,0,0,0,-2000,0 --curve 3 --plot curve.png
   cartstiff equilibrium ur5 --load 0,0,0,0,0,-80 --path postures.csv --csv commands.csv
 """
@@ -70,10 +78,12 @@ _options = option_group(
     "the unloaded body frame; see --load-kind."
 )
 @load_options("--load and --hold")
+@command_option
 @_options
 def command(
     request: MechanismRequest,
     applied: LoadRequest,
+    told: Values | None,
     follower: bool,
     hold: dict[str, float] | None,
     no_limits: bool,
@@ -101,7 +111,8 @@ def command(
         raise InputError("--csv and --plot go with --curve or --path")
     if no_limits and several:
         raise InputError("--no-limits does not go with --curve or --path")
-    for name, value in (("--hold", hold), ("--q", request.q), ("--pose", request.pose)):
+    for name, value in (("--hold", hold), ("--q", request.q), ("--pose", request.pose),
+                        ("--command", told)):  # fmt: skip
         if path is not None and value is not None:
             raise InputError(f"give {name} or --path, not both")
     applied.check_world(load=request.wrench, hold=hold, path=path)
@@ -126,6 +137,11 @@ def command(
         if wrench is None:
             return weight
         return (kind.acting(wrench, elastic.mechanism.at(q).pose, applied.axes), *weight)
+
+    if told is not None:
+        from cartstiff.statics.command import commanded
+
+        elastic, q = commanded(elastic, request.command(told, elastic), q)
 
     held = None if hold is None else Held(hold, axes=applied.axes)
     if path is not None:

@@ -49,6 +49,15 @@ stiffness_option = option(
 )  # fmt: skip
 
 
+#: What the drives are told, for `MechanismRequest.command`.
+command_option = option(
+    "--command", "told", type=JointValues(),
+    help="How far drives are told to move on from the posture, such as leg1/slide=0.001 (rad, "
+    "lengths; leg1 of a platform on lines): their springs' rest positions are shifted, and the "
+    "pose that results is found.",
+)  # fmt: skip
+
+
 @dataclass(frozen=True)
 class LoadRequest:
     """What `load_options` say."""
@@ -154,6 +163,17 @@ class MechanismRequest:
             rest = self.rest.of(names)
             rest = rest if are_lines else self.radians(rest, elastic)
         return elastic.with_springs(stiffness, rest), q
+
+    def command(self, told: Values, elastic: Any) -> dict[str, float]:
+        """What --command tells each drive, in radians and the mechanism's unit of length."""
+        names = elastic.spring_names
+        values = told.of(names)
+        if isinstance(values, dict):
+            steps = values
+        else:
+            numbers = values if isinstance(values, list) else [values] * len(names)
+            steps = {n: x for n, x in zip(names, numbers, strict=True) if x}
+        return steps if names != elastic.names else dict(self.radians(steps, elastic))
 
     def at_posture(self) -> Any:
         """The elastic mechanism with the posture that was given as its own."""

@@ -1,0 +1,164 @@
+"""What the drives are told, as against the pose that results: rest positions that are shifted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff import numerics
+from cartstiff.arrays import checked_number
+from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.contract import named_values
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note, checked_elastic
+from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.potentials.springs import JointSprings
+from cartstiff.statics.equilibrium import equilibrium
+from cartstiff.statics.rest import Equilibrium
+from cartstiff.stiffness.applied_load import checked_load
+from cartstiff.stiffness.compute import analyse
+
+__all__ = ["after_command", "commanded"]
+
+
+def commanded(
+    elastic: ElasticMechanism,
+    command: Mapping[str, float],
+    q: ArrayLike | Mapping[str, float] | None = None,
+) -> tuple[ElasticMechanism, Array]:
+    """The mechanism with its drives told to move on from where they are.
+
+    Rest positions that are open are chosen at the posture first, where the mechanism is then at
+    rest; then those of the drives are shifted. Rigid drives go where they are told.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        The mechanism.
+    command : mapping of str to float
+        How far each drive is told to move (rad, lengths), by the name of its joint, or leg1, ...
+        of a platform on lines.
+    q : array_like (n,) or mapping, optional
+        Posture before the command; default the file's.
+
+    Returns
+    -------
+    elastic : ElasticMechanism
+        With the shifted springs, and a note ``commanded``.
+    q : ndarray (n,)
+        Where the search for its equilibrium should start.
+
+    Raises
+    ------
+    UnknownNameError
+        For a name that is no spring's.
+    InputError
+        For a joint without a spring, which nobody tells anything, numbers that are not finite, or
+        rigid drives that cannot go there.
+    """
+    mechanism, names = checked_elastic(elastic).mechanism, elastic.spring_names
+    at = elastic.q if q is None else named_values(q, elastic.names, elastic.q, "q")
+    at = mechanism.assembled(at)
+    steps = _checked(elastic, command)
+    elastic = elastic.balanced(at)
+    springs = elastic.springs
+    if not isinstance(springs, (JointSprings, LineSprings)):
+        raise InputError(f"{elastic.name} has no springs to command", where="command")
+    rigid = springs.rigid if isinstance(springs, JointSprings) else frozenset()
+    shifts = {n: x for n, x in steps.items() if names.index(n) not in rigid}
+    told = {names.index(n): x for n, x in steps.items() if names.index(n) in rigid}
+    moved = elastic.with_springs(
+        rest={n: float(springs.rest[names.index(n)]) + x for n, x in shifts.items()} or None
+    )
+    units = {c.name: "m" if c.is_length else "rad" for c in mechanism.coordinates}
+    units = {n: elastic.units.length if units.get(n, "m") == "m" else "rad" for n in names}
+    words = ", ".join(f"{n} by {x:+g} {units[n]}" for n, x in steps.items())
+    note = Note("commanded", f"drives are told to move on: {words}", {"command": steps})
+    return moved.with_notes(note), _driven(mechanism, at, told)
+
+
+def after_command(
+    elastic: ElasticMechanism,
+    command: Mapping[str, float],
+    q: ArrayLike | Mapping[str, float] | None = None,
+    *,
+    wrench: ArrayLike | None = None,
+    load_kind: Any = "dead",
+    load_at: ArrayLike = (0.0, 0.0, 0.0),
+    load_axes: Any = "body",
+    limits: bool = True,
+) -> Equilibrium:
+    """Where the mechanism comes to rest after a command, with the load that it carried before.
+
+    Parameters
+    ----------
+    elastic, command, q
+        As of `commanded`.
+    wrench, load_kind, load_at, load_axes
+        As of `cartstiff.analyse`: at `q` the springs balance it, and it goes on acting.
+    limits : bool
+        Whether joint and leg limits stop the motion.
+
+    Returns
+    -------
+    Equilibrium
+        Its `elastic` has the shifted springs, its `displacement` is what the command has done.
+
+    Raises
+    ------
+    InputError
+        As `commanded`; ConvergenceError if no equilibrium is found from there.
+    """
+    said: dict[str, Any] = {"load_kind": load_kind, "load_at": load_at, "load_axes": load_axes}
+    before = analyse(elastic, q, wrench=wrench, **(said if wrench is not None else {}))
+    kind = checked_load(load_kind, load_at, load_axes, wrench is not None)
+    loads = () if wrench is None else (kind.acting(wrench, before.pose, load_axes),)
+    told, start = commanded(before.elastic, command, before.q)
+    return equilibrium(told, *loads, q0=start, limits=limits)
+
+
+def _checked(elastic: ElasticMechanism, command: Mapping[str, float]) -> dict[str, float]:
+    names, springs = elastic.spring_names, elastic.springs
+    steps = {}
+    for name, value in dict(command).items():
+        if name not in names:
+            raise UnknownNameError("drive", str(name), names, where="command")
+        j = names.index(name)
+        if isinstance(springs, JointSprings) and j in _undriven(springs):
+            raise InputError(f"joint {name!r} has no spring: nothing drives it", where="command",
+                             expected=_drives(names, springs), got=name)  # fmt: skip
+        steps[name] = checked_number(value, f"command of {name}")
+    if not steps:
+        raise InputError("tells no drive anything", where="command", expected="name=value")
+    return steps
+
+
+def _drives(names: tuple[str, ...], springs: JointSprings) -> str:
+    found = [n for j, n in enumerate(names) if j not in _undriven(springs)]
+    return "one of " + ", ".join(found[:12]) + (", ..." if len(found) > 12 else "")
+
+
+def _undriven(springs: JointSprings) -> set[int]:
+    return set(np.flatnonzero(springs.is_passive).tolist()) - springs.rigid
+
+
+def _driven(mechanism: Any, q: Array, told: Mapping[int, float]) -> Array:
+    """Coordinates with rigid drives moved, the closures met by the others."""
+    if not told:
+        return q
+    wanted = np.array(q)
+    for j, x in told.items():
+        wanted[j] += x
+    if not isinstance(mechanism, Chain) or not mechanism.closures:
+        return wanted
+    held = sorted(mechanism.rigid | mechanism.virtual)
+    found = mechanism.closed(wanted, hold=held).q
+    gap = float(np.abs(found - wanted)[list(told)].max())
+    if gap > numerics.CLOSE:
+        raise InputError("the machine cannot follow its rigid drives there", where="command",
+                         expected="a smaller command", got=f"{gap:.3g} away")  # fmt: skip
+    return found
