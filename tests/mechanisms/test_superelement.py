@@ -1,0 +1,100 @@
+"""A finite-element matrix of a beam, reduced to the spring of a link, against the beam itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from tests.mechanisms.machines import joint, write_file, write_urdf
+
+from cartstiff import analyse, load
+from cartstiff.errors import InputError
+from cartstiff.mechanisms.superelement import superelement_spring
+
+E, G, AREA, IY, IZ, J = 2e11, 8e10, 1e-4, 1e-9, 2e-9, 2e-9
+# Two ways that are both exact without load: rounding of matrices with condition 1e7.
+ROUNDING = 1e-9
+NODES = np.array([[0.0, 0, 0], [0.2, 0, 0], [0.35, 0, 0], [0.6, 0, 0]])
+
+
+def _element(length):
+    """Euler-Bernoulli beam along x: ux uy uz rx ry rz of both ends."""
+    K = np.zeros((12, 12))
+    for k, stiffness in ((0, E * AREA), (3, G * J)):
+        K[np.ix_([k, k + 6], [k, k + 6])] = stiffness / length * np.array([[1, -1], [-1, 1]])
+    for rows, EI, s in (([1, 5, 7, 11], E * IZ, 1), ([2, 4, 8, 10], E * IY, -1)):
+        a, b, c = 12 / length**3, s * 6 / length**2, 4 / length
+        K[np.ix_(rows, rows)] = EI * np.array(
+            [[a, b, -a, b], [b, c, -b, c / 2], [-a, -b, a, -b], [b, c / 2, -b, c]]
+        )
+    return K
+
+
+@pytest.fixture(scope="module")
+def matrix():
+    K = np.zeros((24, 24))
+    for i, length in enumerate(np.diff(NODES[:, 0])):
+        K[6 * i : 6 * i + 12, 6 * i : 6 * i + 12] += _element(length)
+    return K
+
+
+def test_spring_of_a_beam_is_the_beam(matrix, tmp_path):
+    section = {"E": E, "G": G, "length": 0.6, "area": AREA, "Iy": IY, "Iz": IZ, "J": J}
+    spring = superelement_spring(matrix, NODES)
+    found = []
+    for name, give in (
+        ("beam", {"beam": section}),
+        ("spring", {"stiffness": spring.tolist(), "offset": {"xyz": [0.6, 0, 0]}}),
+    ):
+        end = joint("end", "bar", "tool", kind="fixed", at=(0.6, 0.1, 0))
+        write_urdf(tmp_path, joint("wall", "base", "bar", kind="fixed"), end, name=name)
+        path = write_file(tmp_path, name, kind="serial", model=f"{name}.urdf", frame="tool",
+                          flexible={"bar": give})  # fmt: skip
+        found.append(analyse(load(path)).B.matrix)
+    size = np.sqrt(np.outer(np.diag(found[1]), np.diag(found[1])))
+    assert np.abs((found[0] - found[1]) / size).max() <= ROUNDING
+
+
+def test_other_orders_nodes_and_axes(matrix):
+    spring = superelement_spring(matrix, NODES)
+    swap = (6 * np.arange(4)[:, None] + [3, 4, 5, 0, 1, 2]).ravel()
+    other = superelement_spring(matrix[np.ix_(swap, swap)], NODES, order="angular-linear")
+    assert np.abs(other - spring).max() <= ROUNDING * np.abs(spring).max()
+    back = np.arange(24).reshape(4, 6)[::-1].ravel()
+    other = superelement_spring(matrix[np.ix_(back, back)], NODES[::-1], base=3, tip=0)
+    assert np.abs(other - spring).max() <= ROUNDING * np.abs(spring).max()
+    R = Rotation.from_rotvec([0.3, -0.4, 0.5]).as_matrix()
+    turned, two = np.kron(np.eye(8), R), np.kron(np.eye(2), R)
+    other = superelement_spring(turned @ matrix @ turned.T, NODES @ R.T + [1, 2, 3])
+    assert np.abs(other - two @ spring @ two.T).max() <= ROUNDING * np.abs(spring).max()
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"nodes": 1000 * NODES}, "resists a motion as a whole"),  # millimetres
+        ({"order": "angular-linear"}, "resists a motion as a whole"),
+        ({"order": "zyx"}, "unknown order"),
+        ({"tip": 4}, "no such node: tip"),
+        ({"base": -1}, "the same node"),
+        ({"nodes": NODES[:3]}, "stiffness of the superelement"),
+    ],
+)
+def test_what_is_refused(matrix, change, word):
+    given = {"stiffness": matrix, "nodes": NODES, **change}
+    with pytest.raises(InputError, match=word):
+        superelement_spring(given.pop("stiffness"), given.pop("nodes"), **given)
+
+
+def test_held_lopsided_and_loose_matrices_are_refused(matrix):
+    held = matrix + np.diag([1e6, *np.zeros(23)])
+    lopsided = matrix.copy()
+    lopsided[0, 6] *= 1.01
+    loose = np.zeros((30, 30))
+    loose[:24, :24] = matrix
+    with pytest.raises(InputError, match="resists a motion as a whole"):
+        superelement_spring(held, NODES)
+    with pytest.raises(InputError, match="must be symmetric"):
+        superelement_spring(lopsided, NODES)
+    with pytest.raises(InputError, match="can move without a force"):
+        superelement_spring(loose, np.vstack([NODES, [0, 1, 0]]), tip=3)
