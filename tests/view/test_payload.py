@@ -180,6 +180,9 @@ def test_a_row_of_a_series(loaded):
     assert np.allclose(row["translation"], np.linalg.eigvalsh(block), rtol=1e-9)
     singular = series_row(cartstiff.analyse(cartstiff.load("ur5"), [0.0] * 6), State())
     assert singular["translation"] is None
+    moved = payload(loaded, State())["moved"]["displacement"]
+    assert row["deflection"] == [pytest.approx(np.linalg.norm(moved), rel=1e-14)]
+    assert singular["deflection"] is None
     assert singular["singularity"] < 1e-10
 
 

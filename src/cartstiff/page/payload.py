@@ -258,15 +258,30 @@ def _legs(result: PostureStiffness) -> list[dict[str, Any]] | None:
     ]
 
 
+def _deflection(result: PostureStiffness, state: State, notes: Notes | None = None) -> Any:
+    """What the analysis says of the deflection under the load; None where the load is not resisted.
+
+    With a negative compliance the load would move the body on and on.
+    """
+    kept = Notes() if notes is None else notes
+    point = np.array(state.point)
+    found = deflection_section(result, "load", None, np.zeros(3), point, kept)
+    if found is None or (notes is None and not _resists(result)):
+        return None
+    return found
+
+
+def _resists(result: PostureStiffness) -> bool:
+    C = result.at().compliances["load"]
+    return C is None or bool(numerics.eigenvalues(C)[0] >= 0.0)
+
+
 def _moved(result: PostureStiffness, state: State) -> dict[str, Any] | None:
     """How far the load moves the reference point: to first order, from the rest without it."""
     notes = Notes()
-    origin = np.zeros(3)
-    found = deflection_section(result, "load", None, origin, np.array(state.point), notes)
+    found = _deflection(result, state, notes)
     if found is None:
         return None
-    C = result.at().compliances["load"]
-    values = np.zeros(1) if C is None else numerics.eigenvalues(C)
     spread = notes.attempt("interval of the deflection", deflection_half_width, result,
                            np.array(state.point))  # fmt: skip
     displacement, twist = np.array(found["displacement"]), np.array(found["twist"])
@@ -278,8 +293,7 @@ def _moved(result: PostureStiffness, state: State) -> dict[str, Any] | None:
         "half_width": plain(spread),
         "energy": plain(found["energy"]),
         "acts_at": np.array(found["acts_at"]).tolist(),
-        # With a negative value the load would move the body on and on.
-        "resisted": bool(values[0] >= 0.0),
+        "resisted": _resists(result),
         "shares": [{"name": row["name"], "share": plain(row["share"])} for row in rows],
         "notes": [note["message"] for note in notes.entries],
     }
@@ -293,11 +307,13 @@ def series_row(result: PostureStiffness, state: State) -> dict[str, Any]:
     except UndefinedError:
         principal = None
     ratios = [entry["ratio"] for entry in distance_to_singularity(result)]
+    moved = _deflection(result, state)
     return {
         "q": result.q.tolist(),
         "position": result.pose[:3, 3].tolist(),
         "translation": None if principal is None else principal["translation"]["values"],
         "rotation": None if principal is None else principal["rotation"]["values"],
+        "deflection": None if moved is None else [float(np.linalg.norm(moved["displacement"]))],
         "singularity": min(ratios, default=None),
         "margins": _margins(result),
     }

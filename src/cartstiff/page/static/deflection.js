@@ -4,7 +4,7 @@ import { byId, chop, el, short } from "./dom.js";
 import { CLOSE, ROUNDING } from "./numerics.js";
 
 // Where lengths are metres, people say millimetres.
-const FINE = { m: [1000, "mm"], mm: [1, "mm"], cm: [10, "mm"] };
+export const FINE = { m: [1000, "mm"], mm: [1, "mm"], cm: [10, "mm"] };
 
 // A load to begin with, in the unit of force.
 const EXAMPLE = 100;

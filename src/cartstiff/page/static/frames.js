@@ -112,7 +112,8 @@ export class FramesSource {
       const frame = this.data.frames[i];
       const { principal } = this.variant(frame, state).numbers;
       return { q: frame.result.q, position: frame.position, translation: principal?.translation.values ?? null,
-        rotation: principal?.rotation.values ?? null };
+        rotation: principal?.rotation.values ?? null,
+        deflection: frame.moved?.resisted ? [Math.hypot(...frame.moved.displacement)] : null };
     });
   }
 

@@ -1,6 +1,7 @@
 // Principal values along a sweep of one coordinate or along a trajectory, with a linked cursor.
 
 import { byId, choice, clamp, download, el, short } from "./dom.js";
+import { FINE } from "./deflection.js";
 import { BLANK } from "./numerics.js";
 import { drawing, provenance, saveDrawing, table } from "./plotfiles.js";
 
@@ -30,7 +31,8 @@ export function strip(store) {
   const what = el("select", { "aria-label": "Along what", onchange: () => request(true) });
   const [freedoms, chooseFreedom] = choice("Values of", [
     ["translation", "translation", "Principal values of translation"],
-    ["rotation", "rotation", "Principal values of rotation"]], (value) => {
+    ["rotation", "rotation", "Principal values of rotation"],
+    ["deflection", "deflection", "How far the load moves the reference point"]], (value) => {
     freedom = value;
     chooseFreedom(value);
     draw();
@@ -47,9 +49,9 @@ export function strip(store) {
   const cursor = svg("line", { class: "cursor" });
   byId("strip").append(
     el("div", { class: "row" }, el("span", { class: "dim" }, "Along"), what, freedoms, again,
-      el("span", { class: "grow" }), label, save),
+      el("span", { class: "grow" }), label),
     plot, reading,
-    el("div", { class: "row time-row" }, play, time));
+    el("div", { class: "row time-row" }, play, time, save));
 
   time.addEventListener("input", () => go(time.valueAsNumber));
   plot.addEventListener("pointerdown", (event) => {
@@ -81,24 +83,27 @@ export function strip(store) {
     reading.style.top = `${clamp(event.clientY - strip.top - 30, 2, strip.height - 26)}px`;
   }
 
-  const valuesOf = (row) => (row?.[freedom] && freedom === "translation" ? row[freedom].map((x) => store.read(x)) : row?.[freedom]);
-  const unitOf = () => store.blockUnits()[freedom === "translation" ? 1 : 0][freedom === "translation" ? 1 : 0];
+  const fine = () => FINE[store.unit("length")] ?? [1, store.unit("length")];
+  const valuesOf = (row) => row?.[freedom]?.map({ translation: (x) => store.read(x), rotation: (x) => x, deflection: (x) => x * fine()[0] }[freedom]);
+  const unitOf = () => ({ translation: store.blockUnits()[1][1], rotation: store.blockUnits()[0][0], deflection: fine()[1] })[freedom];
+  const titleOf = () => `${freedom === "deflection" ? "How far the load moves the point" : `Principal ${store.state.quantity} of ${freedom}`} [${unitOf()}] along ${what.selectedOptions[0].text}`;
 
   /** The plot as a file. */
   function keep(kind) {
     save.value = "";
     if (!series || !kind) return;
-    const title = `Principal ${store.state.quantity} of ${freedom} [${unitOf()}] along ${what.selectedOptions[0].text}`;
+    const title = titleOf();
     const name = `${store.hello.mechanism.name}-${freedom}`.replaceAll(/[^\w.-]+/g, "_");
     const lines = provenance(store, title);
     if (kind === "csv") {
       const along = series.kind === "sweep" ? `${what.selectedOptions[0].text} [${store.hello.mechanism.coordinates[series.coordinate].unit}]`
         : store.hello.trajectory.timed ? "time [s]" : "posture";
-      const names = [along, ...["least", "middle", "largest"].map((word) => `${word} [${unitOf()}]`)];
-      const rows = series.at.map((x, k) => [x, ...(valuesOf(series.rows[k]) ?? [null, null, null])]);
+      const words = freedom === "deflection" ? ["deflection"] : ["least", "middle", "largest"];
+      const names = [along, ...words.map((word) => `${word} [${unitOf()}]`)];
+      const rows = series.at.map((x, k) => [x, ...(valuesOf(series.rows[k]) ?? words.map(() => null))]);
       return download(`${name}.csv`, table(lines, names, rows), "text/csv");
     }
-    const legend = ["line: least value; dashes: middle; dots: largest; grey: nothing exists; hatched: a value is negative"];
+    const legend = freedom === "deflection" ? ["grey: nothing exists, or the load is not resisted"] : ["line: least value; dashes: middle; dots: largest; grey: nothing exists; hatched: a value is negative"];
     saveDrawing(kind, name, drawing(plot, lines, legend));
   }
 
@@ -250,7 +255,7 @@ export function strip(store) {
     const unit = unitOf();
     plot.replaceChildren();
     if (!positive.length) {
-      const other = store.state.quantity === "stiffness" ? "the stiffness does not exist here; the compliance may" : "the compliance does not exist here";
+      const other = freedom === "deflection" ? "no load: nothing moves" : store.state.quantity === "stiffness" ? "the stiffness does not exist here; the compliance may" : "the compliance does not exist here";
       plot.append(svg("text", { x: width / 2, y: height / 2, class: "nothing", "text-anchor": "middle" }));
       plot.lastChild.textContent = other;
       plot.append(cursor);
@@ -287,7 +292,7 @@ export function strip(store) {
       });
       plot.append(svg("path", { d: path, class: `curve ${freedom} curve-${k}` }));
     });
-    plot.setAttribute("aria-label", `Principal ${store.state.quantity} of ${freedom}, ${unit}, along ${what.selectedOptions[0].text}`);
+    plot.setAttribute("aria-label", titleOf());
     plot.append(cursor);
     showCursor();
   }
