@@ -32,6 +32,7 @@ LAYERS = [
     {"many"},
     {"maps"},
     {"reach", "toolpaths"},
+    {"designs"},
     {"identify"},
     {"report"},
     {"scene"},

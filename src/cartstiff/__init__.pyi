@@ -2,6 +2,7 @@
 
 from .analysis.posture import analyse_posture as analyse_posture
 from .analysis.tolerances import Tolerances as Tolerances
+from .designs.run import design as design
 from .errors import CartstiffError as CartstiffError
 from .errors import InputError as InputError
 from .errors import UndefinedError as UndefinedError

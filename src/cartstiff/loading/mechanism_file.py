@@ -20,7 +20,7 @@ from cartstiff.loading.shorthand.parameters import Parameters, with_parameters
 from cartstiff.loading.shorthand.words import FileModel
 from cartstiff.loading.yaml_file import Lines
 
-__all__ = ["checked_file", "located", "place_of"]
+__all__ = ["checked_file", "first_error", "located", "place_of"]
 
 
 def checked_file(
@@ -46,7 +46,7 @@ def checked_file(
             data = _with_layout(data, lines, path)
         file = _of_its_kind(data)
     except ValidationError as error:
-        raise _first_error(error, data, lines, path) from None
+        raise first_error(error, data, lines, path) from None
     except RecursionError:
         raise InputError("file is nested too deeply", where=one_line(str(path))) from None
     if isinstance(file, (PlatformFile, SpringsFile)):
@@ -83,7 +83,7 @@ def _with_layout(data: dict[str, Any], lines: Lines, path: Path) -> dict[str, An
         layout = LayoutModel.model_validate(data["layout"])
     except ValidationError as error:
         # Its places begin where the layout does; as those of a file they name its kind first.
-        raise _first_error(error, data, lines, path, ("kind", "layout")) from None
+        raise first_error(error, data, lines, path, ("kind", "layout")) from None
     return {**{k: v for k, v in data.items() if k != "layout"}, **laid_out(layout)}
 
 
@@ -135,13 +135,15 @@ def located(error: InputError, path: Path, lines: Lines) -> InputError:
     return error.moved_to(located_at)
 
 
-def _first_error(
+def first_error(
     error: ValidationError,
     data: dict[str, Any],
     lines: Lines,
     path: Path,
     within: tuple[str, ...] = (),
+    known: set[str] | None = None,
 ) -> InputError:
+    """The most telling of pydantic's errors, as this program says it."""
     # Of a union's alternatives the one that went deepest is the one the user meant; an unknown
     # key says most of all, as it often explains a missing one.
     problems = error.errors(include_url=False)
@@ -151,7 +153,7 @@ def _first_error(
     got = chosen["input"]
     got = "nothing" if got is None or got == "" else repr(got) if isinstance(got, str) else got
     if kind == "extra_forbidden":
-        close = get_close_matches(str(at[-1]), _known_keys() - {at[-1]}, n=3)
+        close = get_close_matches(str(at[-1]), (known or _known_keys()) - {at[-1]}, n=3)
         what, got = "unknown key", repr(at[-1])
         expected = f"keys of the file format (closest: {', '.join(close)})" if close else None
     elif kind == "missing":

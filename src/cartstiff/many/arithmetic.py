@@ -134,4 +134,5 @@ def changed_compliance(C: Array, D: Array, length: Scalar) -> tuple[Array, Scala
 
 def shared_inputs(wrench: str) -> list[str]:
     """Inputs with one row for all postures; `wrench` is "none", "shared" or "each"."""
-    return ["stiffness", "rest", "forces"] + (["wrench"] if wrench == "shared" else [])
+    own = ["stiffness", "rest", "forces", "anchors", "points", "length"]
+    return own + (["wrench"] if wrench == "shared" else [])

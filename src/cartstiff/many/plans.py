@@ -290,4 +290,9 @@ def _platform_plan(elastic: ElasticMechanism, platform: Platform, wrench: str) -
     }
     if forces:
         shared["forces"] = np.concatenate(forces)[None]
+    if platform.is_one_of_many:
+        case = replace(case, anchors=(), points=(), length=1.0, lines=m)
+        shared |= {"anchors": platform.anchors.reshape(1, -1),
+                   "points": platform.points.reshape(1, -1),
+                   "length": np.array([[float(platform.length)]])}  # fmt: skip
     return Plan(case, shared, "regular", elastic, tuple(loose))

@@ -59,7 +59,7 @@ class PlatformCase:
 
     Attributes
     ----------
-    anchors, points : flat (m, 3), in F and in M.
+    anchors, points : flat (m, 3), in F and in M; empty where `lines` is not 0.
     T_P_M : flat (4, 4).
     length : characteristic length.
     rest : {"given", "open"}
@@ -69,6 +69,9 @@ class PlatformCase:
     points_of_forces : points of the body in M that carry constant forces.
     derivatives : bool
         Whether energy, gradient and Hessian of further potentials are given as arrays.
+    lines : int
+        How many lines, where anchors, points and length are given at run time: one program then
+        serves platforms of every size.
     """
 
     anchors: tuple[float, ...]
@@ -80,6 +83,7 @@ class PlatformCase:
     unilateral: bool = False
     points_of_forces: tuple[tuple[float, ...], ...] = ()
     derivatives: bool = False
+    lines: int = 0
 
 
 def _pose(q: Array, T_P_M: Array) -> tuple[Array, Array]:
@@ -140,6 +144,11 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
     q = tape.vector("q", 6)
     anchors = np.reshape(case.anchors, (-1, 3))
     points = np.reshape(case.points, (-1, 3))
+    natural: Scalar = case.length
+    if case.lines:
+        anchors = tape.vector("anchors", 3 * case.lines).reshape(-1, 3)
+        points = tape.vector("points", 3 * case.lines).reshape(-1, 3)
+        natural = tape.input("length", 0)
     m = len(points)
     k = tape.vector("stiffness", m)
     R, p = _pose(q, np.reshape(case.T_P_M, (4, 4)))
@@ -147,7 +156,7 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
     lengths = np.array([square_root(norm_squared(a)) for a in along], object)
     u = along * (1.0 / lengths)[:, None]
     lines = np.array([[*cross(b, d), *d] for b, d in zip(points, u, strict=True)], object)
-    size = _SHORT * float(max(np.abs(anchors).max(), np.abs(points).max()))
+    size = _SHORT * larger(largest(anchors), largest(points))
     verdict: Scalar = limited(largest(q[3:]), LARGEST_ANGLE)
     for length in lengths:
         verdict = larger(verdict, pick(size, length, PLAIN, ENGINE))
@@ -172,11 +181,9 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
         decomposition = reflections(lines)
         inverse_R = upper_inverse(decomposition.R)
         R_norm = norm_squared(decomposition.R[:, :3]) + norm_squared(
-            decomposition.R[:, 3:] * case.length
+            decomposition.R[:, 3:] * natural
         )
-        inverse_norm = norm_squared(inverse_R[:3]) + norm_squared(
-            inverse_R[3:] * (1.0 / case.length)
-        )
+        inverse_norm = norm_squared(inverse_R[:3]) + norm_squared(inverse_R[3:] * (1.0 / natural))
         squared_condition = R_norm * inverse_norm
         verdict = larger(verdict, limited(squared_condition, JACOBIAN_CONDITION**2))
     # Tensions and stretches of the lines, and the wrench.
@@ -226,7 +233,7 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
     T[:3, :3], T[:3, 3], T[3, 3] = R, p, 1.0
     found.update(pose=T, wrench=W, energy=np.array([energy], object))
     found.update({f"stiffness_{name}": K for name, K in stiffness.items()})
-    condition = add_compliances(found, stiffness, wanted, case.length)
+    condition = add_compliances(found, stiffness, wanted, natural)
     verdict = larger(verdict, limited(condition, STIFFNESS_CONDITION**2))
     # Near type 2 forces of actuators, and what they add to the stiffness, are known to less.
     verdict = larger(verdict, limited(condition * squared_condition, _KNOWN**2))

@@ -39,7 +39,10 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.stiffness.applied_load import LoadKind, checked_load, wrench_in_body
 from cartstiff.stiffness.labelled import AXES, labelled
 
-__all__ = ["OUTPUTS", "Postures", "analyse_many", "loads_in_body"]
+__all__ = ["OUTPUTS", "UNDECIDED", "Postures", "analyse_many", "loads_in_body"]
+
+#: State of postures that nobody has looked at one by one.
+UNDECIDED = "undecided"
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,6 +166,7 @@ def analyse_many(
     threads: int | None = None,
     path: Path = "auto",
     chunk: int | None = None,
+    one_by_one: int | None = None,
 ) -> Postures:
     r"""Stiffness of a mechanism at many postures: `cartstiff.analyse` for stacks.
 
@@ -197,6 +201,10 @@ def analyse_many(
     chunk : int, optional
         Postures computed at a time. The result does not depend on it.
 
+    one_by_one : int, optional
+        Of the postures that the fast paths cannot decide, spread evenly over them, so many at the
+        most go to `analyse`; the others have NaN and the state "undecided". Default: all go.
+
     Returns
     -------
     Postures
@@ -218,6 +226,9 @@ def analyse_many(
     if path not in PATHS:
         raise UnknownNameError("path", str(path), PATHS)
     size = checked_count("chunk", chunk)
+    if one_by_one is not None and one_by_one < 0:
+        raise InputError("count cannot be used", where="one_by_one", expected="0 or more",
+                         got=one_by_one)  # fmt: skip
     arrays = arrays_for(names, out, coordinates.shape, {"q": coordinates, "wrench": loads})
     state = np.zeros(len(coordinates), np.uint8)
 
@@ -254,6 +265,13 @@ def analyse_many(
             for name in names:
                 if name.startswith(("wrench", "stiffness", "compliance")):
                     arrays[name][unbalanced] = np.nan
+        if one_by_one is not None and len(doubtful) > one_by_one:
+            left = np.ones(len(doubtful), bool)
+            left[np.linspace(0, len(doubtful) - 1, one_by_one).astype(int)] = False
+            state[doubtful[left]] = _index(codes, UNDECIDED)
+            for array in arrays.values():
+                array[doubtful[left]] = np.nan
+            doubtful = doubtful[~left]
         _by_engine(elastic, coordinates, loads, arrays, doubtful, state, codes, kind, load_axes)
     elif len(state):
         state[:] = _index(codes, taken.regular)

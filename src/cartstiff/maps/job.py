@@ -76,6 +76,9 @@ class MapJob:
         the same, so that its numbers do not depend on where it was interrupted.
     by_kernel : bool
         Whether machine code reads the quantities, too, where it can.
+    one_by_one : int, optional
+        Of the postures that the fast paths cannot decide in one go, so many at the most are looked
+        at; the state of the others is "other". Default: all.
     """
 
     elastic: ElasticMechanism
@@ -86,6 +89,7 @@ class MapJob:
     load_axes: Literal["body", "world"] = "body"
     path: Path = "auto"
     by_kernel: bool = False
+    one_by_one: int | None = None
 
     @cached_property
     def quantities(self) -> tuple[Quantity, ...]:
@@ -277,6 +281,7 @@ class MapJob:
         return analyse_many(
             self.elastic, q, wrench=self.wrench, load_kind=load.kind, load_at=load.at,
             load_axes=self.load_axes, outputs=outputs, out=out, threads=1, path=self.path,
+            one_by_one=self.one_by_one,
         )  # fmt: skip
 
     def _vibrations(self, q: Array) -> ManyModes:

@@ -33,7 +33,7 @@ from cartstiff.version import __version__
 from cartstiff.vibration.damping import Damping
 from cartstiff.vibration.milling import Milling
 
-__all__ = ["default_connection", "default_length", "prepare_map"]
+__all__ = ["default_connection", "default_length", "map_job", "prepare_map"]
 
 # Numbers that tell one mechanism from another agree to this, whatever the processor.
 _SAME = numerics.PORTABLE
@@ -59,6 +59,73 @@ def default_length(elastic: ElasticMechanism, connection: str = "B", **load: Any
         *here.pair(connection, "held"), here.root(connection, "held")
     ).value
     return float(f"{length:.6g}")  # the same digits on every processor
+
+
+def map_job(
+    elastic: ElasticMechanism,
+    sampling: Sampling,
+    quantities: Sequence[str],
+    *,
+    connection: str | None = None,
+    length: float | None = None,
+    direction: ArrayLike | None = None,
+    deflect: ArrayLike | None = None,
+    deflect_at: ArrayLike = (0.0, 0.0, 0.0),
+    world: bool = False,
+    wrench: ArrayLike | None = None,
+    load_kind: Literal["dead", "follower", "conservative"] = "dead",
+    load_at: ArrayLike = (0.0, 0.0, 0.0),
+    load_axes: Literal["body", "world"] = "body",
+    damping: Damping | float = 0.0,
+    milling: Milling | None = None,
+) -> MapJob:
+    """What is computed for a map, checked; without any file.
+
+    Arguments as in `compute_map`.
+
+    Raises
+    ------
+    InputError
+        For what cannot be used.
+    """
+    load = None if wrench is None else checked_vector(wrench, 6, "wrench")
+    kind = checked_load(load_kind, load_at, load_axes, load is not None, elastic.may_be_loaded)
+    asked = None if deflect is None else checked_vector(deflect, 6, "wrench of the deflection")
+    if connection is None:
+        connection = default_connection(elastic, load)
+    if connection not in OF_MANY:
+        raise UnknownNameError("connection", connection, OF_MANY)
+    acting: dict[str, Any] = {
+        "wrench": load, "load_kind": kind.kind, "load_at": kind.at, "load_axes": load_axes
+    }  # fmt: skip
+    settings = Settings(
+        connection,
+        default_length(elastic, connection, **acting) if length is None else _positive(length),
+        None if direction is None else _direction(direction),
+        None if asked is None else tuple(asked.tolist()),
+        world,
+        kind,
+        tuple(checked_vector(deflect_at, 3, "point of the deflection").tolist()),
+        load is not None,
+        damping if isinstance(damping, Damping) else Damping(damping),
+        milling,
+    )
+    chosen = choose_quantities(list(quantities), settings, elastic)
+    return MapJob(
+        elastic,
+        sampling,
+        tuple(q.name for q in chosen),
+        settings,
+        None if load is None else tuple(load.tolist()),
+        load_axes,
+    )
+
+
+def _acting(job: MapJob) -> dict[str, Any]:
+    """The load of a map as `analyse` takes it."""
+    kind = job.settings.load
+    return {"wrench": job.wrench, "load_kind": kind.kind, "load_at": kind.at,
+            "load_axes": job.load_axes}  # fmt: skip
 
 
 def prepare_map(
@@ -101,50 +168,25 @@ def prepare_map(
         raise InputError("is a file", where=one_line(str(file)), expected="a map, or nothing")
     if chunk is not None and chunk < 1:
         raise InputError("size of chunks cannot be used", expected="1 or more", got=chunk)
-    load = None if wrench is None else checked_vector(wrench, 6, "wrench")
-    kind = checked_load(load_kind, load_at, load_axes, load is not None, elastic.may_be_loaded)
-    asked = None if deflect is None else checked_vector(deflect, 6, "wrench of the deflection")
-    if connection is None:
-        connection = default_connection(elastic, load)
-    if connection not in OF_MANY:
-        raise UnknownNameError("connection", connection, OF_MANY)
-    acting: dict[str, Any] = {
-        "wrench": load, "load_kind": kind.kind, "load_at": kind.at, "load_axes": load_axes
-    }  # fmt: skip
-    settings = Settings(
-        connection,
-        default_length(elastic, connection, **acting) if length is None else _positive(length),
-        None if direction is None else _direction(direction),
-        None if asked is None else tuple(asked.tolist()),
-        world,
-        kind,
-        tuple(checked_vector(deflect_at, 3, "point of the deflection").tolist()),
-        load is not None,
-        damping if isinstance(damping, Damping) else Damping(damping),
-        milling,
-    )
-    chosen = choose_quantities(list(quantities), settings, elastic)
+    job = map_job(
+        elastic, sampling, quantities, connection=connection, length=length, direction=direction,
+        deflect=deflect, deflect_at=deflect_at, world=world, wrench=wrench, load_kind=load_kind,
+        load_at=load_at, load_axes=load_axes, damping=damping, milling=milling,
+    )  # fmt: skip
+    settings, kind, chosen = job.settings, job.settings.load, job.quantities
     cartesian = sampling if isinstance(sampling, CartesianGrid) else None
     if cartesian and cartesian.redundancy == "best" and chosen[0].better is None:
         raise InputError(
             f"neither end of {chosen[0].name} is better", where="redundancy",
             expected="another first quantity, or the nearest posture",
         )  # fmt: skip
-    probe = _probe(elastic, sampling, acting)
-    job = MapJob(
-        elastic,
-        sampling,
-        tuple(q.name for q in chosen),
-        settings,
-        None if load is None else tuple(load.tolist()),
-        load_axes,
-    )
+    probe = _probe(elastic, sampling, _acting(job))
     description = {
         "joints": list(elastic.names),
         "probe": probe,
         "sampling": sampling.as_dict(),
         "quantities": list(job.names),
-        "connection": connection,
+        "connection": settings.connection,
         "length": settings.length,
         "direction": settings.direction,
         "deflect": settings.deflect,
@@ -168,7 +210,7 @@ def prepare_map(
         return replace(job, path=there["path"], by_kernel=there.get("by_kernel", False)), existing
     postures = int(np.prod(sampling.shape, dtype=object))
     given: Literal["none", "shared", "each"]
-    given = "none" if load is None else "shared" if load_axes == "body" else "each"
+    given = "none" if wrench is None else "shared" if load_axes == "body" else "each"
     path_taken = lasting_path(elastic, given, job.outputs, postures)
     reads = path_taken == "compiled" and postures >= WORTH_READING
     job = replace(job, path=path_taken, by_kernel=reads)
@@ -180,7 +222,7 @@ def prepare_map(
         "mechanism": elastic.name,
         "kind": mechanism.kind,
         "frame": mechanism.frame,
-        "connection": connection,
+        "connection": settings.connection,
         "load_kind": kind.kind,
         "load_at": list(kind.at),
         "load_meaning": kind.words,

@@ -196,6 +196,8 @@ class Platform(Mechanism):
         )
         self.struts = struts
         self.leg_limits = leg_limits
+        #: Whether others differ from it in size only: one program is made for all of them.
+        self.is_one_of_many = False
         self.coordinates = tuple(
             Coordinate(name, "prismatic" if i < 3 else "revolute") for i, name in enumerate(_POSE)
         )
@@ -213,6 +215,13 @@ class Platform(Mechanism):
     def weight(self, acceleration: Array) -> Array:
         """Weight (3,) of the body in F, in the unit of force, under a field in m/s^2."""
         return self.mass / self.units.newtons * acceleration
+
+    def as_one_of_many(self) -> Platform:
+        """The same, for computing many platforms that differ in their points."""
+        other = copy(self)
+        other.is_one_of_many = True
+        other._close()
+        return other
 
     def with_points(self, base: ArrayLike, platform: ArrayLike) -> Platform:
         """The same body with other anchors in F and other points of its own, in P."""

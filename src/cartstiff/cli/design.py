@@ -1,0 +1,71 @@
+"""``cartstiff design``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from cartstiff.cli.output import Progress, say, tell
+from cartstiff.cli.types import PICTURE, OutputFile, json_option, option, progress_option
+
+__all__ = ["command"]
+
+_EPILOG = """\b
+Example: study.yaml holds
+  mechanism: inclined-hexapod
+  variables: {sz: [0.3, 0.9], a: {low: 0.2, high: 0.4, count: 3}}
+  poses: {grid: {x: [-0.05, 0.05, 5], z: [-0.05, 0.05, 5]}, about_home: true}
+  objectives:
+    softest: {quantity: translation_held_min}
+    turning: {quantity: rotation_held_min}
+  constraints: {width: {value: =2*a, at_most: 0.7}}
+
+\b
+  cartstiff design study.yaml
+  cartstiff design study.yaml -o designs.jsonl --csv designs.csv --plot front.png --workers 2
+
+Interrupted or killed, the same command with the same -o goes on where it was.
+"""
+
+
+@click.command(name="design", epilog=_EPILOG)
+@click.argument("study", metavar="STUDY.yaml", type=click.Path(path_type=Path))
+@option("-o", "--output", type=OutputFile("FILE.jsonl", ".jsonl"),
+        help="Keep every finished design here; go on with a file that exists.")  # fmt: skip
+@option("--csv", "table", type=OutputFile("FILE.csv", ".csv"),
+        help="Write all designs as a table.")  # fmt: skip
+@option("--plot", type=PICTURE, help="Draw the designs and their Pareto front.")
+@click.option("--best", type=click.IntRange(1, 1000), default=10, metavar="N", show_default=True,
+              help="Most designs of the Pareto front that the text lists.")  # fmt: skip
+@click.option("--workers", type=click.IntRange(1, 1024), default=1, metavar="N", show_default=True,
+              help="Processes, each with whole designs.")  # fmt: skip
+@progress_option
+@json_option
+def command(
+    study: Path, output: Path | None, table: Path | None, plot: Path | None, best: int,
+    workers: int, progress: bool | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Sweep or optimise the parameters of a mechanism file, as STUDY.yaml says.
+
+    Every design is looked at over its poses and judged by quantities of maps (see `cartstiff map
+    --list-quantities`). One that is singular somewhere, or cannot be assembled, says so and counts
+    as failed.
+    """
+    from cartstiff.designs.run import design
+    from cartstiff.report.output import write_files
+
+    try:
+        with Progress("designs", progress) as bar:
+            found = design(study, output=output, workers=workers, progress=bar)
+    except KeyboardInterrupt:
+        kept = "" if output is None else f"; what is done is in {output}"
+        say(f"cartstiff: interrupted{kept}", error=True)
+        sys.stdout.flush()
+        raise click.exceptions.Exit(130) from None
+
+    from cartstiff.report.designs import describe_designs, draw_designs
+
+    write_files((table, found.to_csv), (plot, lambda: draw_designs(found)))
+    tell(as_json, found.as_dict(), str(study), lambda: describe_designs(found, best))

@@ -1,0 +1,283 @@
+"""One design: the mechanism with its parameters, looked at in all poses, and its numbers."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from cartstiff.designs.study import Case, Measure, Study, check_names
+from cartstiff.errors import (
+    CartstiffError,
+    InputError,
+    UndefinedError,
+    UnknownNameError,
+    one_line,
+)
+from cartstiff.expressions import Expression
+from cartstiff.geometry.se3 import Array
+from cartstiff.loading import file_reader
+from cartstiff.many.running import lasting_path
+from cartstiff.maps.job import STATES, MapJob
+from cartstiff.maps.prepare import map_job
+from cartstiff.maps.quantities import QUANTITIES
+from cartstiff.maps.sampling import Axis, Grid, RandomPostures, Sampling, Trajectory
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.platform import Platform
+
+__all__ = ["Design", "Evaluation"]
+
+#: Poses of a design that are looked at one by one where the fast arithmetic cannot decide them.
+ONE_BY_ONE = 8
+#: Poses of a mechanism without fast arithmetic that are looked at before all the others.
+FIRST = 5
+#: Poses that take as long as making arrays of NumPy ready for one design.
+PREPARING = 50
+_REDUCED: dict[str, Callable[[Array], Array]] = {
+    "min": np.min, "max": np.max, "mean": np.mean, "median": np.median,
+}  # fmt: skip
+State = Literal["feasible", "infeasible", "failed"]
+
+
+@dataclass(frozen=True)
+class Design:
+    """Parameters and what became of them.
+
+    Attributes
+    ----------
+    parameters : mapping of str to float
+        Values of the variables.
+    values : mapping of str to float
+        Objectives and constraints by name; none of a design that has failed.
+    state : {"feasible", "infeasible", "failed"}
+        Whether all constraints are kept, or the numbers do not exist.
+    reason : str
+        Why it has failed, or which constraints are not kept.
+    """
+
+    parameters: Mapping[str, float]
+    values: Mapping[str, float] = field(default_factory=dict)
+    state: State = "feasible"
+    reason: str = ""
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {"parameters": dict(self.parameters), "values": dict(self.values),
+                "state": self.state, "reason": self.reason}  # fmt: skip
+
+
+class _NoValueError(Exception):
+    """A quantity does not exist where it must."""
+
+
+class Evaluation:
+    """A study with its mechanism's file read: gives the `Design` of parameters.
+
+    Parameters
+    ----------
+    study : Study
+        What is asked.
+    folder : Path
+        Where its mechanism's path begins.
+
+    Attributes
+    ----------
+    home : ElasticMechanism
+        The mechanism with the file's own parameters.
+
+    Raises
+    ------
+    InputError
+        If the mechanism has no such parameters or quantities.
+    """
+
+    def __init__(self, study: Study, folder: Path) -> None:
+        self.study = study
+        beside = folder / study.mechanism
+        source = beside if beside.is_file() else study.mechanism
+        read = file_reader(source)
+        if read is None:
+            raise InputError("a study needs the parameters of a mechanism file", where="mechanism",
+                             expected="a .yaml file", got=one_line(study.mechanism))  # fmt: skip
+        self._read: Callable[[dict[str, Any]], ElasticMechanism] = read
+        self.home = self._read({})
+        check_names(study, self.home.parameters)
+        self._formulas = {
+            name: Expression(measure.value[1:], name)
+            for name, measure in study.measures.items() if measure.value is not None
+        }  # fmt: skip
+        self._asked: dict[str, list[str]] = {}
+        for measure in study.measures.values():
+            if measure.quantity is not None:
+                if (measure.of or "worst") in ("worst", "best"):
+                    self._better(measure)
+                names = self._asked.setdefault(study.case_of(measure), [])
+                if measure.quantity not in names:
+                    names.append(measure.quantity)
+        for name, quantities in self._asked.items():
+            # What can be wrong with the study itself is said before any design is made.
+            try:
+                self._job(self.home, study.case(name), quantities)
+            except UndefinedError:
+                continue
+
+    def mechanism(self, parameters: Mapping[str, float]) -> ElasticMechanism:
+        """The mechanism of a design."""
+        return self._read({"parameters": {**self.study.set, **parameters}})
+
+    def __call__(self, parameters: Mapping[str, float]) -> Design:
+        """Evaluate one design; what it lacks is its reason, and no error."""
+        try:
+            with np.errstate(all="ignore"):
+                elastic = self.mechanism(parameters)
+                found = self._measured(elastic)
+        except (CartstiffError, _NoValueError) as error:
+            return Design(dict(parameters), {}, "failed", one_line(str(error), 300))
+        broken = [
+            f"{name} = {found[name]:.6g}"
+            for name, limit in self.study.constraints.items() if limit.violation(found[name]) > 0.0
+        ]  # fmt: skip
+        return Design(
+            dict(parameters), found, "infeasible" if broken else "feasible", ", ".join(broken)
+        )
+
+    def unit(self, measure: Measure) -> str:
+        """Unit of a measure; "" for arithmetic, of which nobody has said it."""
+        if measure.of in ("share", "reached"):
+            return "1"
+        if measure.quantity is None:
+            return ""
+        known = QUANTITIES.get(measure.quantity)
+        return "" if known is None else known.unit_in(self.home.units)
+
+    def better(self, name: str) -> Literal["largest", "smallest"]:
+        """Which end of an objective is the better one.
+
+        Raises
+        ------
+        InputError
+            If nothing says it.
+        """
+        measure = self.study.objectives[name]
+        if measure.goal is not None:
+            return measure.goal
+        if measure.of in ("share", "reached"):
+            return "largest"
+        return "largest" if self._better(measure) == "larger" else "smallest"
+
+    def _better(self, measure: Measure) -> str:
+        name = measure.quantity or ""
+        known = QUANTITIES.get(name)
+        if known is None and "." not in name:
+            raise UnknownNameError("quantity", name, QUANTITIES)
+        if known is None or known.better is None:
+            raise InputError(f"neither end of {measure.quantity} is better",
+                             expected="a goal, and min or max, not worst or best")  # fmt: skip
+        return known.better
+
+    def _sampling(self, elastic: ElasticMechanism) -> Sampling:
+        poses, q = self.study.poses, elastic.q
+        shift = dict(zip(elastic.names, q.tolist(), strict=True)) if poses.about_home else {}
+        if poses.grid is not None:
+            axes = {
+                name: Axis(low + shift.get(name, 0.0), high + shift.get(name, 0.0), int(count))
+                for name, (low, high, count) in poses.grid.items()
+            }
+            return Grid(axes, elastic.names, q)
+        if poses.random is not None:
+            ranges = {name: (x, x) for name, x in zip(elastic.names, q.tolist(), strict=True)}
+            for name, (low, high) in poses.random.ranges.items():
+                ranges[name] = (low + shift.get(name, 0.0), high + shift.get(name, 0.0))
+            drawn = poses.random
+            return RandomPostures.within_limits(elastic, drawn.count, drawn.seed, ranges)
+        return Trajectory(q[None])
+
+    def _job(self, elastic: ElasticMechanism, case: Case, quantities: list[str]) -> MapJob:
+        mechanism = elastic.mechanism
+        if isinstance(mechanism, Platform):
+            elastic = replace(elastic, mechanism=mechanism.as_one_of_many())
+        sampling = self._sampling(elastic)
+        keywords = case.keywords()
+        known = [QUANTITIES.get(name) for name in quantities]
+        if all(q is not None and q.asks != "length" for q in known):
+            keywords["length"] = keywords["length"] or 1.0  # nothing depends on it
+        job = map_job(elastic, sampling, quantities, **keywords)
+        given: Literal["none", "shared", "each"]
+        given = "none" if case.wrench is None else "shared" if case.load_axes == "body" else "each"
+        total = self.study.size * max(sampling.size, PREPARING)
+        path = lasting_path(elastic, given, job.outputs, total)
+        # Machine code is worth its time where it serves all designs.
+        if path == "compiled" and not isinstance(mechanism, Platform):
+            path = "portable" if sampling.size < 5000 else path
+        return replace(job, path=path, one_by_one=ONE_BY_ONE)
+
+    def _measured(self, elastic: ElasticMechanism) -> dict[str, float]:
+        """Objectives and constraints of a mechanism."""
+        maps = {
+            name: self._map(self._job(elastic, self.study.case(name), quantities))
+            for name, quantities in self._asked.items()
+        }
+        found = {}
+        for name, measure in self.study.measures.items():
+            if measure.quantity is None:
+                value = self._formulas[name].value(elastic.parameters)
+            else:
+                values, state = maps[self.study.case_of(measure)]
+                value = self._of_poses(measure, values[measure.quantity], state)
+            if not np.isfinite(value):
+                raise _NoValueError(f"{name} is not finite")
+            found[name] = float(value)
+        return found
+
+    def _map(self, job: MapJob) -> tuple[dict[str, Array], Array]:
+        """Quantities and states (N,) of a design."""
+        strict = self.study.poses.outside == "refuse"
+        if strict and job.path == "engine" and job.sampling.size > FIRST:
+            # One by one: a design that fails at one of a few poses need not be looked at further.
+            whole = job.sampling.postures(tuple(slice(0, n) for n in job.sampling.shape))
+            some = whole[np.linspace(0, len(whole) - 1, FIRST).astype(int)]
+            self._arrays(replace(job, sampling=Trajectory(some)), strict)
+        return self._arrays(job, strict)
+
+    def _arrays(self, job: MapJob, strict: bool) -> tuple[dict[str, Array], Array]:
+        found = job.compute(tuple(slice(0, n) for n in job.sampling.shape))
+        values = {name: found[name].ravel() for name in job.names}
+        state = found["state"].ravel()
+        lacking = np.any([~np.isfinite(v) for v in values.values()], axis=0)
+        if strict and lacking.any():
+            raise _NoValueError(_reason(state, lacking))
+        return values, state
+
+    def _of_poses(self, measure: Measure, values: Array, state: Array) -> float:
+        exists = np.isfinite(values)
+        if measure.of == "reached":
+            return float(exists.mean())
+        if measure.of == "share":
+            within = exists
+            with np.errstate(invalid="ignore"):
+                if measure.above is not None:
+                    within = within & (values >= measure.above)
+                if measure.below is not None:
+                    within = within & (values <= measure.below)
+            return float(within.mean())
+        if not exists.any():
+            raise _NoValueError(_reason(state, ~exists))
+        there, of = values[exists], measure.of or "worst"
+        if of in ("worst", "best"):
+            larger = self._better(measure) == "larger"
+            of = "min" if (of == "worst") == larger else "max"
+        found: Array = _REDUCED[of](there)
+        return float(found)
+
+
+def _reason(state: Array, lacking: Array) -> str:
+    """States of the poses at which something does not exist."""
+    names = Counter(STATES[i] for i in state[lacking].tolist())
+    # Those that nobody has looked at one by one are most likely what the others are.
+    words = {"regular": "infinite or undefined", "other": "doubtful, not told apart"}
+    found = [f"{words.get(name, name)} at {n}" for name, n in names.most_common()]
+    return f"{', '.join(found)} of {len(state)} poses"

@@ -1,0 +1,134 @@
+"""A study of designs, run: all designs, which are best, and what they cost each other."""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from cartstiff.arrays import checked_number
+from cartstiff.designs.evaluation import Design, Evaluation
+from cartstiff.designs.record import Record, digest_of
+from cartstiff.designs.results import Designs
+from cartstiff.designs.search import search
+from cartstiff.designs.study import read_study
+from cartstiff.errors import CartstiffError, InputError
+
+__all__ = ["design"]
+
+_HERE: dict[str, Evaluation] = {}
+
+
+def design(
+    study: str | Path | Mapping[str, Any],
+    *,
+    output: str | Path | None = None,
+    workers: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> Designs:
+    """Vary the parameters of a mechanism and judge every design over its poses.
+
+    Parameters
+    ----------
+    study : str, Path or mapping
+        A study's file, or what would stand in it.
+    output : path, optional
+        File of JSON lines that keeps every finished design; one that exists is gone on with.
+    workers : int
+        Processes. Each looks at whole designs; the result does not depend on it.
+    progress : callable, optional
+        Called with the number of designs that are done, and of all.
+
+    Returns
+    -------
+    Designs
+        All designs, those that are feasible, the best, and the Pareto front.
+
+    Raises
+    ------
+    InputError
+        For a study that cannot be used. A design that fails is no error: it says why.
+
+    Examples
+    --------
+    >>> import cartstiff
+    >>> found = cartstiff.design({
+    ...     "mechanism": "inclined-hexapod", "variables": {"sz": {"values": [0.5, 0.577, 0.7]}},
+    ...     "objectives": {"stiffness": {"quantity": "translation_held_min"}},
+    ... })
+    >>> found.best("stiffness").parameters
+    {'sz': 0.577}
+    """
+    asked, folder = read_study(study)
+    count = int(checked_number(workers, "number of workers"))
+    if count < 1:
+        raise InputError("number of workers cannot be used", expected="1 or more", got=count)
+    evaluation = Evaluation(asked, folder)
+    better = {name: evaluation.better(name) for name in asked.objectives}
+    record = Record(None if output is None else Path(output), digest_of(asked, folder))
+    done = 0
+
+    with ExitStack() as stack:
+        pool = None
+        if count > 1 and asked.method.kind != "local":
+            pool = stack.enter_context(_pool(study, min(count, asked.size)))
+
+        def evaluate(points: Sequence[Mapping[str, float]]) -> list[Design]:
+            nonlocal done
+            missing = [point for point in points if point not in record]
+            missing = list({tuple(p.items()): p for p in missing}.values())
+            done += len(points) - len(missing)
+            for found in _evaluated(missing, evaluation, pool):
+                record.add(found)
+                done += 1
+                if progress is not None:
+                    progress(min(done, asked.size), asked.size)
+            return [record[point] for point in points]
+
+        first = next(iter(better.values()))
+        points = search(asked, evaluation.home.parameters, first, evaluate)
+    designs = tuple(record[point] for point in points)
+    return Designs(
+        asked, evaluation.home.name, designs, better,
+        {name: evaluation.unit(measure) for name, measure in asked.measures.items()},
+        record.damaged,
+    )  # fmt: skip
+
+
+def _evaluated(
+    points: Sequence[Mapping[str, float]], evaluation: Evaluation, pool: Any
+) -> Iterator[Design]:
+    if pool is None or len(points) < 2:
+        yield from map(evaluation, points)
+        return
+    try:
+        yield from pool.map(_one, points)
+    except BrokenProcessPool:
+        raise CartstiffError(
+            "the processes that looked at the designs died; what is done is kept in the output, "
+            "and the same call goes on. (A script that asks for workers needs its calls under: "
+            "if __name__ == '__main__')"
+        ) from None
+
+
+def _pool(study: Any, workers: int) -> ProcessPoolExecutor:
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(workers, context, _begin, (study,))
+
+
+def _begin(study: Any) -> None:
+    """In a process of the pool."""
+    from threadpoolctl import threadpool_limits
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends the pool
+    threadpool_limits(1)
+    _HERE["evaluation"] = Evaluation(*read_study(study))
+
+
+def _one(parameters: Mapping[str, float]) -> Design:
+    return _HERE["evaluation"](parameters)

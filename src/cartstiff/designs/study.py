@@ -1,0 +1,415 @@
+"""A study of designs as data classes; every key of its file, its type and its meaning."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from cartstiff.errors import InputError, UnknownNameError, one_line
+from cartstiff.expressions import Expression, is_name
+from cartstiff.loading.mechanism_file import first_error, place_of
+from cartstiff.loading.shorthand.words import Number, Positive, Text, Vector
+from cartstiff.loading.yaml_file import Lines, read_yaml
+
+__all__ = ["Case", "Measure", "Objective", "Study", "json_schema", "read_study"]
+
+#: Poses of one design: more belong in a map.
+MOST_POSES = 10**7
+_Count = Annotated[int, Field(strict=True, ge=1, le=10**7)]
+_Seed = Annotated[int, Field(strict=True, ge=0, le=2**31)]
+_Flag = Annotated[bool, Field(strict=True)]
+_Wrench = Annotated[list[Number], Field(min_length=6, max_length=6)]
+_Range = Annotated[list[Number], Field(min_length=2, max_length=2)]
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Variable(_Model):
+    """A parameter that is varied: between two ends, or among values."""
+
+    low: Number | None = None
+    high: Number | None = None
+    values: Annotated[
+        list[Number] | None, Field(min_length=1, max_length=10_000, description="only these")
+    ] = None
+    count: Annotated[
+        _Count | None, Field(description="values of a grid between low and high; default 5")
+    ] = None
+    log: Annotated[_Flag, Field(description="equal ratios instead of equal steps")] = False
+
+    @model_validator(mode="before")
+    @classmethod
+    def _short(cls, data: Any) -> Any:
+        # Two numbers are the ends.
+        if isinstance(data, list) and len(data) == 2:
+            return {"low": data[0], "high": data[1]}
+        return data
+
+    @model_validator(mode="after")
+    def _fits(self) -> Variable:
+        ends = [self.low, self.high]
+        if (self.values is None) == (None in ends):
+            raise ValueError("give low and high, or values")
+        if self.values is not None:
+            if ends != [None, None] or self.count is not None or self.log:
+                raise ValueError("values stand alone: no low, high, count or log beside them")
+        elif not (self.low or 0.0) < (self.high or 0.0):
+            raise ValueError(f"low must be below high: {self.low:g}, {self.high:g}")
+        elif self.log and not (self.low or 0.0) > 0:
+            raise ValueError("log needs numbers above zero")
+        return self
+
+    def at(self, share: float) -> float:
+        """The value at a share from 0 to 1 of the way."""
+        if self.values is not None:
+            return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
+        low, high = self.low or 0.0, self.high or 0.0
+        if self.log:
+            found = math.exp(math.log(low) + share * (math.log(high) - math.log(low)))
+        else:
+            found = low + share * (high - low)
+        # Twelve digits: numbers that people can read, the same on every processor.
+        return min(max(float(f"{found:.12g}"), low), high)
+
+    def share(self, value: float) -> float:
+        """The share at which a value between the ends stands."""
+        low, high = self.low or 0.0, self.high or 0.0
+        if self.log:
+            return math.log(value / low) / math.log(high / low)
+        return (value - low) / (high - low)
+
+    @property
+    def grid(self) -> list[float]:
+        """Values of a grid."""
+        if self.values is not None:
+            return self.values
+        n = self.count or 5
+        return [self.at(i / (n - 1) if n > 1 else 0.5) for i in range(n)]
+
+
+class RandomPoses(_Model):
+    """Poses drawn at random."""
+
+    count: _Count
+    ranges: Annotated[
+        dict[str, _Range], Field(description="[low, high] by coordinate; the others stay")
+    ]
+    seed: _Seed = 0
+
+
+class Poses(_Model):
+    """Where every design is looked at; without any: at its default posture."""
+
+    grid: Annotated[
+        dict[str, Annotated[list[Number], Field(min_length=3, max_length=3)]] | None,
+        Field(min_length=1, description="[low, high, count] by coordinate; the others stay"),
+    ] = None
+    random: RandomPoses | None = None
+    about_home: Annotated[
+        _Flag, Field(description="ranges are differences from each design's default posture")
+    ] = False
+    outside: Annotated[
+        Literal["refuse", "leave-out"],
+        Field(
+            description="a design with poses at which a quantity does not exist (singular, beyond "
+            "limits, not assembled) has failed, or is judged by the others"
+        ),
+    ] = "refuse"
+
+    @model_validator(mode="after")
+    def _one(self) -> Poses:
+        if self.grid is not None and self.random is not None:
+            raise ValueError("give grid or random, not both")
+        for name, (low, high, count) in (self.grid or {}).items():
+            if not (float(count).is_integer() and count >= 1):
+                raise ValueError(f"grid.{name}: count must be a whole number, 1 or more")
+            if count > 1 and not low < high:
+                raise ValueError(f"grid.{name}: low must be below high")
+        for name, (low, high) in (self.random.ranges if self.random else {}).items():
+            if not low <= high:
+                raise ValueError(f"random.ranges.{name}: low must not be above high")
+        if self.count > MOST_POSES:
+            raise ValueError(f"{self.count} poses a design: at most {MOST_POSES}")
+        return self
+
+    @property
+    def count(self) -> int:
+        """How many poses there are."""
+        if self.random is not None:
+            return self.random.count
+        return math.prod(int(count) for _, _, count in (self.grid or {}).values())
+
+
+class Case(_Model):
+    """A load, and what the quantities under it refer to; keys as in `cartstiff.compute_map`."""
+
+    wrench: Annotated[_Wrench | None, Field(description="moment and force, carried everywhere")] = (
+        None
+    )
+    load_kind: Literal["dead", "follower", "conservative"] = "dead"
+    load_at: Annotated[Vector, Field(description="point of the body at which it acts")] = [0, 0, 0]
+    load_axes: Literal["body", "world"] = "body"
+    connection: Literal["A", "B", "K", "F", "load"] | None = None
+    length: Annotated[
+        Positive | None,
+        Field(description="characteristic length; default each design's own natural length"),
+    ] = None
+    direction: Vector | None = None
+    deflect: Annotated[_Wrench | None, Field(description="whose deflection is asked for")] = None
+    deflect_at: Vector = [0, 0, 0]
+    world: Annotated[_Flag, Field(description="direction and deflect in the axes of F")] = False
+    damping: Annotated[Number, Field(ge=0.0, description="modal damping ratio")] = 0.0
+
+    def keywords(self) -> dict[str, Any]:
+        """Arguments of `cartstiff.maps.prepare.map_job`."""
+        return self.model_dump()
+
+
+class Measure(_Model):
+    """A number of a design: of a quantity over the poses, or arithmetic over the parameters."""
+
+    quantity: Annotated[Text | None, Field(description="of a map; or")] = None
+    value: Annotated[
+        Text | None, Field(description="arithmetic over parameters, such as '=2*r + h'")
+    ] = None
+    of: Annotated[
+        Literal["worst", "best", "min", "max", "mean", "median", "share", "reached"] | None,
+        Field(
+            description="poses; share: of all poses, within `above` and `below`; reached: share of "
+            "poses at which the quantity exists; default worst"
+        ),
+    ] = None
+    above: Annotated[Number | None, Field(description="for share: at least")] = None
+    below: Annotated[Number | None, Field(description="for share: at most")] = None
+    case: Annotated[Text | None, Field(description="name of a case, where there are several")] = (
+        None
+    )
+
+    @field_validator("value")
+    @classmethod
+    def _arithmetic(cls, text: str | None) -> str | None:
+        if text is not None and not text.startswith("="):
+            raise ValueError("arithmetic begins with '='")
+        return text
+
+    @model_validator(mode="after")
+    def _one(self) -> Measure:
+        if (self.quantity is None) == (self.value is None):
+            raise ValueError("give exactly one of quantity, value")
+        given = [key for key in ("of", "above", "below", "case") if getattr(self, key) is not None]
+        if self.value is not None and given:
+            raise ValueError(f"{given[0]} is for quantities")
+        bounds = [key for key in ("above", "below") if getattr(self, key) is not None]
+        if self.of == "share" and not bounds:
+            raise ValueError("share needs above or below")
+        if self.of != "share" and bounds:
+            raise ValueError(f"{bounds[0]} is for `of: share`")
+        return self
+
+    @property
+    def words(self) -> str:
+        """What it is, for people."""
+        if self.quantity is None:
+            return str(self.value).lstrip("= ")
+        level = "".join(
+            f" {sign} {bound:g}"
+            for sign, bound in ((">=", self.above), ("<=", self.below)) if bound is not None
+        )  # fmt: skip
+        return f"{self.of or 'worst'} {self.quantity}{level}"
+
+
+class Objective(Measure):
+    """What is to be as large or as small as it can be."""
+
+    goal: Annotated[
+        Literal["largest", "smallest"] | None,
+        Field(description="default the better end of the quantity; largest for shares"),
+    ] = None
+
+    @model_validator(mode="after")
+    def _has_goal(self) -> Objective:
+        if self.value is not None and self.goal is None:
+            raise ValueError("arithmetic needs a goal: largest or smallest")
+        return self
+
+
+class Constraint(Measure):
+    """What a design must keep."""
+
+    at_least: Number | None = None
+    at_most: Number | None = None
+
+    @model_validator(mode="after")
+    def _bounded(self) -> Constraint:
+        if self.at_least is None and self.at_most is None:
+            raise ValueError("give at_least or at_most")
+        return self
+
+    def violation(self, value: float) -> float:
+        """How far beyond its bounds a number is, relative to them; 0 within."""
+        found = 0.0
+        for bound, beyond in ((self.at_least, -1.0), (self.at_most, 1.0)):
+            if bound is not None:
+                found = max(found, beyond * (value - bound) / (abs(bound) or 1.0))
+        return found
+
+
+class Method(_Model):
+    """How designs are chosen."""
+
+    kind: Literal["grid", "sobol", "latin-hypercube", "local", "evolution"] = "grid"
+    designs: Annotated[
+        _Count | None, Field(description="how many, at most; not for a grid; default 64")
+    ] = None
+    seed: Annotated[_Seed | None, Field(description="of what is drawn; default 0")] = None
+    start: Annotated[
+        dict[str, Number] | None,
+        Field(description="of the local search; default the values in the mechanism file"),
+    ] = None
+
+    @model_validator(mode="after")
+    def _fits(self) -> Method:
+        if self.kind == "grid" and self.designs is not None:
+            raise ValueError("a grid has the counts of its variables: designs is not for it")
+        if self.kind in ("grid", "local") and self.seed is not None:
+            raise ValueError(f"nothing is drawn: seed is not for {self.kind}")
+        if self.kind != "local" and self.start is not None:
+            raise ValueError("start is for local")
+        return self
+
+
+class Study(_Model):
+    """What is varied, where it is judged, and by what."""
+
+    mechanism: Annotated[Text, Field(description="a mechanism file, or the name of a bundled one")]
+    description: Annotated[Text | None, Field(description="for readers")] = None
+    set: Annotated[dict[Text, Number], Field(description="parameters that stay")] = {}
+    variables: Annotated[dict[Text, Variable], Field(min_length=1, max_length=50)]
+    poses: Poses = Poses()
+    cases: Annotated[dict[Text, Case], Field(description="default one without a load")] = {}
+    objectives: Annotated[dict[Text, Objective], Field(min_length=1, max_length=20)]
+    constraints: Annotated[dict[Text, Constraint], Field(max_length=50)] = {}
+    method: Method = Method()
+
+    @model_validator(mode="after")
+    def _fits(self) -> Study:
+        for name in self.variables:
+            if not is_name(name):
+                raise ValueError(f"{name!r} cannot be the name of a parameter")
+            if name in self.set:
+                raise ValueError(f"{name!r} is varied and set")
+        if both := set(self.objectives) & set(self.constraints):
+            raise ValueError(f"{min(both)!r} is an objective and a constraint")
+        for name, measure in self.measures.items():
+            if measure.quantity is None:
+                continue
+            if measure.case is None and len(self.cases) > 1:
+                raise ValueError(f"{name}: say which case: {', '.join(self.cases)}")
+            if measure.case is not None and measure.case not in self.cases:
+                raise ValueError(f"{name}: unknown case {measure.case!r}")
+            if measure.of == "reached" and self.poses.outside == "refuse":
+                raise ValueError(f"{name}: reached needs `outside: leave-out` under poses")
+        for name in self.cases:
+            if name not in {self.case_of(m) for m in self.measures.values()}:
+                raise ValueError(f"case {name!r} is not used")
+        if self.method.kind in ("local", "evolution"):
+            if len(self.objectives) > 1:
+                raise ValueError(
+                    f"{self.method.kind} has one objective; grid, sobol and latin-hypercube show "
+                    "what several cost each other"
+                )
+            if self.method.kind == "local" and any(v.values for v in self.variables.values()):
+                raise ValueError("a local search has no variables with values")
+        for name in self.method.start or {}:
+            if name not in self.variables:
+                raise ValueError(f"start: {name!r} is no variable")
+        return self
+
+    @property
+    def measures(self) -> dict[str, Objective | Constraint]:
+        """Objectives and constraints by name."""
+        return {**self.objectives, **self.constraints}
+
+    def case_of(self, measure: Measure) -> str:
+        """Name of the case that a measure belongs to; "" for the one without a name."""
+        return measure.case or next(iter(self.cases), "")
+
+    def case(self, name: str) -> Case:
+        """A case by its name."""
+        return self.cases.get(name) or Case()
+
+    @property
+    def size(self) -> int:
+        """How many designs there are at most."""
+        if self.method.kind == "grid":
+            return math.prod(len(v.grid) for v in self.variables.values())
+        return self.method.designs or 64
+
+
+def read_study(source: str | Path | Mapping[str, Any]) -> tuple[Study, Path]:
+    """A study and the folder that its mechanism's path is relative to.
+
+    Raises
+    ------
+    InputError
+        The first thing that is wrong, with file, line and key.
+    """
+    lines: Lines = {}
+    if isinstance(source, Mapping):
+        data, path = dict(source), Path("study")
+    elif isinstance(source, (str, Path)):
+        path = Path(source).expanduser()
+        data, lines = read_yaml(path)
+    else:
+        raise InputError("not a study", expected="a file's path or a mapping",
+                         got=type(source).__name__)  # fmt: skip
+    try:
+        study = Study.model_validate(data)
+    except ValidationError as error:
+        raise first_error(error, data, lines, path, ("study",), _keys()) from None
+    for name, measure in study.measures.items():
+        if measure.value is not None:
+            kind = "objectives" if name in study.objectives else "constraints"
+            Expression(measure.value[1:], place_of(path, lines, (kind, name, "value")))
+    if study.size > MOST_POSES:
+        raise InputError("too many designs", where=one_line(str(path)), expected=f"{MOST_POSES}",
+                         got=study.size)  # fmt: skip
+    return study, path.parent
+
+
+def _keys() -> set[str]:
+    """Every key that may stand in a study."""
+    models, keys = [_Model], set[str]()
+    while models:
+        model = models.pop()
+        keys.update(model.model_fields)
+        models.extend(model.__subclasses__())
+    return keys
+
+
+def check_names(study: Study, parameters: Mapping[str, float]) -> None:
+    """Refuse names that the mechanism does not have.
+
+    Raises
+    ------
+    UnknownNameError
+        For a variable, or a name in arithmetic, that is no parameter of the mechanism.
+    """
+    for name in (*study.variables, *study.set):
+        if name not in parameters:
+            raise UnknownNameError("parameter", name, parameters, where="study")
+    for key, measure in study.measures.items():
+        if measure.value is not None:
+            for name in sorted(Expression(measure.value[1:], key).names - set(parameters)):
+                raise UnknownNameError("parameter", name, parameters, where=key)
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON schema of a study's file."""
+    return Study.model_json_schema()

@@ -1,0 +1,165 @@
+"""A study of designs in words and as a picture."""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from cartstiff.designs.results import Designs
+from cartstiff.errors import InputError, joined
+from cartstiff.figures import new_figure
+from cartstiff.geometry.se3 import Array
+from cartstiff.report.layout import number, table
+
+__all__ = ["describe_designs", "draw_designs"]
+
+#: Reasons that are listed.
+_REASONS = 5
+#: Panels of a picture: pairs of four objectives.
+_PANELS = 6
+
+
+def describe_designs(found: Designs, best: int = 10) -> str:
+    """What ``cartstiff design`` prints.
+
+    Parameters
+    ----------
+    found : Designs
+        The study's designs.
+    best : int
+        Most designs of the front that are listed.
+    """
+    study, counts = found.study, found.counts()
+    lines = [
+        f"{found.mechanism}: {len(found)} designs by {study.method.kind}, "
+        f"{study.poses.count} pose(s) each",
+        ", ".join(f"{n} {state}" for state, n in counts.items()),
+        "",
+        "Objectives and constraints",
+        *table(("name", "what", "unit", "wanted", "from", "to"), _asked(found)),
+    ]
+    if found.front:
+        shown = found.front[:best]
+        names = [*study.variables, *study.measures]
+        title = "Best design" if len(found.better) == 1 else (
+            f"Pareto front: {len(found.front)} designs, of which none is better in everything"
+        )  # fmt: skip
+        lines += ["", title, *table(("design", *names), [_row(found, i) for i in shown])]
+        if len(found.front) > len(shown):
+            lines.append(f"  ... {len(found.front) - len(shown)} more; --csv and --json have all")
+    for state in ("failed", "infeasible"):
+        if counts[state]:
+            lines += [
+                "",
+                f"Why designs are {state}" if state == "infeasible" else "Why designs fail",
+            ]
+            lines += _reasons(found, state)
+    notes = found.as_dict()["notes"]
+    if notes:
+        lines += ["", "Notes", *(f"  [{n['code']}] {n['message']}" for n in notes)]
+    return joined(lines)
+
+
+def _asked(found: Designs) -> list[tuple[str, ...]]:
+    rows = []
+    for name, measure in found.study.measures.items():
+        values = found.table(name)
+        finite = values[np.isfinite(values)]
+        ends = {">=": getattr(measure, "at_least", None), "<=": getattr(measure, "at_most", None)}
+        bounds = [f"{sign} {number(x)}" for sign, x in ends.items() if x is not None]
+        case = f" ({measure.case})" if measure.case else ""
+        reach = [number(float(f(finite))) if finite.size else "-" for f in (np.min, np.max)]
+        wanted = found.better.get(name) or " and ".join(bounds)
+        rows.append((name, measure.words + case, found.units[name], wanted, *reach))
+    return rows
+
+
+def _row(found: Designs, index: int) -> tuple[str, ...]:
+    design = found.designs[index]
+    values = [*design.parameters.values(), *(design.values[n] for n in found.study.measures)]
+    return (str(index + 1), *(number(value, 6) for value in values))
+
+
+def _reasons(found: Designs, state: str) -> list[str]:
+    """The commonest reasons, and a design for each."""
+    designs = [(i, d) for i, d in enumerate(found.designs) if d.state == state]
+    if state == "infeasible":  # the constraints' names, without their values
+        words = [", ".join(p.partition(" = ")[0] for p in d.reason.split(", ")) for _, d in designs]
+    else:
+        words = [d.reason for _, d in designs]
+    first: dict[str, int] = {}
+    for (i, _), reason in zip(designs, words, strict=True):
+        first.setdefault(reason, i)
+    told = Counter(words).most_common(_REASONS)
+    lines = [f"  {n:>5}  {reason} (design {first[reason] + 1})" for reason, n in told]
+    more = len(first) - len(told)
+    return [*lines, *([f"         ... {more} other reasons"] if more > 0 else [])]
+
+
+def draw_designs(found: Designs) -> Any:
+    """Objectives against each other with the Pareto front; a single one against the variables.
+
+    Parameters
+    ----------
+    found : Designs
+        The study's designs.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Feasible designs dark, infeasible ones pale, the front joined by a line.
+
+    Raises
+    ------
+    InputError
+        If every design has failed.
+    """
+    names = list(found.better)
+    if all(design.state == "failed" for design in found.designs):
+        raise InputError("no design has values to draw", got="all have failed")
+    single = len(names) == 1
+    pairs = [(v, names[0]) for v in found.study.variables] if single else list(
+        itertools.combinations(names, 2)
+    )  # fmt: skip
+    pairs = pairs[:_PANELS]
+    columns = min(len(pairs), 3)
+    rows = -(-len(pairs) // columns)
+    figure = new_figure(1.0 + 3.8 * columns, 0.6 + 3.2 * rows)
+    front = list(found.front)
+    feasible = np.zeros(len(found), bool)
+    feasible[list(found.feasible)] = True
+    for i, (x, y) in enumerate(pairs):
+        axis = figure.add_subplot(rows, columns, i + 1)
+        a, b = found.table(x), found.table(y)
+        axis.plot(a[~feasible], b[~feasible], "o", color="0.8", ms=4, label="infeasible")
+        axis.plot(a[feasible], b[feasible], "o", color="C0", ms=4, label="feasible")
+        order = sorted(front, key=lambda j: a[j])
+        axis.plot(a[order], b[order], "o-" if not single and len(names) == 2 else "o", color="C1",
+                  ms=6, lw=1.2, label="best" if single else "Pareto front")  # fmt: skip
+        axis.set(xlabel=_label(found, x), ylabel=_label(found, y))
+        for values, direction in ((a, "x"), (b, "y")):
+            if _decades(values):
+                axis.set(**{f"{direction}scale": "log"})
+                own = getattr(axis, f"{direction}axis")
+                own.set_major_formatter("{x:g}")  # texts are not read as formulas
+                own.set_minor_formatter("")
+    figure.axes[0].legend(fontsize="small")
+    figure.suptitle(f"{len(found)} designs of {found.mechanism}", fontsize="medium")
+    return figure
+
+
+def _label(found: Designs, name: str) -> str:
+    if name in found.study.variables:
+        return name
+    unit = found.units[name]
+    words = found.study.measures[name].words
+    return f"{name}: {words}" + (f" [{unit}]" if unit else "")
+
+
+def _decades(values: Array) -> bool:
+    """Whether values span decades."""
+    finite = values[np.isfinite(values)]
+    return bool(finite.size and finite.min() > 0 and finite.max() > 100 * finite.min())

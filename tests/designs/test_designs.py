@@ -1,0 +1,377 @@
+"""Studies of designs: numbers posture by posture, optima by hand, failures, files that go on."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import cartstiff
+from cartstiff.cli.main import command
+from cartstiff.designs.evaluation import Design
+from cartstiff.designs.results import Designs
+from cartstiff.designs.run import Evaluation
+from cartstiff.designs.study import Study, read_study
+from cartstiff.errors import InputError, UndefinedError
+from cartstiff.many import postures
+
+HEXAGONS = """\
+kind: stewart-gough
+parameters: {half: 0.2, h: 0.5}
+layout:
+  base: {radius: 0.4, half_angle: =half}
+  platform: {radius: 0.3, half_angle: =half}
+  height: =h
+legs: {stiffness: 1.0e6, limits: [[0.45, 0.6], [0.45, 0.6], [0.45, 0.6], [0.45, 0.6], [0.45, 0.6],
+                                  [0.45, 0.6]]}
+"""
+WRENCH = [0.0, 2.0, 0.0, 30.0, 0.0, -50.0]
+PUSH = [0.0, 0.0, 0.0, 10.0, 0.0, 0.0]
+POSES = {"grid": {"x": [-0.1, 0.1, 3], "roll": [-0.1, 0.2, 2]}, "about_home": True}
+STIFF = {"objectives": {"stiff": {"quantity": "translation_held_min"}}}
+
+
+def study(**keys: Any) -> dict[str, Any]:
+    """A study of the bundled hexapod."""
+    return {"mechanism": "inclined-hexapod", "variables": {"sz": [0.2, 0.9]}, **STIFF, **keys}
+
+
+def moved(elastic: cartstiff.ElasticMechanism, x: float, roll: float = 0.0) -> np.ndarray:
+    """The default pose, moved along and turned about x."""
+    return elastic.q + np.array([x, 0, 0, roll, 0, 0])
+
+
+def test_numbers_are_those_of_every_posture() -> None:
+    asked = study(
+        variables={"sz": {"values": [0.4, 0.7]}, "a": {"values": [0.2, 0.3]}},
+        poses=POSES,
+        cases={"idle": {}, "loaded": {"wrench": WRENCH, "deflect": PUSH}},
+        objectives={
+            "softest": {"quantity": "translation_held_min", "case": "idle"},
+            "mean": {"quantity": "translation_held_min", "of": "mean", "case": "idle"},
+            "middle": {"quantity": "rotation_held_max", "of": "median", "case": "idle"},
+            "give": {"quantity": "deflection", "case": "loaded"},
+            "least": {"quantity": "deflection", "of": "best", "case": "loaded"},
+        },
+        constraints={
+            "share": {"quantity": "deflection", "of": "share", "below": 7.4e-6, "case": "loaded",
+                      "at_least": 0.6},
+            "size": {"value": "=2*a + sz", "at_most": 1.1},
+        },
+    )  # fmt: skip
+    found = cartstiff.design(asked)
+    assert len(found) == 4
+    shares = set()
+    for design in found.designs:
+        elastic = cartstiff.load("inclined-hexapod", parameters=design.parameters)
+        softest, stiffest, give = [], [], []
+        for x in (-0.1, 0.0, 0.1):
+            for roll in (-0.1, 0.2):
+                q = moved(elastic, x, roll)
+                K = cartstiff.analyse(elastic, q).matrices["B"]
+                softest.append(np.linalg.eigvalsh(K[3:, 3:])[0])
+                stiffest.append(np.linalg.eigvalsh(K[:3, :3])[2])
+                loaded = cartstiff.analyse(elastic, q, wrench=WRENCH)
+                give.append(np.linalg.norm(np.linalg.solve(loaded.tangent, PUSH)[3:]))
+        expected = {
+            "softest": min(softest), "mean": np.mean(softest), "middle": np.median(stiffest),
+            "give": max(give), "least": min(give), "share": np.mean(np.array(give) <= 7.4e-6),
+            "size": 2 * design.parameters["a"] + design.parameters["sz"],
+        }  # fmt: skip
+        assert design.values == pytest.approx(expected, rel=1e-9)
+        shares.add(design.values["share"])
+        kept = expected["share"] >= 0.6 and expected["size"] <= 1.1
+        assert design.state == ("feasible" if kept else "infeasible")
+    assert len(shares) > 1
+    assert {d.state for d in found.designs} == {"feasible", "infeasible"}
+
+
+@pytest.mark.parametrize(
+    "method",
+    [{"kind": "local", "designs": 60, "start": {"sz": 0.3}}, {"kind": "evolution", "designs": 120}],
+)
+def test_an_optimiser_finds_the_isotropic_inclination(method: dict[str, Any]) -> None:
+    """By hand: K = k diag(3 (1 - s^2), 3 (1 - s^2), 6 s^2), whose least is largest at s^2 = 1/3."""
+    found = cartstiff.design(study(method=method))
+    best = found.best()
+    assert best.parameters["sz"] == pytest.approx(3**-0.5, abs=2e-3)
+    assert best.values["stiff"] == pytest.approx(2e6, rel=5e-3)
+    assert len(found) <= method["designs"]
+
+
+def test_constraints_bind_the_optimum() -> None:
+    """The least stiffness 3 k (1 - s^2) where s must be at least 0.8."""
+    bound = {"steep": {"value": "=sz", "at_least": 0.8}}
+    for method in ({"kind": "local", "designs": 80, "start": {"sz": 0.3}},
+                   {"kind": "evolution", "designs": 120, "seed": 3}):  # fmt: skip
+        best = cartstiff.design(study(method=method, constraints=bound)).best()
+        assert 0.8 <= best.parameters["sz"] < 0.805
+        assert best.values["stiff"] == pytest.approx(3e6 * (1 - 0.64), rel=0.03)
+
+
+def test_low_discrepancy_points_fill_the_ranges() -> None:
+    ranges = {"sz": {"low": 0.1, "high": 0.9}, "a": {"low": 0.01, "high": 1.0, "log": True}}
+    for kind in ("sobol", "latin-hypercube"):
+        found = cartstiff.design(study(variables=ranges, method={"kind": kind, "designs": 16}))
+        assert len(found) == 16
+        shares = (found.table("sz") - 0.1) / 0.8
+        decades = np.log10(found.table("a")) / 2 + 1
+        for column in (shares, decades):  # one point in each sixteenth, as both promise
+            assert sorted((column * 16).astype(int).tolist()) == list(range(16))
+
+
+def test_the_grid_and_the_csv_hold_every_design() -> None:
+    found = cartstiff.design(study(variables={"sz": {"low": 0.2, "high": 0.6, "count": 3},
+                                              "a": {"values": [0.3, 0.1]}}))  # fmt: skip
+    pairs = [(d.parameters["sz"], d.parameters["a"]) for d in found.designs]
+    assert pairs == [(sz, a) for sz in (0.2, 0.4, 0.6) for a in (0.3, 0.1)]
+    rows = list(csv.DictReader(io.StringIO(found.to_csv())))
+    assert [float(row["stiff [N/m]"]) for row in rows] == found.table("stiff").tolist()
+    assert [i for i, row in enumerate(rows) if row["front"] == "yes"] == list(found.front)
+
+
+@settings(max_examples=40)
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 4), st.integers(0, 4), st.sampled_from(["feasible", "failed"])),
+        min_size=1, max_size=25,
+    )
+)  # fmt: skip
+def test_the_front_is_what_nobody_betters(rows: list[tuple[int, int, str]]) -> None:
+    """By the definition, pair by pair; ties belong to it."""
+    asked = Study.model_validate(
+        study(objectives={"x": {"value": "=sz", "goal": "largest"},
+                          "y": {"value": "=sz", "goal": "smallest"}})
+    )  # fmt: skip
+    designs = tuple(
+        Design({"sz": 0.5}, {"x": float(a), "y": float(b)} if s == "feasible" else {}, s)
+        for a, b, s in rows
+    )
+    better = {"x": "largest", "y": "smallest"}
+    found = Designs(asked, "", designs, better, {"x": "", "y": ""})
+    good = [i for i, row in enumerate(rows) if row[2] == "feasible"]
+    expected = {
+        i for i in good
+        if not any(
+            rows[j][0] >= rows[i][0] and rows[j][1] <= rows[i][1] and rows[j][:2] != rows[i][:2]
+            for j in good
+        )
+    }  # fmt: skip
+    assert set(found.front) == expected
+    if not good:
+        with pytest.raises(UndefinedError, match="no design is feasible"):
+            found.best("x")
+
+
+@pytest.fixture
+def hexagons(tmp_path: Path) -> Path:
+    """Platforms that are singular everywhere where base and platform are regular hexagons."""
+    path = tmp_path / "hexagons.yaml"
+    path.write_text(HEXAGONS, encoding="utf-8")
+    return path
+
+
+def test_designs_that_fail_say_why_and_cost_little(
+    hexagons: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Similar regular hexagons are singular in every pose; a height of zero is refused."""
+    looked = []
+    true = postures.fill
+    monkeypatch.setattr(postures, "fill", lambda *given: looked.append(1) or true(*given))
+    asked = {
+        "mechanism": str(hexagons), "variables": {"half": {"values": [0.2, np.pi / 6]}},
+        "poses": {"grid": {"x": [-0.01, 0.01, 20], "y": [-0.01, 0.01, 20]}, "about_home": True},
+        "objectives": {"stiff": {"quantity": "translation_free_min"}},
+    }  # fmt: skip
+    good, bad = cartstiff.design(asked).designs
+    assert good.state == "feasible"
+    assert (bad.state, bad.values) == ("failed", {})
+    assert "type-2-singularity at 8" in bad.reason
+    assert "400 poses" in bad.reason
+    assert len(looked) <= 8
+    upright = cartstiff.design(study(variables={"sz": {"values": [0.5, 1.0]}}))
+    assert [design.state for design in upright.designs] == ["feasible", "failed"]
+    assert "key layout.height: division by zero" in upright.designs[1].reason
+
+
+def test_poses_without_a_value_are_refused_or_left_out(hexagons: Path) -> None:
+    """Legs that are too long: shares by hand from the leg lengths."""
+    asked: dict[str, Any] = {
+        "mechanism": str(hexagons), "variables": {"h": {"values": [0.5]}},
+        "poses": {"grid": {"x": [0, 0.2, 9]}, "about_home": True},
+        "objectives": {"stiff": {"quantity": "translation_held_min"}},
+    }  # fmt: skip
+    elastic = cartstiff.load(hexagons)
+    steps = np.linspace(0, 0.2, 9)
+    lengths = [elastic.mechanism.leg_lengths(moved(elastic, x)) for x in steps]
+    inside = np.array([(x >= 0.45).all() and (x <= 0.6).all() for x in lengths])
+    assert 0 < inside.sum() < 9
+    (design,) = cartstiff.design(asked).designs
+    assert design.reason == f"beyond-limits at {9 - inside.sum()} of 9 poses"
+    asked["poses"]["outside"] = "leave-out"
+    asked["objectives"]["there"] = {"quantity": "translation_held_min", "of": "reached"}
+    asked["objectives"]["all"] = {"quantity": "translation_held_min", "of": "share", "above": 0}
+    (design,) = cartstiff.design(asked).designs
+    assert design.values["there"] == design.values["all"] == inside.mean()
+    stiff = [
+        np.linalg.eigvalsh(cartstiff.analyse(elastic, moved(elastic, x)).matrices["B"]
+                           [3:, 3:])[0] for x in steps[inside]
+    ]  # fmt: skip
+    assert design.values["stiff"] == pytest.approx(min(stiff), rel=1e-10)
+
+
+def test_a_study_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "designs.jsonl"
+    asked = study(method={"kind": "sobol", "designs": 8, "seed": 5})
+    whole = cartstiff.design(asked, output=path)
+    made: list[Any] = []
+    true = Evaluation.__call__
+    monkeypatch.setattr(
+        Evaluation, "__call__", lambda self, given: made.append(given) or true(self, given)
+    )
+    assert cartstiff.design(asked, output=path).designs == whole.designs
+    assert made == []
+    lines = path.read_bytes().splitlines(keepends=True)
+    assert len(lines) == 9
+    # One line with another number in it, and one that was not finished.
+    lines[3] = lines[3].replace(b'"sz": 0.', b'"sz": 0.1')
+    path.write_bytes(b"".join(lines)[:-20])
+    again = cartstiff.design(asked, output=path)
+    assert again.designs == whole.designs
+    assert again.damaged == 2
+    assert len(made) == 2
+    more = cartstiff.design({**asked, "method": {"kind": "sobol", "designs": 10, "seed": 5}},
+                            output=path)  # fmt: skip
+    assert more.designs[:8] == whole.designs
+    assert len(made) == 4
+    with pytest.raises(InputError, match="designs of another study"):
+        cartstiff.design(study(set={"a": 0.2}), output=path)
+    path.write_text("{}\n")
+    with pytest.raises(InputError, match="holds no designs"):
+        cartstiff.design(asked, output=path)
+
+
+def test_processes_give_the_same(tmp_path: Path) -> None:
+    asked = study(variables={"sz": {"values": [0.4, 0.5, 0.6]}}, poses=POSES)
+    path = tmp_path / "d.jsonl"
+    shared = cartstiff.design(asked, workers=2, output=path)
+    assert shared.designs == cartstiff.design(asked).designs
+    assert len(path.read_text().splitlines()) == 4
+
+
+def test_the_command(tmp_path: Path) -> None:
+    (tmp_path / "study.yaml").write_text(
+        "mechanism: inclined-hexapod\nvariables: {sz: [0.3, 0.8]}\n"
+        "objectives: {a: {quantity: translation_held_min}, b: {quantity: rotation_held_max}}\n"
+        "constraints: {c: {value: =sz, at_most: 0.7}}\n"
+    )
+    paths = {option: str(tmp_path / f"d{option[-4:]}") for option in ("--csv", "--plot")}
+    paths = {"--csv": str(tmp_path / "d.csv"), "--plot": str(tmp_path / "d.svg")}
+    arguments = ["design", str(tmp_path / "study.yaml"), *sum(paths.items(), ())]
+    shown = CliRunner().invoke(command, arguments, catch_exceptions=False).output
+    assert "5 designs by grid, 1 pose(s) each" in shown
+    assert "4 feasible, 1 infeasible, 0 failed" in shown
+    assert "Pareto front" in (tmp_path / "d.svg").read_text()
+    run = CliRunner().invoke(command, [*arguments, "--json"], catch_exceptions=False)
+    answer = json.loads(run.output)
+    assert answer["counts"] == {"feasible": 4, "infeasible": 1, "failed": 0}
+    assert answer["designs"][4]["reason"].startswith("c = 0.8")
+    for name in "ab":
+        values = [d["values"][name] for d in answer["designs"][:4]]
+        assert answer["best"][name] == values.index(max(values))
+    assert (tmp_path / "d.csv").read_text().count("\n") == 6
+
+
+Q = {"quantity": "translation_held_min"}
+REFUSALS: list[tuple[dict[str, Any], str]] = [
+    ({"mechanism": "ur5"}, "unknown parameter"),
+    ({"mechanism": "arm.urdf"}, "a .yaml file"),
+    ({"mechanism": "nowhere.yaml"}, "No such file"),
+    ({"variables": {"q": [0, 1]}}, "unknown parameter.*sz"),
+    ({"variables": {"sz": [1, 0]}}, "low must be below high"),
+    ({"variables": {"sz": [0, 1, 2]}}, "variables.sz"),
+    ({"variables": {"sz": {"low": 1}}}, "low and high, or values"),
+    ({"variables": {"sz": {"low": -1, "high": 1, "log": True}}}, "above zero"),
+    ({"variables": {}}, "at least 1"),
+    ({"set": {"sz": 1}}, "'sz' is varied and set"),
+    ({"objectives": {"x": {"quantity": "translation_held_mim"}}}, "closest: translation_held_min"),
+    ({"objectives": {"x": {"quantity": "natural_length"}}}, "neither end"),
+    ({"objectives": {"x": {"quantity": "deflection"}}}, "needs a wrench"),
+    ({"objectives": {"x": {"value": "=sz"}}}, "needs a goal"),
+    ({"objectives": {"x": {"value": "=sz+w", "goal": "largest"}}}, "unknown parameter"),
+    ({"objectives": {"x": {"value": "=sz(", "goal": "largest"}}}, "arithmetic cannot be read"),
+    ({"objectives": {"x": {"value": "sz", "goal": "largest"}}}, "begins with '='"),
+    ({"objectives": {"x": Q | {"of": "share"}}}, "share needs above or below"),
+    ({"objectives": {"x": Q | {"above": 1}}}, "above is for `of: share`"),
+    ({"objectives": {"x": Q | {"of": "reached"}}}, "reached needs `outside: leave-out`"),
+    ({"objectives": {"x": Q | {"gaol": "largest"}}}, "unknown key.*closest: goal"),
+    ({"objectives": {"x": Q | {"case": "c"}}}, "unknown case 'c'"),
+    ({"constraints": {"y": Q}}, "give at_least or at_most"),
+    ({"constraints": {"stiff": Q | {"at_least": 1}}}, "an objective and a constraint"),
+    ({"cases": {"c": {}, "d": {}}}, "say which case: c, d"),
+    ({"cases": {"c": {}, "d": {}}, "objectives": {"x": Q | {"case": "c"}}}, "case 'd' is not used"),
+    ({"poses": {"grid": {"u": [0, 1, 2]}}}, "unknown coordinate"),
+    ({"poses": {"grid": {"x": [0, 1, 1.5]}}}, "whole number"),
+    ({"poses": {"grid": {"x": [0, 1, 2]}, "random": {"count": 1, "ranges": {}}}}, "not both"),
+    ({"poses": {"grid": {"x": [0, 1, 4000], "y": [0, 1, 4000]}}}, "at most 10000000"),
+    ({"method": {"kind": "grid", "designs": 3}}, "designs is not for it"),
+    ({"method": {"kind": "local", "seed": 3}}, "nothing is drawn"),
+    ({"method": {"kind": "local", "start": {"sz": 2}}}, "start of 'sz' is not in its range"),
+    ({"method": {"kind": "evolution", "designs": 3}}, "too few designs"),
+    ({"method": {"kind": "local"}, "objectives": {"x": Q, "y": Q}}, "has one objective"),
+]
+
+
+@pytest.mark.parametrize(("keys", "words"), REFUSALS)
+def test_refusals(keys: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        cartstiff.design(study(**keys))
+
+
+def test_refusals_name_the_line(tmp_path: Path) -> None:
+    path = tmp_path / "study.yaml"
+    path.write_text("mechanism: cubic\nvariables:\n  r: [1, 2]\n  s: [2, 1]\nobjectives: {}\n")
+    with pytest.raises(InputError, match=r"study.yaml, line 4, key variables.s: low must be below"):
+        read_study(path)
+    with pytest.raises(InputError, match="number of workers"):
+        cartstiff.design(study(), workers=0)
+
+
+def test_one_program_serves_platforms_of_every_size() -> None:
+    """Geometry given at run time: the same numbers as where it is folded into the program."""
+    rng = np.random.default_rng(1)
+    for load in (None, WRENCH):
+        for name in ("hexapod", "stewart-gough"):
+            elastic = cartstiff.load(name)
+            q = elastic.q + 0.02 * rng.standard_normal((5, 6))
+            asked = {"wrench": load, "outputs": ("A", "F", "K", "compliance_B", "jacobian"),
+                     "path": "portable"}  # fmt: skip
+            plain = cartstiff.analyse_many(elastic, q, **asked)
+            general = replace(elastic, mechanism=elastic.mechanism.as_one_of_many())
+            found = cartstiff.analyse_many(general, q, **asked)
+            for output, array in plain.arrays.items():
+                scale = np.abs(array).max()
+                assert np.abs(found.arrays[output] - array).max() < 1e-12 * scale
+
+
+def test_postures_that_nobody_looks_at_are_undecided() -> None:
+    ring = {"radius": 0.4, "half_angle": np.pi / 6}
+    flat = cartstiff.hexapod(base=ring, platform=ring | {"radius": 0.3}, height=0.5, legs=1e6)
+    q = flat.q + np.linspace(0, 0.01, 30)[:, None] * np.eye(6)[0]
+    found = cartstiff.analyse_many(flat, q, outputs=("B", "compliance_B"), one_by_one=3)
+    assert found.counts() == {"type-2-singularity": 3, "undecided": 27}
+    assert np.isnan(found.B[found.state == found.codes.index("undecided")]).all()
+    assert cartstiff.analyse_many(
+        flat, q[:2], outputs=("compliance_B",), one_by_one=3
+    ).counts() == {"type-2-singularity": 2}
+    with pytest.raises(InputError, match="one_by_one"):
+        cartstiff.analyse_many(flat, q, one_by_one=-1)
