@@ -65,7 +65,7 @@ def command(
         sys.stdout.flush()
         raise click.exceptions.Exit(130) from None
 
-    from cartstiff.report.designs import describe_designs, draw_designs
+    from cartstiff.report.studies.designs import describe_designs, draw_designs
 
     write_files((table, found.to_csv), (plot, lambda: draw_designs(found)))
     tell(as_json, found.as_dict(), str(study), lambda: describe_designs(found, best))

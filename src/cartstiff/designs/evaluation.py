@@ -276,8 +276,13 @@ class Evaluation:
 
 def _reason(state: Array, lacking: Array) -> str:
     """States of the poses at which something does not exist."""
-    names = Counter(STATES[i] for i in state[lacking].tolist())
-    # Those that nobody has looked at one by one are most likely what the others are.
+
+    def told(rows: Array) -> str:
+        names = Counter(STATES[i] for i in state[rows].tolist())
+        found = [f"{words.get(name, name)} at {n}" for name, n in names.most_common()]
+        return ", ".join(found)
+
     words = {"regular": "infinite or undefined", "other": "doubtful, not told apart"}
-    found = [f"{words.get(name, name)} at {n}" for name, n in names.most_common()]
-    return f"{', '.join(found)} of {len(state)} poses"
+    doubtful, looked = state == STATES.index("other"), ~lacking & (state != 0)
+    also = f"; looked at one by one: {told(looked)}" if doubtful.any() and looked.any() else ""
+    return f"{told(lacking)} of {len(state)} poses{also}"

@@ -16,6 +16,7 @@ from cartstiff.designs.study import Study
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
+from cartstiff.mechanisms.notes import Note
 from cartstiff.notebook import ShownInLines
 
 __all__ = ["Designs"]
@@ -162,7 +163,7 @@ class Designs(ShownInLines):
             "notes": self._notes(),
         }  # fmt: skip
 
-    def _notes(self) -> list[dict[str, Any]]:
+    def _notes(self) -> list[dict[str, object]]:
         """What was assumed, and what is damaged."""
         notes = []
         lengths = [
@@ -175,12 +176,10 @@ class Designs(ShownInLines):
                 f"{', '.join(lengths)}: every design at its own natural length; `length` of a case "
                 "sets one for all"
             )
-            notes.append({"code": "own-length", "message": words, "values": {"measures": lengths}})
+            notes.append(Note("own-length", words, {"measures": lengths}))
         if not self.feasible:
-            words = "no design is feasible"
-            notes.append({"code": "no-feasible-design", "message": words, "values": self.counts()})
+            notes.append(Note("no-feasible-design", "no design is feasible", {**self.counts()}))
         if self.damaged:
             words = f"{self.damaged} damaged line(s) of the output: those designs were made again"
-            values = {"lines": self.damaged}
-            notes.append({"code": "damaged-lines", "message": words, "values": values})
-        return notes
+            notes.append(Note("damaged-lines", words, {"lines": self.damaged}))
+        return [note.as_dict() for note in notes]

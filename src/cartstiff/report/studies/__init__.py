@@ -1,0 +1,1 @@
+"""Studies of designs, told and drawn."""
