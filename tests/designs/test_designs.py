@@ -18,9 +18,10 @@ from hypothesis import strategies as st
 import cartstiff
 from cartstiff.cli.main import command
 from cartstiff.designs.evaluation import Design
+from cartstiff.designs.reading import read_study
 from cartstiff.designs.results import Designs
 from cartstiff.designs.run import Evaluation
-from cartstiff.designs.study import Study, read_study
+from cartstiff.designs.study import Study
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.many import postures
 

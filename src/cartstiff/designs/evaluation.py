@@ -10,7 +10,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from cartstiff.designs.study import Case, Measure, Study, check_names
+from cartstiff.designs.reading import check_names
+from cartstiff.designs.study import Case, Measure, Study
 from cartstiff.errors import (
     CartstiffError,
     InputError,

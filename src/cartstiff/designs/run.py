@@ -13,10 +13,10 @@ from typing import Any
 
 from cartstiff.arrays import checked_number
 from cartstiff.designs.evaluation import Design, Evaluation
+from cartstiff.designs.reading import read_study
 from cartstiff.designs.record import Record, digest_of
 from cartstiff.designs.results import Designs
 from cartstiff.designs.search import search
-from cartstiff.designs.study import read_study
 from cartstiff.errors import CartstiffError, InputError
 
 __all__ = ["design"]

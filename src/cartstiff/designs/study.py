@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from cartstiff.errors import InputError, UnknownNameError, one_line
-from cartstiff.expressions import Expression, is_name
-from cartstiff.loading.mechanism_file import first_error, place_of
+from cartstiff.expressions import is_name
 from cartstiff.loading.shorthand.words import Number, Positive, Text, Vector
-from cartstiff.loading.yaml_file import Lines, read_yaml
 
-__all__ = ["Case", "Measure", "Objective", "Study", "json_schema", "read_study"]
+__all__ = ["MOST_POSES", "Case", "Measure", "Objective", "Study", "StudyModel"]
 
 #: Poses of one design: more belong in a map.
 MOST_POSES = 10**7
@@ -26,11 +21,13 @@ _Wrench = Annotated[list[Number], Field(min_length=6, max_length=6)]
 _Range = Annotated[list[Number], Field(min_length=2, max_length=2)]
 
 
-class _Model(BaseModel):
+class StudyModel(BaseModel):
+    """What stands in a study: no other keys, and nothing changes it."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Variable(_Model):
+class Variable(StudyModel):
     """A parameter that is varied: between two ends, or among values."""
 
     low: Number | None = None
@@ -93,7 +90,7 @@ class Variable(_Model):
         return [self.at(i / (n - 1) if n > 1 else 0.5) for i in range(n)]
 
 
-class RandomPoses(_Model):
+class RandomPoses(StudyModel):
     """Poses drawn at random."""
 
     count: _Count
@@ -103,7 +100,7 @@ class RandomPoses(_Model):
     seed: _Seed = 0
 
 
-class Poses(_Model):
+class Poses(StudyModel):
     """Where every design is looked at; without any: at its default posture."""
 
     grid: Annotated[
@@ -146,7 +143,7 @@ class Poses(_Model):
         return math.prod(int(count) for _, _, count in (self.grid or {}).values())
 
 
-class Case(_Model):
+class Case(StudyModel):
     """A load, and what the quantities under it refer to; keys as in `cartstiff.compute_map`."""
 
     wrench: Annotated[_Wrench | None, Field(description="moment and force, carried everywhere")] = (
@@ -171,7 +168,7 @@ class Case(_Model):
         return self.model_dump()
 
 
-class Measure(_Model):
+class Measure(StudyModel):
     """A number of a design: of a quantity over the poses, or arithmetic over the parameters."""
 
     quantity: Annotated[Text | None, Field(description="of a map; or")] = None
@@ -260,7 +257,7 @@ class Constraint(Measure):
         return found
 
 
-class Method(_Model):
+class Method(StudyModel):
     """How designs are chosen."""
 
     kind: Literal["grid", "sobol", "latin-hypercube", "local", "evolution"] = "grid"
@@ -284,7 +281,7 @@ class Method(_Model):
         return self
 
 
-class Study(_Model):
+class Study(StudyModel):
     """What is varied, where it is judged, and by what."""
 
     mechanism: Annotated[Text, Field(description="a mechanism file, or the name of a bundled one")]
@@ -350,66 +347,3 @@ class Study(_Model):
         if self.method.kind == "grid":
             return math.prod(len(v.grid) for v in self.variables.values())
         return self.method.designs or 64
-
-
-def read_study(source: str | Path | Mapping[str, Any]) -> tuple[Study, Path]:
-    """A study and the folder that its mechanism's path is relative to.
-
-    Raises
-    ------
-    InputError
-        The first thing that is wrong, with file, line and key.
-    """
-    lines: Lines = {}
-    if isinstance(source, Mapping):
-        data, path = dict(source), Path("study")
-    elif isinstance(source, (str, Path)):
-        path = Path(source).expanduser()
-        data, lines = read_yaml(path)
-    else:
-        raise InputError("not a study", expected="a file's path or a mapping",
-                         got=type(source).__name__)  # fmt: skip
-    try:
-        study = Study.model_validate(data)
-    except ValidationError as error:
-        raise first_error(error, data, lines, path, ("study",), _keys()) from None
-    for name, measure in study.measures.items():
-        if measure.value is not None:
-            kind = "objectives" if name in study.objectives else "constraints"
-            Expression(measure.value[1:], place_of(path, lines, (kind, name, "value")))
-    if study.size > MOST_POSES:
-        raise InputError("too many designs", where=one_line(str(path)), expected=f"{MOST_POSES}",
-                         got=study.size)  # fmt: skip
-    return study, path.parent
-
-
-def _keys() -> set[str]:
-    """Every key that may stand in a study."""
-    models, keys = [_Model], set[str]()
-    while models:
-        model = models.pop()
-        keys.update(model.model_fields)
-        models.extend(model.__subclasses__())
-    return keys
-
-
-def check_names(study: Study, parameters: Mapping[str, float]) -> None:
-    """Refuse names that the mechanism does not have.
-
-    Raises
-    ------
-    UnknownNameError
-        For a variable, or a name in arithmetic, that is no parameter of the mechanism.
-    """
-    for name in (*study.variables, *study.set):
-        if name not in parameters:
-            raise UnknownNameError("parameter", name, parameters, where="study")
-    for key, measure in study.measures.items():
-        if measure.value is not None:
-            for name in sorted(Expression(measure.value[1:], key).names - set(parameters)):
-                raise UnknownNameError("parameter", name, parameters, where=key)
-
-
-def json_schema() -> dict[str, Any]:
-    """JSON schema of a study's file."""
-    return Study.model_json_schema()
