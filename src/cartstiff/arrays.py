@@ -6,6 +6,7 @@ one would be -9e18), complex numbers, masked numbers.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from decimal import Decimal
 from math import isfinite
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
-from cartstiff.errors import InputError, one_line
+from cartstiff.errors import InputError, one_line, printable
 
 __all__ = [
     "Array",
@@ -31,6 +32,7 @@ __all__ = [
     "checked_pose",
     "checked_unit",
     "checked_vector",
+    "csv_text",
     "fixed",
     "is_pose",
     "overlap",
@@ -339,3 +341,11 @@ def overlap(a: Array, b: Array) -> bool:
         return bool(np.shares_memory(a, b, max_work=10_000))  # type: ignore[arg-type]
     except np.exceptions.TooHardError:
         return True
+
+
+def csv_text(table: Array, names: Sequence[str]) -> str:
+    """A table (N, m) of numbers under a line of names, each with all of its digits."""
+    text = io.StringIO()
+    head = printable(",".join(names))
+    np.savetxt(text, table, delimiter=",", fmt="%.17g", header=head, comments="")
+    return text.getvalue()

@@ -42,10 +42,17 @@ def test_everything_at_once(tmp_path):
         assert words in text
 
 
-def test_lobes_by_both_theories():
+def test_lobes_by_both_theories(tmp_path):
     arguments = ["stewart-simscape", "--damping", "0.02", "--milling", "6e8,0.3,3,0,1.5708",
                  "--tip", "0,0,0.05", "--lobes", "14000:15000:2"]  # fmt: skip
-    told = json.loads(run(*arguments, "--json"))["lobes"]
+    csv, picture = tmp_path / "lobes.csv", tmp_path / "lobes.svg"
+    told = json.loads(run(*arguments, "--csv", csv, "--plot", picture, "--json"))["lobes"]
+    head, *rows = csv.read_text().splitlines()
+    assert head == "speed [rev/min],zeroth_order [m],semi_discretisation [m]"
+    columns = [told[key] for key in ("speeds", "depths", "semi_discretisation")]
+    table = [[float(x) for x in row.split(",")] for row in rows]
+    assert table == [list(row) for row in zip(*columns, strict=True)]
+    assert "limiting depth [m]" in picture.read_text()
     assert told["speeds"] == [14000, 15000]
     # Half immersion, three teeth: the theories are near each other.
     assert told["semi_discretisation"] == pytest.approx(told["depths"], rel=0.1)
@@ -70,6 +77,11 @@ def test_no_masses_is_a_state():
         (["--lobes", "9:5", "--milling", "6e8,0.3,3,0,1"], "LOW:HIGH"),
         (["--lobes", "5:9"], "force law"),
         (["--tip", "0,0,1"], "is for --lobes"),
+        (["--csv", "a.csv"], "is for --response"),
+        (
+            ["--lobes", "5:9", "--milling", "6e8,0.3,3,0,1", "--response", "1:2", "--csv", "a.csv"],
+            "serve one at a time",
+        ),
         (["--lobes", "5:9", "--milling", "6e8,0.3,3,0,1"], "needs damping"),
         (["--kind", "mobility"], "is for --response"),
         (["--response", "1:5", "--damping", "-0.1"], "zero or more"),

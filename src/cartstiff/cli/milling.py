@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cartstiff.cli.types import POINT, Numbers, option, option_group
@@ -111,6 +112,8 @@ class LobesRequest:
     feed: list[float] | None
     normal: list[float] | None
     tip: list[float] | None
+    csv: Path | None = None
+    plot: Path | None = None
 
     def __post_init__(self) -> None:
         if self.lobes is None:
@@ -141,7 +144,7 @@ class LobesRequest:
 
         import numpy as np
 
-        from cartstiff.report.modes import describe_lobes
+        from cartstiff.report.modes import describe_lobes, lobes_csv
         from cartstiff.vibration.chatter import depth_by_semi_discretisation, lobes
 
         if not damping.acts_on(found.elastic):
@@ -155,4 +158,12 @@ class LobesRequest:
             "milling": asdict(milling),
             "unit": found.elastic.units.length,
         }
+        from cartstiff.report.figures_modes import draw_lobes
+        from cartstiff.report.output import write_files
+
+        unit = found.elastic.units.length
+        write_files(
+            (self.csv, lambda: lobes_csv(curve, fine, unit)),
+            (self.plot, lambda: draw_lobes(curve, fine, unit)),
+        )
         return describe_lobes(curve, fine, found.elastic.units)

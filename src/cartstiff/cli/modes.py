@@ -36,7 +36,8 @@ Examples:
   cartstiff modes panda --payload 2,0,0,0.1 --json
   cartstiff modes ur5 --load 0,0,0,0,0,-500 --compare A,B,K,F,energy
   cartstiff modes ur5 --response 5:100 --damping 0.02 --direction 0,0,1 --plot bode.png
-  cartstiff modes stewart-simscape --damping 0.02 --milling 6e8,0.3,3,0,1.5708 --lobes 9000:20000
+  cartstiff modes stewart-simscape --damping 0.02 --milling 6e8,0.3,3,0,1.5708 \\
+    --lobes 9000:20000 --plot lobes.png
   cartstiff modes panda --impedance wanted.json --ratio 0.7 -o controller.yaml
   cartstiff modes stewart-simscape --sensitivities --tolerance 0.05,0.0001
 """
@@ -86,8 +87,8 @@ _options = option_group(
         "the zeroth-order theory and by semi-discretisation.",
     ),
     cutting_options,
-    option("--csv", type=OutputFile("FILE.csv", ".csv"), help="Write the response."),
-    option("--plot", type=PICTURE, help="Draw the response as a Bode diagram."),
+    option("--csv", type=OutputFile("FILE.csv", ".csv"), help="Write the response, or the lobes."),
+    option("--plot", type=PICTURE, help="Draw the response as a Bode diagram, or the lobes."),
     option(
         "--impedance", type=click.Path(path_type=Path), metavar="FILE",
         help="Stiffness wanted of a controller at the body frame (6x6; .json, .csv or .npy): "
@@ -154,8 +155,12 @@ def command(
     if tolerance is not None and (min(tolerance) < 0.0 or not any(tolerance)):
         raise InputError("cannot be used", where="--tolerance",
                          expected="zero or more, not all zero", got=tolerance)  # fmt: skip
+    files = {} if lobes is None else {n: response_options.pop(n) for n in ("csv", "plot")}
+    if response_options["response"] is not None and any(files.values()):
+        raise InputError("serve one at a time", where="--csv and --plot",
+                         expected="--response or --lobes")  # fmt: skip
     response = ResponseRequest(**response_options, lobes=lobes is not None)
-    cut = LobesRequest(lobes, milling, feed, normal, tip)
+    cut = LobesRequest(lobes, milling, feed, normal, tip, **files)
     controller = ControllerRequest(impedance, order, axes, ratio, output)
     elastic, q = request.load()
 

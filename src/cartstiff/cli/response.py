@@ -31,8 +31,8 @@ class ResponseRequest:
     direction: list[float] | None
     damping: list[float] | None
     rayleigh: list[float] | None
-    csv: Path | None
-    plot: Path | None
+    csv: Path | None = None
+    plot: Path | None = None
     lobes: bool = False
 
     def __post_init__(self) -> None:

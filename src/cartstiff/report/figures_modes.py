@@ -1,17 +1,19 @@
-"""Pictures of responses over frequency."""
+"""Pictures of responses over frequency, and of stability lobes."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.figures import new_figure
+from cartstiff.vibration.chatter import Lobes
 from cartstiff.vibration.mode_set import Modes
 from cartstiff.vibration.response import FrequencyResponse
 
-__all__ = ["draw_response"]
+__all__ = ["draw_lobes", "draw_response"]
 
 
 def draw_response(
@@ -58,6 +60,41 @@ def draw_response(
               yticks=[-180, -90, 0, 90, 180])  # fmt: skip
     if size.get_legend_handles_labels()[0]:
         size.legend()
+    return figure
+
+
+def draw_lobes(curve: Lobes, fine: Sequence[float], unit: str) -> Any:
+    """Limiting depth over the spindle's speed by both theories, and the depth always stable.
+
+    Parameters
+    ----------
+    curve : Lobes
+        By the zeroth-order theory.
+    fine : sequence of float
+        By semi-discretisation, at the same speeds.
+    unit : str
+        Unit of the depths.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    MissingDependencyError
+        Without matplotlib.
+    """
+    figure = new_figure(7.0, 4.0)
+    axis = figure.subplots()
+    for depths, name, style in (
+        (curve.depths, "zeroth order", "-"), (np.asarray(fine, float), "semi-discretisation", "o"),
+    ):  # fmt: skip
+        axis.plot(curve.speeds, np.where(np.isfinite(depths), depths, np.nan), style, label=name)
+    if np.isfinite(curve.least):
+        axis.axhline(curve.least, color="0.6", linestyle="--", label="stable at every speed")
+    axis.set(xlabel="speed [rev/min]", ylabel=f"limiting depth [{unit}]")
+    axis.set_ylim(bottom=0.0)
+    axis.legend()
     return figure
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
+from cartstiff.arrays import csv_text
 from cartstiff.errors import joined
 from cartstiff.mechanisms.contract import Units
 from cartstiff.report.layout import number, percent, table, vector
@@ -27,6 +28,7 @@ __all__ = [
     "describe_modes",
     "describe_response",
     "describe_sensitivities",
+    "lobes_csv",
 ]
 
 
@@ -222,6 +224,12 @@ def describe_response(response: FrequencyResponse, direction: ArrayLike | None) 
             f"{response.frequencies[top]:.6g} Hz, {size[-1]:.4g} at the end"
         )
     return lines + [f"  [{note.code}] {note.message}" for note in response.notes]
+
+
+def lobes_csv(curve: Lobes, fine: Sequence[float], unit: str) -> str:
+    """Limiting depths by speed as a table: by the zeroth-order theory, by semi-discretisation."""
+    names = ("speed [rev/min]", f"zeroth_order [{unit}]", f"semi_discretisation [{unit}]")
+    return csv_text(np.column_stack([curve.speeds, curve.depths, fine]), names)
 
 
 def describe_lobes(curve: Lobes, fine: Sequence[float], units: Units) -> list[str]:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from cartstiff.errors import printable
+from cartstiff.arrays import csv_text
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.other_units import shown
@@ -107,13 +106,10 @@ class CompensatedPath:
         heads = [f"{name} [{elastic.units.length}]" for name in elastic.spring_names]
         if elastic.spring_names == elastic.names:
             heads, commands = elastic.names_with_units, shown(elastic, commands)
-        header = ",".join(
-            [f"command_{name}" for name in heads]
-            + [f"before_{c}" for c in COMPONENTS]
-            + [f"after_{c}" for c in COMPONENTS]
-            + self.elastic.names_with_units
-        )
+        names = [
+            *(f"command_{name}" for name in heads),
+            *(f"{when}_{c}" for when in ("before", "after") for c in COMPONENTS),
+            *self.elastic.names_with_units,
+        ]
         table = np.column_stack([commands, self.before, self.after, shown(self.elastic, self.q)])
-        buffer = io.StringIO()
-        np.savetxt(buffer, table, delimiter=",", fmt="%.17g", header=header, comments="")
-        return printable(buffer.getvalue())
+        return csv_text(table, names)

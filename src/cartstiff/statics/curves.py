@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
@@ -10,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.errors import printable
+from cartstiff.arrays import csv_text
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.limits import Limits
@@ -139,14 +138,11 @@ class LoadCurve:
 
     def as_csv(self) -> str:
         """Factor, coordinates, displacement, linear prediction, eigenvalue: one line a point."""
-        header = ",".join(
-            ["factor", *self.elastic.names, *COMPONENTS]
-            + [f"linear_{c}" for c in COMPONENTS]
-            + ["eigenvalue"]
-        )
+        names = [
+            "factor", *self.elastic.names, *COMPONENTS, *(f"linear_{c}" for c in COMPONENTS),
+            "eigenvalue",
+        ]  # fmt: skip
         table = np.column_stack(
             [self.factors, self.q, self.displacement, self.linear, self.eigenvalue]
         )
-        buffer = io.StringIO()
-        np.savetxt(buffer, table, delimiter=",", fmt="%.17g", header=header, comments="")
-        return printable(buffer.getvalue())
+        return csv_text(table, names)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from cartstiff.errors import printable
+from cartstiff.arrays import csv_text
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.collisions import NOT_CHECKED
 from cartstiff.maps.intervals import half_width_name
@@ -247,9 +246,4 @@ class OptimisedPath:
         if self.half_widths is not None:
             columns.append(self.half_widths[:, None])
             names.append(half_width_name(self.criterion.name))
-        buffer = io.StringIO()
-        np.savetxt(
-            buffer, np.hstack(columns), delimiter=",", fmt="%.17g", header=",".join(names),
-            comments="",
-        )  # fmt: skip
-        return printable(buffer.getvalue())
+        return csv_text(np.hstack(columns), names)

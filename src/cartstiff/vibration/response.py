@@ -14,7 +14,6 @@ A base that shakes by u (translation) is felt through the momentum A per rate:
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -22,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_array, checked_unit, checked_vector, fixed
+from cartstiff.arrays import checked_array, checked_unit, checked_vector, csv_text, fixed
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -90,10 +89,7 @@ class FrequencyResponse:
         for name, values in self.curves(direction).items():
             names += [f"real_{name}", f"imaginary_{name}"]
             columns += [values.real, values.imag]
-        buffer = io.StringIO()
-        np.savetxt(buffer, np.stack(columns, axis=1), delimiter=",", fmt="%.17g", comments="",
-                   header=",".join(names))  # fmt: skip
-        return buffer.getvalue()
+        return csv_text(np.stack(columns, axis=1), names)
 
     def curves(self, direction: ArrayLike | None = None) -> dict[str, Array]:
         """Named curves (N,): along x, y, z, or along a direction."""
