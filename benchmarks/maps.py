@@ -21,6 +21,8 @@ from machine_limits import cache_size
 
 import cartstiff
 from cartstiff.many.postures import analyse_many
+from cartstiff.many.read_many import Reader
+from cartstiff.many.reading_arithmetic import READINGS, Readings
 from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
 
 QUANTITIES = ("translation_free_min", "condition", "deflection")
@@ -86,15 +88,22 @@ def single_quantities(quick: bool) -> None:
     count = 5000 if quick else 50_000
     q = np.random.default_rng(0).uniform(-2, 2, (count, 6))
     settings = Settings(length=0.18, direction=(0.0, 0.0, 1.0), deflect=DEFLECT, world=True)
-    print("| quantities | matrices, us per posture | the quantities, us per posture |")
-    print("|---|---:|---:|")
+    print("| quantities | matrices, us per posture | the quantities, us per posture | "
+          "both by machine code, us per posture |")  # fmt: skip
+    print("|---|---:|---:|---:|")
     for names in GROUPS:
         chosen = choose_quantities(names, settings, elastic)
         outputs = tuple(dict.fromkeys(o for quantity in chosen for o in quantity.outputs(settings)))
         # A path of the analysis is found posture by posture.
         rows = q[:200] if any("." in name for name in names) else q
         found = analyse_many(elastic, rows, outputs=outputs, threads=1)
-        making, reading = [], []
+        making, reading, at_once = [], [], []
+        reader = None
+        if set(names) <= set(READINGS):
+            asked = Readings(names, length=settings.length, direction=settings.direction,
+                             deflect=settings.deflect, world=settings.world)  # fmt: skip
+            reader = Reader(elastic, asked, outputs)
+            reader.read(rows)
         for _ in range(ROUNDS):
             start = time.perf_counter()
             found = analyse_many(elastic, rows, outputs=outputs, threads=1, out=found.arrays)
@@ -102,9 +111,14 @@ def single_quantities(quick: bool) -> None:
             evaluate(chosen, found.arrays, settings)
             making.append((middle - start) / len(rows) * 1e6)
             reading.append((time.perf_counter() - middle) / len(rows) * 1e6)
+            start = time.perf_counter()
+            if reader is not None:
+                reader.read(rows)
+                at_once.append((time.perf_counter() - start) / len(rows) * 1e6)
         shown = ", ".join(f"`{name}`" for name in names)
+        both = f"{statistics.median(at_once):.2f}" if at_once else ""
         print(f"| {shown} | {statistics.median(making):.2f} | "
-              f"{statistics.median(reading):.1f} |", flush=True)  # fmt: skip
+              f"{statistics.median(reading):.1f} | {both} |", flush=True)  # fmt: skip
 
 
 def main() -> None:

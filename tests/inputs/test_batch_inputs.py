@@ -136,3 +136,13 @@ def test_unknown_outputs_of_a_result(ur5):
     found = analyse_many(ur5, Q)
     with pytest.raises(UnknownNameError, match="unknown output"):
         found["pose"]
+
+
+def test_what_the_engine_computed_is_counted():
+    arm = cartstiff.load("ur5")
+    q = np.vstack([np.zeros(6), np.linspace(0.2, 1.2, 12).reshape(2, 6)])
+    found = analyse_many(arm, q, outputs=["K"], path="portable")
+    assert found.by_engine == 1
+    assert "portable, 1 by the engine" in repr(found)
+    assert analyse_many(arm, q, path="engine").by_engine == len(q)
+    assert analyse_many(arm, q[1:], path="portable").by_engine == 0

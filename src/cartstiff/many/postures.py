@@ -66,6 +66,9 @@ class Postures:
         Why nothing faster did; empty if nothing is.
     names : tuple of str
         Names of the coordinates.
+    by_engine : int
+        How many postures `cartstiff.analyse` has computed one by one: all of them where nothing
+        faster serves, else those that are not plainly regular.
     """
 
     q: Array
@@ -75,6 +78,7 @@ class Postures:
     path: str
     reason: str = ""
     names: tuple[str, ...] = ()
+    by_engine: int = 0
 
     def __getitem__(self, name: str) -> Array:
         try:
@@ -95,7 +99,10 @@ class Postures:
     def __repr__(self) -> str:
         states = ", ".join(f"{n} {code}" for code, n in self.counts().items()) or "none"
         shapes = ", ".join(f"{name} {a.shape}" for name, a in self.arrays.items())
-        return f"{len(self)} postures ({self.path}): {states}\n  {shapes}"
+        path = self.path
+        if 0 < self.by_engine < len(self):
+            path += f", {self.by_engine} by the engine"
+        return f"{len(self)} postures ({path}): {states}\n  {shapes}"
 
     @property
     def is_regular(self) -> NDArray[np.bool_]:
@@ -244,7 +251,8 @@ def analyse_many(
             coordinates = coordinates.copy()
         everything = np.arange(len(state))
         _by_engine(elastic, coordinates, loads, arrays, everything, state, codes, kind, load_axes)
-        return Postures(coordinates, arrays, state, tuple(codes), "engine", reason, elastic.names)
+        return Postures(coordinates, arrays, state, tuple(codes), "engine", reason, elastic.names,
+                        len(state))  # fmt: skip
     if each is not None:
         each = loads_in_body(elastic, coordinates, each, kind, load_axes, path, threads, chunk)
     by_kernel = arrays_for(known, {n: a for n, a in arrays.items() if n in known},
@@ -256,8 +264,8 @@ def analyse_many(
     for name in names:
         if name.startswith("root"):
             arrays[name][...] = np.nan
+    doubtful = np.flatnonzero(state == ENGINE)
     if state.any():
-        doubtful = np.flatnonzero(state == ENGINE)
         unbalanced = np.flatnonzero(state == UNBALANCED)
         state[:] = _index(codes, taken.regular)
         if len(unbalanced):
@@ -276,7 +284,8 @@ def analyse_many(
     elif len(state):
         state[:] = _index(codes, taken.regular)
     ran = "portable" if isinstance(kernel, PortableKernel) else "compiled"
-    return Postures(coordinates, arrays, state, tuple(codes), ran, reason, elastic.names)
+    return Postures(coordinates, arrays, state, tuple(codes), ran, reason, elastic.names,
+                    len(doubtful))  # fmt: skip
 
 
 def loads_in_body(
