@@ -219,3 +219,11 @@ def test_a_load_that_springs_exert_acts_somewhere_too() -> None:
     assert turning.tangent[3:, :3] - dead.tangent[3:, :3] == pytest.approx(cross, rel=1e-9)
     with pytest.raises(InputError, match="load_axes"):
         cartstiff.analyse(arm, q, load_axes="world")
+
+
+def test_the_tangent_is_found_by_its_name() -> None:
+    found = cartstiff.analyse(cartstiff.load("ur5"), wrench=[0.0, 1.0, 0.0, 0.0, 0.0, -50.0])
+    K, C = found.matrices["load"], found.compliances["load"]
+    assert np.array_equal(K, found.at().matrices["load"])
+    assert pytest.approx(np.eye(6), abs=1e-9) == K @ C
+    assert list(found.matrices) == list(found.compliances) == ["A", "B", "K", "F"]

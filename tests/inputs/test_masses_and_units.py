@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import cartstiff
+from cartstiff.errors import InputError
 from cartstiff.potentials.loads import DeadForce
 from cartstiff.statics.equilibrium import equilibrium
 
@@ -106,3 +107,31 @@ def test_gravity_without_mass_is_said(accepted: Callable[..., dict[str, Any]]) -
     Path("arm.urdf").write_text(arm)
     Path("arm.yaml").write_text("kind: serial\nmodel: arm.urdf\nframe: b\ngravity: [0, 0, -9.81]\n")
     assert "weightless" in [n["code"] for n in accepted("arm.yaml")["notes"]]
+
+
+def test_bars_of_legs_end_where_the_legs_do() -> None:
+    longer = "{stiffness: 1e5, mass: {fixed: 1, fixed_com: 1.5}}"
+    with pytest.raises(InputError, match=r"leg 1 is beyond its other end.*leg's length"):
+        cartstiff.load(platform("m", "N", legs=longer))
+
+
+@pytest.mark.parametrize(("moment", "doubtful"), [(0.5, True), (0.5e6, False)])
+def test_inertia_in_other_units_is_named(moment: float, doubtful: bool) -> None:
+    inertia = (moment * np.eye(3)).tolist()
+    found = cartstiff.load(platform("mm", "N", body=f"{{mass: 5, inertia: {inertia}}}"))
+    told = [n.message for n in found.notes if n.code == "doubtful-units"]
+    assert any("kg and mm^2" in words for words in told) == doubtful
+
+
+def test_inertia_of_no_body_is_named(tmp_path: Path) -> None:
+    text = (
+        '<robot name="r"><link name="a"/><link name="b"><inertial><mass value="2"/>'
+        '<inertia ixx="{}" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>'
+        '<joint name="j" type="continuous"><parent link="a"/><child link="b"/>'
+        '<axis xyz="0 0 1"/></joint></robot>'
+    )
+    for xx, named in (("1", False), ("5", True), ("-1", True)):
+        path = tmp_path / "r.urdf"
+        path.write_text(text.format(xx), encoding="utf-8")
+        codes = {note.code for note in cartstiff.load(path).notes}
+        assert ("impossible-inertia" in codes) == named

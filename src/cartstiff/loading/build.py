@@ -162,6 +162,8 @@ def build_platform(file: PlatformFile | SpringsFile, where: str, name: str) -> E
         raise InputError(
             f"leg {error.values['line']} has zero length at the file's pose", where=where
         ) from None
+    if platform.struts is not None:
+        _check_bars(platform.struts, geometry.lengths, where)
     stiffness = _per_leg(file.legs.stiffness, m, "stiffness", where)
     rest = _per_leg(file.legs.rest_length, m, "rest_length", where)
     preload = _per_leg(file.legs.preload, m, "preload", where)
@@ -224,6 +226,17 @@ def _struts(file: PlatformFile | SpringsFile, m: int, where: str) -> Struts | No
     keys = ("fixed", "moving", "fixed_com", "moving_com", "radius")
     found = [_per_leg(getattr(given, key), m, f"mass.{key}", where) for key in keys]
     return Struts(*(np.zeros(m) if value is None else value for value in found))
+
+
+def _check_bars(struts: Struts, lengths: np.ndarray, where: str) -> None:
+    """Refuse bars of legs whose centre lies beyond the leg's other end."""
+    for key, masses in (("fixed_com", struts.fixed), ("moving_com", struts.moving)):
+        for i in np.flatnonzero((masses > 0.0) & (getattr(struts, key) > lengths)):
+            raise InputError(
+                f"the mass centre of leg {i + 1} is beyond its other end",
+                where=f"{where}, legs.mass.{key}", got=f"{getattr(struts, key)[i]:g}",
+                expected=f"a distance up to the leg's length, {lengths[i]:g}",
+            )  # fmt: skip
 
 
 def with_given(file: Any, given: Mapping[str, Any], where: str) -> Any:

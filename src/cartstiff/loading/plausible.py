@@ -23,6 +23,8 @@ _LARGE = 50.0
 _SOFT = 1e4
 #: Share of its length by which hardly a spring is stretched.
 _STRETCHED = 0.9
+#: Share of a platform's size below which no body's radius of gyration is, nor above its inverse.
+_GYRATION = 0.01
 
 
 def turned(angles: Mapping[str, Sequence[float]]) -> list[Note]:
@@ -47,6 +49,20 @@ def stretched(strains: Mapping[str, float]) -> list[Note]:
     return _doubtful(found, "", words)
 
 
+def gyration(file: PlatformFile | SpringsFile) -> list[Note]:
+    """Names a body's inertia that is not of its size: kg m^2 in a file of mm is 1e-6 of it."""
+    body = file.body
+    if body is None or body.inertia is None or not body.mass:
+        return []
+    radius = math.sqrt(max(abs(x) for row in body.inertia for x in row) / body.mass)
+    size = max((math.hypot(*point) for point in file.platform), default=0.0)
+    if radius == 0.0 or _GYRATION * size <= radius <= size / _GYRATION:
+        return []
+    words = f"Beside {size:g} {file.units.length} of the platform: is body.inertia in kg and "
+    words += f"{file.units.length}^2?"
+    return _doubtful({"radius of gyration of the body": [radius]}, file.units.length, words)
+
+
 def _doubtful(found: Mapping[str, Sequence[float]], unit: str, question: str) -> list[Note]:
     if not found:
         return []
@@ -62,6 +78,7 @@ def file_notes(file: Any) -> list[Note]:
     notes = turned({f"{place}.rpy": pose.rpy for place, pose in poses.items()})
     lengths: dict[str, Sequence[float]] = {}
     if isinstance(file, (PlatformFile, SpringsFile)):
+        notes += gyration(file)
         if "units" not in file.model_fields_set:
             for key in ("base", "platform"):
                 lengths |= {f"{key}.{i}": p for i, p in enumerate(getattr(file, key), start=1)}

@@ -163,7 +163,9 @@ def prepare_urdf(root: ET.Element, where: str) -> UrdfFacts:
         _check_mimic(name, mimics, refuse)
     _fix_followers(joints, mimics)
     for name, part in links.items():
-        _check_inertial(part, f"link {name!r}", refuse)
+        if not _check_inertial(part, f"link {name!r}", refuse):
+            words = f"link {name!r}: no body has this inertia; none counts, which vibrations feel"
+            facts.notes.append(Note("impossible-inertia", words, {"link": name}))
     return facts
 
 
@@ -257,10 +259,11 @@ def _check_mimic(name: str, mimics: dict[str, Mimic], refuse: Any) -> None:
         seen.append(leader)
 
 
-def _check_inertial(link: ET.Element, what: str, refuse: Any) -> None:
+def _check_inertial(link: ET.Element, what: str, refuse: Any) -> bool:
+    """Whether some body has the moments of inertia, which else are taken away."""
     inertial = link.find("inertial")
     if inertial is None:
-        return
+        return True
     numbers_of(inertial.find("origin"), ("xyz", "rpy"), 3, what, refuse)
     mass = numbers_of(inertial.find("mass"), ("value",), 1, what, refuse)
     if mass is None:
@@ -271,10 +274,11 @@ def _check_inertial(link: ET.Element, what: str, refuse: Any) -> None:
     # impossible one, serves as well, with none.
     inertia = inertial.find("inertia")
     if inertia is not None and _is_possible(inertia):
-        return
+        return True
     if inertia is not None:
         inertial.remove(inertia)
     ET.SubElement(inertial, "inertia", dict.fromkeys(INERTIA, "0"))
+    return inertia is None or mass[0] == 0.0
 
 
 def _is_possible(inertia: ET.Element) -> bool:

@@ -12,7 +12,7 @@ import weakref
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import replace
-from functools import cached_property, wraps
+from functools import cached_property, partial, wraps
 from itertools import zip_longest
 from threading import Thread, main_thread
 from typing import Any, TypeVar, cast
@@ -120,16 +120,17 @@ class QuickPosture(PostureStiffness):
     @cached_property
     def matrices(self) -> Mapping[str, Array | None]:
         """K^A, K^B, K^K, K^F as arrays (6, 6), None where one does not exist."""
-        return self._named(self._code.matrices)
+        return self._named(self._code.matrices, "tangent")
 
     @cached_property
     def compliances(self) -> Mapping[str, Array | None]:
         """Inverses of `matrices`, found without them."""
-        return self._named(self._code.compliances)
+        return self._named(self._code.compliances, "tangent_compliance")
 
-    def _named(self, place: slice) -> NamedArrays:
+    def _named(self, place: slice, under_load: str) -> NamedArrays:
         each = self._record[place].reshape(-1, 6, 6)
-        return NamedArrays(dict(zip_longest("ABKF", each)))
+        also = {"load": partial(getattr, self, under_load)}
+        return NamedArrays(dict(zip_longest("ABKF", each)), also)
 
     @cached_property
     def tangent(self) -> Array | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -141,12 +142,12 @@ class PostureStiffness(ShownInLines):
 
     @cached_property
     def matrices(self) -> Mapping[str, Array | None]:
-        """K^A, K^B, K^K, K^F as arrays (6, 6), None where one does not exist."""
-        K, W = self.reduction.stiffness, self.reduction.force
-        if K is None or W is None:
-            return NamedArrays(dict.fromkeys("ABKF"))
-        A, K_K = K + self._changes
-        return NamedArrays({"A": A, "B": K, "K": K_K, "F": self._flat.stiffness})
+        """K^A, K^B, K^K, K^F (6, 6), None where one does not exist; "load" is the `tangent`."""
+        K, known = self.reduction.stiffness, dict[str, Array | None].fromkeys("ABKF")
+        if K is not None and self.reduction.force is not None:
+            A, K_K = K + self._changes
+            known = {"A": A, "B": K, "K": K_K, "F": self._flat.stiffness}
+        return NamedArrays(known, {"load": partial(getattr, self, "tangent")})
 
     @cached_property
     def _changes(self) -> Array:
@@ -160,8 +161,8 @@ class PostureStiffness(ShownInLines):
         ``C^X = J_N (H_N + J_N^T D J_N)^-1 J_N^T`` with D = K^X - K^B, which the load alone makes;
         for C^F the Hessian is that in the chart.
         """
-        found = self._inverses.items()
-        return NamedArrays({name: None if C is None else C.matrix for name, C in found})
+        known = {n: None if C is None else C.matrix for n, C in self._inverses.items()}
+        return NamedArrays(known, {"load": partial(getattr, self, "tangent_compliance")})
 
     @cached_property
     def _inverses(self) -> dict[str, numerics.Inverse | None]:
