@@ -2,6 +2,7 @@
 
 /* global MeshCat */
 import { byId, chop, el, short } from "./dom.js";
+import { CLOSE } from "./numerics.js";
 
 // Length of the handles' arms on the screen (dots), and how near (dots) a pointer brings them out.
 const ARM = 84;
@@ -82,7 +83,7 @@ export function hands(store) {
   function size(group) {
     const { camera } = viewer;
     const away = group.position.distanceTo(vector().setFromMatrixPosition(camera.matrixWorld));
-    group.scale.setScalar(Math.max(1e-6, (ARM * 2 * away * Math.tan((camera.fov * Math.PI) / 360)) / Math.max(1, pane.node.clientHeight)));
+    group.scale.setScalar(Math.max(CLOSE, (ARM * 2 * away * Math.tan((camera.fov * Math.PI) / 360)) / Math.max(1, pane.node.clientHeight)));
   }
 
   function place() {
@@ -144,7 +145,7 @@ export function hands(store) {
   function onLine({ ray }, o, a) {
     const w = ray.origin.clone().sub(o);
     const b = a.dot(ray.direction);
-    return Math.abs(1 - b * b) < 1e-6 ? 0 : (a.dot(w) - b * ray.direction.dot(w)) / (1 - b * b);
+    return Math.abs(1 - b * b) < CLOSE ? 0 : (a.dot(w) - b * ray.direction.dot(w)) / (1 - b * b);
   }
 
   function angleIn(point, origin, axis) {
