@@ -47,6 +47,8 @@ from .potentials.loads import payload as payload
 from .potentials.springs import JointSprings as JointSprings
 from .reach.assembly import AssemblyModes as AssemblyModes
 from .reach.assembly import assemble as assemble
+from .reach.workspace import Workspace as Workspace
+from .reach.workspace import workspace as workspace
 from .scene.scene import Scene as Scene
 from .statics.command import after_command as after_command
 from .statics.command import commanded as commanded

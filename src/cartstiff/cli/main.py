@@ -56,6 +56,10 @@ _COMMANDS = {
     "models": ("cartstiff.cli.models", "What can be named as MECHANISM."),
     "poses": ("cartstiff.cli.poses", "A table of postures as robot controllers show them."),
     "report": ("cartstiff.cli.report", "One file to send on: the answer, pictures, numbers."),
+    "workspace": (
+        "cartstiff.cli.reach.workspace",
+        "Where a platform or cable robot can be, and what limits it.",
+    ),
     "view": ("cartstiff.cli.view", "A page in the browser: move the mechanism, see its stiffness."),
 }
 

@@ -1,0 +1,93 @@
+"""``cartstiff workspace``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from cartstiff.cli.options import MechanismRequest, mechanism_options
+from cartstiff.cli.output import Progress, tell
+from cartstiff.cli.types import (
+    PICTURE,
+    WRENCH,
+    Number,
+    Numbers,
+    OutputFile,
+    json_option,
+    option,
+    option_group,
+    progress_option,
+)
+from cartstiff.errors import UndefinedError
+
+__all__ = ["command"]
+
+_EPILOG = """\b
+Examples:
+  cartstiff workspace hexapod
+  cartstiff workspace hexapod --pose 0,0,0.7,0.1,0,0 --plot workspace.png --csv boundary.csv
+  cartstiff workspace cable-robot --radius 2 --wrench 0,0,0,0,0,-50 --json
+"""
+
+_options = option_group(
+    option("--pose", type=Numbers("X,Y,Z,R,P,Y", 6),
+           help="Orientation that is kept, and position around which rotations are tried: "
+           "position and roll, pitch, yaw about fixed axes; default the file's."),
+    option("--wrench", type=WRENCH,
+           help="Load on the body at M's origin in the axes of F, where forces or tensions are "
+           "limited."),
+    click.option("--directions", type=click.IntRange(8, 1_000_000),
+                 help="About how many rays, and columns; default 1000, 200 for tensions."),
+    click.option("--scan", type=click.IntRange(2, 100_000), default=48, show_default=True,
+                 help="Poses along each ray; parts that are thinner than a step may be missed."),
+    option("--radius", type=Number("LENGTH", above_zero=True),
+           help="How far positions are followed; default where the longest lengths end."),
+    click.option("--through-singularities", is_flag=True,
+                 help="Count poses beyond singular ones as well."),
+    option("--csv", type=OutputFile("FILE.csv", ".csv"),
+           help="Write the boundary: positions, and the limit that cuts each."),
+    option("--plot", type=PICTURE, help="Draw the boundary from above and from two sides."),
+    progress_option,
+    json_option,
+    click.option("--strict", is_flag=True,
+                 help="Exit with code 3 where architecture or orientation is singular."),
+)  # fmt: skip
+
+
+@click.command(name="workspace", epilog=_EPILOG)
+@mechanism_options(placed=False)
+@_options
+def command(
+    request: MechanismRequest,
+    directions: int | None,
+    scan: int,
+    radius: float | None,
+    through_singularities: bool,
+    csv: Path | None,
+    plot: Path | None,
+    progress: bool | None,
+    as_json: bool,
+    strict: bool,
+) -> None:
+    """Where the platform or cable robot MECHANISM can be within all limits of its file.
+
+    Volume and slices with one orientation, the rotations at one position, which limit cuts which
+    share of the boundary, the largest sphere and cube inside, and how near singular poses are.
+    """
+    elastic, q = request.load()
+
+    from cartstiff.reach.workspace import workspace
+    from cartstiff.report.output import write_files
+    from cartstiff.report.workspace import boundary_csv, describe_workspace, draw_workspace
+
+    with Progress("poses", progress) as bar:
+        found = workspace(
+            elastic, q, wrench=request.wrench, directions=directions, scan=scan, radius=radius,
+            through_singularities=through_singularities, progress=bar,
+        )  # fmt: skip
+    write_files((csv, lambda: boundary_csv(found)), (plot, lambda: draw_workspace(found)))
+    tell(as_json, found.as_dict(), request.mechanism, lambda: describe_workspace(found))
+    if strict and found.positions is None:
+        note = found.notes[-1]
+        raise UndefinedError(note.message, code=note.code, values=dict(note.values))

@@ -1,0 +1,173 @@
+r"""How far poses of a platform are from each of its limits, many poses at once.
+
+A margin is zero at the limit and negative beyond it. Cables, or more than six legs, with limits of
+their tensions carry a wrench W if ``sum t_i g_i = W`` has a solution within them: W then lies in a
+zonotope, whose facets are normal to n with n . g = 0 for five of the lines each
+([BouchardGosselin]_),
+
+    n . W <= sum_i max(n . g_i t_i),    t_i between its limits,
+
+and the least of these differences, over \|n\|, is the margin: the wrench (moments over the body's
+length) that may be added in any direction.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cartstiff import numerics
+from cartstiff.errors import InputError
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.limits import Limits
+from cartstiff.mechanisms.platform import Platform
+from cartstiff.potentials.line_springs import LineSprings
+
+__all__ = ["Margins", "lines_at", "wrench_margins"]
+
+
+def lines_at(platform: Platform, poses: Array) -> tuple[Array, Array]:
+    """Lengths (N, m) and line coordinates (N, m, 6) of the legs, moments over the body's length."""
+    R, p = poses[:, :3, :3], poses[:, :3, 3]
+    along = platform.points - (platform.anchors - p[:, None]) @ R
+    lengths = np.linalg.norm(along, axis=-1)
+    u = along / np.maximum(lengths, numerics.TINY)[..., None]
+    moments = np.cross(np.broadcast_to(platform.points, u.shape), u) / platform.length
+    return lengths, np.concatenate([moments, u], axis=-1)
+
+
+def wrench_margins(lines: Array, wrench: Array, least: Array, most: Array) -> Array:
+    """Margins (N,) of wrenches (N, 6) that lines (N, m, 6) carry with tensions within limits (m,).
+
+    Where tensions have no upper limit, infinity means that every wrench can be carried (closure).
+    """
+    m = lines.shape[1]
+    found, spanned = np.full(len(lines), np.inf), np.zeros(len(lines), bool)
+    rows = np.arange(6)
+    for five in combinations(range(m), 5):
+        held = lines[:, five]  # (N, 5, 6)
+        n = np.stack(
+            [(-1.0) ** j * np.linalg.det(held[:, :, rows != j]) for j in range(6)], axis=-1
+        )
+        size = np.linalg.norm(n, axis=-1)
+        n = n / np.maximum(size, numerics.TINY)[:, None]
+        along = np.einsum("nmi,ni->nm", lines, n)
+        along[:, five] = 0.0
+        along[np.abs(along) < numerics.RANK] = 0.0
+        regular = size > numerics.RANK
+        spanned |= regular
+        asked = (n * wrench).sum(axis=-1)
+        for sign in (1.0, -1.0):
+            pulled = sign * along
+            with np.errstate(invalid="ignore"):
+                reach = np.where(
+                    pulled > 0.0, pulled * most, np.where(pulled < 0.0, pulled * least, 0.0)
+                ).sum(axis=-1)
+            margin = reach - sign * asked
+            found = np.where(regular, np.minimum(found, margin), found)
+    # Without five independent lines nothing is spanned.
+    return np.where(spanned, found, -np.inf)
+
+
+class Margins:
+    """Margins of a platform's limits.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        A platform, or a body on cables.
+    wrench : ndarray (6,)
+        Load in the axes of F at M's origin, (moment, force), that the legs carry where their
+        forces are limited; the body's weight is added where there is gravity.
+    sign : float
+        Of the determinant of six legs' lines; poses of the other sign count as beyond the limit
+        "singularity". 0: it does not count.
+
+    Attributes
+    ----------
+    names : tuple of str
+        What is limited, and at which side.
+    """
+
+    def __init__(self, elastic: ElasticMechanism, wrench: Array, sign: float = 0.0) -> None:
+        platform, springs = elastic.mechanism, elastic.springs
+        if not isinstance(platform, Platform) or not isinstance(springs, LineSprings):
+            raise InputError("workspaces are of platforms and bodies on cables",
+                             got=elastic.mechanism.kind)  # fmt: skip
+        self.platform, self.springs, self.sign = platform, springs, sign
+        self.limits = Limits(platform)
+        self.wrench, self.weight = wrench, np.zeros(3)
+        if elastic.gravity is not None:
+            self.weight = platform.weight(elastic.gravity)
+        m = len(platform.points)
+        self.forces = None if platform.leg_limits is None else platform.leg_limits.forces
+        self.is_spread = springs.unilateral or m > 6
+        if self.forces is None and springs.unilateral:
+            self.forces = np.tile([0.0, np.inf], (m, 1))
+        if self.forces is not None and platform.struts is not None and elastic.gravity is not None:
+            raise InputError("limits of forces do not know the weight of legs with mass",
+                             expected="no gravity, or no legs.mass")  # fmt: skip
+        if m < 6 and self.forces is not None:
+            raise InputError("forces of fewer than six legs do not follow from a load", got=m)
+        finite = [np.isfinite(bound) for bound in (self.limits.lower, self.limits.upper)]
+        self._lower, self._upper = (np.flatnonzero(which) for which in finite)
+        zero = self.limits.lower[self._lower] == 0.0
+        self._lower = self._lower[~zero]  # lengths and angles are not below zero
+        names = [f"{self.limits.names[i]}, least" for i in self._lower]
+        names += [f"{self.limits.names[i]}, most" for i in self._upper]
+        if self.forces is not None and self.is_spread:
+            names.append("tensions")
+        elif self.forces is not None:
+            names += [f"force of leg{i + 1}, least" for i in range(m)]
+            names += [f"force of leg{i + 1}, most" for i in range(m)]
+        if sign and m == 6:
+            names.append("singularity")
+        self.names = tuple(names)
+
+    def at(self, poses: Array) -> Array:
+        """Margins (N, k) at poses (N, 4, 4) of M."""
+        values = self.limits.values(np.empty((len(poses), 6)), poses)
+        parts = [
+            values[:, self._lower] - self.limits.lower[self._lower],
+            self.limits.upper[self._upper] - values[:, self._upper],
+        ]
+        lengths, lines = lines_at(self.platform, poses)
+        if self.forces is not None:
+            asked = self._asked(poses)
+            least, most = self.forces.T
+            if self.is_spread:
+                found = wrench_margins(lines, asked, least, most)
+                # On the edge itself nothing more can be carried, as by cables without tension.
+                parts.append(np.where(found > 0.0, found, np.minimum(found, -1.0))[:, None])
+            else:
+                t = self._tensions(lengths, lines, asked)
+                parts += [t - least, most - t]
+        if self.sign and lines.shape[1] == 6:
+            parts.append(self.sign * np.linalg.det(lines)[:, None])
+        return np.concatenate(parts, axis=1)
+
+    def inside(self, poses: Array) -> NDArray[np.bool_]:
+        """Which poses (N,) are within all limits."""
+        return np.asarray((self.at(poses) >= 0.0).all(axis=1))
+
+    def _asked(self, poses: Array) -> Array:
+        """What the legs carry (N, 6), in M, moments over the body's length."""
+        R = poses[:, :3, :3]
+        force = (self.wrench[3:] - self.weight) @ R
+        weight = -self.weight @ R
+        moment = self.wrench[:3] @ R + np.cross(self.platform.mass_centre, weight)
+        return np.concatenate([moment / self.platform.length, force], axis=1)
+
+    def _tensions(self, lengths: Array, lines: Array, asked: Array) -> Array:
+        """Tensions (N, 6): of given rest lengths, or those that balance what is asked."""
+        if self.springs.is_complete and not self.wrench.any():
+            return self.springs.tensions(lengths)
+        with np.errstate(all="ignore"):
+            matrix = lines.swapaxes(1, 2)
+            regular = np.abs(np.linalg.det(matrix)) > numerics.RANK
+            safe = np.where(regular[:, None, None], matrix, np.eye(6))
+            t = np.linalg.solve(safe, asked[..., None])[..., 0]
+        return np.where(regular[:, None], t, np.inf)

@@ -1,0 +1,278 @@
+r"""Parts of a space of poses that are inside: rays from a centre, columns, the largest ball."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from cartstiff import numerics
+from cartstiff.geometry.se3 import Array
+from cartstiff.reach.margins import Margins
+
+__all__ = [
+    "Columns",
+    "Progress",
+    "Rays",
+    "columns_inside",
+    "inscribed",
+    "rays_to_boundaries",
+    "shifted",
+    "sphere_rule",
+]
+
+# Bisections of each boundary: of a scan's step 1e-6 is left.
+_HALVINGS = 20
+_ROWS = 20_000
+# The box of the columns is widened so often while there are poses at its sides.
+_WIDENINGS = 5
+# Of the search for what fits inside: directions, and in the end, poses along each, places tried.
+_DIRECTIONS, _CHECKED, _SCAN, _PLACES = 50, 800, 10, 40
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """Rays from a centre to the boundaries.
+
+    Attributes
+    ----------
+    directions : ndarray (d, 3)
+        Unit vectors.
+    weights : ndarray (d,)
+        Of the rule; their sum is 1.
+    first : ndarray (d,)
+        Distance (or angle) to the first boundary; 0 where the centre is outside.
+    edges : list of (ray, distance, enters, limit)
+        Every boundary: the number of its ray, its distance, whether the ray enters there, and the
+        name of the limit that cuts.
+    reach : float
+        How far the rays were followed.
+    poses : int
+        How many poses were tried.
+    """
+
+    directions: Array
+    weights: Array
+    first: Array
+    edges: list[tuple[int, float, bool, str]]
+    reach: float
+    poses: int
+
+    def total(self, measure: Callable[[float], float]) -> float:
+        """Sum over the rays of what a measure gives to the parts inside, weighted."""
+        return float(
+            sum(
+                self.weights[ray] * (-1.0 if enters else 1.0) * measure(distance)
+                for ray, distance, enters, _ in self.edges
+            )
+        )
+
+    def shares(self) -> dict[str, float]:
+        """Share of the outermost boundary, by solid angle from the centre, that each limit cuts."""
+        last: dict[int, tuple[float, str]] = {}
+        for ray, distance, enters, name in self.edges:
+            if not enters and distance > last.get(ray, (-1.0, ""))[0]:
+                last[ray] = (distance, name)
+        found: dict[str, float] = {}
+        for ray, (_, name) in last.items():
+            found[name] = found.get(name, 0.0) + float(self.weights[ray])
+        total = sum(found.values()) or 1.0
+        return {n: x / total for n, x in sorted(found.items(), key=lambda pair: -pair[1])}
+
+
+def sphere_rule(count: int) -> tuple[Array, Array]:
+    """About `count` directions (d, 3) and weights (d,): Gauss in height, equal steps around."""
+    rows = max(2, round(np.sqrt(count / 2.0)))
+    height, weight = np.polynomial.legendre.leggauss(rows)
+    turns = (np.arange(2 * rows) + 0.5) * np.pi / rows
+    z, angle = (part.ravel() for part in np.meshgrid(height, turns, indexing="ij"))
+    radius = np.sqrt(1.0 - z * z)
+    directions = np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
+    return directions, np.repeat(weight, 2 * rows) / (4.0 * rows)
+
+
+def rays_to_boundaries(
+    margins: Margins, pose_at: Callable[[Array], Array], reach: float, count: int, scan: int,
+    progress: Progress | None = None,
+) -> Rays:  # fmt: skip
+    """Boundaries along rays; `pose_at` makes poses (N, 4, 4) of offsets (N, 3) from the centre."""
+    directions, weights = sphere_rule(count)
+    d = len(directions)
+    steps = np.linspace(0.0, reach, scan + 1)
+    inside = np.empty((d, scan + 1), bool)
+    block = max(1, _ROWS // (scan + 1))
+    for i in range(0, d, block):
+        part = directions[i : i + block]
+        offsets = (part[:, None] * steps[:, None]).reshape(-1, 3)
+        inside[i : i + block] = margins.inside(pose_at(offsets)).reshape(len(part), -1)
+        if progress is not None:
+            progress(min(i + block, d), d)
+    inside[:, -1] = False
+    ray, step = np.nonzero(inside[:, 1:] != inside[:, :-1])
+    near, far = steps[step].copy(), steps[step + 1].copy()
+    enters = inside[ray, step + 1]
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (near + far)
+        within = margins.inside(pose_at(middle[:, None] * directions[ray]))
+        stays = within == ~enters
+        near, far = np.where(stays, middle, near), np.where(stays, far, middle)
+    outside = np.where(enters, near, far)
+    cuts = margins.at(pose_at(outside[:, None] * directions[ray])).argmin(axis=1)
+    names = np.array(margins.names)[cuts]
+    edge = np.where(enters, far, near)  # the last pose that is within
+    first = np.zeros(d)
+    known: set[int] = set()
+    for k, r in enumerate(ray.tolist()):
+        if r not in known and inside[r, 0]:
+            first[r] = edge[k]
+        known.add(r)
+    edges = [
+        (int(r), float(x), bool(e), str(n))
+        for r, x, e, n in zip(ray, edge, enters, names, strict=True)
+    ]
+    return Rays(directions, weights, first, edges, reach, d * (scan + 1) + _HALVINGS * len(ray))
+
+
+class Columns(NamedTuple):
+    """Columns of positions inside, along z.
+
+    Attributes
+    ----------
+    volume : float
+        Of all of them.
+    places : ndarray (k, 2)
+        x and y of their middles, in F.
+    ends : ndarray (k, 2)
+        Lower and upper end of each part inside, in F.
+    area : float
+        Across a column.
+    poses : int
+        How many poses were tried.
+    """
+
+    volume: float
+    places: Array
+    ends: Array
+    area: float
+    poses: int
+
+    def slices(self, count: int) -> list[tuple[float, float]]:
+        """Height and area of so many slices across z, at equal distances."""
+        if not len(self.ends):
+            return []
+        low, high = float(self.ends[:, 0].min()), float(self.ends[:, 1].max())
+        heights = low + (np.arange(count) + 0.5) * (high - low) / count
+        within = (self.ends[:, :1] <= heights) & (heights <= self.ends[:, 1:])
+        areas = self.area * within.sum(axis=0)
+        return list(zip(heights.tolist(), areas.tolist(), strict=True))
+
+
+def columns_inside(
+    margins: Margins, pose: Array, boundary: Array, count: int, scan: int, reach: float
+) -> Columns:
+    """Columns over the box around boundary positions (k, 3), widened until it holds all.
+
+    Positions further than `reach` from the centre do not count.
+    """
+
+    def within(places: Array) -> Array:
+        offsets = places - pose[:3, 3]
+        near = np.linalg.norm(offsets, axis=1) <= reach
+        found = np.zeros(len(places), bool)
+        found[near] = margins.inside(shifted(pose, offsets[near]))
+        return found
+
+    if not len(boundary):
+        return Columns(0.0, np.empty((0, 2)), np.empty((0, 2)), 0.0, 0)
+    low, high = boundary.min(axis=0), boundary.max(axis=0)
+    wide = np.maximum(high - low, numerics.NEARBY * margins.platform.length)
+    low, high = low - 0.03 * wide, high + 0.03 * wide
+    poses = 0
+    for _ in range(_WIDENINGS):
+        axes = [low[i] + (np.arange(count) + 0.5) * (high[i] - low[i]) / count for i in (0, 1)]
+        xy = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+        z = np.linspace(low[2], high[2], scan + 1)
+        inside = np.empty((len(xy), scan + 1), bool)
+        block = max(1, _ROWS // (scan + 1))
+        for i in range(0, len(xy), block):
+            part = xy[i : i + block]
+            places = np.hstack([np.repeat(part, scan + 1, 0), np.tile(z, len(part))[:, None]])
+            inside[i : i + block] = within(places).reshape(len(part), -1)
+        poses += inside.size
+        square = inside.any(axis=1).reshape(count, count)
+        ends_z = inside[:, 0].any() | inside[:, -1].any()
+        if not (square[[0, -1]].any() or square[:, [0, -1]].any() or ends_z):
+            break
+        middle, wide = 0.5 * (low + high), 1.3 * (high - low)
+        low, high = middle - 0.5 * wide, middle + 0.5 * wide
+    inside[:, [0, -1]] = False
+    row, step = np.nonzero(inside[:, 1:] != inside[:, :-1])
+    enters = inside[row, step + 1]
+    a, b = z[step].copy(), z[step + 1].copy()
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (a + b)
+        places = np.column_stack([xy[row], middle])
+        stays = within(places) == ~enters
+        a, b = np.where(stays, middle, a), np.where(stays, b, middle)
+    edge = 0.5 * (a + b)
+    area = float(np.prod((high - low)[:2]) / count**2)
+    ends = np.column_stack([edge[enters], edge[~enters]])
+    volume = area * float((ends[:, 1] - ends[:, 0]).sum())
+    return Columns(volume, xy[row[enters]], ends, area, poses + _HALVINGS * len(row))
+
+
+def inscribed(
+    margins: Margins, pose: Array, positions: Rays
+) -> tuple[tuple[Array, float], tuple[Array, float]]:
+    """Largest sphere and cube inside, from the best of some starts by a direct search."""
+    from scipy.optimize import minimize
+
+    reach, scan = positions.reach, _SCAN
+    corners = np.array([c for c in product((-1.0, 0.0, 1.0), repeat=3) if any(c)])
+    corners /= np.linalg.norm(corners, axis=1)[:, None]
+    few, many = (np.vstack([corners, sphere_rule(n)[0]]) for n in (_DIRECTIONS, _CHECKED))
+    steps = np.linspace(0.0, reach, scan + 1)[1:]
+
+    def exits(centre: Array, directions: Array) -> Array:
+        """Distances (d,) to the first boundary from a place."""
+        offsets = centre + (directions[:, None] * steps[:, None]).reshape(-1, 3)
+        inside = margins.inside(shifted(pose, offsets)).reshape(len(directions), -1)
+        k = np.where(inside.all(axis=1), scan - 1, np.argmin(inside, axis=1))
+        near, far = np.where(k > 0, steps[k - 1], 0.0), steps[k]
+        for _ in range(_HALVINGS // 2):
+            middle = 0.5 * (near + far)
+            within = margins.inside(shifted(pose, centre + middle[:, None] * directions))
+            near, far = np.where(within, middle, near), np.where(within, far, middle)
+        return near
+
+    def largest(size: Callable[[Array], Array]) -> tuple[Array, float]:
+        def less(centre: Array) -> float:
+            if not margins.inside(shifted(pose, centre[None]))[0]:
+                return float(np.linalg.norm(centre))
+            return -float((exits(centre, few) * size(few)).min())
+
+        inner = positions.first.min() or 0.1 * reach
+        simplex = np.vstack([np.zeros(3), np.eye(3) * max(inner, 0.02 * reach)])
+        options = {
+            "initial_simplex": simplex,
+            "maxfev": _PLACES,
+            "xatol": 1e-4 * reach,
+            "fatol": 0.0,
+        }
+        found = minimize(less, np.zeros(3), method="Nelder-Mead", options=options)
+        return pose[:3, 3] + found.x, float((exits(found.x, many) * size(many)).min())
+
+    sphere = largest(lambda directions: np.ones(len(directions)))
+    cube = largest(lambda directions: np.abs(directions).max(axis=1))
+    return sphere, (cube[0], 2.0 * cube[1])
+
+
+def shifted(pose: Array, offsets: Array) -> Array:
+    """A pose (4, 4) moved by offsets (N, 3) in F."""
+    poses = np.tile(pose, (len(offsets), 1, 1))
+    poses[:, :3, 3] += offsets
+    return poses

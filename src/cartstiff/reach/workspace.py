@@ -1,0 +1,288 @@
+r"""The workspace of a platform: its volume, the limit that cuts each boundary, what fits inside.
+
+From a centre, rays leave in directions of a product rule on the sphere (Gauss in height, equal
+steps around). Along each the poses are scanned and every boundary is bisected: that says which
+limit cuts where. The volume is that of columns along z over a grid of the box around them, each
+scanned and bisected too, so that holes and parts that are not connected count.
+
+Of orientations the same rays run in the ball of rotation vectors, where a turn by up to theta about
+an axis takes ``(theta - sin theta) / pi`` of all rotations in that direction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff.arrays import checked_flag, checked_vector
+from cartstiff.errors import InputError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.kinematics.architecture import architecture_of, orientation_rank
+from cartstiff.mechanisms.contract import named_values
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note, checked_elastic
+from cartstiff.mechanisms.platform import Platform
+from cartstiff.notebook import ShownInLines
+from cartstiff.reach.margins import Margins, lines_at
+from cartstiff.reach.regions import (
+    Columns,
+    Progress,
+    Rays,
+    columns_inside,
+    inscribed,
+    rays_to_boundaries,
+    shifted,
+)
+
+__all__ = ["WORKSPACE_SCHEMA", "Workspace", "workspace"]
+
+#: Name and version of the form of `Workspace.as_dict`.
+WORKSPACE_SCHEMA = "cartstiff-workspace/1"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Workspace(ShownInLines):
+    """What a platform reaches with one orientation, and around one position.
+
+    Attributes
+    ----------
+    elastic : ElasticMechanism
+        The mechanism.
+    pose : ndarray (4, 4)
+        Centre of the rays: orientation and position of M.
+    positions, turns : Rays or None
+        Rays of positions with the orientation of `pose`, and of rotations at its position.
+    columns : Columns or None
+        The positions inside, as columns along z.
+    sphere, cube : tuple of (centre (3,), size) or None
+        Largest sphere (radius) and cube along the axes of F (edge) found inside.
+    singularity : tuple of (ratio, position) or None
+        Least ratio of singular values of six legs' lines, moments over the body's length, on the
+        poses inside, and where it is.
+    margin : float
+        Least margin at the centre: negative where it is outside.
+    notes : tuple of Note
+        What was assumed, and what does not exist.
+    """
+
+    elastic: ElasticMechanism
+    pose: Array
+    positions: Rays | None = None
+    turns: Rays | None = None
+    columns: Columns | None = None
+    sphere: tuple[Array, float] | None = None
+    cube: tuple[Array, float] | None = None
+    singularity: tuple[float, Array] | None = None
+    margin: float | None = None
+    notes: tuple[Note, ...] = ()
+
+    @property
+    def volume(self) -> float | None:
+        """Of the positions with this orientation, in length units cubed."""
+        return None if self.columns is None else self.columns.volume
+
+    @property
+    def share_of_rotations(self) -> float | None:
+        """Of all rotations, the share that is allowed at this position."""
+        if self.turns is None:
+            return None
+        return self.turns.total(lambda angle: (angle - np.sin(angle)) / np.pi)
+
+    @property
+    def least_turn(self) -> float | None:
+        """Angle in rad that the body can turn by about every axis, from the centre."""
+        return None if self.turns is None else float(self.turns.first.min())
+
+    @property
+    def boundary(self) -> Array:
+        """Positions (k, 3) in F of the boundary: the last ones within the limits."""
+        rays = self.positions
+        if rays is None:
+            return np.empty((0, 3))
+        rows = [x * rays.directions[r] for r, x, *_ in rays.edges]
+        return np.array(rows).reshape(-1, 3) + self.pose[:3, 3]
+
+    def _lines(self) -> list[str]:
+        return [
+            f"Workspace of {self.elastic.name}: volume {self.volume}",
+            f"  turns in every direction {self.least_turn} rad",
+        ]
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON: numbers, lists, texts, None."""
+        elastic, units = self.elastic, self.elastic.units
+        sphere, cube, near = self.sphere, self.cube, self.singularity
+        return {
+            "schema": WORKSPACE_SCHEMA,
+            "mechanism": {"name": elastic.name, "kind": elastic.mechanism.kind,
+                          "joints": list(elastic.names)},
+            "frame": elastic.mechanism.frame,
+            "units": {"length": units.length, "force": units.force, "angle": "rad"},
+            "pose": self.pose.tolist(),
+            "volume": self.volume,
+            "cut_by": {} if self.positions is None else self.positions.shares(),
+            "slices": [] if self.columns is None
+            else [{"z": z, "area": area} for z, area in self.columns.slices(9)],
+            "poses": sum(
+                r.poses for r in (self.positions, self.turns, self.columns) if r is not None
+            ),
+            "sphere": None if sphere is None
+            else {"centre": sphere[0].tolist(), "radius": sphere[1]},
+            "cube": None if cube is None else {"centre": cube[0].tolist(), "edge": cube[1]},
+            "rotations": None if self.turns is None else {
+                "share": self.share_of_rotations, "every_axis": self.least_turn,
+                "cut_by": self.turns.shares(),
+            },
+            "singularity": None if near is None
+            else {"least_ratio": near[0], "position": near[1].tolist()},
+            "boundary": self.boundary.tolist(),
+            "limits": [] if self.positions is None else [e[3] for e in self.positions.edges],
+            "notes": [note.as_dict() for note in self.notes],
+        }  # fmt: skip
+
+
+def workspace(
+    elastic: ElasticMechanism,
+    q: ArrayLike | None = None,
+    *,
+    wrench: ArrayLike | None = None,
+    directions: int | None = None,
+    scan: int = 48,
+    radius: float | None = None,
+    through_singularities: bool = False,
+    fits: bool = True,
+    progress: Progress | None = None,
+) -> Workspace:
+    """Where a platform, or a body on cables, can be within all limits of its file.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        With limits of legs: lengths, angles of joints, diameters, forces or tensions.
+    q : array_like (6,), optional
+        Pose whose orientation is kept, and around whose position rotations are tried; rays start
+        there. Default the file's pose.
+    wrench : array_like (6,), optional
+        Load W (moment, force) that the environment applies at M's origin, in the axes of F; it
+        counts where forces or tensions are limited, as the body's weight does under gravity.
+    directions : int, optional
+        About how many rays, and columns; 1000, or 200 for cables and for more than six legs with
+        limited forces.
+    scan : int
+        Poses along each ray before boundaries are bisected: gaps and parts thinner than
+        ``reach / scan`` may be missed.
+    radius : float, optional
+        How far positions are followed; default where the longest lengths end.
+    through_singularities : bool
+        Count poses beyond singular ones, where the determinant of six legs has the other sign.
+    fits : bool
+        Look for the largest sphere and cube inside.
+    progress : callable, optional
+        Called with (done, total).
+
+    Returns
+    -------
+    Workspace
+        Volumes, boundaries with the limit that cuts each, sphere and cube, singularities.
+
+    Raises
+    ------
+    InputError
+        For mechanisms without legs, without limits, or an unbounded workspace.
+    """
+    checked_elastic(elastic)
+    through = checked_flag(through_singularities, "through_singularities")
+    values = elastic.q if q is None else named_values(q, elastic.names, elastic.q, "q")
+    load = np.zeros(6) if wrench is None else checked_vector(wrench, 6, "wrench")
+    platform = elastic.mechanism
+    bare = Margins(elastic, load)
+    if not isinstance(platform, Platform):
+        raise InputError("workspaces are of platforms", got=platform.kind)
+    if scan < 2 or (directions is not None and directions < 8):
+        raise InputError("too few poses", expected="scan from 2, directions from 8")
+    pose, six = platform.pose_of(np.asarray(values, float)), len(platform.points) == 6
+    notes, sign = list(elastic.notes), 0.0
+    if len(platform.points) >= 6:
+        singular = _singular(platform, pose, bare)
+        if singular is not None:
+            return Workspace(elastic, pose, notes=(*notes, singular))
+    if not bare.names:
+        raise InputError("no limits: every pose is within them",
+                         expected="limits, base_joints, diameter or force in legs")  # fmt: skip
+    if six and not through and not bare.springs.unilateral:
+        sign = float(np.sign(np.linalg.det(lines_at(platform, pose[None])[1])[0]))
+    margins = Margins(elastic, load, sign)
+    count = directions or (200 if margins.forces is not None and margins.is_spread else 1000)
+    centre, R = pose[:3, 3], pose[:3, :3]
+
+    def turned(vectors: Array) -> Array:
+        poses = np.tile(pose, (len(vectors), 1, 1))
+        poses[:, :3, :3] = R @ se3.exp(np.hstack([vectors, np.zeros_like(vectors)]))[:, :3, :3]
+        return poses
+
+    at_centre = margins.at(pose[None])[0]
+    moved = partial(shifted, pose)
+    reach = whole = _reach(platform, pose, radius)
+    first = rays_to_boundaries(margins, moved, reach, max(8, count // 8), scan)
+    if first.edges and radius is None:  # the ends of the legs are far beyond most workspaces
+        reach = min(reach, 1.3 * max(distance for _, distance, *_ in first.edges))
+    positions = rays_to_boundaries(margins, moved, reach, count, scan, progress)
+    edges = [x * positions.directions[r] for r, x, *_ in positions.edges]
+    boundary = np.array(edges).reshape(-1, 3) + centre
+    columns = columns_inside(margins, pose, boundary, max(8, round(np.sqrt(count))), scan, whole)
+    turns = rays_to_boundaries(margins, turned, np.pi, count, scan)
+    if at_centre.min() < 0.0:
+        worst = margins.names[int(at_centre.argmin())]
+        message = f"the pose that the rays start from is itself beyond a limit: {worst}"
+        notes.append(Note("centre-outside", message, {"limit": worst}))
+    sphere = cube = None
+    if fits and at_centre.min() >= 0.0:
+        sphere, cube = inscribed(margins, pose, positions)
+    near = _nearest(platform, pose, positions) if six else None
+    return Workspace(elastic, pose, positions, turns, columns, sphere, cube, near,
+                     float(at_centre.min()), tuple(notes))  # fmt: skip
+
+
+def _singular(platform: Platform, pose: Array, margins: Margins) -> Note | None:
+    """The note on an architecture, or an orientation, that is singular everywhere."""
+    found = architecture_of(platform).note()
+    if found is not None or margins.is_spread:
+        return found
+    rank = orientation_rank(platform, pose[:3, :3])
+    if rank == 6:
+        return None
+    message = (
+        f"with this orientation the legs' lines have rank {rank} at every position, though the "
+        "architecture is regular (as Fichter's platform turned by a right angle)"
+    )
+    return Note("orientation-singularity", message, {"rank": rank})
+
+
+def _reach(platform: Platform, pose: Array, radius: float | None) -> float:
+    """How far from the centre any position can be: where the legs' longest lengths end."""
+    if radius is not None:
+        if not radius > 0.0:
+            raise InputError("radius cannot be used", expected="above zero", got=radius)
+        return float(radius)
+    longest = np.inf if platform.limits is None else platform.limits[:, 1]
+    ends = platform.points @ pose[:3, :3].T + pose[:3, 3] - platform.anchors
+    found = float(np.min(np.linalg.norm(ends, axis=1) + longest))
+    if not np.isfinite(found):
+        raise InputError("the lengths of the legs have no upper limit, so that the workspace has "
+                         "no bound", expected="legs.limits, or a radius")  # fmt: skip
+    return found
+
+
+def _nearest(platform: Platform, pose: Array, rays: Rays) -> tuple[float, Array] | None:
+    """The least ratio of singular values on the part of each ray that hangs on the centre."""
+    shares = np.linspace(0.0, 1.0, 9)
+    ends = rays.first[:, None] * rays.directions
+    offsets = (shares[:, None, None] * ends).reshape(-1, 3)
+    values = np.linalg.svd(lines_at(platform, shifted(pose, offsets))[1], compute_uv=False)
+    ratio = values[:, -1] / values[:, 0]
+    k = int(ratio.argmin())
+    return float(ratio[k]), pose[:3, 3] + offsets[k]

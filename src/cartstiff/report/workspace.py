@@ -1,0 +1,105 @@
+"""Workspaces as text, as a table and as a picture."""
+
+from __future__ import annotations
+
+import csv
+import io
+from typing import Any
+
+import numpy as np
+
+from cartstiff.errors import joined
+from cartstiff.reach.workspace import Workspace
+from cartstiff.report.layout import number, percent, table, vector
+from cartstiff.report.reach import lines_of_notes
+
+__all__ = ["boundary_csv", "describe_workspace", "draw_workspace"]
+
+# Limits that are listed; the rest is one line.
+_MOST = 12
+_SLICES = 5
+
+
+def describe_workspace(found: Workspace) -> str:
+    """Volume, slices, what cuts where, rotations, what fits inside, singularities, notes."""
+    elastic, unit = found.elastic, found.elastic.units.length
+    lines = [
+        f"{elastic.name}: {elastic.mechanism.kind}, body frame {elastic.mechanism.frame!r}",
+        f"Orientation of M kept; position {vector(found.pose[:3, 3], 5)} {unit}",
+    ]
+    if found.positions is None or found.columns is None or found.turns is None:
+        return joined([*lines, "No workspace: singular everywhere", *lines_of_notes(found.notes)])
+    poses = found.as_dict()["poses"]
+    lines += [
+        "",
+        f"Volume with this orientation: {number(found.volume, 5)} {unit}^3 ({poses} poses tried)",
+        *table(
+            [f"z [{unit}]", f"area [{unit}^2]"],
+            [(number(z), number(area, 4)) for z, area in found.columns.slices(_SLICES)],
+        ),
+        "",
+        "The outer boundary is cut by (share of directions)",
+        *_shares(found.positions.shares()),
+        "",
+        "Rotations at this position",
+        f"  about every axis by at least {number(found.least_turn, 4)} rad; "
+        f"{percent(found.share_of_rotations)} of all rotations",
+        *_shares(found.turns.shares()),
+    ]
+    for words, fits, size in (("sphere", found.sphere, "radius"), ("cube", found.cube, "edge")):
+        if fits is not None:
+            lines.append(
+                f"Largest {words} found inside: {size} {number(fits[1], 4)} {unit} at "
+                f"{vector(fits[0], 4)}"
+            )
+    if found.singularity is not None:
+        ratio, place = found.singularity
+        lines += [
+            f"Nearest to singular: smallest over largest singular value of the legs' lines "
+            f"{number(ratio, 3)} at {vector(place, 4)}",
+            f"  (moments over the body's length {number(elastic.mechanism.at(elastic.q).length)} "
+            f"{unit}; 0 is singular)",
+        ]
+    return joined([*lines, *lines_of_notes(found.notes)])
+
+
+def _shares(shares: dict[str, float]) -> list[str]:
+    listed = list(shares.items())
+    lines = [f"  {percent(share):>6}  {name}" for name, share in listed[:_MOST]]
+    rest = sum(share for _, share in listed[_MOST:])
+    return lines + ([f"  {percent(rest):>6}  others"] if rest else [])
+
+
+def boundary_csv(found: Workspace) -> str:
+    """A row a boundary position: x, y, z in F, and the limit that cuts."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    unit = found.elastic.units.length
+    writer.writerow([*(f"{name} [{unit}]" for name in "xyz"), "limit"])
+    edges = () if found.positions is None else found.positions.edges
+    for place, edge in zip(found.boundary.tolist(), edges, strict=True):
+        writer.writerow([*map(str, place), edge[3]])
+    return text.getvalue()
+
+
+def draw_workspace(found: Workspace) -> Any:
+    """The boundary seen along three axes, coloured by the limit that cuts, as a figure."""
+    from cartstiff.figures import new_figure
+
+    figure = new_figure(11.0, 4.2)
+    unit, places = found.elastic.units.length, found.boundary
+    names = [] if found.positions is None else [edge[3] for edge in found.positions.edges]
+    kinds = sorted(set(names))
+    axes = figure.subplots(1, 3)
+    for axis, (i, j) in zip(axes, ((0, 1), (0, 2), (1, 2)), strict=True):
+        for k, kind in enumerate(kinds):
+            own = np.array([name == kind for name in names])
+            axis.scatter(places[own, i], places[own, j], s=4, color=f"C{k % 10}", label=kind)
+        axis.set_xlabel(f"{'xyz'[i]} [{unit}]")
+        axis.set_ylabel(f"{'xyz'[j]} [{unit}]")
+        axis.set_aspect("equal", adjustable="datalim")
+    if kinds:
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4,
+                      fontsize=7, markerscale=3)  # fmt: skip
+    figure.suptitle(f"{found.elastic.name}: boundary with one orientation, and the limit that cuts")
+    return figure

@@ -1,0 +1,180 @@
+"""Workspaces: volumes against grids, boundaries against `analyse`, cables against linprog."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+from tests.inputs.test_every_key import PLATFORM
+from tests.mechanisms.machines import write_file
+from tests.mechanisms.test_assembly_modes import FICHTER, MA_ANGELES
+
+import cartstiff
+from cartstiff.cli.main import main
+from cartstiff.errors import InputError
+from cartstiff.reach.margins import lines_at, wrench_margins
+
+LEGS = {
+    "limits": [[0.85, 1.25]] * 6,
+    "base_joints": {"axis": [0, 0, 1], "angle": 0.9},
+}
+
+
+@pytest.fixture(scope="module")
+def machine(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("machine")
+    legs = {"stiffness": 1e5} | LEGS
+    return cartstiff.load(write_file(folder, **(PLATFORM | {"legs": legs})))
+
+
+@pytest.fixture(scope="module")
+def found(machine):
+    return cartstiff.workspace(machine, directions=200, scan=24)
+
+
+def _allowed(elastic, places, pose):
+    """Whether positions keep all limits and the sign of the determinant, from first principles."""
+    platform = elastic.mechanism
+    ends = places[:, None] + platform.points @ pose[:3, :3].T
+    along = ends - platform.anchors
+    lengths = np.linalg.norm(along, axis=2)
+    good = ((lengths >= 0.85) & (lengths <= 1.25)).all(axis=1)
+    good &= (along[..., 2] / lengths >= np.cos(0.9)).all(axis=1)
+    poses = np.tile(pose, (len(places), 1, 1))
+    poses[:, :3, 3] = places
+    lines = lines_at(platform, np.vstack([pose[None], poses]))[1]
+    signs = np.sign(np.linalg.det(lines))
+    return good & (signs[1:] == signs[0])
+
+
+def test_volume_is_that_of_a_fine_grid(machine, found):
+    """At a tenth of its poses, or a little more on this small grid."""
+    low, high = found.boundary.min(axis=0) - 0.02, found.boundary.max(axis=0) + 0.02
+    n = 70
+    axes = [low[i] + (np.arange(n) + 0.5) * (high[i] - low[i]) / n for i in range(3)]
+    count = 0
+    for z in axes[2]:
+        xy = np.stack(np.meshgrid(axes[0], axes[1]), axis=-1).reshape(-1, 2)
+        places = np.column_stack([xy, np.full(len(xy), z)])
+        count += int(_allowed(machine, places, found.pose).sum())
+    volume = count * np.prod(high - low) / n**3
+    assert abs(found.volume - volume) < 0.01 * volume
+    assert found.as_dict()["poses"] < 0.25 * n**3
+
+
+def test_boundary_poses_agree_with_analyse(machine, found):
+    edges = found.positions.edges
+    centre = found.pose[:3, 3]
+    seen = set()
+    for k in range(0, len(edges), max(1, len(edges) // 25)):
+        ray, distance, enters, limit = edges[k]
+        seen.add(limit)
+        for step, inside in ((0.0, True), (-1e-4 if enters else 1e-4, False)):
+            place = centre + (distance + step) * found.positions.directions[ray]
+            q = np.append(place, machine.q[3:])
+            notes = {n.code: n for n in cartstiff.analyse(machine, q).notes}
+            if limit == "singularity":
+                continue
+            assert ("beyond-limits" not in notes) == inside
+            if not inside:
+                name, _, _ = limit.rpartition(", ")
+                assert name in notes["beyond-limits"].values
+    assert len(seen) > 3
+    assert np.isclose(sum(found.positions.shares().values()), 1.0)
+
+
+def test_what_fits_inside_is_inside(machine, found):
+    rng = np.random.default_rng(0)
+    centre, radius = found.sphere
+    u = rng.normal(size=(2000, 3))
+    u /= np.linalg.norm(u, axis=1)[:, None]
+    assert _allowed(machine, centre + 0.96 * radius * u, found.pose).all()
+    centre, edge = found.cube
+    v = rng.uniform(-0.5, 0.5, size=(2000, 3)) * edge
+    assert _allowed(machine, centre + 0.96 * v, found.pose).all()
+    assert found.positions.first.min() <= radius * 1.05
+
+
+def test_rotations_are_a_share_of_all(machine, found):
+    rng = np.random.default_rng(1)
+    quaternions = rng.normal(size=(20_000, 4))
+    quaternions /= np.linalg.norm(quaternions, axis=1)[:, None]
+    from scipy.spatial.transform import Rotation
+
+    from cartstiff.reach.margins import Margins
+
+    poses = np.tile(found.pose, (20_000, 1, 1))
+    poses[:, :3, :3] = Rotation.from_quat(quaternions).as_matrix()
+    sign = float(np.sign(np.linalg.det(lines_at(machine.mechanism, found.pose[None])[1])[0]))
+    share = Margins(machine, np.zeros(6), sign).inside(poses).mean()
+    assert abs(found.share_of_rotations - share) < 4 * np.sqrt(share / 20_000) + 0.03 * share
+
+
+def test_tensions_that_carry_a_wrench_are_those_of_a_linear_programme():
+    cables = cartstiff.load("cable-robot").mechanism
+    rng = np.random.default_rng(2)
+    places = rng.uniform(-0.5, 0.5, (40, 3)) * [1, 0.7, 0.5]
+    q = np.column_stack([places, rng.normal(size=(40, 3)) / 5])
+    q[:, 2] += 0.6
+    poses = np.array([cables.pose_of(row) for row in q])
+    lines = lines_at(cables, poses)[1]
+    wrench = rng.normal(size=(40, 6)) * [3, 3, 3, 25, 25, 25]
+    least, most = np.full(8, 5.0), np.full(8, 120.0)
+    margins = wrench_margins(lines, wrench, least, most)
+    feasible = [
+        linprog(np.zeros(8), A_eq=A.T, b_eq=W, bounds=[(5.0, 120.0)] * 8).status == 0
+        for A, W in zip(lines, wrench, strict=True)
+    ]
+    assert (margins > 0).tolist() == feasible
+    assert 4 < sum(feasible) < 36
+
+
+def test_cables_without_upper_limit_close_around_the_middle():
+    robot = cartstiff.load("cable-robot")
+    found = cartstiff.workspace(robot, directions=8, scan=8, radius=2.0, fits=False)
+    assert found.margin > 0
+    assert 0.1 < found.volume < 2.0 * 1.5 * 1.2
+    assert set(found.positions.shares()) == {"tensions"}
+
+
+@pytest.mark.parametrize(
+    ("path", "code"),
+    [(MA_ANGELES, "architecture-singularity"), (FICHTER, "orientation-singularity")],
+)
+def test_what_is_singular_everywhere_is_named_once(path, code):
+    found = cartstiff.workspace(cartstiff.load(path))
+    assert found.volume is None
+    assert found.notes[-1].code == code
+    json.dumps(found.as_dict(), allow_nan=False)
+
+
+def test_what_has_no_workspace_is_refused(machine):
+    with pytest.raises(InputError, match="platforms"):
+        cartstiff.workspace(cartstiff.load("five-bar"))
+    with pytest.raises(InputError, match="no limits"):
+        cartstiff.workspace(cartstiff.load("stewart-gough"))
+    open_ended = replace(machine, mechanism=cartstiff.load("cable-robot").mechanism)
+    with pytest.raises(InputError, match="radius"):
+        cartstiff.workspace(replace(open_ended, springs=cartstiff.load("cable-robot").springs))
+    with pytest.raises(InputError, match="scan"):
+        cartstiff.workspace(machine, scan=1)
+
+
+def test_the_command(capsys, tmp_path):
+    table, picture = tmp_path / "b.csv", tmp_path / "w.png"
+    arguments = ["workspace", "hexapod", "--directions", "20", "--scan", "12", "--csv", str(table)]
+    with pytest.raises(SystemExit) as exit_:
+        main([*arguments, "--plot", str(picture), "--json"])
+    assert not exit_.value.code
+    data = json.loads(capsys.readouterr().out)
+    assert data["schema"] == "cartstiff-workspace/1"
+    rows = list(csv.DictReader(table.read_text("utf-8").splitlines()))
+    assert [row["limit"] for row in rows] == data["limits"]
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(SystemExit):
+        main(arguments)
+    assert "Volume with this orientation" in capsys.readouterr().out
