@@ -260,7 +260,7 @@ def inscribed(
         options = {
             "initial_simplex": simplex,
             "maxfev": _PLACES,
-            "xatol": 1e-4 * reach,
+            "xatol": 0.0,
             "fatol": 0.0,
         }
         found = minimize(less, np.zeros(3), method="Nelder-Mead", options=options)
