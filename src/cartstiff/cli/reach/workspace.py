@@ -79,7 +79,7 @@ def command(
 
     from cartstiff.reach.workspace import workspace
     from cartstiff.report.output import write_files
-    from cartstiff.report.workspace import boundary_csv, describe_workspace, draw_workspace
+    from cartstiff.report.workspaces.words import boundary_csv, describe_workspace, draw_workspace
 
     with Progress("poses", progress) as bar:
         found = workspace(

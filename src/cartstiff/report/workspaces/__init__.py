@@ -1,0 +1,1 @@
+"""Workspaces in words and pictures."""
