@@ -157,6 +157,8 @@ class _Iteration:
         free = None if posture.closure is None else self.balance.free
         for note in near_type_2(posture, free):
             return f"{note.message}; a load moves it far, or nothing holds it"
+        if self.system.loads and ratio > numerics.STIFF:
+            return f"stiffnesses differ by a factor {ratio:.0e}, which holds the search back"
         if self.system.loads:
             return "the load may be beyond what the mechanism carries"
         return "the forces do not balance near this posture"
