@@ -50,7 +50,7 @@ BAD: dict[str, tuple[list[str], tuple[str, ...]]] = {
     "q twice": (["arm.urdf", "--q", "1,2", "--q", "1,2"], ("--q", "more than once")),
     "q of a platform too few": (["cubic", "--q", "1,2,3"], ("--q", "6 numbers (x, y", "got 3")),
     "q without value": (["arm.urdf", "--q"], ("--q", "requires an argument")),
-    "pose of an arm": (["arm.urdf", "--pose", SIX], ("--pose", "platforms", "--q")),
+    "pose of an arm": (["arm.urdf", "--pose", SIX], ("--pose", "platforms", "q for serial")),
     "pose and q": (["cubic", "--pose", SIX, "--q", SIX], ("--q or --pose",)),
     "pose of five": (["cubic", "--pose", "0,0,0,0,0"], ("--pose", "6 numbers", "got 5")),
     "pose NaN": (["cubic", "--pose", "0,0,0,0,0,nan"], ("--pose", "'nan'")),

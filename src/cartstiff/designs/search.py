@@ -131,7 +131,7 @@ def _local(
     while left > n and step > _LAST_STEP:
         corners = x + np.diag(np.where(x > 0.5, -step, step))
         options: dict[str, Any] = {
-            "maxfev": left, "xatol": 1e-7, "fatol": 1e-13,
+            "maxfev": left, "xatol": numerics.DESIGNED, "fatol": numerics.SHARP,
             "initial_simplex": np.vstack([x, corners]), "adaptive": n > 2,
         }  # fmt: skip
         with warnings.catch_warnings():
@@ -158,5 +158,5 @@ def _evolution(study: Study, merits: Callable[[Array], Array], count: int) -> No
     differential_evolution(
         merits, [(0.0, 1.0)] * n, init=points, maxiter=count // members - 1, polish=False,
         updating="deferred", vectorized=True, seed=np.random.default_rng(study.method.seed or 0),
-        tol=0.0, atol=1e-9,
+        tol=0.0, atol=numerics.ALIKE,
     )  # fmt: skip

@@ -153,4 +153,4 @@ def _filled(
     used |= formula.names
     value = formula.value(values)
     # Counts, such as the segments of a beam, are whole numbers.
-    return int(value) if value.is_integer() and abs(value) < 1e9 else value
+    return int(value) if value.is_integer() else value
