@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from cartstiff.many.arguments import aligned_empty
 from cartstiff.many.compiled import _binding, lanes
-from cartstiff.many.given import aligned_empty
 
 _CHAINS = 12
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import cartstiff
-from cartstiff.many import running
+from cartstiff.many import kernels
 from cartstiff.many.algebra import (
     congruence,
     inverse,
@@ -19,8 +19,8 @@ from cartstiff.many.algebra import (
     reflections,
     solution,
 )
+from cartstiff.many.arguments import aligned_empty
 from cartstiff.many.compiled import CompiledKernel
-from cartstiff.many.given import aligned_empty
 from cartstiff.many.plans import plan, program_for
 from cartstiff.many.portable import PortableKernel
 from cartstiff.many.postures import analyse_many
@@ -252,10 +252,10 @@ class TestWaysToRun:
     def test_other_springs_need_no_other_code(self):
         elastic, q, _, _ = ur5()
         analyse_many(elastic, q, path="compiled")
-        before = dict(running._compiled)
+        before = dict(kernels._compiled)
         softer = elastic.with_springs(stiffness=10.0, rest=[0.5] * 6)
         found = analyse_many(softer, q, path="compiled")
-        assert list(running._compiled.values()) == list(before.values())
+        assert list(kernels._compiled.values()) == list(before.values())
         K = cartstiff.analyse(softer, q[0]).matrices["B"]
         np.testing.assert_allclose(found["stiffness_B"][0], K, rtol=1e-10, atol=1e-9)
 
@@ -280,8 +280,8 @@ class TestWaysToRun:
         assert analyse_many(elastic, q, outputs=("jacobian", "compliance_K")).path == "compiled"
 
     def test_programs_too_long_to_compile(self, monkeypatch):
-        monkeypatch.setattr(running, "LARGEST_PROGRAM", 100)
-        monkeypatch.setattr(running, "WORTH_COMPILING", 1)
+        monkeypatch.setattr(kernels, "LARGEST_PROGRAM", 100)
+        monkeypatch.setattr(kernels, "WORTH_COMPILING", 1)
         elastic = cartstiff.load("hexapod")
         found = analyse_many(elastic, elastic.q[None], outputs=("energy", "stiffness_K"))
         assert found.path == "portable"
@@ -290,7 +290,7 @@ class TestWaysToRun:
     def test_without_llvmlite(self, monkeypatch):
         from cartstiff.errors import MissingDependencyError
 
-        monkeypatch.setattr(running, "has_package", lambda _: False)
+        monkeypatch.setattr(kernels, "has_package", lambda _: False)
         elastic, q, _, _ = ur5()
         found = analyse_many(elastic, q)
         assert found.path == "portable"

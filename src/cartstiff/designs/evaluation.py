@@ -22,7 +22,7 @@ from cartstiff.errors import (
 from cartstiff.expressions import Expression
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading import file_reader
-from cartstiff.many.running import lasting_path
+from cartstiff.many.kernels import lasting_path
 from cartstiff.maps.job import STATES, MapJob
 from cartstiff.maps.prepare import map_job
 from cartstiff.maps.quantities import QUANTITIES

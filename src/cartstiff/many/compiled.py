@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.given import address_of, aligned_empty
+from cartstiff.many.arguments import address_of, aligned_empty
 from cartstiff.many.tape import Program
 from cartstiff.many.vector_code import LONGEST, input_arrays, scratch_size, vector_code
 

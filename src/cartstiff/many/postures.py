@@ -20,9 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from cartstiff import numerics
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.arithmetic import ENGINE, UNBALANCED
-from cartstiff.many.engine import REGULAR, fill
-from cartstiff.many.given import (
+from cartstiff.many.arguments import (
     OUTPUTS,
     arrays_for,
     checked_count,
@@ -33,8 +31,10 @@ from cartstiff.many.given import (
     recorded,
     without_digits,
 )
+from cartstiff.many.arithmetic import ENGINE, UNBALANCED
+from cartstiff.many.kernels import PATHS, Path, chosen, run
+from cartstiff.many.one_by_one import REGULAR, fill
 from cartstiff.many.portable import PortableKernel
-from cartstiff.many.running import PATHS, Path, chosen, run
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.stiffness.applied_load import LoadKind, checked_load, wrench_in_body
 from cartstiff.stiffness.labelled import AXES, labelled

@@ -21,12 +21,12 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.joint_poses import LONGEST_STEP, JointPoses
 from cartstiff.kinematics.platform_poses import Free
 from cartstiff.many.algebra import below, norm_squared, positive_factor, zeros
+from cartstiff.many.arguments import aligned_empty
 from cartstiff.many.arithmetic import ENGINE, PLAIN
 from cartstiff.many.chain_arithmetic import chain_motion
 from cartstiff.many.chain_twists import ChainConstants
-from cartstiff.many.given import aligned_empty
+from cartstiff.many.kernels import has_package
 from cartstiff.many.plans import chain_constants
-from cartstiff.many.running import has_package
 from cartstiff.many.tape import Program, Scalar, Tape, absolute, larger, pick, square_root
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.given import OUTPUTS, aligned_empty, recorded
+from cartstiff.many.arguments import OUTPUTS, aligned_empty, recorded
+from cartstiff.many.kernels import Path, reading_kernel, run
 from cartstiff.many.plans import Plan, plan
 from cartstiff.many.postures import loads_in_body
 from cartstiff.many.reading_arithmetic import READINGS, Readings
-from cartstiff.many.running import Path, reading_kernel, run
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
 __all__ = ["Reader", "Values"]

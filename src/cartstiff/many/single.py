@@ -224,7 +224,7 @@ class _Memory:
     """What one call reads and writes; as many are made as are used at the same time."""
 
     def __init__(self, kernel: Any, n: int, shared: Mapping[str, Array]) -> None:
-        from cartstiff.many.given import address_of, aligned_empty
+        from cartstiff.many.arguments import address_of, aligned_empty
 
         program = kernel.program
         self.q, self.wrench = np.empty((kernel.block, n)), np.empty((1, 6))
@@ -257,8 +257,8 @@ class _Asked:
             Thread(target=self._make, args=(loaded,), name="cartstiff-code").start()
 
     def _make(self, loaded: bool) -> None:
+        from cartstiff.many.kernels import LARGEST_PROGRAM, has_package
         from cartstiff.many.plans import plan, program_for
-        from cartstiff.many.running import LARGEST_PROGRAM, has_package
 
         elastic = self.elastic()
         if elastic is None or not has_package("llvmlite") or not _is_plain(elastic, loaded):

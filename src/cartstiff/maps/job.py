@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from cartstiff import numerics
 from cartstiff.errors import CartstiffError, ConvergenceError
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.engine import NOT_ASSEMBLED, REGULAR
+from cartstiff.many.kernels import Path
+from cartstiff.many.one_by_one import NOT_ASSEMBLED, REGULAR
 from cartstiff.many.postures import Postures, analyse_many
 from cartstiff.many.read_many import Reader
 from cartstiff.many.reading_arithmetic import READINGS, Readings
-from cartstiff.many.running import Path
 from cartstiff.maps.cartesian import PLACES, CartesianGrid
 from cartstiff.maps.intervals import half_width_name, half_widths, intervals_of, why_none
 from cartstiff.maps.quantities import Quantity, Settings, choose_quantities, evaluate

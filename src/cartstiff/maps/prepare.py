@@ -18,7 +18,7 @@ from cartstiff.analysis.metrics import characteristic_length
 from cartstiff.arrays import checked_unit, checked_vector
 from cartstiff.errors import CartstiffError, InputError, UnknownNameError, one_line
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.running import WORTH_READING, lasting_path
+from cartstiff.many.kernels import WORTH_READING, lasting_path
 from cartstiff.maps.cartesian import CartesianGrid
 from cartstiff.maps.intervals import half_width_name, why_none
 from cartstiff.maps.job import STATES, MapJob

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from cartstiff.errors import InputError, MissingDependencyError
 from cartstiff.geometry.se3 import Array
 from cartstiff.many import portable
+from cartstiff.many.arguments import OUTPUTS, aligned_empty, recorded
 from cartstiff.many.arithmetic import ENGINE
-from cartstiff.many.given import OUTPUTS, aligned_empty, recorded
 from cartstiff.many.plans import Case, Plan, plan, program_for
 from cartstiff.many.reading_arithmetic import Readings
 from cartstiff.mechanisms.elastic import ElasticMechanism
