@@ -87,14 +87,16 @@ def draw_workspace(found: Workspace) -> Any:
     from cartstiff.figures import new_figure
 
     figure = new_figure(11.0, 4.2)
+    from matplotlib import colormaps
+
     unit, places = found.elastic.units.length, found.boundary
     names = [] if found.positions is None else [edge[3] for edge in found.positions.edges]
     kinds = sorted(set(names))
-    axes = figure.subplots(1, 3)
+    axes, colours = figure.subplots(1, 3), colormaps["tab20"].colors  # type: ignore[attr-defined]
     for axis, (i, j) in zip(axes, ((0, 1), (0, 2), (1, 2)), strict=True):
         for k, kind in enumerate(kinds):
             own = np.array([name == kind for name in names])
-            axis.scatter(places[own, i], places[own, j], s=4, color=f"C{k % 10}", label=kind)
+            axis.scatter(places[own, i], places[own, j], s=4, color=colours[k % 20], label=kind)
         axis.set_xlabel(f"{'xyz'[i]} [{unit}]")
         axis.set_ylabel(f"{'xyz'[j]} [{unit}]")
         axis.set_aspect("equal", adjustable="datalim")
