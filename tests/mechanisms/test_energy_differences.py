@@ -74,10 +74,8 @@ LOADED = {
     "panda": lambda: _given("panda"),
     "6-ups": lambda: _given("6-ups", 100.0),
     "6-ups, springs everywhere": lambda: _displaced("6-ups", 0.01, 2e3),
-    "3-rrr": lambda: _displaced("3-rrr", 0.002),
     "3-rrr, springs everywhere": lambda: _displaced("3-rrr", 0.01, 200.0),
     "delta": lambda: _displaced("delta", 0.02),
-    "delta, springs everywhere": lambda: _displaced("delta", 0.02, 1.0),
     "grasp": lambda: _displaced("grasp", 0.05),
     "grasp, springs everywhere": lambda: _displaced("grasp", 0.1, 0.05),
 }

@@ -42,11 +42,11 @@ CASES = {
         ["stiffness.leg2", "base.leg3.x", "platform.leg5.z"],
     ),
     "six legs": (
-        lambda: analyse(load("6-ups"), load_kind="conservative"),
+        lambda: analyse(load("6-ups")),
         ["stiffness.leg2_slide", "placement.leg3_slide.x"],
     ),
     "closed chain": (
-        lambda: analyse(load("five-bar"), load_kind="conservative"),
+        lambda: analyse(load("five-bar")),
         ["stiffness.left_motor"],
     ),
 }  # fmt: skip
