@@ -8,7 +8,7 @@ import signal
 import numpy as np
 from tests.maps.machines import arm, marks, start_held_map, start_map
 
-from cartstiff.many import running
+from cartstiff.many import kernels
 from cartstiff.maps import RandomPostures, compute_map, open_map
 
 
@@ -21,7 +21,7 @@ def test_killed_map_goes_on(tmp_path, whole):
     process.communicate(timeout=600)
     assert process.returncode == -signal.SIGKILL
     done = marks(file)
-    assert 2 <= len(done) <= 3  # a part is counted before its files are written
+    assert 1 <= len(done) <= 3  # a part is counted before its files are written, beside the next
 
     partial = open_map(file).load()  # valid as it stands
     computed = partial["state"].values != 255
@@ -73,13 +73,13 @@ def test_a_map_has_one_numerical_path(tmp_path, monkeypatch):
     """The last part is shorter than what compiling is worth, and computed in another process."""
     elastic = arm()
     sampling = RandomPostures(60, 1, elastic.q - 0.5, elastic.q + 0.5)
-    monkeypatch.setattr(running, "WORTH_COMPILING", 60)
-    monkeypatch.setattr(running, "_compiled", {})
+    monkeypatch.setattr(kernels, "WORTH_COMPILING", 60)
+    monkeypatch.setattr(kernels, "_compiled", {})
     quantities = ["translation_free_min", "condition"]
     whole = compute_map(elastic, sampling, quantities, tmp_path / "m.zarr", chunk=50).load()
     assert whole.attrs["numerical_path"] == "compiled"
     (tmp_path / "m.zarr" / "done" / "c" / "1").unlink()
-    monkeypatch.setattr(running, "_compiled", {})
+    monkeypatch.setattr(kernels, "_compiled", {})
     resumed = compute_map(elastic, sampling, quantities, tmp_path / "m.zarr", chunk=50).load()
     for name in quantities:
         np.testing.assert_array_equal(resumed[name], whole[name])
