@@ -134,25 +134,14 @@ def prepare_map(
     quantities: Sequence[str],
     file: str | Path,
     *,
-    connection: str | None = None,
-    length: float | None = None,
-    direction: ArrayLike | None = None,
-    deflect: ArrayLike | None = None,
-    deflect_at: ArrayLike = (0.0, 0.0, 0.0),
-    world: bool = False,
-    wrench: ArrayLike | None = None,
-    load_kind: Literal["dead", "follower", "conservative"] = "dead",
-    load_at: ArrayLike = (0.0, 0.0, 0.0),
-    load_axes: Literal["body", "world"] = "body",
-    damping: Damping | float = 0.0,
-    milling: Milling | None = None,
     single: bool = False,
     chunk: int | None = None,
     command: str = "",
+    **asked: Any,
 ) -> tuple[MapJob, MapFile]:
     """Check everything and make the file, or open the one that holds the same map.
 
-    Arguments as in `compute_map`.
+    Arguments as in `compute_map`; `asked` goes to `map_job`.
     """
     if not isinstance(sampling, Sampling):
         raise InputError(
@@ -168,11 +157,7 @@ def prepare_map(
         raise InputError("is a file", where=one_line(str(file)), expected="a map, or nothing")
     if chunk is not None and chunk < 1:
         raise InputError("size of chunks cannot be used", expected="1 or more", got=chunk)
-    job = map_job(
-        elastic, sampling, quantities, connection=connection, length=length, direction=direction,
-        deflect=deflect, deflect_at=deflect_at, world=world, wrench=wrench, load_kind=load_kind,
-        load_at=load_at, load_axes=load_axes, damping=damping, milling=milling,
-    )  # fmt: skip
+    job = map_job(elastic, sampling, quantities, **asked)
     settings, kind, chosen = job.settings, job.settings.load, job.quantities
     cartesian = sampling if isinstance(sampling, CartesianGrid) else None
     if cartesian and cartesian.redundancy == "best" and chosen[0].better is None:
@@ -191,11 +176,11 @@ def prepare_map(
         "direction": settings.direction,
         "deflect": settings.deflect,
         "deflect_at": settings.deflect_at,
-        "world": world,
+        "world": settings.world,
         "load": job.wrench,
         "load_kind": kind.kind,
         "load_at": kind.at,
-        "load_axes": load_axes,
+        "load_axes": job.load_axes,
         **_vibration(settings),
         "single": single,
         "states": list(STATES),
@@ -210,7 +195,7 @@ def prepare_map(
         return replace(job, path=there["path"], by_kernel=there.get("by_kernel", False)), existing
     postures = int(np.prod(sampling.shape, dtype=object))
     given: Literal["none", "shared", "each"]
-    given = "none" if wrench is None else "shared" if load_axes == "body" else "each"
+    given = "none" if job.wrench is None else "shared" if job.load_axes == "body" else "each"
     path_taken = lasting_path(elastic, given, job.outputs, postures)
     reads = path_taken == "compiled" and postures >= WORTH_READING
     job = replace(job, path=path_taken, by_kernel=reads)
