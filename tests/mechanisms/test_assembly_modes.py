@@ -212,6 +212,8 @@ def test_lengths_that_are_too_short_and_one_mode_alone():
         ("grasp", {}, "actuated"),
         ("five-bar", {"lengths": [1.0] * 6}, "platforms"),
         ("five-bar", {"starts": -1}, "starts"),
+        ("hexapod", {"starts": 5}, "neither starts nor seed"),
+        ("hexapod", {"seed": 0}, "neither starts nor seed"),
     ],
 )
 def test_what_has_no_assembly_modes_is_refused(name, keywords, match):
@@ -242,3 +244,24 @@ def test_the_command(capsys, tmp_path):
     assert (code, "similar" in err, "Ma and Angeles" in out) == (3, True, True)
     code, _, err = _run(capsys, "five-bar", "--lengths", "1,1,1,1,1,1")
     assert (code, "--lengths" in err) == (2, True)
+
+
+@pytest.mark.parametrize("name", ["hexapod", "five-bar"])
+def test_degrees_stand_under_heads_that_say_degrees(name, capsys, tmp_path):
+    heads, rows = {}, {}
+    for units in ("m,rad", "m,deg"):
+        file = tmp_path / "modes.csv"
+        code, heads[units], _ = _run(capsys, name, "--all", "--units", units, "--csv", str(file))
+        assert code == 0
+        rows[units] = list(csv.DictReader(file.read_text("utf-8").splitlines()))
+    in_radians, in_degrees = rows["m,rad"], rows["m,deg"]
+    angles = [key.removesuffix(" [rad]") for key in in_radians[0] if key.endswith(" [rad]")]
+    assert len(angles) >= 3
+    for a, b in zip(in_radians, in_degrees, strict=True):
+        for key in angles:
+            x, y = float(a[f"{key} [rad]"]), float(b[f"{key} [deg]"])
+            assert np.isclose(np.degrees(x), y, atol=1e-9)
+    largest = max(abs(float(row[f"{key} [deg]"])) for row in in_degrees for key in angles)
+    assert largest > 7.0  # no angle in radians
+    assert "roll [deg]" in heads["m,deg"]
+    assert "roll [rad]" in heads["m,rad"]

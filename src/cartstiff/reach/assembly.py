@@ -36,6 +36,8 @@ __all__ = ["ASSEMBLE_SCHEMA", "AssemblyMode", "AssemblyModes", "assemble"]
 
 #: Name and version of the form of `AssemblyModes.as_dict`.
 ASSEMBLE_SCHEMA = "cartstiff-assemble/1"
+# Random starts of closed chains, where none are said.
+_STARTS = 64
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -230,8 +232,8 @@ def assemble(
     lengths: ArrayLike | None = None,
     *,
     q: ArrayLike | Mapping[str, float] | None = None,
-    starts: int = 64,
-    seed: int = 0,
+    starts: int | None = None,
+    seed: int | None = None,
     every: bool = True,
 ) -> AssemblyModes:
     """All assembly modes of a mechanism, with the stiffness in each.
@@ -249,8 +251,8 @@ def assemble(
     q : array_like (n,) or mapping, optional
         Default the file's posture: its leg lengths, or positions of its actuated joints, are
         meant, and modes near it come first.
-    starts, seed : int
-        Of closed chains: how many random starts, and their seed.
+    starts, seed : int, optional
+        Of closed chains alone: how many random starts, default 64, and their seed, default 0.
     every : bool
         List all modes; else only the one nearest to `q`.
 
@@ -277,13 +279,17 @@ def assemble(
     values = elastic.q if q is None else named_values(q, elastic.names, elastic.q, "q")
     mechanism = elastic.mechanism
     if isinstance(mechanism, Platform):
+        if starts is not None or seed is not None:
+            raise InputError("random starts are of closed chains", got=mechanism.kind,
+                             expected="neither starts nor seed: a platform needs none")  # fmt: skip
         return _of_platform(elastic, mechanism, lengths, values, every)
     if lengths is not None:
         raise InputError("leg lengths are of platforms", got=mechanism.kind)
     if not isinstance(mechanism, Chain) or not mechanism.closures:
         raise InputError("assembly modes are of closed chains and platforms", got=mechanism.kind,
                          expected="for an arm, inverse_kinematics")  # fmt: skip
-    return _of_chain(elastic, mechanism, values, starts, seed, every)
+    starts = _STARTS if starts is None else starts
+    return _of_chain(elastic, mechanism, values, starts, seed or 0, every)
 
 
 def _of_platform(

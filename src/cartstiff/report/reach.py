@@ -12,7 +12,8 @@ from cartstiff import numerics
 from cartstiff.errors import joined
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.elastic import Note
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.other_units import shown
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.reach.assembly import AssemblyMode, AssemblyModes
 from cartstiff.report.layout import number, numbers, table
@@ -76,12 +77,16 @@ def _with(found: AssemblyModes, code: str) -> str:
 def _table(found: AssemblyModes) -> list[str]:
     of_legs = isinstance(found.elastic.mechanism, Platform)
     swing = any(mode.frequencies is not None for mode in found.found)
-    names = found.elastic.names_with_units if of_legs else _pose_names(found)
+    names = found.elastic.names_with_units if of_legs else _pose_names(found.elastic)
     titles = ["", *names, "residual", "min K", "stable"]
     titles += ["det"] * of_legs + ["first frequencies [Hz]"] * swing
     rows = []
     for i, mode in enumerate(found.found):
-        row = [str(i + 1), *(number(x) for x in _place(mode, of_legs)), number(mode.residual, 2)]
+        row = [
+            str(i + 1),
+            *(number(x) for x in _place(mode, found.elastic)),
+            number(mode.residual, 2),
+        ]
         row += [number(mode.eigenvalue), _STABLE[mode.stable]]
         row += [number(mode.determinant, 4)] * of_legs
         if swing:
@@ -95,15 +100,24 @@ def _first(frequencies: Array) -> list[float | None]:
     return [float(f) if np.isfinite(f) else None for f in frequencies]
 
 
-def _pose_names(found: AssemblyModes) -> list[str]:
-    length = found.elastic.units.length
-    return [f"{name} [{length}]" for name in "xyz"] + ["roll [rad]", "pitch [rad]", "yaw [rad]"]
+def _pose_names(elastic: ElasticMechanism) -> list[str]:
+    length, angle = elastic.units.length, elastic.units.shown_angle
+    turns = [f"{name} [{angle}]" for name in ("roll", "pitch", "yaw")]
+    return [f"{name} [{length}]" for name in "xyz"] + turns
 
 
-def _place(mode: AssemblyMode, of_legs: bool) -> list[float]:
-    """Coordinates of a platform, or the pose of M of a chain; rounding is 0."""
-    q = mode.q if of_legs else np.append(mode.pose[:3, 3], se3.roll_pitch_yaw(mode.pose))
-    return np.where(np.abs(q) < numerics.BLANK * np.abs(q).max(), 0.0, q).tolist()
+def _place(mode: AssemblyMode, elastic: ElasticMechanism) -> list[float]:
+    """Coordinates of a platform, or the pose of M of a chain, as people read it; rounding is 0."""
+    if isinstance(elastic.mechanism, Platform):
+        q = mode.q
+    else:
+        q = np.append(mode.pose[:3, 3], se3.roll_pitch_yaw(mode.pose))
+    q = np.where(np.abs(q) < numerics.BLANK * np.abs(q).max(), 0.0, q)
+    if isinstance(elastic.mechanism, Platform):
+        return shown(elastic, q).tolist()
+    if elastic.units.shown_angle == "deg":
+        q[3:] = np.degrees(q[3:])
+    return q.tolist()
 
 
 def assembly_csv(found: AssemblyModes) -> str:
@@ -123,7 +137,8 @@ def assembly_csv(found: AssemblyModes) -> str:
     for mode in found.found:
         own = [] if mode.frequencies is None else _first(mode.frequencies)
         cells = [
-            *mode.q.tolist(), mode.residual, mode.multiplicity, mode.eigenvalue, mode.stable,
+            *shown(found.elastic, mode.q).tolist(), mode.residual, mode.multiplicity,
+            mode.eigenvalue, mode.stable,
             mode.determinant, *own, *[None] * (most - len(own)),
         ]  # fmt: skip
         writer.writerow(["" if cell is None else str(cell) for cell in cells])

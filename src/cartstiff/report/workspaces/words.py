@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from math import degrees
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,14 @@ __all__ = ["boundary_csv", "describe_workspace", "draw_workspace"]
 # Limits that are listed; the rest is one line.
 _MOST = 12
 _SLICES = 5
+
+
+def _angle(found: Workspace) -> str:
+    """The least turn, as people read angles."""
+    angle, turn = found.elastic.units.shown_angle, found.least_turn
+    if angle == "deg" and turn is not None:
+        turn = degrees(turn)
+    return f"{number(turn, 4)} {angle}"
 
 
 def describe_workspace(found: Workspace) -> str:
@@ -42,7 +51,7 @@ def describe_workspace(found: Workspace) -> str:
         *_shares(found.positions.shares()),
         "",
         "Rotations at this position",
-        f"  about every axis by at least {number(found.least_turn, 4)} rad; "
+        f"  about every axis by at least {_angle(found)}; "
         f"{percent(found.share_of_rotations)} of all rotations",
         *_shares(found.turns.shares()),
     ]
