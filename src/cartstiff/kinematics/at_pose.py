@@ -110,7 +110,8 @@ def _difference(a: Array, b: Array) -> Array:
 def _note(elastic: ElasticMechanism, wanted: Array, reached: Array, free: list[int]) -> Note:
     units = [elastic.units.length] * 3 + ["rad"] * 3
     follow = [i for i in range(6) if i not in free]
-    reached = np.where(np.abs(reached) < numerics.LAST_DIGITS, 0.0, reached)
+    sizes = np.repeat([np.abs(reached[:3]).max(), 1.0], 3)
+    reached = np.where(np.abs(reached) < numerics.BLANK * sizes, 0.0, reached)
     shown = [f"{COORDINATES[i]} = {reached[i]:.6g} {units[i]} ({wanted[i]:.6g} was given)"
              for i in follow]  # fmt: skip
     taken = ", ".join(COORDINATES[i] for i in free)
