@@ -85,6 +85,53 @@ def test_they_differ_where_the_cut_is_short():
     assert np.abs(np.array(fine[1:]) / zeroth.depths[1:] - 1).max() < 0.1
 
 
+def growth_in_time(hertz, cut, speed, depth, zeta, steps=100, periods=30):
+    """Factor per tooth's period by which the tool's motion grows; Runge-Kutta, tooth by tooth."""
+    w, pitch = 2 * np.pi * np.asarray(hertz), 2 * np.pi / cut.teeth
+    h = 60.0 / (speed * cut.teeth * steps)
+
+    def rate(state, turn, before):
+        force, chip = np.zeros(2), state[:2] - before
+        for phi in (turn + pitch * np.arange(cut.teeth)) % (2 * np.pi):
+            if cut.entry <= phi < cut.exit:
+                s, c = np.sin(phi), np.cos(phi)
+                tangential = cut.tangential * depth * (chip[0] * s + chip[1] * c)
+                radial = cut.radial * tangential
+                force -= [tangential * c + radial * s, radial * c - tangential * s]
+        return np.r_[state[2:], force / MASS - 2 * zeta * w * state[2:] - w * w * state[:2]]
+
+    before, state, sizes = np.zeros((steps + 1, 2)), np.array([1.0, 1.0, 0.0, 0.0]), []
+    for _ in range(periods):
+        path = [state[:2]]
+        for i in range(steps):
+            a, b = before[i], before[i + 1]
+            start, middle, end = (pitch * (i + x) / steps for x in (0.0, 0.5, 1.0))
+            k1 = rate(state, start, a)
+            k2 = rate(state + h / 2 * k1, middle, 0.5 * (a + b))
+            k3 = rate(state + h / 2 * k2, middle, 0.5 * (a + b))
+            state = state + h / 6 * (k1 + 2 * (k2 + k3) + rate(state + h * k3, end, b))
+            path.append(state[:2])
+        size = np.linalg.norm(path)
+        before, state, sizes = np.array(path) / size, state / size, [*sizes, size]
+    return np.exp(np.mean(np.log(sizes[periods // 2 :])))
+
+
+@pytest.mark.parametrize(
+    ("hertz", "cut", "speed"),
+    [
+        ((500.0, 640.0), Milling(KT, 0.3, 3, 0.0, 1.2), 7600.0),
+        # Period doubling, where the zeroth order allows more than twice the depth.
+        ((5000.0, 900.0), Milling(KT, 0.3, 2, 0.0, 0.451), 54000.0),
+    ],
+)
+def test_semi_discretisation_against_time(hertz, cut, speed):
+    depth = depth_by_semi_discretisation(modes(spindle(hertz)), cut, speed, ZETA, steps=60)
+    assert growth_in_time(hertz, cut, speed, 0.97 * depth, ZETA) < 1.0
+    assert growth_in_time(hertz, cut, speed, 1.03 * depth, ZETA) > 1.0
+    if speed > 5e4:
+        assert depth < 0.5 * lobes(modes(spindle(hertz)), cut, [speed], ZETA).depths[0]
+
+
 def test_depth_along_a_path():
     elastic = load("stewart-simscape")
     milling = Milling(KT, 0.3, 3, 0.0, np.pi / 2, at=(0.0, 0.0, 0.05))
