@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from cartstiff import numerics
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.shorthand.words import Number, Positive, Text
+from cartstiff.loading.keys.words import Number, Positive, Text, only_one
 from cartstiff.loading.yaml_file import read_yaml
 
 __all__ = ["Asked", "Case", "json_schema", "read_case", "read_cases"]
@@ -31,13 +31,13 @@ class _Entry(BaseModel):
 class Source(_Entry):
     """Where the printed numbers stand."""
 
-    work: Annotated[Text, Field(description="author, title, place and year of publication")]
-    place: Annotated[Text, Field(description="table, equation, page, or file")]
+    work: Text = Field(description="author, title, place and year of publication")
+    place: Text = Field(description="table, equation, page, or file")
     link: Text | None = None
-    looked_up: Annotated[
-        Text, Field(description="how the numbers were seen: in the work, or where it is quoted")
-    ]
-    licence: Annotated[Text, Field(description="of the source; here stand numbers only")]
+    looked_up: Text = Field(
+        description="how the numbers were seen: in the work, or where it is quoted"
+    )
+    licence: Text = Field(description="of the source; here stand numbers only")
 
 
 class Asked(_Entry):
@@ -48,30 +48,29 @@ class Asked(_Entry):
     """
 
     name: Text
-    what: Annotated[Text, Field(description="the quantity in words, with frame, axes and order")]
+    what: Text = Field(description="the quantity in words, with frame, axes and order")
     unit: Text
-    quantity: Annotated[
-        Literal["stiffness", "compliance", "manipulability"] | None,
-        Field(description="for tools that work from `inputs` alone, at `inputs.at`, base axes"),
-    ] = None
+    quantity: Literal["stiffness", "compliance", "manipulability"] | None = Field(
+        default=None,
+        description="for tools that work from `inputs` alone, at `inputs.at`, base axes",
+    )
     order: Literal["angular-linear", "linear-angular"] | None = None
     printed: Values
-    last_digit: Annotated[Positive | None, Field(description="unit of the last digit")] = None
-    digits: Annotated[int | None, Field(ge=1, le=17, description="significant digits")] = None
-    zero: Annotated[
-        Positive | None, Field(description="what the source prints as rounding noise is below")
-    ] = None
+    last_digit: Positive | None = Field(default=None, description="unit of the last digit")
+    digits: int | None = Field(default=None, ge=1, le=17, description="significant digits")
+    zero: Positive | None = Field(
+        default=None, description="what the source prints as rounding noise is below"
+    )
     tolerance: Positive | None = None
-    ours: Annotated[Values, Field(description="computed, with all digits that are sure")]
-    agrees: Annotated[bool, Field(description="whether ours meets the printed value")] = True
-    because: Annotated[
-        Text | None, Field(description="why it does not, or why the tolerance is a wider one")
-    ] = None
+    ours: Values = Field(description="computed, with all digits that are sure")
+    agrees: bool = Field(default=True, description="whether ours meets the printed value")
+    because: Text | None = Field(
+        default=None, description="why it does not, or why the tolerance is a wider one"
+    )
 
     @model_validator(mode="after")
     def _whole(self) -> Asked:
-        if (self.last_digit is None) == (self.digits is None):
-            raise ValueError("give exactly one of last_digit, digits")
+        only_one(self, "last_digit", "digits")
         if np.shape(self.printed) != np.shape(self.ours):
             raise ValueError("printed and ours have different shapes")
         if (not self.agrees or self.tolerance is not None) and self.because is None:
@@ -117,23 +116,20 @@ class Case(_Entry):
     """The contents of ``case.yaml``."""
 
     title: Text
-    about: Annotated[Text, Field(description="what is computed and why it is worth checking")]
+    about: Text = Field(description="what is computed and why it is worth checking")
     source: Source
-    inputs: Annotated[
-        dict[str, Any], Field(description="all numbers that go in, with their units in words")
-    ]
-    asked: Annotated[list[Asked], Field(max_length=200)]
+    inputs: dict[str, Any] = Field(description="all numbers that go in, with their units in words")
+    asked: list[Asked] = Field(max_length=200)
     verdict: Literal[
         "reproduced", "reproduced after a correction", "contradicts itself", "inputs incomplete"
     ]
-    reason: Annotated[Text | None, Field(description="needed where it is not reproduced")] = None
-    answered_as: Annotated[
-        str | None,
-        Field(
-            pattern=r"^[\w-]+$", max_length=200,
-            description="the case beside this one whose answer.py and derivation.py serve here too",
-        ),
-    ] = None  # fmt: skip
+    reason: Text | None = Field(default=None, description="needed where it is not reproduced")
+    answered_as: str | None = Field(
+        default=None,
+        pattern=r"^[\w-]+$",
+        max_length=200,
+        description="the case beside this one whose answer.py and derivation.py serve here too",
+    )
 
     @property
     def to_the_digit(self) -> bool:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from cartstiff.expressions import is_name
-from cartstiff.loading.shorthand.words import Number, Positive, Text, Vector
+from cartstiff.loading.keys.words import Number, Pair, Positive, Text, Vector, only_one
 
 __all__ = ["MOST_POSES", "Case", "Measure", "Objective", "Study", "StudyModel"]
 
@@ -18,7 +18,6 @@ _Count = Annotated[int, Field(strict=True, ge=1, le=10**7)]
 _Seed = Annotated[int, Field(strict=True, ge=0, le=2**31)]
 _Flag = Annotated[bool, Field(strict=True)]
 _Wrench = Annotated[list[Number], Field(min_length=6, max_length=6)]
-_Range = Annotated[list[Number], Field(min_length=2, max_length=2)]
 
 
 class StudyModel(BaseModel):
@@ -32,13 +31,13 @@ class Variable(StudyModel):
 
     low: Number | None = None
     high: Number | None = None
-    values: Annotated[
-        list[Number] | None, Field(min_length=1, max_length=10_000, description="only these")
-    ] = None
-    count: Annotated[
-        _Count | None, Field(description="values of a grid between low and high; default 5")
-    ] = None
-    log: Annotated[_Flag, Field(description="equal ratios instead of equal steps")] = False
+    values: list[Number] | None = Field(
+        default=None, min_length=1, max_length=10_000, description="only these"
+    )
+    count: _Count | None = Field(
+        default=None, description="values of a grid between low and high; default 5"
+    )
+    log: _Flag = Field(default=False, description="equal ratios instead of equal steps")
 
     @model_validator(mode="before")
     @classmethod
@@ -94,35 +93,29 @@ class RandomPoses(StudyModel):
     """Poses drawn at random."""
 
     count: _Count
-    ranges: Annotated[
-        dict[str, _Range], Field(description="[low, high] by coordinate; the others stay")
-    ]
+    ranges: dict[str, Pair] = Field(description="[low, high] by coordinate; the others stay")
     seed: _Seed = 0
 
 
 class Poses(StudyModel):
     """Where every design is looked at; without any: at its default posture."""
 
-    grid: Annotated[
-        dict[str, Annotated[list[Number], Field(min_length=3, max_length=3)]] | None,
-        Field(min_length=1, description="[low, high, count] by coordinate; the others stay"),
-    ] = None
+    grid: dict[str, Annotated[list[Number], Field(min_length=3, max_length=3)]] | None = Field(
+        default=None, min_length=1, description="[low, high, count] by coordinate; the others stay"
+    )
     random: RandomPoses | None = None
-    about_home: Annotated[
-        _Flag, Field(description="ranges are differences from each design's default posture")
-    ] = False
-    outside: Annotated[
-        Literal["refuse", "leave-out"],
-        Field(
-            description="a design with poses at which a quantity does not exist (singular, beyond "
-            "limits, not assembled) has failed, or is judged by the others"
-        ),
-    ] = "refuse"
+    about_home: _Flag = Field(
+        default=False, description="ranges are differences from each design's default posture"
+    )
+    outside: Literal["refuse", "leave-out"] = Field(
+        default="refuse",
+        description="a design with poses at which a quantity does not exist (singular, beyond "
+        "limits, not assembled) has failed, or is judged by the others",
+    )
 
     @model_validator(mode="after")
     def _one(self) -> Poses:
-        if self.grid is not None and self.random is not None:
-            raise ValueError("give grid or random, not both")
+        only_one(self, "grid", "random", needed=False)
         for name, (low, high, count) in (self.grid or {}).items():
             if not (float(count).is_integer() and count >= 1):
                 raise ValueError(f"grid.{name}: count must be a whole number, 1 or more")
@@ -146,22 +139,19 @@ class Poses(StudyModel):
 class Case(StudyModel):
     """A load, and what the quantities under it refer to; keys as in `cartstiff.compute_map`."""
 
-    wrench: Annotated[_Wrench | None, Field(description="moment and force, carried everywhere")] = (
-        None
-    )
+    wrench: _Wrench | None = Field(default=None, description="moment and force, carried everywhere")
     load_kind: Literal["dead", "follower", "conservative"] = "dead"
-    load_at: Annotated[Vector, Field(description="point of the body at which it acts")] = [0, 0, 0]
+    load_at: Vector = Field(default=[0, 0, 0], description="point of the body at which it acts")
     load_axes: Literal["body", "world"] = "body"
     connection: Literal["A", "B", "K", "F", "load"] | None = None
-    length: Annotated[
-        Positive | None,
-        Field(description="characteristic length; default each design's own natural length"),
-    ] = None
+    length: Positive | None = Field(
+        default=None, description="characteristic length; default each design's own natural length"
+    )
     direction: Vector | None = None
-    deflect: Annotated[_Wrench | None, Field(description="whose deflection is asked for")] = None
+    deflect: _Wrench | None = Field(default=None, description="whose deflection is asked for")
     deflect_at: Vector = [0, 0, 0]
-    world: Annotated[_Flag, Field(description="direction and deflect in the axes of F")] = False
-    damping: Annotated[Number, Field(ge=0.0, description="modal damping ratio")] = 0.0
+    world: _Flag = Field(default=False, description="direction and deflect in the axes of F")
+    damping: Number = Field(default=0.0, ge=0.0, description="modal damping ratio")
 
     def keywords(self) -> dict[str, Any]:
         """Arguments of `cartstiff.maps.prepare.map_job`."""
@@ -171,22 +161,18 @@ class Case(StudyModel):
 class Measure(StudyModel):
     """A number of a design: of a quantity over the poses, or arithmetic over the parameters."""
 
-    quantity: Annotated[Text | None, Field(description="of a map; or")] = None
-    value: Annotated[
-        Text | None, Field(description="arithmetic over parameters, such as '=2*r + h'")
-    ] = None
-    of: Annotated[
-        Literal["worst", "best", "min", "max", "mean", "median", "share", "reached"] | None,
-        Field(
-            description="poses; share: of all poses, within `above` and `below`; reached: share of "
-            "poses at which the quantity exists; default worst"
-        ),
-    ] = None
-    above: Annotated[Number | None, Field(description="for share: at least")] = None
-    below: Annotated[Number | None, Field(description="for share: at most")] = None
-    case: Annotated[Text | None, Field(description="name of a case, where there are several")] = (
-        None
+    quantity: Text | None = Field(default=None, description="of a map; or")
+    value: Text | None = Field(
+        default=None, description="arithmetic over parameters, such as '=2*r + h'"
     )
+    of: Literal["worst", "best", "min", "max", "mean", "median", "share", "reached"] | None = Field(
+        default=None,
+        description="poses; share: of all poses, within `above` and `below`; reached: share of "
+        "poses at which the quantity exists; default worst",
+    )
+    above: Number | None = Field(default=None, description="for share: at least")
+    below: Number | None = Field(default=None, description="for share: at most")
+    case: Text | None = Field(default=None, description="name of a case, where there are several")
 
     @field_validator("value")
     @classmethod
@@ -197,8 +183,7 @@ class Measure(StudyModel):
 
     @model_validator(mode="after")
     def _one(self) -> Measure:
-        if (self.quantity is None) == (self.value is None):
-            raise ValueError("give exactly one of quantity, value")
+        only_one(self, "quantity", "value")
         given = [key for key in ("of", "above", "below", "case") if getattr(self, key) is not None]
         if self.value is not None and given:
             raise ValueError(f"{given[0]} is for quantities")
@@ -224,10 +209,9 @@ class Measure(StudyModel):
 class Objective(Measure):
     """What is to be as large or as small as it can be."""
 
-    goal: Annotated[
-        Literal["largest", "smallest"] | None,
-        Field(description="default the better end of the quantity; largest for shares"),
-    ] = None
+    goal: Literal["largest", "smallest"] | None = Field(
+        default=None, description="default the better end of the quantity; largest for shares"
+    )
 
     @model_validator(mode="after")
     def _has_goal(self) -> Objective:
@@ -261,14 +245,13 @@ class Method(StudyModel):
     """How designs are chosen."""
 
     kind: Literal["grid", "sobol", "latin-hypercube", "local", "evolution"] = "grid"
-    designs: Annotated[
-        _Count | None, Field(description="how many, at most; not for a grid; default 64")
-    ] = None
-    seed: Annotated[_Seed | None, Field(description="of what is drawn; default 0")] = None
-    start: Annotated[
-        dict[str, Number] | None,
-        Field(description="of the local search; default the values in the mechanism file"),
-    ] = None
+    designs: _Count | None = Field(
+        default=None, description="how many, at most; not for a grid; default 64"
+    )
+    seed: _Seed | None = Field(default=None, description="of what is drawn; default 0")
+    start: dict[str, Number] | None = Field(
+        default=None, description="of the local search; default the values in the mechanism file"
+    )
 
     @model_validator(mode="after")
     def _fits(self) -> Method:
@@ -284,14 +267,14 @@ class Method(StudyModel):
 class Study(StudyModel):
     """What is varied, where it is judged, and by what."""
 
-    mechanism: Annotated[Text, Field(description="a mechanism file, or the name of a bundled one")]
-    description: Annotated[Text | None, Field(description="for readers")] = None
-    set: Annotated[dict[Text, Number], Field(description="parameters that stay")] = {}
-    variables: Annotated[dict[Text, Variable], Field(min_length=1, max_length=50)]
+    mechanism: Text = Field(description="a mechanism file, or the name of a bundled one")
+    description: Text | None = Field(default=None, description="for readers")
+    set: dict[Text, Number] = Field(default={}, description="parameters that stay")
+    variables: dict[Text, Variable] = Field(min_length=1, max_length=50)
     poses: Poses = Poses()
-    cases: Annotated[dict[Text, Case], Field(description="default one without a load")] = {}
-    objectives: Annotated[dict[Text, Objective], Field(min_length=1, max_length=20)]
-    constraints: Annotated[dict[Text, Constraint], Field(max_length=50)] = {}
+    cases: dict[Text, Case] = Field(default={}, description="default one without a load")
+    objectives: dict[Text, Objective] = Field(min_length=1, max_length=20)
+    constraints: dict[Text, Constraint] = Field(default={}, max_length=50)
     method: Method = Method()
 
     @model_validator(mode="after")

@@ -282,12 +282,7 @@ def from_data(
     from cartstiff.loading.findings import with_findings
     from cartstiff.loading.mechanism_file import checked_file, located
     from cartstiff.loading.plausible import file_notes
-    from cartstiff.loading.schema import (
-        ParallelFile,
-        PlatformFile,
-        SerialFile,
-        SpringsFile,
-    )
+    from cartstiff.loading.schema import ParallelFile, PlatformFile, SerialFile, SpringsFile
 
     file, parameters = checked_file(data, lines, path, given.get("parameters"))
     where = one_line(str(path))

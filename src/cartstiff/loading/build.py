@@ -13,6 +13,8 @@ from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.defaults import chosen_frame, default_posture, regular_posture
+from cartstiff.loading.keys.bodies import BodyModel, PayloadModel
+from cartstiff.loading.keys.words import PoseModel, pose_of
 from cartstiff.loading.parts import (
     add_payload,
     described,
@@ -25,15 +27,11 @@ from cartstiff.loading.platforms.leg_limits import leg_limits_of
 from cartstiff.loading.plausible import stretched
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.schema import (
-    BodyModel,
     ClosedChainFile,
     ParallelFile,
-    PayloadModel,
     PlatformFile,
-    PoseModel,
     SerialFile,
     SpringsFile,
-    pose_of,
 )
 from cartstiff.loading.springs import link_springs, springs_of, virtual_joints
 from cartstiff.mechanisms.chain import Chain

@@ -11,6 +11,8 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.assembly import leg_at_pose
 from cartstiff.loading.defaults import chosen_frame, default_posture
+from cartstiff.loading.keys.springs import JointSpringModel
+from cartstiff.loading.keys.words import pose_of
 from cartstiff.loading.legs.tree import drawn_legs
 from cartstiff.loading.mjcf.facts import Lifted, MjcfClosure, MjcfFacts, MjcfSpring
 from cartstiff.loading.parts import (
@@ -23,14 +25,7 @@ from cartstiff.loading.parts import (
     tree_to,
 )
 from cartstiff.loading.robot_description import RobotDescription
-from cartstiff.loading.schema import (
-    ClosedChainFile,
-    ClosureModel,
-    JointSpringModel,
-    LegModel,
-    ParallelFile,
-    pose_of,
-)
+from cartstiff.loading.schema import ClosedChainFile, ClosureModel, LegModel, ParallelFile
 from cartstiff.loading.springs import link_springs, springs_of, virtual_joints
 from cartstiff.mechanisms.chain import Chain, Closure, Description
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note

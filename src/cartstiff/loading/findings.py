@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from cartstiff.errors import InputError
-from cartstiff.loading.schema import IdentifiedModel
+from cartstiff.loading.keys.identified import IdentifiedModel
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.elements import CompliancePattern, Elements
 from cartstiff.mechanisms.identified import Identified

@@ -14,10 +14,10 @@ from pydantic import (
 )
 
 from cartstiff.errors import InputError, one_line
+from cartstiff.loading.keys.words import FileModel
 from cartstiff.loading.schema import ADAPTER, KINDS, MODELS, PlatformFile, SpringsFile
 from cartstiff.loading.shorthand.layout import LayoutModel, laid_out
 from cartstiff.loading.shorthand.parameters import Parameters, with_parameters
-from cartstiff.loading.shorthand.words import FileModel
 from cartstiff.loading.yaml_file import Lines
 
 __all__ = ["checked_file", "first_error", "located", "place_of"]

@@ -14,6 +14,8 @@ from cartstiff import numerics
 from cartstiff.errors import InputError, UnknownNameError, one_line
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.catalogue import example_robot
+from cartstiff.loading.keys.bodies import PayloadModel
+from cartstiff.loading.keys.springs import FlexibleModel, JointSpringModel, LineModel
 from cartstiff.loading.mjcf.facts import Lifted, Obstacle
 from cartstiff.loading.robot_description import (
     RobotDescription,
@@ -21,16 +23,7 @@ from cartstiff.loading.robot_description import (
     read_robot_description,
 )
 from cartstiff.loading.ros import ROBOT_FILES, Ros, described_robot, is_description_name
-from cartstiff.loading.schema import (
-    ClosedChainFile,
-    FlexibleModel,
-    JointSpringModel,
-    LegModel,
-    LineModel,
-    ParallelFile,
-    PayloadModel,
-    SerialFile,
-)
+from cartstiff.loading.schema import ClosedChainFile, LegModel, ParallelFile, SerialFile
 from cartstiff.loading.springs import extra_lines, give_of, negative_links
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note

@@ -8,7 +8,9 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel
 
-from cartstiff.loading.schema import BeamModel, LegModel, PlatformFile, PoseModel, SpringsFile
+from cartstiff.loading.keys.springs import BeamModel
+from cartstiff.loading.keys.words import PoseModel
+from cartstiff.loading.schema import LegModel, PlatformFile, SpringsFile
 from cartstiff.mechanisms.elastic import Note
 
 __all__ = ["file_notes", "large_lengths", "stretched", "turned"]

@@ -10,14 +10,9 @@ from cartstiff import numerics
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.loading.keys.springs import BeamModel, FlexibleModel, JointSpringModel, LineModel
+from cartstiff.loading.keys.words import pose_of
 from cartstiff.loading.mjcf.facts import MjcfFacts
-from cartstiff.loading.schema import (
-    BeamModel,
-    FlexibleModel,
-    JointSpringModel,
-    LineModel,
-    pose_of,
-)
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import rest_of_turns
 from cartstiff.mechanisms.flexible_links import Give

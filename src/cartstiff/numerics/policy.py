@@ -20,30 +20,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = [
-    "BALANCE",
-    "EPSILON",
-    "IDLE",
-    "INVERTIBLE",
-    "LOST",
-    "NEAR",
-    "PAIRED",
-    "RANK",
-    "REPEATED",
-    "ROUNDING",
-    "SYMMETRY",
-    "TELLING",
-    "TINY",
-    "WELL_CONDITIONED",
-    "ZERO",
-    "Array",
-    "is_about_symmetric",
-    "is_regular",
-    "is_symmetric",
-    "rank",
-    "ratio",
-]
-
 Array = NDArray[np.float64]
 
 #: Spacing of doubles at 1.

@@ -120,7 +120,7 @@ class State(_Strict):
 
 
 class _Asked(_Strict):
-    id: Annotated[int, Field(ge=0, le=2**53)]
+    id: int = Field(ge=0, le=2**53)
     state: State = State()
 
 
@@ -154,8 +154,8 @@ class Sweep(_Asked):
     """Principal values while one coordinate runs through its range."""
 
     do: Literal["sweep"]
-    coordinate: Annotated[int, Field(ge=0, le=500)]
-    steps: Annotated[int, Field(ge=2, le=201)] = 61
+    coordinate: int = Field(ge=0, le=500)
+    steps: int = Field(default=61, ge=2, le=201)
 
 
 class Series(_Asked):
@@ -168,14 +168,14 @@ class Swing(_Asked):
     """Pictures along the swing of the mode that the state names."""
 
     do: Literal["swing"]
-    share: Annotated[float, Field(gt=0.0, le=0.5)] = 0.05
+    share: float = Field(default=0.05, gt=0.0, le=0.5)
 
 
 class Response(_Asked):
     """Receptance at the reference point over frequency, all modes damped by one ratio."""
 
     do: Literal["response"]
-    ratio: Annotated[float, Field(ge=0.0, le=10.0)] = 0.02
+    ratio: float = Field(default=0.02, ge=0.0, le=10.0)
 
 
 class Analysis(_Asked):
@@ -188,7 +188,7 @@ class Export(_Asked):
     """The page at this state as one file."""
 
     do: Literal["export"]
-    frames: Annotated[int, Field(ge=2, le=101)] = 25
+    frames: int = Field(default=25, ge=2, le=101)
 
 
 class Frame(_Asked):

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, WrapValidator, model_validator
 
-from cartstiff.loading.shorthand.words import FileModel, Number, Positive, Text, Vector
+from cartstiff.loading.keys.words import FileModel, Number, Pair, Positive, Text, Vector, only_one
 
 __all__ = ["Direction", "LegEndsModel", "NamedLegsModel", "Stiffness"]
 
@@ -18,7 +18,6 @@ Stiffness = Annotated[
 _Word = Literal["radial", "tangential", "vertical"]
 Direction = _Word | Vector | Annotated[list[Vector], Field(min_length=1, max_length=100)]
 _PerLeg = Positive | Annotated[list[Positive], Field(min_length=1, max_length=100)]
-_Range = Annotated[list[Number], Field(min_length=2, max_length=2)]
 _Mode = Literal["plus", "minus"]
 
 #: What can be drawn: struts, then rails and cranks; a rod between two balls spins in vain.
@@ -31,97 +30,80 @@ class LegEndsModel(FileModel):
     """Joints on a circle about z, or points one by one."""
 
     radius: Positive | None = None
-    half_angle: Annotated[
-        Number | None,
-        Field(
-            description="rad, between a joint and the middle of its pair; three pairs, and the two "
-            "legs of a pair of the base are mirror images of each other"
-        ),
-    ] = None
-    angles: Annotated[
-        list[Number] | None,
-        Field(min_length=1, max_length=100, description="where the joints are on the circle; "
-              "default [0]"),
-    ] = None  # fmt: skip
-    height: Annotated[Number, Field(description="of the circle, along z")] = 0.0
-    points: Annotated[
-        list[Vector] | None,
-        Field(min_length=1, max_length=100, description="instead of the circle"),
-    ] = None
+    half_angle: Number | None = Field(
+        default=None,
+        description="rad, between a joint and the middle of its pair; three pairs, and the two "
+        "legs of a pair of the base are mirror images of each other",
+    )
+    angles: list[Number] | None = Field(
+        default=None,
+        min_length=1,
+        max_length=100,
+        description="where the joints are on the circle; default [0]",
+    )
+    height: Number = Field(default=0.0, description="of the circle, along z")
+    points: list[Vector] | None = Field(
+        default=None, min_length=1, max_length=100, description="instead of the circle"
+    )
 
     @model_validator(mode="after")
     def _one(self) -> LegEndsModel:
-        if (self.radius is None) == (self.points is None):
-            raise ValueError("give exactly one of radius, points")
+        only_one(self, "radius", "points")
         on_circle = self.half_angle is not None or self.angles is not None or self.height != 0.0
         if self.points is not None and on_circle:
             raise ValueError("half_angle, angles and height go with radius, not with points")
-        if self.half_angle is not None and self.angles is not None:
-            raise ValueError("give half_angle or angles, not both")
+        only_one(self, "half_angle", "angles", needed=False)
         return self
 
 
 class NamedLegsModel(FileModel):
     """Equal legs from the ground to the body, by the letters of their joints."""
 
-    chain: Annotated[
-        Text,
-        Field(
-            description="joints from the ground to the body: R revolute, P prismatic, U universal, "
-            "S spherical, C cylindrical; such as UPS, PUS, RUS, RPS, PRS, UPU, RUU, RRR"
-        ),
-    ]
-    base: Annotated[LegEndsModel, Field(description="first joints, in F")]
-    platform: Annotated[LegEndsModel, Field(description="last joints, in the body's frame P")]
-    symmetry: Annotated[
-        int | None,
-        Field(
-            strict=True, ge=1, le=100,
-            description="how often what base and platform give is repeated about z; default 3, and "
-            "1 where points or angles are given",
-        ),
-    ] = None  # fmt: skip
-    turn: Annotated[
-        Number | None,
-        Field(description="rad, of the platform's pairs against the base's; default pi/3"),
-    ] = None
-    axis: Annotated[
-        Direction | None,
-        Field(
-            description="of cranks, hinges and first axes of universal joints: radial, tangential, "
-            "vertical, a vector in the leg's frame (x radial, z up), or one vector in F for each "
-            "leg; default vertical for chains of R and P only, else tangential"
-        ),
-    ] = None
-    rail: Annotated[
-        Direction | None,
-        Field(description="direction of the rails of chains that begin with P, as axis; default "
-              "vertical"),
-    ] = None  # fmt: skip
-    crank: Annotated[_PerLeg | None, Field(description="length, for chains that begin with R")] = (
-        None
+    chain: Text = Field(
+        description="joints from the ground to the body: R revolute, P prismatic, U universal, "
+        "S spherical, C cylindrical; such as UPS, PUS, RUS, RPS, PRS, UPU, RUU, RRR"
     )
-    rod: Annotated[
-        _PerLeg | None, Field(description="length, for chains that begin with P or R")
-    ] = None
-    mode: Annotated[
-        _Mode | list[_Mode] | None,
-        Field(
-            description="working mode: the smaller (minus) or the larger (plus) of the two slides "
-            "or crank angles that reach the pose; default minus for rails, plus for cranks"
-        ),
-    ] = None
-    actuated: Annotated[
-        list[Text] | None,
-        Field(description="names of the driven joints; default slide, or crank; [] for none"),
-    ] = None
-    stiffness: Annotated[
-        Stiffness | list[Stiffness] | None,
-        Field(description="of the driven joints, N/m or N m/rad; or rigid"),
-    ] = None
-    limits: Annotated[
-        _Range | list[_Range] | None, Field(description="[least, most] of the slide or crank")
-    ] = None
+    base: LegEndsModel = Field(description="first joints, in F")
+    platform: LegEndsModel = Field(description="last joints, in the body's frame P")
+    symmetry: int | None = Field(
+        default=None,
+        strict=True,
+        ge=1,
+        le=100,
+        description="how often what base and platform give is repeated about z; default 3, and "
+        "1 where points or angles are given",
+    )
+    turn: Number | None = Field(
+        default=None, description="rad, of the platform's pairs against the base's; default pi/3"
+    )
+    axis: Direction | None = Field(
+        default=None,
+        description="of cranks, hinges and first axes of universal joints: radial, tangential, "
+        "vertical, a vector in the leg's frame (x radial, z up), or one vector in F for each "
+        "leg; default vertical for chains of R and P only, else tangential",
+    )
+    rail: Direction | None = Field(
+        default=None,
+        description="direction of the rails of chains that begin with P, as axis; default vertical",
+    )
+    crank: _PerLeg | None = Field(default=None, description="length, for chains that begin with R")
+    rod: _PerLeg | None = Field(
+        default=None, description="length, for chains that begin with P or R"
+    )
+    mode: _Mode | list[_Mode] | None = Field(
+        default=None,
+        description="working mode: the smaller (minus) or the larger (plus) of the two slides "
+        "or crank angles that reach the pose; default minus for rails, plus for cranks",
+    )
+    actuated: list[Text] | None = Field(
+        default=None, description="names of the driven joints; default slide, or crank; [] for none"
+    )
+    stiffness: Stiffness | list[Stiffness] | None = Field(
+        default=None, description="of the driven joints, N/m or N m/rad; or rigid"
+    )
+    limits: Pair | list[Pair] | None = Field(
+        default=None, description="[least, most] of the slide or crank"
+    )
 
     @model_validator(mode="after")
     def _fits(self) -> NamedLegsModel:

@@ -8,7 +8,8 @@ import numpy as np
 
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.schema import LegJointsModel, PlatformFile, SpringsFile
+from cartstiff.loading.keys.bodies import LegJointsModel
+from cartstiff.loading.schema import PlatformFile, SpringsFile
 from cartstiff.mechanisms.leg_limits import LegLimits
 
 __all__ = ["leg_limits_of"]

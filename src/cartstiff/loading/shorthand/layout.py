@@ -14,13 +14,13 @@ vertices, its diagonal along z [GengHaynes1994]_. It is the 3-3 ring layout of r
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.shorthand.words import FileModel, NotNegative, Number, Positive, Vector
+from cartstiff.loading.keys.words import FileModel, NotNegative, Number, Positive, Vector, only_one
 
 __all__ = ["CubicModel", "LayoutModel", "RingModel", "laid_out"]
 
@@ -30,27 +30,26 @@ _THIRD = 2.0 * math.pi / 3.0
 class RingModel(FileModel):
     """The joints of base or platform, on a circle around z."""
 
-    radius: Annotated[Positive | None, Field(description="of the circle; not for a cube")] = None
-    half_angle: Annotated[
-        NotNegative | None,
-        Field(description="rad, between a joint and the middle of its pair; default 0, one point"),
-    ] = None
-    angles: Annotated[
-        list[Number] | None,
-        Field(min_length=1, max_length=6, description="rad, of each leg's joint, in place of that"),
-    ] = None
-    height: Annotated[
-        Number | None,
-        Field(
-            description="of the circle, along z of F for the base, of P for the platform; default "
-            "0, for a cube that of its vertices"
-        ),
-    ] = None
+    radius: Positive | None = Field(default=None, description="of the circle; not for a cube")
+    half_angle: NotNegative | None = Field(
+        default=None,
+        description="rad, between a joint and the middle of its pair; default 0, one point",
+    )
+    angles: list[Number] | None = Field(
+        default=None,
+        min_length=1,
+        max_length=6,
+        description="rad, of each leg's joint, in place of that",
+    )
+    height: Number | None = Field(
+        default=None,
+        description="of the circle, along z of F for the base, of P for the platform; default "
+        "0, for a cube that of its vertices",
+    )
 
     @model_validator(mode="after")
     def _one(self) -> RingModel:
-        if self.half_angle is not None and self.angles is not None:
-            raise ValueError("give half_angle or angles, not both")
+        only_one(self, "half_angle", "angles", needed=False)
         return self
 
 
@@ -58,35 +57,32 @@ class CubicModel(FileModel):
     """A cube with its diagonal along z; the legs lie along six of its edges."""
 
     edge: Positive | None = None
-    size: Annotated[
-        Positive | None,
-        Field(description="height between its two triangles of vertices: edge / sqrt(3)"),
-    ] = None
-    centre: Annotated[Vector | Number, Field(description="in F; one number: on z")] = 0.0
+    size: Positive | None = Field(
+        default=None, description="height between its two triangles of vertices: edge / sqrt(3)"
+    )
+    centre: Vector | Number = Field(default=0.0, description="in F; one number: on z")
 
     @model_validator(mode="after")
     def _one(self) -> CubicModel:
-        if (self.edge is None) == (self.size is None):
-            raise ValueError("give exactly one of edge, size")
+        only_one(self, "edge", "size")
         return self
 
 
 class LayoutModel(FileModel):
     """Where the joints of a Stewart-Gough platform stand, by radii and angles, or in a cube."""
 
-    base: Annotated[RingModel, Field(description="joints on the ground")] = RingModel()
-    platform: Annotated[RingModel, Field(description="joints on the platform")] = RingModel()
-    height: Annotated[
-        Number | None, Field(description="of P over F; 0 for a cube if absent, else needed")
-    ] = None
-    turn: Annotated[
-        Number | None,
-        Field(description="rad, of the platform's pairs against the base's; default pi/3"),
-    ] = None
-    symmetry: Annotated[
-        Literal[1, 2, 3, 6] | None,
-        Field(description="angles are given for one part of so many; the others follow by turning"),
-    ] = None
+    base: RingModel = Field(default=RingModel(), description="joints on the ground")
+    platform: RingModel = Field(default=RingModel(), description="joints on the platform")
+    height: Number | None = Field(
+        default=None, description="of P over F; 0 for a cube if absent, else needed"
+    )
+    turn: Number | None = Field(
+        default=None, description="rad, of the platform's pairs against the base's; default pi/3"
+    )
+    symmetry: Literal[1, 2, 3, 6] | None = Field(
+        default=None,
+        description="angles are given for one part of so many; the others follow by turning",
+    )
     cubic: CubicModel | None = None
 
     @model_validator(mode="after")

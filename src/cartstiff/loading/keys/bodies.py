@@ -1,0 +1,96 @@
+"""Bodies and the legs that hold them, as a mechanism file describes them."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from cartstiff.loading.keys.words import (
+    FileModel,
+    NotNegative,
+    Number,
+    Pair,
+    PerLeg,
+    Positive,
+    Vector,
+    Vectors,
+    only_one,
+)
+
+__all__ = ["BodyModel", "LegJointsModel", "LegMassModel", "LinesLegs", "PayloadModel"]
+
+
+class PayloadModel(FileModel):
+    """A point mass carried by the body."""
+
+    mass: NotNegative = Field(description="kg, whatever the units")
+    com: Vector = Field(default=[0.0, 0.0, 0.0], description="mass centre in the body frame M")
+
+
+class BodyModel(FileModel):
+    """The platform's own mass, for vibrations and gravity."""
+
+    mass: NotNegative = Field(description="kg, whatever the units")
+    com: Vector = Field(default=[0.0, 0.0, 0.0], description="mass centre in P")
+    inertia: list[Vector] | None = Field(
+        default=None,
+        min_length=3,
+        max_length=3,
+        description="3x3 about the mass centre, axes of P; kg and the file's length squared",
+    )
+
+
+class LegMassModel(FileModel):
+    """Two straight bars in each leg; each reaches from its joint to twice its centre's distance."""
+
+    fixed: PerLeg = Field(default=0.0, description="kg, of the bar on the base's joint")
+    moving: PerLeg = Field(default=0.0, description="kg, of the bar on the platform's joint")
+    fixed_com: PerLeg = Field(
+        default=0.0, description="distance of its centre from the base's joint"
+    )
+    moving_com: PerLeg = Field(
+        default=0.0, description="distance of its centre from the platform's joint"
+    )
+    radius: PerLeg = Field(default=0.0, description="of both bars; 0 for slender ones")
+
+
+class LegJointsModel(FileModel):
+    """Universal or spherical joints at one end of the legs, and how far they turn."""
+
+    axis: Vector | Vectors = Field(
+        description="middle direction of the leg seen from the joint, or one per leg; in F "
+        "at the base, in P at the platform"
+    )
+    angle: PerLeg = Field(description="largest angle of the leg from it, rad")
+
+
+class LinesLegs(FileModel):
+    """Springs in the legs; one number for all or one per leg."""
+
+    stiffness: Positive | Annotated[list[Positive], Field(min_length=1)]
+    rest_length: PerLeg | None = Field(default=None, description="length without tension")
+    preload: Number | Annotated[list[Number], Field(min_length=1)] | None = Field(
+        default=None, description="tension at the file's pose, instead of rest_length"
+    )
+    limits: list[Annotated[list[Positive], Field(min_length=2, max_length=2)]] | None = Field(
+        default=None, description="[shortest, longest] of each leg"
+    )
+    base_joints: LegJointsModel | None = None
+    platform_joints: LegJointsModel | None = None
+    diameter: PerLeg | None = Field(
+        default=None, description="of the legs, which must not touch each other"
+    )
+    force: Pair | list[Pair] | None = Field(
+        default=None,
+        description="[least, largest] tension, or one pair per leg; compression below zero",
+    )
+    mass: LegMassModel | None = None
+    damping: PerLeg = Field(
+        default=0.0, description="dampers along the legs, force per velocity (seconds)"
+    )
+
+    @model_validator(mode="after")
+    def _one(self) -> LinesLegs:
+        only_one(self, "rest_length", "preload", needed=False)
+        return self
