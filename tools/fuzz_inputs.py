@@ -26,6 +26,7 @@ from tools.fuzz_common import (
 )
 from tools.fuzz_maps import map_file
 from tools.fuzz_numbers import frequencies, postures, rest
+from tools.fuzz_platforms import platform
 from tools.fuzz_robots import mjcf, urdf
 
 # -- mechanism files, tables, options ---------------------------------------------------------
@@ -201,6 +202,7 @@ FAMILIES: dict[str, Callable[[random.Random], str]] = {
     "postures": postures,
     "frequencies": frequencies,
     "rest": rest,
+    "platform": platform,
 }
 
 

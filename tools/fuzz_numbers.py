@@ -134,7 +134,6 @@ def rest(rng: random.Random) -> str:
     """The compliance at rest against where the mechanism comes to rest under a little more."""
     import cartstiff
     from cartstiff.errors import CartstiffError
-    from cartstiff.geometry import se3
     from cartstiff.potentials.loads import DeadForce
 
     elastic = _mechanism(rng)
@@ -146,22 +145,34 @@ def rest(rng: random.Random) -> str:
         C = state.stiffness.tangent_compliance
         if not state.stable or C is None or state.reactions.limits:
             return "answered"
-        size = float(np.linalg.norm(C[3:, 3:], 2))
+        # Turns count as well: on a tiny platform a small force turns far before it shifts.
+        size = float(np.linalg.norm(C[:, 3:], 2))
         if not 1e-12 < size < 1e-1:
             return "answered"
         step = 1e-5 / size * np.array([rng.uniform(-1, 1) for _ in range(3)])
-        # The rest positions that were chosen stay; without them new ones would carry gravity.
-        ends = [cartstiff.equilibrium(state.elastic, DeadForce(force + sign * step), q0=state.q)
-                for sign in (1, -1)]  # fmt: skip
+        off = [_off_at_rest(state, force, part * step, C) for part in (1.0, 0.1, 1e-3)]
     except CartstiffError:
         return "refused"
-    slack = any(note.code == "slack" for end in (state, *ends) for note in end.notes)
-    if slack or any(end.reactions.limits for end in ends):  # the law has a kink there
+    if None in off:
         return "answered"
-    T = se3.inverse(ends[1].pose) @ ends[0].pose
-    moved = se3.log(T)
-    expected = 2 * C[:, 3:] @ (state.pose[:3, :3].T @ step)
-    off = float(np.abs(moved - expected).max() / max(np.abs(expected).max(), 1e-12))
-    if off > 1e-3:
-        raise FaultError(f"compliance at rest differs from where it comes to rest by {off:.3g}")
+    # Where it snaps over within a step, a smaller one still tells.
+    if min(off) > 1e-3:  # type: ignore[type-var]
+        raise FaultError(f"compliance at rest differs from where it comes to rest by {off}")
     return "compared"
+
+
+def _off_at_rest(state: Any, force: Any, step: Any, C: Any) -> float | None:
+    """How far the compliance is from half a difference of rests; None where the law has a kink."""
+    import cartstiff
+    from cartstiff.geometry import se3
+    from cartstiff.potentials.loads import DeadForce
+
+    # The rest positions that were chosen stay; without them new ones would carry gravity.
+    ends = [cartstiff.equilibrium(state.elastic, DeadForce(force + sign * step), q0=state.q)
+            for sign in (1, -1)]  # fmt: skip
+    slack = any(note.code == "slack" for end in (state, *ends) for note in end.notes)
+    if slack or any(end.reactions.limits for end in ends):
+        return None
+    moved = se3.log(se3.inverse(ends[1].pose) @ ends[0].pose)
+    expected = 2 * C[:, 3:] @ (state.pose[:3, :3].T @ step)
+    return float(np.abs(moved - expected).max() / max(np.abs(expected).max(), 1e-12))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from decimal import Decimal
 from math import isfinite
 from numbers import Real
@@ -36,6 +37,7 @@ __all__ = [
     "fixed",
     "is_pose",
     "overlap",
+    "plain",
     "read_only",
     "real_array",
 ]
@@ -349,3 +351,20 @@ def csv_text(table: Array, names: Sequence[str]) -> str:
     head = printable(",".join(names))
     np.savetxt(text, table, delimiter=",", fmt="%.17g", header=head, comments="")
     return text.getvalue()
+
+
+def plain(value: object) -> Any:
+    """JSON-able copy: arrays to lists, results to dicts, NaN and infinities to None."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {f.name: plain(getattr(value, f.name)) for f in fields(value)}
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [plain(v) for v in value]
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, (int, np.integer)):
+        return int(value)
+    if isinstance(value, (float, np.floating)):
+        return float(value) if np.isfinite(value) else None
+    return value

@@ -335,3 +335,17 @@ def test_one_joint_about_an_axis_through_the_end_effector(tmp_path, path):
     )
     elastic = cartstiff.load(tmp_path / "one.urdf").with_springs([5.0])
     assert_same(elastic, np.array([[0.1], [0.4]]), path)
+
+
+def test_a_body_that_turns_about_its_own_origin_alone():
+    """No axis passes M's origin at a distance: no length can be read from the Jacobian."""
+    text = (
+        '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="floating">'
+        '<parent link="a"/><child link="b"/></joint></robot>'
+    )
+    elastic = cartstiff.load(text)
+    Q = np.array([[0.1, 0.2, 0.3, 0.1, 0.2, 0.3], [0.0, 0.2, -0.3, 0.4, -0.2, 0.3]])
+    found = cartstiff.analyse_many(elastic, Q)
+    for i, q in enumerate(Q):
+        one = cartstiff.analyse(elastic, q)
+        np.testing.assert_allclose(found.stiffness_B[i], one.matrices["B"], rtol=1e-12)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 
 import jsonschema
 import numpy as np
@@ -265,3 +266,14 @@ def test_degrees_stand_under_heads_that_say_degrees(name, capsys, tmp_path):
     assert largest > 7.0  # no angle in radians
     assert "roll [deg]" in heads["m,deg"]
     assert "roll [rad]" in heads["m,rad"]
+
+
+def test_reasons_in_modes_are_plain_in_json(tmp_path, capsys):
+    # With rods of hardly any length the state of a mode is deficient, and its numbers are told.
+    text = (ROOT / "robots" / "orthoglide.yaml").read_text(encoding="utf-8")
+    path = tmp_path / "m.yaml"
+    path.write_text(re.sub(r"rod: \S+", "rod: 3.1e-7", text), encoding="utf-8")
+    with pytest.raises(SystemExit):
+        main(["assemble", str(path), "--starts", "1", "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert found["modes"][0]["notes"][0]["values"]["rank"] == 3

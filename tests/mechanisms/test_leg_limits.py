@@ -170,3 +170,10 @@ def test_cables_do_not_push(tmp_path):
     base = SPRINGS | {"unilateral": True}
     with pytest.raises(InputError, match="cables cannot push"):
         _load(tmp_path, {"force": [-2.0, -1.0]}, base)
+
+
+def test_one_pair_of_lengths_stands_for_all_legs(tmp_path):
+    both = [_load(tmp_path, {"limits": given}).mechanism.limits
+            for given in ([0.5, 1.2], [[0.5, 1.2]] * 6)]  # fmt: skip
+    np.testing.assert_array_equal(*both)
+    assert both[0].shape == (6, 2)

@@ -3,34 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import fields, is_dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
 
 from cartstiff.analysis.sections import BY_BLOCK, BY_SOFT_BLOCK, UNITS, Analysis
+from cartstiff.arrays import plain
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 
 __all__ = ["Notes", "numbers", "plain", "schema", "unit_of", "varying"]
-
-
-def plain(value: object) -> Any:
-    """JSON-able copy: arrays to lists, results to dicts, NaN and infinities to None."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return {f.name: plain(getattr(value, f.name)) for f in fields(value)}
-    if isinstance(value, Mapping):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return [plain(v) for v in value]
-    if isinstance(value, (bool, np.bool_)):
-        return bool(value)
-    if isinstance(value, (int, np.integer)):
-        return int(value)
-    if isinstance(value, (float, np.floating)):
-        return float(value) if np.isfinite(value) else None
-    return value
 
 
 class Notes:

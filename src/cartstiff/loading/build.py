@@ -23,7 +23,7 @@ from cartstiff.loading.parts import (
     put_together,
     tree_to,
 )
-from cartstiff.loading.platforms.leg_limits import leg_limits_of
+from cartstiff.loading.platforms.leg_limits import leg_limits_of, pair_per_leg
 from cartstiff.loading.plausible import stretched
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.schema import (
@@ -128,15 +128,7 @@ def build_platform(file: PlatformFile | SpringsFile, where: str, name: str) -> E
             "base and platform differ in number", where=f"{where}, key platform",
             expected=f"{m} points", got=str(len(file.platform)),
         )  # fmt: skip
-    limits = file.legs.limits
-    if limits is not None:
-        if len(limits) != m:
-            raise InputError("wrong count", where=f"{where}, legs.limits",
-                             expected=f"{m} pairs", got=str(len(limits)))  # fmt: skip
-        for pair in limits:
-            if pair[0] > pair[1]:
-                raise InputError("limits are the wrong way round", where=f"{where}, legs.limits",
-                                 expected="[shortest, longest]", got=pair)  # fmt: skip
+    limits = pair_per_leg(file.legs.limits, m, f"{where}, key legs.limits", "[shortest, longest]")
     T_F_P = pose_of(file.pose)
     T_P_M = pose_of(file.frame)
     mass, centre, inertia = _body(file, T_P_M, where)

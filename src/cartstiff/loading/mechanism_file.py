@@ -88,24 +88,15 @@ def _with_layout(data: dict[str, Any], lines: Lines, path: Path) -> dict[str, An
 
 
 def _check_legs(file: PlatformFile | SpringsFile, lines: Lines, path: Path) -> None:
-    """Every list has one entry per leg, and limits are the right way round."""
+    """Every list has one entry per leg."""
     m = len(file.base)
     found = {("platform",): file.platform} | {
-        ("legs", key): getattr(file.legs, key)
-        for key in ("stiffness", "rest_length", "preload", "limits")
+        ("legs", key): getattr(file.legs, key) for key in ("stiffness", "rest_length", "preload")
     }
     for at, values in found.items():
         if isinstance(values, list) and len(values) != m:
             raise InputError("wrong count", where=place_of(path, lines, at),
                              expected=f"{m}, one per leg", got=str(len(values)))  # fmt: skip
-    for i, (shortest, longest) in enumerate(file.legs.limits or []):
-        if shortest > longest:
-            raise InputError(
-                "limits are the wrong way round",
-                where=place_of(path, lines, ("legs", "limits", i)),
-                expected="[shortest, longest]",
-                got=[shortest, longest],
-            )
 
 
 def place_of(path: Path, lines: Lines, at: tuple[str | int, ...]) -> str:

@@ -230,11 +230,11 @@ class _Chain:
                 for a in range(self.n)
                 if not (isinstance(turning[a], float) and turning[a] == 0.0)
             ]
-            self.area = sum(moments[1:], moments[0]) / total
-            if not is_zero(self.area):  # else the engine chooses
-                self.length = square_root(self.area)
+            area = sum(moments[1:], moments[0]) / total
+            if not is_zero(area):  # else the engine chooses
+                self.area, self.length = area, square_root(area)
             least = _MEETING * self.kinematics.size
-            self.verdict = pick(least**2, self.area, PLAIN, ENGINE)
+            self.verdict = pick(least**2, area, PLAIN, ENGINE)
             far = limited(norm_squared(self.position), LARGEST_ANGLE**2)
             self.verdict = larger(self.verdict, far)
         self.columns = zeros(self.n)

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from cartstiff.arrays import plain
+
 __all__ = ["Note", "assumed_stiffness", "still_assumed"]
 
 
@@ -19,7 +21,7 @@ class Note:
 
     def as_dict(self) -> dict[str, object]:
         """For JSON."""
-        return {"code": self.code, "message": self.message, "values": dict(self.values)}
+        return {"code": self.code, "message": self.message, "values": plain(self.values)}
 
 
 def assumed_stiffness(value: float, joints: Sequence[str], of: Sequence[str]) -> Note:

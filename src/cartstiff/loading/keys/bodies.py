@@ -65,6 +65,9 @@ class LegJointsModel(FileModel):
     angle: PerLeg = Field(description="largest angle of the leg from it, rad")
 
 
+_Lengths = Annotated[list[Positive], Field(min_length=2, max_length=2)]
+
+
 class LinesLegs(FileModel):
     """Springs in the legs; one number for all or one per leg."""
 
@@ -73,15 +76,15 @@ class LinesLegs(FileModel):
     preload: Number | Annotated[list[Number], Field(min_length=1)] | None = Field(
         default=None, description="tension at the file's pose, instead of rest_length"
     )
-    limits: list[Annotated[list[Positive], Field(min_length=2, max_length=2)]] | None = Field(
-        default=None, description="[shortest, longest] of each leg"
+    limits: _Lengths | Annotated[list[_Lengths], Field(min_length=1)] | None = Field(
+        default=None, description="[shortest, longest], or one pair per leg"
     )
     base_joints: LegJointsModel | None = None
     platform_joints: LegJointsModel | None = None
     diameter: PerLeg | None = Field(
         default=None, description="of the legs, which must not touch each other"
     )
-    force: Pair | list[Pair] | None = Field(
+    force: Pair | Annotated[list[Pair], Field(min_length=1)] | None = Field(
         default=None,
         description="[least, largest] tension, or one pair per leg; compression below zero",
     )

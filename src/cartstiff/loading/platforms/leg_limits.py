@@ -12,7 +12,7 @@ from cartstiff.loading.keys.bodies import LegJointsModel
 from cartstiff.loading.schema import PlatformFile, SpringsFile
 from cartstiff.mechanisms.leg_limits import LegLimits
 
-__all__ = ["leg_limits_of"]
+__all__ = ["leg_limits_of", "pair_per_leg"]
 
 
 def leg_limits_of(file: PlatformFile | SpringsFile, T_P_M: Array, where: str) -> LegLimits | None:
@@ -30,23 +30,35 @@ def leg_limits_of(file: PlatformFile | SpringsFile, T_P_M: Array, where: str) ->
     diameters = None
     if legs.diameter is not None:
         diameters = _each(legs.diameter, m, f"{where}, key legs.diameter")
-    forces = None
-    if legs.force is not None:
-        given = np.array(legs.force, float)
-        forces = np.broadcast_to(given, (m, 2)) if given.ndim == 1 else given
-        place = f"{where}, key legs.force"
-        if len(forces) != m:
-            raise InputError("wrong count", where=place, expected=f"{m} pairs", got=len(forces))
-        if np.any(forces[:, 0] > forces[:, 1]):
-            raise InputError("limits are the wrong way round", where=place,
-                             expected="[least, largest]", got=legs.force)  # fmt: skip
-        if np.any(forces[:, 1] < 0.0) and getattr(file, "unilateral", False):
-            raise InputError("cables cannot push", where=place, expected="0 or more",
-                             got=legs.force)  # fmt: skip
+    place = f"{where}, key legs.force"
+    forces = pair_per_leg(legs.force, m, place, "[least, largest]")
+    if forces is not None and np.any(forces[:, 1] < 0.0) and getattr(file, "unilateral", False):
+        raise InputError("cables cannot push", where=place, expected="0 or more", got=legs.force)
     if all(part is None for part in (base_axes, axes, diameters, forces)):
         return None
     in_body = None if axes is None else axes @ T_P_M[:3, :3]
     return LegLimits(base_axes, base_angles, in_body, angles, diameters, forces)
+
+
+def pair_per_leg(value: Any, m: int, where: str, meaning: str) -> Array | None:
+    """Limits (m, 2) from one pair for all legs or one each; None without any.
+
+    Raises
+    ------
+    InputError
+        For another number of pairs than legs, and for a pair the wrong way round.
+    """
+    if value is None:
+        return None
+    given = np.array(value, float)
+    pairs = np.broadcast_to(given, (m, 2)) if given.ndim == 1 else given
+    if len(pairs) != m:
+        raise InputError("wrong count", where=where, expected=f"{m} pairs, one per leg",
+                         got=len(pairs))  # fmt: skip
+    for i in np.flatnonzero(pairs[:, 0] > pairs[:, 1])[:1]:
+        raise InputError("limits are the wrong way round", where=f"{where}.{i + 1}",
+                         expected=meaning, got=pairs[i].tolist())  # fmt: skip
+    return pairs
 
 
 def _each(value: Any, m: int, where: str) -> Array:
