@@ -188,7 +188,7 @@ def test_without_xacro_one_line_says_what_to_install(workspace, monkeypatch):
     [
         ({"package_path": "/nowhere"}, "--package-path: no such folder"),
         ({"package_path": [3]}, "no such folder"),
-        ({"xacro_args": "kind:=long"}, "xacro_args is no mapping"),
+        ({"xacro_args": "kind:=long"}, "xacro_args is not a mapping"),
         ({"xacro_args": {"kind": "long"}}, "kind stewart-gough has no robot description"),
     ],
 )

@@ -190,7 +190,7 @@ def test_curves_as_text():
     ("call", "error", "match"),
     [
         (lambda: load_curve(column(1)), InputError, "needs a load"),
-        (lambda: load_curve(column(1), [1, 0, 0]), InputError, "a load is no potential"),
+        (lambda: load_curve(column(1), [1, 0, 0]), InputError, "a load is not a potential"),
         (lambda: load_curve(column(1), DeadForce([1, 0, 0]), to=0.0), InputError, "load factor"),
         (
             lambda: load_curve(column(1), DeadForce([1, 0, 0]), resolution=-1.0),

@@ -270,7 +270,7 @@ def test_result_is_plain_data():
         (lambda: payload(-1.0, [0, 0, -9.81]), "payload mass"),
         (lambda: payload(1.0, [0, -9.81]), "acceleration has the wrong count"),
         (lambda: equilibrium(mechanism("ur5"), q0=[0.0]), "q0 has the wrong count"),
-        (lambda: equilibrium(mechanism("ur5"), np.ones(6)), "a load is no potential"),
+        (lambda: equilibrium(mechanism("ur5"), np.ones(6)), "a load is not a potential"),
         (lambda: equilibrium(mechanism("ur5"), iterations=0), "bound on the steps"),
     ],
 )

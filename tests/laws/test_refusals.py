@@ -387,7 +387,7 @@ def test_joints_that_cannot_be_served():
     model = pin.Model()
     model.addJoint(0, pin.JointModelEllipsoid(0.1, 0.2, 0.3), pin.SE3.Identity(), "egg")
     with pytest.raises(
-        InputError, match=r"joint 'egg' has a type that cannot be served.*Ellipsoid"
+        InputError, match=r"joint 'egg' has a type that is not supported.*Ellipsoid"
     ):
         plain_tree(model)
     assert plain_tree(model, keep=[]).n == 0

@@ -75,7 +75,7 @@ def _in_other_units(data):
         (lambda d: d.isel(b=[0]), "axis b differs"),
         (lambda d: d.rename(a="c"), "axes differ"),
         (_in_other_units, "units of stiffness differ"),
-        (lambda d: d.drop_vars("a"), "single postures"),
+        (lambda d: d.drop_vars("a"), "without axes"),
     ],
 )
 def test_maps_of_other_places_are_refused(change, match):

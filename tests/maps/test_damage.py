@@ -95,12 +95,12 @@ def _damaged_and_mended(elastic, whole, copy, damage):
         _require_true(open_map(copy), expected)
     except InputError as error:
         message = str(error)
-        assert "damaged" in message or "is no map" in message or "another version" in message
+        assert "damaged" in message or "is not a map" in message or "another version" in message
         assert "same command" in message or "schema" in message or "folder made by" in message
     try:
         mended = _computed(elastic, sampling, copy)
     except InputError as error:  # the folder does not even say what map it is
-        if not any(words in str(error) for words in ("zarr.json", "version", "is no map")):
+        if not any(words in str(error) for words in ("zarr.json", "version", "is not a map")):
             raise
         shutil.rmtree(copy)
         mended = _computed(elastic, sampling, copy)
@@ -246,7 +246,7 @@ def test_each_damage_has_its_line(elastic, whole, tmp_path):
     with pytest.raises(InputError, match=r"a zarr.json in it does not agree.*same command"):
         open_map(file)
     (file / "zarr.json").write_text("[" * 5000)
-    with pytest.raises(InputError, match=r"is no map, or its zarr.json is damaged"):
+    with pytest.raises(InputError, match=r"is not a map, or its zarr.json is damaged"):
         open_map(file)
 
 

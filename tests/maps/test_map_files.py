@@ -307,9 +307,9 @@ def test_leftovers_and_strangers(elastic, tmp_path):
     with pytest.raises(InputError, match="is a file"):
         compute_map(elastic, _grid(elastic), [QUANTITY], tmp_path / "f.zarr")
     (tmp_path / "d.zarr").mkdir()
-    with pytest.raises(InputError, match="is no map"):
+    with pytest.raises(InputError, match="is not a map"):
         compute_map(elastic, _grid(elastic), [QUANTITY], tmp_path / "d.zarr")
-    with pytest.raises(InputError, match="is no map"):
+    with pytest.raises(InputError, match="is not a map"):
         open_map(tmp_path / "nothing.zarr")
     # What a killed process had begun to write goes, and the map is whole.
     job, file = prepare_map(elastic, _grid(elastic), [QUANTITY], tmp_path / "m.zarr")
@@ -398,6 +398,10 @@ def test_bad_samplings(elastic):
         Grid({"elbow": Axis(0, 1, 2)}, names, elastic.q)
     with pytest.raises(InputError, match="must rise"):
         Axis(1, 0, 2)
+    assert Grid({names[0]: (0, 1, 2)}, names, elastic.q).axes == {names[0]: Axis(0, 1, 2)}
+    for axis in ((0, 1), (0, 1, 2.5), "abc", 3):
+        with pytest.raises(InputError, match="expected low, high, count"):
+            Grid({names[0]: axis}, names, elastic.q)  # type: ignore[dict-item]
     with pytest.raises(InputError, match="1 to 10000000"):
         Axis(0, 1, 0)
     with pytest.raises(InputError, match="finite"):

@@ -285,7 +285,7 @@ class Parameters:
         """Rest lengths at which the legs exert the nominal wrench with the least change."""
         platform = self.result.elastic.mechanism.at(self.result.q)
         if not isinstance(platform, PlatformPosture):
-            raise TypeError("legs of a body that is no platform")
+            raise TypeError("legs of a body that is not a platform")
         before, now = platform.lines, posture.lines
         tension = old.tensions(before.lengths)
         active = springs.stiffness > 0

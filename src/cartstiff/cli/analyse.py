@@ -33,9 +33,7 @@ Examples:
   cartstiff analyse panda --q 0,-0.8,0,-2.4,0,1.6,0.8 --frame panda_hand
   cartstiff analyse my_arm.urdf --stiffness 20000 --frame tool
   cartstiff analyse panda --rest 0,-0.8,0.1,-2.3,0,1.6,0.8 --relax
-
   cartstiff analyse 6-pus --load 0,0,0,0,0,-500 --command leg1/slide=0.001
-
   cartstiff analyse ur5 --analysis full --at 0,0,0.1 --length 0.2
   cartstiff analyse ur5 --load 0,0,0,0,0,-100 --world --load-at 0,0,0.1 --deflect 0,0,0,10,0,0
   cartstiff analyse cubic --tolerance 0.05,0.0001 --samples 500

@@ -43,7 +43,6 @@ Examples:
   cartstiff identify arm.yaml measured.csv --sd d=0.005mm -o known.yaml
   cartstiff identify arm.yaml measured.csv --units mm,deg --reject suspects --plot residuals.png
   cartstiff identify ur5 measured.csv --tie wrist_1_joint=wrist_2_joint --known wrist_3_joint=8000
-
   cartstiff identify ur5 --plan 12 --mass 5 --sd d=0.005mm --csv to_do.csv
   cartstiff identify ur5 --plan 6 --force 100 --sd dx=0.02mm --have measured.csv --criterion all
   cartstiff identify ur5 to_do.csv --simulate 1 --sd d=0.005mm --csv measured.csv

@@ -105,7 +105,7 @@ _options = option_group(
     ),
     option(
         "--deflect", type=WRENCH,
-        help="Wrench added to the load whose deflection is asked for; default the load.",
+        help="Wrench, added to the load, whose deflection is computed; default the load itself.",
     ),
     option(
         "--deflect-at", type=POINT,
@@ -120,23 +120,23 @@ _options = option_group(
     ),
     click.option(
         "-o", "--output", type=click.Path(path_type=Path), required=True, metavar="MAP.zarr",
-        help="The map; where it exists, what is missing in it is computed.",
+        help="File of the map; if it exists, its missing parts are computed.",
     ),
     click.option("--single", is_flag=True, help="Keep numbers in single precision."),
     click.option(
         "--chunk", type=click.IntRange(min=1), metavar="N",
-        help="Most postures in one of its parts.",
+        help="Largest number of postures in one part of the file.",
     ),
     option(
         "--below", type=Amount("VALUE[UNIT]"),
-        help="How much of what is reached has the first quantity at most at this value (0.2mm), "
-        "the best branch of each place counting; a line there in a heat map.",
+        help="Print the share of the reached places at which the first quantity is at most this "
+        "(0.2mm), by the best branch of each place; a heat map gets a line there.",
     ),
     option("--above", type=Amount("VALUE[UNIT]"), help="The same for at least this value."),
     click.option(
         "--single-branch", is_flag=True,
-        help="With --cartesian: of several branches only the best single one, which an arm can "
-        "keep without a flip; pictures, lists and numbers are of it.",
+        help="With --cartesian: show only the best single branch, which an arm can follow "
+        "without a flip, in pictures, lists and numbers.",
     ),
     option("--picture", type=PICTURE, help="Draw the first quantity to a .png, .svg or .pdf file."),
     click.option(

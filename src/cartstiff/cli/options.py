@@ -52,9 +52,9 @@ stiffness_option = option(
 #: What the drives are told, for `MechanismRequest.command`.
 command_option = option(
     "--command", "told", type=JointValues(),
-    help="How far drives are told to move on from the posture, such as leg1/slide=0.001 (rad, "
-    "lengths; leg1 of a platform on lines): their springs' rest positions are shifted, and the "
-    "pose that results is found.",
+    help="How far drives move on from the posture, such as leg1/slide=0.001 (rad, lengths; leg1 of "
+    "a platform): the rest positions of their springs are shifted, and the "
+    "resulting pose is found.",
 )  # fmt: skip
 
 
@@ -278,8 +278,8 @@ tool_options = option_group(
     option("--gravity", type=POINT,
            help="Acceleration of gravity in F in m/s^2, such as 0,0,-9.81, instead of the file's."),
     option("--payload", type=PAYLOAD,
-           help="A mass (kg, whatever the units) on the body and its centre in M, under the "
-           "gravity of the file or option, else 9.81 m/s^2 along -z."),
+           help="A mass (kg, whatever the units) on the body and its centre in M; it weighs "
+           "under the gravity of the file or option, else 9.81 m/s^2 along -z."),
 )  # fmt: skip
 #: How a file is read.
 file_options = option_group(
@@ -294,10 +294,10 @@ robot_options = option_group(
     frame_option,
     tool_options,
     option("--units", type=UnitList("UNITS"),
-           help="Units of numbers given and shown, such as mm,deg. A length (m, cm, mm, um, in): "
-           "then moments are in N mm, and stiffnesses in N mm/rad and N/mm; a CSV file may name "
-           "others in its head. deg: of joints, of roll, pitch, yaw, and in tables of postures. "
-           "JSON names its unit of length and has radians."),
+           help="Units of numbers given and shown, such as mm,deg. Lengths in m, cm, mm, um or in: "
+           "with mm, moments are in N mm, stiffnesses in N mm/rad and N/mm. The head of a CSV file "
+           "may name others. deg is for joints, roll, pitch, yaw, and tables of postures. JSON "
+           "names its unit of length and uses radians."),
     file_options,
     stiffness_option,
 )  # fmt: skip

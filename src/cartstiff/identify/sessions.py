@@ -111,8 +111,8 @@ def _fit(seen: Array, there: Array, session: str) -> Array:
     U, values, Vt = np.linalg.svd((seen - a).T @ (there - b))
     if not values[1] > numerics.RANK * max(values[0], numerics.TINY):
         raise InputError(
-            f"the places of session {session!r} stand in one line: its frame is not known",
-            where="column session", expected="three places that are not in line, or "
+            f"the points of session {session!r} stand in one line: its frame is not known",
+            where="column session", expected="three points that are not in line, or "
             "--offsets translation",
         )  # fmt: skip
     D = np.diag([1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T))])

@@ -106,7 +106,7 @@ def mechanism_file(
     Raises
     ------
     InputError
-        If the mechanism comes from no file that could be written anew.
+        If the mechanism does not come from a file that could be written again.
     """
     data = _data(result, mechanism, frame, to)
     elastic = with_result(result, source=source)
@@ -170,7 +170,7 @@ def _data(result: Identification, mechanism: str, frame: str | None, to: Path) -
     kind = elastic.mechanism.kind
     if kind not in ("serial", "closed-chain"):
         raise InputError(
-            "the mechanism comes from no file that could be written anew",
+            "the mechanism does not come from a file that could be written again",
             where=one_line(mechanism), expected="a mechanism file or a robot",
         )  # fmt: skip
     model = _relative(path, to) if path.suffix.lower() in _ROBOTS else mechanism

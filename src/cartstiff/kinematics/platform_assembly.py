@@ -120,7 +120,9 @@ def poses_of_lengths(platform: Platform, lengths: Array) -> Poses:
         If there are not six legs, or a length is not above zero.
     """
     if len(platform.points) != 6:
-        raise InputError("all assembly modes are known of six legs", got=str(len(platform.points)))
+        raise InputError(
+            "all assembly modes are found for six legs only", got=str(len(platform.points))
+        )
     wanted = checked_vector(lengths, 6, "list of leg lengths")
     if np.any(wanted <= 0):
         raise InputError("leg lengths must be positive numbers", expected="6", got=wanted)

@@ -163,7 +163,7 @@ def _ros_keys(arguments: Any, folders: Any) -> dict[str, Any]:
     keys: dict[str, Any] = {}
     if arguments:
         if not isinstance(arguments, Mapping):
-            raise InputError("xacro_args is no mapping", expected="names and values",
+            raise InputError("xacro_args is not a mapping", expected="names and values",
                              got=type(arguments).__name__)  # fmt: skip
         keys["xacro"] = {
             str(k): str(v).lower() if isinstance(v, bool) else str(v) for k, v in arguments.items()

@@ -119,12 +119,12 @@ def described_robot(name: str) -> tuple[Path, Ros]:
         raise UnknownNameError("robot description", name, answer["unknown"])
     if "not_cached" in answer:
         raise InputError(
-            "is not in the cache of robot_descriptions, and nothing is downloaded unasked",
+            "is not in the cache of robot_descriptions, and nothing is downloaded by itself",
             where=name, expected=f"'python -m robot_descriptions pull {name}' before",
             got=f"no folder {answer['not_cached']}",
         )  # fmt: skip
     if "missing" in answer or "error" in answer:
         got = answer.get("error") or f"no module {answer['missing']!r}"
-        raise InputError("cannot be had from robot_descriptions", where=name, got=got)
+        raise InputError("cannot be loaded from robot_descriptions", where=name, got=got)
     packages = tuple(Path(p) for p in answer["packages"])
     return Path(answer["path"]), Ros(packages, answer["arguments"])

@@ -208,7 +208,7 @@ def _refuse(event: str, arguments: tuple[Any, ...]) -> None:
     writes = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
     opens = event == "open" and isinstance(arguments[2], int) and arguments[2] & writes
     if opens or event.startswith(_REFUSED):
-        raise PermissionError(f"the file wants more than to describe a robot ({event})")
+        raise PermissionError(f"the file tries to do more than describe a robot ({event})")
 
 
 def main() -> None:

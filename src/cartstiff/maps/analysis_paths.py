@@ -51,7 +51,7 @@ def _check(path: str) -> None:
         node = _step(node, key)
     if isinstance(node, bool) or not isinstance(node, (int, float)):
         shown = "a group" if isinstance(node, dict) else "a list" if isinstance(node, list) else ""
-        raise InputError(f"{path} is no number of the analysis", expected="a path to one number",
+        raise InputError(f"{path} is not a number of the analysis", expected="a path to one number",
                          got=shown or repr(node))  # fmt: skip
 
 

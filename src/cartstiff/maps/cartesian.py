@@ -17,7 +17,7 @@ from cartstiff.kinematics.inverse import Free, inverse_kinematics
 from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.kinematics.legs import legs_of
 from cartstiff.many.quick_poses import QuickPoses
-from cartstiff.maps.sampling import Axis, RandomPostures, Sampling, grid_indices
+from cartstiff.maps.sampling import Axis, RandomPostures, Sampling, as_axis, grid_indices
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
@@ -44,7 +44,7 @@ class CartesianGrid(Sampling):
 
     Parameters
     ----------
-    axes : mapping of {"x", "y", "z"} to Axis
+    axes : mapping of {"x", "y", "z"} to Axis or (low, high, count)
         In the mechanism's length unit; those left out stay where the base posture is.
     elastic : ElasticMechanism
         The mechanism.
@@ -70,7 +70,7 @@ class CartesianGrid(Sampling):
 
     def __init__(
         self,
-        axes: Mapping[str, Axis],
+        axes: Mapping[str, Axis | Sequence[float]],
         elastic: ElasticMechanism,
         base: ArrayLike,
         orientation: ArrayLike | None = None,
@@ -95,7 +95,7 @@ class CartesianGrid(Sampling):
         posture = elastic.mechanism.closed(base)
         place = posture.pose[:3, 3]
         self._axes = {
-            name: axes.get(name, Axis(float(place[i]), float(place[i]), 1))
+            name: as_axis(name, axes.get(name, (place[i], place[i], 1)))
             for i, name in enumerate(_NAMES)
         }
         self.orientation = np.array(

@@ -86,7 +86,7 @@ def described(folder: Path, schema: str) -> dict[str, Any]:
         raise InputError("map cannot be read", where=where, got=error.strerror) from None
     except (ValueError, KeyError, TypeError, RecursionError):
         raise InputError(
-            "is no map, or its zarr.json is damaged", where=where, expected=_ANEW
+            "is not a map, or its zarr.json is damaged", where=where, expected=_ANEW
         ) from None
     if found != schema:
         raise InputError("is a map of another version", where=where,

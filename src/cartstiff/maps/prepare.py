@@ -110,7 +110,8 @@ def map_job(
         damping if isinstance(damping, Damping) else Damping(damping),
         milling,
     )
-    chosen = choose_quantities(list(quantities), settings, elastic)
+    names = [quantities] if isinstance(quantities, str) else list(quantities)
+    chosen = choose_quantities(names, settings, elastic)
     return MapJob(
         elastic,
         sampling,

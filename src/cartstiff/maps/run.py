@@ -80,7 +80,7 @@ def compute_map(
         From `cartstiff.load`.
     sampling : Sampling
         `Grid`, `RandomPostures`, `Trajectory` or `CartesianGrid`.
-    quantities : sequence of str
+    quantities : str or sequence of str
         Names in `cartstiff.maps.quantities.QUANTITIES`, or paths of the analysis.
     file : path
         A folder that ends in ``.zarr``.

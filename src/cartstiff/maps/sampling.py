@@ -56,6 +56,19 @@ class Axis:
         return [float(self.low), float(self.high), int(self.count)]
 
 
+def as_axis(name: str, axis: Any) -> Axis:
+    """An axis that may be given by its three numbers."""
+    if isinstance(axis, Axis):
+        return axis
+    try:
+        low, high, count = (float(x) for x in axis)
+        if count.is_integer():
+            return Axis(low, high, int(count))
+    except (TypeError, ValueError):
+        pass
+    raise InputError("not an axis", where=name, expected="low, high, count", got=axis)
+
+
 class Sampling(ABC):
     """Postures in an array of one or more dimensions.
 
@@ -119,7 +132,7 @@ class Grid(Sampling):
 
     Parameters
     ----------
-    axes : mapping of str to Axis
+    axes : mapping of str to Axis or (low, high, count)
         By coordinate name; the first varies slowest.
     names : sequence of str
         Names of all coordinates.
@@ -127,7 +140,12 @@ class Grid(Sampling):
         Values of the others.
     """
 
-    def __init__(self, axes: Mapping[str, Axis], names: Sequence[str], base: ArrayLike) -> None:
+    def __init__(
+        self,
+        axes: Mapping[str, Axis | Sequence[float]],
+        names: Sequence[str],
+        base: ArrayLike,
+    ) -> None:
         if not axes:
             raise InputError("a grid needs an axis")
         for name in axes:
@@ -135,10 +153,10 @@ class Grid(Sampling):
                 raise UnknownNameError("coordinate", name, names)
         self.names = tuple(names)
         self._columns = [self.names.index(name) for name in axes]
-        self._axes = {dimension_name(name): axis for name, axis in axes.items()}
+        self._axes = {dimension_name(name): as_axis(name, axis) for name, axis in axes.items()}
         self.base = checked_vector(base, len(self.names), "base")
         self.dims = tuple(self._axes)
-        self.shape = tuple(axis.count for axis in axes.values())
+        self.shape = tuple(axis.count for axis in self._axes.values())
 
     @property
     def axes(self) -> Mapping[str, Axis]:
@@ -349,8 +367,7 @@ class Trajectory(Sampling):
 def from_dict(data: Mapping[str, Any]) -> Sampling | None:
     """The sampling that `as_dict` described; None where the file holds its postures."""
     if data["kind"] == "grid":
-        axes = {name: Axis(low, high, int(n)) for name, (low, high, n) in data["axes"].items()}
-        return Grid(axes, data["names"], data["base"])
+        return Grid(data["axes"], data["names"], data["base"])
     if data["kind"] == "random":
         return RandomPostures(data["count"], data["seed"], data["lower"], data["upper"])
     return None

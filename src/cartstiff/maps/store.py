@@ -82,7 +82,7 @@ class MapFile:
         try:
             if not (place / "zarr.json").is_file():
                 raise InputError(
-                    "is no map", where=where, expected="a folder made by 'cartstiff map'"
+                    "is not a map", where=where, expected="a folder made by 'cartstiff map'"
                 )
             require_plain_files(place)
             described(place, SCHEMA)
@@ -93,7 +93,7 @@ class MapFile:
         except (KeyError, TypeError, ValueError) as error:
             if isinstance(error, InputError):
                 raise
-            raise InputError("is no map that can be read", where=where, got=str(error)) from None
+            raise InputError("is not a map that can be read", where=where, got=str(error)) from None
         return cls(place, tuple(shape), tuple(chunk))
 
     @classmethod

@@ -105,7 +105,7 @@ def expansion(joint: Any, name: str) -> list[tuple[str, str, Any, Array]]:
                 parts.append((sub_name, kind, sub, at.homogeneous @ T if j == 0 else T))
         return parts
     raise InputError(
-        f"joint {name!r} has a type that cannot be served",
+        f"joint {name!r} has a type that is not supported",
         expected="revolute, continuous, prismatic, helical, universal, spherical, planar, "
         "translation, free or a composite of these",
         got=short,

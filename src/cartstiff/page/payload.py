@@ -154,7 +154,9 @@ def response_curves(result: PostureStiffness, state: State, ratio: float) -> dic
     found = modes(result)
     hertz = found.frequencies[np.isfinite(found.frequencies) & (found.frequencies > 0.0)]
     if not hertz.size:
-        raise UndefinedError("no mode swings: there is no response over frequency", code="no-mass")
+        raise UndefinedError(
+            "no mode vibrates: there is no response over frequency", code="no-mass"
+        )
     own = hertz[: 6 if len(hertz) > 6 else None]
     # Dense at the peaks.
     near = np.concatenate([f * (1 + x * np.array([-1, 1])) for f in own for x in (0, 0.01, 0.03)])

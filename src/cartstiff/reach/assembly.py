@@ -280,13 +280,13 @@ def assemble(
     mechanism = elastic.mechanism
     if isinstance(mechanism, Platform):
         if starts is not None or seed is not None:
-            raise InputError("random starts are of closed chains", got=mechanism.kind,
+            raise InputError("random starts are for closed chains", got=mechanism.kind,
                              expected="neither starts nor seed: a platform needs none")  # fmt: skip
         return _of_platform(elastic, mechanism, lengths, values, every)
     if lengths is not None:
-        raise InputError("leg lengths are of platforms", got=mechanism.kind)
+        raise InputError("leg lengths are for platforms", got=mechanism.kind)
     if not isinstance(mechanism, Chain) or not mechanism.closures:
-        raise InputError("assembly modes are of closed chains and platforms", got=mechanism.kind,
+        raise InputError("assembly modes exist for closed chains and platforms", got=mechanism.kind,
                          expected="for an arm, inverse_kinematics")  # fmt: skip
     starts = _STARTS if starts is None else starts
     return _of_chain(elastic, mechanism, values, starts, seed or 0, every)
@@ -299,7 +299,9 @@ def _of_platform(
         raise InputError("cables do not hold a body by their lengths alone",
                          expected="six legs that push and pull")  # fmt: skip
     if len(platform.points) != 6:
-        raise InputError("all assembly modes are known of six legs", got=str(len(platform.points)))
+        raise InputError(
+            "all assembly modes are found for six legs only", got=str(len(platform.points))
+        )
     start = platform.at(q)
     wanted = start.lines.lengths if lengths is None else checked_vector(lengths, 6, "leg lengths")
     given = dict(zip(elastic.spring_names, map(float, wanted), strict=True))

@@ -95,7 +95,7 @@ class Margins:
     def __init__(self, elastic: ElasticMechanism, wrench: Array, sign: float = 0.0) -> None:
         platform, springs = elastic.mechanism, elastic.springs
         if not isinstance(platform, Platform) or not isinstance(springs, LineSprings):
-            raise InputError("workspaces are of platforms and bodies on cables",
+            raise InputError("workspaces are found for platforms and bodies on cables",
                              got=elastic.mechanism.kind)  # fmt: skip
         self.platform, self.springs, self.sign = platform, springs, sign
         self.limits = Limits(platform)
@@ -108,10 +108,10 @@ class Margins:
         if self.forces is None and springs.unilateral:
             self.forces = np.tile([0.0, np.inf], (m, 1))
         if self.forces is not None and platform.struts is not None and elastic.gravity is not None:
-            raise InputError("limits of forces do not know the weight of legs with mass",
+            raise InputError("force limits do not include the weight of the legs",
                              expected="no gravity, or no legs.mass")  # fmt: skip
         if m < 6 and self.forces is not None:
-            raise InputError("forces of fewer than six legs do not follow from a load", got=m)
+            raise InputError("the forces in fewer than six legs do not follow from a load", got=m)
         finite = [np.isfinite(bound) for bound in (self.limits.lower, self.limits.upper)]
         self._lower, self._upper = (np.flatnonzero(which) for which in finite)
         zero = self.limits.lower[self._lower] == 0.0

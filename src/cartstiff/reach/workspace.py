@@ -201,7 +201,7 @@ def workspace(
     platform = elastic.mechanism
     bare = Margins(elastic, load)
     if not isinstance(platform, Platform):
-        raise InputError("workspaces are of platforms", got=platform.kind)
+        raise InputError("workspaces are found for platforms", got=platform.kind)
     if scan < 2 or (directions is not None and directions < 8):
         raise InputError("too few poses", expected="scan from 2, directions from 8")
     pose, six = platform.pose_of(np.asarray(values, float)), len(platform.points) == 6

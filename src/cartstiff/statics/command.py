@@ -133,7 +133,7 @@ def _checked(elastic: ElasticMechanism, command: Mapping[str, float]) -> dict[st
                              expected=_drives(names, springs), got=name)  # fmt: skip
         steps[name] = checked_number(value, f"command of {name}")
     if not steps:
-        raise InputError("tells no drive anything", where="command", expected="name=value")
+        raise InputError("commands no drive", where="command", expected="name=value")
     return steps
 
 

@@ -98,7 +98,7 @@ class System:
     Raises
     ------
     InputError
-        If a load is no potential.
+        If a load is not a potential.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class System:
         for load in loads:
             if not isinstance(load, Potential):
                 raise InputError(
-                    "a load is no potential",
+                    "a load is not a potential",
                     expected="DeadForce, DeadWrench, FollowerWrench or another Potential",
                     got=load,
                 )

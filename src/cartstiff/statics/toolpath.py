@@ -165,7 +165,7 @@ def _loads(
 def _refuse_words(kind: LoadKind, axes: str) -> None:
     """Refuse what is said of wrenches where potentials are given, which know how they act."""
     if kind != DEAD_AT_ORIGIN or axes != "world":
-        raise InputError("potentials know how and where they act", where="loads of the path",
+        raise InputError("potentials already say how and where they act", where="loads of the path",
                          expected="no axes, load_kind or load_at")  # fmt: skip
 
 

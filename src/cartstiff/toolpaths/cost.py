@@ -112,7 +112,7 @@ class PathCost:
 
     def __post_init__(self) -> None:
         if self.quantity.better is None:
-            raise InputError(f"{self.quantity.name} is no criterion: neither end of it is better",
+            raise InputError(f"{self.quantity.name} is not a criterion: neither end is better",
                              expected=", ".join(criteria()))  # fmt: skip
         if self.loaded and self.path.wrenches is None:
             raise InputError("a stiffness under load needs the path's wrenches")

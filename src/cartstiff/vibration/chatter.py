@@ -81,7 +81,9 @@ def _limits(
     if frequencies is None:
         f = found.frequencies[np.isfinite(found.frequencies) & (found.frequencies > 0.0)]
         if f.size == 0:
-            raise InputError("nothing swings: no chatter", got=found.frequencies.tolist())
+            raise InputError(
+                "no motion vibrates: there is no chatter", got=found.frequencies.tolist()
+            )
         # Dense about every mode, as deep as the damping is narrow.
         near = (f[:, None] * (1 + np.geomspace(1e-4, 1.0, 200))).ravel()
         below = (f[:, None] * (1 - np.geomspace(1e-4, _BELOW, 50))).ravel()

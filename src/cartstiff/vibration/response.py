@@ -185,7 +185,7 @@ def transmissibility(
     point = checked_vector(at, 3, "point")
     momentum = found._momentum
     if momentum is None:
-        raise UndefinedError("the mechanism tells no momentum", code="no-mass")
+        raise UndefinedError("the mechanism does not give its momentum", code="no-mass")
     length, force = convert_length(Units(), found.elastic.units)
     A = momentum[0][3:] @ found.basis * (force / length)
     J = se3.adjoint_of_inverse(se3.pose(translation=point)) @ found.posture.motion.jacobian

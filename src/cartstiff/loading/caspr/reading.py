@@ -125,14 +125,14 @@ def _body(root: ET.Element, where: str, notes: list[Note]) -> tuple[dict[str, An
     links = [element for element in root if element.tag == "link_rigid"]
     others = sorted({e.tag for e in root} - {"link_rigid", "operational_spaces"})
     if len(links) != 1 or others:
-        raise InputError("robots of one rigid body are served", where=where,
+        raise InputError("only robots of one rigid body are supported", where=where,
                          got=", ".join([f"{len(links)} rigid bodies", *others]))  # fmt: skip
     (link,) = links
     joint = link.find("joint")
     declared = None if joint is None else joint.get("type")
     kind = (link.findtext("joint_type") or declared or "").strip()
     if kind not in _FREE:
-        raise InputError("bodies that move freely are served", where=where,
+        raise InputError("only bodies that move freely are supported", where=where,
                          expected=" or ".join(_FREE), got=kind or "no joint type")  # fmt: skip
     at = _numbers(link.findtext("parent/location", "0 0 0"), 3, "location in the parent", where)
     T, initial = se3.pose(translation=at), None if joint is None else joint.get("q_initial")

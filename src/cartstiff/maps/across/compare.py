@@ -126,7 +126,7 @@ def _check_axes(x: xarray.DataArray, y: xarray.DataArray) -> None:
                          got=", ".join(map(str, y.dims)))  # fmt: skip
     for dim in map(str, x.dims):
         if dim not in x.coords or dim not in y.coords:
-            raise InputError("maps of single postures cannot be compared", expected="grids")
+            raise InputError("maps without axes cannot be compared", expected="grids")
         a, b = (np.asarray(array[dim].values, float) for array in (x, y))
         units = [str(array[dim].attrs.get("units", "")) for array in (x, y)]
         size = max(float(np.abs(a).max(initial=0.0)), numerics.TINY)
