@@ -124,6 +124,17 @@ def test_lengths_in_other_units_and_a_tool() -> None:
         ({"limits": [3, 1]}, None, "wrong way round"),
         ({"chain": "PRS", **THREE}, [0.02, 0, 0.5, 0, 0, 0], "joints of leg 2 do not fit"),
         ({"stiffness": None}, None, "driven joint 'slide' has no spring"),
+        (
+            {
+                "chain": "UPS",
+                "rod": None,
+                "axis": [1, 0, 0],
+                "base": {"points": [[0, 0, 0]]},
+                "platform": {"points": [[0, 0, 0]]},
+            },
+            [0, 0, 0, 0, 0, 0],
+            "leg 1 has no length",
+        ),
     ],
 )
 def test_what_cannot_be_is_refused(change: dict[str, Any], pose: Any, words: str) -> None:

@@ -86,7 +86,7 @@ def _at_home(shape: LegShape, sign: int, leg: str, where: str) -> LegShape:
                          expected="a pose that every leg reaches",
                          got=f"{leg}, which is {shape.short_of(B):.3g} too short")  # fmt: skip
     shape = replace(shape, home=value)
-    if float(np.linalg.norm(B - shape.centre)) < numerics.NEARBY * float(np.abs(B).max()):
+    if float(np.linalg.norm(B - shape.centre)) <= numerics.NEARBY * float(np.abs(B).max()):
         raise InputError(f"{leg} has no length at the pose", where=f"{where}, key pose")
     n = shape.line
     try:
