@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,8 +14,12 @@ import cartstiff
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.cli.main import main
 from cartstiff.maps.sampling import Trajectory
+from cartstiff.mechanisms.identified import neighbours
 from cartstiff.page.payload import payload
 from cartstiff.page.state import State
+from cartstiff.potentials.loads import DeadWrench
+from cartstiff.statics.held import displacement_between
+from cartstiff.statics.toolpath import compensate
 
 FORCE = np.array([0, 0, 0, 30.0, -20.0, -60.0])
 PLACES = [[0.3, 0.5, 0.9, 0.2, 0.7, -0.3], [-0.4, 0.8, 0.5, -0.6, 0.9, 0.1]]
@@ -122,3 +128,46 @@ def test_the_page_tells_the_interval_under_the_load(known):
     assert payload(cartstiff.analyse(elastic, q), State(q=q.tolist()))["moved"] is None
     bare = cartstiff.analyse(cartstiff.load("ur5"), wrench=body)
     assert payload(bare, State(q=bare.q.tolist()))["moved"]["half_width"] is None
+
+
+def test_a_path_without_intervals_says_why(tmp_path, capfd):
+    text = (Path(cartstiff.__file__).parents[2] / "robots/cable-robot.yaml").read_text("utf-8")
+    found = "identified: {compliances: [{name: leg1, value: 2.0e-5}], covariance: [[1.0e-12]]}"
+    (tmp_path / "cables.yaml").write_text(f"{text}{found}\n", "utf-8")
+    (tmp_path / "path.csv").write_text("x,y,z,roll,pitch,yaw\n0,0,0.6,0,0,0\n0.05,0,0.6,0,0,0\n")
+    arguments = ["path", tmp_path / "cables.yaml", tmp_path / "path.csv", "--criterion",
+                 "translation_held_min", "--singular", "0.001"]  # fmt: skip
+    for more in ([], ["--json"]):
+        with pytest.raises(SystemExit) as exit_:
+            main([*map(str, arguments), *more])
+        out, err = capfd.readouterr()
+        assert exit_.value.code == 0, err
+        assert "no intervals here: the file gives rest positions" in out
+    shown = json.loads(out)
+    assert shown["half_widths"] is None
+    # Eight cables have no square Jacobian: how near a singularity is shows in their lines.
+    cables = load(tmp_path / "cables.yaml").mechanism
+    for q, ratio in zip(shown["q"], shown["ratios"], strict=True):
+        lines = cables.at(q).lines.lines / ([cables.length] * 3 + [1, 1, 1])
+        values = np.linalg.svd(lines, compute_uv=False)
+        assert ratio == pytest.approx(values[-1] / values[0], rel=1e-9)
+
+
+def test_commands_along_a_path_leave_what_the_springs_leave(known):
+    elastic = load(known)
+    path = compensate(elastic, np.array(PLACES[:2]), FORCE)
+    # After compensation the tool is where it belongs, as well as the springs are known: other
+    # springs under the same commands, by differences of equilibria.
+    for q, deviation, rest in zip(PLACES, path.deviation, path.commands, strict=False):
+        springs = elastic.springs.replaced(elastic.springs.stiffness, rest)
+        commanded = dataclasses.replace(elastic, springs=springs)
+        variance = 0.0
+        for more, less, per in neighbours(commanded):
+            ends = [
+                cartstiff.equilibrium(m, DeadWrench(FORCE), q0=q, limits=False).pose
+                for m in (more, less)
+            ]
+            variance += (per * displacement_between(ends[1], ends[0])) ** 2
+        assert deviation == pytest.approx(np.sqrt(variance), rel=1e-4)
+    assert "after_sd_" in path.as_csv().splitlines()[0]
+    assert np.array(path.as_dict()["error_after_sd"]).shape == (2, 6)

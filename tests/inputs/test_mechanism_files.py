@@ -563,3 +563,9 @@ def _written(folder: Path, text: str) -> Path:
     path = folder / "f.yaml"
     path.write_text(text, encoding="utf-8")
     return path
+
+
+def test_a_folded_text_holds_no_marks_of_its_lines(tmp_path):
+    path = tmp_path / "folded.yaml"
+    path.write_text("source: >-\n  one\n  two\n\n  three\n", "utf-8")
+    assert read_yaml(path)[0] == {"source": "one two\nthree"}

@@ -201,6 +201,8 @@ def _check_count(count: int, where: str) -> None:
 def _scalar(node: Any, tag: str, place: str) -> Any:
     kind = tag.removeprefix("tag:yaml.org,2002:")
     text = str(node.value)
+    if node.style == ">":  # the parser marks where lines were folded
+        text = text.replace("\a", "")
     # A tag written out (!!bool abc) may stand before any text: only what it fits is taken.
     if kind == "null" and text in _NULLS:
         return None

@@ -172,6 +172,13 @@ def describe_path(path: CompensatedPath) -> str:
     for label, key, unit, factor in rows:
         before, after = (summary[when][key] * factor for when in ("before", "after"))
         lines.append(f"  {label:<22} {before:>14.6g} {after:>14.6g} {unit}")
+    known = path.elastic.identified
+    if known is not None and path.deviation is not None and np.isfinite(path.deviation).any():
+        half = known.factor * np.nanmax(path.deviation, axis=0)
+        lines.append(
+            f"  {100 * known.level:g} % from the measured springs, at most, along an axis: "
+            f"{half[3:].max():.3g} {units.length}, {np.degrees(half[:3].max()):.3g} deg"
+        )
     lines += ["", "Largest change of a command"]
     largest = np.abs(path.offsets).max(axis=0)
     coordinates = path.elastic.mechanism.coordinates

@@ -50,6 +50,7 @@ def describe_optimised_path(result: OptimisedPath) -> str:
         f"{facts['smallest_ratio']:.3g}",
         result.configuration,
         result.collisions if isinstance(result.collisions, str) else result.collisions["message"],
+        *(note.message for note in result.notes if note.code == "no-intervals"),
         "",
         "Postures",
     ]

@@ -37,6 +37,8 @@ class CompensatedPath:
     before, after : ndarray (m, 6)
         Error of the loaded end-effector, rotation vector and translation in axes of F, with the
         naive and with the compensated commands; NaN where no equilibrium was found.
+    deviation : ndarray (m, 6) or None
+        Standard deviation of `after` that measured springs leave; None without such.
     stable : tuple of bool or None
         Whether the compensated equilibrium is stable.
     weighed : Weighed
@@ -52,6 +54,7 @@ class CompensatedPath:
     naive: Array
     before: Array
     after: Array
+    deviation: Array | None
     stable: tuple[bool | None, ...]
     weighed: Weighed
     notes: tuple[Note, ...]
@@ -95,6 +98,7 @@ class CompensatedPath:
             "commands": self.commands.tolist(),
             "error_before": rows(self.before),
             "error_after": rows(self.after),
+            "error_after_sd": None if self.deviation is None else rows(self.deviation),
             "stable": list(self.stable),
             "summary": self.summary(),
             "notes": [note.as_dict() for note in self.notes],
@@ -111,5 +115,8 @@ class CompensatedPath:
             *(f"{when}_{c}" for when in ("before", "after") for c in COMPONENTS),
             *self.elastic.names_with_units,
         ]
-        table = np.column_stack([commands, self.before, self.after, shown(self.elastic, self.q)])
-        return csv_text(table, names)
+        columns = [commands, self.before, self.after, shown(self.elastic, self.q)]
+        if self.deviation is not None:
+            columns.append(self.deviation)
+            names += [f"after_sd_{c}" for c in COMPONENTS]
+        return csv_text(np.column_stack(columns), names)

@@ -89,7 +89,7 @@ def compensate(
     kind = LoadKind(load_kind or ("dead" if axes == "world" else "follower"), load_at)  # type: ignore[arg-type]
     poses = [elastic.mechanism.at(q).pose for q in postures]
     loads = _loads(wrenches, poses, kind, axes)
-    commands, unloaded, before, after = [], [], [], []
+    commands, unloaded, before, after, deviation = [], [], [], [], []
     stable: list[bool | None] = []
     notes: list[Note] = []
     for index, (q, target, acting) in enumerate(zip(postures, poses, loads, strict=True)):
@@ -101,8 +101,12 @@ def compensate(
         before.append(error)
         # The check starts beside the answer, on the side to which the mechanism gave way.
         start = q if given_way is None else q + _ASIDE * (given_way.q - q)
-        error, _ = _error(_commanded(elastic, rest), acting, start, target, "after", index, notes)
+        error, held = _error(
+            _commanded(elastic, rest), acting, start, target, "after", index, notes
+        )
         after.append(error)
+        spread = None if held is None else held.displacement_deviation
+        deviation.append(np.full(6, np.nan) if spread is None else spread)
         stable.append(_verdict(elastic, rest, acting, q, index, notes))
         _note_limits(elastic, rest, index, notes)
         notes += limit_notes(elastic.mechanism, elastic.mechanism.at(q), f"point {index + 1}: ")
@@ -110,7 +114,9 @@ def compensate(
     notes += mass.notes
     return CompensatedPath(
         elastic, np.array(poses), postures, np.array(commands), np.array(unloaded),
-        np.array(before), np.array(after), tuple(stable), mass, tuple(notes),
+        np.array(before), np.array(after),
+        None if elastic.identified is None else np.array(deviation), tuple(stable), mass,
+        tuple(notes),
     )  # fmt: skip
 
 

@@ -13,8 +13,9 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.many.postures import analyse_many
 from cartstiff.maps.intervals import half_widths, intervals_of, why_none
 from cartstiff.maps.quantities import QUANTITIES, Quantity, Settings, choose_quantities, evaluate
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.potentials.line_springs import line_geometry
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 from cartstiff.toolpaths.tool_path import ToolPath
 from cartstiff.vibration.damping import Damping
@@ -154,18 +155,26 @@ class PathCost:
             value[rows] = evaluate([self.quantity], arrays, settings, lengths, swing)[
                 self.quantity.name
             ]
-        ratio, side = self._regularity(found["jacobian"], lengths)
+        jacobian = found["jacobian"]
+        platform = self.elastic.mechanism
+        if isinstance(platform, Platform) and len(platform.points) != 6:  # no square one
+            lines = [line_geometry(T, platform.anchors, platform.points).lines for T in poses]
+            jacobian = np.linalg.pinv(np.array(lines))
+        ratio, side = self._regularity(jacobian, lengths)
         smaller = self.quantity.better == "smaller"
         with np.errstate(divide="ignore", invalid="ignore"):
             cost = value if smaller else np.where(value > 0, 1.0 / value, np.inf)
         cost = np.where(np.isfinite(cost) & (value >= 0), cost, np.inf)
         return Judged(value, cost, ratio, side)
 
+    @property
+    def no_intervals(self) -> Note | None:
+        """Why springs that were measured leave no interval of the criterion here."""
+        return why_none(self.elastic, self.loaded)
+
     def half_widths(self, q: Array, points: Array, poses: Array) -> Array | None:
         """Half widths (N,) of the intervals that measured springs leave of the criterion."""
-        if not intervals_of(self.elastic, [self.quantity]):
-            return None
-        if why_none(self.elastic, self.loaded) is not None:
+        if not intervals_of(self.elastic, [self.quantity]) or self.no_intervals is not None:
             return None
         name = self.quantity.name
         return half_widths(

@@ -77,7 +77,7 @@ class OptimisedPath:
     candidates : int
         Postures that were compared before the refinement.
     notes : tuple of Note
-        From loading.
+        From loading, and why there are no intervals.
     half_widths : ndarray (m,) or None
         Half widths of the intervals of `values`, where springs were measured.
     collisions : dict or str
