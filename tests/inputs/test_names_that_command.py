@@ -33,6 +33,18 @@ def arm(tmp_path, monkeypatch):
     keys = {"kind": "serial", "model": "arm.urdf", "name": NAME, "gravity": [0, 0, -9.81],
             "springs": {JOINT: {"stiffness": 3e4}, "j2": {"stiffness": 2e4}}}  # fmt: skip
     Path("arm.yaml").write_text(json.dumps(keys))
+    half = {"radius": "=r", "half_angle": 0.3}
+    platform = {
+        "kind": "stewart-gough", "name": NAME, "parameters": {"r": 0.4},
+        "layout": {"base": half, "platform": {"radius": 0.3, "half_angle": 0.4}, "height": 0.5},
+        "legs": {"stiffness": 1e6, "limits": [0.3, 0.8]},
+    }  # fmt: skip
+    Path("platform.yaml").write_text(json.dumps(platform))
+    study = {"mechanism": "platform.yaml", "variables": {"r": [0.4, 0.5]},
+             "poses": {"grid": {"z": [-0.1, 0.1, 2]}, "about_home": True},
+             "objectives": {NAME: {"quantity": "condition"}}}  # fmt: skip
+    Path("study.yaml").write_text(json.dumps(study))
+    Path("odd.yaml").write_text(json.dumps(study | {"variables": {NAME: [0.4, 0.5]}}))
     return "arm.yaml"
 
 
@@ -66,6 +78,15 @@ def test_escapes(text, shown):
         ["equilibrium", "arm.yaml", "--load", "0,0,0,0,0,1"],
         ["equilibrium", "arm.yaml", "--load", "0,0,0,0,0,1", "--curve"],
         ["map", "arm.yaml", "--random", "3"],
+        ["modes", "arm.yaml"],
+        ["modes", "arm.yaml", "--csv", "out.csv"],
+        ["frames", "arm.yaml"],
+        ["identify", "arm.yaml", "--plan", "3", "--force", "50", "--sd", "d=0.005mm"],
+        ["assemble", "platform.yaml", "--all"],
+        ["workspace", "platform.yaml", "--directions", "20", "--scan", "4"],
+        ["analyse", "platform.yaml", "--set", f"r{TURN}=1"],
+        ["design", "study.yaml", "--csv", "out.csv"],
+        ["design", "odd.yaml"],
         ["models"],
     ],
 )

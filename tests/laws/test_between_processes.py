@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import multiprocessing
 import pickle
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -64,3 +65,39 @@ def test_curves_are_sent_whole():
     curve = cartstiff.load_curve(cartstiff.load("ur5"), DeadForce([0.0, 0.0, -50.0]))
     found = pickle.loads(pickle.dumps(curve))
     assert found.as_dict() == curve.as_dict()
+
+
+def _modes():
+    return cartstiff.modes(cartstiff.load("stewart-simscape"))
+
+
+def _assembly():
+    return cartstiff.assemble(cartstiff.load("hexapod"))
+
+
+def _workspace():
+    return cartstiff.workspace(cartstiff.load("hexapod"), directions=20, scan=4)
+
+
+def _machine():
+    return cartstiff.analyse(cartstiff.load("6-pus"), wrench=[0, 0, 0, 0, 0, -10.0])
+
+
+def _study():
+    study = {"mechanism": "inclined-hexapod", "variables": {"sz": {"low": 0.4, "high": 0.6, "count": 2}},
+             "poses": {"grid": {"z": [0.0, 0.1, 2]}, "about_home": True},
+             "objectives": {"softest": {"quantity": "translation_held_min"}}}  # fmt: skip
+    return cartstiff.design(study)
+
+
+@pytest.mark.parametrize("made", [_modes, _assembly, _workspace, _machine, _study])
+def test_answers_about_machines_are_sent_whole(made):
+    answer = made()
+    found = pickle.loads(pickle.dumps(answer))
+    assert found.as_dict() == answer.as_dict()
+
+
+def test_machines_are_read_in_threads():
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda _: _machine().as_dict(), range(8)))
+    assert all(each == found[0] for each in found)
