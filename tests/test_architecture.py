@@ -19,7 +19,7 @@ PACKAGE = Path(cartstiff.__file__).parent
 
 #: From the bottom up; a part may import itself and what stands below it.
 LAYERS = [
-    {"errors", "lazily", "matrix_names", "numerics", "version"},
+    {"choices", "errors", "lazily", "matrix_names", "numerics", "version"},
     {"parsing", "expressions", "arrays", "child_process", "figures", "graded", "notebook"},
     {"geometry"},
     {"potentials"},

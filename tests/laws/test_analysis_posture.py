@@ -17,13 +17,14 @@ from cartstiff.analysis.plain import numbers
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.analysis.springs import Spring, parallel_stiffness
 from cartstiff.analysis.tolerances import Parameters, Tolerances
+from cartstiff.choices import LEVELS
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.matrix_names import LETTERS
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.contract import Evaluation, Posture, Potential
 from cartstiff.potentials.springs import JointSprings
-from cartstiff.report.analysis import LEVELS, summary_text
+from cartstiff.report.analysis import summary_text
 from cartstiff.stiffness.compute import PostureStiffness
 
 LOAD = np.array([3.0, -2.0, 1.0, 20.0, -30.0, 40.0])

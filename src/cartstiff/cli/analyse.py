@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from cartstiff.choices import ORDERS
 from cartstiff.cli.options import (
     LoadRequest,
     MechanismRequest,
@@ -18,7 +19,6 @@ from cartstiff.cli.options import (
 )
 from cartstiff.cli.output import json_text, say
 from cartstiff.cli.requests.analysis import AnalysisRequest, analysis_options
-from cartstiff.cli.requests.target_file import ORDERS
 from cartstiff.cli.types import OutputFile, Values, json_option, option, option_group
 
 if TYPE_CHECKING:

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from cartstiff.choices import ORDERS
 from cartstiff.cli.controller import ControllerRequest
 from cartstiff.cli.milling import LobesRequest, cutting_options
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import tell
-from cartstiff.cli.requests.target_file import ORDERS
-from cartstiff.cli.response import RESPONSES, ResponseRequest
+from cartstiff.cli.response import KINDS, ResponseRequest
 from cartstiff.cli.types import (
     PICTURE,
     POINT,
@@ -62,7 +62,7 @@ _options = option_group(
         "in equal ratios (in equal steps from 0).",
     ),
     click.option(
-        "--kind", type=click.Choice(RESPONSES), default="receptance", show_default=True,
+        "--kind", type=click.Choice(KINDS), default="receptance", show_default=True,
         help="Displacement, velocity or acceleration per force; or motion of the body per motion "
         "of the base.",
     ),

@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from cartstiff.choices import LOAD_KINDS
 from cartstiff.cli.types import (
     PAYLOAD,
     POINT,
@@ -29,9 +30,6 @@ from cartstiff.errors import InputError, one_line
 from cartstiff.parsing import LARGEST
 
 __all__ = ["LoadRequest", "MechanismRequest", "load_options", "mechanism_options"]
-
-#: As `cartstiff.stiffness.applied_load.LOAD_KINDS`, which would load NumPy for --help.
-LOAD_KINDS = ("dead", "follower", "conservative")
 
 _BALANCED = (
     "Wrench on the body in its own frame; rest positions are chosen so that the springs balance it."
@@ -341,7 +339,7 @@ def load_options(world: str) -> Callable[..., Callable[..., Any]]:
                help="Point of the body, in its frame, at which the load acts; default its origin."),
         click.option("--world", is_flag=True, help=f"Components (of {world}) are along the "
                      "inertial axes, not those of the body. Points stay in the body's frame."),
-        click.option("--load-kind", type=click.Choice(LOAD_KINDS), default="dead",
+        click.option("--load-kind", type=click.Choice(list(LOAD_KINDS)), default="dead",
                      show_default=True,
                      help="What the load does while the body moves. dead: force and moment keep "
                      "their direction in the room; follower: they turn with the body; "

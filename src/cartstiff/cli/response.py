@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cartstiff.choices import RESPONSES
 from cartstiff.errors import InputError
 from cartstiff.parsing import parse_numbers
 
@@ -13,10 +14,10 @@ if TYPE_CHECKING:
     from cartstiff.vibration.damping import Damping
     from cartstiff.vibration.mode_set import Modes
 
-__all__ = ["RESPONSES", "ResponseRequest"]
+__all__ = ["KINDS", "ResponseRequest"]
 
-#: As `cartstiff.vibration.response.KINDS`, which would load NumPy for --help, and one more.
-RESPONSES = ("receptance", "mobility", "accelerance", "transmissibility")
+#: Responses that can be asked for: to a force, and to a motion of the base.
+KINDS = (*RESPONSES, "transmissibility")
 
 _COUNT, _MOST = 400, 1_000_000
 
@@ -42,7 +43,7 @@ class ResponseRequest:
                     self.lobes and name in ("damping", "rayleigh")
                 ):
                     raise InputError("is for --response", where=f"--{name}")
-            if self.kind != RESPONSES[0]:
+            if self.kind != KINDS[0]:
                 raise InputError("is for --response", where="--kind")
             return
         self._range()

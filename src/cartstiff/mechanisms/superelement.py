@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.arrays import checked_array
+from cartstiff.choices import ORDERS, Order
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -22,7 +21,7 @@ def superelement_spring(
     *,
     base: int = 0,
     tip: int = -1,
-    order: Literal["linear-angular", "angular-linear"] = "linear-angular",
+    order: Order = "linear-angular",
 ) -> Array:
     r"""Stiffness at one node of a superelement that is clamped at another, the others left free.
 
@@ -58,7 +57,7 @@ def superelement_spring(
     points = checked_array(nodes, ("nodes", 3), "nodes")
     n = len(points)
     K = checked_array(stiffness, (6 * n, 6 * n), "stiffness of the superelement")
-    if order not in ("linear-angular", "angular-linear"):
+    if order not in ORDERS:
         raise InputError("unknown order", expected="linear-angular or angular-linear", got=order)
     for name, index in (("base", base), ("tip", tip)):
         if not -n <= index < n:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from cartstiff import numerics
+from cartstiff.choices import LEVELS
 from cartstiff.errors import UnknownNameError, joined
 from cartstiff.mechanisms.contract import SI, Units
 from cartstiff.report.analysis_mechanism import (
@@ -16,9 +17,8 @@ from cartstiff.report.analysis_mechanism import (
 from cartstiff.report.analysis_screws import mode_lines, screw_lines, synthesis_lines
 from cartstiff.report.layout import number, numbers, percent, row, share, table, vector
 
-__all__ = ["LEVELS", "summary_text"]
+__all__ = ["summary_text"]
 
-LEVELS = ("full", "short", "none")
 
 _FREEDOMS = {"translation": "rotation", "rotation": "translation"}
 _OF_FREE = '  "free" comes from the symmetric part of its inverse: motion along a force'

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 from cartstiff.analysis.plain import schema as schema_of_analysis
+from cartstiff.choices import LOAD_KINDS
 from cartstiff.matrix_names import MATRICES
 from cartstiff.report.frames import FRAMES_SCHEMA
 from cartstiff.report.identify_schema import identify_schema
 from cartstiff.report.reach_schema import assemble_schema
-from cartstiff.stiffness.applied_load import LOAD_KINDS
 from cartstiff.stiffness.compute import SCHEMA
 from cartstiff.vibration.mode_set import MODES_SCHEMA
 

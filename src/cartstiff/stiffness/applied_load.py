@@ -19,19 +19,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.arrays import checked_vector
+from cartstiff.choices import LOAD_KINDS
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import CARTAN_MINUS, KINEMATIC, Connection, from_bilinear_map
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.loads import DeadWrench, FollowerWrench, Load, SemitangentialWrench
 
-__all__ = ["LOAD_KINDS", "LoadKind", "changes_from_b", "checked_load", "wrench_in_body"]
+__all__ = ["LoadKind", "changes_from_b", "checked_load", "wrench_in_body"]
 
 # K^X = K^B + (W @ _FROM_B)[X] for X = A, K at once: K^A = K^B - 1/2 M with the M of
 # `se3.bracket_form`, and K^X = K^A less the wrench term of the connection.
@@ -43,14 +44,6 @@ _FROM_B = -np.concatenate(
     axis=1,
 )
 
-#: Kinds of load and what each says, in words.
-LOAD_KINDS: Final = {
-    "dead": "its force and moment keep their direction in the room",
-    "follower": "it turns with the body",
-    "conservative": "its force keeps its direction in the room, its moment turns by half",
-}
-
-
 _AXES = ("body", "world")
 
 
@@ -61,7 +54,7 @@ class LoadKind:
     Attributes
     ----------
     kind : {"dead", "follower", "conservative"}
-        See `LOAD_KINDS`.
+        See `cartstiff.choices.LOAD_KINDS`.
     at : tuple of 3 floats
         The point of the body at which the force acts, in the frame M.
 

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from cartstiff import numerics
 from cartstiff.arrays import Array
+from cartstiff.choices import Order
 from cartstiff.errors import imported
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import Connection
 from cartstiff.mechanisms.contract import Units
 from cartstiff.stiffness.showing import BlockUnits, matrix_html
 
-__all__ = ["AXES", "Compliance", "LabelledMatrix", "Order", "format_matrix", "labelled"]
-
-Order = Literal["angular-linear", "linear-angular"]
+__all__ = ["AXES", "Compliance", "LabelledMatrix", "format_matrix", "labelled"]
 
 #: Names along the axes of matrices: components of wrenches, and of motions.
 AXES = {"wrench": ("mx", "my", "mz", "fx", "fy", "fz"), "motion": ("rx", "ry", "rz", "x", "y", "z")}

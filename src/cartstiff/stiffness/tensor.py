@@ -18,12 +18,13 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.arrays import checked_array, checked_pose, real_array
+from cartstiff.choices import Order
 from cartstiff.errors import InputError, UndefinedError, printable
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import NAMED, Connection, Field
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import SI, Units, convert_length
-from cartstiff.stiffness.labelled import Compliance, LabelledMatrix, Order, format_matrix
+from cartstiff.stiffness.labelled import Compliance, LabelledMatrix, format_matrix
 
 __all__ = ["Compliance", "StiffnessTensor", "format_matrix"]
 

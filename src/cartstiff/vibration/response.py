@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.arrays import checked_array, checked_unit, checked_vector, csv_text, fixed
+from cartstiff.choices import RESPONSES
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -30,10 +31,7 @@ from cartstiff.mechanisms.elastic import Note
 from cartstiff.vibration.damping import Damping, dampers, damping_matrix, state_space
 from cartstiff.vibration.mode_set import Modes
 
-__all__ = ["KINDS", "FrequencyResponse", "frequency_response", "transfer", "transmissibility"]
-
-#: What is asked of a response, and the power of i omega that it is multiplied by.
-KINDS = {"receptance": 0, "mobility": 1, "accelerance": 2}
+__all__ = ["FrequencyResponse", "frequency_response", "transfer", "transmissibility"]
 
 Method = Literal["modes", "matrices"]
 
@@ -81,7 +79,7 @@ class FrequencyResponse:
         per = {0: "", 1: "/s", 2: "/s^2"}
         if self.kind == "transmissibility":
             return "1"
-        return f"{self.units.length}{per[KINDS[self.kind]]}/{self.units.force}"
+        return f"{self.units.length}{per[RESPONSES[self.kind]]}/{self.units.force}"
 
     def as_csv(self, direction: ArrayLike | None = None) -> str:
         """Columns: frequency, then real and imaginary part along x, y, z or along a direction."""
@@ -147,14 +145,14 @@ def frequency_response(
     InputError, UnknownNameError
         For frequencies, a kind or a method that cannot be used.
     """
-    if kind not in KINDS:
-        raise UnknownNameError("kind of response", kind, KINDS)
+    if kind not in RESPONSES:
+        raise UnknownNameError("kind of response", kind, RESPONSES)
     hertz, damping = _checked(frequencies, damping)
     point = checked_vector(at, 3, "point")
     J = se3.adjoint_of_inverse(se3.pose(translation=point)) @ found.posture.motion.jacobian
     J = J @ found.basis
     H = transfer(found, hertz, damping, J, J.T, method)
-    factor = (2j * np.pi * hertz) ** KINDS[kind]
+    factor = (2j * np.pi * hertz) ** RESPONSES[kind]
     return FrequencyResponse(
         kind, hertz, fixed(H * factor[:, None, None]), found.elastic.units, damping,
         _notes(found, damping),

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from cartstiff.choices import LEVELS, ORDERS
 from cartstiff.cli.output import Progress
-from cartstiff.cli.requests.target_file import ORDERS, Target, read_target
+from cartstiff.cli.requests.target_file import Target, read_target
 from cartstiff.cli.types import (
     POINT,
     WRENCH,
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
 
 __all__ = ["AnalysisRequest", "analysis_options"]
 
-LEVELS = ("full", "short", "none")
 
 _options = option_group(
     click.option(

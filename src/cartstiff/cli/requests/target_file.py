@@ -9,15 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cartstiff import numerics
+from cartstiff.choices import ORDERS
 from cartstiff.errors import InputError, one_line
 
 if TYPE_CHECKING:
     from cartstiff.stiffness.compute import PostureStiffness
 
-__all__ = ["ORDERS", "Target", "read_target"]
+__all__ = ["Target", "read_target"]
 
-#: Orders of rows and columns: rotation before translation, and the other way round.
-ORDERS = ("angular-linear", "linear-angular")
 # In the order that is meant, the translation block over the squared length of the mechanism is
 # about as stiff as the rotation block; the other order is off by the fourth power of the length.
 # Where the ratio is worse by this factor than with the blocks exchanged, the order must be named.

@@ -1,0 +1,20 @@
+"""Words that arguments, options and pages choose from, each list once; it loads nothing."""
+
+from __future__ import annotations
+
+from typing import Final, Literal, get_args
+
+__all__ = ["LEVELS", "LOAD_KINDS", "ORDERS", "RESPONSES", "Order"]
+
+#: What a load does while the body moves, in words.
+LOAD_KINDS: Final = {
+    "dead": "its force and moment keep their direction in the room",
+    "follower": "it turns with the body",
+    "conservative": "its force keeps its direction in the room, its moment turns by half",
+}
+Order = Literal["angular-linear", "linear-angular"]
+ORDERS: Final[tuple[Order, ...]] = get_args(Order)
+#: How much of the analysis is printed.
+LEVELS: Final = ("full", "short", "none")
+#: Responses to a force, and how often the displacement is differentiated for each.
+RESPONSES: Final = {"receptance": 0, "mobility": 1, "accelerance": 2}
