@@ -57,7 +57,7 @@ WORDS = {
 }
 # Read by everything, and read at most errors.
 SMALL = {
-    "arrays", "child_process", "expressions", "figures", "graded", "lazily", "matrix_names",
+    "arrays", "child_process", "choices", "expressions", "figures", "graded", "lazily", "matrix_names",
     "notebook", "numerics", "parsing", "version",
 }  # fmt: skip
 WIDTH, HEIGHT, GAP, MARGIN = 320, 52, 34, 20

@@ -6,8 +6,9 @@ one would be -9e18), complex numbers, masked numbers.
 
 from __future__ import annotations
 
+import csv
 import io
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from decimal import Decimal
 from math import isfinite
@@ -33,6 +34,7 @@ __all__ = [
     "checked_pose",
     "checked_unit",
     "checked_vector",
+    "csv_rows",
     "csv_text",
     "fixed",
     "is_pose",
@@ -350,6 +352,15 @@ def csv_text(table: Array, names: Sequence[str]) -> str:
     text = io.StringIO()
     head = printable(",".join(names))
     np.savetxt(text, table, delimiter=",", fmt="%.17g", header=head, comments="")
+    return text.getvalue()
+
+
+def csv_rows(names: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Rows of numbers and words under a line of names; what does not exist is an empty cell."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(names)
+    writer.writerows(["" if cell is None else str(cell) for cell in row] for row in rows)
     return text.getvalue()
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from cartstiff.arrays import csv_rows
 from cartstiff.designs.evaluation import Design
 from cartstiff.designs.study import Study
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
@@ -125,16 +124,14 @@ class Designs(ShownInLines):
 
     def to_csv(self) -> str:
         """A row a design: its number from 1, variables, values, state, whether on the front."""
-        text = io.StringIO()
-        rows = csv.writer(text, lineterminator="\n")
         names = [f"{n} [{self.units[n]}]" if self.units[n] else n for n in self.study.measures]
-        rows.writerow(["design", *self.study.variables, *names, "state", "front", "reason"])
-        front = set(self.front)
+        head = ["design", *self.study.variables, *names, "state", "front", "reason"]
+        rows, front = [], set(self.front)
         for i, found in enumerate(self.designs):
-            values = [found.values.get(name, "") for name in self.study.measures]
-            rows.writerow([i + 1, *found.parameters.values(), *values, found.state,
-                           "yes" if i in front else "no", found.reason])  # fmt: skip
-        return text.getvalue()
+            values = [found.values.get(name) for name in self.study.measures]
+            rows.append([i + 1, *found.parameters.values(), *values, found.state,
+                         "yes" if i in front else "no", found.reason])  # fmt: skip
+        return csv_rows(head, rows)
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -160,10 +157,11 @@ class Designs(ShownInLines):
             if self.feasible else None,
             "front": list(self.front),
             "designs": [design.as_dict() for design in self.designs],
-            "notes": self._notes(),
+            "notes": [note.as_dict() for note in self.notes],
         }  # fmt: skip
 
-    def _notes(self) -> list[dict[str, object]]:
+    @property
+    def notes(self) -> list[Note]:
         """What was assumed, and what is damaged."""
         notes = []
         lengths = [
@@ -182,4 +180,4 @@ class Designs(ShownInLines):
         if self.damaged:
             words = f"{self.damaged} damaged line(s) of the output: those designs were made again"
             notes.append(Note("damaged-lines", words, {"lines": self.damaged}))
-        return [note.as_dict() for note in notes]
+        return notes

@@ -19,6 +19,9 @@ class Note:
     message: str
     values: Mapping[str, object] = field(default_factory=dict)
 
+    def __str__(self) -> str:
+        return f"[{self.code}] {self.message}"
+
     def as_dict(self) -> dict[str, object]:
         """For JSON."""
         return {"code": self.code, "message": self.message, "values": plain(self.values)}

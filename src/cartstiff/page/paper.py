@@ -128,7 +128,7 @@ def _answer(
 ) -> tuple[list[str], list[str]]:  # fmt: skip
     """The sentences of the answer, and everything that was assumed."""
     said: list[str] = []
-    notes = {f"[{note.code}] {note.message}": None for note in result.notes}
+    notes = {str(note): None for note in result.notes}
     mm = convert_length(elastic.units, Units("mm", SI.force))[0]
     loads = [] if wrench is None else [kind.acting(wrench, result.pose, axes)]
     try:
@@ -137,7 +137,7 @@ def _answer(
         said.append(f"No equilibrium was found: {error}")
         state = None
     if state is not None:
-        notes |= {f"[{note.code}] {note.message}": None for note in state.notes}
+        notes |= {str(note): None for note in state.notes}
         if loads:
             turned, moved = np.split(state.displacement, 2)
             along = ", ".join(f"{mm * x:+.3g}" for x in moved)

@@ -6,8 +6,10 @@ import math
 from collections.abc import Iterable, Sequence
 
 from cartstiff import numerics
+from cartstiff.mechanisms.notes import Note
 
 __all__ = [
+    "note_lines",
     "number",
     "numbers",
     "percent",
@@ -17,6 +19,12 @@ __all__ = [
     "vector",
     "wide_row",
 ]
+
+
+def note_lines(notes: Iterable[Note]) -> list[str]:
+    """Notes under their title, after an empty line; nothing without any."""
+    lines = [f"  {note}" for note in notes]
+    return ["", "Notes", *lines] if lines else []
 
 
 def number(x: float | None, digits: int = 5, missing: str = "-") -> str:

@@ -11,7 +11,7 @@ from cartstiff import numerics
 from cartstiff.arrays import csv_text
 from cartstiff.errors import joined
 from cartstiff.mechanisms.contract import Units
-from cartstiff.report.layout import number, percent, table, vector
+from cartstiff.report.layout import note_lines, number, percent, table, vector
 from cartstiff.stiffness.tensor import format_matrix
 from cartstiff.vibration.chatter import Lobes
 from cartstiff.vibration.comparison import Shortcut
@@ -63,9 +63,7 @@ def describe_modes(found: Modes, unloaded: Modes | None = None, extra: Sequence[
         *_axes(found),
         *extra,
     ]
-    if found.notes:
-        lines += ["", "Notes", *(f"  [{note.code}] {note.message}" for note in found.notes)]
-    return joined(lines).rstrip()
+    return joined([*lines, *note_lines(found.notes)]).rstrip()
 
 
 def _load(found: Modes) -> str:
@@ -223,7 +221,7 @@ def describe_response(response: FrequencyResponse, direction: ArrayLike | None) 
             f"  {name:<10} {size[0]:.4g} at the start, largest {size[top]:.4g} at "
             f"{response.frequencies[top]:.6g} Hz, {size[-1]:.4g} at the end"
         )
-    return lines + [f"  [{note.code}] {note.message}" for note in response.notes]
+    return lines + [f"  {note}" for note in response.notes]
 
 
 def lobes_csv(curve: Lobes, fine: Sequence[float], unit: str) -> str:

@@ -79,7 +79,7 @@ def describe(result: PostureStiffness, analysis: str = "", at_rest: bool = False
         lines += analysis.split("\n")
     if result.notes:
         lines.append("Notes")
-        lines += [f"  [{note.code}] {note.message}" for note in result.notes]
+        lines += [f"  {note}" for note in result.notes]
     return joined(lines).rstrip()
 
 

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Sequence
-
 import numpy as np
 
 from cartstiff import numerics
+from cartstiff.arrays import csv_rows
 from cartstiff.errors import joined
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -16,18 +13,11 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.other_units import shown
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.reach.assembly import AssemblyMode, AssemblyModes
-from cartstiff.report.layout import number, numbers, table
+from cartstiff.report.layout import note_lines, number, numbers, table
 
-__all__ = ["assembly_csv", "describe_assembly", "lines_of_notes"]
+__all__ = ["assembly_csv", "describe_assembly"]
 
 _STABLE = {True: "yes", False: "NO", None: "-"}
-
-
-def lines_of_notes(notes: Sequence[Note]) -> list[str]:
-    """The notes, under their title; nothing without any."""
-    if not notes:
-        return []
-    return ["", "Notes", *(f"  [{note.code}] {note.message}" for note in notes)]
 
 
 def describe_assembly(found: AssemblyModes) -> str:
@@ -62,8 +52,8 @@ def describe_assembly(found: AssemblyModes) -> str:
             for code, note in own.items()
             if code not in known and code != "no-chart"
         ]
-        return joined([*lines, *lines_of_notes([*found.notes, *states])])
-    return joined([*lines, *lines_of_notes(found.notes)])
+        return joined([*lines, *note_lines([*found.notes, *states])])
+    return joined([*lines, *note_lines(found.notes)])
 
 
 def _with(found: AssemblyModes, code: str) -> str:
@@ -126,20 +116,17 @@ def assembly_csv(found: AssemblyModes) -> str:
     A cell is empty where a number does not exist.
     """
     most = max((0 if m.frequencies is None else len(m.frequencies) for m in found.found), default=0)
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     units = found.elastic.units
-    writer.writerow([
+    head = [
         *found.elastic.names_with_units, f"residual [{units.length}]", "multiplicity",
         f"smallest_eigenvalue [{units.force}/{units.length}]", "stable", "determinant",
         *(f"frequency_{i + 1} [Hz]" for i in range(most)),
-    ])  # fmt: skip
+    ]  # fmt: skip
+    rows = []
     for mode in found.found:
         own = [] if mode.frequencies is None else _first(mode.frequencies)
-        cells = [
+        rows.append([
             *shown(found.elastic, mode.q).tolist(), mode.residual, mode.multiplicity,
-            mode.eigenvalue, mode.stable,
-            mode.determinant, *own, *[None] * (most - len(own)),
-        ]  # fmt: skip
-        writer.writerow(["" if cell is None else str(cell) for cell in cells])
-    return text.getvalue()
+            mode.eigenvalue, mode.stable, mode.determinant, *own, *[None] * (most - len(own)),
+        ])  # fmt: skip
+    return csv_rows(head, rows)

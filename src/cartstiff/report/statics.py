@@ -137,7 +137,7 @@ def describe_curve(curve: LoadCurve) -> str:
         f"The linear prediction stays within 5 % up to factor {curve.linear_up_to():.4g} for the "
         f"translation, {curve.linear_up_to(part='rotation'):.4g} for the rotation."
     )
-    lines += [f"  [{note.code}] {note.message}" for note in curve.notes]
+    lines += [f"  {note}" for note in curve.notes]
     return joined(lines)
 
 
@@ -187,6 +187,4 @@ def describe_path(path: CompensatedPath) -> str:
         unit = units.coordinate(not are_joints or coordinates[i].is_length)
         lines.append(f"  {name:<28} {value:>12.6g} {unit}")
     lines.append("(--csv FILE.csv writes the commands.)")
-    for note in path.notes:
-        lines.append(f"  [{note.code}] {note.message}")
-    return joined(lines)
+    return joined([*lines, *(f"  {note}" for note in path.notes)])

@@ -12,7 +12,7 @@ from cartstiff.designs.results import Designs
 from cartstiff.errors import InputError, joined
 from cartstiff.figures import new_figure
 from cartstiff.geometry.se3 import Array
-from cartstiff.report.layout import number, table
+from cartstiff.report.layout import note_lines, number, table
 
 __all__ = ["describe_designs", "draw_designs"]
 
@@ -57,10 +57,7 @@ def describe_designs(found: Designs, best: int = 10) -> str:
                 f"Why designs are {state}" if state == "infeasible" else "Why designs fail",
             ]
             lines += _reasons(found, state)
-    notes = found.as_dict()["notes"]
-    if notes:
-        lines += ["", "Notes", *(f"  [{n['code']}] {n['message']}" for n in notes)]
-    return joined(lines)
+    return joined([*lines, *note_lines(found.notes)])
 
 
 def _asked(found: Designs) -> list[tuple[str, ...]]:

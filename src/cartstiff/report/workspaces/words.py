@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from math import degrees
 from typing import Any
 
 import numpy as np
 
+from cartstiff.arrays import csv_rows
 from cartstiff.errors import joined
 from cartstiff.reach.workspace import Workspace
-from cartstiff.report.layout import number, percent, table, vector
-from cartstiff.report.reach import lines_of_notes
+from cartstiff.report.layout import note_lines, number, percent, table, vector
 
 __all__ = ["boundary_csv", "describe_workspace", "draw_workspace"]
 
@@ -37,7 +35,7 @@ def describe_workspace(found: Workspace) -> str:
         f"Orientation of M kept; position {vector(found.pose[:3, 3], 5)} {unit}",
     ]
     if found.positions is None or found.columns is None or found.turns is None:
-        return joined([*lines, "No workspace: singular everywhere", *lines_of_notes(found.notes)])
+        return joined([*lines, "No workspace: singular everywhere", *note_lines(found.notes)])
     poses = found.as_dict()["poses"]
     lines += [
         "",
@@ -69,7 +67,7 @@ def describe_workspace(found: Workspace) -> str:
             f"  (moments over the body's length {number(elastic.mechanism.at(elastic.q).length)} "
             f"{unit}; 0 is singular)",
         ]
-    return joined([*lines, *lines_of_notes(found.notes)])
+    return joined([*lines, *note_lines(found.notes)])
 
 
 def _shares(shares: dict[str, float]) -> list[str]:
@@ -81,14 +79,10 @@ def _shares(shares: dict[str, float]) -> list[str]:
 
 def boundary_csv(found: Workspace) -> str:
     """A row a boundary position: x, y, z in F, and the limit that cuts."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     unit = found.elastic.units.length
-    writer.writerow([*(f"{name} [{unit}]" for name in "xyz"), "limit"])
     edges = () if found.positions is None else found.positions.edges
-    for place, edge in zip(found.boundary.tolist(), edges, strict=True):
-        writer.writerow([*map(str, place), edge[3]])
-    return text.getvalue()
+    rows = ([*xyz, edge[3]] for xyz, edge in zip(found.boundary.tolist(), edges, strict=True))
+    return csv_rows([*(f"{name} [{unit}]" for name in "xyz"), "limit"], rows)
 
 
 def draw_workspace(found: Workspace) -> Any:
