@@ -125,12 +125,12 @@ def _axis_frame(screw: Array) -> tuple[Array, bool, float]:
     if not size:
         return np.eye(4), False, 0.0
     z = along / size
-    x = np.cross(np.eye(3)[(int(np.argmax(np.abs(z))) + 1) % 3], z)
+    x = _cross(np.eye(3)[(int(np.argmax(np.abs(z))) + 1) % 3], z)
     x /= np.linalg.norm(x)
-    point = np.cross(screw[:3], screw[3:]) / size**2 if turns else np.zeros(3)
+    point = _cross(screw[:3], screw[3:]) / size**2 if turns else np.zeros(3)
     slide = float(screw[3:] @ z) if turns else size
     slide = 0.0 if abs(slide) < numerics.LAST_DIGITS else slide
-    return se3.pose(np.stack([x, np.cross(z, x), z], axis=1), point), turns, slide
+    return se3.pose(np.stack([x, _cross(z, x), z], axis=1), point), turns, slide
 
 
 def _moved(R: list[Array], p: Array, T: Array) -> tuple[list[Array], Array]:

@@ -53,26 +53,26 @@ def default_frame(model: Any, loose: Collection[str] = ()) -> tuple[str, str]:
     else the leaf frame at the end of the longest chain, fingers and sensors last. Things that only
     `loose` joints carry are left out where there is anything else.
     """
+    names = list(model.names)
+    above = [[names[int(j)] for j in support if j] for support in model.supports]
     moving = [
-        (len(model.supports[int(f.parentJoint)]) - 1, f)
+        (len(above[int(f.parentJoint)]), f)
         for f in model.frames
         if f.type in (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
     ]
-    carried = [
-        (count, f)
-        for count, f in moving
-        if {model.names[int(j)] for j in model.supports[int(f.parentJoint)] if j} - set(loose)
-    ]
-    moving = carried or moving
+    carries = [not set(joints) <= set(loose) for joints in above]
+    moving = [(count, f) for count, f in moving if carries[int(f.parentJoint)]] or moving
     longest = max((count for count, _ in moving), default=0)
     if longest == 0:
         raise InputError("robot has no movable joints")
 
-    def on_finger(frame: Any) -> bool:
-        joints = [model.names[int(j)] for j in model.supports[int(frame.parentJoint)]]
-        return any(map(_FINGERS.search, [*joints, frame.name]))
-
-    free = [(n, f) for n, f in moving if n and not on_finger(f) and not _SENSORS.search(f.name)]
+    of_finger = [any(map(_FINGERS.search, joints)) for joints in above]
+    free = [
+        (n, f)
+        for n, f in moving
+        if n and not (of_finger[int(f.parentJoint)] or _FINGERS.search(f.name))
+        and not _SENSORS.search(f.name)
+    ]  # fmt: skip
     reach = max((count for count, _ in free), default=0)
     named = [
         (rank, -n, i)
@@ -189,21 +189,19 @@ def regular_posture(chain: Chain, q: Array) -> tuple[Array, list[Note]]:
     rows = np.repeat([1.0, 1.0 / posture.length], 3)[:, None]
     sizes = posture.coordinate_lengths
 
-    kinematics = Kinematics(chain)
-
-    def ratios(postures: Array) -> Array:
-        J = kinematics.at(postures).jacobian * rows * sizes
-        values = np.linalg.svd(J[:, :, free], compute_uv=False)
-        found: Array = values[:, -1] / np.maximum(values[:, 0], numerics.TINY)
+    def ratios(jacobians: Array) -> Array:
+        values = np.linalg.svd((jacobians * rows * sizes)[..., free], compute_uv=False)
+        found: Array = values[..., -1] / np.maximum(values[..., 0], numerics.TINY)
         return found
 
-    (at_zero,) = ratios(q[None])
+    at_zero = float(ratios(posture.motion.jacobian))
     if at_zero > NEAR:
         return q, []
+    kinematics = Kinematics(chain)
     best, largest = q, max(NEAR, float(at_zero))
     for share in _SHARES:
         candidates = _candidates(chain, q, sizes, free, share)
-        found = ratios(candidates)
+        found = ratios(kinematics.at(candidates).jacobian)
         enough = np.flatnonzero(found >= _ENOUGH)
         away = np.linalg.norm((candidates - q) / sizes, axis=1)
         i = int(enough[np.argmin(away[enough])]) if enough.size else int(np.argmax(found))

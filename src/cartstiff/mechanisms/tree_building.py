@@ -214,7 +214,12 @@ def plain_tree(
                     carry(joint, T_j, give.half(1.0) if k < count else None)
             place = joint, se3.inverse(give.end)
             beyond.setdefault(i, []).append((spring.carried, place))
-        for (joint, T_j), inertia in masses_by_side(model, i, side, near[i]):
+        apart = (
+            masses_by_side(model, i, side, near[i])
+            if i in beyond
+            else [(near[i], model.inertias[i])]
+        )
+        for (joint, T_j), inertia in apart:
             if joint > 0 and inertia.mass > 0:
                 plain.appendBodyToJoint(joint, inertia, pin.SE3(T_j))
 
@@ -250,6 +255,9 @@ def plain_tree(
 
 def merged(parts: Sequence[tuple[str, KinematicTree, Array]]) -> KinematicTree:
     """One tree of several, each a triple (prefix of its names, tree, ``T_F_root``)."""
+    ((first, only, T_F_only), *others) = parts
+    if not (others or first) and np.array_equal(T_F_only, np.eye(4)):
+        return only
     model = pin.Model()
     coordinates: list[Coordinate] = []
     frames: dict[str, Placement] = {"world": WORLD}
