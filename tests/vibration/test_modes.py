@@ -15,6 +15,7 @@ from cartstiff import analyse, equilibrium, load, modes
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.other_units import in_units
 from cartstiff.mechanisms.tree_building import plain_tree
 from cartstiff.potentials.loads import DeadForce, FollowerWrench, payload
 from cartstiff.potentials.springs import JointSprings
@@ -219,6 +220,7 @@ def test_absurd_masses_are_named():
     assert codes == {"masses-absurd"}
     codes = {note.code for note in modes(column(inertia=50.0)).notes}
     assert codes == {"inertia-absurd"}
+    assert not modes(in_units(load("ur5"), "mm")).notes
 
 
 def test_springs_far_apart_keep_their_digits():

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
+from tests.mechanisms.machines import write_file
 from tests.support import loaded_arm
 from tests.vibration.test_modes import LENGTH, M_1, K, column
+from tests.vibration.test_modes_command import run
 
 from cartstiff import analyse, load, modes
 from cartstiff.analysis.tolerances import Parameters, Tolerances
-from cartstiff.errors import InputError, UndefinedError
+from cartstiff.errors import InputError, UndefinedError, UnknownNameError
+from cartstiff.mechanisms.identified import neighbours
 from cartstiff.vibration.comparison import compare
 from cartstiff.vibration.sensitivities import intervals, sensitivities
 
@@ -127,8 +132,54 @@ def test_intervals():
     assert same.deviations == pytest.approx(band.deviations)
     with pytest.raises(InputError, match="level"):
         intervals(found, level=1.0)
-    with pytest.raises(InputError, match="identified springs"):
+    with pytest.raises(UnknownNameError, match="j7"):
         intervals(found, compliance_covariance=[[1.0]], joints=("j7",))
+
+
+def test_intervals_of_repeated_modes_hold_for_both():
+    """Softer and stiffer legs part the pair; drawn legs stay within."""
+    elastic, rng = load("stewart-simscape"), np.random.default_rng(3)
+    found = modes(elastic)
+    band = intervals(found, Tolerances(stiffness=0.02))
+    assert band.deviations[0] == pytest.approx(band.deviations[1])
+    drawn = np.array([
+        modes(elastic.with_springs(20e6 * (1 + 0.02 * rng.normal(size=6)))).frequencies
+        for _ in range(400)
+    ])  # fmt: skip
+    sd = np.sqrt(((drawn - found.frequencies) ** 2).mean(axis=0))
+    assert (sd < 1.1 * band.deviations).all()
+    assert (sd > 0.5 * band.deviations).all()
+    alone = [2, 5]
+    assert sd[alone] == pytest.approx(band.deviations[alone], rel=0.1)
+    legs = np.diag((0.02 / 20e6) ** 2 * np.ones(6))
+    same = intervals(found, compliance_covariance=legs)
+    assert same.deviations == pytest.approx(band.deviations)
+
+
+def test_measured_springs_give_intervals_by_themselves(tmp_path):
+    """Covariances in the file, also of a tie, against differences of the modes."""
+    names = ["shoulder_lift_joint", "elbow_joint"]
+    tied = [["wrist_1_joint"] * 2 + [1.0], ["wrist_2_joint"] * 2 + [1.0]]
+    compliances = [*({"name": n, "value": 1e-5} for n in names),
+                   {"name": "wrists", "value": 1e-4, "elements": tied}]  # fmt: skip
+    roots = np.array([[1e-6, 0.0, 0.0], [4e-7, 8e-7, 0.0], [3e-6, -2e-6, 5e-6]])
+    springs = {n: {"stiffness": 1e5} for n in load("ur5").names}
+    springs |= {n: {"stiffness": 1e4} for n in ("wrist_1_joint", "wrist_2_joint")}
+    file = write_file(
+        tmp_path, "measured", kind="serial", model="ur5", springs=springs,
+        identified={"compliances": compliances, "covariance": (roots @ roots.T).tolist(),
+                    "degrees": 20.0, "level": 0.9},
+    )  # fmt: skip
+    arm, W = load(file), [0.0, 20.0, 0.0, 0.0, 300.0, -500.0]
+    band = intervals(modes(arm, wrench=W))
+    variance = sum(
+        (n.per * (modes(n.more, wrench=W).frequencies - modes(n.less, wrench=W).frequencies)) ** 2
+        for n in neighbours(arm)
+    )
+    assert band.deviations == pytest.approx(np.sqrt(variance), rel=1e-5)
+    assert (band.high - band.low) / 2 == pytest.approx(1.724718 * band.deviations, rel=1e-6)
+    told = json.loads(run(str(file), "--json"))["intervals"]
+    assert told["level"] == 0.9
 
 
 def test_shortcuts():

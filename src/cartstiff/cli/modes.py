@@ -54,7 +54,8 @@ _options = option_group(
     option(
         "--tolerance", type=Numbers("REL[,LENGTH[,ANGLE]]", 1, 2, 3),
         help="Standard deviations: relative of every spring stiffness, absolute of every length "
-        "and rotation (rad) of the geometry; gives an interval for each frequency.",
+        "and rotation (rad) of the geometry; gives an interval for each frequency, as measured "
+        "springs do by themselves.",
     ),
     option(
         "--response", metavar="LOW:HIGH[:COUNT]",
@@ -216,17 +217,18 @@ def _more(
             raise error.at("--compare") from None
         data["compare"] = [shortcut.as_dict() for shortcut in shortcuts]
         lines += describe_comparison(shortcuts)
-    if wanted or tolerance is not None:
+    measured = found.elastic.identified is not None
+    if wanted or tolerance is not None or measured:
         from cartstiff.analysis.tolerances import Tolerances
         from cartstiff.vibration.sensitivities import intervals
         from cartstiff.vibration.sensitivities import sensitivities as derivatives
 
-        known = derivatives(found)
+        known = derivatives(found, geometry=wanted or tolerance is not None)
         if wanted:
             data["sensitivities"] = known.as_dict()
-            lines += describe_sensitivities(known)
-        if tolerance is not None:
-            band = intervals(found, Tolerances(*tolerance), given=known)
+            lines += describe_sensitivities(known, found.elastic.units)
+        if tolerance is not None or measured:
+            band = intervals(found, Tolerances(*(tolerance or ())), given=known)
             data["intervals"] = band.as_dict()
             lines += describe_intervals(found, band)
     return lines

@@ -341,7 +341,7 @@ def json_schema(command: str = "analyse") -> dict[str, Any]:
             "unloaded": {"description": "the same without the load, where one is given"},
             "compare": {"description": "with --compare: frequencies of 6x6 matrices at the tip"},
             "sensitivities": {"description": "with --sensitivities: Hz per unit"},
-            "intervals": {"description": "with --tolerance"},
+            "intervals": {"description": "with --tolerance, or of measured springs"},
             "impedance": {"description": "with --impedance: a controller's gains and layouts"},
             "response": {"description": "with --response: curves as [real, imaginary]"},
             "lobes": {"description": "with --lobes: limiting depths by speed, by two theories"},

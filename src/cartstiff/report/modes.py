@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.arrays import csv_text
 from cartstiff.errors import joined
-from cartstiff.mechanisms.contract import Units
+from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.report.layout import note_lines, number, percent, table, vector
 from cartstiff.stiffness.tensor import format_matrix
 from cartstiff.vibration.chatter import Lobes
@@ -177,14 +177,16 @@ def _worst(errors: np.ndarray | None) -> str:
 _ROWS = 20
 
 
-def describe_sensitivities(known: Sensitivities) -> list[str]:
+def describe_sensitivities(known: Sensitivities, units: Units) -> list[str]:
     """Change of each frequency for one per cent of each stiffness and mass, a mm of each length."""
     small = {"rx", "ry", "rz"}
+    millimetre, _ = convert_length(Units("mm"), units)
     rows = []
     for name, row, relative in zip(known.names, known.frequencies, known.relative, strict=True):
         geometry = name.partition(".")[0] not in ("stiffness", "mass")
-        unit = "per mrad" if name.rsplit(".", 1)[1] in small else "per 0.001 length"
-        shown = 1e-3 * row if geometry else relative
+        turns = name.rsplit(".", 1)[1] in small
+        unit = "per mrad" if turns else "per mm"
+        shown = (1e-3 if turns else millimetre) * row if geometry else relative
         rows.append((name, unit if geometry else "per 1 %", shown))
     rows.sort(key=lambda entry: -float(np.nanmax(np.abs(entry[2]), initial=0.0)))
     count = rows[0][2].size if rows else 0

@@ -6,6 +6,7 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.beams import Beam
@@ -55,7 +56,7 @@ def notes_on_masses(elastic: ElasticMechanism) -> list[Note]:
     for potential in elastic.potentials:
         if isinstance(potential, Beam):
             notes.append(_on_beam(potential))
-    return notes + _absurd(mechanism, bodies)
+    return notes + _absurd(mechanism, bodies, 1.0 / convert_length(Units(), elastic.units)[0])
 
 
 def _on_beam(beam: Beam) -> Note:
@@ -74,11 +75,11 @@ def _on_beam(beam: Beam) -> Note:
     return Note("beam-massless", words, values)
 
 
-def _absurd(chain: Chain, bodies: dict[str, object]) -> list[Note]:
-    """Masses and inertias that no such machine has."""
+def _absurd(chain: Chain, bodies: dict[str, object], metres: float) -> list[Note]:
+    """Masses and inertias that no such machine has; its unit of length is so many metres."""
     model = chain.tree.model
     steps = [float(np.linalg.norm(T.translation)) for T in list(model.jointPlacements)[1:]]
-    size = sum(steps) + float(np.linalg.norm(chain.body.T_j_f[:3, 3]))
+    size = metres * (sum(steps) + float(np.linalg.norm(chain.body.T_j_f[:3, 3])))
     total = sum(float(body.mass) for body in list(model.inertias)[1:])
     if not (size > 0.0 and total > 0.0):
         return []
@@ -97,7 +98,7 @@ def _absurd(chain: Chain, bodies: dict[str, object]) -> list[Note]:
             continue
         moments = np.linalg.eigvalsh(np.array(body.inertia))  # type: ignore[attr-defined]
         values = {"link": name, "mass": mass, "moments": moments.tolist()}
-        radius = float(np.sqrt(max(moments[2], 0.0) / mass))
+        radius = metres * float(np.sqrt(max(moments[2], 0.0) / mass))
         if radius > size:
             words = (
                 f"the inertia of {name!r} belongs to a body of {radius:.4g} m, larger than the "

@@ -11,8 +11,7 @@ modes it is the eigenvalues of that form on the subspace, in their order.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +25,8 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain, ChainPosture
 from cartstiff.mechanisms.contract import Units, convert_length
+from cartstiff.mechanisms.elements import CompliancePattern, Elements
+from cartstiff.mechanisms.identified import Identified
 from cartstiff.mechanisms.platform import Platform, PlatformPosture
 from cartstiff.mechanisms.tree import Placement
 from cartstiff.potentials.line_springs import LineSprings
@@ -152,10 +153,29 @@ def sensitivities(found: Modes, *, geometry: bool = True) -> Sensitivities:
             names, values = [*names, name], [*values, entry.nominal]
             rows.append(change)
     squares = np.array(rows).reshape(len(names), -1)
+    return Sensitivities(tuple(names), np.array(values), squares, _hertz(found, squares), left_out)
+
+
+def _hertz(found: Modes, squares: Array) -> Array:
+    """Changes (p, k) in Hz of those of omega^2; NaN where f is 0 or does not exist."""
     with np.errstate(divide="ignore", invalid="ignore"):
         f = found.frequencies
-        hertz = np.where(f > 0.0, squares / (8 * np.pi**2 * f), np.nan)
-    return Sensitivities(tuple(names), np.array(values), squares, hertz, left_out)
+        return np.where(f > 0.0, squares / (8 * np.pi**2 * f), np.nan)
+
+
+def _by_compliance(found: Modes, measured: Identified) -> Array:
+    """d(omega^2) (P, k) for a standard deviation along each axis of the compliances' covariance."""
+    elements = Elements(found.elastic)
+    forces = elements.stiffness @ elements.rows(found.posture)
+    nothing, closure = np.zeros_like(found.full_mass), found.posture.closure
+    still = None if closure is None else np.zeros_like(closure.jacobian)
+    variances, axes = np.linalg.eigh(measured.covariance)
+    roots = axes * np.sqrt(np.maximum(variances, 0.0))
+    rows = [
+        _derivative(found, -forces.T @ S @ forces, nothing, still)
+        for S in np.tensordot(roots.T, elements.patterns(measured.patterns), axes=1)
+    ]
+    return np.array(rows).reshape(len(rows), found.frequencies.size)
 
 
 def _is_angle(name: str) -> bool:
@@ -286,10 +306,14 @@ def intervals(
     *,
     compliance_covariance: ArrayLike | None = None,
     joints: tuple[str, ...] | None = None,
-    level: float = 0.95,
+    level: float | None = None,
     given: Sensitivities | None = None,
 ) -> FrequencyInterval:
     """Intervals of the frequencies from tolerances, and from the covariance of identified springs.
+
+    A compliance with pattern S on the elements B changes the stiffness by ``-B^T K S K B``. Modes
+    with one frequency part under any change: each of them gets the variances of all, which bound
+    ``tr F^2`` of the form F that parts them.
 
     Parameters
     ----------
@@ -299,11 +323,12 @@ def intervals(
         Standard deviations of stiffnesses (relative), lengths and angles. Where compliances are
         identified that of the stiffness is for the other springs.
     compliance_covariance : array_like, shape (j, j), optional
-        Covariance of the joints' compliances (``1/k``), as ``cartstiff identify`` gives it.
+        Covariance of the joints' compliances (``1/k``), as ``cartstiff identify`` gives it; default
+        what the mechanism's file says of its measured springs.
     joints : tuple of str, optional
         Their names; default all springs, in order.
-    level : float
-        Probability between 0 and 1.
+    level : float, optional
+        Probability between 0 and 1; default that of the measured springs, else 0.95.
     given : Sensitivities, optional
         Where they are known.
 
@@ -312,35 +337,33 @@ def intervals(
     InputError
         For a covariance of another shape, unknown joints or a level outside (0, 1).
     """
-    if not 0.0 < level < 1.0:
-        raise InputError("level cannot be used", expected="between 0 and 1", got=level)
-    from scipy.stats import norm
-
-    t = tolerances or Tolerances()
-    known = sensitivities(found, geometry=bool(t.length or t.angle)) if given is None else given
-    variance = np.zeros(found.frequencies.size)
-    identified: Mapping[str, int] = {}
+    measured = found.elastic.identified
     if compliance_covariance is not None:
         names = found.elastic.spring_names if joints is None else joints
-        identified = {f"stiffness.{name}": i for i, name in enumerate(names)}
-        unknown = [n for n in identified if n not in known.names]
-        if unknown:
-            raise InputError("identified springs are not among the mechanism's", got=unknown[0])
+        patterns = tuple(CompliancePattern(name, ((name, name, 1.0),)) for name in names)
         C = checked_array(compliance_covariance, (len(names),) * 2, "covariance of compliances")
-        rows = [known.names.index(name) for name in identified]
-        by_compliance = -known.frequencies[rows] * known.values[rows][:, None] ** 2
-        variance += np.einsum("ik,ij,jk->k", by_compliance, C, by_compliance)
+        measured = Identified(patterns, np.zeros(len(names)), C)
+    measured = measured or Identified((), np.zeros(0), np.zeros((0, 0)))
+    measured = measured if level is None else replace(measured, level=level)
+    if not 0.0 < measured.level < 1.0:
+        raise InputError("level cannot be used", expected="between 0 and 1", got=measured.level)
+    t = tolerances or Tolerances()
+    known = sensitivities(found, geometry=bool(t.length or t.angle)) if given is None else given
+    variance = (_hertz(found, _by_compliance(found, measured)) ** 2).sum(axis=0)
+    found_out = {name for p in measured.patterns for a, b, _ in p.entries for name in (a, b)}
     for name, value, row in zip(known.names, known.values, known.frequencies, strict=True):
         group = name.partition(".")[0]
         if group == "stiffness":
-            deviation = 0.0 if name in identified else t.stiffness * value
+            deviation = 0.0 if name.partition(".")[2] in found_out else t.stiffness * value
         elif group == "mass":
             deviation = 0.0
         else:
             deviation = t.angle if _is_angle(name) else t.length
         variance += (row * deviation) ** 2
+    for alike in found.groups:
+        variance[alike] = variance[alike].sum()
     deviations = np.sqrt(variance)
-    reach = float(norm.ppf(0.5 + 0.5 * level)) * deviations
+    reach = measured.factor * deviations
     return FrequencyInterval(
-        deviations, found.frequencies - reach, found.frequencies + reach, level
+        deviations, found.frequencies - reach, found.frequencies + reach, measured.level
     )
