@@ -151,14 +151,16 @@ def _carried(model: pin.Model, link: int) -> frozenset[int]:
 
 
 def masses_by_side(
-    model: pin.Model, joint: int, side: Callable[[int, int], Place], near: Place
+    model: pin.Model, joint: int, side: Callable[[int, int], Place], near: Place, is_soft: bool
 ) -> list[tuple[Place, Any]]:
     """What is fixed to a joint as (place, inertia): on its own side, and beyond each spring.
 
-    ``side(frame, joint)`` tells where a frame hangs.
+    ``side(frame, joint)`` tells where a frame hangs; without a spring (`is_soft`) all on one side.
     """
     # Pinocchio keeps the masses of fixed links with their frames, that of the moved link does not.
     own = model.inertias[joint]
+    if not is_soft:
+        return [(near, own)]
     beyond: list[tuple[Place, Any]] = []
     for k, frame in enumerate(model.frames):
         if int(frame.parentJoint) == joint and frame.inertia.mass > 0:

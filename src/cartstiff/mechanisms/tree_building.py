@@ -214,12 +214,7 @@ def plain_tree(
                     carry(joint, T_j, give.half(1.0) if k < count else None)
             place = joint, se3.inverse(give.end)
             beyond.setdefault(i, []).append((spring.carried, place))
-        apart = (
-            masses_by_side(model, i, side, near[i])
-            if i in beyond
-            else [(near[i], model.inertias[i])]
-        )
-        for (joint, T_j), inertia in apart:
+        for (joint, T_j), inertia in masses_by_side(model, i, side, near[i], i in beyond):
             if joint > 0 and inertia.mass > 0:
                 plain.appendBodyToJoint(joint, inertia, pin.SE3(T_j))
 
@@ -374,11 +369,8 @@ def _planar(name: str, axis: Array) -> list[tuple[str, str, Any, Array]]:
 def _set_position(model: pin.Model, index: int, value: float, q: Array) -> None:
     joint = model.joints[index]
     if joint.nv != 1:
-        raise InputError(
-            f"joint {model.names[index]!r} cannot be locked at one number",
-            expected="a joint with one coordinate",
-            got=joint.shortname(),
-        )
+        raise InputError(f"joint {model.names[index]!r} cannot be locked at one number",
+                         expected="a joint with one coordinate", got=joint.shortname())  # fmt: skip
     if joint.nq == 2:
         q[joint.idx_q : joint.idx_q + 2] = np.cos(value), np.sin(value)
     else:
