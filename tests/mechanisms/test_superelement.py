@@ -30,20 +30,37 @@ def _element(length):
     return K
 
 
-@pytest.fixture(scope="module")
-def matrix():
-    K = np.zeros((24, 24))
-    for i, length in enumerate(np.diff(NODES[:, 0])):
+def beam_matrix(places):
+    """Of a beam along x with nodes at some places."""
+    K = np.zeros((6 * len(places),) * 2)
+    for i, length in enumerate(np.diff(places)):
         K[6 * i : 6 * i + 12, 6 * i : 6 * i + 12] += _element(length)
     return K
+
+
+@pytest.fixture(scope="module")
+def matrix():
+    return beam_matrix(NODES[:, 0])
 
 
 def test_spring_of_a_beam_is_the_beam(matrix, tmp_path):
     section = {"E": E, "G": G, "length": 0.6, "area": AREA, "Iy": IY, "Iz": IZ, "J": J}
     spring = superelement_spring(matrix, NODES)
     found = []
+    np.savetxt(tmp_path / "K.txt", matrix, delimiter=",", header="a comment")
+    turned = np.kron(np.eye(8), Rotation.from_euler("z", -90, degrees=True).as_matrix())
+    np.savetxt(tmp_path / "turned.txt", turned @ matrix @ turned.T)
+    upright = NODES @ Rotation.from_euler("z", 90, degrees=True).as_matrix()
     for name, give in (
         ("beam", {"beam": section}),
+        ("file", {"superelement": {"K": "K.txt", "nodes": NODES.tolist()}}),
+        (
+            "turned",
+            {
+                "superelement": {"K": "turned.txt", "nodes": upright.tolist()},
+                "offset": {"rpy": [0, 0, np.pi / 2]},
+            },
+        ),
         ("spring", {"stiffness": spring.tolist(), "offset": {"xyz": [0.6, 0, 0]}}),
     ):
         end = joint("end", "bar", "tool", kind="fixed", at=(0.6, 0.1, 0))
@@ -51,8 +68,37 @@ def test_spring_of_a_beam_is_the_beam(matrix, tmp_path):
         path = write_file(tmp_path, name, kind="serial", model=f"{name}.urdf", frame="tool",
                           flexible={"bar": give})  # fmt: skip
         found.append(analyse(load(path)).B.matrix)
-    size = np.sqrt(np.outer(np.diag(found[1]), np.diag(found[1])))
-    assert np.abs((found[0] - found[1]) / size).max() <= ROUNDING
+    size = np.sqrt(np.outer(np.diag(found[0]), np.diag(found[0])))
+    for other in found[1:]:
+        assert np.abs((found[0] - other) / size).max() <= ROUNDING
+
+
+@pytest.mark.parametrize(
+    ("text", "change", "match"),
+    [
+        (None, {}, r"K\.txt.*cannot be read"),
+        ("1 2\n3 x\n", {}, "no matrix of numbers"),
+        ("1 2\n3\n", {}, "no matrix of numbers"),
+        ("1 0\n0 1\n", {}, "stiffness of the superelement"),
+        ("good", {"nodes": (1e3 * NODES).tolist()}, "resists a motion as a whole"),
+        ("good", {"base": 4}, "no such node: base"),
+        ("good", {"tip": 0}, "the same node"),
+        ("good", {"order": "angular"}, "order"),
+    ],
+)
+def test_files_that_are_refused(text, change, match, matrix, tmp_path):
+    if text == "good":
+        np.savetxt(tmp_path / "K.txt", matrix)
+    elif text is not None:
+        (tmp_path / "K.txt").write_text(text)
+    write_urdf(tmp_path, joint("turn", "base", "bar"), name="arm")
+    give = {"superelement": {"K": "K.txt", "nodes": NODES.tolist()} | change}
+    path = write_file(tmp_path, "arm", kind="serial", model="arm.urdf", frame="bar",
+                      flexible={"bar": give})  # fmt: skip
+    with pytest.raises(InputError, match=match) as error:
+        load(path)
+    assert "\n" not in str(error.value)
+    assert "arm.yaml" in str(error.value)
 
 
 def test_other_orders_nodes_and_axes(matrix):

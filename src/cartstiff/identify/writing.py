@@ -15,6 +15,7 @@ from cartstiff.arrays import Array
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry import se3
 from cartstiff.loading.catalogue import bundled
+from cartstiff.loading.keys.springs import FlexibleModel
 from cartstiff.loading.mechanism_file import place_of
 from cartstiff.loading.shorthand.parameters import with_parameters
 from cartstiff.loading.yaml_file import read_yaml
@@ -159,6 +160,10 @@ def _data(result: Identification, mechanism: str, frame: str | None, to: Path) -
             data["frame"] = frame
             data.pop("offset", None)
         for holder in (data, *(data["legs"] if data["kind"] == "parallel" else ())):
+            for link, entry in holder.get("flexible", {}).items():
+                if "superelement" in entry:  # its numbers are written, not its file
+                    spring = FlexibleModel.model_validate(entry, context={"folder": path.parent})
+                    holder["flexible"][link] = spring.model_dump(include={"stiffness", "offset"})
             model = holder.get("model")
             if isinstance(model, str) and not Path(model).expanduser().is_absolute():
                 beside = path.parent / model

@@ -44,7 +44,7 @@ def checked_file(
     try:
         if data.get("kind") == "stewart-gough":
             data = _with_layout(data, lines, path)
-        file = _of_its_kind(data)
+        file = _of_its_kind(data, path.parent)
     except ValidationError as error:
         raise first_error(error, data, lines, path) from None
     except RecursionError:
@@ -54,7 +54,7 @@ def checked_file(
     return file, parameters
 
 
-def _of_its_kind(data: dict[str, Any]) -> Any:
+def _of_its_kind(data: dict[str, Any], folder: Path) -> Any:
     """The model of a file. Others than its own are built for a message only, which tells the kind.
 
     Raises
@@ -62,14 +62,14 @@ def _of_its_kind(data: dict[str, Any]) -> Any:
     ValidationError
         If anything is wrong.
     """
-    kind = data.get("kind")
+    kind, context = data.get("kind"), {"folder": folder}
     model = MODELS.get(kind) if isinstance(kind, str) else None
     if model is not None:
         try:
-            return model.model_validate(data)
+            return model.model_validate(data, context=context)
         except ValidationError:
             pass
-    return ADAPTER.validate_python(data)
+    return ADAPTER.validate_python(data, context=context)
 
 
 def _with_layout(data: dict[str, Any], lines: Lines, path: Path) -> dict[str, Any]:

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Literal
 
-from pydantic import Field, WrapValidator, model_validator
+import numpy as np
+from pydantic import Field, ValidationInfo, WrapValidator, model_validator
 
+from cartstiff.errors import InputError, one_line
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
 from cartstiff.loading.keys.words import (
     FileModel,
+    FileName,
     Flag,
     NotNegative,
     Number,
@@ -17,12 +23,20 @@ from cartstiff.loading.keys.words import (
     Positive,
     Text,
     Vector,
+    Vectors,
     only_one,
+    pose_of,
 )
+from cartstiff.loading.yaml_file import read_text
+from cartstiff.mechanisms.superelement import superelement_spring
 
-__all__ = ["BeamModel", "FlexibleModel", "JointSpringModel", "LineModel"]
+__all__ = [
+    "BeamModel", "FlexibleModel", "JointSpringModel", "LineModel", "SuperelementModel",
+]  # fmt: skip
 
 _RIGID = ("rigid", math.inf)
+#: Bytes of a superelement's text: two hundred nodes with all digits.
+_LARGEST_MATRIX = 64 * 1024 * 1024
 
 
 class JointSpringModel(FileModel):
@@ -83,21 +97,68 @@ class BeamModel(FileModel):
     )
 
 
+class SuperelementModel(FileModel):
+    """A link's stiffness matrix from a finite-element program, reduced to a few nodes."""
+
+    K: FileName = Field(
+        description="text file, relative to this one: 6 N rows of 6 N numbers, forces per "
+        "displacement of the free body"
+    )
+    nodes: Vectors = Field(description="the N nodes, in the link's frame (moved by `offset`)")
+    base: int = Field(
+        default=0, strict=True,
+        description="index, from 0, of the node that is fixed to the link's near side",
+    )  # fmt: skip
+    tip: int = Field(
+        default=-1, strict=True,
+        description="index of the node that carries what is beyond; -1 is the last",
+    )  # fmt: skip
+    order: Literal["linear-angular", "angular-linear"] = Field(
+        default="linear-angular", description="of each node's six rows"
+    )
+
+    def spring(self, folder: Path) -> tuple[Array, list[float]]:
+        """The 6x6 spring at the tip, the other nodes left free, and where it stands."""
+        path = folder / Path(self.K).expanduser()
+        text = read_text(path, _LARGEST_MATRIX)
+        try:
+            rows = np.loadtxt(text.replace(",", " ").replace(";", " ").splitlines(), ndmin=2)
+        except ValueError:
+            raise InputError(
+                "is no matrix of numbers", where=one_line(str(path)),
+                expected="rows of numbers between blanks or commas",
+            ) from None  # fmt: skip
+        K = superelement_spring(rows, self.nodes, base=self.base, tip=self.tip, order=self.order)
+        return K, self.nodes[self.tip]
+
+
 class FlexibleModel(FileModel):
-    """A link that gives: a 6x6 spring (order angular-linear) or a beam, at the link's frame."""
+    """A link that gives: a 6x6 spring (order angular-linear), a beam, or a superelement."""
 
     stiffness: list[Annotated[list[Number], Field(min_length=6, max_length=6)]] | None = Field(
         default=None, min_length=6, max_length=6
     )
     beam: BeamModel | None = None
+    superelement: SuperelementModel | None = None
     offset: PoseModel = Field(
         default=PoseModel(), description="place of the spring in the link's frame"
     )
 
     @model_validator(mode="after")
-    def _one(self) -> FlexibleModel:
-        only_one(self, "stiffness", "beam")
-        return self
+    def _one(self, info: ValidationInfo) -> FlexibleModel:
+        only_one(self, "stiffness", "beam", "superelement")
+        return self.as_spring((info.context or {}).get("folder", Path()))
+
+    def as_spring(self, folder: Path) -> FlexibleModel:
+        """The same with the 6x6 spring of its superelement, if it has one."""
+        if self.superelement is None:
+            return self
+        K, tip = self.superelement.spring(folder)
+        at = pose_of(self.offset) @ se3.pose(translation=tip)
+        offset = PoseModel(xyz=at[:3, 3].tolist(), rpy=self.offset.rpy)
+        return self.model_copy(
+            update={"stiffness": K.tolist(), "superelement": None, "offset": offset}
+        )
 
 
 class LineModel(FileModel):
