@@ -35,6 +35,8 @@ PLATFORM = {
     "legs": {"stiffness": 1e5, "rest_length": 0.9},
 }
 BODY = {"mass": 4.0, "com": [0, 0, 0.1]}
+FLEXURE = {"axial": 1e6, "shear": 1e5, "bending": 30.0, "torsion": 50.0, "offset": 0.01}
+STRUT = {"axial": 1e5, "lower": FLEXURE, "upper": FLEXURE | {"bending": 90.0}}
 STRUTS = {"fixed": 0.3, "moving": 0.2, "fixed_com": 0.1, "moving_com": 0.2, "radius": 0.01}
 SPRINGS = PLATFORM | {"kind": "springs", "legs": {"stiffness": 1e5, "rest_length": 1.1}}
 POSTURE = dict(zip((f"j{i}" for i in range(1, 7)), (0.3, -1.1, 1.4, -0.7, 0.9, 0.2), strict=True))
@@ -212,6 +214,19 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
             {"legs": PLATFORM["legs"] | {"base_joints": {"axis": [0, 0, 1], "angle": 0.1}}},
         )
         for key, value in (("axis", [0, 1, 1]), ("angle", 0.2))
+    },
+    "LinesLegs.strut": (PLATFORM, ("legs",), {"strut": STRUT}, {}),
+    **{
+        f"StrutModel.{key}": (PLATFORM, ("legs", "strut", key), value, {"legs": {"strut": STRUT}})
+        for key, value in (
+            ("axial", 2e5), ("lower", STRUT["upper"]), ("upper", STRUT["lower"]),
+        )
+    },
+    **{
+        f"FlexureModel.{key}": (
+            PLATFORM, ("legs", "strut", "lower", key), 1.5 * value, {"legs": {"strut": STRUT}},
+        )
+        for key, value in FLEXURE.items()
     },
     "LinesLegs.limits": (PLATFORM, ("legs", "limits"), [[0.1, 0.2]] * 6, {}),
     "LineModel.frames": (ARM, ("lines", 0, "frames"), ["world", "fore"], TAUT),

@@ -112,7 +112,7 @@ PLATFORMS: dict[str, tuple[str, tuple[str, ...]]] = {
     "stiffness mapping": (changed("[10, 20, 30, 40, 50, 60]", "{leg1: 10}"), ("legs.stiffness",)),
     "stiffness missing": (
         changed("  stiffness: [10, 20, 30, 40, 50, 60]\n", ""),
-        ("line 23, key legs.stiffness", "'stiffness' is missing"),
+        ("line 23, key legs", "'stiffness' is missing"),
     ),
     "legs missing": (PLATFORM.partition(LEGS)[0], ("key legs", "'legs' is missing")),
     "legs is a list": (

@@ -31,6 +31,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elements import Elements
 from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.potentials.beams import Beam
+from cartstiff.potentials.flexure_struts import FlexureStruts
 from cartstiff.potentials.line_springs import LineSprings, second_derivative
 from cartstiff.potentials.springs import CoupledSprings, JointSprings
 from cartstiff.stiffness.compute import PostureStiffness
@@ -165,6 +166,8 @@ def _about_origin(point: Array, force: Array) -> Array:
 def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]:
     """Each joint's or leg's part, with its name and unit kind."""
     springs, posture = r.elastic.springs, r.posture
+    if isinstance(springs, FlexureStruts):
+        raise UndefinedError("flexures share the deflection with the legs", code="no-shares")
     if isinstance(posture, PlatformPosture) and isinstance(springs, LineSprings):
         k = np.where(springs.is_taut(posture.lines.lengths), springs.stiffness, 0.0)
         legs = spring_shares(posture.lines.lines @ whole.twist, k, whole)
@@ -242,6 +245,8 @@ def target_section(r: PostureStiffness, target: ArrayLike) -> dict[str, Any]:
         gradient, hessian = gradient + g, hessian + h
     if isinstance(posture, PlatformPosture) and isinstance(springs, LineSprings):
         J = r.jacobian
+        if isinstance(springs, FlexureStruts):
+            J = None
         if J is None or len(posture.lines.lengths) != 6:
             raise UndefinedError(
                 "leg stiffnesses follow from a stiffness only for six independent legs",

@@ -28,6 +28,7 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements
 from cartstiff.mechanisms.platform import Platform, PlatformPosture
+from cartstiff.potentials.flexure_struts import ideal_joints_only
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.stiffness.compute import PostureStiffness, analyse
@@ -91,6 +92,7 @@ class Parameters:
         "platform.<leg>.x" to ".z" for platforms. Rotations are nominally zero.
         """
         elastic, t = self.result.elastic, self.tolerances
+        ideal_joints_only(elastic.springs, "tolerances")
         found: dict[str, Tolerance] = {}
         if t.stiffness > 0 and elastic.springs is not None:
             laws = elastic.springs.laws if isinstance(elastic.springs, JointSprings) else {}

@@ -354,13 +354,13 @@ def roll_pitch_yaw(T: ArrayLike) -> Array:
 def chain_curvature(jacobian: ArrayLike, wrench: ArrayLike) -> Array:
     """``S[a, b] = 1/2 w . [J_a, J_b]`` for a before b, symmetric: the curvature of a chain.
 
-    Columns of the body Jacobian (6, n) stand in the order of the joints from base to end, each
+    Columns of the body Jacobian (..., 6, n) stand in the order of the joints from base to end, each
     with one coordinate and a constant axis; then d J_a / d q_b = [J_a, J_b] for b after a, and
     S is the second derivative of w . log(pose) at the posture.
     """
     J = real_array(jacobian)
-    upper = (J.T @ bracket_form(wrench) @ J) * _half_strictly_upper(J.shape[1])
-    S: Array = upper + upper.T
+    upper = (J.swapaxes(-1, -2) @ bracket_form(wrench) @ J) * _half_strictly_upper(J.shape[-1])
+    S: Array = upper + upper.swapaxes(-1, -2)
     return S
 
 

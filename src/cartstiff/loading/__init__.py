@@ -340,8 +340,8 @@ def hexapod(
     cubic : mapping, optional
         ``edge`` or ``size`` of a cube, and its ``centre``.
     legs : float or mapping
-        The stiffness of every leg, or the file's key: ``stiffness``, ``rest_length``, ``preload``,
-        ``limits``, ``mass``, ``damping``.
+        The stiffness of every leg, or the file's key: ``stiffness`` or ``strut``, ``rest_length``,
+        ``preload``, ``limits``, ``mass``, ``damping``.
     name : str
         For people.
     **keys

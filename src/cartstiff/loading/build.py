@@ -40,6 +40,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.struts import Struts
 from cartstiff.mechanisms.tree_building import merged
+from cartstiff.potentials.flexure_struts import Flexure, FlexureStruts
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
 
 __all__ = ["build_platform", "build_serial", "serial_of", "with_given"]
@@ -154,20 +155,8 @@ def build_platform(file: PlatformFile | SpringsFile, where: str, name: str) -> E
         ) from None
     if platform.struts is not None:
         _check_bars(platform.struts, geometry.lengths, where)
-    stiffness = _per_leg(file.legs.stiffness, m, "stiffness", where)
-    rest = _per_leg(file.legs.rest_length, m, "rest_length", where)
-    preload = _per_leg(file.legs.preload, m, "preload", where)
-    if stiffness is None:  # the schema requires it
-        raise InputError("legs have no stiffness", where=where)
-    if preload is not None:
-        rest = geometry.lengths - preload / stiffness
-    springs = LineSprings(
-        anchors=platform.anchors,
-        points=platform.points,
-        stiffness=stiffness,
-        rest_length=np.full(m, np.nan) if rest is None else rest,
-        unilateral=isinstance(file, SpringsFile) and file.unilateral,
-    )
+    springs = _legs(file, platform, T_F_M, geometry.lengths, where)
+    rest = None if np.isnan(springs.rest_length).all() else springs.rest_length
     q = np.concatenate([file.pose.xyz, file.pose.rpy])
     dampers = _per_leg(file.legs.damping, m, "damping", where)
     damping = dampers if dampers is not None and dampers.any() else None
@@ -180,6 +169,37 @@ def build_platform(file: PlatformFile | SpringsFile, where: str, name: str) -> E
         )
     elastic = ElasticMechanism(name, platform, q, springs, notes=tuple(notes), damping=damping)
     return elastic.with_gravity(file.gravity, where=f"{where}, key gravity")
+
+
+def _legs(
+    file: PlatformFile | SpringsFile, platform: Platform, T_F_M: Array, lengths: Array, where: str
+) -> LineSprings:
+    """Springs of the legs: lines, or struts between flexures."""
+    legs, m = file.legs, len(lengths)
+    strut = legs.strut
+    value, key = (legs.stiffness, "stiffness") if strut is None else (strut.axial, "strut.axial")
+    stiffness = _per_leg(value, m, key, where)
+    rest = _per_leg(legs.rest_length, m, "rest_length", where)
+    preload = _per_leg(legs.preload, m, "preload", where)
+    if stiffness is None:  # the schema requires it
+        raise InputError("legs have no stiffness", where=where)
+    rests = np.full(m, np.nan) if rest is None else rest
+    if strut is None:
+        springs = LineSprings(
+            anchors=platform.anchors, points=platform.points, stiffness=stiffness,
+            rest_length=rests, unilateral=isinstance(file, SpringsFile) and file.unilateral,
+        )  # fmt: skip
+    else:
+        lower, upper = (
+            Flexure(e.axial, e.shear, e.bending, e.torsion, e.offset)
+            for e in (strut.lower, strut.upper)
+        )
+        springs = FlexureStruts.between(
+            platform.anchors, platform.points, T_F_M, stiffness, lower, upper, rests
+        )
+    if preload is None:
+        return springs
+    return springs.replaced(springs.stiffness, lengths - preload / springs.stiffness)
 
 
 def _body(file: PlatformFile | SpringsFile, T_P_M: Array, where: str) -> tuple[float, Array, Array]:

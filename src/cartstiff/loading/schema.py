@@ -117,6 +117,12 @@ class SpringsFile(_File):
     legs: LinesLegs
     unilateral: Flag = Field(default=False, description="cables: they cannot push")
 
+    @model_validator(mode="after")
+    def _pull(self) -> SpringsFile:
+        if self.unilateral and self.legs.strut is not None:
+            raise ValueError("struts can push: unilateral is for cables")
+        return self
+
 
 class LegModel(_Robot):
     """One chain of a parallel mechanism, from the ground to the body."""

@@ -12,6 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from cartstiff import numerics
+from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.arithmetic import ENGINE, PLAIN, shared_inputs
 from cartstiff.many.chain_arithmetic import ChainCase, chain_arrays
@@ -24,6 +25,7 @@ from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.contract import Potential
+from cartstiff.potentials.flexure_struts import FlexureStruts
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.loads import DeadForce
 from cartstiff.potentials.springs import CoupledSprings, JointSprings, SpringLaw
@@ -32,6 +34,8 @@ __all__ = ["Case", "Plan", "plan", "program_for"]
 
 Case = ChainCase | PlatformCase
 
+#: Postures whose struts are condensed at once: their matrices fit into the caches.
+_STACKED = 64
 #: Unsymmetric derivatives beyond this share of their largest entry are not those of an energy.
 _UNSYMMETRIC = numerics.ROUNDING
 
@@ -52,6 +56,8 @@ class Plan:
         Potentials that are evaluated posture by posture.
     laws : dict of int to SpringLaw
         Nonlinear joint springs.
+    struts : FlexureStruts, optional
+        A platform's, condensed in stacks.
     """
 
     case: Case
@@ -60,12 +66,15 @@ class Plan:
     elastic: ElasticMechanism
     loose: tuple[Potential, ...] = ()
     laws: Mapping[int, SpringLaw] = field(default_factory=dict)
+    struts: FlexureStruts | None = None
 
     def derivatives(self, q: Array) -> tuple[dict[str, Array], Array]:
         """Energies, gradients, Hessians of loose potentials and laws; verdicts on the postures."""
         N, n = q.shape
         energies, gradients = np.zeros((N, 1)), np.zeros((N, n))
         hessians, verdicts = np.zeros((N, n, n)), np.full(N, PLAIN)
+        if self.struts is not None:
+            self._add_struts(self.struts, q, energies, gradients, hessians, verdicts)
         for j, law in self.laws.items():
             rest = float(self.shared["rest"][0, j])
             for i, x in enumerate((q[:, j] - rest).tolist()):
@@ -93,10 +102,24 @@ class Plan:
         }  # fmt: skip
         return arrays, verdicts
 
+    def _add_struts(
+        self, struts: FlexureStruts, q: Array, energies: Array, gradients: Array, hessians: Array,
+        verdicts: Array,
+    ) -> None:  # fmt: skip
+        T_P_M = np.reshape(getattr(self.case, "T_P_M"), (4, 4))  # noqa: B009 - a platform's
+        poses = se3.from_roll_pitch_yaw(q[:, :3], q[:, 3:]) @ T_P_M
+        for start in range(0, len(q), _STACKED):
+            own = slice(start, start + _STACKED)
+            found = struts.many(poses[own])
+            energies[own, 0] += found.energy.sum(axis=1)
+            gradients[own] += found.wrench.sum(axis=1)
+            hessians[own] += found.stiffness.sum(axis=1)
+            verdicts[own] = np.where((found.is_found & found.is_stable).all(axis=1), PLAIN, ENGINE)
+
     @property
     def has_derivatives(self) -> bool:
         """Whether some of the energy is evaluated posture by posture."""
-        return bool(self.loose or self.laws)
+        return bool(self.loose or self.laws or self.struts)
 
 
 @lru_cache(maxsize=64)
@@ -248,6 +271,8 @@ def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> Plan | 
 
 def _platform_plan(elastic: ElasticMechanism, platform: Platform, wrench: str) -> Plan | str:
     springs = elastic.springs
+    if isinstance(springs, FlexureStruts):
+        return _strut_plan(elastic, platform, springs, wrench)
     if not isinstance(springs, LineSprings):
         return "a platform without line springs has no arithmetic of its own"
     m = len(springs.stiffness)
@@ -261,16 +286,7 @@ def _platform_plan(elastic: ElasticMechanism, platform: Platform, wrench: str) -
     is_open = np.isnan(springs.rest_length)
     if is_open.any() and not is_open.all():
         return "some rest lengths are given and others are found posture by posture"
-    forces, points, loose = [], [], []
-    if elastic.gravity is not None and platform.mass:
-        forces.append(platform.weight(elastic.gravity))
-        points.append(_numbers(platform.mass_centre))
-    for potential in elastic.potentials:
-        if type(potential) is DeadForce and potential.frame_b == "body":
-            forces.append(np.asarray(potential.force))
-            points.append(_numbers(np.asarray(potential.point)))
-        else:
-            loose.append(potential)
+    forces, points, loose = _forces(elastic, platform)
     if m < 6 and (wrench != "none" or (is_open.any() and (forces or loose))):
         return "whether fewer than six lines carry a load is seen posture by posture"
     case = PlatformCase(
@@ -296,3 +312,42 @@ def _platform_plan(elastic: ElasticMechanism, platform: Platform, wrench: str) -
                    "points": platform.points.reshape(1, -1),
                    "length": np.array([[float(platform.length)]])}  # fmt: skip
     return Plan(case, shared, "regular", elastic, tuple(loose))
+
+
+def _forces(
+    elastic: ElasticMechanism, platform: Platform
+) -> tuple[list[Array], list[tuple[float, ...]], list[Potential]]:
+    """Constant forces on the body, their points, and the other potentials."""
+    forces: list[Array] = []
+    points: list[tuple[float, ...]] = []
+    loose: list[Potential] = []
+    if elastic.gravity is not None and platform.mass:
+        forces.append(platform.weight(elastic.gravity))
+        points.append(_numbers(platform.mass_centre))
+    for potential in elastic.potentials:
+        if type(potential) is DeadForce and potential.frame_b == "body":
+            forces.append(np.asarray(potential.force))
+            points.append(_numbers(np.asarray(potential.point)))
+        else:
+            loose.append(potential)
+    return forces, points, loose
+
+
+def _strut_plan(
+    elastic: ElasticMechanism, platform: Platform, struts: FlexureStruts, wrench: str
+) -> Plan | str:
+    """Struts as derivatives that are given, beside lines that carry nothing."""
+    if (struts.frame_a, struts.frame_b) != ("world", "body"):
+        return "the struts are not the platform's own"
+    forces, points, loose = _forces(elastic, platform)
+    if wrench != "none" or (not struts.is_complete and (forces or loose)):
+        return "rest lengths of struts under a load are found posture by posture"
+    m = len(struts.stiffness)
+    case = PlatformCase(
+        _numbers(platform.anchors), _numbers(platform.points), _numbers(platform.T_P_M),
+        float(platform.length), points_of_forces=tuple(points), derivatives=True,
+    )  # fmt: skip
+    shared = {"stiffness": np.zeros((1, m)), "rest": np.zeros((1, m))}
+    if forces:
+        shared["forces"] = np.concatenate(forces)[None]
+    return Plan(case, shared, "regular", elastic, tuple(loose), struts=struts)

@@ -356,7 +356,7 @@ class ElasticMechanism(ShownInLines):
         k: list[Array] = []
         rest = np.zeros((6, 6))
         for term in self.terms():
-            held = isinstance(term, LineSprings) and (term.frame_a, term.frame_b)
+            held = type(term) is LineSprings and (term.frame_a, term.frame_b)
             if isinstance(term, LineSprings) and held == ("world", "body"):
                 first = sum(len(one) for one in k)
                 added = 0.0 if more is None else more[first : first + len(term.stiffness)]

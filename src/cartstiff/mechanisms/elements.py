@@ -21,6 +21,7 @@ from cartstiff.errors import UnknownNameError
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.beams import Beam
+from cartstiff.potentials.flexure_struts import ideal_joints_only
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
 from cartstiff.potentials.springs import CoupledSprings, JointSprings
 
@@ -72,6 +73,7 @@ class Elements:
         self._parts: list[tuple[int, Array, int]] = []
         coordinates = elastic.mechanism.coordinates
         springs = elastic.springs
+        ideal_joints_only(springs, "sensitivities to springs")
         if isinstance(springs, JointSprings):
             own = np.flatnonzero(~springs.is_passive)
             own = own[[j not in springs.laws and j not in springs.rigid for j in own]]

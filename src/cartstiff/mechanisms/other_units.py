@@ -64,7 +64,7 @@ def in_units(elastic: ElasticMechanism, length: str, shown_angle: str = "rad") -
     springs = elastic.springs
     if isinstance(springs, LineSprings):
         sizes_of_springs, efforts_of_springs = np.array([a]), np.array([1.0])
-        springs = _lines(springs, a)
+        springs = springs.scaled(a)
     else:
         sizes_of_springs, efforts_of_springs = sizes, efforts
         springs = None if springs is None else _joints(springs, sizes, efforts)
@@ -177,17 +177,9 @@ def _joints(springs: JointSprings, sizes: Array, efforts: Array) -> JointSprings
     )
 
 
-def _lines(lines: LineSprings, a: float) -> LineSprings:
-    at = lines.balanced_at
-    return replace(
-        lines, anchors=lines.anchors * a, points=lines.points * a, stiffness=lines.stiffness / a,
-        rest_length=lines.rest_length * a, balanced_at=None if at is None else (at[0] * a, at[1]),
-    )  # fmt: skip
-
-
 def _potential(potential: Potential, a: float, sizes: Array, efforts: Array) -> Potential:
     if isinstance(potential, LineSprings):
-        return _lines(potential, a)
+        return potential.scaled(a)
     if isinstance(potential, CoupledSprings):
         at = potential.indices
         return replace(potential, matrix=potential.matrix * efforts[at][:, None] / sizes[at])

@@ -24,6 +24,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.potentials.flexure_struts import ideal_joints_only
 from cartstiff.potentials.line_springs import LineSprings
 
 __all__ = ["Margins", "lines_at", "wrench_margins"]
@@ -110,6 +111,8 @@ class Margins:
         if self.forces is not None and platform.struts is not None and elastic.gravity is not None:
             raise InputError("force limits do not include the weight of the legs",
                              expected="no gravity, or no legs.mass")  # fmt: skip
+        if self.forces is not None:
+            ideal_joints_only(springs, "limits of forces")
         if m < 6 and self.forces is not None:
             raise InputError("the forces in fewer than six legs do not follow from a load", got=m)
         finite = [np.isfinite(bound) for bound in (self.limits.lower, self.limits.upper)]

@@ -29,6 +29,7 @@ from cartstiff.mechanisms.elements import CompliancePattern, Elements
 from cartstiff.mechanisms.identified import Identified
 from cartstiff.mechanisms.platform import Platform, PlatformPosture
 from cartstiff.mechanisms.tree import Placement
+from cartstiff.potentials.flexure_struts import ideal_joints_only
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.statics.small_motions import kinetic_matrix
 from cartstiff.stiffness.compute import PostureStiffness
@@ -233,6 +234,7 @@ def _stiffnesses(found: Modes) -> list[tuple[str, float, Array]]:
     entries: list[tuple[str, float, Array]] = []
     if springs is None:
         return entries
+    ideal_joints_only(springs, "sensitivities to springs")
     laws = getattr(springs, "laws", {})
     lines = posture.lines.lines if isinstance(posture, PlatformPosture) else None
     for i, name in enumerate(elastic.spring_names):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated
 
 from pydantic import Field, model_validator
 
 from cartstiff.loading.keys.words import (
+    RIGID,
     FileModel,
     NotNegative,
     Number,
@@ -18,7 +20,10 @@ from cartstiff.loading.keys.words import (
     only_one,
 )
 
-__all__ = ["BodyModel", "LegJointsModel", "LegMassModel", "LinesLegs", "PayloadModel"]
+__all__ = [
+    "BodyModel", "FlexureModel", "LegJointsModel", "LegMassModel", "LinesLegs", "PayloadModel",
+    "StrutModel",
+]  # fmt: skip
 
 
 class PayloadModel(FileModel):
@@ -68,10 +73,49 @@ class LegJointsModel(FileModel):
 _Lengths = Annotated[list[Positive], Field(min_length=2, max_length=2)]
 
 
+class FlexureModel(FileModel):
+    """A flexure joint of a strut: a spring, or none, for each of its six motions."""
+
+    axial: Annotated[Positive, RIGID] = Field(
+        default=math.inf, description="along the strut, force per length; default rigid"
+    )
+    shear: Annotated[Positive, RIGID] = Field(
+        default=math.inf, description="across the strut, force per length; default rigid"
+    )
+    bending: Annotated[NotNegative, RIGID] = Field(description="about axes across it, N m/rad")
+    torsion: Annotated[NotNegative, RIGID] = Field(description="about its axis, N m/rad; or rigid")
+    offset: NotNegative = Field(
+        default=0.0, description="from the leg's point to the flexure, along the strut"
+    )
+
+
+class StrutModel(FileModel):
+    """Legs as struts between flexure joints, straight with the platform at the file's pose."""
+
+    axial: Positive | Annotated[list[Positive], Field(min_length=1)] = Field(
+        description="stiffness along the strut without its flexures; one number or one per leg"
+    )
+    lower: FlexureModel = Field(description="at the base")
+    upper: FlexureModel = Field(description="at the platform")
+
+    @model_validator(mode="after")
+    def _stands(self) -> StrutModel:
+        if self.lower.torsion == self.upper.torsion == 0.0:
+            raise ValueError("the strut would spin: one of its flexures needs torsion above 0")
+        if self.lower.bending == math.inf and self.upper.bending == math.inf:
+            raise ValueError("one of the flexures must bend: both are rigid")
+        return self
+
+
 class LinesLegs(FileModel):
     """Springs in the legs; one number for all or one per leg."""
 
-    stiffness: Positive | Annotated[list[Positive], Field(min_length=1)]
+    stiffness: Positive | Annotated[list[Positive], Field(min_length=1)] | None = Field(
+        default=None, description="of legs between ideal joints, force per length"
+    )
+    strut: StrutModel | None = Field(
+        default=None, description="in place of stiffness: legs with flexure joints"
+    )
     rest_length: PerLeg | None = Field(default=None, description="length without tension")
     preload: Number | Annotated[list[Number], Field(min_length=1)] | None = Field(
         default=None, description="tension at the file's pose, instead of rest_length"
@@ -95,5 +139,8 @@ class LinesLegs(FileModel):
 
     @model_validator(mode="after")
     def _one(self) -> LinesLegs:
+        if self.stiffness is None and self.strut is None:
+            raise ValueError("key 'stiffness' is missing: give stiffness, or strut")
+        only_one(self, "stiffness", "strut")
         only_one(self, "rest_length", "preload", needed=False)
         return self

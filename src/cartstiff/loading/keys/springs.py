@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, ValidationInfo, WrapValidator, model_validator
+from pydantic import Field, ValidationInfo, model_validator
 
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.keys.words import (
+    RIGID,
     FileModel,
     FileName,
     Flag,
@@ -34,7 +35,6 @@ __all__ = [
     "BeamModel", "FlexibleModel", "JointSpringModel", "LineModel", "SuperelementModel",
 ]  # fmt: skip
 
-_RIGID = ("rigid", math.inf)
 #: Bytes of a superelement's text: two hundred nodes with all digits.
 _LARGEST_MATRIX = 64 * 1024 * 1024
 
@@ -44,7 +44,7 @@ class JointSpringModel(FileModel):
 
     stiffness: Annotated[
         NotNegative | None,
-        WrapValidator(lambda value, check: math.inf if value in _RIGID else check(value)),
+        RIGID,
     ] = Field(default=None, description="N m/rad, N/m for a prismatic joint; or rigid")
     polynomial: list[Number] | None = Field(
         default=None, min_length=1, max_length=20, description="torque c1 x + c2 x^2 + ..."

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, PlainValidator, WithJsonSchema
+from pydantic import BaseModel, ConfigDict, Field, PlainValidator, WithJsonSchema, WrapValidator
 from pydantic_core import PydanticCustomError
 
 from cartstiff.geometry import se3
@@ -13,8 +14,23 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.loading.yaml_file import LARGEST_NUMBER
 
 __all__ = [
-    "Argument", "FileModel", "FileName", "Flag", "NotNegative", "Number", "Pair", "PerLeg",
-    "PoseModel", "Positive", "Text", "UnitsModel", "Vector", "Vectors", "only_one", "pose_of",
+    "RIGID",
+    "Argument",
+    "FileModel",
+    "FileName",
+    "Flag",
+    "NotNegative",
+    "Number",
+    "Pair",
+    "PerLeg",
+    "PoseModel",
+    "Positive",
+    "Text",
+    "UnitsModel",
+    "Vector",
+    "Vectors",
+    "only_one",
+    "pose_of",
 ]  # fmt: skip
 
 _MOST = LARGEST_NUMBER
@@ -23,6 +39,12 @@ Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1 / _MOST
 NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=_MOST)]
 Text = Annotated[str, Field(strict=True, min_length=1, max_length=4000)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
+
+
+#: A number, or the word for one without end.
+RIGID = WrapValidator(
+    lambda value, check: math.inf if value in ("rigid", math.inf) else check(value)
+)
 
 
 class FileModel(BaseModel):

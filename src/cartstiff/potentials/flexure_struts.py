@@ -1,0 +1,349 @@
+r"""Struts between flexure joints, each condensed to a function of the body's pose.
+
+From the ground to the body: a flexure, a rigid bar that a spring (the actuator's) lets slide along
+its own line, a flexure. A flexure is three slides and three hinges about x, y, z in a row, z along
+the strut as it was made; each has a spring, or is rigid. With the coordinates q of one strut, their
+stiffnesses k, the pose T of its end and its body Jacobian J, energy is least at a held pose where
+
+    k (q - q_0) = J^T W,    T(q) = T_wanted,                                                   (1)
+
+W being what the strut takes from the body. Its stiffness there is a Schur complement,
+
+    K^B = (J H^-1 J^T)^-1,    H = diag k - S_W,    S_W[a, b] = 1/2 W . [J_a, J_b],             (2)
+
+a before b: the equation of `cartstiff.stiffness.reduction` for a redundant chain. H need not have
+an inverse: (2) is a block of that of ``[[H, -J^T], [J, 0]]``, the matrix of Newton's steps for (1).
+The strut has buckled where H is not positive on the motions that leave its end in place.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cartstiff import numerics
+from cartstiff.errors import InputError, UndefinedError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.potentials.contract import Posture
+from cartstiff.potentials.line_springs import LineSprings
+
+__all__ = ["Flexure", "FlexureStruts", "Struck", "ideal_joints_only"]
+
+_SLIDE = 6
+_STEPS = 40
+#: Residuals are sums of a few dozen products.
+_ROUNDINGS = 64.0
+
+
+class Flexure(NamedTuple):
+    """Stiffnesses of a flexure joint, infinite where it is rigid, and where it is on the strut.
+
+    Attributes
+    ----------
+    axial, shear : float
+        Force per length, along the strut and across it.
+    bending, torsion : float
+        Moment per rad, about the axes across the strut and about its own.
+    offset : float
+        From the strut's end to the flexure's middle, along the strut.
+    """
+
+    axial: float
+    shear: float
+    bending: float
+    torsion: float
+    offset: float = 0.0
+
+    @property
+    def springs(self) -> list[float]:
+        """Of the slides along x, y, z and the hinges about x, y, z."""
+        return [self.shear, self.shear, self.axial, self.bending, self.bending, self.torsion]
+
+    def scaled(self, a: float) -> Flexure:
+        """The same with all lengths times `a`."""
+        return Flexure(
+            self.axial / a, self.shear / a, self.bending * a, self.torsion * a, self.offset * a
+        )
+
+
+class Struck(NamedTuple):
+    """Struts at poses: energies (N, m), wrenches (N, m, 6), K^B (N, m, 6, 6), in M; rest lengths.
+
+    `is_found` and `is_stable` (N, m): whether (1) was solved, and whether the strut has not
+    buckled.
+    """
+
+    energy: Array
+    wrench: Array
+    stiffness: Array
+    rest_length: Array
+    is_found: Any
+    is_stable: Any
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlexureStruts(LineSprings):
+    """Struts with a flexure joint at either end.
+
+    Lines' `stiffness` is that of the straight strut from end to end, its flexures included, and
+    `rest_length` its length without load: a strut that is not bent pulls as a line does.
+
+    Attributes
+    ----------
+    lower, upper : Flexure
+        At the ground and at the body.
+    home : ndarray (m, 4, 4)
+        Poses in the body frame M of the struts' upper ends as made, z along the strut.
+    feet : ndarray (m, 4, 4)
+        Poses in F of their lower ends, the same way.
+    made : ndarray (m,)
+        Lengths as made.
+    """
+
+    lower: Flexure
+    upper: Flexure
+    home: Array
+    feet: Array
+    made: Array
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if np.any(self.slides <= 0.0):
+            raise InputError("a strut cannot be stiffer than its flexures",
+                             expected=f"below {1.0 / self._soft:g}",
+                             got=float(self.stiffness.max()))  # fmt: skip
+        if np.any(self._bars <= 0.0):
+            raise InputError("a strut's flexures pass each other",
+                             expected=f"offsets that add up to less than {self.made.min():g}",
+                             got=self.lower.offset + self.upper.offset)  # fmt: skip
+
+    @staticmethod
+    def between(
+        anchors: Array, points: Array, T_F_M: Array, axial: Array, lower: Flexure, upper: Flexure,
+        rest_length: Array,
+    ) -> FlexureStruts:  # fmt: skip
+        """Struts as made between points of F and points of M (m, 3) with the body at a pose."""
+        ends = points @ T_F_M[:3, :3].T + T_F_M[:3, 3]
+        along = ends - anchors
+        made = np.linalg.norm(along, axis=1)
+        z = along / made[:, None]
+        # Level where that has a meaning, so that equal struts about z are turned into each other.
+        x = np.cross([0.0, 0.0, 1.0], z)
+        upright = np.linalg.norm(x, axis=1) < numerics.NEARBY
+        x[upright] = [1.0, 0.0, 0.0]
+        x -= (x * z).sum(axis=1, keepdims=True) * z
+        x /= np.linalg.norm(x, axis=1, keepdims=True)
+        R = np.stack([x, np.cross(z, x), z], axis=-1)
+        feet = np.array([se3.pose(r, a) for r, a in zip(R, anchors, strict=True)])
+        home = np.array([se3.pose(r, b) for r, b in zip(R, ends, strict=True)])
+        soft = 1.0 / lower.axial + 1.0 / upper.axial
+        return FlexureStruts(
+            anchors=anchors, points=points, stiffness=1.0 / (1.0 / axial + soft),
+            rest_length=rest_length, lower=lower, upper=upper, feet=feet, made=made,
+            home=se3.inverse(T_F_M) @ home,
+        )  # fmt: skip
+
+    def scaled(self, a: float) -> FlexureStruts:
+        """The same with all lengths times `a`."""
+        feet, home = np.array(self.feet), np.array(self.home)
+        feet[:, :3, 3] *= a
+        home[:, :3, 3] *= a
+        return replace(
+            self, anchors=self.anchors * a, points=self.points * a, feet=feet, home=home,
+            stiffness=self.stiffness / a, rest_length=self.rest_length * a, made=self.made * a,
+            lower=self.lower.scaled(a), upper=self.upper.scaled(a),
+        )  # fmt: skip
+
+    @property
+    def _soft(self) -> float:
+        return 1.0 / self.lower.axial + 1.0 / self.upper.axial
+
+    @property
+    def slides(self) -> Array:
+        """Stiffnesses (m,) of the sliding springs alone."""
+        with np.errstate(divide="ignore"):
+            return np.asarray(1.0 / (1.0 / self.stiffness - self._soft))
+
+    @property
+    def _bars(self) -> Array:
+        return self.made - self.lower.offset - self.upper.offset
+
+    def at_poses(
+        self, T_a_b: Array, rest_length: Array, gradient: Array | None = None, free: Any = None
+    ) -> Struck:
+        """The struts at poses (N, 4, 4) with rest lengths (N, m), from (1) and (2).
+
+        With `gradient` (N, 6) the rest lengths of the struts `free` (m,) are changed, by as little
+        as possible where they are more than six, until all struts together take it.
+        """
+        N, m = len(T_a_b), len(self.made)
+        k = np.empty((m, 13))
+        k[:, :_SLIDE], k[:, _SLIDE] = self.lower.springs, self.slides
+        k[:, _SLIDE + 1 :] = self.upper.springs
+        free_q = np.isfinite(k[0])
+        n, slide = int(free_q.sum()), int(free_q[:_SLIDE].sum())
+        k[:, ~free_q] = 0.0
+        rest = np.zeros((N, m, 13))
+        rest[..., _SLIDE] = rest_length - self.made
+        q = rest.copy()
+        low, high = (se3.pose(translation=[0, 0, f.offset]) for f in (self.lower, self.upper))
+        ends = self.home @ se3.inverse(high)  # of the upper flexures' middles, in M
+        wanted = se3.inverse(self.feet @ low) @ T_a_b[:, None] @ ends
+        # All by roots of energies: soft and stiff springs keep their digits side by side.
+        whole = np.sqrt(self.slides) * self.made
+        x_size = 1.0 / np.sqrt(np.where(k > 0.0, k, whole[:, None] ** 2))[:, free_q]
+        W_size = whole[:, None] * np.repeat([1.0, 1.0 / float(self.made.mean())], 3)
+        W = np.zeros((N, m, 6))
+        M = np.zeros((N, m, n + 6, n + 6))
+        right = np.zeros((N, m, n + 6))
+        missed, found = np.full((N, m), np.inf), np.zeros((N, m), bool)
+        told = np.zeros((N, m, n + 6))
+        told[..., slide] = self.slides * x_size[:, slide]
+        to_end = se3.adjoint_of_inverse(ends)
+        back = to_end.swapaxes(-1, -2)
+        diagonal = np.arange(n)
+        for _ in range(_STEPS):
+            T, J = _chain(q, self._bars)
+            J = J[..., free_q]
+            turning = -se3.chain_curvature(J, W) * x_size[:, :, None] * x_size[:, None, :]
+            M[..., :n, :n] = turning
+            M[..., diagonal, diagonal] += k[:, free_q] * x_size**2
+            G = J * W_size[:, :, None] * x_size[:, None, :]
+            M[..., :n, n:], M[..., n:, :n] = -G.swapaxes(-1, -2), G
+            pull = (J.swapaxes(-1, -2) @ W[..., None])[..., 0]
+            right[..., :n] = (pull - (k * (q - rest))[..., free_q]) * x_size
+            right[..., n:] = se3.log(se3.inverse(T) @ wanted) * W_size
+            now = np.abs(right).max(axis=-1)
+            short = np.zeros((N, 6))
+            if gradient is not None:
+                short = gradient - (back @ W[..., None])[..., 0].sum(axis=1)
+                now = np.maximum(now, np.abs(short / W_size[0]).max(axis=1)[:, None])
+            found |= (now >= 0.5 * missed) & (now <= numerics.ROUNDING * whole)
+            found |= now <= _ROUNDINGS * numerics.EPSILON * whole
+            if np.all(found | ~np.isfinite(now)):
+                break
+            missed = np.fmin(missed, now)
+            steps = _solved(M, np.stack([right, told], axis=-1))
+            if gradient is not None:
+                G = (back @ (steps[..., n:, 1] * W_size)[..., None])[..., 0][:, free]
+                W_next = W + steps[..., n:, 0] * W_size
+                short = gradient - (back @ W_next[..., None])[..., 0].sum(axis=1)
+                G = np.nan_to_num(G.swapaxes(-1, -2) / W_size[0][:, None])
+                inverse = np.linalg.pinv(G, rcond=numerics.RANK)
+                shift = np.zeros((N, m))
+                shift[:, free] = (inverse @ (short / W_size[0])[..., None])[..., 0]
+                rest[..., _SLIDE] += np.where(found, 0.0, shift)
+                steps[..., 0] += steps[..., 1] * shift[..., None]
+            step = np.where(found[..., None], 0.0, steps[..., 0])
+            q[..., free_q] += step[..., :n] * x_size
+            W += step[..., n:] * W_size
+        inverse = _solved(M, np.broadcast_to(np.eye(n + 6), M.shape))
+        K = inverse[..., n:, n:] * W_size[:, :, None] * W_size[:, None, :]
+        # Beside springs alone only what the load does by turning can be negative.
+        stable = (np.linalg.norm(turning, axis=(-1, -2)) < 0.5) & np.all(k[:, free_q] > 0.0)
+        if not stable.all():
+            M[..., :n, n:] *= -1.0
+            values = np.linalg.eigvalsh(np.nan_to_num(M[~stable]))
+            stable[~stable] = (values > 0.0).sum(axis=-1) == n
+        return Struck(
+            0.5 * (k * (q - rest) ** 2).sum(axis=-1),
+            (back @ W[..., None])[..., 0],
+            back @ (0.5 * (K + K.swapaxes(-1, -2))) @ to_end,
+            self.made + rest[..., _SLIDE], found, stable,
+        )  # fmt: skip
+
+    def balanced(self, posture: Posture, gradient: Array, every: bool = False) -> FlexureStruts:
+        """The same struts with rest lengths at which they exert a gradient (6,) at a posture.
+
+        Raises
+        ------
+        InputError
+            If no rest lengths of the open struts do.
+        """
+        T, _ = posture.relative(self.frame_a, self.frame_b)
+        free = np.isnan(self.rest_length) | every
+        start = np.where(np.isnan(self.rest_length), self._lengths(T[None]), self.rest_length)
+        at = self.at_poses(T[None], start, gradient[None], free)
+        if not at.is_found.all():
+            raise InputError("no rest lengths of the struts balance this load at this pose",
+                             expected="a load that the struts can carry, and a pose near that at "
+                             "which they were made")  # fmt: skip
+        return replace(self, rest_length=at.rest_length[0])
+
+    def many(self, T_a_b: Array) -> Struck:
+        """`at_poses` (N, 4, 4), with open rest lengths so that nothing is left to be held."""
+        free = np.isnan(self.rest_length)
+        rest = np.broadcast_to(self.rest_length, (len(T_a_b), len(free)))
+        if not free.any():
+            return self.at_poses(T_a_b, rest)
+        return self.at_poses(
+            T_a_b, np.where(free, self._lengths(T_a_b), rest), np.zeros((len(T_a_b), 6)), free
+        )
+
+    def _lengths(self, T_a_b: Array) -> Array:
+        R, p = T_a_b[:, :3, :3], T_a_b[:, :3, 3]
+        return np.linalg.norm(self.points - (self.anchors - p[:, None]) @ R, axis=-1)
+
+    def on_pose(self, T_a_b: Array) -> tuple[float, Array, Array]:
+        """Energy, wrench and K^B in components of frame b."""
+        at = self.at_poses(T_a_b[None], self.rest_length[None])
+        first = int(np.argmin((at.is_found & at.is_stable)[0])) + 1
+        if not at.is_found.all():
+            raise UndefinedError(
+                f"the flexures of strut {first} find no balance: they are bent too far",
+                code="strut-not-found", values={"strut": first},
+            )  # fmt: skip
+        if not at.is_stable.all():
+            raise UndefinedError(
+                f"strut {first} has buckled: between its flexures it gives way by itself, and what "
+                "is left is no stiffness of a balance that lasts",
+                code="strut-buckled", values={"strut": first},
+            )  # fmt: skip
+        return float(at.energy.sum()), at.wrench[0].sum(axis=0), at.stiffness[0].sum(axis=0)
+
+
+def ideal_joints_only(springs: object, what: str) -> None:
+    """Refuse struts with flexures in what takes legs for lines; InputError."""
+    if isinstance(springs, FlexureStruts):
+        raise InputError(f"{what} take legs for springs along lines between ideal joints",
+                         expected="legs with a stiffness", got="struts with flexures")  # fmt: skip
+
+
+def _solved(M: Array, right: Array) -> Array:
+    """Solutions of a stack of systems; NaN where one of them has none."""
+    try:
+        return np.linalg.solve(M, right)
+    except np.linalg.LinAlgError:
+        regular = np.linalg.matrix_rank(np.nan_to_num(M)) == M.shape[-1]
+        safe = np.where(regular[..., None, None], M, np.eye(M.shape[-1]))
+        return np.where(regular[..., None, None], np.linalg.solve(safe, right), np.nan)
+
+
+def _turned(angles: Array) -> tuple[Array, Array]:
+    """Rotations by hinges about x, y, z in a row (..., 3, 3), and their axes at the far end."""
+    (sx, sy, sz), (cx, cy, cz) = (np.moveaxis(f(angles), -1, 0) for f in (np.sin, np.cos))
+    R = np.stack([
+        cy * cz, -cy * sz, sy, cx * sz + sx * sy * cz, cx * cz - sx * sy * sz, -sx * cy,
+        sx * sz - cx * sy * cz, sx * cz + cx * sy * sz, cx * cy,
+    ], axis=-1).reshape(*sx.shape, 3, 3)  # fmt: skip
+    zero, one = np.zeros_like(sx), np.ones_like(sx)
+    axes = np.stack([cy * cz, sz, zero, -cy * sz, cz, zero, sy, zero, one], axis=-1)
+    return R, axes.reshape(*sx.shape, 3, 3)
+
+
+def _chain(q: Array, bars: Array) -> tuple[Array, Array]:
+    """Poses (..., 4, 4) of struts' far ends and their body Jacobians (..., 6, 13)."""
+    J = np.zeros((*q.shape[:-1], 6, 13))
+    (R1, axes1), (R2, axes2) = _turned(q[..., 3:6]), _turned(q[..., 10:13])
+    upper = se3.pose(R2, q[..., 7:10])
+    bar = np.zeros((*q.shape[:-1], 3))
+    bar[..., 2] = bars + q[..., _SLIDE]
+    beyond = se3.pose(None, bar) @ upper
+    J[..., :3, 3:6], J[..., 3:, :3] = axes1, R1.swapaxes(-1, -2)
+    J[..., :6] = se3.adjoint_of_inverse(beyond) @ J[..., :6]
+    J[..., 3:, _SLIDE] = R2[..., 2, :]
+    J[..., :3, 10:], J[..., 3:, 7:10] = axes2, R2.swapaxes(-1, -2)
+    return se3.pose(R1, q[..., :3]) @ beyond, J

@@ -1,0 +1,238 @@
+"""Struts between flexures: each condensed, against the machine with every joint written out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.mechanisms.machines import joint, write_file, write_urdf
+from tests.support import relative_error
+
+import cartstiff
+from cartstiff import analyse, load
+from cartstiff.errors import InputError, UndefinedError
+from cartstiff.geometry import se3
+from cartstiff.potentials.flexure_struts import Flexure, FlexureStruts
+from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.statics.command import after_command
+
+# Two ways through 13 coordinates a leg, the longer one through 60 closures.
+SAME = 1e-10
+LOWER = {"axial": 1.2e8, "shear": 1.1e7, "bending": 33.0, "torsion": 236.0, "offset": 0.008}
+UPPER = {"axial": 0.9e8, "shear": 2.1e7, "bending": 53.0, "torsion": 136.0, "offset": 0.005}
+LAYOUT = {
+    "base": {"radius": 0.115, "half_angle": np.pi / 18, "height": 0.015},
+    "platform": {"radius": 0.09, "half_angle": np.pi / 18}, "height": 0.075,
+}  # fmt: skip
+AXIAL = 2e7
+BODY = [0.01, -0.02, 0.06]
+
+
+def _short(folder, **keys):
+    legs = {"strut": {"axial": AXIAL, "lower": LOWER, "upper": UPPER}, **keys}
+    return load(
+        write_file(
+            folder, "short", kind="stewart-gough", layout=LAYOUT, legs=legs, frame={"xyz": BODY}
+        )
+    )
+
+
+def _matrix(f):
+    return np.diag([f["bending"], f["bending"], f["torsion"], f["shear"], f["shear"], f["axial"]])
+
+
+def _long(folder, short):
+    """The same machine as six chains: a joint for each motion of each flexure."""
+    T_F_M = short.mechanism.pose_of(short.q)
+    legs = []
+    for i, (foot, made) in enumerate(zip(short.springs.feet, short.springs.made, strict=True)):
+        low, bar = LOWER["offset"], made - LOWER["offset"] - UPPER["offset"]
+        write_urdf(
+            folder,
+            joint("bolts", "base", "lower", at=(0, 0, low), kind="fixed"),
+            joint("far", "lower", "rod", kind="fixed"),
+            joint("slide", "rod", "slider", kind="prismatic"),
+            joint("top", "slider", "upper", at=(0, 0, bar), kind="fixed"),
+            joint("glue", "upper", "tip", kind="fixed"),
+            name=f"leg{i}",
+        )
+        tip = se3.inverse(T_F_M) @ foot @ se3.pose(translation=[0, 0, low + bar])
+        pose = {"xyz": foot[:3, 3], "rpy": se3.roll_pitch_yaw(foot)}
+        legs.append({
+            "kind": "serial", "model": f"leg{i}.urdf", "frame": "tip", "base": pose,
+            "grip": {"xyz": tip[:3, 3], "rpy": se3.roll_pitch_yaw(tip)},
+            "springs": {"slide": {"stiffness": AXIAL}},
+            "flexible": {"lower": {"stiffness": _matrix(LOWER)},
+                         "upper": {"stiffness": _matrix(UPPER)}},
+        })  # fmt: skip
+    return load(write_file(folder, "long", kind="parallel", legs=legs))
+
+
+def test_it_is_the_machine_with_all_its_joints(tmp_path):
+    short = _short(tmp_path)
+    long = _long(tmp_path, short)
+    assert len(long.names) == 78
+    # As made, and under preloads that turn every joint: the load's part is a tenth and more.
+    loaded = []
+    for rest in (0.0, 1e-4):
+        rests = rest * np.array([1.0, -0.5, 2.0, 0.7, -1.0, 0.3])
+        told = short.with_springs(rest=dict(zip(short.spring_names, short.springs.made + rests,
+                                                strict=True)))  # fmt: skip
+        one = cartstiff.equilibrium(told, cartstiff.DeadForce([30.0, -20.0, 300.0]))
+        drives = {f"leg{i + 1}/slide": x for i, x in enumerate(rests)}
+        full = long.with_springs(rest={n: drives.get(n, 0.0) for n in long.names})
+        other = cartstiff.equilibrium(full, cartstiff.DeadForce([30.0, -20.0, 300.0]))
+        assert np.abs(one.pose - other.pose).max() <= 1e-11
+        assert relative_error(one.stiffness.B.matrix, other.stiffness.B.matrix) <= SAME
+        loaded.append(one.stiffness.B.matrix)
+    assert relative_error(*loaded) > 1e-3
+
+
+def test_joints_of_a_published_platform_take_a_quarter_of_its_stiffness():
+    """Stewart-simscape's joints: 120 N/um along each, 20 N/um in the strut between them."""
+    flexure = {"axial": 1.2e8, "shear": 1.1e7, "bending": 33.0, "torsion": 236.0}
+    legs = {"axial": AXIAL, "lower": flexure, "upper": flexure}
+    real = cartstiff.hexapod(**LAYOUT, legs={"strut": legs}, frame={"xyz": [0, 0, 0.06]})
+    ideal = cartstiff.hexapod(**LAYOUT, legs=AXIAL, frame={"xyz": [0, 0, 0.06]})
+    ratio = analyse(real).B.matrix[5, 5] / analyse(ideal).B.matrix[5, 5]
+    assert round(ratio, 3) == 0.751
+
+
+def _one(axial=1e5, k=(1e6, 1e4, 3.0, 2.0), length=0.2, **keys):
+    ends = [Flexure(*k), Flexure(*k)]
+    T = se3.pose(translation=[0.0, 0.0, length])
+    return FlexureStruts.between(np.zeros((1, 3)), np.zeros((1, 3)), T, np.array([axial]), *ends,
+                                 np.array([length])), T  # fmt: skip
+
+
+def test_a_strut_as_made_is_its_parts_in_a_row():
+    strut, T = _one()
+    _, wrench, K = strut.on_pose(T)
+    part = np.diag(1.0 / np.array([3.0, 3.0, 2.0, 1e4, 1e4, 1e6]))
+    # The lower flexure's compliance, seen from the upper end.
+    Ad = se3.adjoint(se3.pose(translation=[0.0, 0.0, -0.2]))
+    C = part + Ad @ part @ Ad.T
+    C[5, 5] += 1e-5
+    assert np.abs(wrench).max() == 0.0
+    assert relative_error(K, np.linalg.inv(C)) <= 1e-12
+
+
+def test_gradient_and_stiffness_are_those_of_the_energy():
+    strut, T = _one()
+    T = T @ se3.exp([0.05, -0.1, 0.07, 0.004, -0.003, 0.001])
+    strut = replace(strut, rest_length=np.array([0.199]))
+    energy, wrench, K = strut.on_pose(T)
+    h = 2e-3
+    steps = np.eye(6) * np.repeat([h, 0.2 * h], 3)
+
+    def along(f, x):  # of eighth order
+        weights = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
+        return sum(w * (f(n * x) - f(-n * x)) for n, w in weights.items())
+
+    first = [along(lambda x: strut.on_pose(T @ se3.exp(x))[0], x) for x in steps]
+    assert np.allclose(first, wrench * steps.diagonal(), rtol=1e-9, atol=1e-11 * energy)
+    # K^B: derivative of the wrench, less half its bracket.
+    K_A = np.array([along(lambda x: strut.on_pose(T @ se3.exp(x))[1], x) for x in steps]).T
+    K_A = K_A / steps.diagonal()
+    expected = 0.5 * (K_A + K_A.T)
+    size = np.sqrt(np.abs(np.diag(K)))
+    assert np.abs((K - expected) / np.outer(size, size)).max() <= 1e-8
+
+
+def test_a_strut_buckles_at_its_load():
+    """A bar turns by phi between hinges kb; its ends give by x and y, x + y = -l phi, on springs.
+
+    The upper spring's axes turn with the bar, which lengthens by l phi^2 / 2 + y phi. With y chosen
+    best the energy is (kb + ks l^2 / 4 - P^2 / (4 ks)) phi^2.
+    """
+    ks, kb, length = 1e4, 3.0, 0.2
+    critical = np.sqrt(4.0 * ks * kb + (ks * length) ** 2)
+    for share, stands in ((0.999, True), (1.001, False)):
+        strut, T = _one(axial=1e5, k=(np.inf, ks, kb, 2.0))
+        # The spring pushes: the body's end stays where it was made.
+        pushed = strut.replaced(strut.stiffness, 0.2 + np.array([share * critical / 1e5]))
+        if stands:
+            pushed.on_pose(T)
+            continue
+        with pytest.raises(UndefinedError, match="strut 1 has buckled") as caught:
+            pushed.on_pose(T)
+        assert caught.value.code == "strut-buckled"
+
+
+def test_without_bending_it_is_a_line(tmp_path):
+    free = {"bending": 0.0, "torsion": 0.0}
+    strut = {"axial": AXIAL, "lower": {**free, "torsion": "rigid"}, "upper": free}
+    legs = {"strut": strut, "preload": [3e3, -2e3, 1e3, 0.0, -1e3, 2e3]}
+    keys = {"kind": "stewart-gough", "layout": LAYOUT, "frame": {"xyz": BODY}}
+    flexures = load(write_file(tmp_path, "struts", **keys, legs=legs))
+    legs = {"stiffness": AXIAL, "preload": legs["preload"]}
+    lines = load(write_file(tmp_path, "lines", **keys, legs=legs))
+    assert type(lines.springs) is LineSprings
+    q = lines.q + np.array([1e-3, -2e-3, 5e-3, 0.05, -0.1, 0.08])
+    one, other = analyse(flexures, q), analyse(lines, q)
+    assert relative_error(one.wrench, other.wrench) <= 1e-10
+    assert relative_error(one.B.matrix, other.B.matrix) <= SAME
+
+
+def test_many_postures_are_those_of_one(tmp_path):
+    elastic = _short(tmp_path)
+    rng = np.random.default_rng(3)
+    Q = elastic.q + rng.normal(size=(40, 6)) * [1e-3, 1e-3, 1e-3, 0.03, 0.03, 0.03]
+    many = cartstiff.analyse_many(elastic, Q)
+    for i in range(0, 40, 9):
+        assert relative_error(many.stiffness_B[i], analyse(elastic, Q[i]).B.matrix) <= SAME
+    held = elastic.with_springs(rest=elastic.springs.made)
+    many = cartstiff.analyse_many(held, Q[:5], outputs=["B", "wrench"])
+    found = analyse(held, Q[4])
+    assert relative_error(many.wrench[4], found.wrench) <= SAME
+    assert relative_error(many.stiffness_B[4], found.B.matrix) <= SAME
+
+
+def test_a_command_lengthens_its_strut(tmp_path):
+    elastic = _short(tmp_path)
+    moved = after_command(elastic, {"leg2": 1e-4})
+    lengths = moved.elastic.mechanism.leg_lengths(moved.q) - elastic.springs.made
+    # The flexures hold the platform back a little.
+    assert np.allclose(lengths, np.eye(6)[1] * 1e-4, atol=4e-6)
+    assert not np.allclose(lengths, np.eye(6)[1] * 1e-4, atol=1e-8)
+
+
+def test_other_units_tell_the_same(tmp_path):
+    from cartstiff.mechanisms.other_units import in_units
+
+    elastic = _short(tmp_path)
+    q = elastic.q + np.array([1e-3, -2e-3, 1e-3, 0.02, -0.03, 0.04])
+    in_mm = in_units(elastic, "mm")
+    K, K_mm = analyse(elastic, q).B.matrix, analyse(in_mm, q * np.repeat([1e3, 1], 3)).B.matrix
+    sizes = np.repeat([1e3, 1.0], 3)
+    assert relative_error(K_mm / np.outer(sizes, sizes) * 1e3, K) <= SAME
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"lower": {**LOWER, "torsion": 0.0}, "upper": {**UPPER, "torsion": 0.0}}, "would spin"),
+        ({"lower": {**LOWER, "offset": 0.2}}, "pass each other"),
+        ({"lower": {**LOWER, "axial": 0.0}}, "axial"),
+        ({"lower": {"bending": 3.0}}, "torsion"),
+        ({"axial": [1e7, 2e7]}, "6 numbers"),
+    ],
+)  # fmt: skip
+def test_what_is_no_strut_is_refused(tmp_path, change, words):
+    strut = {"axial": AXIAL, "lower": LOWER, "upper": UPPER} | change
+    path = write_file(tmp_path, kind="stewart-gough", layout=LAYOUT, legs={"strut": strut})
+    with pytest.raises(InputError, match=words):
+        load(path)
+
+
+def test_stiffness_or_strut(tmp_path):
+    with pytest.raises(InputError, match="exactly one of stiffness, strut"):
+        _short(tmp_path, stiffness=1e7)
+    with pytest.raises(InputError, match="stiffness"):
+        cartstiff.hexapod(**LAYOUT, legs={"preload": 1.0})
+
+
+def test_more_than_the_flexures_hold_is_refused(tmp_path):
+    with pytest.raises(InputError, match="stiffer than its flexures"):
+        _short(tmp_path).with_springs(1e9)
