@@ -31,11 +31,11 @@ COUNT = 13  # not a multiple of any vector's length
 
 
 def _condition(matrices: Array) -> Array:
-    """Condition number of each of a stack; 1 where a matrix does not exist."""
+    """Condition number of each of a stack; 1 where a matrix does not exist, or has lost rank."""
     exists = np.isfinite(matrices).all(axis=(1, 2))
     found = np.ones(len(matrices))
     found[exists] = np.linalg.cond(matrices[exists])
-    return found
+    return np.where(np.isfinite(found), found, 1.0)
 
 
 def _noise(elastic: ElasticMechanism, q: Array) -> float:
@@ -298,13 +298,13 @@ def test_angles_of_any_size(path):
     assert_same(elastic, q, path, outputs=("pose", "jacobian", "stiffness_A"))
 
 
-def test_closed_chains_are_assembled_one_by_one():
+def test_few_closed_chains_are_assembled_one_by_one():
     elastic = cartstiff.load("five-bar")
     q = np.array([elastic.q, elastic.q])
     q[1] += 0.01
     found = analyse_many(elastic, q, outputs=("stiffness_B", "pose"))
     assert found.path == "engine"
-    assert "assembled" in found.reason
+    assert "closed chain" in found.reason
     for i in range(2):
         one = cartstiff.analyse(elastic, q[i])
         np.testing.assert_array_equal(found["pose"][i], one.pose)

@@ -17,9 +17,8 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.many.tape import Number, Scalar, absolute, copysign, larger, pick, square_root
 
 __all__ = ["Reflections", "below", "congruence", "cross", "inverse", "is_zero", "largest",
-           "norm_squared",
-           "positive_factor", "product", "reflections", "skew", "solution", "symmetric_product",
-           "upper_inverse", "zeros"]  # fmt: skip
+           "norm_squared", "positive_factor", "product", "reflections", "rotation_vector", "skew",
+           "solution", "symmetric_product", "upper_inverse", "zeros"]  # fmt: skip
 
 
 def zeros(*shape: int) -> Array:
@@ -283,3 +282,34 @@ def largest(values: Array) -> Scalar:
     for value in flat[1:]:
         found = larger(found, absolute(value))
     return found
+
+
+#: How often the angle is halved, and terms of the series of asin(y) / y that are left to count.
+_HALVINGS, _TERMS = 4, 11
+#: Cosine of half the angle below which there is little left of its sine.
+_TURNED = 0.02
+
+
+def rotation_vector(R: Array) -> tuple[Array, Scalar]:
+    r"""W of ``R = exp([w])``, and 1 instead of 0 near half a turn, where it is not known.
+
+    The skew part of R has the vector ``s = w sin(t) / t``, t = |w|. With the cosines c_k of
+    t / 2^k, found by halving from ``c_1 = sqrt((1 + tr R) / 4)``,
+
+        t / sin t = asin(y) / (y c_1 c_2 c_3 c_4),   y = sin(t / 16) = sin t / (16 c_1 c_2 c_3 c_4)
+
+    and the series of asin(y) / y ends soon.
+    """
+    s = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]], object) * 0.5
+    cosine: Scalar = square_root(larger((R[0, 0] + R[1, 1] + R[2, 2] + 1.0) * 0.25, 0.0))
+    verdict = pick(_TURNED, cosine, 0.0, 1.0)
+    product = cosine
+    for _ in range(_HALVINGS - 1):
+        cosine = square_root((cosine + 1.0) * 0.5)
+        product = product * cosine
+    inverse = 1.0 / product
+    y = norm_squared(s) * inverse * inverse * 0.25**_HALVINGS
+    series: Any = 0.0
+    for k in reversed(range(_TERMS)):
+        series = series * y + math.comb(2 * k, k) / (4.0**k * (2 * k + 1))
+    return s * (series * inverse), verdict

@@ -16,7 +16,8 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.many import portable
 from cartstiff.many.arguments import OUTPUTS, aligned_empty, recorded
 from cartstiff.many.arithmetic import ENGINE
-from cartstiff.many.plans import Case, Plan, plan, program_for
+from cartstiff.many.chains.closing import close
+from cartstiff.many.plans import CLOSING, Case, Plan, plan, program_for
 from cartstiff.many.reading_arithmetic import Readings
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
@@ -35,6 +36,10 @@ LARGEST_PROGRAM = 60_000
 COMPILED_CHUNK = 1 << 17
 #: Postures for each thread below which another one costs more than it saves.
 LEAST_PER_THREAD = 2048
+#: Postures from which on it pays to look at the closures of a chain and to record what they are.
+WORTH_RECORDING = 100
+#: Postures of closed chains at a time: their coordinates are read again and again.
+CLOSED_CHUNK = 4096
 #: Postures at a time where some potentials are evaluated one by one: n^2 numbers each are held.
 EVALUATED_CHUNK = 1024
 
@@ -91,6 +96,8 @@ def chosen(
     """Plan and kernel, or None for the engine; and why not a faster one."""
     if path == "engine":
         return None, None, "asked for"
+    if path == "auto" and (reason := _few_of_closed(elastic, count)):
+        return None, None, reason
     kind = "none" if loads is None else "shared" if loads.ndim == 1 else "each"
     found = plan(elastic, kind)
     if isinstance(found, str):
@@ -120,12 +127,18 @@ def chosen(
     return found, _compiled_kernel(found.case, ordered), ""
 
 
+def _few_of_closed(elastic: ElasticMechanism, count: int) -> str:
+    """Why the engine is quicker than to look at the closures of a chain; empty if it is not."""
+    few = count < WORTH_RECORDING and bool(getattr(elastic.mechanism, "closures", ()))
+    return f"a closed chain is recorded from {WORTH_RECORDING} postures on" if few else ""
+
+
 def lasting_path(
     elastic: ElasticMechanism, wrench: Literal["none", "shared", "each"], names: tuple[str, ...],
     count: int,
 ) -> Path:  # fmt: skip
     """The path that serves `count` postures, whatever was compiled in this process before."""
-    found = plan(elastic, wrench)
+    found = _few_of_closed(elastic, count) or plan(elastic, wrench)
     if isinstance(found, str):
         return "engine"
     ordered = tuple(name for name in OUTPUTS if name in recorded(names))
@@ -139,7 +152,11 @@ def run(
     taken: Plan, kernel: Any, q: Array, loads: Array | None, arrays: Mapping[str, Array],
     verdicts: NDArray[np.uint8], threads: int, size: int | None,
 ) -> None:  # fmt: skip
-    """Fill the arrays by a kernel, chunk by chunk; what does not exist becomes NaN."""
+    """Fill the arrays by a kernel, chunk by chunk; what does not exist becomes NaN.
+
+    Coordinates of closed chains are replaced by those that close them; where none are found they
+    stay, and the engine decides.
+    """
     count = len(q)
     if not count:
         return
@@ -155,6 +172,15 @@ def run(
         options = {"stream": sum(arrays[name].nbytes for name in exists) > STREAMED}
     if taken.has_derivatives:
         length = min(length, EVALUATED_CHUNK)
+    closing = None
+    if taken.is_closed:
+        length = min(length, CLOSED_CHUNK)
+        steps = (
+            _portable_kernel(taken.case, CLOSING)
+            if isinstance(kernel, portable.PortableKernel)
+            else _compiled_kernel(taken.case, CLOSING)
+        )
+        closing = steps.workspace(length, max(1, min(threads, length // LEAST_PER_THREAD)))
     length = min(length, count)
     shared = {name: np.ascontiguousarray(array) for name, array in taken.shared.items()}
     if loads is not None and loads.ndim == 1:
@@ -167,6 +193,9 @@ def run(
         inputs = {**shared, "q": np.ascontiguousarray(q[start:stop])}
         if loads is not None and loads.ndim == 2:
             inputs["wrench"] = np.ascontiguousarray(loads[start:stop])
+        if closing is not None:
+            q[start:stop], is_closed = close(closing, inputs["q"])
+            inputs["q"] = np.ascontiguousarray(q[start:stop])
         doubts = None
         if taken.has_derivatives:
             more, doubts = taken.derivatives(inputs["q"])
@@ -183,5 +212,7 @@ def run(
         for part, values in copies:
             part[...] = values.reshape(part.shape)
         verdicts[start:stop] = verdict[:rows, 0]
+        if closing is not None:
+            verdicts[start:stop][~is_closed] = ENGINE
         if doubts is not None:
             verdicts[start:stop][doubts == ENGINE] = ENGINE

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from threading import Lock
@@ -15,8 +15,12 @@ from cartstiff import numerics
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.arithmetic import ENGINE, PLAIN, shared_inputs
-from cartstiff.many.chain_arithmetic import ChainCase, chain_arrays
-from cartstiff.many.chain_twists import ChainConstants, Field
+from cartstiff.many.chains.chain_arithmetic import chain_arrays
+from cartstiff.many.chains.chain_numbers import ChainCase
+from cartstiff.many.chains.chain_twists import ChainConstants, Field
+from cartstiff.many.chains.closed_case import closed_case
+from cartstiff.many.chains.closed_chain import ClosedCase, closed_arrays
+from cartstiff.many.chains.closing import closing_arrays
 from cartstiff.many.platform_arithmetic import PlatformCase, platform_arrays
 from cartstiff.many.reading_arithmetic import Readings, read
 from cartstiff.many.tape import Program, Tape, larger
@@ -30,9 +34,11 @@ from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.loads import DeadForce
 from cartstiff.potentials.springs import CoupledSprings, JointSprings, SpringLaw
 
-__all__ = ["Case", "Plan", "plan", "program_for"]
+__all__ = ["CLOSING", "Case", "Plan", "plan", "program_for"]
 
 Case = ChainCase | PlatformCase
+#: The output that stands for steps towards closure.
+CLOSING = ("next", "left")
 
 #: Postures whose struts are condensed at once: their matrices fit into the caches.
 _STACKED = 64
@@ -117,6 +123,11 @@ class Plan:
             verdicts[own] = np.where((found.is_found & found.is_stable).all(axis=1), PLAIN, ENGINE)
 
     @property
+    def is_closed(self) -> bool:
+        """Whether coordinates are those of a closed chain, which is closed first."""
+        return isinstance(self.case, ClosedCase)
+
+    @property
     def has_derivatives(self) -> bool:
         """Whether some of the energy is evaluated posture by posture."""
         return bool(self.loose or self.laws or self.struts)
@@ -130,8 +141,13 @@ def program_for(case: Case, outputs: tuple[str, ...], readings: Readings | None 
     pose instead; verdicts on the outputs count.
     """
     tape = Tape()
+    if isinstance(case, ClosedCase) and outputs == CLOSING:
+        return tape.program(closing_arrays(tape, case), [])
     needed = outputs if readings is None else (*outputs, *readings.needs)
-    if isinstance(case, ChainCase):
+    if isinstance(case, ClosedCase):
+        found = closed_arrays(tape, case, needed)
+        lengths = case.constants.is_length
+    elif isinstance(case, ChainCase):
         found = chain_arrays(tape, case, needed)
         lengths = case.constants.is_length
     else:
@@ -167,7 +183,8 @@ def plan(elastic: ElasticMechanism, wrench: str) -> Plan | str:
 def _planned(elastic: ElasticMechanism, wrench: str) -> Plan | str:
     mechanism = elastic.mechanism
     if isinstance(mechanism, Chain):
-        return _chain_plan(elastic, mechanism, wrench)
+        of_chain = _closed_plan if mechanism.closures else _chain_plan
+        return of_chain(elastic, mechanism, wrench)
     if isinstance(mechanism, Platform):
         return _platform_plan(elastic, mechanism, wrench)
     return f"no arithmetic for mechanisms of kind {mechanism.kind}"
@@ -192,7 +209,7 @@ def chain_constants(chain: Chain) -> ChainConstants | str:
 def _read_chain(chain: Chain) -> ChainConstants | str:
     tree = chain.tree
     if chain.closures or chain.rigid:
-        return "a closed chain is assembled posture by posture"
+        return "a closed chain has arithmetic of its own"
     if chain.actuated is not None:
         return "a chain with chosen actuated joints has no arithmetic of its own"
     if not tree.path(0, chain.body.joint).identity or not tree.model.nv:
@@ -231,23 +248,53 @@ def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> Plan | 
             return "the rest position of a nonlinear spring is found posture by posture"
         if wrench != "none" and springs.is_passive.any():
             return "whether joints without a spring feel the wrench is seen posture by posture"
-        stiffness = springs.stiffness.copy()
-        if laws:
-            stiffness[list(laws)] = 0.0
-        rest = np.where(np.isnan(springs.rest), 0.0, springs.rest)
-        shared = {"stiffness": stiffness[None], "rest": rest[None]}
+        shared, laws = _spring_values(springs)
         is_open = tuple(chosen.tolist())
     elif springs is not None:
         return "line springs of a chain have no arithmetic of their own"
-    case = ChainCase(constants, is_open, wrench)
+    case, loose = ChainCase(constants, is_open, wrench), list[Potential]()
+    for potential in elastic.potentials:
+        if type(potential) is CoupledSprings:
+            indices = tuple(int(i) for i in potential.indices)
+            case = replace(case, coupled=(*case.coupled, (indices, _numbers(potential.matrix))))
+        else:
+            loose.append(potential)
+    return _with_fields(elastic, chain, case, loose, shared, laws, n)
 
-    fields, forces, coupled, loose = [], [], [], []
-    joints = len(constants.screws) // 6
+
+def _closed_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> Plan | str:
+    found = closed_case(elastic, chain, wrench)
+    if isinstance(found, str):
+        return found
+    case, others = found
+    springs, n = elastic.springs, chain.tree.n
+    shared = {"stiffness": np.zeros((1, n)), "rest": np.zeros((1, n))}
+    laws: Mapping[int, SpringLaw] = {}
+    if isinstance(springs, JointSprings):
+        shared, laws = _spring_values(springs)
+    return _with_fields(elastic, chain, case, list(others), shared, laws, case.freedoms)
+
+
+def _spring_values(springs: JointSprings) -> tuple[dict[str, Array], Mapping[int, SpringLaw]]:
+    """Stiffnesses and rest positions, zero where there is none, and nonlinear laws."""
+    stiffness = springs.stiffness.copy()
+    if springs.laws:
+        stiffness[list(springs.laws)] = 0.0
+    return {"stiffness": stiffness[None], "rest": np.nan_to_num(springs.rest)[None]}, springs.laws
+
+
+def _with_fields(
+    elastic: ElasticMechanism, chain: Chain, case: ChainCase, others: Sequence[Potential],
+    shared: dict[str, Array], laws: Mapping[int, SpringLaw], freedoms: int,
+) -> Plan:  # fmt: skip
+    """The plan of a chain on which gravity and forces act, and what is evaluated beside it."""
+    fields, forces, loose = [], [], []
+    joints = len(case.constants.screws) // 6
     if elastic.gravity is not None:
         masses, centres = chain.tree.masses()
         fields.append(Field(_numbers(masses), tuple(map(_numbers, centres))))
         forces.append(elastic.gravity)
-    for potential in elastic.potentials:
+    for potential in others:
         if type(potential) is DeadForce and chain.placement(potential.frame_b).joint:
             at = chain.placement(potential.frame_b)
             point = at.T_j_f[:3, :3] @ np.asarray(potential.point) + at.T_j_f[:3, 3]
@@ -255,17 +302,13 @@ def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> Plan | 
             weights[at.joint - 1], points[at.joint - 1] = 1.0, point
             fields.append(Field(_numbers(weights), tuple(map(_numbers, points))))
             forces.append(potential.force)
-        elif type(potential) is CoupledSprings:
-            indices = tuple(int(i) for i in potential.indices)
-            coupled.append((indices, _numbers(potential.matrix)))
         else:
             loose.append(potential)
     if forces:
         shared["forces"] = np.concatenate(forces)[None]
-    if fields or coupled or loose or laws:
-        case = replace(case, fields=tuple(fields), coupled=tuple(coupled),
-                       derivatives=bool(loose or laws))  # fmt: skip
-    regular = "deficient" if n < 6 else "regular"
+    if fields or loose or laws:
+        case = replace(case, fields=tuple(fields), derivatives=bool(loose or laws))
+    regular = "deficient" if freedoms < 6 else "regular"
     return Plan(case, shared, regular, elastic, tuple(loose), laws)
 
 

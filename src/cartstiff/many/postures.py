@@ -1,8 +1,8 @@
 r"""Many postures at once: postures in, arrays out.
 
-Serial chains and platforms on line springs are computed by arithmetic written once
-(`chain_arithmetic`, `platform_arithmetic`), as machine code made for the mechanism (`compiled`) or
-over NumPy arrays (`portable`). Every other mechanism, and every posture that is not well inside the
+Chains, open and closed, and platforms on line springs are computed by arithmetic written once
+(`chains`, `platform_arithmetic`), as machine code made for the mechanism (`compiled`) or over NumPy
+arrays (`portable`). Every other mechanism, and every posture that is not well inside the
 regular ones, is computed by `cartstiff.analyse` itself, which also names its state.
 """
 
@@ -246,9 +246,9 @@ def analyse_many(
     codes = [REGULAR]
     known = recorded(names)
     taken, kernel, reason = chosen(elastic, each, known, path, len(coordinates))
+    if _is_assembled(elastic):
+        coordinates = coordinates.copy()
     if taken is None:
-        if _is_assembled(elastic):
-            coordinates = coordinates.copy()
         everything = np.arange(len(state))
         _by_engine(elastic, coordinates, loads, arrays, everything, state, codes, kind, load_axes)
         return Postures(coordinates, arrays, state, tuple(codes), "engine", reason, elastic.names,

@@ -1,17 +1,8 @@
-r"""Inverse kinematics of arms by machine code: the steps of `JointPoses`, recorded.
-
-The rotation that is left, ``R = exp([w])``, has the vector ``s = w sin(t) / t`` in its skew part,
-t = |w|. With the cosines c_k of t / 2^k, found by halving from ``c_1 = sqrt((1 + tr R) / 4)``,
-
-    t / sin t = asin(y) / (y c_1 c_2 c_3 c_4),      y = sin(t / 16) = sin t / (16 c_1 c_2 c_3 c_4)
-
-and the series of asin(y) / y ends soon. Near half a turn NumPy finds the error.
-"""
+r"""Inverse kinematics of arms by machine code: the steps of `JointPoses`, recorded."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import comb
 from typing import Any
 
 import numpy as np
@@ -20,23 +11,18 @@ from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.joint_poses import LONGEST_STEP, JointPoses
 from cartstiff.kinematics.platform_poses import Free
-from cartstiff.many.algebra import below, norm_squared, positive_factor, zeros
+from cartstiff.many.algebra import below, norm_squared, positive_factor, rotation_vector, zeros
 from cartstiff.many.arguments import aligned_empty
-from cartstiff.many.arithmetic import ENGINE, PLAIN
-from cartstiff.many.chain_arithmetic import chain_motion
-from cartstiff.many.chain_twists import ChainConstants
+from cartstiff.many.arithmetic import PLAIN
+from cartstiff.many.chains.chain_arithmetic import chain_motion
+from cartstiff.many.chains.chain_twists import ChainConstants
 from cartstiff.many.kernels import has_package
 from cartstiff.many.plans import chain_constants
-from cartstiff.many.tape import Program, Scalar, Tape, absolute, larger, pick, square_root
+from cartstiff.many.tape import Program, Scalar, Tape, absolute, larger, pick
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
 __all__ = ["QuickPoses"]
-
-#: How often the angle is halved, and terms of the series of asin(y) / y that are left to count.
-_HALVINGS, _TERMS = 4, 11
-#: Cosine of half the angle below which NumPy finds it: there is little left of its sine.
-_TURNED = 0.02
 
 
 class QuickPoses(JointPoses):
@@ -104,20 +90,7 @@ def _error_program(constants: ChainConstants, length: float, sizes: Array) -> Pr
     R = T[:3, :3].T @ wanted[:, :3]
     e = zeros(6)
     e[3:] = (T[:3, :3].T @ (wanted[:, 3] - T[:3, 3])) * (1.0 / length)
-    s = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]], object) * 0.5
-    cosine: Scalar = square_root(larger((R[0, 0] + R[1, 1] + R[2, 2] + 1.0) * 0.25, 0.0))
-    verdict = pick(_TURNED, cosine, PLAIN, ENGINE)
-    product = cosine
-    for _ in range(_HALVINGS - 1):
-        cosine = square_root((cosine + 1.0) * 0.5)
-        product = product * cosine
-    inverse = 1.0 / product
-    y = norm_squared(s) * inverse * inverse * 0.25**_HALVINGS
-    series: Scalar = 0.0
-    for k in reversed(range(_TERMS)):
-        series = series * y + comb(2 * k, k) / (4.0**k * (2 * k + 1))
-    factor: Any = series * inverse
-    e[:3] = s * factor
+    e[:3], verdict = rotation_vector(R)
     scale = np.repeat([1.0, 1.0 / length], 3)[:, None] * sizes
     return tape.program({"e": e, "jacobian": J * scale, "verdict": np.array([verdict], object)}, [])
 

@@ -100,6 +100,7 @@ class Reader:
             "pose": aligned_empty(count, 4, 4),
         }
         verdicts = np.zeros(count, np.uint8)
+        q = q.copy() if self._plan.is_closed else q
         run(self._plan, self._kernel, q, loads, arrays, verdicts, 1, None)
         return Values(_finished(arrays["readings"], self.readings), arrays["pose"], verdicts == 0)
 

@@ -264,7 +264,12 @@ class _Asked:
         if elastic is None or not has_package("llvmlite") or not _is_plain(elastic, loaded):
             return
         found = plan(elastic, "shared" if loaded else "none")
-        if isinstance(found, str) or found.regular != "regular" or found.has_derivatives:
+        if (
+            isinstance(found, str)
+            or found.regular != "regular"
+            or found.has_derivatives
+            or found.is_closed
+        ):
             return
         program = program_for(found.case, _NAMES)
         waited_for = main_thread().is_alive()

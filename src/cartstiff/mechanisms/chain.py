@@ -21,7 +21,7 @@ from cartstiff.arrays import is_pose, read_only
 from cartstiff.errors import ConvergenceError, InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.closures import Closure, TiedState, Ties
+from cartstiff.mechanisms.closures import LONGEST_STEP, Closure, TiedState, Ties
 from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.shapes import Piece
@@ -393,8 +393,8 @@ class Chain(Mechanism):
             step = np.linalg.lstsq(A, -residual, rcond=LEAST_EFFORT)[0]
             largest = float(np.abs(step).max())
             # Whole steps that do not help lead to where the gap is least, not to where it shuts.
-            if not largest > STILL or (futile >= _FUTILE and largest < 0.2):
+            if not largest > STILL or (futile >= _FUTILE and largest < LONGEST_STEP):
                 break
-            posture = self.at(posture.q + columns * step * min(1.0, 0.2 / largest))
+            posture = self.at(posture.q + columns * step * min(1.0, LONGEST_STEP / largest))
         size, posture = best
         return (posture if size <= tolerance * max(1.0, posture.length) else None), iteration, size

@@ -18,7 +18,10 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.tree import KinematicTree, Placement, TreeState
 
-__all__ = ["Closure", "TiedState", "Ties"]
+__all__ = ["LONGEST_STEP", "Closure", "TiedState", "Ties"]
+
+#: A step towards closure changes no coordinate by more (rad, or characteristic lengths).
+LONGEST_STEP = 0.2
 
 _ROWS = {"weld": slice(0, 6), "point": slice(3, 6)}
 # Closer than this to closure the residual's Jacobian is the relative twist's, to rounding.

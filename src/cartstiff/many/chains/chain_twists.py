@@ -7,6 +7,7 @@ is never computed.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,7 +18,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import cross, zeros
 from cartstiff.many.tape import cosine, sine
 
-__all__ = ["ChainConstants", "ChainKinematics", "Field"]
+__all__ = ["ChainConstants", "ChainKinematics", "Field", "Links", "Walk"]
 
 #: Entries of a rotation this near to 0 or 1 are that: they are known to rounding only.
 _ROUNDED = numerics.TWO_UNITS
@@ -65,13 +66,16 @@ class ChainConstants:
         return hash((self.placements, self.screws, self.body))
 
 
-class _Links:
+class Links:
     """The links of a chain with frames turned so that every axis is z, and their joints.
 
-    The last of the placements is that of the body.
+    The last of the placements is that of the body. In a tree each hangs on one of the `parents`,
+    counted from 1; in a chain on the one before.
     """
 
-    def __init__(self, constants: ChainConstants, position: Array) -> None:
+    def __init__(
+        self, constants: ChainConstants, position: Array, parents: Sequence[int] | None = None
+    ) -> None:
         placements = np.reshape([*constants.placements, *constants.body], (-1, 4, 4))
         screws = np.reshape(constants.screws, (-1, 6))
         self.turning = [bool(np.any(screw[:3])) for screw in screws]
@@ -82,7 +86,8 @@ class _Links:
             self.turns.append(_turn(axis))
         self.placements = []
         turns = [np.eye(3), *self.turns, np.eye(3)]
-        for T, before, after in zip(placements, turns[:-1], turns[1:], strict=True):
+        befores = [turns[p] for p in parents or range(len(placements))]
+        for T, before, after in zip(placements, befores, turns[1:], strict=True):
             turned = np.eye(4)
             turned[:3, :3] = _snapped(before.T @ T[:3, :3] @ after)
             turned[:3, 3] = before.T @ T[:3, 3]
@@ -114,10 +119,10 @@ def _snapped(rotation: Array) -> Array:
     return rotation
 
 
-class _Walk:
+class Walk:
     """A walk along a chain: pose of the frame that it has reached in the one where it began."""
 
-    def __init__(self, links: _Links) -> None:
+    def __init__(self, links: Links) -> None:
         self.links = links
         self.R, self.p = np.eye(3).astype(object), zeros(3)
 
@@ -162,29 +167,31 @@ class ChainKinematics:
     R_C_M, p_C_M, R_C_F, p_C_F : poses of M and F in C.
     size, reach : longest way along the links to M, from F and from the first axis.
     beyond : mass and first moment in C beyond each joint, for each field.
+    roots, outward : joints that hang on the ground; of each joint itself and those behind it.
     """
 
     def __init__(
         self, constants: ChainConstants, position: Array, fields: tuple[Field, ...], middle: int
     ) -> None:
-        links = _Links(constants, position)
+        links = Links(constants, position)
         joints = len(links.turning)
+        self.roots, self.outward = (0,), [range(a, joints) for a in range(joints)]
         self.size, self.reach = sum(links.lengths), sum(links.lengths[1:])
         self.J, self.J_M = zeros(6, joints), zeros(6, joints)
         centres = [zeros(joints, 3) for _ in fields]
 
-        def see(walk: _Walk, j: int) -> None:
+        def see(walk: Walk, j: int) -> None:
             for centre, field in zip(centres, fields, strict=True):
                 centre[j] = walk.R @ (links.turns[j].T @ np.array(field.points[j])) + walk.p
 
-        walk = _Walk(links)
+        walk = Walk(links)
         for j in range(middle, joints):
             self.J[:, j] = walk.twist(j)
             walk.move(j, 1.0)
             see(walk, j)
             walk.outward(j + 1)
         self.R_C_M, self.p_C_M = walk.R, walk.p
-        walk = _Walk(links)
+        walk = Walk(links)
         for j in range(middle - 1, -1, -1):
             walk.inward(j + 1)
             see(walk, j)
@@ -193,7 +200,7 @@ class ChainKinematics:
         walk.inward(0)
         self.R_C_F, self.p_C_F = walk.R, walk.p
         # What is near the body is found from there with fewer operations.
-        walk = _Walk(links)
+        walk = Walk(links)
         for j in range(joints - 1, middle - 1, -1):
             walk.inward(j + 1)
             self.J_M[:, j] = walk.twist(j)

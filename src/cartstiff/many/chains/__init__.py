@@ -1,0 +1,1 @@
+"""Chains of joints, open and closed: their numbers, recorded."""

@@ -1,0 +1,250 @@
+r"""A serial chain as recording numbers: twists, energy, scales, the Lagrangian Hessian.
+
+Gravity and dead forces enter through the bodies beyond each joint: with m, m c their mass and first
+moment and S_b = omega_b x m c + m v_b,
+
+    dPhi/dq_b = -g . S_b,     d2Phi/dq_a dq_b = -(g x omega_a) . S_b    for b not before a.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cartstiff import numerics
+from cartstiff.geometry.se3 import Array
+from cartstiff.many.algebra import congruence, cross, is_zero, norm_squared, solution, zeros
+from cartstiff.many.arithmetic import ENGINE, JACOBIAN_CONDITION, LARGEST_ANGLE, PLAIN, limited
+from cartstiff.many.chains.chain_twists import ChainConstants, ChainKinematics, Field
+from cartstiff.many.chains.tree_twists import TreeKinematics
+from cartstiff.many.tape import Scalar, Tape, larger, pick, square_root
+
+__all__ = ["ChainCase", "ChainNumbers", "against", "curvature_of"]
+
+#: Where all axes meet within this share of the chain's size the engine chooses the length.
+_MEETING = numerics.NEARBY
+
+
+@dataclass(frozen=True)
+class ChainCase:
+    """What acts on a chain.
+
+    Attributes
+    ----------
+    constants : ChainConstants
+    open : tuple of bool or None
+        Coordinates whose rest position is chosen posture by posture; None without springs.
+    wrench : {"none", "shared", "each"}
+        Whether a wrench is given: one for all postures, or one for each.
+    fields : tuple of Field
+    coupled : tuple of (indices, flat matrix)
+        Springs over several coordinates.
+    derivatives : bool
+        Whether energy, gradient and Hessian of further potentials are given as arrays.
+    """
+
+    constants: ChainConstants
+    open: tuple[bool, ...] | None
+    wrench: str = "none"
+    fields: tuple[Field, ...] = ()
+    coupled: tuple[tuple[tuple[int, ...], tuple[float, ...]], ...] = ()
+    derivatives: bool = False
+
+
+def _field_terms(
+    force: Array, kinematics: ChainKinematics | TreeKinematics, beyond: tuple[Array, Array]
+) -> tuple[Scalar, Array, Array]:
+    """Energy, gradient and Hessian in the joint positions."""
+    mass, first = beyond
+    J, joints = kinematics.J, kinematics.J.shape[1]
+    g = kinematics.R_C_F @ force
+    energy = -sum(g @ (first[a] - kinematics.p_C_F * mass[a]) for a in kinematics.roots)
+    gradient, hessian = zeros(joints), zeros(joints, joints)
+    S = [cross(J[:3, b], first[b]) + J[3:, b] * mass[b] for b in range(joints)]
+    for a in range(joints):
+        gradient[a] = -(g @ S[a])
+        across = cross(g, J[:3, a])
+        for b in kinematics.outward[a]:
+            hessian[a, b] = hessian[b, a] = -(across @ S[b])
+    return energy, gradient, hessian
+
+
+def against(twist: Array, W: Array) -> Array:
+    """What gives ``-W . [twist, X]`` with any X."""
+    turn, shift = twist[:3], twist[3:]
+    return np.concatenate([cross(turn, W[:3]) + cross(shift, W[3:]), cross(turn, W[3:])])
+
+
+def curvature_of(J: Array, W: Array) -> Array:
+    """``S[a, b] = 1/2 W . [J_a, J_b]`` for a before b, symmetric."""
+    joints = J.shape[1]
+    S = zeros(joints, joints)
+    half = W * 0.5
+    # Of a pair the twist with more zeros makes the row, which then has zeros too.
+    order = sorted(range(joints), key=lambda a: sum(not is_zero(x) for x in J[:, a]))
+    for i, b in enumerate(order):
+        row = against(J[:, b], half)
+        for a in order[i + 1 :]:
+            S[a, b] = S[b, a] = J[:, a] @ (row if a < b else -row)
+    return S
+
+
+class ChainNumbers:
+    """One chain under one case, as numbers on a tape."""
+
+    is_closed = False
+    # Of a closed chain they are other ones.
+    case: Any
+    kinematics: Any
+
+    def __init__(self, tape: Tape, case: ChainCase, middle: int) -> None:
+        constants = case.constants
+        self.n = n = len(constants.is_length)
+        self.has_chart = n == 6
+        self.case = case
+        self.q = tape.vector("q", n)
+        self.position, self.mimic = self.q, None
+        if constants.mimic is not None:
+            self.mimic = np.reshape(constants.mimic, (-1, n))
+            offset = np.zeros(len(self.mimic)) if constants.offset is None else constants.offset
+            self.position = self.mimic @ self.q + np.asarray(offset, object)
+        self.kinematics = ChainKinematics(constants, self.position, case.fields, middle)
+        self.J = self._of_coordinates(self.kinematics.J_M)
+        self.W: Array | None = None
+        if case.wrench != "none":
+            self.W = tape.vector("wrench", 6)
+        self._evaluate(tape)
+        turning: list[Scalar]
+        if self.mimic is None:  # axes are unit vectors
+            kinds = np.reshape(constants.screws, (-1, 6))
+            turning = [1.0 if np.any(k[:3]) else 0.0 for k in kinds]
+        else:
+            turning = [norm_squared(column) for column in self.J[:3].T]
+        self._measure(self.J, turning, constants.is_length)
+
+    def _of_coordinates(self, J: Array) -> Array:
+        """A Jacobian of the coordinates from that of the joints."""
+        return J if self.mimic is None else J @ self.mimic
+
+    def _others(self, tape: Tape) -> tuple[Any, Array, Array]:
+        """Energy, gradient, Hessian of everything but the springs."""
+        case, n = self.case, len(self.q)
+        energy: Any = 0.0
+        gradient, hessian = zeros(n), zeros(n, n)
+        if case.derivatives:
+            energy = tape.input("energies", 0)
+            gradient = tape.vector("gradients", n)
+            hessian = tape.vector("hessians", n * n).reshape(n, n)
+            hessian = np.where(np.tri(n, dtype=bool), hessian, hessian.T)
+        forces = tape.vector("forces", 3 * len(case.fields)).reshape(-1, 3)
+        for force, beyond in zip(forces, self.kinematics.beyond, strict=True):
+            E, g, H = _field_terms(force, self.kinematics, beyond)
+            if (M := self.mimic) is not None:
+                g, H = M.T @ g, congruence(M, H)
+            energy, gradient, hessian = energy + E, gradient + g, hessian + H
+        for indices, flat in case.coupled:
+            matrix = np.reshape(flat, (len(indices), -1))
+            force = matrix @ self.q[list(indices)]
+            energy = energy + (force @ self.q[list(indices)]) * 0.5
+            gradient[list(indices)] = gradient[list(indices)] + force
+            hessian[np.ix_(indices, indices)] = hessian[np.ix_(indices, indices)] + matrix
+        return energy, gradient, hessian
+
+    def _evaluate(self, tape: Tape) -> None:
+        """Energy, gradient, Hessian of everything, springs balanced as the engine does."""
+        case, n = self.case, self.n
+        energy, gradient, hessian = self._others(tape)
+        if case.open is not None:
+            stiffness = tape.vector("stiffness", n)
+            rest = tape.vector("rest", n)
+            wanted = zeros(n) if self.W is None else self.J.T @ self.W
+            for a in range(n):
+                hessian[a, a] = hessian[a, a] + stiffness[a]
+                if self.W is not None or case.open[a]:
+                    torque = wanted[a] - gradient[a]
+                    energy = energy + torque * torque / stiffness[a] * 0.5
+                    gradient[a] = wanted[a]
+                else:
+                    stretch = self.q[a] - rest[a]
+                    energy = energy + stiffness[a] * stretch * stretch * 0.5
+                    gradient[a] = gradient[a] + stiffness[a] * stretch
+        self.energy, self.gradient, self.hessian = energy, gradient, hessian
+
+    def _measure(self, J: Array, turning: Sequence[Scalar], is_length: Sequence[bool]) -> None:
+        """Characteristic length, natural sizes of the coordinates, and the first verdict.
+
+        From twists J (6, k) in M, and how much each of them turns.
+        """
+        self.verdict: Scalar = PLAIN
+        total = sum(turning[1:], turning[0])
+        self.length: Scalar = 1.0
+        self.area: Scalar = 1.0
+        if not (isinstance(total, float) and total == 0.0):
+            moments = [
+                norm_squared(J[3:, a])
+                for a in range(J.shape[1])
+                if not (isinstance(turning[a], float) and turning[a] == 0.0)
+            ]
+            area = sum(moments[1:], moments[0]) / total
+            if not is_zero(area):  # else the engine chooses
+                self.area, self.length = area, square_root(area)
+            least = _MEETING * self.kinematics.size
+            self.verdict = pick(least**2, area, PLAIN, ENGINE)
+            far = limited(norm_squared(self.position), LARGEST_ANGLE**2)
+            self.verdict = larger(self.verdict, far)
+        self.columns = zeros(len(is_length))
+        for a, is_distance in enumerate(is_length):
+            self.columns[a] = self.length if is_distance else 1.0
+
+    def load(self) -> Array | None:
+        """The wrench where it is known beforehand."""
+        if self.W is None and self.case.open is not None and all(self.case.open):
+            return zeros(6)
+        return self.W
+
+    def lagrangian(self, W: Array) -> Array:
+        """H_L in the coordinates."""
+        return self.hessian - self.curvature(W)
+
+    def curvature(self, W: Array) -> Array:
+        """S_W in the coordinates."""
+        S = curvature_of(self.kinematics.J, self.kinematics.wrench(W))
+        return S if self.mimic is None else congruence(self.mimic, S)
+
+    def inverse(self) -> Array:
+        """J^-1 of six coordinates, and the verdict on it."""
+        found = self.kinematics
+        # So that turns and shifts are of one size any length near the reach serves; 1 is free.
+        length = 4.0 ** round(math.log(found.reach or 1.0, 4.0))
+        scale = np.repeat([length, 1.0], 3)[:, None]
+        A = solution(self._of_coordinates(found.J) * scale, found.adjoint() * scale)
+        # Where the characteristic length is small beside that, C knows less than M would.
+        limit = self.area * (JACOBIAN_CONDITION / max(length, found.reach)) ** 2
+        condition = self.condition((self.J * self.columns).T, (A / self.columns[:, None]).T)
+        self.verdict = larger(self.verdict, pick(condition, limit, PLAIN, ENGINE))
+        self.squared_condition = condition
+        return A
+
+    def condition(self, forward: Array, backward: Array) -> Scalar:
+        """Bound on the squared condition number of the scaled Jacobian.
+
+        From its transpose and its transposed inverse, or what differs from them by a rotation of
+        the coordinates.
+        """
+        if self.mimic is None and not any(self.case.constants.is_length):
+            size: Scalar = 2.0 * self.n  # by the choice of the length
+        else:
+            size = norm_squared(forward[:, :3]) + norm_squared(forward[:, 3:]) / self.area
+        return size * (norm_squared(backward[:3]) + norm_squared(backward[3:]) * self.area)
+
+    def pose(self) -> Array:
+        """``T_F_M``."""
+        found, T = self.kinematics, zeros(4, 4)
+        T[:3, :3] = found.R_C_F.T @ found.R_C_M
+        T[:3, 3] = found.R_C_F.T @ (found.p_C_M - found.p_C_F)
+        T[3, 3] = 1.0
+        return T

@@ -1,0 +1,167 @@
+"""Which closed chains have recorded arithmetic, and what it is made for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cartstiff import numerics
+from cartstiff.errors import ConvergenceError
+from cartstiff.geometry.se3 import Array
+from cartstiff.many.chains.closed_chain import ClosedCase
+from cartstiff.many.chains.tree_twists import Tie, TreeConstants, TreeKinematics
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.tree import Placement
+from cartstiff.potentials.beams import Beam
+from cartstiff.potentials.contract import Potential
+from cartstiff.potentials.springs import CoupledSprings, JointSprings
+
+__all__ = ["closed_case", "tree_constants"]
+
+#: Postures that closures are looked at in, and how far from home they are sought (rad, or shares
+#: of the characteristic length).
+_SAMPLES, _AWAY = 4, 0.1
+
+
+def _flat(array: Array) -> tuple[float, ...]:
+    return tuple(np.ravel(array).tolist())
+
+
+def tree_constants(chain: Chain) -> TreeConstants:
+    """Geometry of a tree with its ties."""
+    tree = chain.tree
+    places = [(chain.placement(c.frame_a), chain.placement(c.frame_b)) for c in chain.closures]
+
+    def tie(a: Placement, b: Placement, is_weld: bool) -> Tie:
+        return Tie(a.joint, _flat(a.T_j_f), b.joint, _flat(b.T_j_f), is_weld)
+
+    return TreeConstants(
+        _flat(np.array(tree.placements())),
+        _flat(tree.screws()),
+        _flat(chain.body.T_j_f),
+        None,
+        None,
+        tuple(bool(x) for x in chain.is_length),
+        tuple(int(p) for p in list(tree.model.parents)[1:]),
+        chain.body.joint,
+        tuple(
+            tie(a, b, closure.type == "weld")
+            for closure, (a, b) in zip(chain.closures, places, strict=True)
+        ),
+    )
+
+
+def _samples(chain: Chain, q: Array) -> list[Array]:
+    """Coordinates of a few closed postures about q."""
+    found, rng = list[Array](), np.random.default_rng(0)
+    for i in range(3 * _SAMPLES):
+        away = chain.at(q).coordinate_lengths * rng.uniform(-_AWAY, _AWAY, q.size)
+        away[list(chain.virtual)] = 0.0
+        try:
+            found.append(chain.closed(q if i == 0 else q + away).q)
+        except ConvergenceError:
+            continue
+        if len(found) == _SAMPLES:
+            break
+    return found
+
+
+def _rows(constants: TreeConstants, samples: Sequence[Array]) -> list[tuple[int, ...]] | None:
+    """Of each tie the rows that make the closures independent; None where they differ."""
+    every, names = list[Array](), list[tuple[int, int]]()
+    for at in samples:
+        tree = TreeKinematics(constants, at.astype(object))
+        rows = list[Array]()
+        names = []
+        for k, tie in enumerate(constants.ties):
+            own = range(0 if tie.is_weld else 3, 6)
+            about = None if tie.is_weld else tree.placed(tie.joint_b, tie.T_b)[1]
+            rows += list(tree.tied(tie, about)[list(own)].astype(float))
+            names += [(k, i) for i in own]
+        every.append(np.array(rows))
+    ranks = {numerics.rank(numerics.singular_values(C)) for C in every}
+    if len(ranks) != 1:
+        return None
+    together = np.concatenate(every, axis=1)
+    # Rows that are zero everywhere come last; of the others the first that are independent.
+    kept = sorted(numerics.first_independent(_reduced(together, ranks.pop()).T).tolist())
+    for C in every:
+        if not numerics.is_regular(numerics.singular_values(C[kept])):
+            return None
+    return [tuple(i for j in kept for t, i in [names[j]] if t == k)
+            for k in range(len(constants.ties))]  # fmt: skip
+
+
+def _reduced(rows: Array, rank: int) -> Array:
+    """Columns that span those of some rows together, as many as one posture's rank."""
+    U, values, _ = np.linalg.svd(rows, full_matrices=False)
+    return np.asarray(U[:, :rank] * values[:rank])
+
+
+def closed_case(
+    elastic: ElasticMechanism, chain: Chain, wrench: str
+) -> tuple[ClosedCase, tuple[Potential, ...]] | str:
+    """The case of a closed chain and potentials that it does not hold, or why there is none."""
+    springs = elastic.springs
+    if springs is not None and not isinstance(springs, JointSprings):
+        return "line springs of a chain have no arithmetic of their own"
+    if chain.rigid or chain.tree.mimic is not None:
+        return "joints that are rigid, or follow others, in a closed chain"
+    constants = tree_constants(chain)
+    way = constants.support(constants.carrier)
+    if not any(np.any(np.reshape(constants.screws, (-1, 6))[j, :3]) for j in way):
+        return "no joint on the way to the frame turns"
+    samples = _samples(chain, elastic.q)
+    rows = _rows(constants, samples) if samples else None
+    if rows is None:
+        return "the closures have no rank that most postures share"
+    n, rank = len(constants.is_length), sum(map(len, rows))
+    held = tuple(chain.held)
+    if len(held) not in (0, n - rank):
+        return f"{len(held)} held coordinates do not go with {n - rank} motions that stay closed"
+    if not held and rank < len(chain.ties.rows[chain.ties.rows] if chain.ties else ()):
+        return "redundant closures without actuated coordinates are closed posture by posture"
+    actuated = chain.actuated
+    if actuated is not None and not set(actuated) <= set(held):
+        return "the actuated coordinates are not those that are held"
+
+    still, others = list[tuple[tuple[int, ...], tuple[float, ...]]](), list[Potential]()
+    for potential in elastic.potentials:
+        if isinstance(potential, Beam):
+            blocks = zip(potential.indices, potential._straight, strict=True)
+            still += [(tuple(map(int, at)), _flat(K)) for at, K in blocks]
+        elif type(potential) is CoupledSprings:
+            still.append((tuple(map(int, potential.indices)), _flat(potential.matrix)))
+        else:
+            others.append(potential)
+    if wrench != "none" and chain.virtual:
+        return "links that give are deflected by a wrench posture by posture"
+    own = np.zeros(n, bool) if springs is None else ~springs.is_passive
+    is_open = np.zeros(n, bool) if springs is None else springs.is_open(wrench != "none")
+    if springs is not None and any(is_open[j] for j in springs.laws):
+        return "the rest position of a nonlinear spring is found posture by posture"
+    acts = bool(others) or elastic.gravity is not None or bool((own & ~is_open).any())
+    if not is_open.any():
+        balance = "given"
+    elif set(held) and set(np.flatnonzero(is_open).tolist()) == set(held):
+        balance = "chosen"
+    elif wrench == "none" and not acts:
+        balance = "idle"
+    else:
+        return "what springs carry beside closures is found posture by posture"
+    if n - rank > 6 and balance == "given":
+        return "whether self-motions of a closed chain balance is seen posture by posture"
+    return ClosedCase(
+        constants,
+        None,
+        wrench,
+        independent=held,
+        rows=tuple(rows),
+        length=float(chain.at(samples[0]).length),
+        balance=balance,
+        springs=tuple(np.flatnonzero(own).tolist()),
+        still=tuple(still),
+        has_chart=actuated is not None and len(actuated) == 6 == n - rank,
+    ), tuple(others)

@@ -1,0 +1,251 @@
+r"""A closed chain as recording numbers: the numbers of an open one on the motions that stay closed.
+
+With closures C dq = 0, dependent coordinates D and independent ones I, all motions are
+``dq = N dx``, N = 1 on I and ``-C_D^-1 C_I`` on D. In the coordinates x of these motions
+
+    J = J_q N,    g = N^T g_q,    H = N^T (H_q + lam c'') N,    C_D^T lam = -(g_q)_D,
+    S_W = N^T (S_q,W - mu c'') N,    C_D^T mu = (J_q^T W)_D
+
+and everything goes on as for an open chain. The reduction of `cartstiff.stiffness` is the same with
+a basis from the singular value decomposition. I are the coordinates that are held while the chain
+is closed; without any, N is orthonormal, from reflections of C^T.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from cartstiff import numerics
+from cartstiff.geometry.se3 import Array
+from cartstiff.many.algebra import (
+    congruence,
+    inverse,
+    is_zero,
+    largest,
+    norm_squared,
+    reflections,
+    solution,
+    upper_inverse,
+    zeros,
+)
+from cartstiff.many.arithmetic import ENGINE, JACOBIAN_CONDITION, PLAIN, limited
+from cartstiff.many.chains.chain_arithmetic import arrays_of
+from cartstiff.many.chains.chain_numbers import ChainCase, ChainNumbers, curvature_of
+from cartstiff.many.chains.tree_twists import TreeConstants, TreeKinematics
+from cartstiff.many.tape import Scalar, Tape, absolute, larger, pick, square_root
+
+__all__ = ["ClosedCase", "closed_arrays", "length_of"]
+
+#: Condition of the closures up to which their motions are known to all but four digits.
+_CLOSED = 1.0 / numerics.LOST
+
+
+@dataclass(frozen=True)
+class ClosedCase(ChainCase):
+    """What acts on a closed chain; `open` is not used.
+
+    Attributes
+    ----------
+    balance : {"given", "chosen", "idle"}
+        Whether springs exert what their rest positions say, those of the independent coordinates
+        carry all that acts, or nothing acts and nothing is stretched.
+    springs : coordinates with a spring of their own.
+    independent : coordinates I, held while the chain is closed; all closures leave as many.
+    rows : of each tie, rows of its relative twist that are independent of all others' (0 to 5).
+    length : characteristic length of the chain somewhere, for scales that decide nothing else.
+    still : coordinates that are zero, and Hessian of their springs there: elsewhere the engine
+        decides.
+    has_chart : whether the independent coordinates are the chart of K^F.
+    """
+
+    constants: TreeConstants
+    independent: tuple[int, ...] = ()
+    rows: tuple[tuple[int, ...], ...] = ()
+    length: float = 1.0
+    balance: str = "idle"
+    springs: tuple[int, ...] = ()
+    still: tuple[tuple[tuple[int, ...], tuple[float, ...]], ...] = ()
+    has_chart: bool = False
+
+    @property
+    def dependent(self) -> list[int]:
+        """Coordinates D."""
+        return [j for j in range(len(self.constants.is_length)) if j not in self.independent]
+
+    @property
+    def freedoms(self) -> int:
+        """How many motions stay closed."""
+        return len(self.constants.is_length) - sum(map(len, self.rows))
+
+
+class _ClosedChain(ChainNumbers):
+    """One closed chain under one case; coordinates are those of the motions N."""
+
+    is_closed = True
+
+    def __init__(self, tape: Tape, case: ClosedCase) -> None:  # its own way
+        constants = case.constants
+        self.case, self.n, self.has_chart = case, case.freedoms, case.has_chart
+        self.q = self.position = tape.vector("q", len(constants.is_length))
+        self.mimic: Array | None = None
+        self.kinematics = TreeKinematics(constants, self.q, case.fields)
+        doubt = self._motions(case)
+        way = constants.support(constants.carrier)
+        J_M = zeros(6, len(self.q))
+        J_M[:, way] = self.kinematics.in_body(self.kinematics.J[:, way])
+        self.J_q, self._way = J_M, way
+        self.J = J_M[:, way] @ self.N[way]
+        self.W = tape.vector("wrench", 6) if case.wrench != "none" else None
+        kinds = np.reshape(constants.screws, (-1, 6))[way]
+        turning = [1.0 if np.any(k[:3]) else 0.0 for k in kinds]
+        distances = [constants.is_length[j] for j in case.independent] or [False] * self.n
+        self._measure(J_M[:, way], turning, distances)
+        self.verdict = larger(self.verdict, doubt)
+        for j in (j for indices, _ in case.still for j in indices):
+            is_still = pick(absolute(self.q[j]), numerics.TINY, PLAIN, ENGINE)
+            self.verdict = larger(self.verdict, is_still)
+        self._evaluate(tape)
+        self.mimic = self.N
+
+    def _motions(self, case: ClosedCase) -> Scalar:
+        """N, and the verdict on it."""
+        constants, tree = case.constants, self.kinematics
+        kept, left = list[Array](), list[Array]()
+        self._ties: list[tuple[Array, list[int]]] = []
+        for tie, rows in zip(constants.ties, case.rows, strict=True):
+            about = None if tie.is_weld else tree.placed(tie.joint_b, tie.T_b)[1]
+            twists = tree.tied(tie, about)
+            self._ties.append((twists, list(rows)))
+            kept.append(twists[list(rows)])
+            others = set(range(0 if tie.is_weld else 3, 6)) - set(rows)
+            left.append(twists[sorted(others)])
+        self._C, n = np.concatenate(kept), len(self.q)
+        sizes = np.array([case.length if d else 1.0 for d in constants.is_length])
+        scale = np.concatenate(
+            [[1.0 if i < 3 else 1.0 / case.length for i in rows] for rows in case.rows]
+        )
+        scaled = self._C * scale[:, None] * sizes
+        if case.independent:
+            D, free = case.dependent, list(case.independent)
+            # A vector in no particular direction tells how large the inverse is.
+            probe = np.cos(np.arange(1.0, 1.0 + len(D)))
+            found = solution(scaled[:, D], np.column_stack([scaled[:, free], probe]))
+            self.N = zeros(n, len(free))
+            self.N[free] = np.eye(len(free))
+            self.N[D] = found[:, :-1] * -(sizes[D][:, None] / sizes[free])
+            size = norm_squared(found) / len(D) * norm_squared(scaled[:, D])
+            limit = _CLOSED**2
+        else:
+            Q = reflections(scaled.T)
+            inverse_R = upper_inverse(Q.R)
+            self._solved = Q, inverse_R, scale, sizes
+            last = zeros(n, n - len(Q.R))
+            last[len(Q.R) :] = np.eye(n - len(Q.R))
+            self.N = Q.apply(last) * sizes[:, None]
+            size, limit = norm_squared(Q.R) * norm_squared(inverse_R), JACOBIAN_CONDITION**2
+        verdict = limited(size, limit)
+        missed = (np.concatenate(left) * sizes) @ (self.N / sizes[:, None])
+        if not all(is_zero(x) for x in missed.flat):
+            least = largest(self.N / sizes[:, None]) * (numerics.CLOSE * case.length)
+            verdict = larger(verdict, pick(largest(missed), least, PLAIN, ENGINE))
+        return verdict
+
+    def _multipliers(self, right: Array) -> Array:
+        """Closure forces that balance generalised forces (n,) on what depends on others."""
+        if all(is_zero(x) for x in right.flat):
+            return zeros(len(self._C))
+        D = self.case.dependent
+        if self.case.independent:
+            return solution(self._C[:, D].T, right[D, None])[:, 0]
+        Q, inverse_R, scale, sizes = self._solved
+        return (inverse_R @ Q.apply_transposed(right * sizes)[: len(inverse_R)]) * scale
+
+    def _turning(self, multipliers: Array) -> Array:
+        """``N^T (lam c'') N``."""
+        n, start = len(self.q), 0
+        S = zeros(n, n)
+        for tie, (twists, rows) in zip(self.case.constants.ties, self._ties, strict=True):
+            force = zeros(6)
+            force[rows] = multipliers[start : start + len(rows)]
+            start += len(rows)
+            if all(is_zero(x) for x in force):
+                continue
+            way = [j for j, _ in self.case.constants.way(tie)]
+            S[np.ix_(way, way)] = S[np.ix_(way, way)] + curvature_of(twists[:, way], force)
+        return congruence(self.N, S)
+
+    def _evaluate(self, tape: Tape) -> None:
+        """Energy, gradient and Hessian of everything on the motions; springs are balanced."""
+        case = self.case
+        energy, gradient, hessian = self._others(tape)
+        for indices, flat in case.still:
+            hessian[np.ix_(indices, indices)] = np.reshape(flat, (len(indices), -1))
+        stiffness = tape.vector("stiffness", len(self.q))
+        rest = tape.vector("rest", len(self.q))
+        for a in case.springs:
+            hessian[a, a] = hessian[a, a] + stiffness[a]
+            if case.balance == "given" or (case.balance == "chosen" and a not in case.independent):
+                stretch = self.q[a] - rest[a]
+                energy = energy + stiffness[a] * stretch * stretch * 0.5
+                gradient[a] = gradient[a] + stiffness[a] * stretch
+        if case.balance == "chosen":
+            # The springs carry what the closures pass on to them.
+            D, free = case.dependent, list(case.independent)
+            wanted = -(self.N[D].T @ gradient[D])
+            if self.W is not None:
+                wanted = wanted + self.J.T @ self.W
+            for a, torque in zip(free, wanted, strict=True):
+                own = torque - gradient[a]
+                energy = energy + own * own / stiffness[a] * 0.5
+                gradient[a] = torque
+        self.energy = energy
+        self.gradient = self.N.T @ gradient
+        self.hessian = congruence(self.N, hessian) + self._turning(self._multipliers(-gradient))
+
+    def load(self) -> Array | None:
+        """The wrench where it is known beforehand."""
+        return zeros(6) if self.W is None and self.case.balance != "given" else self.W
+
+    def curvature(self, W: Array) -> Array:
+        """S_W on the motions."""
+        if all(is_zero(w) for w in W):
+            return zeros(self.n, self.n)
+        way = self._way
+        S = curvature_of(self.kinematics.J[:, way], self.kinematics.from_body(W))
+        return congruence(self.N[way], S) - self._turning(self._multipliers(self.J_q.T @ W))
+
+    def inverse(self) -> Array:
+        """J^-1 of six motions, and the verdict on it."""
+        scale = np.repeat([1.0, 1.0 / self.case.length], 3)
+        A = inverse(self.J * scale[:, None]) * scale
+        condition = self.condition((self.J * self.columns).T, (A / self.columns[:, None]).T)
+        self.verdict = larger(self.verdict, limited(condition, JACOBIAN_CONDITION**2))
+        self.squared_condition = condition
+        return A
+
+    def condition(self, forward: Array, backward: Array) -> Scalar:
+        """Bound on the squared condition number of the scaled Jacobian."""
+        size = norm_squared(forward[:, :3]) + norm_squared(forward[:, 3:]) / self.area
+        return size * (norm_squared(backward[:3]) + norm_squared(backward[3:]) * self.area)
+
+    def pose(self) -> Array:
+        """``T_F_M``."""
+        T = zeros(4, 4)
+        T[:3, :3], T[:3, 3], T[3, 3] = self.kinematics.R, self.kinematics.p, 1.0
+        return T
+
+
+def length_of(tree: TreeKinematics) -> Scalar:
+    """Root mean square distance of the axes of joints on the way to the body from its origin."""
+    way = [j for j in tree.constants.support(tree.constants.carrier) if tree.links.turning[j]]
+    moments = tree.in_body(tree.J[:, way])[3:]
+    return square_root(norm_squared(moments) / len(way)) if way else 1.0
+
+
+def closed_arrays(tape: Tape, case: ClosedCase, wanted: Collection[str]) -> dict[str, Array]:
+    """What of the outputs exists, among it all that is wanted, and "verdict" on the posture."""
+    chain = _ClosedChain(tape, case)
+    return {**arrays_of(chain, wanted), "jacobian": chain.J_q}

@@ -1,0 +1,144 @@
+r"""Closing chains by machine code: the steps of `Chain.closed`, recorded.
+
+Along the axes of F, with ``w = log(R_b R_a^T)``, x = w.w and d from a to b, the residual of a weld
+is ``xi = (w, d + w x d / 2 + c w x (w x d))`` and its rates are those of the twist about b times
+
+    J_r^-1(xi) = 1 + ad / 2 + A ad^2 + B ad^4,
+
+c, A and B being power series in x with the coefficients of ``(t / 2) cot(t / 2)``, t^2 = x; those
+of a point are the twist about a. Each step is limited as there.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cartstiff import numerics
+from cartstiff.geometry.se3 import Array
+from cartstiff.many.algebra import (
+    cross,
+    largest,
+    reflections,
+    rotation_vector,
+    skew,
+    solution,
+    upper_inverse,
+    zeros,
+)
+from cartstiff.many.arguments import aligned_empty
+from cartstiff.many.arithmetic import PLAIN
+from cartstiff.many.chains.closed_chain import ClosedCase, length_of
+from cartstiff.many.chains.tree_twists import Tie, TreeKinematics
+from cartstiff.many.tape import Scalar, Tape, larger, pick
+from cartstiff.mechanisms.closures import LONGEST_STEP
+
+__all__ = ["close", "closing_arrays"]
+
+#: Bernoulli numbers over factorials: coefficients of ``(t / 2) cot(t / 2)`` in t^2, but for the 1.
+_COTANGENT = (-1 / 12, -1 / 720, -1 / 30240, -1 / 1209600, -1 / 47900160, -691 / 1307674368000,
+              -1 / 74724249600, -3617 / 10670622842880000, -43867 / 5109094217170944000,
+              -174611 / 802857662698291200000)  # fmt: skip
+#: Steps after which the engine goes on.
+_STEPS = 40
+
+
+def _series(x: Any, coefficients: list[float]) -> Any:
+    total: Any = 0.0
+    for c in reversed(coefficients):
+        total = total * x + c
+    return total
+
+
+def _weld(tree: TreeKinematics, tie: Tie) -> tuple[Array, Array, Scalar]:
+    """Residual (6,), its rates (6, joints), and the verdict."""
+    (R_a, p_a), (R_b, p_b) = tree.placed(tie.joint_a, tie.T_a), tree.placed(tie.joint_b, tie.T_b)
+    w, verdict = rotation_vector(R_b @ R_a.T)
+    x, d = w @ w, p_b - p_a
+    c = -_series(x, list(_COTANGENT))
+    across = cross(w, d)
+    xi = np.concatenate([w, d + across * 0.5 + cross(w, across) * c])
+    A = _series(x, [(k - 1.0) * c_k for k, c_k in enumerate(_COTANGENT)])
+    B = _series(x, [(k + 1.0) * c_k for k, c_k in enumerate(_COTANGENT[1:])])
+    ad = zeros(6, 6)
+    ad[:3, :3] = ad[3:, 3:] = skew(xi[:3])
+    ad[3:, :3] = skew(xi[3:])
+    twice = ad @ ad
+    turned = np.eye(6) + ad * 0.5 + twice * A + (twice @ twice) * B
+    J = tree.tied(tie, p_b)
+    rates = zeros(*J.shape)
+    for j, _ in tree.constants.way(tie):
+        rates[:, j] = turned @ J[:, j]
+    return xi, rates, verdict
+
+
+def closing_arrays(tape: Tape, case: ClosedCase) -> dict[str, Array]:
+    """The "next" coordinates, and what is "left": residual, step, length, verdict."""
+    constants = case.constants
+    n = len(constants.is_length)
+    q = tape.vector("q", n)
+    tree = TreeKinematics(constants, q)
+    length = length_of(tree)
+    columns = np.array([length if d else 1.0 for d in constants.is_length], object)
+    verdict: Scalar = PLAIN
+    residuals, every, rates = list[Array](), list[Array](), list[Array]()
+    for tie, rows in zip(constants.ties, case.rows, strict=True):
+        if tie.is_weld:
+            xi, J, doubt = _weld(tree, tie)
+            verdict = larger(verdict, doubt)
+        else:
+            p_a, p_b = tree.placed(tie.joint_a, tie.T_a)[1], tree.placed(tie.joint_b, tie.T_b)[1]
+            xi, J = np.concatenate([zeros(3), p_b - p_a]), tree.tied(tie, p_a)
+        every.append(xi)
+        residuals.append(xi[list(rows)])
+        rates.append(J[list(rows)])
+    missed, C = np.concatenate(residuals), np.concatenate(rates)
+    step = zeros(n)
+    if case.independent:
+        D = case.dependent
+        sizes = columns[D]
+        step[D] = solution(C[:, D] * sizes, -missed[:, None])[:, 0]
+    else:
+        Q = reflections((C * columns).T)
+        y = zeros(n)
+        y[: len(Q.R)] = upper_inverse(Q.R).T @ -missed
+        step = Q.apply(y)
+    long = largest(step)
+    step = step * columns * pick(long, LONGEST_STEP, 1.0, LONGEST_STEP / long)
+    left = np.array([largest(np.concatenate(every)), long, length, verdict], object)
+    moved = q + step
+    return {"next": np.append(moved, moved[: n % 2]), "left": left}
+
+
+def close(workspace: Any, q: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Coordinates that close the chain from q (N, n), and where they do.
+
+    `workspace` runs the program of `closing_arrays` on as many rows. Where the engine would go on,
+    or end elsewhere, the coordinates stay those given.
+    """
+    found, is_closed = q.copy(), np.zeros(len(q), bool)
+    _close(workspace, found, is_closed)
+    found[~is_closed] = q[~is_closed]
+    return found, is_closed
+
+
+def _close(workspace: Any, q: Array, is_closed: NDArray[np.bool_]) -> None:
+    n, which, before = q.shape[1], np.arange(len(q)), np.full(len(q), np.inf)
+    for _ in range(_STEPS):
+        moved = {"next": aligned_empty(len(which), n + n % 2), "left": aligned_empty(len(which), 4)}
+        at = q if len(which) == len(q) else q[which]
+        workspace.run({"q": np.ascontiguousarray(at)}, moved, len(which))
+        size, step, length, doubt = moved["left"].T
+        unit = np.maximum(1.0, length)
+        # Accepted at rounding level, or within tolerance once steps no longer help.
+        done = (size <= numerics.FINEST * unit) | (
+            (size <= numerics.ROUNDING * unit) & ((size > 0.1 * before) | (step <= numerics.STILL))
+        )
+        is_closed[which[done]] = True
+        goes_on = ~done & (doubt == PLAIN) & np.isfinite(step)
+        which, before = which[goes_on], size[goes_on]
+        if not which.size:
+            return
+        q[which] = moved["next"][goes_on, :n]

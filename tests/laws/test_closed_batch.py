@@ -1,0 +1,162 @@
+"""Closed chains by recorded arithmetic are the engine's postures: coordinates, states, numbers."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from tests.laws.test_batch_engine import assert_same
+
+import cartstiff
+from cartstiff.geometry.se3 import Array
+from cartstiff.many.algebra import rotation_vector
+from cartstiff.many.plans import plan
+from cartstiff.many.postures import OUTPUTS, analyse_many
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.potentials.loads import DeadForce
+
+COUNT = 5
+RECORDED = tuple(name for name in OUTPUTS if not name.startswith("root"))
+WRENCH = np.array([1.0, -2.0, 0.5, 30.0, -20.0, 40.0])
+#: Two ways to closure end within the rounding of their residuals, over the least singular value.
+ASSEMBLED = 1e-13
+
+
+def starts(elastic: ElasticMechanism, away: float = 0.05, count: int = COUNT) -> Array:
+    """Home, with what is held elsewhere: the other coordinates are still to be found."""
+    chain = elastic.mechanism
+    q = np.tile(elastic.q, (count, 1))
+    moved = [j for j in chain.held or range(elastic.q.size) if j not in chain.virtual]
+    steps = np.random.default_rng(1).uniform(-away, away, (count, len(moved)))
+    q[:, moved] += steps * chain.at(elastic.q).coordinate_lengths[moved]
+    return q
+
+
+def with_rests(elastic: ElasticMechanism, **more: float) -> ElasticMechanism:
+    rest = elastic.q + 0.002 * np.sin(np.arange(elastic.q.size))
+    sprung = np.flatnonzero(elastic.springs.stiffness)
+    return elastic.with_springs(rest={elastic.names[j]: rest[j] for j in sprung}, **more)
+
+
+def weighed(elastic: ElasticMechanism) -> ElasticMechanism:
+    return elastic.with_gravity([0.0, 0.0, -9.81])
+
+
+def sprung_everywhere(elastic: ElasticMechanism) -> ElasticMechanism:
+    k = np.where(elastic.springs.stiffness > 0.0, elastic.springs.stiffness, 50.0)
+    return elastic.with_springs(k.tolist(), (elastic.q + 0.01).tolist())
+
+
+def without_motors(elastic: ElasticMechanism) -> ElasticMechanism:
+    chain = copy(elastic.mechanism)
+    chain.actuated, chain.selection, chain.held = None, None, []
+    return replace(elastic, mechanism=chain)
+
+
+def pushed(elastic: ElasticMechanism) -> ElasticMechanism:
+    return elastic.with_potential(DeadForce([5.0, -3.0, 10.0], [0.01, 0.02, 0.03], "body"))
+
+
+EACH = np.random.default_rng(3).normal(size=(COUNT, 6)) * 10.0
+CASES = {
+    "six legs": ("6-ups", [], {}),
+    "six legs under a load each": ("6-ups", [weighed], {"wrench": EACH}),
+    "six legs with rests": ("6-ups", [weighed, with_rests], {}),
+    "six legs without motors": ("6-ups", [without_motors], {}),
+    "six legs with springs everywhere": ("6-ups", [without_motors, sprung_everywhere], {}),
+    "welds": ("3-rps", [], {}),
+    "welds under a load in F": (
+        "3-rps", [], {"wrench": WRENCH, "load_axes": "world", "load_at": (0.1, 0.0, 0.2)}),
+    "welds with gravity and a force": ("tricept", [weighed, pushed], {}),
+    "welds with rests": ("3-rps", [weighed, with_rests], {}),
+    "sliders": ("orthoglide", [weighed], {"wrench": WRENCH}),
+    "closures that repeat others": ("five-bar", [weighed], {"wrench": WRENCH}),
+    "forearms that give": ("delta", [], {}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_every_kind_of_closure_and_load(case):
+    name, changes, load = CASES[case]
+    elastic = cartstiff.load(name)
+    for change in changes:
+        elastic = change(elastic)
+    q = starts(elastic, 0.02)
+    assert_same(elastic, q, "portable", outputs=RECORDED, **load)
+    found = analyse_many(elastic, q, path="portable", **load)
+    assert found.by_engine == 0
+    for given, at in zip(q, found.q, strict=True):
+        np.testing.assert_allclose(at, elastic.mechanism.closed(given).q, rtol=0, atol=ASSEMBLED)
+
+
+def test_machine_code():
+    elastic = cartstiff.load("3-rps")
+    q = starts(elastic, count=11)
+    assert_same(elastic, q, "compiled", outputs=("jacobian", "compliance_A"), wrench=WRENCH)
+    again = analyse_many(elastic, q, outputs=("pose",), path="compiled", threads=2)
+    np.testing.assert_array_equal(again["pose"], analyse_many(elastic, again.q, outputs=("pose",),
+                                                              path="compiled")["pose"])  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "count"), [("five-bar", 24), ("3-prs", 6)])
+def test_far_from_home(name, count):
+    """Some starts end where the motors cannot be kept, and some nowhere: the engine says so."""
+    elastic = cartstiff.load(name)
+    q = starts(elastic, 1.0, count)
+    assert_same(elastic, q, "portable", outputs=("pose", "compliance_B"))
+    found, engine = (analyse_many(elastic, q, path=path) for path in ("portable", "engine"))
+    assert 0 < found.by_engine < len(q)
+    np.testing.assert_allclose(found.q, engine.q, rtol=0, atol=100 * ASSEMBLED)
+
+
+def test_near_type_2():
+    """The arms of a five-bar stretched, and nearly: the motors lose it."""
+    elastic = cartstiff.load("five-bar")
+    q = np.tile(elastic.q, (12, 1))
+    q[:, 0] += np.linspace(-0.9, 0.9, 12)
+    assert_same(elastic, q, "portable", outputs=("compliance_B",))
+
+
+def test_links_that_are_bent_go_to_the_engine():
+    elastic = cartstiff.load("delta")
+    q = starts(elastic, 0.02, 3)
+    q[1, sorted(elastic.mechanism.virtual)[0]] = 1e-4
+    found = analyse_many(elastic, q, path="portable")
+    assert found.by_engine == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "wrench", "why"),
+    [
+        ("delta", None, "shared", "links that give"),
+        ("delta", weighed, "none", "beside closures"),
+        ("4-rrr", None, "none", "held coordinates"),
+        ("five-bar", without_motors, "none", "redundant closures"),
+    ],
+)
+def test_what_has_no_arithmetic_says_why(name, change, wrench, why):
+    elastic = cartstiff.load(name)
+    assert why in str(plan(change(elastic) if change else elastic, wrench))
+
+
+def test_few_postures_are_not_worth_recording():
+    elastic = cartstiff.load("five-bar")
+    q = starts(elastic, 0.02, 120)
+    assert analyse_many(elastic, q[:99]).path == "engine"
+    found = analyse_many(elastic, q)
+    assert (found.path, found.by_engine) == ("portable", 0)
+
+
+def test_rotation_vector():
+    """Against SciPy, from none to near half a turn."""
+    rng = np.random.default_rng(0)
+    for angle in (0.0, 1e-9, 0.3, 1.5, 3.0):
+        axis = rng.normal(size=3)
+        vector = angle * axis / np.linalg.norm(axis)
+        found, verdict = rotation_vector(Rotation.from_rotvec(vector).as_matrix().astype(object))
+        np.testing.assert_allclose(found.astype(float), vector, rtol=0, atol=3e-14)
+        assert verdict == 0.0
+    assert rotation_vector(Rotation.from_rotvec([3.13, 0, 0]).as_matrix().astype(object))[1] == 1.0
