@@ -102,8 +102,8 @@ class NamedArrays(Mapping[str, Array | None]):
 
     def __getitem__(self, name: str) -> Array | None:
         if name not in self._arrays and name in self._also:
-            found = self._also[name]()
-            return None if found is None else fixed(found)
+            value = self._also[name]()
+            return None if value is None else fixed(value)
         return self._arrays[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -152,19 +152,19 @@ def real_array(
             raise refused("holds masked numbers", f"{int(np.ma.getmaskarray(values).sum())} masked")
         values = values.data
     try:
-        found = np.asarray(values)
-        kind = found.dtype.kind
+        array = np.asarray(values)
+        kind = array.dtype.kind
         if kind == "O" and all(
-            isinstance(v, (Real, Decimal)) and not isinstance(v, _NO_NUMBERS) for v in found.flat
+            isinstance(v, (Real, Decimal)) and not isinstance(v, _NO_NUMBERS) for v in array.flat
         ):
-            return np.array([float(v) for v in found.flat], float).reshape(found.shape)
+            return np.array([float(v) for v in array.flat], float).reshape(array.shape)
     except (TypeError, ValueError, OverflowError):
         raise refused("is not numeric", values) from None
     if isinstance(values, (list, tuple)) and _holds_truth(values):
         kind = "b"
     if kind == "f" or kind in "iu":
         with np.errstate(over="ignore"):  # beyond doubles: infinity, which is no finite number
-            return np.asarray(found, float)
+            return np.asarray(array, float)
     raise refused("is not numeric", values if kind == "O" else _NAMES.get(kind, kind))
 
 

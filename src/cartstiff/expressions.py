@@ -107,14 +107,14 @@ class Expression:
             if name not in values:
                 raise UnknownNameError("parameter", name, values, where=self.where)
         try:
-            found = self._value(self._tree, values)
+            result = self._value(self._tree, values)
         except ZeroDivisionError:
             raise self._none("division by zero", values) from None
         except (ValueError, OverflowError):
             raise self._none("no finite real number", values) from None
-        if not math.isfinite(found):
+        if not math.isfinite(result):
             raise self._none("no finite real number", values)
-        return found
+        return result
 
     def _none(self, what: str, values: Mapping[str, float]) -> InputError:
         given = ", ".join(f"{name} = {values[name]:g}" for name in sorted(self.names))

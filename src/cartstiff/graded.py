@@ -107,12 +107,12 @@ def _singular(root: Array, vectors: bool) -> tuple[Array, Array]:
     """Singular values of a root, the largest first, and its left singular vectors in columns."""
     from scipy.linalg.lapack import dgejsv
 
-    found, _, v, work, _, _ = dgejsv(
+    values, _, v, work, _, _ = dgejsv(
         _sorted(root.T), joba=_GRADED, jobu=_NO_VECTORS,
         jobv=_VECTORS if vectors else _NO_VECTORS, jobr=_WHOLE_RANGE, jobp=_NOTHING_SMALL,
     )  # fmt: skip
     with np.errstate(divide="ignore"):
-        return found * (work[0] / work[1]), v
+        return values * (work[0] / work[1]), v
 
 
 def _sorted(rows: Array) -> Array:
@@ -125,6 +125,6 @@ def _triangle(rows: Array) -> Array:
     from scipy.linalg import qr
 
     r, order = qr(_sorted(rows), mode="r", pivoting=True)
-    found = np.empty((rows.shape[1], rows.shape[1]))
-    found[:, order] = r[: rows.shape[1]]
-    return found
+    triangle = np.empty((rows.shape[1], rows.shape[1]))
+    triangle[:, order] = r[: rows.shape[1]]
+    return triangle

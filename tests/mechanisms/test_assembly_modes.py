@@ -54,7 +54,7 @@ def test_dietmaiers_platform_has_its_forty_real_postures():
     found = cartstiff.assemble(elastic, LENGTHS)
     assert len(found) == found.search.real == 40
     assert found.is_complete
-    for mode in found.found:
+    for mode in found:
         lengths = np.linalg.norm(
             elastic.mechanism.points @ mode.pose[:3, :3].T + mode.pose[:3, 3]
             - elastic.mechanism.anchors, axis=1,
@@ -87,7 +87,7 @@ def test_a_flat_platform_is_assembled_below_its_base_as_above():
     heights = np.sort(found.poses[:, 2, 3])
     assert len(found) >= 2
     assert np.allclose(heights, -heights[::-1], atol=1e-9)
-    assert np.isclose(sum(mode.determinant for mode in found.found), 0.0, atol=1e-9)
+    assert np.isclose(sum(mode.determinant for mode in found), 0.0, atol=1e-9)
 
 
 def test_the_start_platform_is_solved():
@@ -100,8 +100,8 @@ def test_the_start_platform_is_solved():
 
 def test_solutions_that_meet_are_named():
     found = cartstiff.assemble(cartstiff.load(FICHTER))
-    assert [mode.multiplicity for mode in found.found] == [2, 2]
-    assert found.found[0].stable is None
+    assert [mode.multiplicity for mode in found] == [2, 2]
+    assert found[0].stable is None
     assert found.search.multiple == 4
     assert found.search.is_complete
     assert "multiple-solutions" in {note.code for note in found.notes}
@@ -193,7 +193,7 @@ def test_assembly_modes_of_a_closed_chain():
     motors = [five_bar.names.index(name) for name in found.given]
     assert np.allclose(found.q[:, motors], five_bar.q[motors], atol=1e-12)
     assert np.abs(tips[0] - tips[1]).max() > 0.3
-    assert all(mode.stable for mode in found.found)
+    assert all(mode.stable for mode in found)
 
 
 def test_lengths_that_are_too_short_and_one_mode_alone():

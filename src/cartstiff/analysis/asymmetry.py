@@ -248,7 +248,7 @@ def _verdict(rows: list[ConnectionDifference], reference: str, threshold: float)
         return "nothing to compare: no other connection has a matrix here"
     worst, name = max(known)
     size = 0.0 if worst < numerics.BLANK else 100.0 * worst  # what is only rounding is 0
-    found = f"the largest relative change is {size:.2g} % (K^{name} against K^{reference})"
+    largest = f"the largest relative change is {size:.2g} % (K^{name} against K^{reference})"
     if worst > threshold:
-        return f"yes, the choice of connection matters: {found}, above {100 * threshold:g} %"
-    return f"no, the choice of connection does not matter: {found}, below {100 * threshold:g} %"
+        return f"yes, the choice of connection matters: {largest}, above {100 * threshold:g} %"
+    return f"no, the choice of connection does not matter: {largest}, below {100 * threshold:g} %"

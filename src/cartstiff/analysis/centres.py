@@ -168,13 +168,13 @@ class Centres(Result):
 
 def centres(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Centres:
     """All centres at once; the compliance is inverted from the stiffness unless given."""
-    found: dict[str, Array] = {}
+    points: dict[str, Array] = {}
     reasons: dict[str, UndefinedError] = {}
     K = as_symmetric(stiffness)
     C = None if compliance is None else as_symmetric(compliance, "compliance")
     try:
         C = invert(K) if C is None else C
-        found["compliance"] = centre_of_compliance(C)
+        points["compliance"] = centre_of_compliance(C)
     except UndefinedError as error:
         reasons["compliance"] = error
     for name, function in (
@@ -183,13 +183,13 @@ def centres(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Centre
         ("least_coupling", point_of_least_coupling),
     ):
         try:
-            found[name] = function(K)
+            points[name] = function(K)
         except UndefinedError as error:
             reasons[name] = error
     return Centres(
-        found.get("stiffness"),
-        found.get("compliance"),
-        found.get("elasticity"),
-        found.get("least_coupling"),
+        points.get("stiffness"),
+        points.get("compliance"),
+        points.get("elasticity"),
+        points.get("least_coupling"),
         reasons,
     )

@@ -122,9 +122,9 @@ def twist_compliant_axes(
 def _from_compliance(C: Array, length: float) -> tuple[CompliantAxis, ...]:
     values, axes = np.linalg.eigh(C[ROTATION, ROTATION])
     with np.errstate(divide="ignore"):
-        found = sorted(zip(1.0 / values, axes.T, strict=True), key=lambda pair: pair[0])
+        pairs = sorted(zip(1.0 / values, axes.T, strict=True), key=lambda pair: pair[0])
     result = []
-    for k, g in found:
+    for k, g in pairs:
         g = g if g[np.argmax(np.abs(g))] > 0 else -g
         t = k * (C[:, ROTATION] @ g)
         t[ROTATION] = g

@@ -93,8 +93,8 @@ def fit_diagonal(
     d = np.repeat([scale, 1.0], 3)
     K_l, J_l = K / d[:, None] / d, scale_jacobian(J, scale)
     fit = _fit_stiffness if J.shape[1] == 6 else _fit_compliance
-    springs, found, residual = fit(K_l, J_l, S)
-    cartesian = None if found is None else found * d[:, None] * d
+    springs, reached, residual = fit(K_l, J_l, S)
+    cartesian = None if reached is None else reached * d[:, None] * d
     return DiagonalFit(springs, cartesian, residual, scale)
 
 
@@ -119,8 +119,8 @@ def _fit_stiffness(K: Array, J: Array, S: Array) -> tuple[Array, Array, float]:
     A = np.linalg.inv(J)
     load = A.T @ S @ A
     springs = _nnls([np.outer(row, row) for row in A], K + load)
-    found = (A.T * springs) @ A - load
-    return springs, found, float(np.linalg.norm(found - K)) / _size(K)
+    reached = (A.T * springs) @ A - load
+    return springs, reached, float(np.linalg.norm(reached - K)) / _size(K)
 
 
 def _fit_compliance(K: Array, J: Array, S: Array) -> tuple[Array, Array | None, float]:
@@ -134,15 +134,15 @@ def _fit_compliance(K: Array, J: Array, S: Array) -> tuple[Array, Array | None, 
     if np.any(S):
         x = _iterate(C / size, J, S, x, size)
     x = np.where(x > _LOCKED * x.max(), x, 0.0)
-    found = J @ np.linalg.solve(np.eye(len(x)) - x[:, None] * S, x[:, None] * J.T)
+    reached = J @ np.linalg.solve(np.eye(len(x)) - x[:, None] * S, x[:, None] * J.T)
     with np.errstate(divide="ignore"):
         springs = 1.0 / x
     cartesian: Array | None
     try:
-        cartesian = invert(found, "fitted compliance")
+        cartesian = invert(reached, "fitted compliance")
     except UndefinedError:
         cartesian = None
-    return springs, cartesian, float(np.linalg.norm(found - C)) / size
+    return springs, cartesian, float(np.linalg.norm(reached - C)) / size
 
 
 def _iterate(C: Array, J: Array, S: Array, x: Array, size: float) -> Array:
@@ -166,7 +166,7 @@ def _iterate(C: Array, J: Array, S: Array, x: Array, size: float) -> Array:
         columns = [np.outer(m, m).ravel() for m in moved(z).T]
         return np.asarray(np.stack(columns, axis=1) * (unit / size))
 
-    found = least_squares(
+    minimum = least_squares(
         error,
         start,
         jac=slope,
@@ -175,4 +175,4 @@ def _iterate(C: Array, J: Array, S: Array, x: Array, size: float) -> Array:
         ftol=numerics.FINEST,
         gtol=numerics.FINEST,
     )
-    return np.asarray(unit * found.x, float)
+    return np.asarray(unit * minimum.x, float)

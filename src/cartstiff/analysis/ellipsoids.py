@@ -281,15 +281,15 @@ def _of_pair(
         keep = _choice(*choice[:2])[0]
         size = float(np.abs(_moved(block, matrix, T)[keep, keep]).max())
         return _without_rounding(ellipsoid(block(matrix, *choice)), size)
-    found: list[Array | None] = []
+    blocks: list[Array | None] = []
     failures = []
     for function, whole in ((block, matrix), (block_of_inverse, inverse)):
         try:
-            found.append(function(whole, *choice))
+            blocks.append(function(whole, *choice))
         except UndefinedError as error:
-            found.append(None)
+            blocks.append(None)
             failures.append(error)
-    m, c = found
+    m, c = blocks
     if m is None and c is not None:
         back = numerics.invert(symmetric_part(c))
         m = None if back is None else back.matrix
@@ -312,13 +312,13 @@ def _of_pair(
     return Ellipsoid(axes, radii, values, sign, float(np.abs(m - m.T).max()) / 2.0)
 
 
-def _without_rounding(found: Ellipsoid, size: float) -> Ellipsoid:
+def _without_rounding(shape: Ellipsoid, size: float) -> Ellipsoid:
     """Principal values that are only the rounding of a block of this size are zero."""
-    values = found.eigenvalues
+    values = shape.eigenvalues
     values = np.where(np.abs(values) <= numerics.ZERO * size, 0.0, values)
     sign = definiteness(values, zero=0.0)
     return replace(
-        found, eigenvalues=read_only(values), radii=read_only(np.abs(values)), definiteness=sign
+        shape, eigenvalues=read_only(values), radii=read_only(np.abs(values)), definiteness=sign
     )
 
 

@@ -234,9 +234,9 @@ def best_conditioned_length(
     low, high = -reach, reach
     while True:
         t = np.linspace(low, high, 33)
-        found = at(start * np.exp(t))
+        smallest = at(start * np.exp(t))
         # Rounding of an ill-conditioned matrix can turn its smallest eigenvalue negative.
-        cost = np.where(found[:, 0] > 0.0, numerics.condition(found), np.inf)
+        cost = np.where(smallest[:, 0] > 0.0, numerics.condition(smallest), np.inf)
         least = int(np.argmin(cost))
         if high - low <= numerics.SETTLED:
             return float(start * np.exp(t[least])), float(cost[least])

@@ -181,9 +181,9 @@ def invert(matrix: ArrayLike, what: str = "stiffness") -> Array:
         Code ``"singular"``, with the singular values on balanced units and the length used.
     """
     m = checked_matrix(matrix, what)
-    found = numerics.invert(m)
-    if found is not None:
-        return found.matrix
+    inverse = numerics.invert(m)
+    if inverse is not None:
+        return inverse.matrix
     length = balancing_length(m)
     values = np.linalg.svd(scale_lengths(m, length), compute_uv=False)
     raise UndefinedError(

@@ -122,10 +122,10 @@ def deflection_half_width(r: PostureStiffness, point: Array) -> dict[str, Any] |
     if known is None or r.wrench is None:
         return None
     elements = Elements(r.elastic)
-    found = influence(r, elements)
-    felt = found.forces @ r.wrench
-    twist = found.compliance @ r.wrench
-    changes = found.forces.T @ (elements.patterns(known.patterns) @ felt).T
+    effects = influence(r, elements)
+    felt = effects.forces @ r.wrench
+    twist = effects.compliance @ r.wrench
+    changes = effects.forces.T @ (elements.patterns(known.patterns) @ felt).T
     rates = changes[3:] + np.cross(changes[:3].T, point).T
     moved = twist[3:] + np.cross(twist[:3], point)
 
@@ -146,15 +146,15 @@ def deflection_half_width(r: PostureStiffness, point: Array) -> dict[str, Any] |
     }
 
 
-def _without_rounding(found: Deflection, length: float) -> Deflection:
+def _without_rounding(deflection: Deflection, length: float) -> Deflection:
     """A motion with zeros for what is rounding beside the rest, angles times the length."""
-    scaled = np.abs(found.twist) * np.repeat([length, 1.0], 3)
-    moved = np.abs(found.displacement)
+    scaled = np.abs(deflection.twist) * np.repeat([length, 1.0], 3)
+    moved = np.abs(deflection.displacement)
     noise = numerics.ROUNDING * max(float(scaled.max()), float(moved.max()))
     return replace(
-        found,
-        twist=read_only(np.where(scaled > noise, found.twist, 0.0)),
-        displacement=read_only(np.where(moved > noise, found.displacement, 0.0)),
+        deflection,
+        twist=read_only(np.where(scaled > noise, deflection.twist, 0.0)),
+        displacement=read_only(np.where(moved > noise, deflection.displacement, 0.0)),
     )
 
 
@@ -186,16 +186,16 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
         H = r.evaluation.hessian - posture.motion.curvature(W)
         # The same change of connection in the joints: J (H_W + J^T D J)^-1 J^T = (K^B + D)^-1.
         H = H + J.T @ change_from_symmetric(r, name) @ J
-        found = joint_shares(J, H, whole.wrench, whole.point)
+        shares = joint_shares(J, H, whole.wrench, whole.point)
         rows = [
             {
                 "name": c.name,
-                "motion": found.motion[i],
+                "motion": shares.motion[i],
                 "is_length": c.is_length,
-                "twist": found.twists[:, i],
-                "displacement": found.displacements[:, i],
-                "energy": found.energy[i],
-                "share": found.share[i],
+                "twist": shares.twists[:, i],
+                "displacement": shares.displacements[:, i],
+                "energy": shares.energy[i],
+                "share": shares.share[i],
             }
             for i, c in enumerate(coordinates)
         ]

@@ -40,8 +40,8 @@ class Notes:
 @cache
 def schema() -> dict[str, Any]:
     """JSON Schema of an analysis (draft 2020-12), without references."""
-    found = Analysis.model_json_schema()
-    definitions = found.pop("$defs")
+    whole = Analysis.model_json_schema()
+    definitions = whole.pop("$defs")
 
     def plain(node: Any) -> Any:
         if isinstance(node, list):
@@ -53,7 +53,7 @@ def schema() -> dict[str, Any]:
             return own | {k: v for k, v in node.items() if k != "$ref"}
         return {k: plain(v) for k, v in node.items() if k != "title" or not isinstance(v, str)}
 
-    answer: dict[str, Any] = plain(found)
+    answer: dict[str, Any] = plain(whole)
     return answer
 
 
@@ -125,14 +125,14 @@ def numbers(analysis: Mapping[str, Any], like: Mapping[str, Any] | None = None) 
     like : mapping, optional
         The analysis whose signs of axes are taken.
     """
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     like = analysis if like is None else like
     for path, are_axes, in_rows in varying():
         value = _look_up(analysis, path)
         if value is not None:
             along = 1 if in_rows else 0
-            found[path] = _signed(value, _look_up(like, path), along) if are_axes else value
-    return {name: np.array(value, dtype=float) for name, value in found.items()}
+            values[path] = _signed(value, _look_up(like, path), along) if are_axes else value
+    return {name: np.array(value, dtype=float) for name, value in values.items()}
 
 
 def _signed(value: Any, model: Any, along: int) -> Array:

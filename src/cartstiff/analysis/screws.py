@@ -172,9 +172,9 @@ def eigenscrews(stiffness: ArrayLike) -> Eigenscrews:
         loaded = np.abs(mu) > numerics.ZERO * np.abs(mu).max(initial=0.0)
         x = np.hstack([SWAP_FORM @ L @ y[:, loaded], vectors[:, ~kept]])
         mu = np.concatenate([sign * mu[loaded], np.zeros(int(np.sum(~kept)))])
-    found = [_eigenscrew(m, column, length) for m, column in zip(mu, x.T, strict=True)]
-    found.sort(key=lambda e: e.eigenvalue)
-    return Eigenscrews(tuple(found), len(found) == 6, others, signs)
+    screws = [_eigenscrew(m, column, length) for m, column in zip(mu, x.T, strict=True)]
+    screws.sort(key=lambda e: e.eigenvalue)
+    return Eigenscrews(tuple(screws), len(screws) == 6, others, signs)
 
 
 def _eigenscrew(mu: float, x: Array, length: float) -> Eigenscrew:

@@ -144,7 +144,7 @@ def summarise(
     if inverse is not None:
         C = symmetric_part(inverse if T_m_n is None else move_compliance(inverse, T_m_n))
     elif base is not None and not numerics.is_about_symmetric(base):
-        C = None if (found := numerics.invert(symmetric_part(base))) is None else found.matrix
+        C = None if (inverted := numerics.invert(symmetric_part(base))) is None else inverted.matrix
     G = {others: None if roots is None else roots.get(others) for others in ("held", "free")}
     if T_m_n is not None:
         back = se3.adjoint(se3.inverse(checked_pose(T_m_n, "frame")))
@@ -208,9 +208,9 @@ def _tell_lost_digits(K: Array, C: Array, notes: Notes) -> None:
         "they are read from the stiffness matrix alone, whose digits hold the softer directions "
         f"{known}"
     )
-    found = {"matrix": "stiffness", "relative_error": error, "sections": list(_OF_K_ALONE)}
+    values = {"matrix": "stiffness", "relative_error": error, "sections": list(_OF_K_ALONE)}
     what = "centres but that of compliance, normal form, screws, compliant axes, springs"
-    notes.add(UndefinedError(reason, code="lost-digits", values=found), what)
+    notes.add(UndefinedError(reason, code="lost-digits", values=values), what)
 
 
 def _moved(
@@ -329,7 +329,7 @@ def _of_stiffness(
     numbers = notes.attempt("indices", indices, K, length, C, G)
     best = notes.attempt("indices", best_conditioned_length, K, C, G)
     judgement = realisability(K)
-    found = realise(K, length) if springs and judgement.passive else None
+    realised = realise(K, length) if springs and judgement.passive else None
     return {
         "definiteness": None if numbers is None else numbers.definiteness,
         "centres": {
@@ -365,8 +365,8 @@ def _of_stiffness(
         "modes": notes.attempt("modes", modes, K, metric[1], metric[0], C, G),
         "synthesis": {
             **plain(judgement),
-            "springs": None if found is None else found.springs,
-            "residual": None if found is None else found.residual,
+            "springs": None if realised is None else realised.springs,
+            "residual": None if realised is None else realised.residual,
         },
     }
 

@@ -93,27 +93,27 @@ class Parameters:
         """
         elastic, t = self.result.elastic, self.tolerances
         ideal_joints_only(elastic.springs, "tolerances")
-        found: dict[str, Tolerance] = {}
+        given: dict[str, Tolerance] = {}
         if t.stiffness > 0 and elastic.springs is not None:
             laws = elastic.springs.laws if isinstance(elastic.springs, JointSprings) else {}
             for i, name in enumerate(elastic.spring_names):
                 k = float(elastic.springs.stiffness[i])
                 if k > 0 and i not in laws:
-                    found[f"stiffness.{name}"] = Tolerance(k, t.stiffness * k)
+                    given[f"stiffness.{name}"] = Tolerance(k, t.stiffness * k)
         if t.stiffness == 0 and (known := elastic.identified) is not None:
             spread = np.sqrt(known.covariance.diagonal())
             for pattern, c, s in zip(known.patterns, known.values, spread, strict=True):
                 lower = 0.0 if pattern.is_diagonal else -np.inf
-                found[f"compliance.{pattern.name}"] = Tolerance(float(c), float(s), lower=lower)
+                given[f"compliance.{pattern.name}"] = Tolerance(float(c), float(s), lower=lower)
         for name, value in self._geometry.items():
             deviation = t.angle if name.rsplit(".", 1)[1] in _RXYZ else t.length
             if deviation > 0:
-                found[name] = Tolerance(value, deviation)
-        if not found:
+                given[name] = Tolerance(value, deviation)
+        if not given:
             raise UndefinedError(
                 "no parameter of this mechanism has a tolerance", code="no-parameters"
             )
-        return found
+        return given
 
     @cached_property
     def correlation(self) -> Array | None:
@@ -215,8 +215,8 @@ class Parameters:
         if not isinstance(chain, Chain):
             return {}
         placements = chain.tree.placements()
-        found = {name: placements[j - 1] for name, j in self._joints.items()}
-        return {**found, "frame": np.asarray(chain.body.T_j_f)}
+        places = {name: placements[j - 1] for name, j in self._joints.items()}
+        return {**places, "frame": np.asarray(chain.body.T_j_f)}
 
     def at(self, values: Mapping[str, float]) -> PostureStiffness:
         """Stiffness of the mechanism with other parameters (those not named: nominal).

@@ -148,24 +148,24 @@ def command(
 
 def _as_controller(result: PostureStiffness, order: Any, axes: Any) -> dict[str, Any]:
     """The matrices in another order or along other axes, about M's origin."""
-    found = {
+    matrices = {
         name: None if K is None else result.tensor(name).as_controller(order=order, axes=axes)
         for name, K in result.matrices.items()
     }
     return {
         "order": order, "axes": axes,
-        "stiffness": {name: None if K is None else K.tolist() for name, K in found.items()},
+        "stiffness": {name: None if K is None else K.tolist() for name, K in matrices.items()},
     }  # fmt: skip
 
 
-def _matrices_text(found: dict[str, Any]) -> list[str]:
+def _matrices_text(shown: dict[str, Any]) -> list[str]:
     """The same as text."""
     import numpy as np
 
     from cartstiff.stiffness.tensor import format_matrix
 
-    lines = [f"As a controller has them: order {found['order']}, {found['axes']} axes", ""]
-    for name, K in found["stiffness"].items():
+    lines = [f"As a controller has them: order {shown['order']}, {shown['axes']} axes", ""]
+    for name, K in shown["stiffness"].items():
         if K is not None:
             lines += [*format_matrix(np.array(K), [""] * 6, f"K^{name}").split("\n"), ""]
     return lines

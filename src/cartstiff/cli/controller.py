@@ -36,7 +36,7 @@ class ControllerRequest:
             raise InputError("cannot be used", where="--ratio", expected="zero or more",
                              got=self.ratio)  # fmt: skip
 
-    def run(self, found: Modes, data: dict[str, Any]) -> list[str]:
+    def run(self, modes: Modes, data: dict[str, Any]) -> list[str]:
         """Computes, adds to the JSON object, writes the file; lines for people."""
         if self.impedance is None:
             return []
@@ -46,14 +46,14 @@ class ControllerRequest:
 
         target = read_target(self.impedance, self.order)
         wanted = StiffnessTensor.from_controller(
-            target.matrix, order=target.order, axes=self.axes, pose=found.posture.pose,  # type: ignore[arg-type]
-            frame=found.elastic.mechanism.frame, units=found.elastic.units,
+            target.matrix, order=target.order, axes=self.axes, pose=modes.posture.pose,  # type: ignore[arg-type]
+            frame=modes.elastic.mechanism.frame, units=modes.elastic.units,
         )  # fmt: skip
-        answer = impedance(found, wanted, self.ratio or 0.7)
+        answer = impedance(modes, wanted, self.ratio or 0.7)
         told = {
             "given": {"order": target.order, "axes": self.axes, "ratios": self.ratio or [0.7]},
-            "q": dict(zip(found.elastic.names, found.q.tolist(), strict=True)),
-            "units": found.elastic.units.as_dict(),
+            "q": dict(zip(modes.elastic.names, modes.q.tolist(), strict=True)),
+            "units": modes.elastic.units.as_dict(),
             **answer.as_dict(),
         }
         data["impedance"] = told
@@ -61,7 +61,7 @@ class ControllerRequest:
             from cartstiff.report.output import write_whole
 
             write_whole(self.output, _text(told, self.output.suffix).encode())
-        return describe_impedance(answer, found.elastic.units)
+        return describe_impedance(answer, modes.elastic.units)
 
 
 def _text(told: dict[str, Any], ending: str) -> str:

@@ -58,7 +58,7 @@ def command(
 
     try:
         with Progress("designs", progress) as bar:
-            found = design(study, output=output, workers=workers, progress=bar)
+            designs = design(study, output=output, workers=workers, progress=bar)
     except KeyboardInterrupt:
         kept = "" if output is None else f"; what is done is in {output}"
         say(f"cartstiff: interrupted{kept}", error=True)
@@ -67,5 +67,5 @@ def command(
 
     from cartstiff.report.studies.designs import describe_designs, draw_designs
 
-    write_files((table, found.to_csv), (plot, lambda: draw_designs(found)))
-    tell(as_json, found.as_dict(), str(study), lambda: describe_designs(found, best))
+    write_files((table, designs.to_csv), (plot, lambda: draw_designs(designs)))
+    tell(as_json, designs.as_dict(), str(study), lambda: describe_designs(designs, best))

@@ -61,15 +61,15 @@ def _list_quantities(context: click.Context, _: click.Parameter, asked: bool) ->
     from cartstiff.maps.quantities import QUANTITIES
     from cartstiff.mechanisms.contract import SI
 
-    found = [
+    known = [
         {"name": q.name, "unit": q.unit_in(SI), "description": q.description, "asks": q.asks,
          "better": q.better} for q in QUANTITIES.values()
     ]  # fmt: skip
     if "--json" in context.meta["words"]:
-        say(json.dumps({"schema": "cartstiff-quantities/1", "quantities": found}))
+        say(json.dumps({"schema": "cartstiff-quantities/1", "quantities": known}))
         context.exit()
     width = max(map(len, QUANTITIES))
-    for q in found:
+    for q in known:
         more = f"; --{q['asks']}".replace("deflect", "deflect or --load") if q["asks"] else ""
         say(f"{q['name']:<{width}}  {q['unit']:<12} {q['description']}{more}")
     say("\nAny other number of the analysis by its path, such as indices.best_length.")
@@ -385,16 +385,16 @@ def _ranked(dataset: Any, name: str, which: str, count: int) -> list[dict[str, A
     from cartstiff.maps.reading import best, state_names, worst
 
     width = half_width_name(name)
-    found = (best if which == "best" else worst)(dataset, name, count)
+    rows = (best if which == "best" else worst)(dataset, name, count)
     names = state_names(dataset)
     joints = [str(j) for j in dataset["joint"].values]
     return [
         {
-            "value": plain(found[name].values[i]),
-            **({"half_width": plain(found[width].values[i])} if width in found else {}),
-            "q": dict(zip(joints, plain(found["q"].values[i]), strict=True)),
-            "position": plain(found["position"].values[i]),
-            "state": names[int(found["state"].values[i])],
+            "value": plain(rows[name].values[i]),
+            **({"half_width": plain(rows[width].values[i])} if width in rows else {}),
+            "q": dict(zip(joints, plain(rows["q"].values[i]), strict=True)),
+            "position": plain(rows["position"].values[i]),
+            "state": names[int(rows["state"].values[i])],
         }
-        for i in range(found.sizes["rank"])
+        for i in range(rows.sizes["rank"])
     ]

@@ -135,7 +135,7 @@ class LobesRequest:
                              f"to {_MOST}")  # fmt: skip
         return low, high, int(count)
 
-    def run(self, found: Modes, damping: Damping, data: dict[str, Any]) -> list[str]:
+    def run(self, modes: Modes, damping: Damping, data: dict[str, Any]) -> list[str]:
         """Computes, adds to the JSON object; lines for people."""
         milling = cutter(self.milling, self.feed, self.normal, self.tip)
         if self.lobes is None or milling is None:
@@ -147,23 +147,23 @@ class LobesRequest:
         from cartstiff.report.modes import describe_lobes, lobes_csv
         from cartstiff.vibration.chatter import depth_by_semi_discretisation, lobes
 
-        if not damping.acts_on(found.elastic):
+        if not damping.acts_on(modes.elastic):
             raise InputError("needs damping", where="--lobes", expected="--damping or --rayleigh")
         low, high, count = self._speeds()
-        curve = lobes(found, milling, np.linspace(low, high, count), damping)
-        fine = [depth_by_semi_discretisation(found, milling, n, damping) for n in curve.speeds]
+        curve = lobes(modes, milling, np.linspace(low, high, count), damping)
+        fine = [depth_by_semi_discretisation(modes, milling, n, damping) for n in curve.speeds]
         data["lobes"] = {
             **curve.as_dict(),
             "semi_discretisation": [x if np.isfinite(x) else None for x in fine],
             "milling": asdict(milling),
-            "unit": found.elastic.units.length,
+            "unit": modes.elastic.units.length,
         }
         from cartstiff.report.figures_modes import draw_lobes
         from cartstiff.report.output import write_files
 
-        unit = found.elastic.units.length
+        unit = modes.elastic.units.length
         write_files(
             (self.csv, lambda: lobes_csv(curve, fine, unit)),
             (self.plot, lambda: draw_lobes(curve, fine, unit)),
         )
-        return describe_lobes(curve, fine, found.elastic.units)
+        return describe_lobes(curve, fine, modes.elastic.units)

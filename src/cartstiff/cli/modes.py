@@ -172,7 +172,7 @@ def command(
 
     try:
         with np.errstate(all="ignore"):
-            found = modes(elastic, q, wrench=wrench, **applied.keywords(wrench))
+            swinging = modes(elastic, q, wrench=wrench, **applied.keywords(wrench))
             bare = None if wrench is None or not any(wrench) else modes(elastic, q)
     except UndefinedError as error:
         if strict:
@@ -182,21 +182,21 @@ def command(
         words = f"{elastic.name}: no modes\n  [{error.code}] {error}"
         tell(as_json, data, request.mechanism, lambda: words)
         return
-    data = found.as_dict()
+    data = swinging.as_dict()
     if bare is not None:
         told = bare.as_dict()
         data["unloaded"] = {key: told[key] for key in ("frequencies", "eigenvalues", "load")}
     from cartstiff.report.modes import describe_modes
 
-    extra = _more(found, data, compare, sensitivities, tolerance)
-    extra += response.run(found, data)
-    extra += cut.run(found, response.damped, data)
-    extra += controller.run(found, data)
-    tell(as_json, data, request.mechanism, lambda: describe_modes(found, bare, extra))
+    extra = _more(swinging, data, compare, sensitivities, tolerance)
+    extra += response.run(swinging, data)
+    extra += cut.run(swinging, response.damped, data)
+    extra += controller.run(swinging, data)
+    tell(as_json, data, request.mechanism, lambda: describe_modes(swinging, bare, extra))
 
 
 def _more(
-    found: Modes, data: dict[str, Any], compare: str | None, wanted: bool,
+    modes: Modes, data: dict[str, Any], compare: str | None, wanted: bool,
     tolerance: list[float] | None,
 ) -> list[str]:  # fmt: skip
     """Adds what was asked for to the JSON object, and gives it as lines."""
@@ -212,23 +212,23 @@ def _more(
 
         names = [name.strip() for name in compare.split(",")]
         try:
-            shortcuts = compared(found, names)
+            shortcuts = compared(modes, names)
         except UnknownNameError as error:
             raise error.at("--compare") from None
         data["compare"] = [shortcut.as_dict() for shortcut in shortcuts]
         lines += describe_comparison(shortcuts)
-    measured = found.elastic.identified is not None
+    measured = modes.elastic.identified is not None
     if wanted or tolerance is not None or measured:
         from cartstiff.analysis.tolerances import Tolerances
         from cartstiff.vibration.sensitivities import intervals
         from cartstiff.vibration.sensitivities import sensitivities as derivatives
 
-        known = derivatives(found, geometry=wanted or tolerance is not None)
+        known = derivatives(modes, geometry=wanted or tolerance is not None)
         if wanted:
             data["sensitivities"] = known.as_dict()
-            lines += describe_sensitivities(known, found.elastic.units)
+            lines += describe_sensitivities(known, modes.elastic.units)
         if tolerance is not None or measured:
-            band = intervals(found, Tolerances(*(tolerance or ())), given=known)
+            band = intervals(modes, Tolerances(*(tolerance or ())), given=known)
             data["intervals"] = band.as_dict()
-            lines += describe_intervals(found, band)
+            lines += describe_intervals(modes, band)
     return lines

@@ -73,7 +73,7 @@ class ResponseRequest:
                              expected=f"a whole number from 2 to {_MOST}", got=count)  # fmt: skip
         return low, high, int(count)
 
-    def run(self, found: Modes, data: dict[str, Any]) -> list[str]:
+    def run(self, modes: Modes, data: dict[str, Any]) -> list[str]:
         """Computes, adds to the JSON object, writes the files; lines for people."""
         if self.response is None:
             return []
@@ -87,9 +87,9 @@ class ResponseRequest:
         damping = self.damped
         at = self.point or (0.0, 0.0, 0.0)
         answer: Any = (
-            transmissibility(found, hertz, damping, at=at)
+            transmissibility(modes, hertz, damping, at=at)
             if self.kind == "transmissibility"
-            else frequency_response(found, hertz, damping, kind=self.kind, at=at)  # type: ignore[arg-type]
+            else frequency_response(modes, hertz, damping, kind=self.kind, at=at)  # type: ignore[arg-type]
         )
         data["response"] = answer.as_dict(self.direction)
         from cartstiff.report.figures_modes import draw_response
@@ -97,6 +97,6 @@ class ResponseRequest:
 
         write_files(
             (self.csv, lambda: answer.as_csv(self.direction)),
-            (self.plot, lambda: draw_response(answer, self.direction, found)),
+            (self.plot, lambda: draw_response(answer, self.direction, modes)),
         )
         return describe_response(answer, self.direction)

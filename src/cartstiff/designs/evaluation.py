@@ -135,15 +135,16 @@ class Evaluation:
         try:
             with np.errstate(all="ignore"):
                 elastic = self.mechanism(parameters)
-                found = self._measured(elastic)
+                measured = self._measured(elastic)
         except (CartstiffError, _NoValueError) as error:
             return Design(dict(parameters), {}, "failed", one_line(str(error), 300))
         broken = [
-            f"{name} = {found[name]:.6g}"
-            for name, limit in self.study.constraints.items() if limit.violation(found[name]) > 0.0
-        ]  # fmt: skip
+            f"{name} = {measured[name]:.6g}"
+            for name, limit in self.study.constraints.items()
+            if limit.violation(measured[name]) > 0.0
+        ]
         return Design(
-            dict(parameters), found, "infeasible" if broken else "feasible", ", ".join(broken)
+            dict(parameters), measured, "infeasible" if broken else "feasible", ", ".join(broken)
         )
 
     def unit(self, measure: Measure) -> str:
@@ -222,7 +223,7 @@ class Evaluation:
             name: self._map(self._job(elastic, self.study.case(name), quantities))
             for name, quantities in self._asked.items()
         }
-        found = {}
+        measured = {}
         for name, measure in self.study.measures.items():
             if measure.quantity is None:
                 value = self._formulas[name].value(elastic.parameters)
@@ -231,8 +232,8 @@ class Evaluation:
                 value = self._of_poses(measure, values[measure.quantity], state)
             if not np.isfinite(value):
                 raise _NoValueError(f"{name} is not finite")
-            found[name] = float(value)
-        return found
+            measured[name] = float(value)
+        return measured
 
     def _map(self, job: MapJob) -> tuple[dict[str, Array], Array]:
         """Quantities and states (N,) of a design."""
@@ -245,9 +246,9 @@ class Evaluation:
         return self._arrays(job, strict)
 
     def _arrays(self, job: MapJob, strict: bool) -> tuple[dict[str, Array], Array]:
-        found = job.compute(tuple(slice(0, n) for n in job.sampling.shape))
-        values = {name: found[name].ravel() for name in job.names}
-        state = found["state"].ravel()
+        computed = job.compute(tuple(slice(0, n) for n in job.sampling.shape))
+        values = {name: computed[name].ravel() for name in job.names}
+        state = computed["state"].ravel()
         lacking = np.any([~np.isfinite(v) for v in values.values()], axis=0)
         if strict and lacking.any():
             raise _NoValueError(_reason(state, lacking))
@@ -271,8 +272,8 @@ class Evaluation:
         if of in ("worst", "best"):
             larger = self._better(measure) == "larger"
             of = "min" if (of == "worst") == larger else "max"
-        found: Array = _REDUCED[of](there)
-        return float(found)
+        value: Array = _REDUCED[of](there)
+        return float(value)
 
 
 def _reason(state: Array, lacking: Array) -> str:
@@ -280,8 +281,8 @@ def _reason(state: Array, lacking: Array) -> str:
 
     def told(rows: Array) -> str:
         names = Counter(STATES[i] for i in state[rows].tolist())
-        found = [f"{words.get(name, name)} at {n}" for name, n in names.most_common()]
-        return ", ".join(found)
+        reasons = [f"{words.get(name, name)} at {n}" for name, n in names.most_common()]
+        return ", ".join(reasons)
 
     words = {"regular": "infinite or undefined", "other": "doubtful, not told apart"}
     doubtful, looked = state == STATES.index("other"), ~lacking & (state != 0)

@@ -26,15 +26,15 @@ def digest_of(study: Study, folder: Path) -> str:
     """What tells a study's numbers from another's: all but how designs are chosen and named."""
     beside = folder / study.mechanism
     path = beside if beside.is_file() else bundled(study.mechanism) or beside
-    found = sha256(path.read_bytes())
+    digest = sha256(path.read_bytes())
     for model in _models(read_yaml(path)[0]):
         file = path.parent / model
-        found.update(file.read_bytes() if file.is_file() else model.encode())
+        digest.update(file.read_bytes() if file.is_file() else model.encode())
     data = study.model_dump(mode="json", exclude={"method", "description", "mechanism"})
     # Ends of a range do not change the numbers of a design within it.
     data["variables"] = sorted(data["variables"])
-    found.update(json.dumps(data, sort_keys=True).encode())
-    return found.hexdigest()
+    digest.update(json.dumps(data, sort_keys=True).encode())
+    return digest.hexdigest()
 
 
 def _models(data: Any) -> list[str]:

@@ -58,8 +58,8 @@ class Designs(ShownInLines):
 
     def counts(self) -> dict[str, int]:
         """How many designs are in each state."""
-        found = Counter(design.state for design in self.designs)
-        return {state: found[state] for state in ("feasible", "infeasible", "failed")}
+        counted = Counter(design.state for design in self.designs)
+        return {state: counted[state] for state in ("feasible", "infeasible", "failed")}
 
     @cached_property
     def feasible(self) -> tuple[int, ...]:
@@ -127,10 +127,10 @@ class Designs(ShownInLines):
         names = [f"{n} [{self.units[n]}]" if self.units[n] else n for n in self.study.measures]
         head = ["design", *self.study.variables, *names, "state", "front", "reason"]
         rows, front = [], set(self.front)
-        for i, found in enumerate(self.designs):
-            values = [found.values.get(name) for name in self.study.measures]
-            rows.append([i + 1, *found.parameters.values(), *values, found.state,
-                         "yes" if i in front else "no", found.reason])  # fmt: skip
+        for i, design in enumerate(self.designs):
+            values = [design.values.get(name) for name in self.study.measures]
+            rows.append([i + 1, *design.parameters.values(), *values, design.state,
+                         "yes" if i in front else "no", design.reason])  # fmt: skip
         return csv_rows(head, rows)
 
     def as_dict(self) -> dict[str, Any]:

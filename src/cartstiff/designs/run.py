@@ -83,8 +83,8 @@ def design(
             missing = [point for point in points if point not in record]
             missing = list({tuple(p.items()): p for p in missing}.values())
             done += len(points) - len(missing)
-            for found in _evaluated(missing, evaluation, pool):
-                record.add(found)
+            for finished in _evaluated(missing, evaluation, pool):
+                record.add(finished)
                 done += 1
                 if progress is not None:
                     progress(min(done, asked.size), asked.size)

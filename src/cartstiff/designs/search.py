@@ -136,13 +136,13 @@ def _local(
         }  # fmt: skip
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the count is reached: that is what it is for
-            found = minimize(
+            minimum = minimize(
                 merit, x, method="Nelder-Mead", bounds=[(0.0, 1.0)] * n, options=options
             )
-        left -= found.nfev
-        if not found.fun < best - numerics.CONVERGED:
+        left -= minimum.nfev
+        if not minimum.fun < best - numerics.CONVERGED:
             step *= 0.3
-        best, x = found.fun, found.x
+        best, x = minimum.fun, minimum.x
 
 
 def _evolution(study: Study, merits: Callable[[Array], Array], count: int) -> None:

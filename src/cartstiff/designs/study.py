@@ -67,11 +67,11 @@ class Variable(StudyModel):
             return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
         low, high = self.low or 0.0, self.high or 0.0
         if self.log:
-            found = math.exp(math.log(low) + share * (math.log(high) - math.log(low)))
+            value = math.exp(math.log(low) + share * (math.log(high) - math.log(low)))
         else:
-            found = low + share * (high - low)
+            value = low + share * (high - low)
         # Twelve digits: numbers that people can read, the same on every processor.
-        return min(max(float(f"{found:.12g}"), low), high)
+        return min(max(float(f"{value:.12g}"), low), high)
 
     def share(self, value: float) -> float:
         """The share at which a value between the ends stands."""
@@ -234,11 +234,11 @@ class Constraint(Measure):
 
     def violation(self, value: float) -> float:
         """How far beyond its bounds a number is, relative to them; 0 within."""
-        found = 0.0
+        worst = 0.0
         for bound, beyond in ((self.at_least, -1.0), (self.at_most, 1.0)):
             if bound is not None:
-                found = max(found, beyond * (value - bound) / (abs(bound) or 1.0))
-        return found
+                worst = max(worst, beyond * (value - bound) / (abs(bound) or 1.0))
+        return worst
 
 
 class Method(StudyModel):

@@ -138,23 +138,23 @@ def _tool(tcp: Any, gravity: Any, payload: Any) -> dict[str, Any]:
     from cartstiff.arrays import checked_pose, checked_vector
     from cartstiff.geometry import se3
 
-    found: dict[str, Any] = {}
+    keys: dict[str, Any] = {}
     if tcp is not None:
         if np.shape(tcp) == (4, 4):
-            found["tcp"] = checked_pose(tcp, "tcp")
+            keys["tcp"] = checked_pose(tcp, "tcp")
         else:
             numbers = checked_vector(tcp, 3 if np.size(tcp) == 3 else 6, "tcp")
-            found["tcp"] = se3.from_roll_pitch_yaw(numbers[:3], (*numbers[3:], 0, 0, 0)[:3])
+            keys["tcp"] = se3.from_roll_pitch_yaw(numbers[:3], (*numbers[3:], 0, 0, 0)[:3])
     if gravity is not None:
-        found["gravity"] = checked_vector(gravity, 3, "gravity").tolist()
+        keys["gravity"] = checked_vector(gravity, 3, "gravity").tolist()
     if payload is not None:
         numbers = checked_vector(
             np.atleast_1d(payload), 1 if np.size(payload) == 1 else 4, "payload"
         )
         if numbers[0] < 0:
             raise InputError("mass is negative", where="payload", got=f"{numbers[0]:g}")
-        found["payload"] = float(numbers[0]), (*numbers[1:].tolist(), 0.0, 0.0, 0.0)[:3]
-    return found
+        keys["payload"] = float(numbers[0]), (*numbers[1:].tolist(), 0.0, 0.0, 0.0)[:3]
+    return keys
 
 
 def _ros_keys(arguments: Any, folders: Any) -> dict[str, Any]:

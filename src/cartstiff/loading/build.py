@@ -234,8 +234,8 @@ def _struts(file: PlatformFile | SpringsFile, m: int, where: str) -> Struts | No
     if given is None:
         return None
     keys = ("fixed", "moving", "fixed_com", "moving_com", "radius")
-    found = [_per_leg(getattr(given, key), m, f"mass.{key}", where) for key in keys]
-    return Struts(*(np.zeros(m) if value is None else value for value in found))
+    values = [_per_leg(getattr(given, key), m, f"mass.{key}", where) for key in keys]
+    return Struts(*(np.zeros(m) if value is None else value for value in values))
 
 
 def _check_bars(struts: Struts, lengths: np.ndarray, where: str) -> None:

@@ -165,13 +165,13 @@ def build_parallel(
 
 def _placed(legs: Sequence[LegModel], names: Sequence[str]) -> tuple[PlacedLeg, ...]:
     """The legs that have been drawn from their names, among a chain's coordinates."""
-    found = []
+    placed = []
     for i, leg in enumerate(legs):
         if (drawing := leg.drawing) is not None:
             at = {name: names.index(f"leg{i + 1}/{name}") for name in drawing.joints}
-            found.append(PlacedLeg(drawing.shape, tuple(at.values()), at[drawing.driven],
+            placed.append(PlacedLeg(drawing.shape, tuple(at.values()), at[drawing.driven],
                                    pose_of(leg.grip)))  # fmt: skip
-    return tuple(found)
+    return tuple(placed)
 
 
 def build_closed_chain(

@@ -68,11 +68,11 @@ def example_robots() -> dict[str, ExampleRobot]:
     # In release 5.0.0 the name ur3 is bound to the UR5's loader.
     if hasattr(robots_loader, "UR3Loader"):
         loaders["ur3"] = robots_loader.UR3Loader
-    found = {}
+    robots = {}
     for name, loader in sorted(loaders.items()):
         path = data / loader.path / loader.urdf_subpath / (loader.urdf_filename or "-")
-        found[name] = ExampleRobot(name, path if loader.urdf_filename else None)
-    return found
+        robots[name] = ExampleRobot(name, path if loader.urdf_filename else None)
+    return robots
 
 
 def example_robot(name: str) -> Path:

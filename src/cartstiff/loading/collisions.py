@@ -52,10 +52,10 @@ class Collisions:
         chain = elastic.mechanism
         if not isinstance(chain, Chain):
             raise InputError("collisions are tested between links of arms", got=chain.kind)
-        found, missing = visuals(chain, "collision")
+        shapes, missing = visuals(chain, "collision")
         if missing:
             raise InputError("collisions cannot be tested", got=one_line(missing[0]))
-        if not found:
+        if not shapes:
             raise InputError(
                 "collisions cannot be tested: the robot has no shapes for them",
                 expected="a URDF with <collision> elements",
@@ -64,7 +64,7 @@ class Collisions:
         self._geometry = pin.GeometryModel()
         loader = coal.MeshLoader()
         links = []
-        for i, piece in enumerate(found):
+        for i, piece in enumerate(shapes):
             self._geometry.addGeometryObject(
                 pin.GeometryObject(
                     f"{piece.link}_{i}", piece.at.joint, pin.SE3(piece.at.T_j_f),
@@ -72,10 +72,10 @@ class Collisions:
                 )
             )  # fmt: skip
             links.append(piece.link)
-        joints, parents = [piece.at.joint for piece in found], list(self._tree.model.parents)
+        joints, parents = [piece.at.joint for piece in shapes], list(self._tree.model.parents)
         near = [
             (a, b)
-            for b in range(len(found))
+            for b in range(len(shapes))
             for a in range(b)
             if joints[a] != joints[b]
             and parents[joints[a]] != joints[b]

@@ -144,12 +144,12 @@ def _separator(line: str) -> str:
 
 def _with_points(cells: list[str], place: str) -> list[str]:
     """Decimal commas of numbers as points; a line has one or the other."""
-    found = [cell.replace(",", ".") if not _is_word(cell.replace(",", ".")) else cell
+    changed = [cell.replace(",", ".") if not _is_word(cell.replace(",", ".")) else cell
              for cell in cells]  # fmt: skip
-    if found != cells and any("." in cell and not _is_word(cell) for cell in cells):
+    if changed != cells and any("." in cell and not _is_word(cell) for cell in cells):
         raise InputError("decimal commas and points in one line", where=place,
                          expected="one of them", got=repr("; ".join(cells)))  # fmt: skip
-    return found
+    return changed
 
 
 def _names(line: str, place: str, separator: str = ",") -> tuple[str, ...] | None:
@@ -233,10 +233,10 @@ def _named_unit(cell: str, units: Units, place: str) -> tuple[str, float | None]
 
     None where the cell names no unit.
     """
-    found = re.fullmatch(r"(.*?)\s*\[([^\]]*)\]", cell)
-    if found is None:
+    match = re.fullmatch(r"(.*?)\s*\[([^\]]*)\]", cell)
+    if match is None:
         return cell, None
-    name, unit = found[1], " ".join(found[2].split())
+    name, unit = match[1], " ".join(match[2].split())
     if unit in _PLAIN:
         return name, float(_PLAIN[unit])
     length, force = convert_length(SI, units)

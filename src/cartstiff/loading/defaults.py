@@ -191,8 +191,8 @@ def regular_posture(chain: Chain, q: Array) -> tuple[Array, list[Note]]:
 
     def ratios(jacobians: Array) -> Array:
         values = np.linalg.svd((jacobians * rows * sizes)[..., free], compute_uv=False)
-        found: Array = values[..., -1] / np.maximum(values[..., 0], numerics.TINY)
-        return found
+        ratio: Array = values[..., -1] / np.maximum(values[..., 0], numerics.TINY)
+        return ratio
 
     at_zero = float(ratios(posture.motion.jacobian))
     if at_zero > NEAR:
@@ -201,12 +201,12 @@ def regular_posture(chain: Chain, q: Array) -> tuple[Array, list[Note]]:
     best, largest = q, max(NEAR, float(at_zero))
     for share in _SHARES:
         candidates = _candidates(chain, q, sizes, free, share)
-        found = ratios(kinematics.at(candidates).jacobian)
-        enough = np.flatnonzero(found >= _ENOUGH)
+        ratio = ratios(kinematics.at(candidates).jacobian)
+        enough = np.flatnonzero(ratio >= _ENOUGH)
         away = np.linalg.norm((candidates - q) / sizes, axis=1)
-        i = int(enough[np.argmin(away[enough])]) if enough.size else int(np.argmax(found))
-        if found[i] > largest:
-            best, largest = candidates[i], float(found[i])
+        i = int(enough[np.argmin(away[enough])]) if enough.size else int(np.argmax(ratio))
+        if ratio[i] > largest:
+            best, largest = candidates[i], float(ratio[i])
         if enough.size:
             break
     if best is q:
@@ -246,5 +246,5 @@ def _candidates(chain: Chain, q: Array, sizes: Array, free: Array, share: float)
     step = np.where([c.is_length for c in chain.coordinates], _STEP * (high - low), _STEP)
     rounded = np.round(steps / np.where(step > 0, step, 1.0)) * step
     # Twelve digits: 0.15, and not 0.15000000000000002.
-    found: Array = np.clip(np.round(q + rounded, 12), low, high)
-    return np.where(free, found, q)
+    postures: Array = np.clip(np.round(q + rounded, 12), low, high)
+    return np.where(free, postures, q)

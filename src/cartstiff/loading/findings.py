@@ -48,7 +48,7 @@ def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticM
     if [len(row) for row in model.covariance] != [P] * P:
         raise InputError("covariance has the wrong shape", where="identified",
                          expected=f"{P} rows of {P} numbers")  # fmt: skip
-    found = Identified(
+    identified = Identified(
         tuple(patterns), np.array(values), np.array(model.covariance).reshape(P, P), model.degrees,
         model.level, model.rows, model.date or "", model.source or "", tuple(model.undetermined),
         dict(model.at_least),
@@ -60,4 +60,4 @@ def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticM
             f"assumption: {', '.join(model.undetermined)}"
         )
         notes.append(Note("stiffness-not-identified", words, {"joints": model.undetermined}))
-    return replace(elastic, notes=tuple(notes), identified=found)
+    return replace(elastic, notes=tuple(notes), identified=identified)

@@ -90,10 +90,10 @@ def _with_layout(data: dict[str, Any], lines: Lines, path: Path) -> dict[str, An
 def _check_legs(file: PlatformFile | SpringsFile, lines: Lines, path: Path) -> None:
     """Every list has one entry per leg."""
     m = len(file.base)
-    found = {("platform",): file.platform} | {
+    points = {("platform",): file.platform} | {
         ("legs", key): getattr(file.legs, key) for key in ("stiffness", "rest_length", "preload")
     }
-    for at, values in found.items():
+    for at, values in points.items():
         if isinstance(values, list) and len(values) != m:
             raise InputError("wrong count", where=place_of(path, lines, at),
                              expected=f"{m}, one per leg", got=str(len(values)))  # fmt: skip
@@ -113,12 +113,12 @@ def located(error: InputError, path: Path, lines: Lines) -> InputError:
     """The same error with the line of the key that its place names, or at least the file."""
     where = one_line(str(path))
     place = error.where or where
-    found = re.fullmatch(r"(?:, leg (\d+))?(?:, key ([\w.]+))?", place.removeprefix(where))
-    if not place.startswith(where) or found is None:
+    match = re.fullmatch(r"(?:, leg (\d+))?(?:, key ([\w.]+))?", place.removeprefix(where))
+    if not place.startswith(where) or match is None:
         if error.where and where in error.where:
             return error
         return error.at(where)
-    leg, key = found.groups()
+    leg, key = match.groups()
     at: tuple[str | int, ...] = () if leg is None else ("legs", int(leg) - 1)
     if key is not None:
         at = (*at, *key.split("."))

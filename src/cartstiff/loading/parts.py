@@ -165,14 +165,14 @@ def joints_that_move(description: RobotDescription, frame: str) -> set[str]:
     model, facts = description.model, description.facts
     names = list(model.names)
     joint = int(find_frame(model, frame).parentJoint)
-    found = {names[int(j)] for j in model.supports[joint]} - {names[0]}
+    moving = {names[int(j)] for j in model.supports[joint]} - {names[0]}
     groups = [closure.joints for closure in facts.closures]
     groups += [frozenset({follower, rule[0]}) for follower, rule in facts.followers.items()]
-    while any(group & found and not group <= found for group in groups):
+    while any(group & moving and not group <= moving for group in groups):
         for group in groups:
-            if group & found:
-                found |= group
-    return found
+            if group & moving:
+                moving |= group
+    return moving
 
 
 def description_notes(
@@ -246,12 +246,12 @@ def gravity_left_out(
 def joint_indices(model: Any, names: Mapping[str, float], where: str) -> dict[int, float]:
     """Pinocchio's indices of named joints."""
     known = list(model.names)[1:]
-    found = {}
+    indices = {}
     for name, value in names.items():
         if name not in known:
             raise UnknownNameError("joint", name, known, where=where)
-        found[known.index(name) + 1] = value
-    return found
+        indices[known.index(name) + 1] = value
+    return indices
 
 
 def tree_to(

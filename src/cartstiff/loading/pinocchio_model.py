@@ -246,7 +246,7 @@ def _tie(model: Any, closure: Any, i: int, where: str) -> ClosureModel:
 
 def _positions(model: Any, q: Array, mimics: Mapping[str, Mimic]) -> dict[str, float]:
     """Positions of the coordinates that a configuration means, by the names they get here."""
-    found: dict[str, float] = {}
+    positions: dict[str, float] = {}
     for i in range(1, model.njoints):
         joint, name = model.joints[i], model.names[i]
         if name in mimics:
@@ -255,8 +255,8 @@ def _positions(model: Any, q: Array, mimics: Mapping[str, Mimic]) -> dict[str, f
         for (coordinate, *_), value in zip(
             expansion(joint, name), _split(joint, part), strict=True
         ):
-            found[coordinate] = float(value)
-    return found
+            positions[coordinate] = float(value)
+    return positions
 
 
 def _split(joint: Any, q: Array) -> list[float]:

@@ -31,24 +31,24 @@ _GYRATION = 0.01
 
 def turned(angles: Mapping[str, Sequence[float]]) -> list[Note]:
     """Names the angles among these that are more than a turn."""
-    found = {name: list(a) for name, a in angles.items() if max(map(abs, a)) > _TURN}
-    if not found:
+    large = {name: list(a) for name, a in angles.items() if max(map(abs, a)) > _TURN}
+    if not large:
         return []
-    words = "; ".join(f"{name} is {_numbers(a)} rad" for name, a in found.items())
-    return [Note("many-turns", f"several turns: {words}. Degrees? Angles are in radians", found)]
+    words = "; ".join(f"{name} is {_numbers(a)} rad" for name, a in large.items())
+    return [Note("many-turns", f"several turns: {words}. Degrees? Angles are in radians", large)]
 
 
 def large_lengths(lengths: Mapping[str, Sequence[float]]) -> list[Note]:
     """Names the lengths among these, in m, that look like millimetres."""
-    found = {name: list(x) for name, x in lengths.items() if max(map(abs, x)) > _LARGE}
-    return _doubtful(found, "m", "Millimetres? Lengths here are in metres")
+    large = {name: list(x) for name, x in lengths.items() if max(map(abs, x)) > _LARGE}
+    return _doubtful(large, "m", "Millimetres? Lengths here are in metres")
 
 
 def stretched(strains: Mapping[str, float]) -> list[Note]:
     """Names springs that are far from their rest lengths; `strains` are over the length."""
-    found = {name: [x] for name, x in strains.items() if abs(x) > _STRETCHED}
+    large = {name: [x] for name, x in strains.items() if abs(x) > _STRETCHED}
     words = "Over the length: is the rest length in another unit?"
-    return _doubtful(found, "", words)
+    return _doubtful(large, "", words)
 
 
 def gyration(file: PlatformFile | SpringsFile) -> list[Note]:
@@ -65,13 +65,13 @@ def gyration(file: PlatformFile | SpringsFile) -> list[Note]:
     return _doubtful({"radius of gyration of the body": [radius]}, file.units.length, words)
 
 
-def _doubtful(found: Mapping[str, Sequence[float]], unit: str, question: str) -> list[Note]:
-    if not found:
+def _doubtful(doubted: Mapping[str, Sequence[float]], unit: str, question: str) -> list[Note]:
+    if not doubted:
         return []
-    some = list(found.items())[:6]
+    some = list(doubted.items())[:6]
     words = "; ".join(f"{name} is {_numbers(x)} {unit}".rstrip() for name, x in some)
-    words += "; ..." if len(found) > len(some) else ""
-    return [Note("doubtful-units", f"{words}. {question}", dict(found))]
+    words += "; ..." if len(doubted) > len(some) else ""
+    return [Note("doubtful-units", f"{words}. {question}", dict(doubted))]
 
 
 def file_notes(file: Any) -> list[Note]:

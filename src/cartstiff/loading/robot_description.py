@@ -140,8 +140,10 @@ def described_text(text: str, floating: bool = False, ros: Ros | None = None) ->
     with TemporaryDirectory() as folder:
         path = Path(folder, "text.xml")
         path.write_text(text, encoding="utf-8")
-        found = read_robot_description(path, floating, ros, "XML text")
-    return replace(found, path=None, text=found.text or text if found.mjcf is None else None)
+        description = read_robot_description(path, floating, ros, "XML text")
+    return replace(
+        description, path=None, text=description.text or text if description.mjcf is None else None
+    )
 
 
 def _in_sdf(root: ET.Element) -> str:

@@ -86,10 +86,10 @@ def _called(folder: Path, name: str) -> bool:
     """Whether a folder's package.xml gives it this name."""
     try:
         with (folder / "package.xml").open(encoding="utf-8", errors="replace") as file:
-            found = _NAME.search(file.read(20_000))
+            match = _NAME.search(file.read(20_000))
     except OSError:
         return False
-    return found is not None and found[1] == name
+    return match is not None and match[1] == name
 
 
 def expanded(path: str, given: dict[str, str], searched: list[str]) -> dict[str, Any]:

@@ -125,7 +125,7 @@ def springs_of(
 
 def softening(springs: Mapping[str, JointSpringModel]) -> list[Note]:
     """Names springs of joints whose torque falls while they turn."""
-    found = []
+    soft = []
     for name, entry in springs.items():
         if entry.table is not None:
             x, y = np.array(entry.table).T
@@ -133,8 +133,8 @@ def softening(springs: Mapping[str, JointSpringModel]) -> list[Note]:
         else:
             falls = entry.polynomial is not None and entry.polynomial[0] < 0.0
         if falls:
-            found.append(name)
-    return _negative(found)
+            soft.append(name)
+    return _negative(soft)
 
 
 def _negative(names: Sequence[str]) -> list[Note]:
@@ -146,13 +146,13 @@ def _negative(names: Sequence[str]) -> list[Note]:
 
 def negative_links(springs: Sequence[Potential]) -> list[Note]:
     """Names links whose 6x6 spring has a motion along which it pushes on."""
-    found = []
+    notes = []
     for spring in springs:
         if isinstance(spring, CoupledSprings):
             values = np.linalg.eigvalsh(spring.matrix)
             if values[0] < -ZERO * abs(values).max():
-                found.append(f"link {spring.link}")
-    return _negative(found)
+                notes.append(f"link {spring.link}")
+    return _negative(notes)
 
 
 def give_of(entry: FlexibleModel) -> Give:
@@ -210,7 +210,7 @@ def _beam(beam: BeamModel, indices: Array, link: str) -> Beam:
 
 def extra_lines(lines: Sequence[LineModel], mechanism: Chain, q: Array) -> list[LineSprings]:
     """Line springs and cables between points of named frames."""
-    found = []
+    springs = []
     for line in lines:
         a, b = line.frames
         if mechanism.tree.placement(a).joint == mechanism.tree.placement(b).joint:
@@ -225,7 +225,7 @@ def extra_lines(lines: Sequence[LineModel], mechanism: Chain, q: Array) -> list[
         rest = line.rest_length
         if rest is None:
             rest = length - (line.preload or 0.0) / line.stiffness
-        found.append(
+        springs.append(
             LineSprings(
                 frame_a=a,
                 frame_b=b,
@@ -236,4 +236,4 @@ def extra_lines(lines: Sequence[LineModel], mechanism: Chain, q: Array) -> list[
                 unilateral=line.unilateral,
             )
         )
-    return found
+    return springs

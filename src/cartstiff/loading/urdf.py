@@ -222,15 +222,15 @@ def _fix(joint: ET.Element, position: float) -> None:
 
 
 def _names(root: ET.Element, tag: str, refuse: Any) -> dict[str, ET.Element]:
-    found: dict[str, ET.Element] = {}
+    elements: dict[str, ET.Element] = {}
     for element in root.findall(tag):
         name = element.get("name")
         if not name:
             raise refuse(f"a {tag} has no name")
-        if name in found:
+        if name in elements:
             raise refuse(f"two {tag}s have the name {name!r}")
-        found[name] = element
-    return found
+        elements[name] = element
+    return elements
 
 
 def _check_tree(links: dict[str, ET.Element], parent_of: dict[str, str], refuse: Any) -> None:

@@ -70,7 +70,7 @@ def visuals(chain: Chain, kind: Kind = "visual") -> tuple[list[Visual], list[str
     list of str
         One sentence for each thing that cannot be shown.
     """
-    found: list[Visual] = []
+    shown: list[Visual] = []
     missing: list[str] = []
     metre, _ = convert_length(SI, chain.units)
     for description in chain.descriptions:
@@ -88,8 +88,8 @@ def visuals(chain: Chain, kind: Kind = "visual") -> tuple[list[Visual], list[str
                 placement = Placement(at.joint, at.T_j_f @ T_l_v)
                 link = description.prefix + piece.link
                 shape = piece.shape if metre == 1.0 else _stretched(piece.shape, metre)
-                found.append(Visual(link, placement, shape, piece.colour))
-    return found, missing
+                shown.append(Visual(link, placement, shape, piece.colour))
+    return shown, missing
 
 
 def _stretched(shape: Shape, a: float) -> Shape:
@@ -128,14 +128,14 @@ def _pieces(description: Description, kind: Kind) -> tuple[Sequence[Piece], list
 
 def _present(pieces: Sequence[Piece]) -> tuple[list[Piece], list[str]]:
     """Pieces whose mesh files exist, and the names of those that do not."""
-    found, missing = [], []
+    present, missing = [], []
     for piece in pieces:
         if isinstance(piece.shape, MeshFile) and not piece.shape.path.is_file():
             mesh = one_line(piece.shape.path.name)
             missing.append(f"body {piece.link}: mesh {mesh} is missing")
         else:
-            found.append(piece)
-    return found, missing
+            present.append(piece)
+    return present, missing
 
 
 def geometry_pieces(
@@ -225,9 +225,9 @@ def _scale(mesh: ET.Element) -> tuple[float, float, float]:
 
 def _mesh_file(name: str, path: Path, packages: Sequence[Path]) -> Path | None:
     """File that a mesh's name means: package://, file://, absolute, or beside the URDF."""
-    scheme, found, rest = name.partition("://")
+    scheme, separator, rest = name.partition("://")
     places: list[Path]
-    if found and scheme in ("package", "model"):
+    if separator and scheme in ("package", "model"):
         rest = rest.lstrip("/")
         # A package is a folder above the file, or stands beside one of them.
         places = [p / rest for p in [*packages, *path.resolve().parents]]
@@ -235,9 +235,9 @@ def _mesh_file(name: str, path: Path, packages: Sequence[Path]) -> Path | None:
             package, _, inside = rest.partition("/")
             folder = package_folder(package, path, [str(p) for p in packages])
             places = [] if folder is None else [folder / inside]
-    elif found and scheme == "file":
+    elif separator and scheme == "file":
         places = [Path(rest)]
-    elif found:
+    elif separator:
         places = []
     else:
         places = [path.resolve().parent / name]

@@ -62,15 +62,15 @@ def graded_basis(
 def first_independent(columns: Array) -> NDArray[np.intp]:
     """Indices (m,) of independent columns of a matrix (m, n) of rank m, the largest first."""
     m = len(columns)
-    found = np.empty(m, np.intp)
+    chosen = np.empty(m, np.intp)
     size = np.einsum("ij,ij->j", columns, columns)
     least = RANK**2 * size
     for i in range(m):
-        found[i] = at = int(size.argmax())
+        chosen[i] = at = int(size.argmax())
         direction = columns[:, at]
         direction = direction / sqrt(direction.dot(direction))
         columns = columns - direction[:, None] * direction.dot(columns)
         size = np.einsum("ij,ij->j", columns, columns)
         size[size <= least] = 0.0
-        size[found[: i + 1]] = -1.0
-    return found
+        size[chosen[: i + 1]] = -1.0
+    return chosen

@@ -129,11 +129,11 @@ def plain_inverses(matrices: Array) -> tuple[Array, list[float]] | None:
     s = np.sqrt(diagonal)
     sizes = s[:, None] * s
     scaled = matrices / sizes
-    found = inverted(scaled)
-    flat, other = scaled.reshape(len(scaled), -1), found.reshape(len(scaled), -1)
+    inverses = inverted(scaled)
+    flat, other = scaled.reshape(len(scaled), -1), inverses.reshape(len(scaled), -1)
     known, least = np.vecdot(flat, flat).tolist(), np.vecdot(other, other).tolist()
     # Squares of norms. Those of the inverses alone bound what is lost by adding.
-    return found / sizes, [
+    return inverses / sizes, [
         EPSILON * sqrt(a * b)
         if a * b < WELL_CONDITIONED**2 and b < WELL_CONDITIONED**2
         else float("inf")
@@ -158,8 +158,8 @@ def error_of_inverting(matrix: Array, inverse: Array) -> float:
 
 def _inverted_one_by_one(matrices: Array) -> tuple[Array, list[float]]:
     nothing = Inverse(np.full(matrices.shape[1:], np.nan), np.inf)
-    found = [invert(m) or nothing for m in matrices]
-    return np.array([C for C, _ in found]), [error for _, error in found]
+    results = [invert(m) or nothing for m in matrices]
+    return np.array([C for C, _ in results]), [error for _, error in results]
 
 
 def inverse_of_sum(inverse: Array, change: Array) -> Array | None:
@@ -170,8 +170,8 @@ def inverse_of_sum(inverse: Array, change: Array) -> Array | None:
 
 def inverses_of_sums(inverses: Array, changes: Array) -> tuple[Array, NDArray[np.bool_]]:
     """`inverse_of_sum` of stacks (N, n, n), NaN where there is none; and which lose no digits."""
-    found: Array = np.full_like(inverses, np.nan)
-    plain = np.zeros(len(found), bool)
+    better: Array = np.full_like(inverses, np.nan)
+    plain = np.zeros(len(better), bool)
     exists = np.flatnonzero(np.isfinite(inverses + changes).all(axis=(1, 2)))
     factors = np.eye(inverses.shape[2]) + changes[exists] @ inverses[exists]
     try:
@@ -180,8 +180,8 @@ def inverses_of_sums(inverses: Array, changes: Array) -> tuple[Array, NDArray[np
         turned = np.full(factors.shape, np.inf)
     bounds = np.einsum("nij,nij->n", factors, factors) * np.einsum("nij,nij->n", turned, turned)
     plain[exists] = bounds < (1e-3 * TELLING / EPSILON) ** 2
-    found[plain] = inverses[plain] @ turned[plain[exists]]
+    better[plain] = inverses[plain] @ turned[plain[exists]]
     for i in exists[~plain[exists]]:
         if (one := inverse_of_sum(inverses[i], changes[i])) is not None:
-            found[i] = one
-    return found, plain
+            better[i] = one
+    return better, plain

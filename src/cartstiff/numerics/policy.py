@@ -97,7 +97,7 @@ def is_about_symmetric(matrix: Array) -> NDArray[np.bool_]:
     """Whether all of the asymmetry of square matrices (..., n, n) may be rounding; (...)."""
     s = np.sqrt(np.abs(np.diagonal(matrix, 0, -2, -1)))
     skew = np.abs(matrix - matrix.swapaxes(-1, -2))
-    found: NDArray[np.bool_] = np.all(
+    symmetric: NDArray[np.bool_] = np.all(
         skew <= SYMMETRY * s[..., :, None] * s[..., None, :], axis=(-2, -1)
     )
-    return found
+    return symmetric

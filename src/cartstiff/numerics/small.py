@@ -44,10 +44,10 @@ def singular_values(matrix: Array) -> Array:
 
 def _inverted(matrices: Array) -> Array:
     """`inverted` by what NumPy shows, for which one singular matrix of a stack is an error."""
-    found = np.full(matrices.shape, np.nan)
+    inverses = np.full(matrices.shape, np.nan)
     for at in np.ndindex(matrices.shape[:-2]):
         try:
-            found[at] = np.linalg.inv(matrices[at])
+            inverses[at] = np.linalg.inv(matrices[at])
         except np.linalg.LinAlgError:
             continue
-    return found
+    return inverses

@@ -90,10 +90,10 @@ def _of_symmetric(matrix: ArrayLike) -> Array:
     finite = np.isfinite(half).all(axis=(-1, -2))
     if finite.all():
         return np.linalg.eigvalsh(half)
-    found = np.full(m.shape[:-1], np.nan)
+    values = np.full(m.shape[:-1], np.nan)
     if finite.any():
-        found[finite] = np.linalg.eigvalsh(half[finite])
-    return found
+        values[finite] = np.linalg.eigvalsh(half[finite])
+    return values
 
 
 def _cleaned(values: Array) -> Array:
@@ -107,12 +107,12 @@ def _merged(a: Array, c: Array, losses: tuple[float, float], doubtful: bool) -> 
     a = np.take_along_axis(a, np.argsort(-np.abs(a), axis=-1), -1)
     c = np.take_along_axis(c, np.argsort(-np.abs(c), axis=-1), -1)
     k = _cut(np.abs(a), np.abs(c), losses)
-    found = np.sort(np.where(np.arange(a.shape[-1]) < k[:, None], a, c), axis=-1)
+    merged = np.sort(np.where(np.arange(a.shape[-1]) < k[:, None], a, c), axis=-1)
     if doubtful or not a.shape[-1]:
-        return found
+        return merged
     # What neither knows may have any sign, and stand anywhere among the others.
-    found[_errors(np.abs(a), np.abs(c), k, losses) > LOST] = np.nan
-    return found
+    merged[_errors(np.abs(a), np.abs(c), k, losses) > LOST] = np.nan
+    return merged
 
 
 def _errors(a: Array, c: Array, k: NDArray[np.intp], losses: tuple[float, float]) -> Array:
@@ -143,8 +143,8 @@ def condition(values: ArrayLike) -> Array:
     """Largest over smallest absolute eigenvalue (...); infinite if one is zero, NaN if unknown."""
     size = np.abs(np.asarray(values, float))
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = size.max(axis=-1) / size.min(axis=-1)
-    return np.where(np.isnan(found) & ~np.isnan(size).any(axis=-1), np.inf, found)
+        ratio = size.max(axis=-1) / size.min(axis=-1)
+    return np.where(np.isnan(ratio) & ~np.isnan(size).any(axis=-1), np.inf, ratio)
 
 
 def pair_conditions(stiffness: Array, compliance: Array) -> Array:

@@ -6,7 +6,7 @@ closed chain those that a number of starts lead to.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -161,7 +161,7 @@ class AssemblyModes(ShownInLines):
         The mechanism.
     given : mapping
         Leg lengths, or positions of the actuated joints, by name.
-    found : tuple of AssemblyMode
+    modes : tuple of AssemblyMode
         The nearest to the default posture first.
     search : PathCount or Search or None
         What has become of the 40 paths, or how many starts there were; None where nothing was
@@ -172,25 +172,28 @@ class AssemblyModes(ShownInLines):
 
     elastic: ElasticMechanism
     given: Mapping[str, float]
-    found: tuple[AssemblyMode, ...]
+    modes: tuple[AssemblyMode, ...]
     search: PathCount | Search | None
     notes: tuple[Note, ...] = ()
 
     def __len__(self) -> int:
-        return len(self.found)
+        return len(self.modes)
 
     def __getitem__(self, index: int) -> AssemblyMode:
-        return self.found[index]
+        return self.modes[index]
+
+    def __iter__(self) -> Iterator[AssemblyMode]:
+        return iter(self.modes)
 
     @property
     def q(self) -> Array:
         """Coordinates (k, n) of all modes."""
-        return np.array([mode.q for mode in self.found]).reshape(-1, len(self.elastic.names))
+        return np.array([mode.q for mode in self.modes]).reshape(-1, len(self.elastic.names))
 
     @property
     def poses(self) -> Array:
         """``T_F_M`` (k, 4, 4) of all modes."""
-        return np.array([mode.pose for mode in self.found]).reshape(-1, 4, 4)
+        return np.array([mode.pose for mode in self.modes]).reshape(-1, 4, 4)
 
     @property
     def is_complete(self) -> bool:
@@ -199,9 +202,9 @@ class AssemblyModes(ShownInLines):
 
     def _lines(self) -> list[str]:
         return [
-            f"Assembly modes of {self.elastic.name}: {len(self.found)}",
+            f"Assembly modes of {self.elastic.name}: {len(self.modes)}",
             f"  searched  {self.search}",
-            f"  stable    {sum(mode.stable is True for mode in self.found)}",
+            f"  stable    {sum(mode.stable is True for mode in self.modes)}",
         ]
 
     def as_dict(self) -> dict[str, Any]:
@@ -222,7 +225,7 @@ class AssemblyModes(ShownInLines):
             "units": {"length": units.length, "force": units.force, "angle": "rad"},
             "given": dict(self.given),
             "search": told,
-            "modes": [mode.as_dict() for mode in self.found],
+            "modes": [mode.as_dict() for mode in self.modes],
             "notes": [note.as_dict() for note in self.notes],
         }  # fmt: skip
 

@@ -243,14 +243,14 @@ def _indices(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
 
 
 def _connections(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
-    found = s["connections"]
-    if found is None:
+    compared = s["connections"]
+    if compared is None:
         return []
-    lines = ["", "does the choice of connection matter here?", f"  {found['verdict']}"]
+    lines = ["", "does the choice of connection matter here?", f"  {compared['verdict']}"]
     if not full:
         return lines
     rows = []
-    for r in found["rows"]:
+    for r in compared["rows"]:
         if r["change"] is None:
             rows.append([f"K^{r['name']}", *["-"] * 5])
             continue
@@ -259,7 +259,7 @@ def _connections(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
     if rows:
         titles = [f"{b} [{unit}]" for b, unit in u.blocks.items()]
         lines.append(
-            f"  largest difference from K^{found['reference']} by block (r rotation, "
+            f"  largest difference from K^{compared['reference']} by block (r rotation, "
             "t translation), and its relative size"
         )
         lines += table(["", *titles, "change"], rows)

@@ -139,11 +139,11 @@ def _unit(name: str, u: Units) -> str:
     return "" if unit == PURE else unit.format(length=u.length, force=u.force)
 
 
-def _meet(found: Mapping[str, Any], prefix: str) -> bool:
+def _meet(numbers: Mapping[str, Any], prefix: str) -> bool:
     """Whether two sorted principal values are equal, so that they have no derivative."""
     if not prefix.endswith("eigenvalues"):
         return False
-    a, b, c = (found.get(f"{prefix}[{i}]", {}).get("nominal", float("nan")) for i in range(3))
+    a, b, c = (numbers.get(f"{prefix}[{i}]", {}).get("nominal", float("nan")) for i in range(3))
     return min(b - a, c - b) <= numerics.NEARBY * max(abs(a), abs(c))
 
 

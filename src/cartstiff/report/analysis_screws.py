@@ -22,8 +22,8 @@ def screw_lines(s: Mapping[str, Any], u: Units) -> list[str]:
     lines: list[str] = []
     size = s["length"]["value"]
     where = [f"pitch [{u.pitch}]", "direction", f"point [{u.length}]"]
-    found = s["eigenscrews"]
-    if found is not None:
+    screws = s["eigenscrews"]
+    if screws is not None:
         lines += ["", "eigenscrews: twists answered by a wrench on the same screw"]
         lines += table(
             [
@@ -39,12 +39,12 @@ def screw_lines(s: Mapping[str, Any], u: Units) -> list[str]:
                     number(e["translational_stiffness"]),
                     *_line(e, size),
                 ]
-                for e in found["screws"]
+                for e in screws["screws"]
             ],
         )
-        if not found["complete"]:
-            lines.append(f"  only {len(found['screws'])} real, independent eigenscrews")
-        for z in found["complex_eigenvalues"]:
+        if not screws["complete"]:
+            lines.append(f"  only {len(screws['screws'])} real, independent eigenscrews")
+        for z in screws["complex_eigenvalues"]:
             lines.append(f"  complex eigenvalue {number(z[0])} {z[1]:+.5g}i {u.blocks['tr']}")
     for kind, meaning, freedom in (
         ("wrench", "translation answered by a parallel force", "translation"),

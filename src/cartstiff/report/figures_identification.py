@@ -32,7 +32,7 @@ def draw_residuals(result: Identification) -> Any:
     MissingDependencyError
         Without matplotlib.
     """
-    measured, seen, found = result.measured, result.model.observations, result.chosen.solved
+    measured, seen, solved = result.measured, result.model.observations, result.chosen.solved
     force = np.linalg.norm(measured.wrench[:, 3:], axis=1) / result.elastic.units.newtons
     weight = measured.mass * 9.81
     moment = np.linalg.norm(measured.wrench[:, :3], axis=1)
@@ -42,7 +42,7 @@ def draw_residuals(result: Identification) -> Any:
         load, name, unit = moment, "moment", result.elastic.units.moment
     time = measured.time
     has_time = not np.isnan(time).any() and np.ptp(time) > 0.0
-    standard = found.residual / found.deviation
+    standard = solved.residual / solved.deviation
     suspect = np.isin(seen.row, result.robust.suspects)
     figure = new_figure(9.0, 7.2)
     axes = figure.subplots(2, 2)

@@ -17,7 +17,7 @@ __all__ = ["draw_lobes", "draw_response"]
 
 
 def draw_response(
-    response: FrequencyResponse, direction: ArrayLike | None = None, found: Modes | None = None
+    response: FrequencyResponse, direction: ArrayLike | None = None, modes: Modes | None = None
 ) -> Any:
     """Bode diagram: size and phase of each curve, frequencies of the modes as thin lines.
 
@@ -27,7 +27,7 @@ def draw_response(
         What is drawn.
     direction : array_like (3,), optional
         One curve along it; default x, y and z.
-    found : Modes, optional
+    modes : Modes, optional
         Whose frequencies are marked.
 
     Returns
@@ -46,7 +46,7 @@ def draw_response(
         if np.isfinite(shown).any():
             size.semilogy(response.frequencies, shown, label=name)
             phase.plot(response.frequencies, np.degrees(np.angle(values)))
-    for f in [] if found is None else found.frequencies:
+    for f in [] if modes is None else modes.frequencies:
         if response.frequencies[0] <= f <= response.frequencies[-1]:
             for axis in (size, phase):
                 axis.axvline(f, color="0.8", linewidth=0.8, zorder=0)

@@ -71,7 +71,7 @@ def _joints(elastic: ElasticMechanism, chain: Chain) -> list[dict[str, Any]]:
     masses, _ = tree.masses()
     names = [str(name) for name in model.names]
     actuated = chain.actuated
-    found = []
+    joints = []
     for j in range(1, model.njoints):
         parent = int(model.parents[j])
         k = j - 1
@@ -83,7 +83,7 @@ def _joints(elastic: ElasticMechanism, chain: Chain) -> list[dict[str, Any]]:
         coordinate = tree.coordinates[k]
         kind = "prismatic" if model.joints[j].shortname().startswith("JointModelP") else None
         own = follows is None
-        found.append(
+        joints.append(
             {
                 "name": names[j],
                 "parent": names[parent] if parent else None,
@@ -100,7 +100,7 @@ def _joints(elastic: ElasticMechanism, chain: Chain) -> list[dict[str, Any]]:
                 "carries_body": chain.body.joint == j,
             }
         )
-    return found
+    return joints
 
 
 def _spring(elastic: ElasticMechanism, k: int) -> dict[str, Any] | None:

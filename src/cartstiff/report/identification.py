@@ -73,26 +73,26 @@ def _row(e: Estimate, robust: float) -> tuple[str, ...]:
     )  # fmt: skip
 
 
-def _how_good(found: Plan) -> list[str]:
+def _how_good(plan: Plan) -> list[str]:
     """The widest interval beside chance, and beside what is possible at all."""
-    worst, count = found.worst, len(found.rows)
+    worst, count = plan.worst, len(plan.rows)
     if not np.isfinite(worst):
         return []
-    shown = "not all springs" if not np.isfinite(found.by_chance) else (
-        f"{found.by_chance / worst:.2f} times this widest interval"
+    shown = "not all springs" if not np.isfinite(plan.by_chance) else (
+        f"{plan.by_chance / worst:.2f} times this widest interval"
     )  # fmt: skip
     return [
         f"{count} of the candidates drawn at random determine {shown} (median of many draws); no "
-        f"choice of {count} gives less than {found.bound / worst:.2f} of it",
+        f"choice of {count} gives less than {plan.bound / worst:.2f} of it",
     ]
 
 
-def describe_plan(found: Plan) -> str:
+def describe_plan(plan: Plan) -> str:
     """Rows chosen, the intervals they will give, and how these fall with the number of rows."""
-    data, rows = found.as_dict(), found.rows
-    elastic = found.unknowns.elements.elastic
+    data, rows = plan.as_dict(), plan.rows
+    elastic = plan.unknowns.elements.elastic
     what = {"all": "all compliances (D-optimal)", "worst": "the widest interval",
-            "posture": "the deflection at the test posture"}[found.criterion]  # fmt: skip
+            "posture": "the deflection at the test posture"}[plan.criterion]  # fmt: skip
     lines = [f"{elastic.name}: {len(rows)} rows chosen for {what}", "", "Rows"]
     names = elastic.names
     heads = ["row", *names, "mass [kg]", f"force in F [{elastic.units.force}]"]
@@ -101,7 +101,7 @@ def describe_plan(found: Plan) -> str:
         shown = ", ".join(number(float(x), 4) for x in W[3:])
         body.append([str(i + 1), *(f"{x:.4f}" for x in q), number(float(mass), 4), f"({shown})"])
     lines += table(heads, body)
-    lines += ["", f"Predicted {100 * found.level:g} % intervals of the file's stiffnesses"]
+    lines += ["", f"Predicted {100 * plan.level:g} % intervals of the file's stiffnesses"]
     body = []
     for entry in data["parameters"]:
         low, high = entry["interval"]
@@ -109,15 +109,15 @@ def describe_plan(found: Plan) -> str:
         body.append([
             entry["name"], number(entry["stiffness"]), number(low),
             "-" if lost else number(high, missing="no end"), entry["unit"],
-            "not identifiable" if lost else f"+- {100 * found.factor * entry['relative_sd']:.3g} %",
+            "not identifiable" if lost else f"+- {100 * plan.factor * entry['relative_sd']:.3g} %",
         ])  # fmt: skip
     lines += table(("spring", "stiffness", "from", "to", "unit", "of the compliance"), body)
-    lines += ["", *_how_good(found)]
+    lines += ["", *_how_good(plan)]
     lines += ["", "Widest interval with the number of rows"]
     for entry in data["by_rows"]:
         worst = entry["worst_relative_sd"]
         shown = "not all are determined" if worst is None else f"+- {100 * 1.96 * worst:.3g} %"
         lines.append(f"  {entry['rows']:>4}  {shown}")
-    if found.lost:
-        lines.append(f"no candidate tells anything about {', '.join(found.lost)}")
+    if plan.lost:
+        lines.append(f"no candidate tells anything about {', '.join(plan.lost)}")
     return joined(lines)

@@ -24,10 +24,10 @@ _WRENCH: dict[str, Any] = {
 def _matrix(rows: int, columns: int | None, description: str, nothing: str = "") -> dict[str, Any]:
     """Schema of a list of rows; null where it may not exist."""
     row = _NUMBERS | ({} if columns is None else {"minItems": columns, "maxItems": columns})
-    found: dict[str, Any] = {"type": "array", "items": row, "minItems": rows, "maxItems": rows}
+    schema: dict[str, Any] = {"type": "array", "items": row, "minItems": rows, "maxItems": rows}
     if nothing:
-        found["type"] = ["array", "null"]
-    return found | {"description": f"{description}; null {nothing}" if nothing else description}
+        schema["type"] = ["array", "null"]
+    return schema | {"description": f"{description}; null {nothing}" if nothing else description}
 
 
 def _object(properties: dict[str, Any], description: str = "") -> dict[str, Any]:

@@ -47,10 +47,10 @@ def share(x: float | None) -> str:
 
 def _shown(values: Iterable[float | None], size: float = 0.0) -> list[float | None]:
     """Numbers with those that are only rounding, of the largest or of a size, set to 0."""
-    found = list(values)
-    largest = max((abs(x) for x in found if x is not None), default=0.0)
+    numbers = list(values)
+    largest = max((abs(x) for x in numbers if x is not None), default=0.0)
     largest = max(largest, size)
-    return [0.0 if x is not None and abs(x) < numerics.BLANK * largest else x for x in found]
+    return [0.0 if x is not None and abs(x) < numerics.BLANK * largest else x for x in numbers]
 
 
 def row(values: Iterable[float | None] | None, digits: int = 5, size: float = 0.0) -> str:

@@ -26,7 +26,7 @@ def describe_map(answer: Mapping[str, Any], coordinates: Sequence[str]) -> str:
         f"{answer['mechanism']}: {answer['postures']} postures, body frame {answer['frame']!r}, "
         f"K^{answer['connection']}, characteristic length "
         f"{answer['characteristic_length']:.6g} {units['length']}",
-        f"{answer['file']}: {parts['total']} part(s), {parts['found']} found there, "
+        f"{answer['file']}: {parts['total']} part(s), {parts['listed']} found there, "
         f"{parts['computed']} computed",
         *_searched(answer.get("branches")),
         *_load(answer),
@@ -46,12 +46,12 @@ def describe_map(answer: Mapping[str, Any], coordinates: Sequence[str]) -> str:
         ),
     ]  # fmt: skip
     for which in ("below", "above"):
-        if (found := answer.get(which)) is not None:
-            unit = answer["quantities"][found["quantity"]]["unit"]
-            lines += ["", f"{found['quantity']} {which} {number(found['limit'])} {unit}: "
-                      f"{100 * found['share']:.1f} % of what is reached ({found['within']} of "
-                      f"{found['reached']})"]  # fmt: skip
-            if (single := found.get("single_branch")) is not None:
+        if (listed := answer.get(which)) is not None:
+            unit = answer["quantities"][listed["quantity"]]["unit"]
+            lines += ["", f"{listed['quantity']} {which} {number(listed['limit'])} {unit}: "
+                      f"{100 * listed['share']:.1f} % of what is reached ({listed['within']} of "
+                      f"{listed['reached']})"]  # fmt: skip
+            if (single := listed.get("single_branch")) is not None:
                 lines.append(
                     f"  by the best single branch, without a flip: {100 * single['share']:.1f} % "
                     f"({single['within']}; it reaches {single['places']})"
@@ -139,12 +139,12 @@ def map_section(path: Path, quantity: str | None, elastic: ElasticMechanism) -> 
     name = quantity or quantities_of(dataset)[0]
     words = quantity_of(dataset, name).attrs
     figure = draw_map(dataset, name, angle=elastic.units.shown_angle)
-    drawn, found = figure_content(figure, ".svg").decode(), summary(dataset)
+    drawn, said = figure_content(figure, ".svg").decode(), summary(dataset)
     ends = ", ".join(
-        f"{end} {number(found['quantities'][name][end])} {words['units']}"
+        f"{end} {number(said['quantities'][name][end])} {words['units']}"
         for end in ("smallest", "largest")
     )
-    states = ", ".join(f"{count} {state}" for state, count in found["states"].items())
+    states = ", ".join(f"{count} {state}" for state, count in said["states"].items())
     text = f"{words['long_name']}: {ends}; postures: {states}."
     if about.get("command"):
         text += f" Made by {one_line(about['command'], 400)}"

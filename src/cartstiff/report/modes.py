@@ -32,48 +32,48 @@ __all__ = [
 ]
 
 
-def describe_modes(found: Modes, unloaded: Modes | None = None, extra: Sequence[str] = ()) -> str:
+def describe_modes(modes: Modes, unloaded: Modes | None = None, extra: Sequence[str] = ()) -> str:
     """Frequencies with their load, shapes, masses, nodal axes and notes.
 
     Parameters
     ----------
-    found : Modes
+    modes : Modes
         Under the load.
     unloaded : Modes, optional
         The same without it, which stands beside.
     extra : sequence of str
         Lines that stand before the notes.
     """
-    elastic, mechanism, units = found.elastic, found.elastic.mechanism, found.elastic.units
-    weighed = found.as_dict()["weighed"]
+    elastic, mechanism, units = modes.elastic, modes.elastic.mechanism, modes.elastic.units
+    weighed = modes.as_dict()["weighed"]
     masses = ", ".join(f"{part['name']} {part['mass']:.4g}" for part in weighed)
     lines = [
         f"{elastic.name}: {mechanism.kind}, body frame {mechanism.frame!r}, small undamped motions "
-        f"about rest, {found.load['words']}",
-        _load(found),
+        f"about rest, {modes.load['words']}",
+        _load(modes),
         f"Masses that move [kg]: {masses or 'none'}",
         "",
         "Frequencies in Hz",
-        *_frequencies(found, unloaded),
+        *_frequencies(modes, unloaded),
         "",
         "What moves: share of each coordinate in the kinetic energy, in per cent",
-        *_participation(found),
+        *_participation(modes),
         "",
         f"What the body turns about, in its frame ({units.length})",
-        *_axes(found),
+        *_axes(modes),
         *extra,
     ]
-    return joined([*lines, *note_lines(found.notes)]).rstrip()
+    return joined([*lines, *note_lines(modes.notes)]).rstrip()
 
 
-def _load(found: Modes) -> str:
-    units, W = found.elastic.units, found.load["wrench"]
+def _load(modes: Modes) -> str:
+    units, W = modes.elastic.units, modes.load["wrench"]
     if W is None or not any(W):
-        return f"Load: {found.load['meaning'] if W is None else 'none'}"
+        return f"Load: {modes.load['meaning'] if W is None else 'none'}"
     return (
-        f"Load: {found.load['kind']}, moment {vector(W[:3])} {units.moment}, force "
+        f"Load: {modes.load['kind']}, moment {vector(W[:3])} {units.moment}, force "
         f"{vector(W[3:])} {units.force} about the frame's origin, in its axes; "
-        f"{found.load['meaning']}"
+        f"{modes.load['meaning']}"
     )
 
 
@@ -81,15 +81,15 @@ def _hertz(value: float) -> str:
     return "unstable" if np.isnan(value) else "free" if value == 0.0 else f"{value:.6g}"
 
 
-def _frequencies(found: Modes, unloaded: Modes | None) -> list[str]:
-    masses, total = found.effective_masses, found._momentum
-    titles = ["mode", found.load["words"]]
+def _frequencies(modes: Modes, unloaded: Modes | None) -> list[str]:
+    masses, total = modes.effective_masses, modes._momentum
+    titles = ["mode", modes.load["words"]]
     if unloaded is not None:
         titles += ["unloaded", "change"]
     if masses is not None and total is not None:
         titles += [f"moved along {axis} [kg]" for axis in "xyz"]
     rows = []
-    for i, f in enumerate(found.frequencies):
+    for i, f in enumerate(modes.frequencies):
         cells = [str(i + 1), _hertz(f)]
         if unloaded is not None:
             bare = unloaded.frequencies[i] if i < len(unloaded.frequencies) else np.nan
@@ -108,9 +108,9 @@ def _clean(masses: np.ndarray, total: float) -> list[float]:
 _COLUMNS = 8
 
 
-def _participation(found: Modes) -> list[str]:
-    names, shares = found.elastic.names, found.participation
-    if found.posture.coordinates_are_pose:
+def _participation(modes: Modes) -> list[str]:
+    names, shares = modes.elastic.names, modes.participation
+    if modes.posture.coordinates_are_pose:
         names = ("rx", "ry", "rz", "x", "y", "z")
     if len(names) <= _COLUMNS:
         rows = [
@@ -125,9 +125,9 @@ def _participation(found: Modes) -> list[str]:
     return lines
 
 
-def _axes(found: Modes) -> list[str]:
+def _axes(modes: Modes) -> list[str]:
     lines = []
-    for i, screw in enumerate(found.nodal_axes):
+    for i, screw in enumerate(modes.nodal_axes):
         if not np.isfinite(screw.direction).all():
             words = "does not move"
         elif not np.isfinite(screw.pitch):
@@ -202,10 +202,10 @@ def describe_sensitivities(known: Sensitivities, units: Units) -> list[str]:
     return lines
 
 
-def describe_intervals(found: Modes, band: FrequencyInterval) -> list[str]:
+def describe_intervals(modes: Modes, band: FrequencyInterval) -> list[str]:
     """Interval of each frequency."""
     lines = ["", f"Intervals that hold {100 * band.level:g} per cent, in Hz, to first order"]
-    for i, (f, low, high) in enumerate(zip(found.frequencies, band.low, band.high, strict=True)):
+    for i, (f, low, high) in enumerate(zip(modes.frequencies, band.low, band.high, strict=True)):
         lines.append(f"  {i + 1:>3}  {_hertz(f)}  from {low:.6g} to {high:.6g}")
     return lines
 
@@ -269,8 +269,8 @@ def describe_impedance(answer: Impedance, units: Units) -> list[str]:
     if answer.dropped:
         lines.append(f"  antisymmetric part dropped: {percent(answer.dropped)}")
     for name, meaning in LAYOUTS.items():
-        found = layout(answer.stiffness, answer.pose, name)
-        values = "the matrix" if len(found.values) > 6 else vector(found.values, 5)
-        lost = ", ".join(f"{what} {percent(x)}" for what, x in found.lost.items() if x)
+        parameters = layout(answer.stiffness, answer.pose, name)
+        values = "the matrix" if len(parameters.values) > 6 else vector(parameters.values, 5)
+        lost = ", ".join(f"{what} {percent(x)}" for what, x in parameters.lost.items() if x)
         lines += [f"  {name}: {meaning}", f"    {values}; lost: {lost or 'nothing'}"]
     return lines

@@ -112,17 +112,17 @@ def _different(result: PostureStiffness, at_rest: bool) -> list[tuple[list[str],
     matrices = dict(result.matrices)
     if result.is_loaded and not at_rest:
         matrices["load"] = result.tangent
-    found: list[tuple[list[str], np.ndarray]] = []
+    kinds: list[tuple[list[str], np.ndarray]] = []
     for name, K in matrices.items():
         if K is None:
             continue
-        for names, other in found:
+        for names, other in kinds:
             if np.abs(K - other).max() <= numerics.SYMMETRY * np.abs(K).max():
                 names.append(name)
                 break
         else:
-            found.append(([name], K))
-    return found
+            kinds.append(([name], K))
+    return kinds
 
 
 def _reachable(result: PostureStiffness, at_rest: bool) -> list[str]:

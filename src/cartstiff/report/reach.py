@@ -20,24 +20,24 @@ __all__ = ["assembly_csv", "describe_assembly"]
 _STABLE = {True: "yes", False: "NO", None: "-"}
 
 
-def describe_assembly(found: AssemblyModes) -> str:
+def describe_assembly(modes: AssemblyModes) -> str:
     """How many modes there are, how completely they are known, and each on a line."""
-    elastic, units = found.elastic, found.elastic.units
-    given = ", ".join(f"{name} {number(x, 6)}" for name, x in found.given.items())
-    count = len(found.found)
+    elastic, units = modes.elastic, modes.elastic.units
+    given = ", ".join(f"{name} {number(x, 6)}" for name, x in modes.given.items())
+    count = len(modes)
     lines = [
         f"{elastic.name}: {elastic.mechanism.kind}, body frame {elastic.mechanism.frame!r}",
         f"Held: {given}",
-        f"Assembly modes: {count}; searched: {found.search or 'not, see the notes'}",
+        f"Assembly modes: {count}; searched: {modes.search or 'not, see the notes'}",
     ]
-    if found.search is not None:
+    if modes.search is not None:
         lines.append(
             "No isolated mode is missing: every path's end is known."
-            if found.is_complete
+            if modes.is_complete
             else "There may be more."
         )
     if count:
-        lines += ["", *_table(found)]
+        lines += ["", *_table(modes)]
         lines += [
             "",
             f"min K: smallest eigenvalue of the tangent stiffness, angles times the body's length "
@@ -45,36 +45,36 @@ def describe_assembly(found: AssemblyModes) -> str:
         ]
         if isinstance(elastic.mechanism, Platform):
             lines.append("det: of the legs' lines, moments over that length")
-        own = {note.code: note for mode in found.found for note in mode.result.notes}
-        known = {note.code for note in found.notes}
+        own = {note.code: note for mode in modes for note in mode.result.notes}
+        known = {note.code for note in modes.notes}
         states = [
-            Note(code, f"modes {_with(found, code)}: {note.message}", note.values)
+            Note(code, f"modes {_with(modes, code)}: {note.message}", note.values)
             for code, note in own.items()
             if code not in known and code != "no-chart"
         ]
-        return joined([*lines, *note_lines([*found.notes, *states])])
-    return joined([*lines, *note_lines(found.notes)])
+        return joined([*lines, *note_lines([*modes.notes, *states])])
+    return joined([*lines, *note_lines(modes.notes)])
 
 
-def _with(found: AssemblyModes, code: str) -> str:
+def _with(modes: AssemblyModes, code: str) -> str:
     return ", ".join(
         str(i + 1)
-        for i, mode in enumerate(found.found)
+        for i, mode in enumerate(modes)
         if any(note.code == code for note in mode.result.notes)
     )
 
 
-def _table(found: AssemblyModes) -> list[str]:
-    of_legs = isinstance(found.elastic.mechanism, Platform)
-    swing = any(mode.frequencies is not None for mode in found.found)
-    names = found.elastic.names_with_units if of_legs else _pose_names(found.elastic)
+def _table(modes: AssemblyModes) -> list[str]:
+    of_legs = isinstance(modes.elastic.mechanism, Platform)
+    swing = any(mode.frequencies is not None for mode in modes)
+    names = modes.elastic.names_with_units if of_legs else _pose_names(modes.elastic)
     titles = ["", *names, "residual", "min K", "stable"]
     titles += ["det"] * of_legs + ["first frequencies [Hz]"] * swing
     rows = []
-    for i, mode in enumerate(found.found):
+    for i, mode in enumerate(modes):
         row = [
             str(i + 1),
-            *(number(x) for x in _place(mode, found.elastic)),
+            *(number(x) for x in _place(mode, modes.elastic)),
             number(mode.residual, 2),
         ]
         row += [number(mode.eigenvalue), _STABLE[mode.stable]]
@@ -110,23 +110,23 @@ def _place(mode: AssemblyMode, elastic: ElasticMechanism) -> list[float]:
     return q.tolist()
 
 
-def assembly_csv(found: AssemblyModes) -> str:
+def assembly_csv(modes: AssemblyModes) -> str:
     """A row a mode: coordinates, residual, smallest eigenvalue, stable, determinant, frequencies.
 
     A cell is empty where a number does not exist.
     """
-    most = max((0 if m.frequencies is None else len(m.frequencies) for m in found.found), default=0)
-    units = found.elastic.units
+    most = max((0 if m.frequencies is None else len(m.frequencies) for m in modes), default=0)
+    units = modes.elastic.units
     head = [
-        *found.elastic.names_with_units, f"residual [{units.length}]", "multiplicity",
+        *modes.elastic.names_with_units, f"residual [{units.length}]", "multiplicity",
         f"smallest_eigenvalue [{units.force}/{units.length}]", "stable", "determinant",
         *(f"frequency_{i + 1} [Hz]" for i in range(most)),
     ]  # fmt: skip
     rows = []
-    for mode in found.found:
+    for mode in modes:
         own = [] if mode.frequencies is None else _first(mode.frequencies)
         rows.append([
-            *shown(found.elastic, mode.q).tolist(), mode.residual, mode.multiplicity,
+            *shown(modes.elastic, mode.q).tolist(), mode.residual, mode.multiplicity,
             mode.eigenvalue, mode.stable, mode.determinant, *own, *[None] * (most - len(own)),
         ])  # fmt: skip
     return csv_rows(head, rows)

@@ -63,12 +63,12 @@ def describe_equilibrium(state: Equilibrium) -> str:
 
 def _reactions(state: Equilibrium) -> list[str]:
     """What holds the body, the limits and the rigid joints; rounding is shown as 0."""
-    units, found = state.elastic.units, state.reactions
+    units, reactions = state.elastic.units, state.reactions
     lengths = {c.name: c.is_length for c in state.elastic.mechanism.coordinates}
-    held = {f"held {name}": (x, not name.startswith("r")) for name, x in found.held.items()}
+    held = {f"held {name}": (x, not name.startswith("r")) for name, x in reactions.held.items()}
     # What is no coordinate is a leg.
-    limits = {f"limit of {n}": (x, lengths.get(n, True)) for n, x in found.limits.items()}
-    rigid = {f"rigid {n}": (x, lengths.get(n, True)) for n, x in found.rigid.items()}
+    limits = {f"limit of {n}": (x, lengths.get(n, True)) for n, x in reactions.limits.items()}
+    rigid = {f"rigid {n}": (x, lengths.get(n, True)) for n, x in reactions.rigid.items()}
     rows = {**held, **limits, **rigid}
     largest = max((abs(x) for x, _ in rows.values()), default=0.0)
     wrench = state.elastic_stiffness.wrench

@@ -47,26 +47,26 @@ def layers(
     At the first point each cell has `starts` random starts. `advance` is called after each point.
     """
     rng = np.random.default_rng(seed)
-    found: list[Layer] = []
+    layers: list[Layer] = []
     for pose in poses:
         cells = _Cells(solver, grid, grid.targets(pose), tolerance)
-        more = starts if not found or not grid.is_grid else _MORE
-        before = found[-1] if found else Layer(solver.start[None][:0], _NONE)
+        more = starts if not layers or not grid.is_grid else _MORE
+        before = layers[-1] if layers else Layer(solver.start[None][:0], _NONE)
         inside = before.cell >= 0
         begin = Layer(before.q[inside], before.cell[inside])
         layer = cells.solved(_joined(begin, cells.random(more, rng)))
         # At first everything is looked for next door; later what a neighbour seems to lack.
-        frontier = cells.spread(layer, cells.lonely(layer) if found else None)
+        frontier = cells.spread(layer, cells.lonely(layer) if layers else None)
         while len(frontier.q):
             new = cells.new(layer, cells.solved(frontier))
             layer = _joined(layer, new)
             frontier = cells.spread(new)
-        found.append(cells.traced(layer, Layer(before.q[~inside], before.cell[~inside])))
+        layers.append(cells.traced(layer, Layer(before.q[~inside], before.cell[~inside])))
         if advance is not None:
             advance()
-        if not len(found[-1].q):
+        if not len(layers[-1].q):
             break
-    return found
+    return layers
 
 
 def _joined(a: Layer, b: Layer) -> Layer:
@@ -133,8 +133,8 @@ class _Cells:
             targets = self.targets[(-1 - begin.cell) * b]
             q, good = solver.solve(targets, begin.q, grid.task, self.tolerance)
             q, good = solver.within(q), good & self._inside(q)
-            found = self._apart(known, Layer(q[good], begin.cell[good]), spacing)
-            known, frontier = _joined(known, found), _joined(frontier, found)
+            apart = self._apart(known, Layer(q[good], begin.cell[good]), spacing)
+            known, frontier = _joined(known, apart), _joined(frontier, apart)
             if not len(frontier.q):
                 break
             motion = spacing * solver.self_motions(frontier.q, "none", 1)[:, :, 0]
@@ -149,16 +149,16 @@ class _Cells:
         low, high = self.solver.region()
         return np.asarray(((q >= low) & (q <= high) | self.solver.periodic).all(axis=1))
 
-    def _apart(self, known: Layer, found: Layer, spacing: float) -> Layer:
+    def _apart(self, known: Layer, more: Layer, spacing: float) -> Layer:
         """What is not near anything known, nor near what stands before it."""
-        both = _joined(known, found)
+        both = _joined(known, more)
         keep: list[int] = []
         first = len(known.q)
         turns = np.where(self.solver.periodic, 2 * np.pi / self.solver.sizes, 0.0)
         places = both.q / self.solver.sizes
         places = np.where(turns > 0, places % np.where(turns > 0, turns, 1.0), places)
         places = np.where((turns > 0) & (places >= turns), 0.0, places)  # by rounding
-        for cell in np.unique(found.cell):
+        for cell in np.unique(more.cell):
             rows = np.flatnonzero(both.cell == cell)
             tree = cKDTree(places[rows], boxsize=turns)
             near = tree.query_pairs(0.5 * spacing, output_type="ndarray")
@@ -200,10 +200,10 @@ class _Cells:
 
     def _neighbours(self, cells: Array) -> list[Array]:
         where = np.array(np.unravel_index(cells, self.shape))
-        found = []
+        neighbours = []
         for axis in (0, 1):
             for side in (1, -1):
                 to = where.copy()
                 to[axis] = (to[axis] + side) % self.shape[axis]
-                found.append(np.ravel_multi_index(tuple(to), self.shape))
-        return found
+                neighbours.append(np.ravel_multi_index(tuple(to), self.shape))
+        return neighbours

@@ -141,21 +141,21 @@ class PathCost:
             return Judged(value, value, ratio, ratio)
         outputs = tuple(dict.fromkeys((*self.quantity.outputs(self._settings(0)), "jacobian")))
         load = self._loads(points, poses) if self.loaded else None
-        found = analyse_many(
+        answers = analyse_many(
             self.elastic, q, wrench=load, load_kind=self.load.kind, load_at=self.load.at,
             outputs=outputs,
         )  # fmt: skip
         lengths = np.array([c.is_length for c in self.elastic.mechanism.coordinates])
         for point in np.unique(points):
             rows = points == point
-            arrays = {name: found[name][rows] for name in outputs}
+            arrays = {name: answers[name][rows] for name in outputs}
             settings = self._settings(int(point))
             acting = {"load_kind": self.load.kind, "load_at": self.load.at}
             swing = ManyModes(self.elastic, q[rows], None if load is None else load[rows], acting)
             value[rows] = evaluate([self.quantity], arrays, settings, lengths, swing)[
                 self.quantity.name
             ]
-        jacobian = found["jacobian"]
+        jacobian = answers["jacobian"]
         platform = self.elastic.mechanism
         if isinstance(platform, Platform) and len(platform.points) != 6:  # no square one
             lines = [line_geometry(T, platform.anchors, platform.points).lines for T in poses]

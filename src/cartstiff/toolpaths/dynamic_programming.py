@@ -97,22 +97,22 @@ def _among_few(
             np.sort(rows[np.argsort(c[rows], kind="stable")[:count]])
             for c, rows in zip(costs, usable, strict=True)
         ]
-        found = _forward(costs, steps, few, worst)
-        if found[0] is not None:
-            return found
+        way = _forward(costs, steps, few, worst)
+        if way[0] is not None:
+            return way
         count *= 4
     return _forward(costs, steps, usable, worst)
 
 
 def _linked(steps: Callable[[int, Array, Array], Array], usable: Sequence[Array]) -> list[Array]:
     """What the smallest layer can be reached from, or reaches: a way goes through nothing else."""
-    found = list(usable)
+    linked = list(usable)
     smallest = int(np.argmin([len(rows) for rows in usable]))
     for i in range(smallest - 1, -1, -1):
-        found[i] = found[i][np.isfinite(steps(i, found[i], found[i + 1])).any(axis=1)]
-    for i in range(smallest + 1, len(found)):
-        found[i] = found[i][np.isfinite(steps(i - 1, found[i - 1], found[i])).any(axis=0)]
-    return found
+        linked[i] = linked[i][np.isfinite(steps(i, linked[i], linked[i + 1])).any(axis=1)]
+    for i in range(smallest + 1, len(linked)):
+        linked[i] = linked[i][np.isfinite(steps(i - 1, linked[i - 1], linked[i])).any(axis=0)]
+    return linked
 
 
 def _forward(

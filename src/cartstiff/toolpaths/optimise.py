@@ -241,7 +241,7 @@ class _Search:
 
     def _free_of_collisions(self, q: list[Array], costs: list[Array]) -> list[Array]:
         """Costs with what collides ruled out as well."""
-        found = []
+        free = []
         for point, (rows, cost) in enumerate(zip(q, costs, strict=True)):
             self.advance()
             if self.collisions is not None:
@@ -250,8 +250,8 @@ class _Search:
                 cost[usable[self.collisions(rows[usable])]] = np.inf
                 if usable.size and not np.isfinite(cost).any():
                     raise colliding(point, len(usable))
-            found.append(cost)
-        return found
+            free.append(cost)
+        return free
 
     def among(self, candidates: list[Layer]) -> tuple[Array, ConstantChoice | None]:
         """Best postures (m, n) among candidates, and the best constant choice."""
@@ -285,18 +285,18 @@ class _Search:
             if not bounds[cell] < (np.inf if best is None else best[0]):
                 break
             own = [np.flatnonzero(c == cell) for c in cells]
-            found = self._way(
+            way = self._way(
                 *([a[rows] for a, rows in zip(every, own, strict=True)]
                   for every in (q, costs, sides))
             )  # fmt: skip
-            if isinstance(found, UndefinedError):
+            if isinstance(way, UndefinedError):
                 continue
-            rows = [r[k] for r, k in zip(own, found[1], strict=True)]
+            rows = [r[k] for r, k in zip(own, way[1], strict=True)]
             taken = np.array([c[k] for c, k in zip(costs, rows, strict=True)])
             size = float(taken.max() if self.objective == "worst" else taken.sum())
             if best is None or size < best[0]:
                 values = np.array([j.value[k] for j, k in zip(judged, rows, strict=True)])
-                best = size, ConstantChoice(self.grid.at(int(cell)), found[0], values)
+                best = size, ConstantChoice(self.grid.at(int(cell)), way[0], values)
         return None if best is None else best[1]
 
     def _way(
@@ -374,8 +374,8 @@ class _Search:
             motions = self.solver.self_motions(q, self.grid.free, d)
             begin = q[points] + step * (motions @ shifts.T).swapaxes(1, 2).reshape(-1, q.shape[1])
             begin = np.clip(begin, self.solver.lower, self.solver.upper)
-            found, good = self.solver.solve(self.path.poses[points], begin, self.grid.free)
-            around = [np.vstack([q[i], found[good & (points == i)]]) for i in range(m)]
+            solved, good = self.solver.solve(self.path.poses[points], begin, self.grid.free)
+            around = [np.vstack([q[i], solved[good & (points == i)]]) for i in range(m)]
             judged, costs = self._costs(around)
             if self.collisions is not None:
                 for rows, cost in zip(around, costs, strict=True):

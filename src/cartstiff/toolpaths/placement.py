@@ -213,8 +213,8 @@ def _axes(region: Mapping[str, ArrayLike]) -> dict[str, Array]:
     return axes
 
 
-def _cost(found: OptimisedPath) -> float:
-    return found.worst if found.criterion.better == "smaller" else -found.worst
+def _cost(path: OptimisedPath) -> float:
+    return path.worst if path.criterion.better == "smaller" else -path.worst
 
 
 def _around(

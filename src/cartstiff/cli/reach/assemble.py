@@ -66,12 +66,12 @@ def command(
 
     if lengths is not None and not isinstance(elastic.mechanism, Platform):
         raise InputError("is for platforms", where="--lengths", expected="--q")
-    found = assemble(elastic, lengths, q=q, starts=starts, seed=seed, every=every)
+    modes = assemble(elastic, lengths, q=q, starts=starts, seed=seed, every=every)
     if csv is not None:
-        write_whole(csv, assembly_csv(found).encode())
-    tell(as_json, found.as_dict(), request.mechanism, lambda: describe_assembly(found))
-    if strict and (not found.found or any(note.code == "paths-lost" for note in found.notes)):
-        note = found.notes[-1] if found.notes else None
+        write_whole(csv, assembly_csv(modes).encode())
+    tell(as_json, modes.as_dict(), request.mechanism, lambda: describe_assembly(modes))
+    if strict and (not modes.modes or any(note.code == "paths-lost" for note in modes.notes)):
+        note = modes.notes[-1] if modes.notes else None
         raise UndefinedError(
             "no assembly mode exists" if note is None else note.message,
             code="no-assembly" if note is None else note.code,

@@ -82,12 +82,12 @@ def command(
     from cartstiff.report.workspaces.words import boundary_csv, describe_workspace, draw_workspace
 
     with Progress("poses", progress) as bar:
-        found = workspace(
+        reached = workspace(
             elastic, q, wrench=request.wrench, directions=directions, scan=scan, radius=radius,
             through_singularities=through_singularities, progress=bar,
         )  # fmt: skip
-    write_files((csv, lambda: boundary_csv(found)), (plot, lambda: draw_workspace(found)))
-    tell(as_json, found.as_dict(), request.mechanism, lambda: describe_workspace(found))
-    if strict and found.positions is None:
-        note = found.notes[-1]
+    write_files((csv, lambda: boundary_csv(reached)), (plot, lambda: draw_workspace(reached)))
+    tell(as_json, reached.as_dict(), request.mechanism, lambda: describe_workspace(reached))
+    if strict and reached.positions is None:
+        note = reached.notes[-1]
         raise UndefinedError(note.message, code=note.code, values=dict(note.values))

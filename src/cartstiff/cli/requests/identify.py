@@ -32,22 +32,22 @@ def units_of(text: str | None) -> dict[str, str]:
 
 def _pairs(texts: Iterable[str], option: str) -> dict[str, str]:
     """``NAME=TEXT`` of an option that may be given several times."""
-    found: dict[str, str] = {}
+    pairs: dict[str, str] = {}
     for text in texts:
         name, equals, value = text.partition("=")
         if not equals or not name.strip() or not value.strip():
             raise InputError("cannot be used", where=option, expected="NAME=VALUE", got=repr(text))
-        if name.strip() in found:
+        if name.strip() in pairs:
             raise InputError("given twice", where=option, got=repr(name.strip()))
-        found[name.strip()] = value.strip()
-    return found
+        pairs[name.strip()] = value.strip()
+    return pairs
 
 
 def deviations_of(texts: Iterable[str], units: Mapping[str, str]) -> dict[str, float]:
     """Standard deviations by column in SI, from "dx=0.02 mm"."""
     from cartstiff.identify.columns import MEASURED, UNITS
 
-    found = {}
+    deviations = {}
     for name, text in _pairs(texts, "--sd").items():
         if name not in MEASURED:
             raise UnknownNameError("column", name, MEASURED, where="--sd")
@@ -65,8 +65,8 @@ def deviations_of(texts: Iterable[str], units: Mapping[str, str]) -> dict[str, f
         if not value > 0.0:
             raise InputError("cannot be used", where=f"--sd {name}", expected="above zero",
                              got=text)  # fmt: skip
-        found[name] = value
-    return found
+        deviations[name] = value
+    return deviations
 
 
 def stiffnesses_of(texts: Iterable[str], option: str, count: int) -> dict[str, list[float]]:

@@ -92,10 +92,10 @@ class PlanRequest:
             given = elastic.q if self.q is None else self.q.of(elastic.names)
             q = named_values(given, elastic.names, elastic.q, "--q")
             test = elastic.mechanism.assembled(q), np.array(self.load)
-        found = plan(unknowns, offered, self.count or 1, criterion=self.criterion or "worst",  # type: ignore[arg-type]
+        chosen = plan(unknowns, offered, self.count or 1, criterion=self.criterion or "worst",  # type: ignore[arg-type]
                      test=test, have=have, level=request.level)  # fmt: skip
-        write_files((self.csv, lambda: table_text(found.rows, elastic, tuple(spreads))))
-        return found.as_dict(), lambda: describe_plan(found)
+        write_files((self.csv, lambda: table_text(chosen.rows, elastic, tuple(spreads))))
+        return chosen.as_dict(), lambda: describe_plan(chosen)
 
     def run_simulation(
         self, elastic: Any, table: str, of_table: dict[str, Any], request: Any

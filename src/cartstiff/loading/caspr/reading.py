@@ -108,13 +108,13 @@ def _sibling(path: Path, tag: str) -> Path:
 
 def _numbers(text: str | None, count: int, what: str, where: str) -> Array:
     try:
-        found = np.array([float(word) for word in (text or "").split()])
+        numbers = np.array([float(word) for word in (text or "").split()])
     except ValueError:
-        found = np.empty(0)
-    if found.size != count or not np.isfinite(found).all():
+        numbers = np.empty(0)
+    if numbers.size != count or not np.isfinite(numbers).all():
         raise InputError(f"{what} cannot be used", where=where, expected=f"{count} numbers",
                          got=repr(one_line((text or "").strip(), 80)))  # fmt: skip
-    return found
+    return numbers
 
 
 def _body(root: ET.Element, where: str, notes: list[Note]) -> tuple[dict[str, Any], Array, Array]:

@@ -173,7 +173,7 @@ def _directions(
     if not one and len(given) != m:
         raise InputError("wrong count", where=f"{where}, key legs.{key}",
                          expected=f"one vector, or {m}, one per leg", got=len(given))  # fmt: skip
-    found = []
+    directions = []
     for k in range(m):
         v = np.array(given if one else given[k], float)
         size = float(np.linalg.norm(v))
@@ -182,8 +182,8 @@ def _directions(
         v = v / size
         if one and mirrored[k]:  # axes turn the other way in a mirror
             v = v * (np.array([-1.0, 1.0, -1.0]) if key == "axis" else np.array([1.0, -1.0, 1.0]))
-        found.append(frames[k] @ v if one else v)
-    return found
+        directions.append(frames[k] @ v if one else v)
+    return directions
 
 
 def _radial(p: Array, base: list[Array], where: str) -> Array:

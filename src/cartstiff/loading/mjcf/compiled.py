@@ -143,11 +143,11 @@ class Compiled:
 
     def above(self, body: int) -> list[int]:
         """Joints between the world and a body."""
-        found: list[int] = []
+        ancestors: list[int] = []
         while body > 0:
-            found += self.of_body[body]
+            ancestors += self.of_body[body]
             body = self.data["body_parentid"][body]
-        return found
+        return ancestors
 
     def names_of(self, joints: Iterable[int]) -> frozenset[str]:
         """All coordinates of some joints."""

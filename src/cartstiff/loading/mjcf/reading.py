@@ -93,10 +93,10 @@ def _springs(
 ) -> tuple[dict[str, MjcfSpring], list[Obstacle]]:
     """Springs of hinges and slides, those of followers moved to their leaders; the others."""
     data = compiled.data
-    found: dict[str, MjcfSpring] = {}
+    springs: dict[str, MjcfSpring] = {}
     others: list[Obstacle] = []
     if compiled.is_off("SPRING", "PASSIVE"):
-        return found, others
+        return springs, others
     further = data["jnt_stiffnesspoly"] or [[]] * len(compiled.joints)
     for j, (name, own) in enumerate(zip(compiled.joints, compiled.coordinates, strict=True)):
         coefficients = [data["jnt_stiffness"][j], *further[j]]
@@ -112,18 +112,18 @@ def _springs(
             raise InputError(f"joint {name!r}: stiffness is negative", where=compiled.where,
                              expected="zero or more", got=f"{coefficients[0]:g}")  # fmt: skip
         rest = data["qpos_spring"][data["jnt_qposadr"][j]]
-        found[own[0]] = MjcfSpring(tuple(coefficients), rest)
-    for follower in [name for name in followers if name in found]:
-        spring, leader, factor, offset = found.pop(follower), *to_root(follower, followers)
-        own_spring = found.get(leader, MjcfSpring((0.0,), 0.0))
+        springs[own[0]] = MjcfSpring(tuple(coefficients), rest)
+    for follower in [name for name in followers if name in springs]:
+        spring, leader, factor, offset = springs.pop(follower), *to_root(follower, followers)
+        own_spring = springs.get(leader, MjcfSpring((0.0,), 0.0))
         if len(spring.coefficients) + len(own_spring.coefficients) > 2:
             both = frozenset({follower, leader})
             others.append(Obstacle(f"curved spring of the coupled joint {follower!r}", both))
             continue
         k, more = own_spring.coefficients[0], spring.coefficients[0] * factor**2
         rest = (k * own_spring.rest + more * (spring.rest - offset) / factor) / (k + more)
-        found[leader] = MjcfSpring((k + more,), rest)
-    return found, others
+        springs[leader] = MjcfSpring((k + more,), rest)
+    return springs, others
 
 
 def _posture(compiled: Compiled) -> tuple[dict[str, float], str | None]:
@@ -184,7 +184,7 @@ def _tendons(compiled: Compiled) -> list[Obstacle]:
 
 def _elastic_bodies(compiled: Compiled) -> list[Obstacle]:
     """Bodies whose plugin exerts forces, and flexible objects."""
-    found = [
+    bodies = [
         Obstacle(f"plugin of body {name!r}", compiled.names_of(compiled.above(b)))
         for b, (name, plugin) in enumerate(
             zip(compiled.bodies, compiled.data["body_plugin"], strict=True)
@@ -192,25 +192,25 @@ def _elastic_bodies(compiled: Compiled) -> list[Obstacle]:
         if plugin >= 0
     ]
     for i, name in enumerate(compiled.data["flex_names"]):
-        found.append(Obstacle(f"flex {name!r}", flex_joints(compiled, i)))
-    return found
+        bodies.append(Obstacle(f"flex {name!r}", flex_joints(compiled, i)))
+    return bodies
 
 
 def _ignored(compiled: Compiled) -> list[str]:
     data = compiled.data
-    found = []
+    ignored = []
     loose = [
         name or f"{t + 1}" for t, name in enumerate(data["tendon_names"])
         if not data["tendon_stiffness"][t]
     ]  # fmt: skip
     if loose:
-        found.append(f"tendons without stiffness ({_listed(loose)})")
+        ignored.append(f"tendons without stiffness ({_listed(loose)})")
     if data["pair_names"]:
-        found.append(f"contact pairs ({len(data['pair_names'])})")
+        ignored.append(f"contact pairs ({len(data['pair_names'])})")
     parts = zip(compiled.joints, compiled.coordinates, data["jnt_limited"], strict=True)
     balls = [name for name, own, limited in parts if limited and len(own) > 1]
     if balls:
-        found.append(f"ranges of ball joints ({_listed(balls)})")
+        ignored.append(f"ranges of ball joints ({_listed(balls)})")
     for what in ("armature", "damping"):
         named = [
             name
@@ -220,17 +220,17 @@ def _ignored(compiled: Compiled) -> list[str]:
             if len(own) > 1 and data[f"dof_{what}"][start]
         ]
         if named:
-            found.append(f"{what} of ball and free joints ({_listed(named)})")
+            ignored.append(f"{what} of ball and free joints ({_listed(named)})")
     if any(data["opt.wind"]) and (data["opt.density"] or data["opt.viscosity"]):
-        found.append("wind")
+        ignored.append("wind")
     if compiled.is_off("SPRING", "PASSIVE") and any(data["jnt_stiffness"]):
-        found.append("springs, which the file switches off")
-    return found
+        ignored.append("springs, which the file switches off")
+    return ignored
 
 
 def _weightless(compiled: Compiled) -> tuple[str, ...]:
     data = compiled.data
-    found = [
+    weightless = [
         f"mass of body {', '.join(repr(b) for b in bodies)} (mesh {file} is missing)"
         for file, bodies in data["lost_meshes"].items()
     ]
@@ -240,8 +240,8 @@ def _weightless(compiled: Compiled) -> tuple[str, ...]:
             if data["body_mass"][b] <= data["no_mass"] and compiled.of_body[b]
         ]  # fmt: skip
         if bare:
-            found.append(f"mass of moving bodies that the file gives none ({_listed(bare)})")
-    return tuple(found)
+            weightless.append(f"mass of moving bodies that the file gives none ({_listed(bare)})")
+    return tuple(weightless)
 
 
 def _pieces(compiled: Compiled) -> Iterator[Piece]:

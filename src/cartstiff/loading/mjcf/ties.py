@@ -112,27 +112,27 @@ def _followers(
     compiled: Compiled, couplings: list[_Coupling], locked: dict[str, float]
 ) -> Followers:
     """Each coupling as one joint that follows another; turned round where that is needed."""
-    found: Followers = {}
+    followers: Followers = {}
 
     def root(name: str) -> str:
-        while name in found:
-            name = found[name][0]
+        while name in followers:
+            name = followers[name][0]
         return name
 
     for follower, leader, factor, offset in couplings:
         if root(follower) == root(leader):
             raise InputError(f"joint {follower!r} is coupled to itself", where=compiled.where)
-        if follower in found:
-            if leader in found:
+        if follower in followers:
+            if leader in followers:
                 raise InputError(f"joints {follower!r} and {leader!r} are coupled twice",
                                  where=compiled.where)  # fmt: skip
             follower, leader, factor, offset = leader, follower, 1 / factor, -offset / factor
-        found[follower] = (leader, factor, offset)
+        followers[follower] = (leader, factor, offset)
     # What an equality holds passes on to the joints that follow.
     moved = True
     while moved:
         moved = False
-        for follower, (leader, factor, offset) in list(found.items()):
+        for follower, (leader, factor, offset) in list(followers.items()):
             if follower in locked and leader in locked:
                 raise InputError(f"joint {follower!r} is held twice", where=compiled.where)
             if leader in locked:
@@ -141,9 +141,9 @@ def _followers(
                 locked[leader] = (locked[follower] - offset) / factor
             else:
                 continue
-            del found[follower]
+            del followers[follower]
             moved = True
-    return found
+    return followers
 
 
 def to_root(follower: str, followers: Followers) -> tuple[str, float, float]:
@@ -159,17 +159,17 @@ def tendon_joints(compiled: Compiled, tendon: int) -> frozenset[str]:
     """Joints that change a tendon's length."""
     data = compiled.data
     start = data["tendon_adr"][tendon]
-    found: set[int] = set()
+    joints: set[int] = set()
     for i in range(start, start + data["tendon_num"][tendon]):
         kind = data["enums"]["mjtWrap"][str(data["wrap_type"][i])]
         target = data["wrap_objid"][i]
         if kind == "mjWRAP_JOINT":
-            found.add(target)
+            joints.add(target)
         elif kind == "mjWRAP_SITE":
-            found |= set(compiled.above(data["site_bodyid"][target]))
+            joints |= set(compiled.above(data["site_bodyid"][target]))
         elif kind in ("mjWRAP_SPHERE", "mjWRAP_CYLINDER"):
-            found |= set(compiled.above(data["geom_bodyid"][target]))
-    return compiled.names_of(found)
+            joints |= set(compiled.above(data["geom_bodyid"][target]))
+    return compiled.names_of(joints)
 
 
 def flex_joints(compiled: Compiled, flex: int) -> frozenset[str]:

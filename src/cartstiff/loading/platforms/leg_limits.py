@@ -62,11 +62,11 @@ def pair_per_leg(value: Any, m: int, where: str, meaning: str) -> Array | None:
 
 
 def _each(value: Any, m: int, where: str) -> Array:
-    found = np.asarray(value, float)
-    if found.ndim == 1 and len(found) != m:
+    values = np.asarray(value, float)
+    if values.ndim == 1 and len(values) != m:
         raise InputError("wrong count", where=where, expected=f"{m} numbers, one per leg",
-                         got=len(found))  # fmt: skip
-    return np.broadcast_to(found, (m,)).copy()
+                         got=len(values))  # fmt: skip
+    return np.broadcast_to(values, (m,)).copy()
 
 
 def _joints(given: LegJointsModel | None, m: int, where: str) -> tuple[Array | None, Array | None]:

@@ -143,9 +143,9 @@ class LayoutModel(FileModel):
         along = (top - base) / size  # rises by one
 
         def cut(height: float) -> Array:
-            found: Array = base + along * (height - base[:, 2:])
-            found[:, 2] = height
-            return found
+            points: Array = base + along * (height - base[:, 2:])
+            points[:, 2] = height
+            return points
 
         if self.platform.height is not None:
             top = cut(origin[2] + self.platform.height)

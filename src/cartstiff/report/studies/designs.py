@@ -22,61 +22,61 @@ _REASONS = 5
 _PANELS = 6
 
 
-def describe_designs(found: Designs, best: int = 10) -> str:
+def describe_designs(designs: Designs, best: int = 10) -> str:
     """What ``cartstiff design`` prints.
 
     Parameters
     ----------
-    found : Designs
+    designs : Designs
         The study's designs.
     best : int
         Most designs of the front that are listed.
     """
-    study, counts = found.study, found.counts()
+    study, counts = designs.study, designs.counts()
     lines = [
-        f"{found.mechanism}: {len(found)} designs by {study.method.kind}, "
+        f"{designs.mechanism}: {len(designs)} designs by {study.method.kind}, "
         f"{study.poses.count} pose(s) each",
         ", ".join(f"{n} {state}" for state, n in counts.items()),
         "",
         "Objectives and constraints",
-        *table(("name", "what", "unit", "wanted", "from", "to"), _asked(found)),
+        *table(("name", "what", "unit", "wanted", "from", "to"), _asked(designs)),
     ]
-    if found.front:
-        shown = found.front[:best]
+    if designs.front:
+        shown = designs.front[:best]
         names = [*study.variables, *study.measures]
-        title = "Best design" if len(found.better) == 1 else (
-            f"Pareto front: {len(found.front)} designs, of which none is better in everything"
+        title = "Best design" if len(designs.better) == 1 else (
+            f"Pareto front: {len(designs.front)} designs, of which none is better in everything"
         )  # fmt: skip
-        lines += ["", title, *table(("design", *names), [_row(found, i) for i in shown])]
-        if len(found.front) > len(shown):
-            lines.append(f"  ... {len(found.front) - len(shown)} more; --csv and --json have all")
+        lines += ["", title, *table(("design", *names), [_row(designs, i) for i in shown])]
+        if len(designs.front) > len(shown):
+            lines.append(f"  ... {len(designs.front) - len(shown)} more; --csv and --json have all")
     for state in ("failed", "infeasible"):
         if counts[state]:
             lines += [
                 "",
                 f"Why designs are {state}" if state == "infeasible" else "Why designs fail",
             ]
-            lines += _reasons(found, state)
-    return joined([*lines, *note_lines(found.notes)])
+            lines += _reasons(designs, state)
+    return joined([*lines, *note_lines(designs.notes)])
 
 
-def _asked(found: Designs) -> list[tuple[str, ...]]:
+def _asked(designs: Designs) -> list[tuple[str, ...]]:
     rows = []
-    for name, measure in found.study.measures.items():
-        values = found.table(name)
+    for name, measure in designs.study.measures.items():
+        values = designs.table(name)
         finite = values[np.isfinite(values)]
         ends = {">=": getattr(measure, "at_least", None), "<=": getattr(measure, "at_most", None)}
         bounds = [f"{sign} {number(x)}" for sign, x in ends.items() if x is not None]
         case = f" ({measure.case})" if measure.case else ""
         reach = [number(float(f(finite))) if finite.size else "-" for f in (np.min, np.max)]
-        wanted = found.better.get(name) or " and ".join(bounds)
-        rows.append((name, measure.words + case, found.units[name], wanted, *reach))
+        wanted = designs.better.get(name) or " and ".join(bounds)
+        rows.append((name, measure.words + case, designs.units[name], wanted, *reach))
     return rows
 
 
-def _row(found: Designs, index: int) -> tuple[str, ...]:
-    design = found.designs[index]
-    values = [*design.parameters.values(), *(design.values[n] for n in found.study.measures)]
+def _row(designs: Designs, index: int) -> tuple[str, ...]:
+    design = designs.designs[index]
+    values = [*design.parameters.values(), *(design.values[n] for n in designs.study.measures)]
     return (str(index + 1), *(number(value, 6) for value in values))
 
 
@@ -96,12 +96,12 @@ def _reasons(found: Designs, state: str) -> list[str]:
     return [*lines, *([f"         ... {more} other reasons"] if more > 0 else [])]
 
 
-def draw_designs(found: Designs) -> Any:
+def draw_designs(designs: Designs) -> Any:
     """Objectives against each other with the Pareto front; a single one against the variables.
 
     Parameters
     ----------
-    found : Designs
+    designs : Designs
         The study's designs.
 
     Returns
@@ -114,29 +114,29 @@ def draw_designs(found: Designs) -> Any:
     InputError
         If every design has failed.
     """
-    names = list(found.better)
-    if all(design.state == "failed" for design in found.designs):
+    names = list(designs.better)
+    if all(design.state == "failed" for design in designs.designs):
         raise InputError("no design has values to draw", got="all have failed")
     single = len(names) == 1
-    pairs = [(v, names[0]) for v in found.study.variables] if single else list(
+    pairs = [(v, names[0]) for v in designs.study.variables] if single else list(
         itertools.combinations(names, 2)
     )  # fmt: skip
     pairs = pairs[:_PANELS]
     columns = min(len(pairs), 3)
     rows = -(-len(pairs) // columns)
     figure = new_figure(1.0 + 3.8 * columns, 0.6 + 3.2 * rows)
-    front = list(found.front)
-    feasible = np.zeros(len(found), bool)
-    feasible[list(found.feasible)] = True
+    front = list(designs.front)
+    feasible = np.zeros(len(designs), bool)
+    feasible[list(designs.feasible)] = True
     for i, (x, y) in enumerate(pairs):
         axis = figure.add_subplot(rows, columns, i + 1)
-        a, b = found.table(x), found.table(y)
+        a, b = designs.table(x), designs.table(y)
         axis.plot(a[~feasible], b[~feasible], "o", color="0.8", ms=4, label="infeasible")
         axis.plot(a[feasible], b[feasible], "o", color="C0", ms=4, label="feasible")
         order = sorted(front, key=lambda j: a[j])
         axis.plot(a[order], b[order], "o-" if not single and len(names) == 2 else "o", color="C1",
                   ms=6, lw=1.2, label="best" if single else "Pareto front")  # fmt: skip
-        axis.set(xlabel=_label(found, x), ylabel=_label(found, y))
+        axis.set(xlabel=_label(designs, x), ylabel=_label(designs, y))
         for values, direction in ((a, "x"), (b, "y")):
             if _decades(values):
                 axis.set(**{f"{direction}scale": "log"})
@@ -144,15 +144,15 @@ def draw_designs(found: Designs) -> Any:
                 own.set_major_formatter("{x:g}")  # texts are not read as formulas
                 own.set_minor_formatter("")
     figure.axes[0].legend(fontsize="small")
-    figure.suptitle(f"{len(found)} designs of {found.mechanism}", fontsize="medium")
+    figure.suptitle(f"{len(designs)} designs of {designs.mechanism}", fontsize="medium")
     return figure
 
 
-def _label(found: Designs, name: str) -> str:
-    if name in found.study.variables:
+def _label(designs: Designs, name: str) -> str:
+    if name in designs.study.variables:
         return name
-    unit = found.units[name]
-    words = found.study.measures[name].words
+    unit = designs.units[name]
+    words = designs.study.measures[name].words
     return f"{name}: {words}" + (f" [{unit}]" if unit else "")
 
 

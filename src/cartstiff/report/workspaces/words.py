@@ -19,55 +19,55 @@ _MOST = 12
 _SLICES = 5
 
 
-def _angle(found: Workspace) -> str:
+def _angle(reached: Workspace) -> str:
     """The least turn, as people read angles."""
-    angle, turn = found.elastic.units.shown_angle, found.least_turn
+    angle, turn = reached.elastic.units.shown_angle, reached.least_turn
     if angle == "deg" and turn is not None:
         turn = degrees(turn)
     return f"{number(turn, 4)} {angle}"
 
 
-def describe_workspace(found: Workspace) -> str:
+def describe_workspace(reached: Workspace) -> str:
     """Volume, slices, what cuts where, rotations, what fits inside, singularities, notes."""
-    elastic, unit = found.elastic, found.elastic.units.length
+    elastic, unit = reached.elastic, reached.elastic.units.length
     lines = [
         f"{elastic.name}: {elastic.mechanism.kind}, body frame {elastic.mechanism.frame!r}",
-        f"Orientation of M kept; position {vector(found.pose[:3, 3], 5)} {unit}",
+        f"Orientation of M kept; position {vector(reached.pose[:3, 3], 5)} {unit}",
     ]
-    if found.positions is None or found.columns is None or found.turns is None:
-        return joined([*lines, "No workspace: singular everywhere", *note_lines(found.notes)])
-    poses = found.as_dict()["poses"]
+    if reached.positions is None or reached.columns is None or reached.turns is None:
+        return joined([*lines, "No workspace: singular everywhere", *note_lines(reached.notes)])
+    poses = reached.as_dict()["poses"]
     lines += [
         "",
-        f"Volume with this orientation: {number(found.volume, 5)} {unit}^3 ({poses} poses tried)",
+        f"Volume with this orientation: {number(reached.volume, 5)} {unit}^3 ({poses} poses tried)",
         *table(
             [f"z [{unit}]", f"area [{unit}^2]"],
-            [(number(z), number(area, 4)) for z, area in found.columns.slices(_SLICES)],
+            [(number(z), number(area, 4)) for z, area in reached.columns.slices(_SLICES)],
         ),
         "",
         "The outer boundary is cut by (share of directions)",
-        *_shares(found.positions.shares()),
+        *_shares(reached.positions.shares()),
         "",
         "Rotations at this position",
-        f"  about every axis by at least {_angle(found)}; "
-        f"{percent(found.share_of_rotations)} of all rotations",
-        *_shares(found.turns.shares()),
+        f"  about every axis by at least {_angle(reached)}; "
+        f"{percent(reached.share_of_rotations)} of all rotations",
+        *_shares(reached.turns.shares()),
     ]
-    for words, fits, size in (("sphere", found.sphere, "radius"), ("cube", found.cube, "edge")):
+    for words, fits, size in (("sphere", reached.sphere, "radius"), ("cube", reached.cube, "edge")):
         if fits is not None:
             lines.append(
                 f"Largest {words} found inside: {size} {number(fits[1], 4)} {unit} at "
                 f"{vector(fits[0], 4)}"
             )
-    if found.singularity is not None:
-        ratio, place = found.singularity
+    if reached.singularity is not None:
+        ratio, place = reached.singularity
         lines += [
             f"Nearest to singular: smallest over largest singular value of the legs' lines "
             f"{number(ratio, 3)} at {vector(place, 4)}",
             f"  (moments over the body's length {number(elastic.mechanism.at(elastic.q).length)} "
             f"{unit}; 0 is singular)",
         ]
-    return joined([*lines, *note_lines(found.notes)])
+    return joined([*lines, *note_lines(reached.notes)])
 
 
 def _shares(shares: dict[str, float]) -> list[str]:
@@ -77,23 +77,23 @@ def _shares(shares: dict[str, float]) -> list[str]:
     return lines + ([f"  {percent(rest):>6}  others"] if rest else [])
 
 
-def boundary_csv(found: Workspace) -> str:
+def boundary_csv(reached: Workspace) -> str:
     """A row a boundary position: x, y, z in F, and the limit that cuts."""
-    unit = found.elastic.units.length
-    edges = () if found.positions is None else found.positions.edges
-    rows = ([*xyz, edge[3]] for xyz, edge in zip(found.boundary.tolist(), edges, strict=True))
+    unit = reached.elastic.units.length
+    edges = () if reached.positions is None else reached.positions.edges
+    rows = ([*xyz, edge[3]] for xyz, edge in zip(reached.boundary.tolist(), edges, strict=True))
     return csv_rows([*(f"{name} [{unit}]" for name in "xyz"), "limit"], rows)
 
 
-def draw_workspace(found: Workspace) -> Any:
+def draw_workspace(reached: Workspace) -> Any:
     """The boundary seen along three axes, coloured by the limit that cuts, as a figure."""
     from cartstiff.figures import new_figure
 
     figure = new_figure(11.0, 4.2)
     from matplotlib import colormaps
 
-    unit, places = found.elastic.units.length, found.boundary
-    names = [] if found.positions is None else [edge[3] for edge in found.positions.edges]
+    unit, places = reached.elastic.units.length, reached.boundary
+    names = [] if reached.positions is None else [edge[3] for edge in reached.positions.edges]
     kinds = sorted(set(names))
     axes, colours = figure.subplots(1, 3), colormaps["tab20"].colors  # type: ignore[attr-defined]
     for axis, (i, j) in zip(axes, ((0, 1), (0, 2), (1, 2)), strict=True):
@@ -106,5 +106,7 @@ def draw_workspace(found: Workspace) -> Any:
     if kinds:
         figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4,
                       fontsize=7, markerscale=3)  # fmt: skip
-    figure.suptitle(f"{found.elastic.name}: boundary with one orientation, and the limit that cuts")
+    figure.suptitle(
+        f"{reached.elastic.name}: boundary with one orientation, and the limit that cuts"
+    )
     return figure
