@@ -10,6 +10,7 @@ from tests.vibration.test_modes import column
 
 from cartstiff import ToolPath, Trajectory, analyse, compute_map, load, modes, optimise_path
 from cartstiff.errors import InputError
+from cartstiff.mechanisms.other_units import in_units
 from cartstiff.toolpaths.cost import criteria
 from cartstiff.vibration.chatter import limiting_depth, limiting_depths
 from cartstiff.vibration.damping import Damping, poles
@@ -112,3 +113,26 @@ def test_dampers_make_the_ratios_of_the_poles():
     elastic = replace(load("ur5"), damping=np.linspace(1.0, 6.0, 6))
     many = ManyModes(elastic, elastic.q[None])
     assert many.damping_ratios(Damping())[0] == pytest.approx(poles(modes(elastic), Damping())[1])
+
+
+@pytest.mark.parametrize("units", ["m", "mm"])
+def test_platforms_equal_single_postures(units):
+    """With masses in the legs; among the postures Fichter's singular one, a quarter turn."""
+    elastic = in_units(load("stewart-simscape"), units)
+    at = elastic.q
+    size = at[2]
+    rng = np.random.default_rng(1)
+    q = at + rng.normal(size=(5, 6)) * [*[0.1 * size] * 3, 0.3, 0.3, 0.3]
+    q[3, :5], q[3, 5] = at[:5], np.pi / 2
+    found = frequencies_of_many(elastic, q)
+    one = np.array([modes(elastic, x).frequencies for x in q])
+    assert found == pytest.approx(one, rel=1e-10)
+    assert found[3, 0] == 0.0 < found[3, 1]
+
+
+def test_a_platform_whose_mass_is_a_point_is_asked_one_by_one():
+    elastic = load("inclined-hexapod").with_payload(2.0, [0.0, 0.0, 0.1])
+    found = frequencies_of_many(elastic, elastic.q[None])[0]
+    one = modes(elastic).frequencies
+    assert found[: len(one)] == pytest.approx(one, rel=1e-10)
+    assert np.isnan(found[len(one) :]).all()

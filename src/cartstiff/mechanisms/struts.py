@@ -80,17 +80,14 @@ class Struts:
         return about[0], about[1]
 
     def mass_matrix(self, lines: LineGeometry, points: Array) -> Array:
-        """Their part (6, 6) of the platform's mass matrix, on body twists."""
-        L, u, _ = lines
+        """Their part (..., 6, 6) of the platform's mass matrix, on body twists."""
+        L = lines.lengths
         fixed, moving = self._turning
         across = self.moving * (1 - self.moving_com / L) ** 2
         across = across + (self.fixed * self.fixed_com**2 + fixed + moving) / L**2
-        total = np.zeros((6, 6))
-        for k, point in enumerate(points):
-            D = _velocity(point)
-            axial = u[k] @ D
-            total += self.moving[k] * np.outer(axial, axial)
-            total += across[k] * (D.T @ D - np.outer(axial, axial))
+        D = np.array([_velocity(point) for point in points])
+        along = (lines.lines * (self.moving - across)[..., None]).swapaxes(-1, -2) @ lines.lines
+        total: Array = along + np.tensordot(across, D.swapaxes(-1, -2) @ D, 1)
         return total
 
     def momentum(self, lines: LineGeometry, points: Array, pose: Array) -> Array:

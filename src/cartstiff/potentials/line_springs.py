@@ -22,7 +22,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import PosePotential, Posture, Remark
 
-__all__ = ["LineGeometry", "LineSprings", "line_geometry"]
+__all__ = ["LineGeometry", "LineSprings", "line_geometry", "lines_of_many"]
 
 
 _EYE = np.eye(3)
@@ -67,6 +67,16 @@ def line_geometry(T_a_b: Array, anchors: Array, points: Array) -> LineGeometry:
     lines[:, 1] = bz * ux - bx * uz
     lines[:, 2] = bx * uy - by * ux
     return LineGeometry(lengths, u, lines)
+
+
+def lines_of_many(T_a_b: Array, anchors: Array, points: Array) -> LineGeometry:
+    """`line_geometry` of poses (N, 4, 4); a line of zero length has the direction zero."""
+    R, p = T_a_b[:, :3, :3], T_a_b[:, :3, 3]
+    along = points - (anchors - p[:, None]) @ R
+    lengths = np.linalg.norm(along, axis=-1)
+    u = along / np.maximum(lengths, numerics.TINY)[..., None]
+    moments = np.cross(np.broadcast_to(points, u.shape), u)
+    return LineGeometry(lengths, u, np.concatenate([moments, u], axis=-1))
 
 
 def second_derivative(geometry: LineGeometry, points: Array, weights: Array) -> Array:

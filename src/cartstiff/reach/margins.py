@@ -25,19 +25,15 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.flexure_struts import ideal_joints_only
-from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.potentials.line_springs import LineSprings, lines_of_many
 
 __all__ = ["Margins", "lines_at", "wrench_margins"]
 
 
 def lines_at(platform: Platform, poses: Array) -> tuple[Array, Array]:
     """Lengths (N, m) and line coordinates (N, m, 6) of the legs, moments over the body's length."""
-    R, p = poses[:, :3, :3], poses[:, :3, 3]
-    along = platform.points - (platform.anchors - p[:, None]) @ R
-    lengths = np.linalg.norm(along, axis=-1)
-    u = along / np.maximum(lengths, numerics.TINY)[..., None]
-    moments = np.cross(np.broadcast_to(platform.points, u.shape), u) / platform.length
-    return lengths, np.concatenate([moments, u], axis=-1)
+    found = lines_of_many(poses, platform.anchors, platform.points)
+    return found.lengths, found.lines / np.repeat([platform.length, 1.0], 3)
 
 
 def wrench_margins(lines: Array, wrench: Array, least: Array, most: Array) -> Array:

@@ -1,9 +1,9 @@
-"""Frequencies of many postures: over arrays for arms that springs alone hold, else one by one."""
+"""Frequencies of many postures: over arrays where springs alone hold, else one by one."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -11,9 +11,13 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.errors import UndefinedError
+from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.platform import Platform
+from cartstiff.potentials.line_springs import LineSprings, lines_of_many
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.vibration.chatter import limiting_depth
 from cartstiff.vibration.damping import Damping, poles
@@ -82,6 +86,12 @@ class ManyModes:
         """As `frequencies_of_many`."""
         if self._is_plain:
             return _plain(self.elastic, self.q, count)
+        if self._loads is None and _on_open_lines(self.elastic):
+            found = _on_lines(self.elastic, self.q, count)
+            rows = np.isnan(found).any(axis=1)
+            left = replace(self, q=self.q[rows], wrenches=None)
+            found[rows] = left._each(lambda found: found.frequencies, count)
+            return found
         return self._each(lambda found: found.frequencies, count)
 
     def damping_ratios(self, damping: Damping, count: int = 6) -> Array:
@@ -113,6 +123,54 @@ class ManyModes:
                 continue
             found[i, : values.size] = values[:count]
         return found
+
+
+def _on_open_lines(elastic: ElasticMechanism) -> bool:
+    """Whether a body hangs on lines that carry nothing, and nothing else acts."""
+    springs = elastic.springs
+    return (
+        isinstance(elastic.mechanism, Platform)
+        and type(springs) is LineSprings
+        and not (springs.unilateral or elastic.potentials)
+        and elastic.gravity is None
+        and bool(np.isnan(springs.rest_length).all())
+    )
+
+
+def _on_lines(elastic: ElasticMechanism, q: Array, count: int) -> Array:
+    """Singular values of ``k^1/2 G L^-T``, G the lines and ``L L^T = M``, over 2 pi.
+
+    Motions that cost nothing have the frequency 0, by the same measure as those of one posture.
+    NaN where a body's mass does not tell all of its motions apart: that is decided one by one.
+    """
+    platform, springs = elastic.mechanism, elastic.springs
+    if not (isinstance(platform, Platform) and isinstance(springs, LineSprings)):
+        raise TypeError("a platform on lines")
+    length, force = convert_length(Units(), elastic.units)
+    found = np.full((len(q), max(count, 6)), np.nan)
+    sizes = np.repeat([platform.length, 1.0], 3)
+    for start in range(0, len(q), _ROWS):
+        part = q[start : start + _ROWS]
+        poses = se3.from_roll_pitch_yaw(part[:, :3], part[:, 3:]) @ platform.T_P_M
+        geometry = lines_of_many(poses, platform.anchors, platform.points)
+        mass = np.broadcast_to(platform.body_inertia, (len(part), 6, 6))
+        if platform.struts is not None:
+            mass = mass + platform.struts.mass_matrix(geometry, platform.points)
+        mass = mass / np.outer(sizes, sizes)
+        known = np.isfinite(mass).all(axis=(1, 2)) & (geometry.lengths.min(axis=1) > 0.0)
+        inertias = np.linalg.eigvalsh(np.where(known[:, None, None], mass, np.eye(6)))
+        known &= inertias[:, 0] > numerics.NEARBY * inertias[:, -1]
+        L = np.linalg.cholesky(np.where(known[:, None, None], mass, np.eye(6)))
+        G = np.sqrt(springs.stiffness)[:, None] * geometry.lines / sizes
+        _, omega, motions = np.linalg.svd(np.linalg.solve(L, G.swapaxes(1, 2)).swapaxes(1, 2))
+        if len(springs.stiffness) < 6:
+            omega = np.pad(omega, ((0, 0), (0, 6 - omega.shape[1])))
+        twists = np.abs(np.linalg.solve(L.swapaxes(1, 2), motions.swapaxes(1, 2)))
+        cost = np.einsum("nij,nik,nkj->nj", twists, np.abs(G.swapaxes(1, 2) @ G), twists)
+        omega = np.where(omega**2 <= numerics.IDLE * cost, 0.0, omega)[:, ::-1]
+        hertz = omega * np.sqrt(length / force) / (2.0 * np.pi)
+        found[start : start + len(part), :6] = np.where(known[:, None], hertz, np.nan)
+    return found[:, :count]
 
 
 def _plain(elastic: ElasticMechanism, q: Array, count: int) -> Array:
