@@ -147,6 +147,7 @@ _BASES: dict[str, list[list[str]]] = {
     "modes": [["--response", "5:50:5"], []],
     "equilibrium": [["--load", "0,0,0,0,0,-20"], ["--payload", "2"], []],
     "analyse": [["--load", "0,0,0,0,0,-20"], [], []],
+    "workspace": [["--directions", "20"], ["--scan", "6"]],
 }  # fmt: skip
 
 
