@@ -42,7 +42,10 @@ def _laid_out(rng: random.Random) -> dict[str, Any]:
     if rng.random() < 0.3:
         layout = {"cubic": {"edge": "=2*r"}}
     legs: dict[str, Any] = {"stiffness": 10 ** rng.uniform(3, 9)}
-    if rng.random() < 0.5:
+    if rng.random() < 0.3:
+        joint = {"axial": 1.2e8, "shear": 1e7, "bending": 10 ** rng.uniform(0, 4), "torsion": 236}
+        legs = {"strut": {"axial": 2e7, "lower": joint, "upper": joint | {"offset": 0.01}}}
+    elif rng.random() < 0.5:
         legs |= {"limits": [0.1, 1.5], "diameter": 0.02}
     return {"kind": "stewart-gough", "parameters": {"r": rng.uniform(0.2, 0.5)},
             "layout": layout, "legs": legs}  # fmt: skip

@@ -236,3 +236,16 @@ def test_stiffness_or_strut(tmp_path):
 def test_more_than_the_flexures_hold_is_refused(tmp_path):
     with pytest.raises(InputError, match="stiffer than its flexures"):
         _short(tmp_path).with_springs(1e9)
+
+
+def test_a_search_that_runs_away_is_refused_in_words(tmp_path, recwarn):
+    ends = {"base": {"radius": 0.235, "half_angle": 0.65},
+            "platform": {"radius": 1.9e-7, "half_angle": 1.0}, "height": -0.74}  # fmt: skip
+    joint = {"axial": 1.2e8, "shear": 1e7, "bending": 3331, "torsion": 236}
+    strut = {"axial": AXIAL, "lower": joint, "upper": joint | {"bending": 3.3e-3, "offset": 0.01}}
+    elastic = load(
+        write_file(tmp_path, "odd", kind="stewart-gough", layout=ends, legs={"strut": strut})
+    )
+    with pytest.raises(InputError, match="no rest lengths of the struts balance"):
+        analyse(elastic, [-3e-7, 1e-7, 0.74, 0.1, 3.1, 0.4])
+    assert not recwarn.list

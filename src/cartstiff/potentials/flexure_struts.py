@@ -171,6 +171,7 @@ class FlexureStruts(LineSprings):
     def _bars(self) -> Array:
         return self.made - self.lower.offset - self.upper.offset
 
+    @np.errstate(over="ignore", invalid="ignore")  # a search that runs away has found nothing
     def at_poses(
         self, T_a_b: Array, rest_length: Array, gradient: Array | None = None, free: Any = None
     ) -> Struck:
