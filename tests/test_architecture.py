@@ -46,8 +46,6 @@ DOORS = {"__init__", "__main__"}
 
 #: Who alone may import what.
 OWNERS = {"pinocchio": {"mechanisms", "loading"}, "meshcat": {"scene", "page"}}
-#: Files of one long idea, with their lines at the most; others have 400.
-LONG: dict[str, int] = {}
 #: Packages that `import cartstiff` must not load.
 HEAVY = ("numpy", "pinocchio", "scipy", "matplotlib", "tornado", "meshcat")
 
@@ -137,7 +135,7 @@ def test_folders_and_files_stay_small():
     for _, path in MODULES:
         name = path.relative_to(PACKAGE).as_posix()
         count = len(path.read_text(encoding="utf-8").splitlines())
-        assert count <= LONG.get(name, 400), f"{name} has {count} lines"
+        assert count <= 400, f"{name} has {count} lines"
 
 
 def test_files_named_on_the_page_exist():

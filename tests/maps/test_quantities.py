@@ -22,7 +22,7 @@ from cartstiff.analysis.posture import analyse_posture
 from cartstiff.analysis.summary import summarise
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.many.postures import analyse_many
-from cartstiff.maps import stacks
+from cartstiff.maps import row_by_row
 from cartstiff.maps.job import STATES
 from cartstiff.maps.quantities import QUANTITIES, Settings, choose_quantities, evaluate
 from cartstiff.stiffness import closures, general_reduction
@@ -306,7 +306,7 @@ def test_nan_rows_leave_the_others_alone():
     for name, expected in (("condition", [6, np.nan, 1]), ("translation_held_max", [6, np.nan, 2]),
                            ("determinant", [720, np.nan, 64])):  # fmt: skip
         assert found[name] == pytest.approx(expected, nan_ok=True)
-    assert stacks.scale_lengths(K[:1], np.array([2.0]))[0, 0, 0] == pytest.approx(0.25)
+    assert row_by_row.scale_lengths(K[:1], np.array([2.0]))[0, 0, 0] == pytest.approx(0.25)
 
 
 @pytest.mark.parametrize(

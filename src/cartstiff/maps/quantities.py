@@ -30,7 +30,7 @@ from cartstiff.analysis.matrices import ROTATION, TRANSLATION, stiffness_of_moti
 from cartstiff.analysis.sections import UNITS
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
-from cartstiff.maps import stacks
+from cartstiff.maps import row_by_row
 from cartstiff.maps.quantity import Quantity, Settings, Stacks
 from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -64,7 +64,7 @@ def _principal(
         taken = others if pair is None else pair
         K, C = s.pair(taken)
         stack, inverse = (K, C) if stiff else (C, K)
-        return stacks.block_values(
+        return row_by_row.block_values(
             stack, inverse, s.root(taken), _BLOCKS[freedom], stiff == (others == "held"), one
         )
 
@@ -146,11 +146,11 @@ def _deflection(s: Stacks, part: slice) -> Array:
 
 
 def _unstable(s: Stacks) -> Array:
-    rr, tt = stacks.block_norms(s.K)
+    rr, tt = row_by_row.block_norms(s.K)
     with np.errstate(divide="ignore", invalid="ignore"):
         length = np.where((rr > 0) & (tt > 0), np.sqrt(rr / tt), 1.0)
-    values = stacks.eigenvalues(s.K, s.C, length, s.root("held"))
-    return np.where(np.isnan(values).any(axis=1), np.nan, stacks.signs(values)[0])
+    values = row_by_row.eigenvalues(s.K, s.C, length, s.root("held"))
+    return np.where(np.isnan(values).any(axis=1), np.nan, row_by_row.signs(values)[0])
 
 
 def _natural_length(s: Stacks) -> Array:
@@ -159,14 +159,14 @@ def _natural_length(s: Stacks) -> Array:
         rotation = _principal(s, "stiffness", "rotation", "free", pair="held")
         positive = np.ones(len(translation), bool)
         for values in (translation, rotation):
-            positive &= stacks.signs(values)[2] == 3
+            positive &= row_by_row.signs(values)[2] == 3
         found = np.exp((np.log(rotation).sum(axis=1) - np.log(translation).sum(axis=1)) / 6.0)
     return np.where(positive, found, np.nan)
 
 
 def _asymmetry(s: Stacks) -> Array:
     def size(K: Array) -> Array:
-        rr, tt = stacks.block_norms(K)
+        rr, tt = row_by_row.block_norms(K)
         coupling = np.sqrt(rr * tt)
         edge = np.sqrt(np.einsum("nij,nij->n", K[:, :3, 3:], K[:, :3, 3:]))
         coupling = np.where(coupling == 0.0, edge, coupling)
@@ -175,16 +175,16 @@ def _asymmetry(s: Stacks) -> Array:
         scales[scales == 0.0] = 1.0
         return (np.abs(K - K.swapaxes(1, 2)) / scales).max(axis=(1, 2))
 
-    return stacks.on_finite(size, s.arrays["stiffness_A"])
+    return row_by_row.on_finite(size, s.arrays["stiffness_A"])
 
 
 def _connection_change(s: Stacks) -> Array:
     """Largest change that `cartstiff.analysis.asymmetry.compare_connections` finds."""
     reference = s.arrays[f"stiffness_{s.settings.connection}"]
-    base = stacks.scale_lengths(reference, s.settings.length)
-    half = stacks.symmetric_part(base)
-    values = stacks.on_finite(np.linalg.eigvalsh, half, shape=(6,))
-    positive = stacks.signs(values)[2] == 6
+    base = row_by_row.scale_lengths(reference, s.settings.length)
+    half = row_by_row.symmetric_part(base)
+    values = row_by_row.on_finite(np.linalg.eigvalsh, half, shape=(6,))
+    positive = row_by_row.signs(values)[2] == 6
     worst = np.full(len(base), np.nan)
     for name in OF_MANY:
         other = s.arrays[f"stiffness_{name}"]
@@ -192,7 +192,7 @@ def _connection_change(s: Stacks) -> Array:
             continue
         both = np.isfinite(other).all(axis=(1, 2)) & np.isfinite(base).all(axis=(1, 2))
         change = np.full(len(base), np.nan)
-        d = stacks.scale_lengths(other - reference, s.settings.length)
+        d = row_by_row.scale_lengths(other - reference, s.settings.length)
         if (rows := both & positive).any():
             root = np.linalg.cholesky(half[rows])
             left = np.linalg.solve(root, d[rows])
@@ -213,7 +213,7 @@ def _ratio(s: Stacks) -> Array:
 
 
 def _manipulability(s: Stacks) -> Array:
-    return stacks.on_finite(
+    return row_by_row.on_finite(
         lambda m: np.prod(np.linalg.svd(m, compute_uv=False), axis=1), s.arrays["jacobian"]
     )
 
@@ -262,19 +262,22 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity("deflection_angle", "rotation of the body under the given wrench",
                  "rad", lambda s: _deflection(s, ROTATION), _DEFLECT, "deflect", "smaller"),
         Quantity("condition", "condition number of K at the characteristic length",
-                 "1", lambda s: stacks.condition(s.eigenvalues()), (*_K, *_C), "length", "smaller"),
+                 "1",
+                 lambda s: row_by_row.condition(s.eigenvalues()), (*_K, *_C), "length", "smaller"),
         Quantity("isotropy", "geometric over arithmetic mean of the eigenvalues of K",
-                 "1", lambda s: stacks.isotropy(s.eigenvalues()), (*_K, *_C), "length"),
+                 "1", lambda s: row_by_row.isotropy(s.eigenvalues()), (*_K, *_C), "length"),
         Quantity("minimum", "smallest eigenvalue of K at the characteristic length",
                  _STIFF["translation"], lambda s: s.eigenvalues()[:, 0], (*_K, *_C), "length"),
         Quantity("translation_condition", "condition number of the translational block of K",
-                 "1", lambda s: stacks.condition(_principal(s, "stiffness", "translation", "held")),
+                 "1",
+                 lambda s: row_by_row.condition(_principal(s, "stiffness", "translation", "held")),
                  (*_K, *_C), better="smaller"),
         Quantity("rotation_condition", "condition number of the rotational block of K",
-                 "1", lambda s: stacks.condition(_principal(s, "stiffness", "rotation", "held")),
+                 "1",
+                 lambda s: row_by_row.condition(_principal(s, "stiffness", "rotation", "held")),
                  (*_K, *_C), better="smaller"),
         Quantity("determinant", "determinant of K", UNITS.determinant,
-                 lambda s: stacks.determinant(s.eigenvalues(), s.settings.length), (*_K, *_C)),
+                 lambda s: row_by_row.determinant(s.eigenvalues(), s.settings.length), (*_K, *_C)),
         Quantity("unstable_directions", "number of negative eigenvalues of K", "1", _unstable,
                  (*_K, *_C), better="smaller", is_elastic=False),
         Quantity("natural_length", "length at which rotation and translation are equally stiff",

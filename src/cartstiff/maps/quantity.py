@@ -11,8 +11,8 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
-from cartstiff.maps import stacks
-from cartstiff.maps.stacks import symmetric_part
+from cartstiff.maps import row_by_row
+from cartstiff.maps.row_by_row import symmetric_part
 from cartstiff.mechanisms.contract import Units
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 from cartstiff.vibration.damping import Damping
@@ -188,7 +188,7 @@ class Stacks:
         """Of the stiffness with lengths scaled (N, 6)."""
         return self.once(
             "eigenvalues",
-            lambda: stacks.eigenvalues(self.K, self.C, self.settings.length, self.root("held")),
+            lambda: row_by_row.eigenvalues(self.K, self.C, self.settings.length, self.root("held")),
         )
 
     def singular_values(self) -> Array:
@@ -196,7 +196,7 @@ class Stacks:
         J = self.arrays["jacobian"]
         scale = np.repeat([self.settings.length, 1.0], 3)[:, None]
         columns = np.where(self._is_length(J.shape[2]), self.settings.length, 1.0)
-        return stacks.on_finite(
+        return row_by_row.on_finite(
             lambda m: np.linalg.svd(m * scale * columns, compute_uv=False),
             J,
             shape=(min(J.shape[1:]),),
