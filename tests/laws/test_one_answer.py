@@ -244,6 +244,8 @@ def test_one_answer(name, load):
         ("6R", "dead moment", 1e-6, 15, 1341),
         ("platform", "dead force", 1e-1, 15, 2160),  # unstable, beside stiff legs
         ("platform", "follower", 1e-6, 6, 2319),  # the load fixes tensions to nine digits
+        ("closed chain", "conservative", 1e-10, 9, 500206),  # regular beside what is type 2
+        ("7R", "conservative", 1e-6, 12, 510477),  # K alone: no pivot is small, the inverse large
     ],
 )
 def test_one_answer_where_it_was_missed(name, load, distance, decades, seed):

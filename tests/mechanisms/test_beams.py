@@ -15,7 +15,7 @@ from cartstiff import analyse, equilibrium, load
 from cartstiff.errors import ConvergenceError, InputError
 from cartstiff.potentials.beams import Beam, Section, stability_functions
 from cartstiff.potentials.functions import taylor_check
-from cartstiff.potentials.loads import DeadForce, FollowerWrench
+from cartstiff.potentials.loads import DeadForce, DeadWrench, FollowerWrench
 from cartstiff.statics.continuation import load_curve
 
 # Linear algebra of condition 1e6, and sums of the same compliances.
@@ -240,6 +240,16 @@ def test_an_end_moment_rolls_a_bar_into_a_circle(tmp_path):
         assert np.abs(tip - [x, 0, z]).max() <= (angle / 12) ** 4 / 120 * 2 + 1e-12
     assert np.abs(tip).max() <= 1e-12
     assert "beam-bent" in codes(curve)
+
+
+@pytest.mark.parametrize(("area", "angle"), [(0.1, 1.0), (1.0, 0.1), (10.0, 2.0)])
+def test_however_thin_a_bar_a_moment_bends_it_into_an_arc(tmp_path, area, angle):
+    """EA L^2 / EI of 1e8 to 1e10: what a step bends stretches to second order."""
+    state = equilibrium(bar(tmp_path, 4, area=area), DeadWrench([0, -EI * angle, 0, 0, 0, 0]))
+    assert state.displacement[1] == pytest.approx(-angle, rel=1e-12)
+    tip = [np.sin(angle) / angle - 1.0, (1.0 - np.cos(angle)) / angle]
+    # The chord of a segment is taken to the fourth power of half its angle.
+    assert state.displacement[[3, 5]] == pytest.approx(tip, abs=2.0 * (angle / 8) ** 4 / 100)
 
 
 def test_bending_in_two_planes_with_twist(tmp_path):

@@ -91,6 +91,11 @@ def test_a_nearly_rigid_joint_does_not_excuse_the_others(rigid):
     assert moved == pytest.approx(tip[2] - state.start.pose[2, 3], rel=1e-12)
     assert moved == pytest.approx(-2.7656e-3, rel=1e-4)
     assert state.stable
+    # What the load exerts is printed, though the stiffest spring's rounding is larger.
+    elastic = state.elastic_stiffness
+    assert elastic.wrench is not None
+    shown = state.pose[:3, :3] @ elastic.shown_wrench(elastic.wrench)[3:]
+    assert shown == pytest.approx([0.0, 0.0, -100.0], abs=1e-12)
 
 
 def test_the_smallest_eigenvalue_beside_the_stiffest_spring():

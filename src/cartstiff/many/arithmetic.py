@@ -13,7 +13,7 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.algebra import inverse, norm_squared, positive_factor, skew, zeros
+from cartstiff.many.algebra import below, inverse, norm_squared, positive_factor, skew, zeros
 from cartstiff.many.tape import Scalar, absolute, larger, pick
 from cartstiff.numerics import EPSILON, NEAR, TELLING
 
@@ -57,15 +57,20 @@ def scaled_inverse(K: Array, length: Scalar) -> tuple[Array, Scalar]:
 def holds_soft_directions(K: Array, wanted: Collection[str]) -> Scalar:
     """The verdict on a stiffness K^B (6, 6) that is wanted without its inverse.
 
-    Beside a compliance it need not hold its softer directions.
+    Beside a compliance it need not hold its softer directions. They are judged by the trace of the
+    inverse ``L^-T d^-1 L^-1`` on a diagonal of K scaled to 1: pivots alone may all be large.
     """
     verdict: Scalar = PLAIN
     if any(name.startswith("stiffness") for name in wanted) and not any(
         name.startswith("compliance") for name in wanted
     ):
-        for k, pivot in zip(K.diagonal(), positive_factor(K)[2], strict=True):
-            size = absolute(k) * numerics.PLAIN_PIVOT
-            verdict = larger(verdict, pick(size, absolute(pivot), PLAIN, ENGINE))
+        L, inverses, _ = positive_factor(K)
+        solved = below(L, np.eye(len(K)))
+        softest: Scalar = 0.0
+        for k, column in zip(K.diagonal(), solved.T, strict=True):
+            for inverse, x in zip(inverses, column, strict=True):
+                softest = softest + absolute(k * inverse) * (x * x)
+        verdict = limited(softest, 1.0 / numerics.PLAIN_SOFTNESS)
     return verdict
 
 

@@ -78,10 +78,17 @@ def borne_by_springs(
     if not missing.any():
         return gradient
     if posture.closure is not None:
-        C = posture.closure.jacobian
-        lam = np.linalg.lstsq(C[:, settled].T, missing[settled], rcond=numerics.RANK)[0]
-        gradient = gradient - C.T @ lam
-        missing = np.where(settled, missing - C.T @ lam, 0.0)
+        sizes = posture.coordinate_lengths
+        _, values, Vt = np.linalg.svd(posture.closure.jacobian * sizes)
+        V, N = np.split(Vt.T, [numerics.rank(values)], axis=1)
+        # Closures carry what joints leave as far as the others' motions are the mechanism's: the
+        # small singular values of both are the same, and one decision is taken on the latter.
+        most = [numerics.singular_values(m).max(initial=0.0) for m in (N[chosen], V[settled])]
+        least = numerics.RANK * float(most[0] / max(most[1], numerics.TINY))
+        forces = np.linalg.lstsq(V[settled], (missing * sizes)[settled], rcond=least)[0]
+        borne = V @ forces / sizes
+        gradient = gradient - borne
+        missing = np.where(settled, missing - borne, 0.0)
     largest = int(np.argmax(np.abs(missing)))
     size = max(size, float(np.abs(gradient).max()))
     if every and abs(missing[largest]) > numerics.BALANCE * size + numerics.ROUNDING:

@@ -15,14 +15,16 @@ from typing import Literal
 
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.arrays import checked_flag
-from cartstiff.errors import ConvergenceError, InputError
+from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import Scaled
+from cartstiff.statics.continuation import load_curve
 from cartstiff.statics.held import Held
 from cartstiff.statics.limits import Contact
 from cartstiff.statics.newton import Solution, solve
@@ -36,6 +38,8 @@ __all__ = ["Equilibrium", "Held", "Reactions", "equilibrium"]
 
 # Steps in which loads and displacements are put on where they cannot be put on at once.
 _STAGES = 8
+# Points of the curve that is followed where that fails, too.
+_POINTS = 200
 
 
 def equilibrium(
@@ -87,7 +91,8 @@ def equilibrium(
     InputError
         For a wrong count, an unknown name, numbers that are not finite, or a load that is none.
     ConvergenceError
-        If no equilibrium is found, neither at once nor with the loads put on in stages.
+        If no equilibrium is found, neither at once nor with the loads put on in stages; beside
+        stiff springs, nor along the curve of equilibria that ends in the load.
     UndefinedError
         If a force does not exist at the start (a line of zero length).
 
@@ -128,6 +133,8 @@ def equilibrium(
             raise
         staged = _in_stages(system, q, iterations, settle)
         if staged is None:
+            staged = _along_its_curve(system, q, iterations, settle)
+        if staged is None:
             raise error from None
         solution, stages = staged, _STAGES
     state = state_of_rest(system, solution, start, stages)
@@ -151,3 +158,21 @@ def _in_stages(system: System, q: Array, iterations: int, settle: bool) -> Solut
     except ConvergenceError:
         return None
     return solution
+
+
+def _along_its_curve(system: System, q: Array, iterations: int, settle: bool) -> Solution | None:
+    """The loads put on along the curve of equilibria, for soft motions beside stiff springs.
+
+    What the tangent at one point predicts for the next bends the soft motions and leaves the
+    stiff ones nearly at rest. None where that fails, or the curve meets a critical load: the
+    equilibrium beyond may be another one's.
+    """
+    if not system.loads or not system.at(q).stiffness_ratio > numerics.STIFF:
+        return None
+    try:
+        curve = load_curve(system.elastic, *system.loads, held=system.held, q0=q, points=_POINTS)
+        if curve.reason != "factor-reached" or curve.critical:
+            return None
+        return solve(system, curve.q[-1], iterations=iterations, settle=settle)
+    except (ConvergenceError, UndefinedError):
+        return None

@@ -146,8 +146,7 @@ class _Iteration:
 
     def _suspicion(self) -> str:
         """What may be the reason why there is no equilibrium."""
-        stiff = np.diag(self.point.hardness)
-        ratio = float(stiff.max(initial=0.0)) / float(stiff.min(initial=np.inf, where=stiff > 0.0))
+        ratio = self.point.stiffness_ratio
         if ratio > _RESOLVED:
             return (
                 f"stiffnesses differ by a factor {ratio:.0e}, which double precision hardly "

@@ -71,6 +71,12 @@ class Point:
     hardness: Array
     limited: Array
 
+    @property
+    def stiffness_ratio(self) -> float:
+        """Largest over smallest stiffness of the coordinates that feel one."""
+        stiff = np.diag(self.hardness)
+        return float(stiff.max(initial=0.0)) / float(stiff.min(initial=np.inf, where=stiff > 0.0))
+
     def add(self, term: Evaluation) -> None:
         """One more term that acts here."""
         e, g, h = self.evaluation

@@ -211,7 +211,13 @@ class Equilibrium(ShownInLines):
             force=force,
         )
         notes = (*self.notes, *(Note(*state) for state in reduction.states))
-        return PostureStiffness(elastic, self.q, posture, evaluation, reduction, notes)
+        found = reduction.force
+        # What loads exert is no rounding, however stiff the springs are that carry it.
+        is_given = force is not None and found is not None and bool(force.any())
+        return PostureStiffness(
+            elastic, self.q, posture, evaluation, reduction, notes,
+            _load_is_given=is_given and np.allclose(found, force),
+        )  # fmt: skip
 
     def _uncertainty(self) -> dict[str, Any] | None:
         """Deviation and interval of the displacement, where springs were measured."""
