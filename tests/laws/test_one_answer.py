@@ -411,8 +411,6 @@ def check_posture(name, load, distance, decades, seed):
         unsure = max(each for _, each in found) / reach
         off = float((np.abs(C - expected).max(axis=0) / size).max())
         rounded = 64.0 * numerics.EPSILON / reach  # of the coordinates
-        if is_near:  # what is known to four digits has no note
-            rounded = max(rounded, numerics.LOST)
         if off <= max(DIFFERENCES, 10.0 * lost, 4.0 * unsure, rounded):
             return
     assert refused, f"differences: {off:.2g}, {unsure:.2g}"
