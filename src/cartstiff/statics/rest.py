@@ -211,13 +211,12 @@ class Equilibrium(ShownInLines):
             force=force,
         )
         notes = (*self.notes, *(Note(*state) for state in reduction.states))
-        found = reduction.force
         # What loads exert is no rounding, however stiff the springs are that carry it.
-        is_given = force is not None and found is not None and bool(force.any())
+        W = reduction.force
+        is_given = W is not None and force is not None and force.any() and np.allclose(W, force)
         return PostureStiffness(
-            elastic, self.q, posture, evaluation, reduction, notes,
-            _load_is_given=is_given and np.allclose(found, force),
-        )  # fmt: skip
+            elastic, self.q, posture, evaluation, reduction, notes, _load_is_given=bool(is_given)
+        )
 
     def _uncertainty(self) -> dict[str, Any] | None:
         """Deviation and interval of the displacement, where springs were measured."""
