@@ -48,7 +48,8 @@ def _noise(elastic: ElasticMechanism, q: Array) -> float:
 
 def assert_same(elastic: ElasticMechanism, q: Array, path: str, **options) -> None:
     outputs = options.pop("outputs", OUTPUTS)
-    reference = analyse_many(elastic, q, outputs=OUTPUTS, path="engine", **options)
+    wanted = (*outputs, "jacobian")
+    reference = analyse_many(elastic, q, outputs=wanted, path="engine", **options)
     found = analyse_many(elastic, q, outputs=outputs, path=path, **options)
     assert found.path == path
     states = [reference.codes[i] for i in reference.state]

@@ -21,7 +21,8 @@ from cartstiff.many.plans import CLOSING, Case, Plan, plan, program_for
 from cartstiff.many.reading_arithmetic import Readings
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["PATHS", "WORTH_READING", "Path", "chosen", "lasting_path", "reading_kernel", "run"]
+__all__ = ["PATHS", "WORTH_READING", "WORTH_RECORDING", "Path", "chosen", "kernel_for",
+           "lasting_path", "reading_kernel", "run"]  # fmt: skip
 
 Path = Literal["auto", "compiled", "portable", "engine"]
 PATHS = ("auto", "compiled", "portable", "engine")
@@ -36,7 +37,7 @@ LARGEST_PROGRAM = 60_000
 COMPILED_CHUNK = 1 << 17
 #: Postures for each thread below which another one costs more than it saves.
 LEAST_PER_THREAD = 2048
-#: Postures from which on it pays to look at the closures of a chain and to record what they are.
+#: Postures from which on it pays to look at the closures of a chain, or at lost ranks.
 WORTH_RECORDING = 100
 #: Postures of closed chains at a time: their coordinates are read again and again.
 CLOSED_CHUNK = 4096
@@ -68,6 +69,12 @@ def _keep(key: tuple[Case, tuple[str, ...], Readings | None], kernel: Any) -> No
     _compiled[key] = kernel
     while len(_compiled) > 64:
         del _compiled[next(iter(_compiled))]
+
+
+def kernel_for(case: Case, names: tuple[str, ...], count: int, compiled: bool) -> Any:
+    """What computes `count` postures of a case; machine code where it pays and is wanted."""
+    make = _compiled_kernel if compiled and count >= WORTH_COMPILING else _portable_kernel
+    return make(case, names)
 
 
 def reading_kernel(

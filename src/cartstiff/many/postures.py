@@ -35,6 +35,7 @@ from cartstiff.many.arithmetic import ENGINE, UNBALANCED
 from cartstiff.many.kernels import PATHS, Path, chosen, run
 from cartstiff.many.one_by_one import REGULAR, fill
 from cartstiff.many.portable import PortableKernel
+from cartstiff.many.singular import lost_ranks
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.stiffness.applied_load import LoadKind, checked_load, wrench_in_body
 from cartstiff.stiffness.labelled import AXES, labelled
@@ -264,10 +265,21 @@ def analyse_many(
     for name in names:
         if name.startswith("root"):
             arrays[name][...] = np.nan
+    ran: str = "portable" if isinstance(kernel, PortableKernel) else "compiled"
     doubtful = np.flatnonzero(state == ENGINE)
+    lost_state, lost_rank = "", doubtful[:0]
+    if not any(name.startswith("root") for name in names):
+        lost_state, lost_rank, torn = lost_ranks(
+            taken, coordinates, each, by_kernel, doubtful, ran == "compiled", count, size
+        )
+        state[torn] = UNBALANCED
+        lost_rank = _under_load_again(kind, by_kernel, arrays, lost_rank)
+        doubtful = np.setdiff1d(doubtful, np.concatenate([lost_rank, torn]))
     if state.any():
         unbalanced = np.flatnonzero(state == UNBALANCED)
         state[:] = _index(codes, taken.regular)
+        if len(lost_rank):
+            state[lost_rank] = _index(codes, lost_state)
         if len(unbalanced):
             state[unbalanced] = _index(codes, "unbalanced")
             for name in names:
@@ -283,7 +295,6 @@ def analyse_many(
         _by_engine(elastic, coordinates, loads, arrays, doubtful, state, codes, kind, load_axes)
     elif len(state):
         state[:] = _index(codes, taken.regular)
-    ran = "portable" if isinstance(kernel, PortableKernel) else "compiled"
     return Postures(coordinates, arrays, state, tuple(codes), ran, reason, elastic.names,
                     len(doubtful))  # fmt: skip
 
@@ -316,6 +327,19 @@ def _under_load(
         C, is_plain = numerics.inverses_of_sums(known["compliance_B"], D)
         arrays["compliance_load"][...] = C
         state[~is_plain & np.isfinite(D).all(axis=(1, 2)) & (state != UNBALANCED)] = ENGINE
+
+
+def _under_load_again(
+    kind: LoadKind, known: Mapping[str, Array], arrays: Mapping[str, Array],
+    which: NDArray[np.intp],
+) -> NDArray[np.intp]:  # fmt: skip
+    """`_under_load` for some postures whose `known` arrays are other ones now; those that stand."""
+    state = np.zeros(len(which), np.uint8)
+    some = {name: array[which] for name, array in arrays.items() if name.endswith("_load")}
+    _under_load(kind, {name: array[which] for name, array in known.items()}, some, state)
+    for name, array in some.items():
+        arrays[name][which] = array
+    return which[state != ENGINE]
 
 
 def _is_assembled(elastic: ElasticMechanism) -> bool:

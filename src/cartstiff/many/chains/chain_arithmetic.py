@@ -222,8 +222,36 @@ def chain_motion(tape: Tape, constants: ChainConstants) -> tuple[Array, Array]:
 def chain_arrays(tape: Tape, case: ChainCase, wanted: Collection[str]) -> dict[str, Array]:
     """What of the outputs exists, among it all that is wanted, and "verdict" on the posture."""
     joints, n = len(case.constants.screws) // 6, len(case.constants.is_length)
+    if case.singular:
+        return _singular_arrays(ChainNumbers(tape, case, joints), wanted)
     chain = ChainNumbers(tape, case, _middle(case.constants) if n == 6 else joints)
     return arrays_of(chain, wanted)
+
+
+def _singular_arrays(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
+    """What exists where rank is lost, and "looked_at": what tells that it is.
+
+    That is the scaled Jacobian (6, n), the gradient (n,) and the largest entry of the Hessian, in
+    natural sizes of the coordinates. The wrench and the compliances are those of a known load.
+    """
+    scaled = chain.J * chain.columns
+    scaled[3:] = scaled[3:] * (1.0 / chain.length)
+    sizes = chain.columns * chain.columns[:, None]
+    looked_at = [*scaled.ravel(), *(chain.gradient * chain.columns), largest(chain.hessian * sizes)]
+    found = {
+        "pose": chain.pose(),
+        "jacobian": chain.J,
+        "energy": np.array([chain.energy], object),
+        "looked_at": np.array(looked_at + looked_at[-1:] * (len(looked_at) % 2), object),
+    }
+    W, verdict = chain.load(), chain.verdict
+    if W is not None:
+        found["wrench"], chain.has_chart = W, False
+        # Else a self-motion may cost nothing, or buckle.
+        verdict = larger(verdict, _softness(chain, chain.lagrangian(W))[1])
+        verdict = larger(verdict, _compliances(chain, W, found, wanted))
+    found["verdict"] = np.array([verdict], object)
+    return found
 
 
 def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:

@@ -45,6 +45,8 @@ class ChainCase:
         Springs over several coordinates.
     derivatives : bool
         Whether energy, gradient and Hessian of further potentials are given as arrays.
+    singular : bool
+        Whether it is for postures that have lost rank: what needs no inverse of the Jacobian.
     """
 
     constants: ChainConstants
@@ -53,6 +55,7 @@ class ChainCase:
     fields: tuple[Field, ...] = ()
     coupled: tuple[tuple[tuple[int, ...], tuple[float, ...]], ...] = ()
     derivatives: bool = False
+    singular: bool = False
 
 
 def _field_terms(

@@ -1,0 +1,99 @@
+"""Arms that have lost rank, in stacks: the engine's states and numbers, and without the engine."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.laws.test_batch_engine import arm, assert_same
+
+import cartstiff
+from cartstiff.geometry.se3 import Array
+from cartstiff.many.kernels import WORTH_RECORDING
+from cartstiff.many.postures import OUTPUTS, analyse_many
+from cartstiff.mechanisms.elastic import ElasticMechanism
+
+RECORDED = tuple(name for name in OUTPUTS if not name.startswith("root"))
+WRENCH = np.array([1.0, 2.0, -3.0, 40.0, 50.0, -6.0])
+COUNT = WORTH_RECORDING + 7
+
+
+def singular(n: int, zeros: tuple[int, ...] = (4,), seed: int = 0) -> Array:
+    """Some joints at zero, in all postures but the last seven."""
+    q = np.random.default_rng(seed).uniform(-2.0, 2.0, (COUNT, n))
+    q[:WORTH_RECORDING, zeros] = 0.0
+    return q
+
+
+def check(elastic: ElasticMechanism, q: Array, by_engine: int, **load: object) -> dict[str, int]:
+    assert_same(elastic, q, "portable", outputs=RECORDED, **load)
+    found = analyse_many(elastic, q, outputs=RECORDED, path="portable", **load)
+    assert found.by_engine == by_engine
+    return found.counts()
+
+
+@pytest.mark.parametrize(
+    "load",
+    [
+        {},
+        {"wrench": np.outer(np.linspace(-1.0, 1.0, COUNT), WRENCH)},
+        {"wrench": WRENCH, "load_axes": "world", "load_kind": "conservative", "load_at": (0, 0, 1)},
+    ],
+    ids=["none", "each", "world"],
+)
+def test_wrist_stretched(load):
+    elastic = cartstiff.load("ur5").with_gravity([0.0, 0.0, -9.81])
+    assert check(elastic, singular(6), 0, **load) == {"regular": 7, "serial-singularity": 100}
+
+
+def test_two_ranks_at_once():
+    found = check(cartstiff.load("ur5"), singular(6, (2, 4)), 0, wrench=WRENCH)
+    assert found == {"regular": 7, "serial-singularity": 100}
+
+
+def test_springs_that_turn_the_self_motion():
+    """Where no wrench is asked for, what the springs exert is not carried."""
+    elastic = cartstiff.load("ur5").with_springs(rest=[0.1] * 6)
+    q = singular(6)
+    found = analyse_many(elastic, q, outputs=("stiffness_B", "wrench"), path="portable")
+    assert found.counts() == {"regular": 7, "unbalanced": 100}
+    assert found.by_engine == 0
+    assert_same(elastic, q, "portable", outputs=RECORDED)
+
+
+def test_nearer_and_nearer():
+    """Across the limit of rank; what is near it is the engine's."""
+    q = singular(6)
+    q[:WORTH_RECORDING, 4] = np.logspace(-14, -6, WORTH_RECORDING)
+    elastic = cartstiff.load("ur5")
+    assert_same(elastic, q, "portable", outputs=("pose", "compliance_A"), wrench=WRENCH)
+
+
+def test_loads_that_buckle():
+    """A self-motion that would snap away is the engine's."""
+    elastic = cartstiff.load("ur5").with_springs([1e-3, 1e3, 1.0, 1.0, 1.0, 1.0])
+    q = singular(6)
+    assert_same(elastic, q, "portable", outputs=("stiffness_B", "compliance_B"), wrench=WRENCH)
+    found = analyse_many(elastic, q, wrench=WRENCH, path="portable")
+    assert found.counts()["buckled"] > 0
+
+
+def test_more_and_fewer_than_six_joints():
+    panda = cartstiff.load("panda")
+    assert check(panda, singular(7, tuple(range(1, 7))), 0) == {
+        "regular": 7, "serial-singularity": 100}  # fmt: skip
+    elastic = arm("RRPRR")
+    q = np.zeros((COUNT, 5))
+    q[:, 0] = np.linspace(-1.0, 1.0, COUNT)
+    assert check(elastic, q, 0, wrench=WRENCH) == {"deficient": COUNT}
+
+
+def test_machine_code_and_few_postures():
+    elastic = cartstiff.load("ur5")
+    q = singular(6)
+    few = analyse_many(elastic, q[:20], outputs=("compliance_B",), path="compiled")
+    many = analyse_many(elastic, q, outputs=("compliance_B",), path="compiled")
+    assert (few.by_engine, many.by_engine) == (20, 0)
+    scale = np.abs(few["compliance_B"]).max()
+    np.testing.assert_allclose(
+        many["compliance_B"][:20], few["compliance_B"], rtol=0, atol=1e-13 * scale
+    )
