@@ -543,7 +543,7 @@ def test_files(tmp_path):
     with pytest.raises(InputError, match=r"unknown file ending; expected \.json, \.csv or \.npz"):
         _tensor().save(tmp_path / "K.txt")
     result = analyse(paper_platform())
-    with pytest.raises(InputError, match=r"unknown file ending; expected \.json or \.npz"):
+    with pytest.raises(InputError, match=r"unknown file ending; expected \.json or \.npz or"):
         write_result(result, tmp_path / "K.csv")
     with pytest.raises(InputError, match=r"file cannot be written.*No such file"):
         write_result(result, tmp_path / "nowhere" / "K.json")

@@ -36,6 +36,7 @@ Examples:
   cartstiff analyse 6-pus --load 0,0,0,0,0,-500 --command leg1/slide=0.001
   cartstiff analyse ur5 --analysis full --at 0,0,0.1 --length 0.2
   cartstiff analyse ur5 --load 0,0,0,0,0,-100 --world --load-at 0,0,0.1 --deflect 0,0,0,10,0,0
+  cartstiff analyse flexure-hexapod -o stiffness.nas
   cartstiff analyse cubic --tolerance 0.05,0.0001 --samples 500
   cartstiff analyse ur5 --target wanted.csv --inertia 2,0.01,0.01,0.005
 """
@@ -44,8 +45,11 @@ Examples:
 _options = option_group(
     json_option,
     option(
-        "-o", "--output", type=OutputFile("FILE", ".json", ".npz"),
-        help="Also write the result to a .json or .npz file.",
+        "-o", "--output", type=OutputFile("FILE", ".json", ".npz", ".nas", ".bdf", ".inp", ".mat",
+                                         ".tex", ".xml"),
+        help="Also write the result: .json, .npz, .mat (Matlab), .tex; its stiffness, and a "
+        "platform's mass, for Nastran (.nas, .bdf) or Abaqus (.inp); a platform on lines for "
+        "MuJoCo (.xml).",
     ),
     click.option(
         "--relax", is_flag=True,

@@ -14,6 +14,7 @@ import numpy as np
 
 from cartstiff.errors import InputError, one_line
 from cartstiff.figures import figure_content
+from cartstiff.report.exchange.files import EXCHANGE, exchanged
 from cartstiff.stiffness.compute import PostureStiffness
 
 __all__ = ["save_figure", "write_files", "write_result", "write_whole"]
@@ -49,16 +50,22 @@ def write_whole(path: Path, data: bytes) -> None:
 def write_result(
     result: PostureStiffness, path: Path, data: Mapping[str, Any] | None = None
 ) -> None:
-    """Write a result as JSON (.json) or as NumPy arrays (.npz, with the JSON inside).
+    """Write a result as JSON (.json), NumPy arrays (.npz, with the JSON inside), or for others.
 
-    `data` is the JSON object, if it holds more than ``result.as_dict()``.
+    Nastran (.nas, .bdf), Abaqus (.inp), Matlab (.mat), LaTeX (.tex), MuJoCo (.xml, platforms on
+    lines): `cartstiff.report.exchange`. `data` is the JSON object, if it holds more than
+    ``result.as_dict()``.
     """
+    if path.suffix.lower() in EXCHANGE:
+        write_whole(path, exchanged(result, path.suffix.lower()))
+        return
     text = json.dumps(result.as_dict() if data is None else data, allow_nan=False, indent=1)
     if path.suffix.lower() == ".json":
         write_whole(path, text.encode() + b"\n")
         return
     if path.suffix.lower() != ".npz":
-        raise InputError("unknown file ending", expected=".json or .npz", got=path.name)
+        raise InputError("unknown file ending", got=path.name,
+                         expected=" or ".join([".json", ".npz", *EXCHANGE]))  # fmt: skip
     arrays = {"q": result.q, "pose": result.pose, "description": np.array(text)}
     arrays |= {f"K_{name}": K for name, K in result.matrices.items() if K is not None}
     arrays |= {f"C_{name}": C for name, C in result.compliances.items() if C is not None}

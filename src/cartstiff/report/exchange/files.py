@@ -1,0 +1,245 @@
+r"""A stiffness for other programs: Nastran, Abaqus, Matlab, LaTeX, and a platform for MuJoCo.
+
+Finite-element programs take one symmetric matrix of a node to the ground, rows and columns
+(translation, rotation): K^B about the body frame's origin, here along the axes of F. What of the
+tangent under a load is not symmetric follows from the load: a comment names it. A body's mass is in
+the unit that goes with those of length, force and second.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable
+
+import numpy as np
+
+from cartstiff import numerics
+from cartstiff.errors import InputError, UndefinedError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.contract import SI, Units, convert_length
+from cartstiff.mechanisms.platform import Platform, PlatformPosture
+from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.stiffness.posture import PostureStiffness
+
+__all__ = ["EXCHANGE", "exchanged"]
+
+
+def exchanged(result: PostureStiffness, ending: str) -> bytes:
+    """What a file with an ending of `EXCHANGE` holds of a posture.
+
+    Raises
+    ------
+    UndefinedError
+        If there is no stiffness to write.
+    InputError
+        For a machine that the program cannot have.
+    """
+    return EXCHANGE[ending](result)
+
+
+def _stiffness(result: PostureStiffness) -> Array:
+    """K^B (6, 6), linear first, along the axes of F."""
+    K = result.matrices["B"]
+    if K is None:
+        raise result.reduction.undefined()
+    return _in_room(result, 0.5 * (K + K.T))
+
+
+def _in_room(result: PostureStiffness, K: Array) -> Array:
+    K = se3.to_linear_angular(se3.to_linear_angular(K, 0), 1)
+    turned = np.kron(np.eye(2), result.pose[:3, :3])
+    found = turned @ K @ turned.T
+    size = np.sqrt(np.abs(np.diag(found)))
+    noise = np.abs(found) <= numerics.ROUNDING * np.outer(size, size)
+    return np.where(noise, 0.0, 0.5 * (found + found.T))
+
+
+def _mass(result: PostureStiffness) -> Array | None:
+    """Masses' matrix (6, 6) of a platform, as `_stiffness`, in the units of K times s^2."""
+    posture = result.posture
+    if not isinstance(posture, PlatformPosture):
+        return None
+    mass = posture.mass_matrix()
+    if not mass.any():
+        return None
+    length, force = convert_length(Units(), result.elastic.units)
+    return _in_room(result, mass * (force / length))
+
+
+def _said(result: PostureStiffness) -> list[str]:
+    """What a reader of the file must know."""
+    units = result.elastic.units
+    found = [
+        f"{result.elastic.name}: stiffness of {result.elastic.mechanism.frame} to the ground",
+        f"units {units.force}, {units.length}, s; rad",
+        "rows and columns: translation x y z, rotation x y z of the node, along the axes of F",
+    ]
+    if result.wrench is not None and np.any(result.wrench):
+        load = ", ".join(f"{x:.6g}" for x in result.wrench)
+        found.append(f"under the wrench (moment, force; body axes) {load}: K^B, the symmetric part")
+    return [line.encode("ascii", "replace").decode() for line in found]
+
+
+def _nastran(result: PostureStiffness) -> bytes:
+    """A grid point with its matrices as direct input (DMIG), in large fields."""
+
+    def field(x: float) -> str:
+        # Sixteen characters: the exponent without its letter leaves one digit more.
+        for digits in range(12, 5, -1):
+            text = f"{x:.{digits}E}"
+            mantissa, exponent = text.split("E")
+            short = f"{mantissa}{int(exponent):+d}"
+            if len(short) <= 16:
+                return f"{short:>16}"
+        return f"{x:16.6E}"
+
+    def matrix(name: str, K: Array) -> list[str]:
+        lines = [f"DMIG    {name:<8}{0:>8}{6:>8}{2:>8}{0:>8}"]
+        for j in range(6):
+            entries = [(i + 1, float(K[i, j])) for i in range(j, 6) if K[i, j] != 0.0]
+            if entries:
+                lines.append(f"{'DMIG*':<8}{name:<16}{1:>16}{j + 1:>16}{'':16}")
+                lines += [f"{'*':<8}{1:>16}{i:>16}{field(x)}{'':16}" for i, x in entries]
+        return lines
+
+    mass = _mass(result)
+    x, y, z = map(field, result.pose[:3, 3])
+    lines = [
+        *[f"$ {line}" for line in _said(result)],
+        "$ in case control: K2GG=KBODY" + ("" if mass is None else ", M2GG=MBODY"),
+        f"{'GRID*':<8}{1:>16}{'':16}{x}{y}", f"{'*':<8}{z}",
+        *matrix("KBODY", _stiffness(result)),
+        *([] if mass is None else matrix("MBODY", mass)),
+    ]  # fmt: skip
+    return ("\n".join(line.rstrip() for line in lines) + "\n").encode()
+
+
+def _abaqus(result: PostureStiffness) -> bytes:
+    """A node with its matrices as sparse input, lower triangles."""
+    found = {"STIFFNESS": _stiffness(result), "MASS": _mass(result)}
+    known = {kind: K for kind, K in found.items() if K is not None}
+    at = ", ".join(f"{x:.15e}" for x in result.pose[:3, 3])
+    lines = [*[f"** {line}" for line in _said(result)], "*NODE, NSET=BODY", f"1, {at}"]
+    for kind, K in known.items():
+        lines.append(f"*MATRIX INPUT, NAME=BODY_{kind}")
+        lines += [f"1, {i + 1}, 1, {j + 1}, {K[i, j]:.16e}" for i in range(6) for j in range(i + 1)]
+    lines.append("*MATRIX ASSEMBLE, " + ", ".join(f"{kind}=BODY_{kind}" for kind in known))
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _matlab(result: PostureStiffness) -> bytes:
+    """All matrices, order angular-linear."""
+    from scipy.io import savemat
+
+    units = result.elastic.units
+    data: dict[str, object] = {
+        "name": result.elastic.name, "order": "angular-linear", "q": result.q, "pose": result.pose,
+        "units": {"length": units.length, "force": units.force, "angle": "rad"},
+    }  # fmt: skip
+    data |= {f"K_{name}": K for name, K in result.matrices.items() if K is not None}
+    data |= {f"C_{name}": C for name, C in result.compliances.items() if C is not None}
+    for name in ("wrench", "jacobian"):
+        if (value := getattr(result, name)) is not None:
+            data[name] = value
+    if (mass := _mass(result)) is not None:
+        data["M_of_the_node"] = mass
+    buffer = io.BytesIO()
+    savemat(buffer, data)
+    return buffer.getvalue()
+
+
+def _latex(result: PostureStiffness) -> bytes:
+    """Each different matrix, order angular-linear, six digits."""
+    units = result.elastic.units
+
+    def number(x: float, size: float) -> str:
+        if abs(x) <= numerics.ROUNDING * size:
+            return "0"
+        mantissa, _, exponent = f"{x:.6g}".partition("e")
+        return mantissa + (rf" \cdot 10^{{{int(exponent)}}}" if exponent else "")
+
+    shown: list[str] = []
+    for name, K in result.matrices.items():
+        if K is None:
+            continue
+        size = float(np.abs(K).max())
+        rows = " \\\\\n".join(" & ".join(number(x, size) for x in row) for row in K)
+        shown.append(f"K^{name} &= \\begin{{bmatrix}}\n{rows}\n\\end{{bmatrix}}")
+    if not shown:
+        raise result.reduction.undefined()
+    said = [f"% {line}" for line in _said(result)[:2]]
+    said.append(f"% rows (moment, force), columns (rotation, translation): {units.force}, "
+                f"{units.length}, rad; \\usepackage{{amsmath}}")  # fmt: skip
+    body = " \\\\\n".join(shown)
+    return ("\n".join([*said, "\\begin{align*}", body, "\\end{align*}"]) + "\n").encode()
+
+
+def _mujoco(result: PostureStiffness) -> bytes:
+    """A platform on lines as a free body on spatial tendons, in SI units."""
+    elastic, posture = result.elastic, result.posture
+    platform, springs = elastic.mechanism, elastic.springs
+    if (
+        not isinstance(platform, Platform) or type(springs) is not LineSprings
+        or not isinstance(posture, PlatformPosture) or elastic.potentials
+        or not springs.is_complete
+    ):  # fmt: skip
+        raise InputError("MuJoCo's file is of platforms on lines",
+                         expected="kind stewart-gough or springs, its legs without flexures",
+                         got=platform.kind)  # fmt: skip
+    if platform.struts is not None and platform.struts.mass:
+        raise InputError("tendons have no mass", expected="legs without mass",
+                         where="legs.mass")  # fmt: skip
+    length, force = convert_length(elastic.units, SI)
+    inertia = platform.body_inertia
+    mass, centre = platform.mass, platform.mass_centre * length
+    arm = se3.skew(platform.mass_centre)
+    about = (inertia[:3, :3] + mass * arm @ arm) * length**2
+    if mass <= 0.0 or np.linalg.eigvalsh(about)[0] <= 0.0:
+        raise UndefinedError("MuJoCo needs a mass and moments of inertia of the body",
+                             code="no-mass", values={"mass": mass})  # fmt: skip
+
+    def numbers(values: Array) -> str:
+        return " ".join(repr(float(x)) for x in values)
+
+    T = result.pose
+    t = springs.tensions(posture.lines.lengths)
+    rest = (posture.lines.lengths - t / springs.stiffness) * length
+    k = springs.stiffness * force / length
+    anchors, points = springs.anchors * length, springs.points * length
+    sites = [f'<site name="a{i + 1}" pos="{numbers(a)}"/>' for i, a in enumerate(anchors)]
+    ends = [f'<site name="b{i + 1}" pos="{numbers(b)}"/>' for i, b in enumerate(points)]
+    tendons = [
+        f'<spatial name="leg{i + 1}" stiffness="{float(k[i])!r}" springlength='
+        f'"{"0 " if springs.unilateral else ""}{float(rest[i])!r}">'
+        f'<site site="a{i + 1}"/><site site="b{i + 1}"/></spatial>'
+        for i in range(len(k))
+    ]
+    gravity = np.zeros(3) if elastic.gravity is None else elastic.gravity
+    I = about  # noqa: E741
+    full = numbers(np.array([I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]))
+    quat = np.roll(_quaternion(T[:3, :3]), 1)
+    name = re.sub(r"[^A-Za-z0-9_.-]", "_", elastic.name)
+    lines = [
+        f'<mujoco model="{name}">', '<compiler angle="radian"/>',
+        f'<option gravity="{numbers(gravity)}"/>', "<worldbody>", *sites,
+        f'<body name="platform" pos="{numbers(T[:3, 3] * length)}" quat="{numbers(quat)}">',
+        "<freejoint/>",
+        f'<inertial pos="{numbers(centre)}" mass="{mass!r}" fullinertia="{full}"/>',
+        *ends, "</body>", "</worldbody>", "<tendon>", *tendons, "</tendon>", "</mujoco>",
+    ]  # fmt: skip
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _quaternion(R: Array) -> Array:
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_matrix(R).as_quat())
+
+
+#: By the ending of the file.
+EXCHANGE: dict[str, Callable[[PostureStiffness], bytes]] = {
+    ".nas": _nastran, ".bdf": _nastran, ".inp": _abaqus, ".mat": _matlab, ".tex": _latex,
+    ".xml": _mujoco,
+}  # fmt: skip

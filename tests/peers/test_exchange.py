@@ -1,0 +1,156 @@
+"""Stiffnesses written for other programs are read back, by those programs' readers if they can."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from scipy.io import loadmat
+from tests.support import relative_error
+
+import cartstiff
+from cartstiff.cli.main import main
+from cartstiff.errors import InputError, UndefinedError
+from cartstiff.report.output import write_result
+
+ORDER = [3, 4, 5, 0, 1, 2]
+
+
+def _of_the_node(result, K):
+    turned = np.kron(np.eye(2), result.pose[:3, :3])
+    return turned @ K[np.ix_(ORDER, ORDER)] @ turned.T
+
+
+LOAD = [5.0, -3.0, 2.0, 100.0, -50.0, -300.0]
+
+
+@pytest.fixture(scope="module")
+def result():
+    platform = cartstiff.load("stewart-simscape")
+    return cartstiff.analyse(platform, platform.q + [0, 0, 0, 0.1, -0.2, 0.3], wrench=LOAD)  # noqa: RUF005
+
+
+def _dmig(text, name):
+    """A small reader of large fields, by the columns that the program reads."""
+    K, column = np.zeros((6, 6)), 0
+    for line in text.splitlines():
+        if line.startswith("DMIG*") and line[8:24].strip() == name:
+            column = int(line[40:56])
+        elif line.startswith("DMIG"):
+            column = 0
+        elif line.startswith("*") and column:
+            value = re.sub(r"(?<=\d)([+-]\d+)$", r"E\1", line[40:56].strip())
+            row = int(line[24:40])
+            K[row - 1, column - 1] = K[column - 1, row - 1] = float(value)
+    return K
+
+
+def test_nastran_reads_the_symmetric_part(result, tmp_path):
+    write_result(result, tmp_path / "K.nas")
+    text = (tmp_path / "K.nas").read_text()
+    K = _of_the_node(result, result.B.matrix)
+    assert relative_error(_dmig(text, "KBODY"), K) <= 1e-9
+    M = _of_the_node(result, result.posture.mass_matrix())
+    assert relative_error(_dmig(text, "MBODY"), M) <= 1e-9
+    assert "under the wrench" in text
+    assert max(map(len, text.splitlines())) <= 100
+    plain = cartstiff.analyse(cartstiff.load("stewart-simscape"))
+    write_result(plain, tmp_path / "free.bdf")
+    text = (tmp_path / "free.bdf").read_text()
+    squares = np.linalg.eigvals(np.linalg.solve(_dmig(text, "MBODY"), _dmig(text, "KBODY")))
+    hertz = np.sort(np.sqrt(squares.real)) / (2 * np.pi)
+    assert hertz == pytest.approx([780.6, 780.6, 903.9, 1061.4, 1061.4, 1269.66], abs=0.05)
+
+
+def test_abaqus_reads_a_lower_triangle(result, tmp_path):
+    write_result(result, tmp_path / "K.inp")
+    text = (tmp_path / "K.inp").read_text().split("NAME=BODY_STIFFNESS\n")[1]
+    K = np.zeros((6, 6))
+    for line in text.split("*MATRIX")[0].splitlines():
+        node, i, other, j, value = line.split(", ")
+        assert node == other == "1"
+        K[int(i) - 1, int(j) - 1] = K[int(j) - 1, int(i) - 1] = float(value)
+    assert relative_error(K, _of_the_node(result, result.B.matrix)) <= 1e-14
+
+
+def test_matlab_reads_everything(result, tmp_path):
+    write_result(result, tmp_path / "K.mat")
+    data = loadmat(tmp_path / "K.mat")
+    for name in "ABKF":
+        assert np.array_equal(data[f"K_{name}"], result.matrices[name])
+        assert np.array_equal(data[f"C_{name}"], result.compliances[name])
+    assert np.array_equal(data["wrench"].ravel(), result.wrench)
+    assert data["order"][0] == "angular-linear"
+
+
+def test_latex_has_each_number(result, tmp_path):
+    write_result(result, tmp_path / "K.tex")
+    text = (tmp_path / "K.tex").read_text()
+    block = text.split("K^A &= \\begin{bmatrix}\n")[1].split("\n\\end{bmatrix}")[0]
+    rows = [row.split(" & ") for row in block.split(" \\\\\n")]
+    values = [[float(re.sub(r" \\cdot 10\^\{(.*)\}", r"e\1", x)) for x in row] for row in rows]
+    assert np.allclose(values, result.A.matrix, rtol=1e-5, atol=1e-9 * np.abs(values).max())
+
+
+def test_mujoco_has_the_stiffness(tmp_path):
+    """Forces of its tendons at small motions, in millimetres and under a load."""
+    mujoco = pytest.importorskip("mujoco")
+    body = {"mass": 3.0, "com": [1.0, 2.0, -3.0], "inertia": np.diag([2e4, 3e4, 4e4]).tolist()}
+    ring = {"radius": 200.0, "half_angle": 0.2}
+    platform = cartstiff.hexapod(
+        base=ring, platform={**ring, "radius": 120.0}, height=250.0, body=body, turn=0.8,
+        legs={"stiffness": 2e3, "preload": [100.0, -50.0, 30.0, 20.0, 10.0, -70.0]},
+        units={"length": "mm", "force": "N"}, frame={"xyz": [3.0, -2.0, 10.0]},
+    )  # fmt: skip
+    q = platform.q + np.array([5.0, -3.0, 4.0, 0.1, 0.05, -0.2])
+    result = cartstiff.analyse(platform, q)
+    write_result(result, tmp_path / "machine.xml")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "machine.xml"))
+    data = mujoco.MjData(model)
+
+    def wrench(x):
+        """Of the springs on the body's coordinates: force in the room, moment in the body."""
+        data.qpos[:] = model.qpos0
+        mujoco.mj_integratePos(model, data.qpos, np.concatenate([x[3:], x[:3]]), 1.0)
+        mujoco.mj_forward(model, data)
+        R = np.zeros(9)
+        mujoco.mju_quat2Mat(R, data.qpos[3:])
+        force = R.reshape(3, 3).T @ data.qfrc_spring[:3]
+        return -np.concatenate([data.qfrc_spring[3:], force])
+
+    h = 1e-5
+    R = result.pose[:3, :3]
+    rates = []
+    for i in range(6):
+        x = np.zeros(6)
+        x[i] = h
+        x[3:] = R @ x[3:]  # its translations are along the room's axes
+        rates.append((wrench(x) - wrench(-x)) / (2 * h))
+    sizes = np.repeat([1e-3, 1.0], 3)
+    W = result.wrench * sizes
+    assert relative_error(wrench(np.zeros(6)), W) <= 1e-9
+    K = result.A.matrix * np.outer(sizes, np.repeat([1.0, 1e3], 3))
+    assert np.abs(np.array(rates).T - K).max() <= 1e-8 * np.abs(K).max()
+    assert model.body("platform").mass[0] == 3.0
+
+
+def test_what_a_program_cannot_have_is_refused(tmp_path):
+    with pytest.raises(InputError, match="platforms on lines"):
+        write_result(cartstiff.analyse(cartstiff.load("3-rps")), tmp_path / "a.xml")
+    with pytest.raises(InputError, match="tendons have no mass"):
+        write_result(cartstiff.analyse(cartstiff.load("stewart-simscape")), tmp_path / "a.xml")
+    with pytest.raises(UndefinedError, match="needs a mass"):
+        write_result(cartstiff.analyse(cartstiff.load("hexapod")), tmp_path / "a.xml")
+    flat = cartstiff.load("five-bar")
+    with pytest.raises(UndefinedError):
+        write_result(cartstiff.analyse(flat), tmp_path / "K.nas")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_command_writes_it(tmp_path, capfd):
+    with pytest.raises(SystemExit) as left:
+        main(["analyse", "cubic", "--analysis", "none", "-o", str(tmp_path / "K.nas")])
+    assert left.value.code in (0, None)
+    assert "DMIG" in (tmp_path / "K.nas").read_text()
+    capfd.readouterr()
