@@ -89,20 +89,21 @@ class Result:
 class NamedArrays(Mapping[str, Array | None]):
     """Arrays by name that cannot be changed: what is shown, saved and computed stays one thing.
 
-    What is `also` known under a name is found when it is asked for, and not listed.
+    What is `also` known under a name is not listed; it may be found when it is asked for.
     """
 
     def __init__(
         self,
         arrays: Mapping[str, Array | None],
-        also: Mapping[str, Callable[[], Array | None]] = MappingProxyType({}),
+        also: Mapping[str, Array | Callable[[], Array | None] | None] = MappingProxyType({}),
     ) -> None:
         self._arrays = {n: None if a is None else fixed(a) for n, a in arrays.items()}
         self._also = dict(also)
 
     def __getitem__(self, name: str) -> Array | None:
         if name not in self._arrays and name in self._also:
-            value = self._also[name]()
+            value = self._also[name]
+            value = value() if callable(value) else value
             return None if value is None else fixed(value)
         return self._arrays[name]
 

@@ -204,7 +204,7 @@ def bracket_form(wrench: ArrayLike) -> Array:
     ``M = -[[ [tau]x, [f]x ], [ [f]x, 0 ]]``, hence K^A - (K^A)^T = -M, [ZK]_ eq. 50.
     """
     w = real_array(wrench)
-    return (w @ _BRACKETS).reshape(*w.shape[:-1], 6, 6)
+    return w.dot(_BRACKETS).reshape(*w.shape[:-1], 6, 6)
 
 
 def _coefficients(angle: Array) -> tuple[Array, Array, Array]:
@@ -359,7 +359,10 @@ def chain_curvature(jacobian: ArrayLike, wrench: ArrayLike) -> Array:
     S is the second derivative of w . log(pose) at the posture.
     """
     J = real_array(jacobian)
-    upper = (J.swapaxes(-1, -2) @ bracket_form(wrench) @ J) * _half_strictly_upper(J.shape[-1])
+    form = bracket_form(wrench)
+    # On matrices this small `dot` takes half the time of `@`.
+    each = J.T.dot(form).dot(J) if J.ndim == 2 else J.swapaxes(-1, -2) @ form @ J
+    upper = each * _half_strictly_upper(J.shape[-1])
     S: Array = upper + upper.swapaxes(-1, -2)
     return S
 

@@ -117,16 +117,17 @@ class QuickPosture(PostureStiffness):
         place = self._code.jacobian
         return None if place is None else self._record[place].reshape(6, -1)
 
-    @cached_property
+    @property
     def matrices(self) -> Mapping[str, Array | None]:
         """K^A, K^B, K^K, K^F as arrays (6, 6), None where one does not exist."""
         return self._named(self._code.matrices, "tangent")
 
-    @cached_property
+    @property
     def compliances(self) -> Mapping[str, Array | None]:
         """Inverses of `matrices`, found without them."""
         return self._named(self._code.compliances, "tangent_compliance")
 
+    # Not kept: they know this object, and in a circle it would stay until circles are looked for.
     def _named(self, place: slice, under_load: str) -> NamedArrays:
         each = self._record[place].reshape(-1, 6, 6)
         also = {"load": partial(getattr, self, under_load)}

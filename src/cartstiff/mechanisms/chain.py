@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
-from functools import cached_property
+from functools import partial
 from math import sqrt
 from pathlib import Path
 
@@ -21,15 +21,16 @@ from cartstiff.arrays import is_pose, read_only
 from cartstiff.errors import ConvergenceError, InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.closures import LONGEST_STEP, Closure, TiedState, Ties
+from cartstiff.lazily import cached_property
+from cartstiff.mechanisms.closures import LONGEST_STEP, Closure, TiedState, Ties, closure_curvature
 from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.shapes import Piece
 from cartstiff.mechanisms.tree import WORLD, KinematicTree, Placement, TreeState
 from cartstiff.numerics import CLOSE, FINEST, LEAST_EFFORT, ROUNDING, STILL
-from cartstiff.potentials.contract import Evaluation, Map
+from cartstiff.potentials.contract import IDENTITY, Evaluation, Map
 
-__all__ = ["OWN_COORDINATES", "Chain", "ChainPosture", "Closure", "Description"]
+__all__ = ["Chain", "ChainPosture", "Closure", "Description"]
 
 
 @dataclass(frozen=True)
@@ -62,17 +63,17 @@ class Description:
         return "the robot" if self.path is None else self.path.name
 
 
-#: The chart of a serial arm with six joints: its own coordinates.
-OWN_COORDINATES = Map(np.eye(6), lambda _: np.zeros((6, 6)))
+# Sums of the angular and of the linear components.
+_HALVES = np.repeat(np.eye(2), 3, axis=1)
 
 
 def _mean_distance(jacobian: Array, reach: float) -> float | None:
     """Root mean square distance of axes from the origin; None if there are none or all meet it."""
-    turning, moments = (jacobian * jacobian).reshape(2, 3, -1).sum(axis=1)
-    total = float(turning.sum())
+    turning, moments = _HALVES.dot(jacobian * jacobian).tolist()
+    total = sum(turning)
     if total == 0.0:
         return None
-    length = sqrt(float(moments @ (turning > 0.0)) / total)
+    length = sqrt(sum(m for m, t in zip(moments, turning, strict=True) if t > 0.0) / total)
     return length if length > CLOSE * (reach + length) else None
 
 
@@ -163,12 +164,9 @@ class ChainPosture(MechanismPosture):
             return None
         held = np.eye(self.q.size)[rigid]
         loops = held[:0] if tied is None else tied.jacobian()
-        return Map(np.concatenate([loops, held]) if rigid else loops, self._closure_curvature)
-
-    def _closure_curvature(self, multipliers: Array) -> Array:
-        if self._tied is None or not any(multipliers.tolist()):
-            return np.zeros((self.q.size, self.q.size))
-        return self._tied.curvature(multipliers[: len(self._tied.residual)])
+        # Not by way of this object: in a circle it would stay until circles are looked for.
+        curvature = partial(closure_curvature, tied, self.q.size)
+        return Map(np.concatenate([loops, held]) if rigid else loops, curvature)
 
     @property
     def actuation(self) -> Array | None:  # type: ignore[override]
@@ -182,7 +180,7 @@ class ChainPosture(MechanismPosture):
         if actuated is None:
             n = self.q.size
             if n == 6 and not chain.closures:
-                return OWN_COORDINATES
+                return IDENTITY
             if chain.closures:
                 return "K^F needs six actuated coordinates: the mechanism names none"
             return f"K^F needs six joint coordinates as a chart of SE(3): this chain has {n}"

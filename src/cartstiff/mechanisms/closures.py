@@ -18,7 +18,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.tree import KinematicTree, Placement, TreeState
 
-__all__ = ["LONGEST_STEP", "Closure", "TiedState", "Ties"]
+__all__ = ["LONGEST_STEP", "Closure", "TiedState", "Ties", "closure_curvature"]
 
 #: A step towards closure changes no coordinate by more (rad, or characteristic lengths).
 LONGEST_STEP = 0.2
@@ -120,8 +120,10 @@ class TiedState:
         ties, J = self._ties, self._twists
         if np.abs(self._missed).max() >= _CLOSED:
             J, points, welds = J.copy(), ties.points, ties.welds
-            J[points, 3:] += se3.skew(self._missed[points, 3:]) @ J[points, :3]
-            J[welds] = se3.right_jacobian_inverse(self._missed[welds]) @ J[welds]
+            if points.size:
+                J[points, 3:] += se3.skew(self._missed[points, 3:]) @ J[points, :3]
+            if welds.size:
+                J[welds] = se3.right_jacobian_inverse(self._missed[welds]) @ J[welds]
         rows = J[ties.rows]
         return rows if self._mimic is None else rows @ self._mimic
 
@@ -136,3 +138,10 @@ class TiedState:
         upper = np.bincount(ties.places, halves.ravel(), n * n).reshape(n, n)
         S: Array = upper + upper.T
         return S if self._mimic is None else self._mimic.T @ S @ self._mimic
+
+
+def closure_curvature(tied: TiedState | None, n: int, multipliers: Array) -> Array:
+    """Curvature (n, n) of all that is held: closures first, then coordinates, which have none."""
+    if tied is None or not any(multipliers.tolist()):
+        return np.zeros((n, n))
+    return tied.curvature(multipliers[: len(tied.residual)])

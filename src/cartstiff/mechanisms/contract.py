@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff.arrays import Array, checked_number, checked_vector, fixed
 from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.potentials.contract import Evaluation, Map, Remark
+from cartstiff.potentials.contract import Evaluation, LineGeometry, Map, Remark
 
 __all__ = [
     "EARTH",
@@ -219,6 +219,10 @@ class MechanismPosture(ABC):
     @abstractmethod
     def relative(self, frame_a: str, frame_b: str) -> tuple[Array, Map]:
         """Pose ``T_a_b`` and its map."""
+
+    def legs(self, anchors: Array, points: Array) -> LineGeometry | None:  # noqa: ARG002
+        """Lines from the ground to the body that the posture knows, by the arrays themselves."""
+        return None
 
     @abstractmethod
     def gravity(self, acceleration: Array) -> Evaluation:

@@ -276,14 +276,15 @@ class ElasticMechanism(ShownInLines):
         if springs is None or (springs.is_complete and not every):
             return springs, None
         J = posture.motion.jacobian
-        gradient = np.zeros(J.shape[1]) if wrench is None else J.T @ wrench
-        size = float(np.abs(gradient).max(initial=0.0))
-        if others is not None:
-            gradient -= others.gradient
+        carried = np.zeros(J.shape[1]) if wrench is None else J.T.dot(wrench)
+        gradient = carried if others is None else carried - others.gradient
         if not isinstance(springs, JointSprings):
             return springs.balanced(posture, gradient, every=every), None
-        gradient = borne_by_springs(springs, self.names, posture, gradient, every, size)
-        exerted = np.where(springs.is_open(every), gradient, np.nan)
+        exerted = gradient
+        if not springs.is_wholly_open(every):
+            size = float(np.abs(carried).max(initial=0.0))
+            gradient = borne_by_springs(springs, self.names, posture, gradient, every, size)
+            exerted = np.where(springs.is_open(every), gradient, np.nan)
         return springs.balanced(posture, gradient, every=every), exerted
 
     def _balanced_with_evaluation(
@@ -296,9 +297,8 @@ class ElasticMechanism(ShownInLines):
         if exerted is None or springs is None:
             return elastic, elastic._with_springs_added(posture, others)
         # What was chosen is exact; through a stiff spring's rest position it comes back rounded.
-        own = springs.evaluate(posture)
-        torque = np.where(np.isnan(exerted), own.gradient, exerted)
-        own = own._replace(gradient=torque)
+        energy, torque, hessian = springs.evaluate(posture)
+        own = Evaluation(energy, np.where(exerted == exerted, exerted, torque), hessian)
         return elastic, own if others is None else _sum(own, others)
 
     def terms(self, springs: bool = True) -> tuple[Potential, ...]:
@@ -360,7 +360,7 @@ class ElasticMechanism(ShownInLines):
             if isinstance(term, LineSprings) and held == ("world", "body"):
                 first = sum(len(one) for one in k)
                 added = 0.0 if more is None else more[first : first + len(term.stiffness)]
-                g, stiffness, turning = term.apart(posture.pose, added)
+                g, stiffness, turning = term.apart(posture, added)
                 lines.append(g)
                 k.append(stiffness)
                 rest = rest + turning

@@ -27,7 +27,7 @@ from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import SI, Coordinate, Mechanism, MechanismPosture, Units
 from cartstiff.mechanisms.leg_limits import LegLimits
 from cartstiff.mechanisms.struts import Struts
-from cartstiff.potentials.contract import Evaluation, Map
+from cartstiff.potentials.contract import IDENTITY, Evaluation, Map
 from cartstiff.potentials.line_springs import LineGeometry, line_geometry, second_derivative
 from cartstiff.potentials.loads import DeadForce
 
@@ -42,17 +42,10 @@ def _spatial(mass: float, centre: Array, inertia: Array) -> Array:
     return read_only(np.block([[inertia - mass * c @ c, mass * c], [-mass * c, mass * np.eye(3)]]))
 
 
-def _flat(_: Array) -> Array:
-    return np.zeros((6, 6))
-
-
-_IDENTITY = Map(np.eye(6), _flat)
-
-
 class PlatformPosture(MechanismPosture):
     """A platform at a pose."""
 
-    motion = _IDENTITY
+    motion = IDENTITY
     coordinates_are_pose = True
 
     def __init__(self, platform: Platform, q: Array) -> None:
@@ -71,8 +64,8 @@ class PlatformPosture(MechanismPosture):
         if (frame_a, frame_b) == ("world", "body"):
             return self.pose, self.motion
         if frame_a == frame_b:
-            return np.eye(4), Map(np.zeros((6, 6)), _flat)
-        return se3.inverse(self.pose), Map(-se3.adjoint(self.pose), _flat)
+            return np.eye(4), Map(np.zeros((6, 6)), IDENTITY.curvature)
+        return se3.inverse(self.pose), Map(-se3.adjoint(self.pose), IDENTITY.curvature)
 
     def gravity(self, acceleration: Array) -> Evaluation:
         """Potential energy of the masses of platform and legs in a uniform field."""
@@ -108,6 +101,11 @@ class PlatformPosture(MechanismPosture):
     def lines(self) -> LineGeometry:
         """Lengths, directions and line coordinates of the legs, in the body frame."""
         return line_geometry(self.pose, self._platform.anchors, self._platform.points)
+
+    def legs(self, anchors: Array, points: Array) -> LineGeometry | None:
+        """The platform's own `lines`, where these are its anchors and points."""
+        own = self._platform
+        return self.lines if anchors is own.anchors and points is own.points else None
 
     @property
     def actuation(self) -> Array:  # type: ignore[override]

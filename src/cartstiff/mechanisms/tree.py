@@ -10,10 +10,8 @@ exact, with no tensor; Pinocchio's own second derivatives are not used.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -23,6 +21,7 @@ from numpy.typing import NDArray
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import SWAP, Array
+from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import Coordinate
 from cartstiff.potentials.contract import Evaluation, Map
 
@@ -66,8 +65,6 @@ class Path:
         return self.order[:, None], self.order[None, :]
 
 
-# Indices below the diagonal, by size.
-_BELOW: dict[int, tuple[NDArray[np.intp], NDArray[np.intp]]] = {}
 #: Of a tree. Pinocchio's workspace grows with their cube: 200 take 0.3 GB, 600 take 7 GB.
 MOST_COORDINATES = 200
 
@@ -127,20 +124,9 @@ class KinematicTree:
         """Everything but the workspaces, which are large and made anew."""
         return {**vars(self), "_workspaces": []}
 
-    @contextmanager
-    def workspace(self) -> Iterator[Any]:
-        """Pinocchio's workspace of the model: as many are made as are used at the same time.
-
-        They cost more to make than to use, and grow with the cube of the coordinates.
-        """
-        try:
-            data = self._workspaces.pop()
-        except IndexError:
-            data = pin.Data(self.model)  # `createData` would hand over a copy
-        try:
-            yield data
-        finally:
-            self._workspaces.append(data)
+    def workspace(self) -> _Workspace:
+        """Pinocchio's workspace of the model, for a `with` statement."""
+        return _Workspace(self)
 
     @property
     def n(self) -> int:
@@ -255,11 +241,7 @@ class KinematicTree:
             return found
         with self.workspace() as data:
             full = np.array(pin.crba(self.model, data, q))  # only its upper triangle
-        n = self.model.nv
-        if n not in _BELOW:
-            _BELOW[n] = np.tril_indices(n, -1)
-        full[_BELOW[n]] = full.T[_BELOW[n]]
-        return full
+        return np.asarray(np.triu(full) + np.triu(full, 1).T)
 
     def placements(self) -> list[Array]:
         """Poses ``T_parent_joint`` of all joints, in their order from joint 1."""
@@ -295,6 +277,28 @@ class KinematicTree:
         return TreeState(self, q)
 
 
+class _Workspace:
+    """Pinocchio's workspace of a tree: as many are made as are used at the same time.
+
+    They cost more to make than to use, and grow with the cube of the coordinates.
+    """
+
+    __slots__ = ("_data", "_free")
+
+    def __init__(self, tree: KinematicTree) -> None:
+        self._free = tree._workspaces
+        try:
+            self._data = self._free.pop()
+        except IndexError:
+            self._data = pin.Data(tree.model)  # `createData` would hand over a copy
+
+    def __enter__(self) -> Any:
+        return self._data
+
+    def __exit__(self, *_: object) -> None:
+        self._free.append(self._data)
+
+
 class TreeState:
     """The tree at one posture; frames and Jacobians are computed when asked for."""
 
@@ -304,9 +308,13 @@ class TreeState:
         with tree.workspace() as data:
             pin.computeJointJacobians(tree.model, data, self.q)
             self._poses = data.oMi.copy()
-            # eigenpy hands a matrix with one column over as a vector.
-            #: Twists (6, joints) of the joints about F's origin, along F's axes.
-            self.world_jacobian = np.asarray(data.J).take(SWAP, axis=0).reshape(6, -1)
+            # As Pinocchio orders it; eigenpy hands a matrix with one column over as a vector.
+            self._twists = np.array(data.J).reshape(6, -1)
+
+    @cached_property
+    def world_jacobian(self) -> Array:
+        """Twists (6, joints) of the joints about F's origin, along F's axes."""
+        return self._twists.take(SWAP, axis=0)
 
     def pose(self, frame: Placement) -> Array:
         """Pose ``T_F_f``."""
@@ -321,10 +329,11 @@ class TreeState:
         """Pose ``T_a_b`` and its map: body twist of b against a, in components of b."""
         T_F_b = self.pose(b)
         path = self.tree.path(a.joint, b.joint)
-        to_b = se3.adjoint_of_inverse(T_F_b)
-        T_a_b = T_F_b if _is_world(a) else se3.inverse(self.pose(a)) @ T_F_b
-        world = self.world_jacobian
-        J = to_b @ (world if path.identity else world * path.signs)
+        in_world = a is WORLD or (a.joint == 0 and np.array_equal(a.T_j_f, WORLD.T_j_f))
+        T_a_b = T_F_b if in_world else se3.inverse(self.pose(a)) @ T_F_b
+        J = pin.SE3(T_F_b).toActionMatrixInverse().dot(self._twists).take(SWAP, axis=0)
+        if not path.identity:
+            J *= path.signs
         curvature = _BracketCurvature(J, path, self.tree.mimic)
         return T_a_b, Map(J if self.tree.mimic is None else J @ self.tree.mimic, curvature)
 
@@ -382,10 +391,6 @@ class _BracketCurvature:
             full[self.path.block] = S
             S = full
         return S if self.mimic is None else self.mimic.T @ S @ self.mimic
-
-
-def _is_world(frame: Placement) -> bool:
-    return frame is WORLD or (frame.joint == 0 and np.array_equal(frame.T_j_f, WORLD.T_j_f))
 
 
 def _with_gravity(model: pin.Model, acceleration: Array) -> Any:

@@ -128,16 +128,17 @@ def plain_inverses(matrices: Array) -> tuple[Array, list[float]] | None:
         return None
     s = np.sqrt(diagonal)
     sizes = s[:, None] * s
-    scaled = matrices / sizes
-    inverses = inverted(scaled)
-    flat, other = scaled.reshape(len(scaled), -1), inverses.reshape(len(scaled), -1)
-    known, least = np.vecdot(flat, flat).tolist(), np.vecdot(other, other).tolist()
-    # Squares of norms. Those of the inverses alone bound what is lost by adding.
-    return inverses / sizes, [
+    both = np.empty((2, *matrices.shape))
+    np.divide(matrices, sizes, out=both[0])
+    both[1] = inverted(both[0])
+    flat = both.reshape(2, len(matrices), -1)
+    squares = np.vecdot(flat, flat).tolist()  # of norms
+    # Those of the inverses alone bound what is lost by adding.
+    return both[1] / sizes, [
         EPSILON * sqrt(a * b)
         if a * b < WELL_CONDITIONED**2 and b < WELL_CONDITIONED**2
         else float("inf")
-        for a, b in zip(known, least, strict=True)
+        for a, b in zip(*squares, strict=True)
     ]
 
 

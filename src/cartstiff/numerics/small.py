@@ -12,14 +12,15 @@ import numpy as np
 
 from cartstiff.numerics.policy import Array
 
-__all__ = ["inverted", "singular_values"]
+__all__ = ["inverted", "singular_directions", "singular_values", "solved"]
 
 
 def _routine(name: str) -> Any:
     return getattr(getattr(np.linalg, "_umath_linalg", None), name, None)
 
 
-_INVERT, _SINGULAR_VALUES = _routine("inv"), _routine("svd")
+_INVERT, _SINGULAR_VALUES, _SOLVE = _routine("inv"), _routine("svd"), _routine("solve1")
+_DECOMPOSE = _routine("svd_f")
 
 
 def inverted(matrices: Array, regular: bool = False) -> Array:
@@ -33,6 +34,16 @@ def inverted(matrices: Array, regular: bool = False) -> Array:
         return np.asarray(_INVERT(matrices))
     with np.errstate(all="ignore"):
         return np.asarray(_INVERT(matrices))
+
+
+def singular_directions(matrix: Array) -> Array:
+    """Rows V^T (n, n) of the singular value decomposition of a matrix (m, n) of doubles."""
+    return np.asarray((np.linalg.svd if _DECOMPOSE is None else _DECOMPOSE)(matrix)[2])
+
+
+def solved(matrix: Array, right: Array) -> Array:
+    """The x (n,) with ``matrix @ x == right``, of doubles, for a matrix known to be regular."""
+    return np.asarray((np.linalg.solve if _SOLVE is None else _SOLVE)(matrix, right))
 
 
 def singular_values(matrix: Array) -> Array:

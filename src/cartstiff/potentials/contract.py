@@ -12,9 +12,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
+import numpy as np
+
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["Evaluation", "Map", "PosePotential", "Posture", "Potential", "Remark"]
+__all__ = [
+    "IDENTITY", "Evaluation", "LineGeometry", "Map", "PosePotential", "Posture", "Potential",
+    "Remark", "pulled_back",
+]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +40,14 @@ class Map:
     curvature: Callable[[Array], Array]
 
 
+def _flat(_: Array) -> Array:
+    return np.zeros((6, 6))
+
+
+#: The map of six coordinates to themselves.
+IDENTITY = Map(np.eye(6), _flat)
+
+
 class Evaluation(NamedTuple):
     """Energy, gradient (n,) and Hessian (n, n) in the mechanism's coordinates.
 
@@ -45,6 +58,14 @@ class Evaluation(NamedTuple):
     energy: float
     gradient: Array
     hessian: Array
+
+
+class LineGeometry(NamedTuple):
+    """Lengths (m,), unit vectors (m, 3) in frame b, and line coordinates g (m, 6)."""
+
+    lengths: Array
+    directions: Array
+    lines: Array
 
 
 class Remark(NamedTuple):
@@ -64,6 +85,9 @@ class Posture(Protocol):
 
     def relative(self, frame_a: str, frame_b: str) -> tuple[Array, Map]:
         """Pose ``T_a_b`` and its map, twists being those of b against a in components of b."""
+
+    def legs(self, anchors: Array, points: Array) -> LineGeometry | None:
+        """Lines from the ground to the body that the posture knows, by the arrays themselves."""
 
     def gravity(self, acceleration: Array) -> Evaluation:
         """Potential energy of all masses in a uniform field, with derivatives."""
@@ -100,8 +124,14 @@ class PosePotential(Potential):
         """Energy, wrench W = dPhi (6,) and K^B (6, 6), in components of frame b."""
 
     def evaluate(self, posture: Posture) -> Evaluation:
-        """Pull back: gradient J^T W, Hessian J^T K^B J + S_W."""
+        """Energy, gradient and Hessian at a posture."""
         T, to_pose = posture.relative(self.frame_a, self.frame_b)
-        energy, wrench, stiffness = self.on_pose(T)
-        J = to_pose.jacobian
-        return Evaluation(energy, J.T @ wrench, J.T @ stiffness @ J + to_pose.curvature(wrench))
+        return pulled_back(*self.on_pose(T), to_pose)
+
+
+def pulled_back(energy: float, wrench: Array, stiffness: Array, to_pose: Map) -> Evaluation:
+    """An energy of a pose in the coordinates: gradient J^T W, Hessian J^T K^B J + S_W."""
+    if to_pose is IDENTITY:
+        return Evaluation(energy, wrench, stiffness)
+    J = to_pose.jacobian
+    return Evaluation(energy, J.T @ wrench, J.T @ stiffness @ J + to_pose.curvature(wrench))

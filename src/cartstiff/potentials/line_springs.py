@@ -11,7 +11,6 @@ all in components of B: g = (b x u, u), W = t g and, with D = [-[b]x, I],
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,22 +19,38 @@ from cartstiff.arrays import checked_array
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.potentials.contract import PosePotential, Posture, Remark
+from cartstiff.potentials.contract import (
+    Evaluation,
+    LineGeometry,
+    PosePotential,
+    Posture,
+    Remark,
+    pulled_back,
+)
 
 __all__ = ["LineGeometry", "LineSprings", "line_geometry", "lines_of_many"]
 
 
-_EYE = np.eye(3)
+# ``outer(b, u).ravel() @ _CROSSED == cross(b, u)``, (9, 3).
+_CROSSED = -se3.skew(np.eye(3)).reshape(3, 9).T
+
+
+def _placed(turning: Array, coupling: Array, weight: Array) -> Array:
+    """``[[tr(t) I - sym(t), [c]x], [-[c]x, w I]]`` of stacks t (..., 3, 3), c (..., 3), w (...)."""
+    total = np.zeros((*weight.shape, 6, 6))
+    trace = turning.trace(axis1=-2, axis2=-1)[..., None, None]
+    total[..., :3, :3] = trace * np.eye(3) - 0.5 * (turning + turning.swapaxes(-1, -2))
+    total[..., :3, 3:] = se3.skew(coupling)
+    total[..., 3:, :3] = -total[..., :3, 3:]
+    total[..., 3:, 3:] = weight[..., None, None] * np.eye(3)
+    return total
+
+
+# `_placed` of the basis of all (t, c, w), as a matrix (13, 36).
+_EACH = np.eye(13)
+_PLACED = _placed(_EACH[:, :9].reshape(13, 3, 3), _EACH[:, 9:12], _EACH[:, 12]).reshape(13, 36)
 #: Sums of a few dozen products are exact to so many roundings of their terms.
 _ADDED = 64.0
-
-
-class LineGeometry(NamedTuple):
-    """Lengths (m,), unit vectors (m, 3) in frame b, and line coordinates g (m, 6)."""
-
-    lengths: Array
-    directions: Array
-    lines: Array
 
 
 def line_geometry(T_a_b: Array, anchors: Array, points: Array) -> LineGeometry:
@@ -48,11 +63,10 @@ def line_geometry(T_a_b: Array, anchors: Array, points: Array) -> LineGeometry:
     UndefinedError
         If a line has zero length: its direction does not exist.
     """
-    R, p = T_a_b[:3, :3], T_a_b[:3, 3]
-    along = points - (anchors - p) @ R
-    lengths = np.sqrt(np.einsum("ij,ij->i", along, along))
-    size = max(float(np.abs(anchors).max()), float(np.abs(points).max()))
-    if lengths.min() <= numerics.LAST_DIGITS * size:
+    along = points - (anchors - T_a_b[:3, 3]).dot(T_a_b[:3, :3])
+    lengths = np.sqrt(np.vecdot(along, along))
+    size = max(map(abs, anchors.ravel().tolist() + points.ravel().tolist()))
+    if min(lengths.tolist()) <= numerics.LAST_DIGITS * size:
         s = int(np.argmin(lengths))
         raise UndefinedError(
             f"line {s + 1} has zero length: its direction does not exist",
@@ -61,11 +75,8 @@ def line_geometry(T_a_b: Array, anchors: Array, points: Array) -> LineGeometry:
         )
     u = along / lengths[:, None]
     lines = np.empty((len(u), 6))
+    lines[:, :3] = (points[:, :, None] * u[:, None]).reshape(-1, 9).dot(_CROSSED)
     lines[:, 3:] = u
-    (bx, by, bz), (ux, uy, uz) = points.T, u.T
-    lines[:, 0] = by * uz - bz * uy
-    lines[:, 1] = bz * ux - bx * uz
-    lines[:, 2] = bx * uy - by * ux
     return LineGeometry(lengths, u, lines)
 
 
@@ -84,17 +95,12 @@ def second_derivative(geometry: LineGeometry, points: Array, weights: Array) -> 
     lengths, u, lines = geometry
     w = weights / lengths
     # (I - u u^T) in the metric of point velocities: sum w (D^T D - g g^T), where
-    # D^T D = [[(b.b) I - b b^T, [b]x], [-[b]x, I]].
-    total = -(lines.T * w) @ lines
-    # With it sym of u . (w_j x (w_i x b + v_i)), the rotation of the line's own direction:
-    # [[sym(b u^T) - (b.u) I, -[u]x / 2], [[u]x / 2, 0]].
-    turning = points.T @ (points * w[:, None] - u * weights[:, None])
-    total[:3, :3] += turning.trace() * _EYE - 0.5 * (turning + turning.T)
-    coupling = se3.skew(w @ points - 0.5 * (weights @ u))
-    total[:3, 3:] += coupling
-    total[3:, :3] -= coupling
-    total[3:, 3:] += w.sum() * _EYE
-    return total
+    # D^T D = [[(b.b) I - b b^T, [b]x], [-[b]x, I]]. With it sym of u . (w_j x (w_i x b + v_i)),
+    # the rotation of the line's own direction: [[sym(b u^T) - (b.u) I, -[u]x / 2], [[u]x / 2, 0]].
+    turning = points.T.dot(points * w[:, None] - u * weights[:, None])
+    coupling = w.dot(points) - 0.5 * weights.dot(u)
+    parts = np.concatenate([turning.ravel(), coupling, [sum(w.tolist())]])
+    return parts.dot(_PLACED).reshape(6, 6) - (lines.T * w).dot(lines)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,7 +134,12 @@ class LineSprings(PosePotential):
 
     def __post_init__(self) -> None:
         for name, width in (("anchors", 3), ("points", 3), ("stiffness", 0), ("rest_length", 0)):
-            value = checked_array(getattr(self, name), None, f"line springs: {name}", finite=False)
+            given = getattr(self, name)
+            # What nobody can write to is kept as it is: a platform knows its own points by it.
+            flags = getattr(given, "flags", None)
+            mine = flags is None or not flags.owndata or flags.writeable
+            what = f"line springs: {name}"
+            value = checked_array(given, None, what, finite=False, copy=mine)
             shape = (len(self.anchors), width) if width else (len(self.anchors),)
             finite = np.isfinite(value) | (np.isnan(value) & (name == "rest_length"))
             if value.shape != shape or not np.all(finite):
@@ -158,8 +169,7 @@ class LineSprings(PosePotential):
         """Numbers (from 1) of the cables that carry nothing at a posture."""
         if not self.unilateral:
             return []
-        T, _ = posture.relative(self.frame_a, self.frame_b)
-        lengths = line_geometry(T, self.anchors, self.points).lengths
+        lengths = self.geometry(posture).lengths
         return [int(i) + 1 for i in np.flatnonzero(lengths < self.rest_length)]
 
     def remarks(self, posture: Posture) -> list[Remark]:
@@ -202,9 +212,10 @@ class LineSprings(PosePotential):
         InputError
             If no tensions of the open lines balance it.
         """
-        T, _ = posture.relative(self.frame_a, self.frame_b)
-        geometry = line_geometry(T, self.anchors, self.points)
+        geometry = self.geometry(posture)
         free = np.isnan(self.rest_length) | every
+        if free.all() and not any(gradient.tolist()) and len(free) <= 6:
+            return self._at_rest(geometry.lengths, np.zeros(len(free)), geometry.lengths)
         fixed = np.where(free, 0.0, self.stiffness * (geometry.lengths - self.rest_length))
         wanted = gradient - geometry.lines.T @ fixed
         size = float(np.abs(geometry.lines).max())
@@ -237,8 +248,15 @@ class LineSprings(PosePotential):
         rest[free] = geometry.lengths[free] - tensions / self.stiffness[free]
         exerted = self.tensions(geometry.lengths)
         exerted[free] = tensions
-        balanced = geometry.lengths, exerted
-        return replace(self, rest_length=rest, balanced_at=balanced)
+        return self._at_rest(rest, exerted, geometry.lengths)
+
+    def _at_rest(self, rest: Array, tensions: Array, lengths: Array) -> LineSprings:
+        """The same lines at rest lengths whoever made them has checked, once per posture."""
+        for array in (rest, tensions):
+            array.flags.writeable = False
+        springs = object.__new__(type(self))
+        vars(springs).update(vars(self), rest_length=rest, balanced_at=(lengths, tensions))
+        return springs
 
     @staticmethod
     def _pulling(matrix: Array, wanted: Array, present: Array) -> Array:
@@ -257,22 +275,39 @@ class LineSprings(PosePotential):
                 return np.asarray(least + more)
         return -np.ones(matrix.shape[1])
 
+    def geometry(self, posture: Posture) -> LineGeometry:
+        """The lines at a posture, which knows those of a platform's own legs."""
+        if (self.frame_a, self.frame_b) == ("world", "body"):
+            known = posture.legs(self.anchors, self.points)
+            if known is not None:
+                return known
+        T, _ = posture.relative(self.frame_a, self.frame_b)
+        return line_geometry(T, self.anchors, self.points)
+
+    def evaluate(self, posture: Posture) -> Evaluation:
+        """Energy, gradient and Hessian at a posture."""
+        _, to_pose = posture.relative(self.frame_a, self.frame_b)
+        return pulled_back(*self._stretched(self.geometry(posture)), to_pose)
+
     def on_pose(self, T_a_b: Array) -> tuple[float, Array, Array]:
         """Energy, wrench and K^B in components of frame b."""
-        geometry = line_geometry(T_a_b, self.anchors, self.points)
+        return self._stretched(line_geometry(T_a_b, self.anchors, self.points))
+
+    def _stretched(self, geometry: LineGeometry) -> tuple[float, Array, Array]:
         t, k = self.tensions(geometry.lengths), self._taut(geometry.lengths)
         stretch = geometry.lengths - self.rest_length
-        K = (geometry.lines.T * k) @ geometry.lines
-        K += second_derivative(geometry, self.points, t)
-        return 0.5 * float(t @ stretch), t @ geometry.lines, K
+        K = (geometry.lines.T * k).dot(geometry.lines)
+        if any(t.tolist()):
+            K += second_derivative(geometry, self.points, t)
+        return 0.5 * float(t.dot(stretch)), t.dot(geometry.lines), K
 
-    def apart(self, T_a_b: Array, more: Array | float = 0.0) -> tuple[Array, Array, Array]:
+    def apart(self, posture: Posture, more: Array | float = 0.0) -> tuple[Array, Array, Array]:
         """Lines g (m, 6), stiffnesses k (m,), and what the tensions make: K^B less sum k g g^T.
 
         The tensions are larger by `more` (m,) than the lengths say: those of stiff lines are known
         to the rounding of their lengths only.
         """
-        geometry = line_geometry(T_a_b, self.anchors, self.points)
+        geometry = self.geometry(posture)
         rest = second_derivative(geometry, self.points, self.tensions(geometry.lengths) + more)
         return geometry.lines, self._taut(geometry.lengths), rest
 

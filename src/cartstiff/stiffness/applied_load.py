@@ -30,19 +30,10 @@ from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import CARTAN_MINUS, KINEMATIC, Connection, from_bilinear_map
 from cartstiff.geometry.se3 import Array
+from cartstiff.lazily import cached_property
 from cartstiff.potentials.loads import DeadWrench, FollowerWrench, Load, SemitangentialWrench
 
-__all__ = ["LoadKind", "changes_from_b", "checked_load", "wrench_in_body"]
-
-# K^X = K^B + (W @ _FROM_B)[X] for X = A, K at once: K^A = K^B - 1/2 M with the M of
-# `se3.bracket_form`, and K^X = K^A less the wrench term of the connection.
-_FROM_B = -np.concatenate(
-    [
-        c._symbols_by_wrench + 0.5 * se3.bracket_form(np.eye(6)).reshape(6, 36)
-        for c in (CARTAN_MINUS, KINEMATIC)
-    ],
-    axis=1,
-)
+__all__ = ["LoadKind", "checked_load", "wrench_in_body"]
 
 _AXES = ("body", "world")
 
@@ -85,12 +76,24 @@ class LoadKind:
         """What the load does, for people: "its force and moment keep their direction ..."."""
         return LOAD_KINDS[self.kind]
 
-    def change(self, wrench: ArrayLike) -> Array:
-        """``D = K^load - K^B`` (..., 6, 6) in M under wrenches W (..., 6) about M's origin.
+    def changes(self, wrench: Array) -> Array:
+        """``K^X - K^B`` (3, 6, 6) for X = A, K, load in M under a wrench W (6,) about M's origin.
 
-        ``D = -Ad^T R Ad - 1/2 [W]`` with the bracket form [W] that K^A is asymmetric by.
+        ``K^A = K^B - 1/2 [W]`` with the bracket form [W] that K^A is asymmetric by, and K^X is K^A
+        less the wrench term of its connection, here ``Ad^T R Ad``.
         """
-        return -self.connection.wrench_term(wrench) - 0.5 * se3.bracket_form(wrench)
+        return np.asarray(wrench.dot(self._from_b).reshape(3, 6, 6))
+
+    def change(self, wrench: Array) -> Array:
+        """The last of `changes` (..., 6, 6), under wrenches (..., 6)."""
+        return (wrench @ self._from_b[:, 72:]).reshape(*wrench.shape[:-1], 6, 6)
+
+    @cached_property
+    def _from_b(self) -> Array:
+        """``changes`` of the six basis wrenches, (6, 108)."""
+        half = 0.5 * se3.bracket_form(np.eye(6)).reshape(6, 36)
+        each = (CARTAN_MINUS, KINEMATIC, self.connection)
+        return -np.concatenate([c._symbols_by_wrench + half for c in each], axis=1)
 
     def acting(
         self, wrench: ArrayLike, pose: Array, axes: Literal["body", "world"] = "body"
@@ -206,8 +209,3 @@ def _connection(kind: str, at: tuple[float, float, float]) -> Connection:
         name += f" at ({', '.join(f'{x:g}' for x in at)})"
     there = from_bilinear_map(nabla, name, meaning=f"tangent: {LOAD_KINDS[kind]}")
     return there.carried_to(se3.pose(translation=np.negative(at)))
-
-
-def changes_from_b(wrench: Array) -> Array:
-    """``K^A - K^B`` and ``K^K - K^B`` (2, 6, 6) under a wrench (6,) in the body frame."""
-    return np.asarray(np.dot(wrench, _FROM_B).reshape(2, 6, 6))

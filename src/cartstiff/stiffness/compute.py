@@ -110,7 +110,7 @@ def analyse(
     )
     result = PostureStiffness(
         elastic, fixed(posture.q), posture, energy, reduction, load=kind,
-        _load_is_given=given is not None and bool(given.any()),
+        _load_is_given=given is not None and any(given.tolist()),
     )  # fmt: skip
     if strict and reduction.stiffness is None:
         raise reduction.undefined()

@@ -16,10 +16,9 @@ from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import Connection
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.chain import OWN_COORDINATES
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import Note
-from cartstiff.potentials.contract import Evaluation, Map
+from cartstiff.potentials.contract import IDENTITY, Evaluation, Map
 from cartstiff.stiffness.reduction import Reduction
 
 __all__ = ["FlatChart", "flat_chart", "flat_connection", "pose_by_chart"]
@@ -82,9 +81,9 @@ def flat_chart(
     if rates is None:
         message = f"K^F needs six free motions: there are {reduction.freedoms}"
         return FlatChart(note=Note("no-chart", message))
-    if chart is OWN_COORDINATES:  # nonsingular, as `rates` exists
+    if chart is IDENTITY:  # nonsingular, as `rates` exists
         H = energy.hessian
-        return FlatChart(rates.T @ H @ rates, H, rates)
+        return FlatChart(rates.T.dot(H).dot(rates), H, rates)
     to_chart = chart.jacobian @ rates
     values = numerics.singular_values(to_chart * natural)
     if not numerics.is_regular(values):
@@ -92,14 +91,14 @@ def flat_chart(
         found = {"singular_values": values.tolist()}
         return FlatChart(note=Note("type-2-singularity", message, found))
     H = _hessian_in(chart, to_chart, rates, posture.closure, energy)
-    return FlatChart(rates.T @ H @ rates, H, to_chart)
+    return FlatChart(rates.T.dot(H).dot(rates), H, to_chart)
 
 
 def _hessian_in(
     chart: Map, to_chart: Array, rates: Array, closure: Map | None, energy: Evaluation
 ) -> Array:
     """Hessian (n, n) in the chart's coordinates, carried to those of the mechanism."""
-    mu = np.linalg.solve(to_chart.T, rates.T @ energy.gradient)
+    mu = numerics.solved(to_chart.T, rates.T.dot(energy.gradient))
     H: Array = energy.hessian - chart.curvature(mu)
     if closure is not None:
         balance = chart.jacobian.T @ mu - energy.gradient

@@ -2,72 +2,113 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from math import inf
+from typing import NamedTuple
 
 import numpy as np
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
+from cartstiff.stiffness.free_motions import FreeMotions
 from cartstiff.stiffness.reduction import Reduction
 
-__all__ = ["has_all_digits", "inverses", "plain_inverses"]
+__all__ = ["Compliances", "compliance_under", "every_matrix", "inverses", "plain_inverses"]
 
-Inverses = dict[str, numerics.Inverse | None]
+
+class Compliances(NamedTuple):
+    """C^A, C^B, C^K, C^F (6, 6), None where one does not exist, and the relative error of C^B.
+
+    `has_load` says that the inverse of K^load is plainly known, too.
+    """
+
+    matrices: dict[str, Array | None]
+    error: float = 0.0
+    has_load: bool = False
+
+    @property
+    def B(self) -> numerics.Inverse | None:  # noqa: N802
+        """C^B with its error."""
+        C = self.matrices["B"]
+        return None if C is None else numerics.Inverse(C, self.error)
+
+
+def every_matrix(reduction: Reduction, changes: Array, K_F: Array | None) -> Array | None:
+    """K^B, K^A, K^K, K^load and, where it exists, K^F (4 or 5, 6, 6); None without K^B."""
+    K = reduction.stiffness
+    if K is None or reduction.force is None:
+        return None
+    every = np.empty((4 if K_F is None else 5, 6, 6))
+    every[0] = K
+    np.add(changes, K, out=every[1:4])
+    if K_F is not None:
+        every[4] = K_F
+    every.flags.writeable = False
+    return every
+
+
+def compliance_under(reduction: Reduction, change: Array) -> Array | None:
+    """Inverse (6, 6) of K^B + D for a change D by the load, found without K; None without one."""
+    if reduction.force is None or reduction.free is None:
+        return None
+    found = reduction.free.compliance(change)
+    return None if found is None else found.matrix
 
 
 def plain_inverses(
-    reduction: Reduction, matrices: Mapping[str, Array | None], changes: Array, chart: Array | None
-) -> Inverses | None:
+    reduction: Reduction, matrices: Array | None, chart: Array | None
+) -> Compliances | None:
     """`inverses` from the matrices themselves where these are well conditioned, else None.
 
-    That needs a posture plainly regular, in which no terms cancel.
+    That needs a posture plainly regular, in which no terms cancel. The matrices are those of
+    `every_matrix`.
     """
-    free, values = reduction.free, reduction.singular_values.tolist()
+    free, values = reduction.free, reduction.singular_values
     if (
-        free is None or reduction.stiffness is None or not free.is_symmetric
+        free is None or matrices is None or reduction.force is None or not free.is_symmetric
         or not values[-1] * numerics.WELL_CONDITIONED > values[0] or not free.is_far_from_idle
     ):  # fmt: skip
         return None
-    names = [name for name in "BAKF" if matrices[name] is not None]
-    if not any(changes.ravel().tolist()):
-        names = [name for name in names if name in "BF"]
-    found = numerics.plain_inverses(np.array([matrices[name] for name in names]))
+    found = numerics.plain_inverses(matrices)
     if found is None:
         return None
-    known: Inverses = dict.fromkeys("ABKF")
-    for name, C, error in zip(names, *found, strict=True):
-        if error < np.inf:
-            known[name] = numerics.Inverse(0.5 * (C + C.T) if name in "BF" else C, error)
-        elif name == "F":  # legs may be nearly dependent where the body is held by their load
-            known[name] = free.compliances(other=chart)[-1]
-        else:
-            return None
-    if "A" not in names:
-        known["A"] = known["K"] = known["B"]
-    return known
+    each, errors = found
+    # Without a load the first four are one.
+    symmetric = each[::4] if any(reduction.force.tolist()) else each
+    symmetric[:] = 0.5 * (symmetric + symmetric.swapaxes(1, 2))
+    each.flags.writeable = False
+    known: dict[str, Array | None] = {"A": each[1], "B": each[0], "K": each[2], "F": None}
+    if len(errors) > 4:
+        known["F"] = each[4] if errors[4] < inf else _of_chart(matrices[4:], chart, free)
+    if not max(errors[:3]) < inf:
+        return None
+    return Compliances(known, errors[0], errors[3] < inf)
+
+
+def _of_chart(K_F: Array, chart: Array | None, free: FreeMotions) -> Array | None:
+    """C^F where legs are nearly dependent while their load holds the body: its sizes are others."""
+    (C,), (error,) = numerics.invert_each(K_F)
+    if error <= numerics.TELLING:
+        return np.asarray(0.5 * (C + C.T))
+    other = free.compliances(other=chart)[-1]
+    return None if other is None else other.matrix
 
 
 def inverses(
     reduction: Reduction, changes: Array, chart: Array | None, chart_is_own: bool
-) -> Inverses:
-    """All inverses with their errors, from one stack, for K^X - K^B (2, 6, 6) of X = A, K.
+) -> Compliances:
+    """All inverses, from one stack, for K^X - K^B (2, 6, 6) of X = A, K.
 
     `chart` is the Hessian (n, n) that makes K^F, `chart_is_own` says that it is the energy's.
     """
     free = reduction.free
     if free is None or reduction.force is None:
-        return dict.fromkeys("ABKF")
+        return Compliances(dict.fromkeys("ABKF"))
     if any(reduction.force.tolist()):
         B, A, K, *F = free.compliances(changes, chart)
-        return {"A": A, "B": B, "K": K, "F": F[0] if F else None}
-    # Then one Hessian serves all, but for a chart that is not the coordinates themselves.
-    B, *F = free.compliances(other=None if chart_is_own else chart)
-    return {**dict.fromkeys("ABK", B), "F": F[0] if F else B if chart_is_own else None}
-
-
-def has_all_digits(K: Array | None, change: Array | None) -> bool:
-    """Whether K, and with a change D of it K + D, are plainly known with their inverses."""
-    if K is None or change is None:
-        return K is not None
-    found = numerics.plain_inverses(np.array([K, K + change]))
-    return found is not None and max(found[1]) < np.inf
+    else:  # then one Hessian serves all, but for a chart that is not the coordinates themselves
+        B, *F = free.compliances(other=None if chart_is_own else chart)
+        A = K = B
+        F = F or [B] * chart_is_own
+    each = {"A": A, "B": B, "K": K, "F": F[0] if F else None}
+    matrices = {name: None if C is None else C.matrix for name, C in each.items()}
+    return Compliances(matrices, 0.0 if B is None else B.error)

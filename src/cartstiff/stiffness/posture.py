@@ -20,11 +20,10 @@ from cartstiff.mechanisms.contract import MechanismPosture, Units
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.notebook import ShownInLines
 from cartstiff.potentials.contract import Evaluation
-from cartstiff.stiffness import posture_notes
-from cartstiff.stiffness.applied_load import LoadKind, changes_from_b
+from cartstiff.stiffness import inverses, posture_notes
+from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.flat_chart import FlatChart, flat_chart, flat_connection, pose_by_chart
 from cartstiff.stiffness.in_frame import StiffnessInFrame, stiffness_in_frame
-from cartstiff.stiffness.inverses import has_all_digits, inverses, plain_inverses
 from cartstiff.stiffness.named_tensor import named_tensor
 from cartstiff.stiffness.reduction import Reduction
 from cartstiff.stiffness.rounding import is_felt, shown_wrench
@@ -143,16 +142,18 @@ class PostureStiffness(ShownInLines):
     @cached_property
     def matrices(self) -> Mapping[str, Array | None]:
         """K^A, K^B, K^K, K^F (6, 6), None where one does not exist; "load" is the `tangent`."""
-        K, known = self.reduction.stiffness, dict[str, Array | None].fromkeys("ABKF")
-        if K is not None and self.reduction.force is not None:
-            A, K_K = K + self._changes
-            known = {"A": A, "B": K, "K": K_K, "F": self._flat.stiffness}
-        return NamedArrays(known, {"load": partial(getattr, self, "tangent")})
+        B, A, K, load, *F = [None] * 4 if self._every is None else self._every
+        return NamedArrays({"A": A, "B": B, "K": K, "F": F[0] if F else None}, {"load": load})
+
+    @cached_property
+    def _every(self) -> Array | None:
+        """K^B, K^A, K^K, K^load and, where it exists, K^F (4 or 5, 6, 6); None without K^B."""
+        return inverses.every_matrix(self.reduction, self._changes, self._flat.stiffness)
 
     @cached_property
     def _changes(self) -> Array:
-        """K^A - K^B and K^K - K^B (2, 6, 6), zero without a load."""
-        return np.zeros((2, 6, 6)) if self.wrench is None else changes_from_b(self.wrench)
+        """K^X - K^B (3, 6, 6) for X = A, K, load: zero without a load."""
+        return np.zeros((3, 6, 6)) if self.wrench is None else self.load.changes(self.wrench)
 
     @cached_property
     def compliances(self) -> Mapping[str, Array | None]:
@@ -161,22 +162,22 @@ class PostureStiffness(ShownInLines):
         ``C^X = J_N (H_N + J_N^T D J_N)^-1 J_N^T`` with D = K^X - K^B, which the load alone makes;
         for C^F the Hessian is that in the chart.
         """
-        known = {n: None if C is None else C.matrix for n, C in self._inverses.items()}
-        return NamedArrays(known, {"load": partial(getattr, self, "tangent_compliance")})
+        # Not by way of this object: in a circle it would stay until circles are looked for.
+        under_load = partial(inverses.compliance_under, self.reduction, self._changes[2])
+        return NamedArrays(self._inverses.matrices, {"load": under_load})
 
     @cached_property
-    def _inverses(self) -> dict[str, numerics.Inverse | None]:
-        """`compliances` with their errors."""
+    def _inverses(self) -> inverses.Compliances:
+        """`compliances` with their error."""
         if self._plain_inverses is not None:
             return self._plain_inverses
         chart = self._flat.hessian
         own = chart is self.evaluation.hessian and self.posture.closure is None
-        return inverses(self.reduction, self._changes, chart, own)
+        return inverses.inverses(self.reduction, self._changes[:2], chart, own)
 
     @cached_property
-    def _plain_inverses(self) -> dict[str, numerics.Inverse | None] | None:
-        changes, chart = self._changes, self._flat.hessian
-        return plain_inverses(self.reduction, self.matrices, changes, chart)
+    def _plain_inverses(self) -> inverses.Compliances | None:
+        return inverses.plain_inverses(self.reduction, self._every, self._flat.hessian)
 
     def root_of_compliance(self, name: str, others: str) -> Array | None:
         """G (6, 6) with ``G G^T`` the C of `StiffnessInFrame.pair`, in M.
@@ -198,10 +199,8 @@ class PostureStiffness(ShownInLines):
         change, other = np.zeros((6, 6)), None
         if name == "F":
             other = self._flat.hessian
-        elif name == "load":
-            change = self.change_by_load
         elif name != "B":
-            change = self._changes["AK+".index(name) % 2]
+            change = self._changes[{"A": 0, "K": 1, "+": 0, "load": 2}[name]]
         free = self.reduction.free
         return None if free is None else free.root(change, other, symmetric=others == "held")
 
@@ -235,12 +234,12 @@ class PostureStiffness(ShownInLines):
         H = None if self._load_is_given else self.evaluation.hessian
         return shown_wrench(wrench, H, self.posture.coordinate_lengths, self.posture.length)
 
-    @cached_property
+    @property
     def change_by_load(self) -> Array:
         """``K^load - K^B`` (6, 6), zero without a load: exists where no stiffness does, too."""
-        return np.zeros((6, 6)) if self.wrench is None else self.load.change(self.wrench)
+        return self._changes[2]
 
-    @cached_property
+    @property
     def tangent(self) -> Array | None:
         """K^load (6, 6): change of the wrench that must be added, per motion, under the load.
 
@@ -248,16 +247,12 @@ class PostureStiffness(ShownInLines):
         what `equilibrium` gives as the linear limit of an added load. None where no stiffness
         exists.
         """
-        K = self.reduction.stiffness
-        return None if K is None or self.wrench is None else K + self.change_by_load
+        return None if self._every is None else self._every[3]
 
     @cached_property
     def tangent_compliance(self) -> Array | None:
         """Inverse of `tangent`, found as `compliances`; exists at kinematic singularities too."""
-        if self.wrench is None or self.reduction.free is None:
-            return None
-        found = self.reduction.free.compliance(self.change_by_load)
-        return None if found is None else found.matrix
+        return inverses.compliance_under(self.reduction, self.change_by_load)
 
     @property
     def compliance(self) -> Compliance:
@@ -325,13 +320,15 @@ class PostureStiffness(ShownInLines):
         return (*self.notes_on_posture, *(() if reason is None else (reason,)), *self._on_digits())
 
     def _on_digits(self) -> list[Note]:
-        change = self.change_by_load if self._load_is_given else None
+        plain = self._plain_inverses
         parts = self.elastic, self.posture, self.evaluation, self.reduction, self.notes_on_posture
-        error = posture_notes.error_of_chosen_forces(*parts) if self.is_loaded else 0.0
-        K = None if self._plain_inverses is None else self.reduction.stiffness
-        if error <= numerics.TELLING and has_all_digits(K, change):
+        error = posture_notes.error_of_chosen_forces(*parts, plain and plain.matrices["B"])
+        if error > numerics.TELLING and not self.is_loaded:
+            error = 0.0
+        if error <= numerics.TELLING and plain and (plain.has_load or not self._load_is_given):
             return []
-        known = self._inverses["B"], self._natural, change, error
+        change = self.change_by_load if self._load_is_given else None
+        known = self._inverses.B, self._natural, change, error
         return posture_notes.notes_on_digits(self.reduction, *known)
 
     @cached_property

@@ -14,6 +14,7 @@ from cartstiff.mechanisms.limits import force_notes, limit_notes
 from cartstiff.mechanisms.weighed import weighed
 from cartstiff.potentials.contract import Evaluation
 from cartstiff.stiffness.reduction import Reduction
+from cartstiff.stiffness.rounding import norm
 
 __all__ = [
     "error_of_chosen_forces", "error_of_soft_directions", "near_serial", "near_type_2",
@@ -122,26 +123,34 @@ def error_of_chosen_forces(
     energy: Evaluation,
     reduction: Reduction,
     notes: Iterable[Note],
+    compliance: Array | None,
 ) -> float:
     """Relative error that forces inside a mechanism leave in its compliance near type 2.
 
     Actuators balance a load there by forces that go with the inverse of the least singular
     value, and with them the rounding of their lines; what they add to the stiffness is as unsure.
+    `compliance` is C^B where it is plainly known.
     """
-    near = next((note for note in notes if note.code == "near-type-2-singularity"), None)
-    if near is None:
+    near = [note for note in notes if note.code == "near-type-2-singularity"]
+    free, inverse = reduction.free, compliance
+    if not near or free is None:
         return 0.0
-    ratio = numerics.ratio(np.asarray(near.values["singular_values"]))
-    free, parts = reduction.free, elastic.line_springs_apart(posture)
-    found = None if free is None else free.inverse()
-    if free is None or found is None or not ratio > 0.0:
+    if inverse is None or not posture.coordinates_are_pose:
+        found = free.inverse()
+        inverse = None if found is None else found.matrix
+    ratio = numerics.ratio(np.asarray(near[0].values["singular_values"]))
+    if inverse is None or not ratio > 0.0:
         return 0.0
+    parts = elastic.line_springs_apart(posture)
     B = np.eye(len(energy.hessian)) if free.basis is None else free.basis
     added = free.hessian - B.T @ energy.hessian @ B if parts is None else B.T @ parts[2] @ B
     sizes = np.sqrt(np.abs(free.hessian.diagonal()))
     sizes[sizes == 0.0] = 1.0
-    share = np.linalg.norm(found.matrix @ added * sizes[:, None] / sizes, 2)
-    return numerics.EPSILON / ratio * float(share)
+    share = inverse.dot(added) * sizes[:, None] / sizes
+    error = numerics.EPSILON / ratio * norm(share)
+    if error > numerics.TELLING:  # by what is quickly found, and is no less
+        error = numerics.EPSILON / ratio * float(np.linalg.norm(share, 2))
+    return error
 
 
 def near_serial(posture: MechanismPosture, values: Array) -> list[Note]:
@@ -168,7 +177,7 @@ def near_type_2(posture: MechanismPosture, free: Array | None = None) -> list[No
     values = numerics.singular_values(rates)
     if len(values) < rates.shape[1] or not values[-1] < numerics.NEAR * values[0]:
         return []
-    motions = np.linalg.svd(rates)[2]
+    motions = numerics.singular_directions(rates)
     if free is not None:
         motions = motions @ free.T
     each = values.tolist()

@@ -13,19 +13,22 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
-from cartstiff.potentials.contract import Evaluation, Map
+from cartstiff.potentials.contract import IDENTITY, Evaluation, Map
 from cartstiff.stiffness.free_motions import FreeMotions
 from cartstiff.stiffness.reduced import Reduction
-from cartstiff.stiffness.rounding import doubtful, norm, symmetric_part, without_noise
+from cartstiff.stiffness.rounding import doubtful, norm, without_noise
 
 __all__ = ["plainly_redundant", "reduce_square"]
 
 
-def _slight(J: Array, given: Array, energy: Evaluation) -> Array:
-    """Generalised forces by which springs that carry a given wrench may miss it."""
+def _is_carried(J: Array, given: Array, energy: Evaluation) -> bool:
+    """Whether springs carry a given wrench: their own torques are rounded where they are stiff."""
+    missed = J.T.dot(given) - energy.gradient
+    if not any(missed.tolist()):
+        return True
     size = np.abs(J.T) @ np.abs(given) + np.abs(energy.gradient)
     rounding = numerics.ROUNDING * np.abs(energy.hessian).max(axis=0, initial=0.0)
-    return np.asarray(numerics.UNFELT * size + rounding)
+    return bool(np.all(np.abs(missed) <= numerics.UNFELT * size + rounding))
 
 
 def reduce_square(
@@ -37,18 +40,19 @@ def reduce_square(
     apart: Callable[[], FreeMotions | None] | None,
 ) -> Reduction | None:
     """As many coordinates as outputs and no closure: K = J^-T H_L J^-1; None if J is singular."""
-    J = output.jacobian
-    values = numerics.singular_values(J * rows[:, None] * columns)
-    if not values[-1] > numerics.RANK * values[0]:
-        return None
-    A = numerics.inverted(J, regular=True)
-    force = A.T @ energy.gradient
-    if given is not None:  # the springs' own torques are rounded where they are stiff
-        missed = J.T @ given - energy.gradient
-        if not any(missed.tolist()) or np.all(np.abs(missed) <= _slight(J, given, energy)):
-            force = given
+    J = A = output.jacobian
+    values = np.ones(6)
+    if output is not IDENTITY:
+        values = numerics.singular_values(J * rows[:, None] * columns)
+        if not values[-1] > numerics.RANK * values[0]:
+            return None
+        A = numerics.inverted(J, regular=True)
+    is_carried = given is not None and _is_carried(J, given, energy)
+    force = given if given is not None and is_carried else A.T.dot(energy.gradient)
     curvature = output.curvature(force)
     H = energy.hessian - curvature
+    if energy.energy == energy.energy:  # without the asymmetry of rounding
+        H = 0.5 * (H + H.T)
     n = len(values)
 
     def terms() -> Array:
@@ -68,13 +72,11 @@ def reduce_square(
         return stiff + norm(curvature) + least / min(columns.tolist()) ** 2
 
     free = FreeMotions(
-        J, symmetric_part(H, energy), terms, largest, is_symmetric=energy.energy == energy.energy,
-        apart=apart,
-    )  # fmt: skip
-    idle = free.idle
-    if any(idle.tolist()) and free.inverse() is None:
-        H = np.where(idle[:, None] | idle, 0.0, H)
-    K = A.T @ H @ A
+        J, H, terms, largest, is_symmetric=energy.energy == energy.energy, apart=apart
+    )
+    if not free.is_far_from_idle and free.idle.any() and free.inverse() is None:
+        H = np.where(free.idle[:, None] | free.idle, 0.0, H)
+    K = A.T.dot(H).dot(A)
     if energy.energy == energy.energy:
         K = 0.5 * (K + K.T)
     K = without_noise(K, rows)
