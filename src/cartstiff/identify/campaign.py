@@ -14,7 +14,7 @@ from cartstiff.identify.checks import checked, contradictions, inflation_of
 from cartstiff.identify.fitting import Fit, fitted
 from cartstiff.identify.intervals import estimates
 from cartstiff.identify.least_squares import Noise
-from cartstiff.identify.linear_model import LinearModel, Model
+from cartstiff.identify.linear_model import BentModel, LinearModel, Model, small_loads
 from cartstiff.identify.measurements import Measurements
 from cartstiff.identify.notes import notes_of
 from cartstiff.identify.observations import base_rotation
@@ -151,7 +151,7 @@ def _fits(
     progress: Callable[[int, float], None] | None,
 ) -> tuple[Model, Fit, Robust]:  # fmt: skip
     """The plain and the robust fit."""
-    linear = LinearModel(unknowns, measured)
+    linear = small_loads(unknowns, measured)
     model: Model = linear
     start = None
     seen = linear.observations
@@ -159,9 +159,13 @@ def _fits(
     nuisance = nuisance_of(seen, measured, offsets).columns
     _check_count(len(seen), unknowns, nuisance.shape[1])
     if loaded:
+        if any(u.law for u in unknowns.parameters):
+            raise InputError("polynomial springs are found from small displacements",
+                             where="--loaded", expected="a fit without it")  # fmt: skip
         from cartstiff.identify.loaded_model import LoadedModel
 
-        model = LoadedModel(unknowns, measured, linear)
+        rigid = linear.linear if isinstance(linear, BentModel) else linear
+        model = LoadedModel(unknowns, measured, rigid)
         if linear.is_linear:  # where it costs nothing
             first = fitted(linear, unknowns, noise, nuisance=nuisance)
             known = first.solved.is_determined & (first.theta > _RIGID * unknowns.nominal)

@@ -101,7 +101,7 @@ def estimates(found: Solved, unknowns: Unknowns, level: float, inflation: float)
         centre = float(found.unbounded[p])
         low, high = centre - t * s, centre + t * s
         verdict: Verdict = "determined"
-        if unknown.pattern.is_diagonal:
+        if unknown.has_stiffness:
             if high < 0.0:
                 verdict = "negative"
             elif low <= 0.0:

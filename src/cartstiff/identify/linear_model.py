@@ -38,7 +38,7 @@ from cartstiff.stiffness.influence import influence
 # Of differences, in shares of a parameter's natural size.
 _STEP = numerics.WIDE_DIFFERENCE
 
-__all__ = ["LinearModel", "Model", "at_rest", "derivatives"]
+__all__ = ["BentModel", "LinearModel", "Model", "at_rest", "derivatives", "small_loads"]
 
 
 class Model(Protocol):
@@ -85,14 +85,22 @@ class LinearModel:
         What is sought; its mechanism is the one measured.
     measured : Measurements
         The rows.
+    laws_apart : bool
+        Whether joints of an open chain that have nonlinear springs are taken as rigid here.
     """
 
     unknowns: Unknowns
     measured: Measurements
+    laws_apart: bool = False
 
     @cached_property
     def _rest(self) -> ElasticMechanism:
-        return at_rest(self.unknowns.elements.elastic)
+        elastic = at_rest(self.unknowns.elements.elastic)
+        if self.laws_apart and isinstance(elastic.springs, JointSprings):
+            k = elastic.springs.stiffness.copy()
+            k[list(elastic.springs.laws)] = 1.0  # of no account: these are no elements
+            elastic = replace(elastic, springs=JointSprings(k, np.full(len(k), np.nan)))
+        return elastic
 
     @cached_property
     def _is_open(self) -> bool:
@@ -234,10 +242,112 @@ class LinearModel:
         return felt, np.einsum("mei,mi->me", F[place], seen.functional)
 
 
+@dataclass(frozen=True, eq=False)
+class BentModel:
+    """Small displacements of an open chain with nonlinear springs in some joints.
+
+    What each of them carries follows from the load alone, and with it its deflection x(t). A
+    coefficient c_m of ``t = c_1 x + c_2 x^2 + ...`` has ``dx/dc_m = -x^m / (dt/dx)``. The other
+    springs are those of the linear model.
+
+    Attributes
+    ----------
+    unknowns : Unknowns
+        What is sought.
+    measured : Measurements
+        The rows.
+    """
+
+    unknowns: Unknowns
+    measured: Measurements
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether all laws are known."""
+        return not any(u.law for u in self.unknowns.parameters)
+
+    @cached_property
+    def _own(self) -> list[int]:
+        """Parameters of the other springs."""
+        return [p for p, u in enumerate(self.unknowns.parameters) if u.law is None]
+
+    @cached_property
+    def linear(self) -> LinearModel:
+        """The model of the other springs, the nonlinear ones rigid."""
+        unknowns = self.unknowns
+        chosen = tuple(unknowns.parameters[p] for p in self._own)
+        own = Unknowns(unknowns.elements, chosen, unknowns.patterns[self._own], unknowns.known)
+        return LinearModel(own, self.measured, laws_apart=True)
+
+    @property
+    def observations(self) -> Observations:
+        """What was measured, number by number."""
+        return self.linear.observations
+
+    @property
+    def poses(self) -> Array:
+        """``T_F_M`` (N, 4, 4) of the rigid mechanism."""
+        return self.linear.poses
+
+    @cached_property
+    def _torques(self) -> tuple[Array, Array, Array]:
+        """Joint forces (m, n) with the load and without, and displacement per joint (m, n)."""
+        elastic, seen = self.unknowns.elements.elastic, self.observations
+        q, groups = self.linear._distinct
+        jacobians = np.array([elastic.mechanism.at(row).motion.jacobian for row in q])
+        J = jacobians[groups[seen.row]]
+        loaded, reference, _ = wrenches(self.measured, elastic, self.poses)
+        weight = np.zeros((len(q), J.shape[2]))
+        if elastic.gravity is not None:
+            weight = np.array([-elastic.mechanism.at(row).gravity(elastic.gravity).gradient
+                               for row in q])  # fmt: skip
+        own = weight[groups[seen.row]]
+        with_load = np.einsum("mij,mi->mj", J, loaded[seen.row]) + own
+        without = np.einsum("mij,mi->mj", J, reference[seen.row]) + own
+        without[seen.is_absolute] = 0.0  # a position differs from that of the rigid arm
+        return with_load, without, np.einsum("mij,mi->mj", J, seen.functional)
+
+    def at(self, theta: Array) -> tuple[Array, Array]:
+        """Predictions (m,) and derivatives (m, P).
+
+        Raises
+        ------
+        InputError
+            If a law never reaches what a row asks of it.
+        """
+        y, rates = self.linear.at(theta[self._own])
+        A = np.zeros((len(y), len(theta)))
+        A[:, self._own] = rates
+        with_load, without, moved = self._torques
+        sought = {u.law: p for p, u in enumerate(self.unknowns.parameters) if u.law is not None}
+        for j, law in self.unknowns.laws(theta).items():
+            for torque, sign in ((with_load[:, j], 1.0), (without[:, j], -1.0)):
+                each, back = np.unique(torque, return_inverse=True)  # one for a row's numbers
+                roots = [law.deflection_for(float(t)) for t in each]
+                x, k = np.array(roots)[back], np.array([law.at(v)[2] for v in roots])[back]
+                y = y + sign * moved[:, j] * x
+                for (joint, power), p in sought.items():
+                    if joint == j:
+                        by = theta[p] ** -2 if power == 1 else -1.0
+                        A[:, p] += sign * moved[:, j] * by * x**power / k
+        return y, A
+
+
+def small_loads(unknowns: Unknowns, measured: Measurements) -> LinearModel | BentModel:
+    """The model of small loads: with nonlinear springs in open chains, linear in all else."""
+    elastic = unknowns.elements.elastic
+    bent = isinstance(elastic.springs, JointSprings) and elastic.springs.laws
+    lines = any(isinstance(p, LineSprings) for p in elastic.potentials)
+    open_chain = isinstance(elastic.mechanism, Chain) and not elastic.mechanism.closures
+    if bent and open_chain and not lines:
+        return BentModel(unknowns, measured)
+    return LinearModel(unknowns, measured)
+
+
 def derivatives(seen_by: Array, felt: Array, patterns: Array | Sequence[Array]) -> Array:
     """``(F a)^T S (F W)`` (m, P) from forces (m, E) and patterns (P, E, E)."""
     columns = []
     for S in patterns:
         i, j = np.nonzero(S)
         columns.append((seen_by[:, i] * felt[:, j]) @ S[i, j])
-    return np.stack(columns, axis=1)
+    return np.stack(columns, axis=1) if columns else np.zeros((len(felt), 0))

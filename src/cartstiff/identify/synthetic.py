@@ -10,7 +10,7 @@ import numpy as np
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError
 from cartstiff.identify.columns import MEASURED, POSITION, TURN
-from cartstiff.identify.linear_model import LinearModel
+from cartstiff.identify.linear_model import LinearModel, Model, small_loads
 from cartstiff.identify.loaded_model import LoadedModel
 from cartstiff.identify.measurements import Measurements
 from cartstiff.identify.unknowns import unknowns_of
@@ -66,8 +66,9 @@ def simulated(
     spread = {name: np.full(N, s) for name, s in deviations.items()}
     blank = replace(settings, values=nothing, deviations=spread, session=())
     unknowns = unknowns_of(elastic, ("all",))
-    linear = LinearModel(unknowns, blank)
-    model = LoadedModel(unknowns, blank, linear) if loaded else linear
+    model: Model = small_loads(unknowns, blank)
+    if loaded:
+        model = LoadedModel(unknowns, blank, LinearModel(unknowns, blank))
     y, _ = model.at(unknowns.nominal)
     seen = model.observations
     sign = np.where(rng.random(N) < 0.5, -1.0, 1.0)

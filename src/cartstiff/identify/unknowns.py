@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
 from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import CompliancePattern, Elements
 from cartstiff.potentials.beams import Beam
-from cartstiff.potentials.springs import CoupledSprings
+from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.potentials.springs import CoupledSprings, JointSprings, PolynomialLaw, SpringLaw
 
 __all__ = ["Unknown", "Unknowns", "unknowns_of"]
 
@@ -37,6 +40,9 @@ class Unknown:
         Known compliance and its standard deviation.
     is_scale : bool
         Whether it multiplies a beam's own compliance, of which it is a share.
+    law : tuple of (int, int) or None
+        Of a polynomial spring: the joint's index, and the power of the deflection. The first power
+        has a compliance, as other springs do; the others are coefficients of the torque.
     """
 
     pattern: CompliancePattern
@@ -44,6 +50,7 @@ class Unknown:
     nominal: float
     prior: tuple[float, float] | None = None
     is_scale: bool = False
+    law: tuple[int, int] | None = None
 
     @property
     def name(self) -> str:
@@ -52,8 +59,11 @@ class Unknown:
 
     @property
     def has_stiffness(self) -> bool:
-        """Whether its inverse is a stiffness: not of entries of a matrix beside the diagonal."""
-        return self.pattern.is_diagonal
+        """Whether its inverse is a stiffness, so that it is not negative.
+
+        Not of entries of a matrix beside the diagonal, nor of a polynomial's higher coefficients.
+        """
+        return self.pattern.is_diagonal if self.law is None else self.law[1] == 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,14 +100,17 @@ class Unknowns:
     @property
     def is_bounded(self) -> Array:
         """Which cannot be negative (P,)."""
-        return np.array([u.pattern.is_diagonal for u in self.parameters], bool)
+        return np.array([u.has_stiffness for u in self.parameters], bool)
 
     @property
     def sizes(self) -> Array:
         """Natural size of each parameter (P,): what the mechanism's own compliances make it."""
         own = np.sqrt(np.diag(self.elements.compliance))
         both = np.multiply.outer(own, own)
-        return np.array([float((both[S != 0] / np.abs(S[S != 0])).max()) for S in self.patterns])
+        return np.array([
+            abs(u.nominal) if u.law else float((both[S != 0] / np.abs(S[S != 0])).max())
+            for u, S in zip(self.parameters, self.patterns, strict=True)
+        ])  # fmt: skip
 
     def compliance(self, theta: Array) -> Array:
         """Gamma (E, E)."""
@@ -106,7 +119,27 @@ class Unknowns:
     def mechanism(self, theta: Array) -> ElasticMechanism:
         """The mechanism with these compliances; those at zero are all but rigid."""
         floor = np.where(self.is_bounded, numerics.CLOSE * np.abs(self.nominal), -np.inf)
-        return self.elements.with_compliance(self.compliance(np.maximum(theta, floor)))
+        theta = np.maximum(theta, floor)
+        found = self.elements.with_compliance(self.compliance(theta))
+        if not any(u.law for u in self.parameters) or not isinstance(found.springs, JointSprings):
+            return found
+        springs = found.springs
+        k = np.where([j in springs.rigid for j in range(len(springs.rest))], np.inf,
+                     springs.stiffness)  # fmt: skip
+        rest = np.where(np.isinf(k), np.nan, springs.rest)
+        return replace(found, springs=JointSprings(k, rest, self.laws(theta)))
+
+    def laws(self, theta: Array) -> dict[int, SpringLaw]:
+        """Nonlinear springs by joint index, those that are sought with these coefficients."""
+        springs = self.elements.elastic.springs
+        found = dict(springs.laws) if isinstance(springs, JointSprings) else {}
+        for u, value in zip(self.parameters, theta.tolist(), strict=True):
+            if u.law is not None:
+                j, power = u.law
+                c = list(cast(PolynomialLaw, found[j]).coefficients)
+                c[power - 1] = 1.0 / value if power == 1 else value
+                found[j] = PolynomialLaw(tuple(c))
+        return found
 
 
 def unknowns_of(
@@ -126,6 +159,8 @@ def unknowns_of(
     sought : sequence of str
         Names of springs (joints, legs, lines), of links that give (their whole 6x6, or
         "LINK:diagonal"; a beam's share), or "joints", "links", "lines", "all". Default: "joints".
+        A joint with a polynomial in the file, sought by its own name only, gives one unknown for
+        each of its coefficients that is not zero.
     ties : sequence of sequences of str
         Springs that are equal.
     known : mapping of str to float, optional
@@ -155,7 +190,9 @@ def unknowns_of(
             continue
         group = next((g for g in tied if g[0] == name), (name,))
         prior = _prior(group, priors or {})
-        if name in elements.names:
+        if name in _polynomials(elastic):
+            parameters += _of_law(elastic, name, prior)
+        elif name in elements.names:
             i = elements.index(name)
             unit = elastic.units.spring(bool(elements.is_length[i]))
             start = float(np.mean([Gamma[elements.index(n), elements.index(n)] for n in group]))
@@ -177,6 +214,7 @@ def _expanded(elastic: ElasticMechanism, elements: Elements, sought: Sequence[st
     """Single springs and links, each once."""
     links = _links(elastic)
     own = [n for n in elements.names if not any(n in members for members in links.values())]
+    bent = _polynomials(elastic)
     lines = [n for n in own if n.startswith("line") and n not in elastic.names]
     joints = [n for n in own if n not in lines]
     found: list[str] = []
@@ -184,8 +222,8 @@ def _expanded(elastic: ElasticMechanism, elements: Elements, sought: Sequence[st
         more = {"joints": joints, "links": list(links), "lines": lines,
                 "all": [*joints, *links, *lines]}.get(word, [word])  # fmt: skip
         link = word.partition(":")[0]
-        if more == [word] and word not in elements.names and link not in links:
-            valid = (*_GROUPS, *joints, *lines, *links, *elements.names)
+        if more == [word] and word not in (*elements.names, *bent) and link not in links:
+            valid = (*_GROUPS, *joints, *bent, *lines, *links, *elements.names)
             raise UnknownNameError("spring", word, valid, where="--unknown")
         if not more:
             raise InputError(f"the mechanism has no {word}", where="--unknown",
@@ -193,6 +231,36 @@ def _expanded(elastic: ElasticMechanism, elements: Elements, sought: Sequence[st
         found += [name for name in more if name not in found]
     if not found:
         raise InputError("the mechanism has no spring to be found")
+    return found
+
+
+def _polynomials(elastic: ElasticMechanism) -> dict[str, tuple[int, PolynomialLaw]]:
+    """Joints with polynomial springs: their index and law by name."""
+    laws = elastic.springs.laws if isinstance(elastic.springs, JointSprings) else {}
+    return {elastic.names[j]: (j, f) for j, f in laws.items() if isinstance(f, PolynomialLaw)}
+
+
+def _of_law(
+    elastic: ElasticMechanism, name: str, prior: tuple[float, float] | None
+) -> list[Unknown]:
+    """Parameters of a polynomial spring: those of its coefficients that the file has."""
+    j, law = _polynomials(elastic)[name]
+    mechanism = elastic.mechanism
+    lines = any(isinstance(p, LineSprings) for p in elastic.potentials)
+    if not isinstance(mechanism, Chain) or mechanism.closures or lines:
+        raise InputError("a polynomial spring can be found in an open chain only",
+                         where="--unknown", got=name)  # fmt: skip
+    if not law.coefficients[0] > 0.0:
+        raise InputError("a polynomial spring that is sought needs a first coefficient",
+                         where=f"--unknown {name}", expected="above zero",
+                         got=law.coefficients[0])  # fmt: skip
+    unit = elastic.units.spring(mechanism.coordinates[j].is_length)
+    found = [Unknown(CompliancePattern(name, ()), unit, 1.0 / law.coefficients[0], prior,
+                     law=(j, 1))]  # fmt: skip
+    for power, c in enumerate(law.coefficients[1:], start=2):
+        if c != 0.0:
+            pattern = CompliancePattern(f"{name} x^{power}", ())
+            found.append(Unknown(pattern, f"{unit}^{power}", c, law=(j, power)))
     return found
 
 

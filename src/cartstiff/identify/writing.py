@@ -22,7 +22,7 @@ from cartstiff.loading.yaml_file import read_yaml
 from cartstiff.mechanisms.elements import CompliancePattern, Elements
 from cartstiff.mechanisms.identified import Identified
 from cartstiff.potentials.beams import Beam
-from cartstiff.potentials.springs import CoupledSprings
+from cartstiff.potentials.springs import CoupledSprings, JointSprings, PolynomialLaw
 
 if TYPE_CHECKING:
     from cartstiff.identify.result import Identification
@@ -44,7 +44,7 @@ def written_values(result: Identification) -> Array:
         if e.compliance is None or e.verdict == "negative":
             continue
         middle = 0.5 * sum(e.interval) if e.interval is not None else 0.0
-        bounded = e.unknown.pattern.is_diagonal
+        bounded = e.unknown.has_stiffness
         values[p] = e.compliance if e.compliance > 0.0 or not bounded else middle
     return values
 
@@ -57,7 +57,7 @@ def with_result(result: Identification, date: str | None = None, source: str = "
     elastic = result.unknowns.mechanism(values)
     known = [
         p for p, e in enumerate(result.estimates) if e.compliance is not None
-        and e.verdict != "negative"
+        and e.verdict != "negative" and e.unknown.law is None
     ]  # fmt: skip
     factor = np.ones(len(values))
     patterns = []
@@ -72,6 +72,7 @@ def with_result(result: Identification, date: str | None = None, source: str = "
         patterns.append(pattern)
     covariance = (result.covariance / np.multiply.outer(factor, factor))[np.ix_(known, known)]
     lost = [n for p, u in enumerate(result.unknowns.parameters) if p not in known
+            and (u.law is None or result.estimates[p].compliance is None)
             for n in u.name.split(" = ")]  # fmt: skip
     least = {
         e.name: e.stiffness_interval[0] for e in result.estimates
@@ -217,6 +218,11 @@ def _put_joints(holder: dict[str, Any], elastic: ElasticMechanism, prefix: str) 
     elements = Elements(elastic)
     springs = holder.setdefault("springs", {})
     virtual: frozenset[int] = getattr(elastic.mechanism, "virtual", frozenset())
+    laws = elastic.springs.laws if isinstance(elastic.springs, JointSprings) else {}
+    for j, law in laws.items():
+        entry = springs.get(elastic.names[j].removeprefix(prefix))
+        if isinstance(law, PolynomialLaw) and isinstance(entry, dict):
+            entry["polynomial"] = list(law.coefficients)
     for j, name in enumerate(elastic.names):
         short = name.removeprefix(prefix)
         if not name.startswith(prefix) or j in virtual or name not in elements.names:

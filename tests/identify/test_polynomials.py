@@ -1,0 +1,145 @@
+"""Polynomial springs as unknowns, against deflections by NumPy's roots and numerical Jacobians."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from tests.identify.campaigns import SPRINGS, arm, jacobian, load, table_of
+
+import cartstiff
+from cartstiff.cli.main import main
+from cartstiff.errors import InputError
+from cartstiff.identify.campaign import identify
+from cartstiff.identify.linear_model import BentModel
+from cartstiff.identify.table import read_measurements
+from cartstiff.identify.unknowns import unknowns_of
+
+TRUE = (2.5e4, 3.0e5, 4.0e8)
+# Jacobians by differences of poses; differences of predictions by the parameters.
+NUMERIC = 1e-7
+
+
+def _deflection(torque):
+    """Real root of the truth's polynomial that is nearest to zero."""
+    roots = np.roots([*TRUE[::-1], -torque])
+    real = roots.real[np.abs(roots.imag) < 1e-9]
+    return real[np.argmin(np.abs(real))]
+
+
+def _campaign(folder, seed, sd, rows=30, weight=None):
+    """An elbow arm whose second joint stiffens: its file with another law, and its table."""
+    path = arm("elbow", folder)
+    text = path.read_text("utf-8")
+    elastic = load(path)
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-1.2, 1.2, (rows, 6))
+    W = np.hstack([np.zeros((rows, 3)), rng.normal(size=(rows, 3)) * 150.0])
+    d = np.zeros((rows, 6))
+    for i in range(rows):
+        J = jacobian(elastic, q[i])
+        x = J.T @ W[i] / np.array(SPRINGS["elbow"])
+        x[1] = _deflection((J.T @ W[i])[1])
+        if weight is not None:  # what the arm's own weight does is there before the load
+            t = weight(elastic, q[i])[1]
+            x[1] = _deflection((J.T @ W[i])[1] + t) - _deflection(t)
+        d[i] = J @ x
+    text = text.replace("j2: {stiffness: 25000.0}", "j2: {polynomial: [2.0e4, 1.0e5, 2.0e8]}")
+    path.write_text(text, "utf-8")
+    return path, table_of(folder / "m.csv", q, W, d + sd * rng.normal(size=d.shape))
+
+
+def _weight(elastic, q):
+    """Torques of the arm's own weight by differences of its energy."""
+    heavy = elastic.with_gravity([0, 0, -9.81])
+
+    def energy(at):
+        return heavy.mechanism.at(at).gravity(heavy.gravity).energy
+
+    steps = 1e-5 * np.eye(6)
+    return -np.array([(energy(q + s) - energy(q - s)) / 2e-5 for s in steps])
+
+
+@pytest.mark.parametrize("own_weight", [False, True])
+def test_coefficients_come_back(own_weight, tmp_path):
+    path, table = _campaign(tmp_path, 3, 0.0, weight=_weight if own_weight else None)
+    if own_weight:
+        path.write_text(path.read_text("utf-8") + "gravity: [0, 0, -9.81]\n", "utf-8")
+    elastic = load(path)
+    result = identify(elastic, read_measurements(table, elastic), sought=("joints", "j2"))
+    found = {e.name: e for e in result.estimates}
+    assert [*found] == ["j1", "j3", "j4", "j5", "j6", "j2", "j2 x^2", "j2 x^3"]
+    assert found["j2"].stiffness == pytest.approx(TRUE[0], rel=1e-5)
+    assert found["j2 x^2"].compliance == pytest.approx(TRUE[1], rel=1e-4)
+    assert found["j2 x^3"].compliance == pytest.approx(TRUE[2], rel=1e-5)
+    assert found["j2 x^3"].unknown.unit == "N m/rad^3"
+    assert found["j4"].stiffness == pytest.approx(SPRINGS["elbow"][3], rel=1e-5)
+
+
+def test_derivatives_are_those_of_the_prediction(tmp_path):
+    path, table = _campaign(tmp_path, 3, 0.0)
+    elastic = load(path)
+    unknowns = unknowns_of(elastic, ("joints", "j2"))
+    model = BentModel(unknowns, read_measurements(table, elastic))
+    theta = unknowns.nominal
+    _, A = model.at(theta)
+    for p, size in enumerate(1e-5 * unknowns.sizes):
+        step = size * np.eye(len(theta))[p]
+        by_hand = (model.at(theta + step)[0] - model.at(theta - step)[0]) / (2 * size)
+        assert np.abs(A[:, p] - by_hand).max() <= NUMERIC * np.abs(by_hand).max()
+
+
+def test_most_intervals_hold_the_truth(tmp_path):
+    held = []
+    for seed in range(8):
+        path, table = _campaign(tmp_path, seed, 2e-5)
+        elastic = load(path)
+        result = identify(elastic, read_measurements(table, elastic), sought=("joints", "j2"))
+        for e in result.estimates[-3:]:
+            truth = dict(zip(("j2", "j2 x^2", "j2 x^3"), (1 / TRUE[0], *TRUE[1:]), strict=True))
+            held.append(e.interval[0] <= truth[e.name] <= e.interval[1])
+    assert np.mean(held) >= 0.83  # of 24
+
+
+def test_the_file_written_has_the_polynomial(tmp_path, capfd):
+    path, table = _campaign(tmp_path, 1, 1e-6)
+    arguments = ["identify", path, table, "--unknown", "joints", "--unknown", "j2"]
+    for more in ([], ["--json"]):
+        with pytest.raises(SystemExit) as exit_:
+            main([*map(str, arguments), *more, "-o", str(tmp_path / "found.yaml")])
+        out, err = capfd.readouterr()
+        assert exit_.value.code == 0, err
+        assert "coefficients of polynomials (j2, j2 x^2, j2 x^3)" in out
+    shown = {e["name"]: e for e in json.loads(out)["parameters"]}
+    assert shown["j2 x^3"]["stiffness"] is None
+    assert shown["j2 x^3"]["compliance"] == pytest.approx(TRUE[2], rel=0.02)
+    known = load(tmp_path / "found.yaml")
+    assert known.springs.laws[1].coefficients == pytest.approx(TRUE, rel=0.1)
+    assert known.identified.names == ("j1", "j3", "j4", "j5", "j6")
+    assert known.identified.undetermined == ()
+
+
+def test_refusals(tmp_path):
+    path, table = _campaign(tmp_path, 1, 1e-6)
+    elastic = load(path)
+    rows = read_measurements(table, elastic)
+    with pytest.raises(InputError, match="found from small displacements"):
+        identify(elastic, rows, sought=("j2",), loaded=True)
+    with pytest.raises(InputError, match="unknown spring"):
+        unknowns_of(elastic, ("joints",), known={"j2": 1e4})
+    text = path.read_text("utf-8").replace("[2.0e4, 1.0e5", "[0, 1.0e5")
+    (tmp_path / "flat.yaml").write_text(text, "utf-8")
+    with pytest.raises(InputError, match="needs a first coefficient"):
+        unknowns_of(load(tmp_path / "flat.yaml"), ("j2",))
+    loop = cartstiff.load("five-bar")
+    springs = {loop.names[0]: {"polynomial": [800.0, 0, 1e4]}}
+    (tmp_path / "loop.yaml").write_text(json.dumps({
+        "kind": "closed-chain", "frame": "tip", "actuated": ["left_motor", "right_motor"],
+        "model": str(cartstiff.loading.catalogue.bundled("five-bar").with_suffix(".urdf")),
+        "closures": [{"frames": ["tip", "right_tip"], "type": "point"}],
+        "q": dict(zip(loop.names, loop.q.tolist(), strict=True)), "springs": springs,
+    }))  # fmt: skip
+    bent = load(tmp_path / "loop.yaml")
+    with pytest.raises(InputError, match="in an open chain only"):
+        unknowns_of(bent, (bent.names[0],))
