@@ -26,7 +26,7 @@ def describe_map(answer: Mapping[str, Any], coordinates: Sequence[str]) -> str:
         f"{answer['mechanism']}: {answer['postures']} postures, body frame {answer['frame']!r}, "
         f"K^{answer['connection']}, characteristic length "
         f"{answer['characteristic_length']:.6g} {units['length']}",
-        f"{answer['file']}: {parts['total']} part(s), {parts['listed']} found there, "
+        f"{answer['file']}: {parts['total']} part(s), {parts['found']} found there, "
         f"{parts['computed']} computed",
         *_searched(answer.get("branches")),
         *_load(answer),
