@@ -7,13 +7,14 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from pydantic import BaseModel
 
 from cartstiff.analysis.sections import BY_BLOCK, BY_SOFT_BLOCK, UNITS, Analysis
 from cartstiff.arrays import plain
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["Notes", "numbers", "plain", "schema", "unit_of", "varying"]
+__all__ = ["Notes", "numbers", "plain", "schema", "section", "unit_of", "varying"]
 
 
 class Notes:
@@ -35,6 +36,14 @@ class Notes:
         except UndefinedError as error:
             self.add(error, what)
             return None
+
+
+def section(form: type[BaseModel], *sources: object) -> dict[str, Any]:
+    """The keys of a section, each from the first source that has an attribute of its name."""
+    return {
+        key: next(getattr(source, key) for source in sources if hasattr(source, key))
+        for key in form.model_fields
+    }
 
 
 @cache

@@ -6,7 +6,7 @@ why. `cartstiff.report.analysis` prints the same dict.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.analysis import asymmetry as asymmetries
+from cartstiff.analysis import sections
 from cartstiff.analysis.centres import centres
 from cartstiff.analysis.compliant_axes import (
     CompliantAxis,
@@ -37,8 +38,8 @@ from cartstiff.analysis.matrices import (
 )
 from cartstiff.analysis.metrics import characteristic_length, inertia_metric, length_metric, modes
 from cartstiff.analysis.normal_forms import decoupling_frame, normal_form
-from cartstiff.analysis.plain import Notes, plain
-from cartstiff.analysis.screws import Screw, eigenscrews
+from cartstiff.analysis.plain import Notes, plain, section
+from cartstiff.analysis.screws import eigenscrews
 from cartstiff.analysis.synthesis import realisability, realise
 from cartstiff.arrays import checked_matrix, checked_pose, checked_unit, checked_vector
 from cartstiff.errors import UndefinedError, UnknownNameError
@@ -178,8 +179,10 @@ def summarise(
     }
     result |= _of_stiffness(K, C, G["held"], scale.value, metric, springs, notes)
     minus = stiffness.get("A")
-    result["asymmetry"] = None if minus is None else _asymmetry(minus, W)
-    result["connections"] = None
+    result["asymmetry"] = result["connections"] = None
+    if minus is not None:
+        predicted = asymmetries.asymmetry(minus, W)
+        result["asymmetry"] = section(sections.Asymmetry, predicted)
     if name is not None:
         result["connections"] = asymmetries.compare_connections(
             stiffness, reference=name, length=scale.value, threshold=threshold
@@ -281,14 +284,6 @@ def _directions(
     return table
 
 
-def _axis(axis: CompliantAxis) -> dict[str, Any]:
-    return {"stiffness": axis.stiffness, **_screw(axis.screw)}
-
-
-def _screw(screw: Screw) -> dict[str, Any]:
-    return {"direction": screw.direction, "point": screw.point, "pitch": screw.pitch}
-
-
 #: Sections that only the stiffness matrix is read for.
 _OF_K_ALONE = (
     "centres", "normal_form", "decoupling_frame", "eigenscrews", "wrench_compliant_axes",
@@ -332,29 +327,16 @@ def _of_stiffness(
     realised = realise(K, length) if springs and judgement.passive else None
     return {
         "definiteness": None if numbers is None else numbers.definiteness,
-        "centres": {
-            "stiffness": points.stiffness,
-            "compliance": points.compliance,
-            "elasticity": points.elasticity,
-            "least_coupling": points.least_coupling,
-        },
+        "centres": section(sections.Centres, points),
         "normal_form": notes.attempt("normal form", normal_form, K),
         "decoupling_frame": notes.attempt("decoupling frame", decoupling_frame, K),
         "eigenscrews": {
-            "screws": [
-                {
-                    "eigenvalue": e.eigenvalue,
-                    **_screw(e.screw),
-                    "rotational_stiffness": e.rotational_stiffness,
-                    "translational_stiffness": e.translational_stiffness,
-                }
-                for e in screws.screws
-            ],
+            "screws": [section(sections.Eigenscrew, e, e.screw) for e in screws.screws],
             "complete": screws.complete,
             "complex_eigenvalues": [[z.real, z.imag] for z in screws.complex_eigenvalues],
         },
-        "wrench_compliant_axes": [_axis(a) for a in wrench_compliant_axes(K)],
-        "twist_compliant_axes": None if twists is None else [_axis(a) for a in twists],
+        "wrench_compliant_axes": _axes(wrench_compliant_axes(K)),
+        "twist_compliant_axes": None if twists is None else _axes(twists),
         "indices": None
         if numbers is None
         else {
@@ -371,6 +353,5 @@ def _of_stiffness(
     }
 
 
-def _asymmetry(matrix: ArrayLike, wrench: Array) -> dict[str, Any]:
-    a = asymmetries.asymmetry(matrix, wrench)
-    return {"size": a.size, "residual": a.residual, "agrees": a.agrees, "predicted": a.predicted}
+def _axes(axes: Sequence[CompliantAxis]) -> list[dict[str, Any]]:
+    return [section(sections.CompliantAxis, axis, axis.screw) for axis in axes]
