@@ -7,8 +7,8 @@ import pytest
 
 import cartstiff
 from cartstiff import numerics
-from cartstiff.numerics import inverses, small
-from cartstiff.stiffness import compute, posture
+from cartstiff.numerics import inverses, small, threads
+from cartstiff.stiffness import compute, posture, reduction
 
 WRENCH = np.array([3.0, -2.0, 1.0, 40.0, -25.0, 60.0])
 #: Relative to what the diagonal allows an entry to be: twelve digits are promised.
@@ -101,3 +101,38 @@ def test_numpy_without_its_inner_routines(monkeypatch):
     assert np.array_equal(again[[0, 2]], found[[0, 2]])
     assert np.isnan(again[1]).any()
     assert inverses.invert(stack[1]) is None
+
+
+def _threads():
+    return [library.get_num_threads() for library in threads._blas()]
+
+
+def test_one_thread_of_blas_in_the_reduction_of_many_coordinates(monkeypatch):
+    """Those of the process are as before once the last has come out, in whatever order."""
+    before, seen = _threads(), list[int]()
+    inner = reduction.reduce_any
+
+    def watched(*given):
+        seen.extend(_threads())
+        return inner(*given)
+
+    monkeypatch.setattr(reduction, "reduce_any", watched)
+    try:
+        for library in threads._blas():
+            library.set_num_threads(2)
+        usual = _threads()
+        compute.analyse(cartstiff.load("6-ups"))
+        assert set(seen) == {1}
+        assert _threads() == usual
+        first, second, few = (numerics.one_thread(rows) for rows in (45, 45, 6))
+        with few:
+            assert _threads() == usual
+        first.__enter__()
+        second.__enter__()
+        first.__exit__(None, None, None)
+        assert set(_threads()) == {1}
+        second.__exit__(None, None, None)
+        assert _threads() == usual
+    finally:
+        for library, count in zip(threads._blas(), before, strict=True):
+            library.set_num_threads(count)

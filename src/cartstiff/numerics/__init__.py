@@ -8,3 +8,4 @@ from cartstiff.numerics.inverses import *
 from cartstiff.numerics.policy import *
 from cartstiff.numerics.small import *
 from cartstiff.numerics.spectra import *
+from cartstiff.numerics.threads import *

@@ -86,7 +86,8 @@ def reduce_to(
             K = without_noise(K, rows)
             inner = K / rows / rows[:, None]
             return Reduction(force, K, np.zeros(0), values, m, n, free, np.diag(1 / rows), inner)
-    return reduce_any(output, energy, closure, rows, coordinate_lengths, force, what)
+    with numerics.one_thread(n):
+        return reduce_any(output, energy, closure, rows, coordinate_lengths, force, what)
 
 
 def scaled_values(posture: MechanismPosture) -> Array:
