@@ -9,6 +9,7 @@ import pytest
 from tools.screenshot import settled
 
 import cartstiff
+from cartstiff.geometry import se3
 from cartstiff.page.export import export_page
 from cartstiff.page.source import Source, Trajectory
 
@@ -17,7 +18,7 @@ LOAD = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -300.0])
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory) -> str:
-    """A loaded platform, five frames a coordinate."""
+    """A loaded platform five frames a coordinate."""
     path = tmp_path_factory.mktemp("pages") / "cubic.html"
     page = export_page(Source(cartstiff.load("cubic"), load=LOAD), frames=5)
     path.write_text(page, encoding="utf-8")
@@ -64,6 +65,64 @@ def test_the_same_numbers_offline(file, pages):
     page.keyboard.press("i")
     page.wait_for_selector("#report pre:has-text('Principal stiffness')")
     assert page.watch.requests == [file]
+    page.context.close()
+
+
+def test_a_file_that_computes_is_held_in_the_hand(tmp_path, pages):
+    """Any slider, load, springs, point and drag of the tool, without a server."""
+    arm = cartstiff.load("ur5")
+    path = tmp_path / "ur5.html"
+    path.write_text(export_page(Source(arm)), encoding="utf-8")
+    page = pages.open(path.as_uri(), offline=True)
+    assert "answered here, without a server" in page.inner_text("#left")
+    wishes = {"load": [1, 2, 3, 40, -50, 60], "load_axes": "inertial", "point": [0, 0, 0.1],
+              "stiffness": [2e4, 3e4, 2e4, 5e3, 5e3, 4e3], "connection": "K"}  # fmt: skip
+    page.evaluate("(wishes) => window.cartstiff.change(wishes)", wishes)
+    for index, key in ((1, "PageUp"), (4, "PageDown")):
+        page.focus(f"#slider-{index}")
+        page.keyboard.press(key)
+    page.keyboard.press("a")
+    page.keyboard.press("r")
+    settled(page)
+    found = result(page)
+    pinned = page.evaluate("() => window.cartstiff.pinned.q")
+    assert pinned[1] == pytest.approx(arm.q[1] + 0.1745, abs=1e-3)
+    expected = cartstiff.analyse(
+        arm.with_springs(wishes["stiffness"]), found["q"], wrench=wishes["load"],
+        load_at=wishes["point"], load_axes="world",
+    )  # fmt: skip
+    shown = np.array(page.evaluate("() => window.cartstiff.matrix('K')"))
+    there = expected.at(se3.pose(translation=wishes["point"])).matrices["K"]
+    assert np.abs(shown - there).max() < 1e-11 * np.abs(there).max()
+    # The tool's frame stands where the numbers say, and a sweep runs along any joint.
+    place = page.evaluate(
+        """() => {
+            const { viewer } = window.cartstiff.pane;
+            const root = viewer.scene_tree.find(["meshcat", "cartstiff"]).object.matrixWorld;
+            const M = viewer.scene_tree.find(["meshcat", "cartstiff", "M"]).object.matrixWorld;
+            return root.clone().invert().multiply(M).elements;
+        }"""
+    )
+    assert np.allclose(np.array(place).reshape(4, 4).T, expected.pose, atol=1e-6)
+    assert page.locator("#strip .plot .curve").count() == 3
+    # By numbers, as by hand: the joints follow.
+    page.keyboard.press("h")
+    settled(page)
+    page.click("summary:has-text('Tool')")
+    page.fill("input[aria-label='tool x m']", "0.5")
+    page.keyboard.press("Enter")
+    settled(page)
+    x = page.evaluate("() => window.cartstiff.numbers.position[0]")
+    assert x == pytest.approx(0.5, abs=1e-6)
+    # A straight arm is not answered, and nothing new is drawn.
+    before = result(page)
+    page.evaluate("() => window.cartstiff.move(2, 0)")
+    settled(page)
+    assert "what is shown is the last posture" in page.inner_text("#banner")
+    assert result(page) == before
+    page.evaluate("() => window.cartstiff.move(2, 1)")
+    settled(page)
+    assert not page.locator("#banner").is_visible()
     page.context.close()
 
 

@@ -170,6 +170,48 @@ def test_the_pictures_are_those_that_are_drawn(platform_page):
     assert all(isinstance(part, bytes) for part in others)
 
 
+def test_meshes_are_kept_on_a_fine_grid():
+    """The arrays of a link, from their steps, against those that a viewer gets."""
+    from cartstiff.page.picture import Picture
+
+    picture = Picture(cartstiff.load("ur5"))
+    result = cartstiff.analyse(cartstiff.load("ur5"))
+    picture.draw(result, State(q=result.q.tolist()))
+    key = ("set_object", "/meshcat/cartstiff/mechanism/joint 3/3 forearm_link", "")
+    packed = picture.everything_by_path()[key]
+    sent = umsgpack.unpackb(packed)["object"]["geometries"][0]["data"]
+    table, parts = compacted({0: (key, packed)}, [[0]])
+    (facts,), planes = table["meshes"], parts[1]
+    points, corners = facts["counts"]
+    assert len(planes) < 0.9 * len(packed) + 6 * points + 2 * corners
+
+    def summed(at: int, count: int, width: int) -> np.ndarray:
+        bytes_ = np.frombuffer(planes, np.uint8)[at : at + 4 * width * count]
+        steps = bytes_.reshape(4 * width, count).T.copy().view("<i4")
+        return np.cumsum(steps, axis=0)
+
+    positions = np.frombuffer(sent["attributes"]["position"]["array"].data, "<f4").reshape(-1, 3)
+    assert np.abs(summed(0, points, 3) * facts["grid"] - positions).max() <= 0.51 * facts["grid"]
+    assert facts["grid"] <= np.ptp(positions, axis=0).max() / 4096
+    index = np.frombuffer(sent["index"]["array"].data, "<u2")
+    assert np.array_equal(summed(12 * points, corners, 1)[:, 0], index)
+    assert facts["object"]["materials"] == umsgpack.unpackb(packed)["object"]["materials"]
+
+
+def test_the_file_of_an_arm_computes():
+    page = export_page(Source(cartstiff.load("ur5")))
+    data, _ = held(page)
+    assert "frames" not in data
+    assert len(page.encode()) < 1.5e6
+    rules = re.search(r'Content-Security-Policy" content="([^"]*)"', page)
+    assert rules is not None
+    assert "unsafe-eval" not in rules.group(1)
+    assert page == export_page(Source(cartstiff.load("ur5")))
+    again, _ = held(export_page(Source(cartstiff.load("five-bar"))))
+    assert again["why"] == "a closed chain is assembled posture by posture"
+    assert "frames" in again
+
+
 def test_states_of_pictures_are_whole():
     """Merged changes: what a viewer holds after each, deletions included."""
     pictures = Pictures()
@@ -221,7 +263,7 @@ def test_unused_commands_are_left_out_and_lists_renumbered():
     }
     lists = [[2, 0], [2]]
     table, parts = compacted(commands, lists)
-    assert table == {"paths": [], "transforms": [], "labels": []}
+    assert table == {"paths": [], "transforms": [], "labels": [], "meshes": []}
     assert parts == [b"", b"first", b"third"]
     assert lists == [[1, 0], [1]]
 

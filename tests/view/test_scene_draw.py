@@ -36,8 +36,8 @@ class Drawing:
         self.viewer.feed(self.window.take())
         return legend
 
-    def body(self, freedom: str, quantity: str = "stiffness", scale: str = "linear") -> str:
-        return f"{ROOT}/{freedom} ellipsoid/{quantity} {scale}/body"
+    def body(self, freedom: str, quantity: str = "stiffness") -> str:
+        return f"{ROOT}/{freedom} ellipsoid/{quantity}/body"
 
 
 def platform(wrench: Any = (3, -1, 2, 4, 5, 6)) -> Drawing:
@@ -94,11 +94,11 @@ def test_logarithmic_radii_are_as_the_legend_says():
         scale = facts["scale"]
         values = np.array(facts["eigenvalues"])
         expected = np.log10(values / scale["zero_at"]) * scale["length_per_decade"]
-        L = drawing.viewer.world(drawing.body(freedom, scale="log"))
+        L = drawing.viewer.world(drawing.body(freedom))
         np.testing.assert_allclose(np.linalg.norm(L[:3, :3], axis=0), expected, atol=ROUNDING)
         # Each axis runs through the centre, as long as the ellipsoid, and says its value.
         for i in range(3):
-            place = drawing.body(freedom, scale="log").replace("body", f"axis {i + 1}")
+            place = drawing.body(freedom).replace("body", f"axis {i + 1}")
             M = drawing.viewer.world(place)
             np.testing.assert_allclose(np.linalg.norm(M[:3, 0]), 2 * expected[i], atol=ROUNDING)
             np.testing.assert_allclose(M[:3, 3] + 0.5 * M[:3, 0], L[:3, 3], atol=ROUNDING)
@@ -141,10 +141,13 @@ def test_an_indefinite_matrix_has_no_ellipsoid():
     assert "indefinite: the smallest principal value is -511" in facts["reason"]
     viewer, body = drawing.viewer, drawing.body("rotation")
     assert not viewer.visible(body)
+    parts = [body.replace("body", f"axis {i}") for i in (1, 3)]
     negative, positive = (
-        viewer.places[body.replace("body", f"axis {i}")].object["materials"][0]["color"]
-        for i in (1, 3)
+        viewer.places[f"{part}/{sign}"].object["materials"][0]["color"]
+        for part, sign in zip(parts, ("minus", "plus"), strict=True)
     )
+    assert viewer.visible(f"{parts[0]}/minus")
+    assert not viewer.visible(f"{parts[0]}/plus")
     assert negative == 0xC8102E
     assert positive != negative
     assert viewer.text(body.replace("body", "value 1")) == "-511 N cm/rad"
@@ -157,7 +160,7 @@ def test_a_singular_matrix_is_a_disc_or_a_rod():
     assert facts["definiteness"] == "positive semidefinite"
     assert "singular: a principal value is zero; what is drawn is a disc" in facts["reason"]
     assert facts["radii"][0] == 0.0
-    body = drawing.body("rotation", scale="log")
+    body = drawing.body("rotation")
     assert drawing.viewer.visible(body)
     lengths = np.linalg.norm(drawing.viewer.world(body)[:3, :3], axis=0)
     assert 0 < lengths[0] < 0.2 * lengths[1]

@@ -23,6 +23,7 @@ from cartstiff.scene import (
     Linear,
     Logarithmic,
     RecordingWindow,
+    Root,
     add_ellipsoid,
     add_path,
     add_points,
@@ -84,7 +85,7 @@ def test_a_second_call_replaces_the_first(vis, window):
 
 
 def test_a_common_scale_compares(vis):
-    for kind in (Linear, Logarithmic):
+    for kind in (Linear, Root, Logarithmic):
         scale = kind.from_values([3.0, 4000.0], 0.2)
         one = add_ellipsoid(vis["a"], np.diag([1.0, 2, 3]), scale=scale)
         two = add_ellipsoid(vis["b"], np.diag([2.0, 4000, 3.5]), scale=scale)
@@ -250,10 +251,10 @@ def test_round_numbers(x):
 @given(st.lists(st.tuples(_sizes, st.floats(1e-8, 1), st.floats(1e-8, 1)), min_size=1, max_size=6))
 def test_whatever_comes_is_drawn_in_a_useful_size(series):
     """Over any history the largest value keeps near the target, and order is kept."""
-    linear, log = Linear(0.2), Logarithmic(0.2)
+    linear, root, log = Linear(0.2), Root(0.2), Logarithmic(0.2)
     for largest, a, b in series:
         values = np.array([largest * a * b, largest * a, largest])
-        for scale, low in ((linear, 0.05), (log, 0.1)):
+        for scale, low in ((linear, 0.05), (root, 0.05), (log, 0.1)):
             scale.fit(values)
             lengths = scale.length(values)
             assert low < lengths[2] < 0.4
@@ -262,7 +263,9 @@ def test_whatever_comes_is_drawn_in_a_useful_size(series):
         assert log.length(values)[0] > 0 or a * b < 1e-9
 
 
-@given(st.lists(_sizes, min_size=1, max_size=6), _sizes, st.sampled_from([Linear, Logarithmic]))
+@given(
+    st.lists(_sizes, min_size=1, max_size=6), _sizes, st.sampled_from([Linear, Root, Logarithmic])
+)
 def test_the_same_value_is_drawn_alike_whatever_was_drawn_before(history, reference, kind):
     fresh, used = kind(0.2), kind(0.2)
     for scale in (fresh, used):
@@ -289,7 +292,7 @@ def test_a_scale_keeps_to_what_it_refers_to():
 
 
 def test_scales_of_nothing():
-    for scale in (Linear(1.0), Logarithmic(1.0)):
+    for scale in (Linear(1.0), Root(1.0), Logarithmic(1.0)):
         scale.fit(np.zeros(3))
         assert scale.length(np.zeros(3)).tolist() == [0, 0, 0]
         assert None in scale.legend().values()

@@ -17,7 +17,7 @@ __all__ = ["command"]
 _EPILOG = """\b
 Examples:
   cartstiff export ur5 -o ur5.html
-  cartstiff export panda --load 0,0,0,0,0,-50 --frames 41 -o panda.html
+  cartstiff export delta --load 0,0,0,0,0,-50 --frames 41 -o delta.html
   cartstiff export ur5 --trajectory postures.csv -o path.html
 """
 
@@ -29,13 +29,14 @@ Examples:
     help="File to write.",
 )  # fmt: skip
 @click.option(
-    "--frames", type=click.IntRange(2, 201), default=25, show_default=True,
-    help="Postures along the sweep of each coordinate.",
+    "--frames", type=click.IntRange(2, 201),
+    help="A file that holds this many postures along each coordinate (closed chains: 25).",
 )  # fmt: skip
-def command(output: Path, frames: int, **texts: Any) -> None:
+def command(output: Path, frames: int | None, **texts: Any) -> None:
     """Write the page of `cartstiff view` as one HTML file that opens anywhere, without a network.
 
-    Its sliders move among postures computed beforehand: the posture given and a sweep of every
+    The file of an arm, or of a body on line legs, computes: any posture, load, springs and point.
+    Other files, and those asked for with --frames, hold the posture given and a sweep of every
     coordinate through it, or the postures of a trajectory.
     """
     source = source_from_options(**texts)

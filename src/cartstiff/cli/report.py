@@ -33,14 +33,14 @@ Examples:
 @option("-o", "--output", required=True, type=OutputFile("REPORT.html", ".html", ".htm"),
         help="File to write.")  # fmt: skip
 @click.option(
-    "--frames", type=click.IntRange(2, 101), default=13, show_default=True,
+    "--frames", type=click.IntRange(2, 101),
     help="Postures along each slider of the picture in 3D.",
 )  # fmt: skip
 @click.option("--map", "map_path", type=click.Path(path_type=Path), metavar="FILE",
               help="Also show a map that `cartstiff map` computed.")  # fmt: skip
 @click.option("--quantity", metavar="NAME", help="Quantity of --map; default its first.")
 def command(
-    request: MechanismRequest, applied: LoadRequest, output: Path, frames: int,
+    request: MechanismRequest, applied: LoadRequest, output: Path, frames: int | None,
     map_path: Path | None, quantity: str | None,
 ) -> None:  # fmt: skip
     """Write what an engineer sends on: how far the tip moves, which joint, where it is better.

@@ -231,7 +231,7 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
             stiffness["F"] = K_B - _turning(points, lengths, u, lines, mu)
     T = zeros(4, 4)
     T[:3, :3], T[:3, 3], T[3, 3] = R, p, 1.0
-    found.update(pose=T, wrench=W, energy=np.array([energy], object))
+    found.update(pose=T, wrench=W, energy=np.array([energy], object), tensions=t)
     found.update({f"stiffness_{name}": K for name, K in stiffness.items()})
     condition = add_compliances(found, stiffness, wanted, natural)
     verdict = larger(verdict, limited(condition, STIFFNESS_CONDITION**2))

@@ -1,7 +1,15 @@
-"""Running a program over NumPy arrays: one call per operation on a chunk that stays in cache."""
+"""Running a program without machine code: over NumPy arrays, and in a browser.
+
+Over arrays there is one call per operation on a chunk that stays in cache. As JavaScript it is one
+straight-line function: values that are read once stand where they are read, the order of every
+operation is kept, so that sums, products, quotients and roots are the same to the last bit. Sines
+and cosines are those of the browser.
+"""
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -10,7 +18,7 @@ import numpy as np
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.tape import Program
 
-__all__ = ["CHUNK", "PortableKernel"]
+__all__ = ["CHUNK", "HELPERS", "PortableKernel", "javascript"]
 
 #: Postures per chunk: long enough to hide the cost of a call, short enough for the cache.
 CHUNK = 768
@@ -128,3 +136,81 @@ class Workspace:
 def _choose(out: Array, yes: Array, no: Array, mask: Array) -> None:
     np.copyto(out, no)
     np.copyto(out, yes, where=mask)
+
+
+# -- as JavaScript -----------------------------------------------------------------------------
+
+#: What the functions need beside `Math`: the size of the first with the sign of the second.
+HELPERS = "const withSign=(x,y)=>y<0||Object.is(y,-0)?-Math.abs(x):Math.abs(x);"
+
+_WORDS = {
+    "add": "({}+{})", "sub": "({}-{})", "mul": "{}*{}", "div": "{}/{}", "neg": "(-{})",
+    "sqrt": "Math.sqrt({})", "abs": "Math.abs({})", "max": "Math.max({},{})",
+    "copysign": "withSign({},{})", "sin": "Math.sin({})", "cos": "Math.cos({})",
+    "pick": "({}<{}?{}:{})",
+}  # fmt: skip
+# Characters of an expression from which on it gets a name, so that none is nested too deeply.
+_LONGEST = 160
+
+
+def javascript(program: Program) -> tuple[str, dict[str, tuple[int, int]]]:
+    """Source of a function of (inputs, out), and where in `out` each output stands.
+
+    Parameters
+    ----------
+    program : Program
+        What it computes.
+
+    Returns
+    -------
+    source : str
+        ``(i,o)=>{...}``: `i` holds an array for each input by name, `o` is a Float64Array.
+    places : dict of str to (int, int)
+        Start and end of each output.
+    """
+    reads = [0] * len(program.operations)
+    for operation in program.operations:
+        if operation.name != "input":
+            for argument in operation.arguments:
+                reads[argument] += 1
+    places: dict[str, tuple[int, int]] = {}
+    written: dict[int, list[int]] = {}
+    end = 0
+    for name, steps in program.outputs.items():
+        places[name] = end, end + len(steps)
+        for step in steps:
+            written.setdefault(step, []).append(end)
+            reads[step] += 1
+            end += 1
+    lines: list[str] = []
+    texts: list[str] = []
+    arrays: dict[str, str] = {}
+    for step, (kind, arguments, value) in enumerate(program.operations):
+        if kind == "constant":
+            text = _number(value)
+        elif kind == "input":
+            array, index = program.inputs[arguments[0]]
+            text = f"{arrays.setdefault(array, f'a{len(arrays)}')}[{index}]"
+        else:
+            text = _WORDS[kind].format(*(texts[a] for a in arguments))
+            if kind in ("mul", "div"):
+                text = f"({text})"
+        if kind not in ("constant", "input") or len(text) > 6:
+            # A constant has no place of its own unless it is long and read often.
+            named = reads[step] > 1 if kind != "input" else reads[step] > 2
+            if named or len(text) > _LONGEST:
+                lines.append(f"const v{step}={text};")
+                text = f"v{step}"
+        texts.append(text)
+        lines += [f"o[{place}]={text};" for place in written.get(step, ())]
+    head = "".join(f"const {short}=i[{json.dumps(name)}];" for name, short in arrays.items())
+    return f"(i,o)=>{{{head}{''.join(lines)}}}", places
+
+
+def _number(value: float) -> str:
+    if math.isnan(value):
+        return "NaN"
+    if math.isinf(value):
+        return "Infinity" if value > 0 else "(-Infinity)"
+    text = repr(value).removesuffix(".0")
+    return f"({text})" if text.startswith("-") else text

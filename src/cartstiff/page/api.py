@@ -98,7 +98,7 @@ def show(
     wrench: ArrayLike | None = None,
     trajectory: ArrayLike | None = None,
     static: bool = False,
-    frames: int = 25,
+    frames: int | None = None,
     port: int = 0,
     open_browser: bool | None = None,
     height: int = 720,
@@ -116,10 +116,11 @@ def show(
     trajectory : array_like (N, n), optional
         Postures for the time slider.
     static : bool
-        An exported page with computed frames instead of a live one: for notebooks that are kept,
+        An exported page instead of a live one: for notebooks that are kept,
         or whose server runs on another machine.
-    frames : int
-        Pictures of an exported page: postures along the sweep of each coordinate.
+    frames : int, optional
+        Make an exported page of this many postures along the sweep of each coordinate. Default: one
+        that computes where it can (arms, bodies on line legs), else 25.
     port : int
         Port of a live page, on 127.0.0.1; 0 takes a free one.
     open_browser : bool, optional

@@ -1,6 +1,8 @@
-"""Commands of many frames in little room: transforms as single-precision numbers, labels as text.
+"""Commands of a picture in little room: transforms as single-precision numbers, labels as text.
 
-Only pictures lose digits (five are left); the page's numbers are never touched.
+Meshes are kept as steps between corners on a fine grid, byte planes one after the other.
+Only pictures lose digits (five are left of a transform, a grid of 1/4096 of a link's size of its
+mesh); the page's numbers are never touched.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cartstiff.errors import imported
 from cartstiff.page.recording import Key
@@ -21,6 +24,8 @@ _MATRIX = struct.Struct(">" + "Bd" * 16)
 _KEPT = [0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14]
 # Bits of a float32 that a picture of a thousand dots does not need.
 _MASK = np.uint32(0xFFFFFF80)
+# Halvings of a mesh's size that make its grid.
+_GRID = 12
 
 
 def compacted(
@@ -38,24 +43,27 @@ def compacted(
     Returns
     -------
     dict
-        "transforms": path of each; "labels": text, colours, size and path of each.
+        "transforms": path of each; "labels": text, colours, size and path of each; "meshes": path,
+        object without its arrays, counts and grid of each.
     list of bytes
-        The transforms' numbers, byte planes one after the other (they zip better so), and the
-        commands that are neither.
+        The transforms' numbers, byte planes one after the other (they zip better so), those of each
+        mesh, and the commands that are none of these.
     """
     lists = list(lists)
     used = sorted({number for numbers in lists for number in numbers})
-    transforms, labels, others = [], [], []
+    transforms, labels, meshes, others = [], [], [], []
     for number in used:
         (kind, path, _), packed = commands[number]
         if kind == "set_transform" and len(packed) > _MATRIX.size:
             transforms.append((path, number, _MATRIX.unpack(packed[-_MATRIX.size :])[1::2]))
         elif kind == "set_object" and (label := _label(packed, path)) is not None:
             labels.append((label, number))
+        elif kind == "set_object" and (mesh := _mesh(packed, path)) is not None:
+            meshes.append((mesh, number))
         else:
             others.append((packed, number))
     transforms.sort(key=lambda entry: entry[:2])
-    order = [n for _, n, _ in transforms] + [n for _, n in labels] + [n for _, n in others]
+    order = [n for _, n, _ in transforms] + [n for _, n in (*labels, *meshes, *others)]
     renamed = {number: i for i, number in enumerate(order)}
     for numbers in lists:
         numbers[:] = [renamed[number] for number in numbers]
@@ -66,8 +74,50 @@ def compacted(
         "paths": paths,
         "transforms": [paths.index(path) for path, _, _ in transforms],
         "labels": [label for label, _ in labels],
+        "meshes": [facts for (facts, _), _ in meshes],
     }
-    return table, [np.ascontiguousarray(single.T).tobytes(), *(packed for packed, _ in others)]
+    planes = np.ascontiguousarray(single.T).tobytes()
+    return table, [planes, *(data for (_, data), _ in meshes), *(packed for packed, _ in others)]
+
+
+def _mesh(packed: bytes, path: str) -> tuple[dict[str, Any], bytes] | None:
+    """A mesh's facts and its arrays as steps, if that is all an object is."""
+    if b"BufferGeometry" not in packed or b"index" not in packed or b"normal" not in packed:
+        return None
+    msgpack = imported("msgpack", "msgpack", "a picture in a page")
+    lowered = msgpack.unpackb(packed)["object"]
+    data = lowered["geometries"][0]["data"]
+    attributes = data["attributes"]
+    kinds = {"position": "<f4", "normal": "i1", "color": "u1"}
+    if not {"position", "normal"} <= set(attributes) <= set(kinds):
+        return None
+    arrays = {
+        name: np.frombuffer(attributes[name]["array"].data, kind).reshape(-1, 3)
+        for name, kind in kinds.items() if name in attributes
+    }  # fmt: skip
+    positions = arrays["position"]
+    if not len(positions):
+        return None
+    size = float(np.ptp(positions, axis=0).max()) or 1.0
+    grid = 2.0 ** (np.floor(np.log2(size)) - _GRID)
+    if np.abs(positions).max() >= grid * 2**30:
+        return None  # far from its own origin
+    index = data["index"]
+    corners = np.frombuffer(index["array"].data, "<u2" if "16" in index["type"] else "<u4")
+    del data["attributes"], data["index"]
+    parts = [
+        _steps(np.round(positions / grid), "<i4"), _steps(corners, "<i4"),
+        *(np.ascontiguousarray(arrays[n].T).tobytes() for n in ("normal", "color") if n in arrays),
+    ]  # fmt: skip
+    facts = {"path": path, "object": lowered, "counts": [len(positions), len(corners)],
+             "grid": grid, "coloured": "color" in arrays}  # fmt: skip
+    return facts, b"".join(parts)
+
+
+def _steps(values: NDArray[Any], kind: str) -> bytes:
+    """Differences along the first axis, as byte planes."""
+    steps = np.diff(values.astype(np.int64), axis=0, prepend=0).astype(kind)
+    return np.ascontiguousarray(steps.reshape(len(steps), -1).view(np.uint8).T).tobytes()
 
 
 def _label(packed: bytes, path: str) -> dict[str, Any] | None:

@@ -1,15 +1,14 @@
 """The page as one file that opens anywhere without a network.
 
-The file holds frames: the posture shown and a sweep of every coordinate through it, or the postures
-of a trajectory; for each the numbers under every connection, as the library gives them, and the
-commands that bring the picture there. Nothing in it depends on when or where it was made.
+The file of an arm or of a body on line legs computes: it holds their arithmetic as JavaScript
+(`cartstiff.page.living`). That of any other mechanism holds frames: the posture shown and a sweep
+of every coordinate through it, or the postures of a trajectory; for each the numbers under every
+connection, as the library gives them, and the commands that bring the picture there. Nothing in
+either depends on when or where it was made.
 """
 
 from __future__ import annotations
 
-import base64
-import gzip
-import hashlib
 import json
 from collections.abc import Generator
 from dataclasses import replace
@@ -18,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from cartstiff.analysis.posture import analyse_posture
-from cartstiff.errors import CartstiffError, InputError, printable
+from cartstiff.errors import CartstiffError, InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.matrix_names import LETTERS
@@ -26,7 +25,8 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.page.answer import Answer
 from cartstiff.page.compact import compacted
 from cartstiff.page.description import slider_coordinates, slider_ranges
-from cartstiff.page.files import page_html, page_script, page_style, viewer_script
+from cartstiff.page.files import page_document
+from cartstiff.page.living import tapes
 from cartstiff.page.payload import modes_part, payload
 from cartstiff.page.picture import Picture
 from cartstiff.page.recording import Key, Pictures, common_part, complete, in_order
@@ -41,6 +41,8 @@ __all__ = ["export_page", "export_steps"]
 
 #: Parts that an exported page can hide and show.
 _PARTS = ("translation", "rotation", "labels", "wrench")
+# Parts that a file which computes does not draw.
+_NOT_COMPUTED = ("deflection", "screws", "centres")
 # K+ is the transpose of K^A: all that is shown of it besides the matrix is that of K^A.
 _VARIANTS = [
     (quantity, name) for quantity in ("stiffness", "compliance") for name in LETTERS if name != "+"
@@ -49,10 +51,15 @@ _VARIANTS = [
 _COMMON = ("result", "has_compliance", "position", "angles", "singularity", "legs", "moved")
 _MATRICES = ("stiffness", "compliance")
 _MOST_FRAMES = 2_000
+_FRAMES = 25
 
 
 def export_page(
-    source: Source, *, frames: int = 25, state: State | None = None, picture: PictureMaker = Picture
+    source: Source,
+    *,
+    frames: int | None = None,
+    state: State | None = None,
+    picture: PictureMaker = Picture,
 ) -> str:
     """The page as HTML text.
 
@@ -60,8 +67,9 @@ def export_page(
     ----------
     source : Source
         What is shown; with a trajectory, its postures are the frames.
-    frames : int
-        Postures along the sweep of each coordinate.
+    frames : int, optional
+        Postures along the sweep of each coordinate; the file then holds these. Default: a file that
+        computes where it can, else 25.
     state : State, optional
         What is shown at first.
     picture : callable
@@ -85,7 +93,7 @@ def export_steps(
     source: Source,
     elastic: ElasticMechanism,
     state: State | None,
-    frames: int,
+    frames: int | None,
     *,
     picture: PictureMaker = Picture,
     number: int = 0,
@@ -102,43 +110,91 @@ def export_steps(
     shown = first.model_copy(update={"moved": None, "q": base.q.tolist()})
     # What is hidden at first can be shown.
     first = shown.model_copy(update=dict.fromkeys(_PARTS, True))
-    frames_of = _trajectory_frames if source.trajectory is not None else _sweep_frames
+    made: dict[str, Any] = {
+        "by": f"cartstiff {__version__}",
+        "state": shown.model_dump(exclude_defaults=True),
+    }
+    at = ", ".join(f"{x:.6g}" for x in base.q)
+    analysis = analyse_posture(
+        base, connection=first.connection, at=se3.pose(np.eye(3), first.point)
+    )
+    title = f"Analysis of K^{first.connection} in the posture of the file, q = {at}"
+    text = summary_text(analysis, elastic.units.as_dict(), "full")
+    script = ""
+    found = tapes(elastic, base) if frames is None else "it was made of frames"
+    if isinstance(found, str):
+        data, lists, pictures = yield from _framed(session, first, base, frames or _FRAMES)
+        data["why"] = found
+        made["frames"] = len(data["frames"])
+    else:
+        shown = shown.model_copy(update=dict.fromkeys(_NOT_COMPUTED, False) | {"mode": None})
+        data, lists, pictures = _computing(session, shown, base)
+        data["living"], script = found.data, found.script
+    data["hello"] = hello | {
+        "state": shown.model_dump(),
+        "bounds": session.picture.bounds(base),
+        "only_trajectory": source.trajectory is not None and not script,
+    }
+    data |= {"analysis": {"title": title, "text": text}, "made": made}
+    yield
+    data["commands"], binary = compacted(pictures.commands, lists)
+    packed = Answer(data, binary).pack()
+    whole = page_document(packed, f"{elastic.name} · cartstiff", script)
+    return Answer({"id": number, "do": "export", "name": f"{elastic.name}.html", "text": whole})
+
+
+_Parts = tuple[dict[str, Any], list[list[int]], Pictures]
+
+
+def _framed(
+    session: Session, first: State, base: PostureStiffness, frames: int
+) -> Generator[None, None, _Parts]:
+    """Frames and how to reach them; every list of commands, and the commands."""
+    frames_of = _sweep_frames if session.source.trajectory is None else _trajectory_frames
     results, sweeps, path = yield from frames_of(session, first, base, frames)
     if first.ghost is not None and (other := _reached(session, first, np.array(first.ghost), None)):
         results.append(other)  # the numbers of posture A
-
     recorder = _Recorder(session, first)
     records: list[dict[str, Any]] = []
     for result in results:
         records.append(recorder.record(result))
         yield
-    data = recorder.data(records)
-    data["hello"] = hello | {
-        "state": shown.model_dump(),
-        "bounds": records[0]["bounds"],
-        "only_trajectory": source.trajectory is not None,
-    }
-    data |= {"sweeps": sweeps, "path": path}
-    at = ", ".join(f"{x:.6g}" for x in base.q)
-    analysis = analyse_posture(
-        base, connection=first.connection, at=se3.pose(np.eye(3), first.point)
-    )
-    data["analysis"] = {
-        "title": f"Analysis of K^{first.connection} in the posture of the file, q = {at}",
-        "text": summary_text(analysis, elastic.units.as_dict(), "full"),
-    }
-    data["made"] = {
-        "by": f"cartstiff {__version__}",
-        "frames": len(results),
-        "state": shown.model_dump(exclude_defaults=True),
-    }
-    yield
+    data = recorder.data(records) | {"sweeps": sweeps, "path": path}
     lists = [data["start"], *data["themes"].values()]
     lists += [numbers for frame in records for numbers in frame["pictures"].values()]
-    data["commands"], binary = compacted(recorder.pictures.commands, lists)
-    packed = Answer(data, binary).pack()
-    text = _document(packed, f"{elastic.name} · cartstiff")
-    return Answer({"id": number, "do": "export", "name": f"{elastic.name}.html", "text": text})
+    return data, lists, recorder.pictures
+
+
+def _computing(session: Session, shown: State, base: PostureStiffness) -> _Parts:
+    """One picture in both themes with every part that another state needs."""
+    pictures, picture = Pictures(), session.picture
+    states: dict[str, dict[Key, int]] = {}
+    other = "light" if shown.theme == "dark" else "dark"
+    for theme in (shown.theme, other):
+        look = shown.model_copy(update={"theme": theme, "ghost": None})  # the file copies the links
+        kit = picture.kit(base, look)
+        pictures.merge(picture.changes_by_path() if states else picture.everything_by_path())
+        states[theme] = pictures.state()
+    here, there = states[shown.theme], states[other]
+    differing = {
+        key
+        for key, number in there.items()
+        if number != here.get(key) and (key[0] == "set_object" or key[2] not in ("", "visible"))
+    }
+    start = in_order(here, set(here))
+    themes = {theme: in_order(state, differing) for theme, state in states.items()}
+    legend = session.with_colour_bar(picture.draw(base, shown))
+    units, trajectory = session.elastic.units, session.source.trajectory
+    data = {
+        "start": start, "themes": themes, "kit": kit, "cloud": legend.get("cloud"),
+        "scene": {
+            "units": {"length": units.length, "force": units.force, "moment": units.moment},
+            "lines": [line for line in legend["lines"] if line["mark"] == "note"],
+            "notes": legend["notes"],
+        },
+        "trajectory": None if trajectory is None else trajectory.q.tolist(),
+    }  # fmt: skip
+    return data, [start, *themes.values()], pictures
 
 
 # -- postures ---------------------------------------------------------------------------------
@@ -311,40 +367,3 @@ def _shorten_axes(principal: dict[str, Any] | None) -> None:
     """Directions to six digits: they are shown to three."""
     for entry in (principal or {}).values():
         entry["axes"] = [[round(x, 6) for x in axis] for axis in entry["axes"]]
-
-
-# -- the file ---------------------------------------------------------------------------------
-
-
-def _document(packed: bytes, title: str) -> str:
-    script, viewer = page_script(), viewer_script().decode()
-    if "</script" in script:
-        raise ValueError("the page's script must not hold its own end")
-    policy = (
-        f"default-src 'none'; script-src {_hash(script)} {_hash(viewer)}; "
-        "style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'; form-action 'none'"
-    )
-    head = (
-        f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
-        f'<meta name="generator" content="cartstiff {__version__}">\n'
-        f"<style>\n{page_style()}</style>"
-    )
-    data = (
-        f'<script type="text/plain" id="viewer">{_zipped(viewer.encode())}</script>\n'
-        f'<script type="text/plain" id="frames">{_zipped(packed)}</script>\n'
-        f'<script type="module">{script}</script>'
-    )
-    page = page_html()
-    before, rest = page.split("<!-- assets -->")
-    _, after = rest.split("<!-- /assets -->")
-    whole = before + head + after.replace("<!-- data -->", data)
-    safe = printable(title).replace("&", "&amp;").replace("<", "&lt;")
-    return whole.replace("<title>cartstiff</title>", f"<title>{safe}</title>", 1)
-
-
-def _hash(script: str) -> str:
-    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
-
-
-def _zipped(data: bytes) -> str:
-    return base64.b64encode(gzip.compress(data, 9, mtime=0)).decode()

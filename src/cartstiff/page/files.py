@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
+import hashlib
 import re
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
-from cartstiff.errors import MissingDependencyError
+from cartstiff.errors import MissingDependencyError, printable
+from cartstiff.version import __version__
 
-__all__ = ["page_files", "page_html", "page_script", "page_style", "viewer_script"]
+__all__ = ["page_document", "page_files", "page_html", "page_script", "page_style",
+           "viewer_script"]  # fmt: skip
 
 _PAGE = Path(__file__).parent / "static"
 _KINDS = {
@@ -63,8 +68,8 @@ def page_files() -> dict[str, tuple[str, bytes]]:
 
 
 @cache
-def page_script() -> str:
-    """All modules of the page as one, each after those that it imports.
+def page_script(main: str = _MAIN) -> str:
+    """All modules that one of the page's needs as one, each after those that it imports.
 
     Modules import by name from "./x.js" and export declarations only, so that taking both words
     away and putting the files in order is all there is to do.
@@ -81,5 +86,42 @@ def page_script() -> str:
         del done[name]
         done[name] = _EXPORT.sub("", _IMPORT.sub("", text))
 
-    add(_MAIN)
+    add(main)
     return "\n".join(done.values())
+
+
+def page_document(packed: bytes, title: str, more: str = "") -> str:
+    """The page as one file: data that the script unpacks, and `more` script before the page's own.
+
+    The policy of the file allows these scripts and no others.
+    """
+    script, viewer = more + page_script(), viewer_script().decode()
+    if "</script" in script:
+        raise ValueError("the page's script must not hold its own end")
+    policy = (
+        f"default-src 'none'; script-src {_hash(script)} {_hash(viewer)}; "
+        "style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'; form-action 'none'"
+    )
+    head = (
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
+        f'<meta name="generator" content="cartstiff {__version__}">\n'
+        f"<style>\n{page_style()}</style>"
+    )
+    data = (
+        f'<script type="text/plain" id="viewer">{_zipped(viewer.encode())}</script>\n'
+        f'<script type="text/plain" id="frames">{_zipped(packed)}</script>\n'
+        f'<script type="module">{script}</script>'
+    )
+    before, rest = page_html().split("<!-- assets -->")
+    _, after = rest.split("<!-- /assets -->")
+    whole = before + head + after.replace("<!-- data -->", data)
+    safe = printable(title).replace("&", "&amp;").replace("<", "&lt;")
+    return whole.replace("<title>cartstiff</title>", f"<title>{safe}</title>", 1)
+
+
+def _hash(script: str) -> str:
+    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
+
+
+def _zipped(data: bytes) -> str:
+    return base64.b64encode(gzip.compress(data, 9, mtime=0)).decode()

@@ -48,7 +48,7 @@ def report_page(
     load_at: Sequence[float] = (0.0, 0.0, 0.0),
     load_axes: Literal["body", "world"] = "body",
     command: str = "",
-    frames: int = 13,
+    frames: int | None = None,
     sections: Sequence[tuple[str, str]] = (),
 ) -> str:
     """The report as HTML text that needs nothing else.
@@ -64,8 +64,8 @@ def report_page(
         The load, as in `cartstiff.analyse`.
     command : str
         What the report names as the command that made it.
-    frames : int
-        Postures along each slider of the picture in 3D.
+    frames : int, optional
+        Postures along each slider of the picture in 3D; default: one that computes where it can.
     sections : sequence of (title, HTML)
         What else it shows, after the sweep.
 
@@ -216,7 +216,7 @@ def _swept(
 
 def _picture(
     elastic: ElasticMechanism, result: PostureStiffness, wrench: ArrayLike | None, load_kind: Any,
-    load_at: Sequence[float], load_axes: str, frames: int,
+    load_at: Sequence[float], load_axes: str, frames: int | None,
 ) -> str:  # fmt: skip
     source = Source(
         elastic,

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
+from cartstiff.analysis.screws import Screw
 from cartstiff.errors import UndefinedError
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.page.legend import legend_lines
 from cartstiff.page.source import Cloud
 from cartstiff.page.state import State
 from cartstiff.scene.canvas import Node
@@ -40,16 +40,12 @@ class Picture:
                         float(found.frequencies[state.mode - 1]),
                         found.nodal_axes[state.mode - 1],
                     )
-        look = Look(
-            connection=state.connection, quantity=state.quantity, translation=state.translation,
-            rotation=state.rotation, scale=state.scale, axes=state.labels,
-            labels=state.labels, wrench=state.wrench,
-            deflection=state.deflection, screws=state.screws, centres=state.centres,
-            ghost=None if state.ghost is None else tuple(state.ghost), point=state.point,
-            theme=state.theme, nodal=nodal,
-        )  # fmt: skip
-        legend: dict[str, Any] = self._scene.draw(result, look)
-        return {"lines": legend_lines(legend), "notes": legend["notes"]}
+        legend: dict[str, Any] = self._scene.draw(result, _look(state, nodal))
+        return {"lines": _legend_lines(legend), "notes": legend["notes"]}
+
+    def kit(self, result: PostureStiffness, state: State) -> dict[str, Any]:
+        """Every part that another state needs is sent; what places them, see `Scene.kit`."""
+        return self._scene.kit(result, _look(state))
 
     def along(self, postures: Sequence[MechanismPosture]) -> list[list[bytes]]:
         """Commands that bring the mechanism from each posture to the next; no numbers change."""
@@ -86,3 +82,95 @@ class Picture:
         """Commands that make the whole picture; nothing is left to hand over."""
         self._window.take()
         return self._window.snapshot()
+
+
+def _look(state: State, nodal: tuple[int, float, Screw] | None = None) -> Look:
+    """What the picture of a state shows."""
+    return Look(
+        connection=state.connection, quantity=state.quantity, translation=state.translation,
+        rotation=state.rotation, scale=state.scale, axes=state.labels,
+        labels=state.labels, wrench=state.wrench,
+        deflection=state.deflection, screws=state.screws, centres=state.centres,
+        ghost=None if state.ghost is None else tuple(state.ghost), point=state.point,
+        theme=state.theme, nodal=nodal,
+    )  # fmt: skip
+
+
+# -- the legend in words ----------------------------------------------------------------------
+
+
+def _legend_lines(legend: Mapping[str, Any]) -> list[dict[str, str]]:
+    """Lines with a mark ("translation", "rotation", "force", ...) and a text.
+
+    Parameters
+    ----------
+    legend : mapping
+        From `Scene.draw`.
+    """
+    length = legend["length"]["unit"]
+    lines = []
+    for freedom, facts in legend["ellipsoids"].items():
+        if facts is None:
+            continue
+        words = (
+            _radius(facts["scale"], facts["unit"], length)
+            if facts["shown"]
+            else f"not drawn: {facts['reason']}"
+        )
+        if facts["shown"] and facts["reason"]:
+            words += f"; {facts['reason']}"
+        lines.append({"mark": freedom, "text": f"{freedom}: {words}"})
+    wrench = legend["wrench"]
+    if wrench is not None:
+        scales = [
+            f"{kind} {_few(per)} {wrench['units'][kind]} per {length}"
+            for kind in ("force", "moment")
+            if wrench[kind] and (per := wrench["scale"][kind]["value_per_length"])
+        ]
+        if scales:
+            lines.append({"mark": "force", "text": f"arrows: {', '.join(scales)}"})
+    moved = legend["deflection"]
+    if moved is not None:
+        if moved["shown"]:
+            at = ", ".join(_few(x) for x in moved["acts_at"])
+            place = f"at ({at}) {length} of M" if any(moved["acts_at"]) else "at the origin of M"
+            text = (
+                f"deflection enlarged {_few(moved['exaggeration'])} times, under the load {place}"
+            )
+        else:
+            text = f"deflection: {moved['reason']}"
+        lines.append({"mark": "deflection", "text": text})
+    tension = legend["tension"]
+    if tension is not None and tension.get("limits", [0, 0])[1]:
+        low, high = tension["limits"]
+        text = f"legs: blue {_few(low)} to orange {_few(high)} {tension['unit']}"
+        lines.append({"mark": "tension", "text": text})
+    for name, words in (("screws", "eigenscrews"), ("centres", "centres")):
+        facts = legend[name]
+        if isinstance(facts, Mapping) and facts.get("shown") is False:
+            lines.append({"mark": name, "text": f"{words} not drawn: {facts['reason']}"})
+    if (nodal := legend.get("nodal")) is not None:
+        text = f"{nodal['name']}, {_few(nodal['value'])} Hz"
+        if nodal["shown"]:
+            text += f", pitch {_few(nodal['pitch'])} {length}"
+        else:
+            text += f" not drawn: {nodal['reason']}"
+        lines.append({"mark": "nodal", "text": text})
+    lines += [{"mark": "note", "text": str(note)} for note in legend["notes"]]
+    return lines
+
+
+def _radius(scale: Mapping[str, Any], unit: str, length: str) -> str:
+    if scale["kind"] == "linear":
+        return f"radius {_few(scale['value_per_length'])} {unit} per {length}"
+    if scale["kind"] == "root":
+        return f"radius 1 {length} for {_few(scale['value_per_length'])} {unit}, by square roots"
+    return (
+        f"radius 0 at {_few(scale['zero_at'])} {unit}, and "
+        f"{_few(scale['length_per_decade'])} {length} for each factor of 10 (rings)"
+    )
+
+
+def _few(x: float | None) -> str:
+    text = "–" if x is None else f"{x:.3g}"
+    return text.replace("e+0", "e").replace("e-0", "e-").replace("e+", "e")

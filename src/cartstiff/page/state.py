@@ -104,7 +104,7 @@ class State(_Strict):
     theme: Literal["light", "dark"] = "light"
     translation: bool = True
     rotation: bool = True
-    scale: Literal["log", "linear"] = "log"
+    scale: Literal["root", "linear", "log"] = "root"
     labels: bool = True
     wrench: bool = True
     deflection: bool = False
@@ -188,7 +188,7 @@ class Export(_Asked):
     """The page at this state as one file."""
 
     do: Literal["export"]
-    frames: int = Field(default=25, ge=2, le=101)
+    frames: Annotated[int, Field(ge=2, le=101)] | None = None
 
 
 class Frame(_Asked):

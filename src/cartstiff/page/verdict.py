@@ -10,7 +10,7 @@ from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.stiffness.compute import PostureStiffness
 
-__all__ = ["Level", "asymmetry", "verdict"]
+__all__ = ["DEFINITE", "NEAR", "Level", "asymmetry", "verdict"]
 
 Level = Literal["good", "warning", "bad"]
 
@@ -27,14 +27,14 @@ _NO_MATRIX: tuple[tuple[str, Level, str], ...] = (
     ("idle-self-motion", "bad", "A self-motion costs no energy, yet moves the end-effector"),
     ("deficient", "warning", "Fewer than six free motions: only the compliance exists"),
 )
-_NEAR: tuple[tuple[str, Level, str], ...] = (
+NEAR: tuple[tuple[str, Level, str], ...] = (
     ("type-2-singularity", "bad", "Singular posture: the actuators do not hold the body"),
     ("singular-stiffness", "warning", "Singular stiffness: one motion costs nothing"),
     ("near-serial-singularity", "warning", "Near a singularity: one motion is almost impossible"),
     ("near-type-2-singularity", "warning", "Near a singularity: one direction is hardly held"),
     ("slack", "warning", "Slack cables carry nothing"),
 )
-_DEFINITE: dict[str, tuple[Level, str]] = {
+DEFINITE: dict[str, tuple[Level, str]] = {
     "positive": ("good", "Positive definite: every motion is resisted"),
     "positive semidefinite": ("warning", "Positive semidefinite: some motion costs nothing"),
     "indefinite": ("bad", "Indefinite: along some motion the load pushes further away"),
@@ -79,14 +79,14 @@ def verdict(
                 return {"level": level, "title": title, "code": code}
         if connection == "F" and (reason := notes.get("no-chart")):
             return {"level": "warning", "title": f"No K^F: {reason}", "code": "no-chart"}
-        for code, level, title in _NEAR:
+        for code, level, title in NEAR:
             if code in notes:
                 return {"level": level, "title": title, "code": code}
         return {"level": "bad", "title": "The matrix does not exist here", "code": None}
-    level, title = _DEFINITE[definiteness or "zero"]
+    level, title = DEFINITE[definiteness or "zero"]
     if level == "bad":
         return {"level": level, "title": title, "code": definiteness}
-    for code, near, words in _NEAR:
+    for code, near, words in NEAR:
         if code in notes:
             return {"level": near, "title": words, "code": code}
     return {"level": level, "title": title, "code": None if level == "good" else definiteness}

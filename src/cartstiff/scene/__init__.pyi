@@ -7,6 +7,7 @@ from .points import add_path as add_path
 from .points import add_points as add_points
 from .scales import Linear as Linear
 from .scales import Logarithmic as Logarithmic
+from .scales import Root as Root
 from .scene import Scene as Scene
 from .screws import add_screw as add_screw
 from .window import RecordingWindow as RecordingWindow

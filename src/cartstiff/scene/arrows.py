@@ -20,6 +20,10 @@ from cartstiff.scene.scales import Linear, round_number
 __all__ = ["Arrow", "DeflectionPicture", "WrenchPicture", "add_wrench"]
 
 
+#: Length of an arrow, about, over the size of the mechanism.
+LONGEST_ARROW = 0.22
+
+
 class Arrow:
     """A vector at a point, with its size written at the tip."""
 
@@ -43,9 +47,7 @@ class Arrow:
             self.hide()
             return 0.0
         body = self._node["arrow"]
-        if not self._made:
-            self._made = True
-            (shapes.turning_arrow if self._turning else shapes.arrow)(body, self._colour)
+        self.make()
         T = np.eye(4)
         T[:3, :3] = shapes.rotation_to(vector) * length
         T[:3, 3] = point
@@ -57,6 +59,13 @@ class Arrow:
             self._label.hide()
         return length
 
+    def make(self) -> None:
+        """Send its parts, once."""
+        if not self._made:
+            self._made = True
+            made = shapes.turning_arrow if self._turning else shapes.arrow
+            made(self._node["arrow"], self._colour)
+
     def hide(self) -> None:
         """Show nothing."""
         if self._made:
@@ -67,8 +76,14 @@ class WrenchPicture:
     """Force and moment at a point."""
 
     def __init__(self, node: Node, size: float, look: theme.Theme) -> None:
-        self._force = Arrow(node["force"], look.load, Linear(0.22 * size), look)
-        self._moment = Arrow(node["moment"], look.load, Linear(0.22 * size), look, turning=True)
+        target = LONGEST_ARROW * size
+        self._force = Arrow(node["force"], look.load, Linear(target), look)
+        self._moment = Arrow(node["moment"], look.load, Linear(target), look, turning=True)
+
+    def make(self) -> None:
+        """Send both arrows, once."""
+        self._force.make()
+        self._moment.make()
 
     def draw(
         self, wrench: Array, T: Array, force: str, moment: str, labels: bool = True
@@ -125,7 +140,7 @@ class DeflectionPicture:
 
     def _factor(self, twist: Array) -> float:
         """A round factor that makes the motion visible and keeps it in the picture."""
-        along = float(np.linalg.norm(twist[3:])) / (0.22 * self._size)
+        along = float(np.linalg.norm(twist[3:])) / (LONGEST_ARROW * self._size)
         turn = float(np.linalg.norm(twist[:3])) / 0.6
         largest = max(along, turn)
         if not 0.0 < largest < np.inf:

@@ -22,12 +22,16 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.scene import objects, shapes, theme
 from cartstiff.scene.canvas import Node
 from cartstiff.scene.labels import Label, number
-from cartstiff.scene.scales import Linear, Logarithmic, Scale
+from cartstiff.scene.scales import SCALES, Logarithmic, Scale
 
 __all__ = ["EllipsoidPicture", "add_ellipsoid"]
 
+# Decades that have a ring.
+MOST_RINGS = 6
 # Half the thickness of a disc or a rod, over the size of the mechanism.
 _THICKNESS = 0.006
+# That of an ellipsoid whose short axis would be less.
+FLAT = 1e-4
 _FLAT = {
     1: "singular: a principal value is zero; what is drawn is a disc",
     2: "singular: two principal values are zero; what is drawn is a rod",
@@ -44,8 +48,8 @@ class EllipsoidPicture:
         Where it is drawn.
     colour : int
         0xRRGGBB.
-    scale : Linear or Logarithmic
-        From values to lengths.
+    scale : Linear, Root or Logarithmic
+        From values to lengths; may be another for the next picture.
     size : float
         Size of the mechanism: how thick its axes are.
     look : Theme
@@ -63,7 +67,7 @@ class EllipsoidPicture:
         self._body = node["body"]
         self._axes = [node[f"axis {i + 1}"] for i in range(3)]
         self._labels = [Label(node[f"value {i + 1}"], look, colour) for i in range(3)]
-        self._negative: list[bool | None] = [None] * 3
+        self._rings = [node[f"ring {i + 1}"] for i in range(MOST_RINGS)]
         self._made = False
 
     def draw(
@@ -75,14 +79,7 @@ class EllipsoidPicture:
         solid = flat or shape.definiteness == "positive"
         self.scale.fit(values)
         lengths = self.scale.length(values)
-        if not self._made:
-            self._made = True
-            # Drawn from both sides, so that it is seen from within a link as well.
-            self._body.set_object(
-                objects.solid(
-                    objects.sphere(fine=True), self._colour, theme.ELLIPSOID_OPACITY, shininess=60
-                )
-            )
+        self.make()
         # In plain numbers from here: arrays of three take longer.
         columns = (T[:3, :3] @ shape.axes).T.tolist()
         centre, radii, principal = T[:3, 3].tolist(), lengths.tolist(), values.tolist()
@@ -90,7 +87,7 @@ class EllipsoidPicture:
         self._body.show(solid)
         if solid:
             # A flat side still is a surface to look at.
-            thickness = (_THICKNESS if flat else 1e-4) * self._size
+            thickness = (_THICKNESS if flat else FLAT) * self._size
             x, y, z = (
                 _along(column, max(radius, thickness))
                 for column, radius in zip(columns, radii, strict=True)
@@ -98,6 +95,8 @@ class EllipsoidPicture:
             self._body.set_columns(x, y, z, centre)
         for i, (radius, value) in enumerate(zip(radii, principal, strict=True)):
             self._axis(i, columns, radius, value < 0.0, centre, axes)
+        self._draw_rings(columns, centre, max(radii) if solid else 0.0)
+        for i, (radius, value) in enumerate(zip(radii, principal, strict=True)):
             if labels and axes and radius > 0.0:
                 end = _along(columns[i], self._side * 1.08 * radius, centre)
                 self._labels[i].show(number(value, unit), end)
@@ -124,19 +123,43 @@ class EllipsoidPicture:
         node.show(shown)
         if not shown:
             return
-        if negative != self._negative[i]:
-            self._negative[i] = negative
-            radius = 0.0035 * self._size
-            # From one end of the axis to the other.
-            node.set_object(
-                shapes.dashed_rod(1.3 * radius, theme.NEGATIVE)
-                if negative
-                else shapes.rod(radius, _darker(self._colour))
-            )
+        node["plus"].show(not negative)
+        node["minus"].show(negative)
         node.set_columns(
             _along(columns[i], 2.0 * length), columns[i - 2], columns[i - 1],
             _along(columns[i], -length, centre),
         )  # fmt: skip
+
+    def make(self) -> None:
+        """Send every part that any matrix needs, once."""
+        if self._made:
+            return
+        self._made = True
+        # Drawn from both sides, so that it is seen from within a link as well.
+        ball = objects.sphere(fine=True)
+        self._body.set_object(
+            objects.solid(ball, self._colour, theme.ELLIPSOID_OPACITY, shininess=60)
+        )
+        radius = 0.0035 * self._size
+        for node in self._axes:  # from one end of the axis to the other
+            node["plus"].set_object(shapes.rod(radius, _darker(self._colour)))
+            node["minus"].set_object(shapes.dashed_rod(1.3 * radius, theme.NEGATIVE))
+            node["minus"].show(False)
+        turn = np.linspace(0.0, 2.0 * np.pi, 97)
+        circle = np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1)
+        for ring in self._rings:
+            ring.set_object(objects.lines(circle, _darker(self._colour), 0.7, joined=True))
+            ring.show(False)
+
+    def _draw_rings(self, columns: list[list[float]], centre: list[float], largest: float) -> None:
+        """Where a logarithmic scale has another factor of ten, across the softest axis."""
+        step = self.scale.per_decade if isinstance(self.scale, Logarithmic) else 0.0
+        for i, ring in enumerate(self._rings):
+            radius = (i + 1) * step
+            ring.show(0.0 < radius < largest)
+            if 0.0 < radius < largest:
+                x, y, z = (_along(columns[k], radius) for k in (1, 2, 0))
+                ring.set_columns(x, y, z, centre)
 
     def hide(self) -> None:
         """Show nothing."""
@@ -174,7 +197,7 @@ def add_ellipsoid(
     *,
     freedom: Freedom = "translation",
     size: float = 0.3,
-    scale: Literal["log", "linear"] | Scale = "linear",
+    scale: Literal["root", "linear", "log"] | Scale = "linear",
     unit: str = "",
     colour: int | None = None,
     labels: bool = True,
@@ -195,8 +218,8 @@ def add_ellipsoid(
         Block of a 6x6 matrix, and the default colour.
     size : float
         Length that the largest principal value is drawn with, about, in units of the scene.
-    scale : "linear", "log", Linear or Logarithmic
-        From values to lengths. One made by `Linear.from_values` or `Logarithmic.from_values`
+    scale : "linear", "root", "log", or a scale
+        From values to lengths. One made by `from_values` of `Linear`, `Root` or `Logarithmic`
         serves several ellipsoids, which can then be compared; `size` then plays no part but for
         the thickness of the axes.
     unit : str
@@ -230,9 +253,9 @@ def add_ellipsoid(
         raise InputError("size cannot be used", expected="a positive length", got=size)
     shape = ellipsoid(M)
     if isinstance(scale, str):
-        if scale not in ("linear", "log"):
-            raise InputError("unknown scale", expected="linear, log", got=scale)
-        scale = Linear(size) if scale == "linear" else Logarithmic(size)
+        if scale not in SCALES:
+            raise InputError("unknown scale", expected=", ".join(SCALES), got=scale)
+        scale = SCALES[scale](size)
     default = theme.TRANSLATION if freedom == "translation" else theme.ROTATION
     look = theme.DARK if dark else theme.LIGHT
     node = node["ellipsoid"]

@@ -23,7 +23,7 @@ __all__ = ["Label", "number", "text_png"]
 
 #: Height of a letter's box in dots, and of a label on the screen at unit distance.
 _DOTS = 30
-_HEIGHT = 0.023
+HEIGHT = 0.023
 _MARGIN = 6
 
 
@@ -114,7 +114,7 @@ class Label:
         self.node = node
         self._letters = theme.text if colour is None else theme.tinted(colour)
         self._paper = theme.paper
-        self._height = _HEIGHT / node.enlarged
+        self._height = HEIGHT / node.enlarged
         self._text: str | None = None
 
     def show(self, text: str, point: Iterable[float]) -> None:

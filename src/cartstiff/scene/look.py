@@ -8,6 +8,7 @@ from typing import Literal
 from cartstiff.analysis.screws import Screw
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.matrix_names import LETTERS
+from cartstiff.scene.scales import SCALES
 from cartstiff.scene.theme import THEMES
 
 __all__ = ["Look"]
@@ -29,8 +30,9 @@ class Look:
     others : {"block", "held", "free"}
         What the other three freedoms do, see `cartstiff.analysis.ellipsoids`. The block of the
         matrix itself is "held" for a stiffness and "free" for a compliance.
-    scale : {"log", "linear"}
-        From principal values to lengths; the legend states it.
+    scale : {"root", "linear", "log"}
+        From principal values to lengths: their square roots, themselves, or their logarithms; the
+        legend states it.
     axes, labels : bool
         Principal axes, and their values.
     wrench : bool
@@ -63,7 +65,7 @@ class Look:
     translation: bool = True
     rotation: bool = True
     others: Literal["block", "held", "free"] = "block"
-    scale: Literal["log", "linear"] = "log"
+    scale: Literal["root", "linear", "log"] = "root"
     axes: bool = True
     labels: bool = True
     wrench: bool = True
@@ -86,7 +88,7 @@ class Look:
             ("connection", self.connection, LETTERS),
             ("quantity", self.quantity, ("stiffness", "compliance")),
             ("condition of the other freedoms", self.others, ("block", "held", "free")),
-            ("scale", self.scale, ("log", "linear")),
+            ("scale", self.scale, tuple(SCALES)),
             ("theme", self.theme, tuple(THEMES)),
         ):
             if value not in known:

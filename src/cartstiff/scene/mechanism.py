@@ -114,6 +114,11 @@ class MechanismPicture:
             return np.zeros((0, 3))
         return self._chain.corners(posture)
 
+    def facts(self) -> dict[str, Any]:
+        """What a viewer needs that moves the picture itself."""
+        part = self._chain or self._platform
+        return {} if part is None else part.facts()
+
     def draw(self, result: PostureStiffness) -> dict[str, Any] | None:
         """Move to a result's posture and colour lines by their tension; returns what colours mean.
 

@@ -36,6 +36,11 @@ class LinesPicture:
         Its colour.
     ghost : bool
         Translucent and in one colour.
+
+    Attributes
+    ----------
+    telescope : float or None
+        As given.
     """
 
     def __init__(
@@ -49,7 +54,7 @@ class LinesPicture:
         tube: int = theme.LIGHT.joint,
         ghost: bool = False,
     ) -> None:
-        self._telescope = telescope
+        self.telescope = telescope
         self._radius = radius
         self._cables = cables
         colour = theme.GHOST if ghost else 0xFFFFFF
@@ -68,9 +73,9 @@ class LinesPicture:
         for line, start, end in zip(self._lines, starts, ends, strict=True):
             M = shapes.segment(start, end)
             line["rod"].set_transform(M)
-            if self._telescope is not None:
+            if self.telescope is not None:
                 length = float(np.sqrt(M[:3, 0] @ M[:3, 0]))
-                M[:3, 0] *= min(1.0, self._telescope / length)
+                M[:3, 0] *= min(1.0, self.telescope / length)
                 line["tube"].set_transform(M)
 
     def carry(self, springs: LineSprings, lengths: Array, scale: Tension) -> dict[str, Any]:
@@ -163,6 +168,10 @@ class PlatformPicture:
         T, platform = posture.pose, self._platform
         self._body.set_transform(T)
         self._lines.move(platform.anchors, platform.points @ T[:3, :3].T + T[:3, 3])
+
+    def facts(self) -> dict[str, Any]:
+        """What the legs are, for a viewer that moves the picture itself."""
+        return {"telescope": self._lines.telescope, "colours": theme.DIVERGING.tolist()}
 
     def paint(self, springs: LineSprings, lengths: Array, scale: Tension) -> dict[str, Any]:
         """Colour the legs by what they carry; returns the legend."""

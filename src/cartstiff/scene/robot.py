@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from cartstiff.errors import InputError
@@ -83,6 +85,17 @@ class ChainPicture:
         for node, parent, start, joint in self._sliders:
             T = at(parent)
             node.set_transform(shapes.segment(T[:3, :3] @ start + T[:3, 3], at(joint)[:3, 3]))
+
+    def facts(self) -> dict[str, Any]:
+        """What moves with which joint, for a viewer that moves the picture itself."""
+        return {
+            "joints": sorted(j for j in self._joints if j > 0),
+            "sliders": [
+                [node.path.rpartition("/")[2], parent.joint, start.tolist(), joint.joint]
+                for node, parent, start, joint in self._sliders
+            ],
+            "boxes": [[at.joint, box.tolist()] for at, box in self._boxes],
+        }
 
     def corners(self, posture: ChainPosture) -> Array:
         """Corners (n, 3) in F of boxes around the meshes at a posture."""

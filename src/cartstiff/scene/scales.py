@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["Linear", "Logarithmic", "Scale", "Tension", "round_number"]
+__all__ = ["SCALES", "Linear", "Logarithmic", "Root", "Scale", "Tension", "round_number"]
 
 
 def round_number(x: float) -> float:
@@ -122,6 +122,29 @@ class Linear(_Scale):
         return {"kind": self.kind, "value_per_length": self.per_length or None}
 
 
+class Root(Linear):
+    """Length = sqrt(value / `per_length`): soft and stiff are both seen, and nothing is cut off.
+
+    `per_length` is a round number, the value that one unit of length stands for; `target` is the
+    length the largest value is drawn with, about.
+    """
+
+    kind: Literal["root"] = "root"  # type: ignore[assignment]
+
+    def _choose(self, sizes: list[float], largest: float) -> None:
+        self.per_length = self._reference or self._round(sizes, largest)
+        size = largest / self.per_length / self._target**2
+        if not 0.02 < size <= 2.5:
+            self.per_length *= 10.0 ** ceil(log10(size / 2.5))
+
+    def _round(self, sizes: list[float], largest: float) -> float:  # noqa: ARG002
+        return round_number(1.6 * largest / self._target**2)
+
+    def length(self, values: Array) -> Array:
+        """Lengths of the absolute values."""
+        return np.sqrt(super().length(values))
+
+
 class Logarithmic(_Scale):
     """Length = `per_decade` log10(value / `zero`); a value of `zero` or less has no length.
 
@@ -170,7 +193,9 @@ def _smallest(sizes: list[float], largest: float) -> float:
     return min(v for v in sizes if v > numerics.ZERO * largest)
 
 
-Scale = Linear | Logarithmic
+Scale = Linear | Root | Logarithmic
+#: By name; the first is that of pictures where nothing else is said.
+SCALES: dict[str, type[Scale]] = {"root": Root, "linear": Linear, "log": Logarithmic}
 
 
 class Tension:

@@ -12,24 +12,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.analysis.deflection import compliance_deflection
-from cartstiff.analysis.ellipsoids import (
-    Ellipsoid,
-    Freedom,
-)
+from cartstiff.analysis.ellipsoids import Ellipsoid, Freedom
 from cartstiff.arrays import checked_vector
 from cartstiff.errors import CartstiffError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.scene import theme
-from cartstiff.scene.arrows import DeflectionPicture, WrenchPicture
+from cartstiff.scene.arrows import LONGEST_ARROW, DeflectionPicture, WrenchPicture
 from cartstiff.scene.canvas import Node
-from cartstiff.scene.ellipsoids import EllipsoidPicture
+from cartstiff.scene.ellipsoids import FLAT, MOST_RINGS, EllipsoidPicture
 from cartstiff.scene.look import Look
 from cartstiff.scene.mechanism import MechanismPicture, extent
 from cartstiff.scene.points import add_path, add_points
 from cartstiff.scene.quantities import block_ellipsoid, load_at, matrices_at, reference
-from cartstiff.scene.scales import Linear, Logarithmic
+from cartstiff.scene.scales import SCALES, Scale
 from cartstiff.scene.screws import (
     AxesPicture,
     CentresPicture,
@@ -174,6 +171,45 @@ class Scene:
         every = np.concatenate(points)
         return self._stage.seen(np.array([every.min(axis=0), every.max(axis=0)]))
 
+    def kit(self, result: PostureStiffness, look: Look) -> dict[str, Any]:
+        """Send every part that another posture, load or quantity needs, and what places them.
+
+        A viewer that has this moves the picture itself. Lengths are in the mechanism's unit.
+
+        Returns
+        -------
+        dict
+            Sizes, units and usual values, colours of letters by theme, what moves with which joint.
+        """
+        self.draw(result, look)
+        for freedom in _FREEDOMS:
+            for quantity in _QUANTITIES:
+                picture = self._ellipsoid_of(freedom, quantity)
+                picture.make()
+                picture.hide()
+        self._wrenches.make()
+        self.draw(result, look)
+        size, kinds = self._stage.size, [(q, f) for q in _QUANTITIES for f in _FREEDOMS]
+        return {
+            **self._stage.facts(),
+            "radius": _RADIUS * size,
+            "arrow": LONGEST_ARROW * size,
+            "thin": FLAT * size,
+            "rings": MOST_RINGS,
+            "usual": {f"{q}/{f}": self._usual_values(q, f).tolist() for q, f in kinds},
+            "units": {f"{q}/{f}": self._unit(f, q) for q, f in kinds},
+            "letters": {
+                name: {
+                    **{f: shades.tinted(_COLOURS[f]) for f in _FREEDOMS},
+                    "load": shades.tinted(shades.load),
+                    "paper": shades.paper,
+                }
+                for name, shades in theme.THEMES.items()
+            },
+            "ghost": {"colour": theme.GHOST, "opacity": theme.GHOST_OPACITY},
+            **self._mechanism.facts(),
+        }
+
     # -- parts -------------------------------------------------------------------------------
 
     def _build(self, name: str) -> None:
@@ -194,7 +230,7 @@ class Scene:
         self._frame = self._stage.frames(look)
         self.notes = self._mechanism.notes
         self._ghost, self._ghost_at = None, None
-        self._ellipsoids: dict[tuple[str, str, str], EllipsoidPicture] = {}
+        self._ellipsoids: dict[tuple[Freedom, Quantity], EllipsoidPicture] = {}
         self._wrenches = WrenchPicture(node["wrench"], size, look)
         self._deflections = DeflectionPicture(node["deflection"], size, look)
         self._lines = {
@@ -206,7 +242,7 @@ class Scene:
         self, freedom: Freedom, look: Look, here: StiffnessInFrame, reason: str | None
     ) -> dict[str, Any] | None:
         wanted = look.translation if freedom == "translation" else look.rotation
-        key = (freedom, look.quantity, look.scale)
+        key = (freedom, look.quantity)
         for other, picture in self._ellipsoids.items():
             if other[0] == freedom and (other != key or not wanted):
                 picture.hide()
@@ -222,18 +258,26 @@ class Scene:
             if picture_or_none is not None:
                 picture_or_none.hide()
             return {"shown": False, "reason": reason or f"no {look.quantity} exists here"}
-        if picture_or_none is None:
-            scale = (Logarithmic if look.scale == "log" else Linear)(_RADIUS * self._stage.size)
-            scale.refer(self._usual_values(look.quantity, freedom))
-            place = self._node[f"{freedom} ellipsoid"][f"{look.quantity} {look.scale}"]
-            picture_or_none = EllipsoidPicture(
-                place, _COLOURS[freedom], scale, self._stage.size, theme.THEMES[look.theme],
-                side=1.0 if freedom == "translation" else -1.0,
-            )  # fmt: skip
-            self._ellipsoids[key] = picture_or_none
-        return picture_or_none.draw(
+        picture = self._ellipsoid_of(freedom, look.quantity)
+        picture.scale = self._scale(freedom, look.quantity, look.scale)
+        return picture.draw(
             shape, here.pose, self._unit(freedom, look.quantity), look.axes, look.labels
         )
+
+    def _ellipsoid_of(self, freedom: Freedom, quantity: Quantity) -> EllipsoidPicture:
+        if (freedom, quantity) not in self._ellipsoids:
+            self._ellipsoids[freedom, quantity] = EllipsoidPicture(
+                self._node[f"{freedom} ellipsoid"][quantity], _COLOURS[freedom],
+                self._scale(freedom, quantity, "root"), self._stage.size,
+                theme.THEMES[self._theme], side=1.0 if freedom == "translation" else -1.0,
+            )  # fmt: skip
+        return self._ellipsoids[freedom, quantity]
+
+    def _scale(self, freedom: Freedom, quantity: Quantity, kind: str) -> Scale:
+        """The scale of a kind of value: it has no history."""
+        scale = SCALES[kind](_RADIUS * self._stage.size)
+        scale.refer(self._usual_values(quantity, freedom))
+        return scale
 
     def _usual_values(self, quantity: Quantity, freedom: Freedom) -> Array:
         """Principal values of K^B in the mechanism's own posture: sizes have no history."""

@@ -11,7 +11,7 @@ from cartstiff.errors import UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.scene import objects, shapes, theme
 from cartstiff.scene.canvas import Node
-from cartstiff.scene.labels import Label
+from cartstiff.scene.labels import HEIGHT, Label
 from cartstiff.scene.scales import round_number
 
 __all__ = ["PRESETS", "Stage", "scene_units"]
@@ -87,6 +87,14 @@ class Stage:
     def seen(self, points: Array) -> Array:
         """Points (n, 3) of F in the units of the viewer, from where its camera turns about."""
         return self.scale * (points - self._middle)
+
+    def facts(self) -> dict[str, Any]:
+        """Where the viewer's units come from, and the height of a label."""
+        return {
+            "scale": self.scale,
+            "middle": self._middle.tolist(),
+            "label": HEIGHT / self.scale,
+        }
 
     def dress(self, look: theme.Theme) -> None:
         """Background and ground in the colours of a theme."""

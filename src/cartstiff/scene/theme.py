@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from cartstiff.arrays import real_array
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["DARK", "LIGHT", "THEMES", "Theme", "diverging", "hex_of", "sequential"]
+__all__ = ["DARK", "DIVERGING", "LIGHT", "THEMES", "Theme", "diverging", "hex_of", "sequential"]
 
 ORANGE, SKY, GREEN, YELLOW = 0xE69F00, 0x56B4E9, 0x009E73, 0xF0E442
 BLUE, VERMILION, PURPLE, BLACK = 0x0072B2, 0xD55E00, 0xCC79A7, 0x000000
@@ -85,7 +85,8 @@ DARK = Theme(
 )  # fmt: skip
 THEMES = {"light": LIGHT, "dark": DARK}
 
-_DIVERGING = np.array([[0, 84, 147], [86, 160, 211], [214, 218, 220], [232, 140, 60], [190, 70, 0]])
+#: Colours of `diverging` at equal steps.
+DIVERGING = np.array([[0, 84, 147], [86, 160, 211], [214, 218, 220], [232, 140, 60], [190, 70, 0]])
 # Dark blue over green to yellow with evenly rising lightness.
 _SEQUENTIAL = np.array(
     [[40, 26, 88], [53, 66, 124], [42, 107, 137], [38, 143, 136], [74, 179, 116],
@@ -113,7 +114,7 @@ def _between(table: Array, x: ArrayLike) -> NDArray[np.uint8]:
 
 def diverging(x: ArrayLike) -> NDArray[np.uint8]:
     """Colours (..., 3) for values in [-1, 1]: blue below zero, orange above, pale at zero."""
-    return _between(_DIVERGING, 0.5 + 0.5 * real_array(x))
+    return _between(DIVERGING, 0.5 + 0.5 * real_array(x))
 
 
 def sequential(x: ArrayLike) -> NDArray[np.uint8]:

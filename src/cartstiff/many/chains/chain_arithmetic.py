@@ -277,6 +277,11 @@ def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
         stiffness.pop("F", None)
     found["wrench"] = W
     found.update({f"stiffness_{name}": K for name, K in stiffness.items()})
+    if "frames" in wanted:
+        found["frames"] = chain.kinematics.frames()
+    if "hessian" in wanted:
+        found |= {"hessian": chain.hessian, "lagrangian": chain.lagrangian(W)}
+        found["length"] = np.array([chain.length], object)
     verdict = _compliances(chain, W, found, wanted)
     if stiffness:
         verdict = larger(verdict, holds_soft_directions(stiffness["B"], wanted))

@@ -179,8 +179,10 @@ class ChainKinematics:
         self.size, self.reach = sum(links.lengths), sum(links.lengths[1:])
         self.J, self.J_M = zeros(6, joints), zeros(6, joints)
         centres = [zeros(joints, 3) for _ in fields]
+        places: list[tuple[Array, Array]] = [(np.eye(3), zeros(3))] * joints
 
         def see(walk: Walk, j: int) -> None:
+            places[j] = walk.R, walk.p
             for centre, field in zip(centres, fields, strict=True):
                 centre[j] = walk.R @ (links.turns[j].T @ np.array(field.points[j])) + walk.p
 
@@ -199,6 +201,7 @@ class ChainKinematics:
             walk.move(j, -1.0)
         walk.inward(0)
         self.R_C_F, self.p_C_F = walk.R, walk.p
+        self._places, self._turns = places, links.turns
         # What is near the body is found from there with fewer operations.
         walk = Walk(links)
         for j in range(joints - 1, middle - 1, -1):
@@ -214,6 +217,14 @@ class ChainKinematics:
             weights = np.array(field.weights)
             first = centre * weights[:, None]
             self.beyond.append((_sums_to_the_end(weights), _sums_to_the_end(first)))
+
+    def frames(self) -> Array:
+        """``T_F_joint`` behind each joint's motion, without the last row (joints, 3, 4)."""
+        found = zeros(len(self._places), 3, 4)
+        for frame, (R, p), turn in zip(found, self._places, self._turns, strict=True):
+            frame[:, :3] = self.R_C_F.T @ (R @ turn.T)
+            frame[:, 3] = self.R_C_F.T @ (p - self.p_C_F)
+        return found
 
     def wrench(self, W: Array) -> Array:
         """A wrench given in M, in C."""

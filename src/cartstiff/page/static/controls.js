@@ -35,7 +35,7 @@ export function toolPanel(store) {
   byId("left").querySelector(".card").after(node);
   let rows;
   store.on("hello", ({ mechanism }) => {
-    node.hidden = mechanism.platform || !store.source.live;
+    node.hidden = mechanism.platform || !store.source.moves;
     const { length } = mechanism.units;
     rows = [fields(NAMES.map((name) => [name, length, "tool"]), () => go()), fields(TURNS.map((name) => [name, "°", "tool"]), () => go())];
     words.textContent = `Position of M in ${length} and its roll, pitch, yaw about the room's axes in degrees; the joints follow as near as they can. In the picture: the ball at M, its arms and rings.`;
@@ -139,7 +139,7 @@ export function controls(store) {
       el("label", { class: "line" }, el("span", {}, "frame M"), frameSelect),
       el("p", { class: "dim small" }, `Point on the body, from the origin of M along its axes, in ${units.length}:`),
       point.node, axes[0]);
-    if (!store.source.live) {
+    if (!store.source.moves) {
       for (const { node } of [loadSection, springSection, pointSection]) {
         for (const input of node.querySelectorAll("input, select, button")) input.disabled = true;
         node.append(el("p", { class: "dim small" }, "Fixed in an exported page."));
@@ -155,9 +155,9 @@ export function controls(store) {
     loadPlace[1](own ? "own" : state.load_at !== null || state.load === null ? "origin" : "point");
     if (!loadPoint.node.contains(document.activeElement)) loadPoint.node.hidden = !own;
     loadPoint.set(state.load_at ?? state.point);
-    loadPoint.disable(state.load === null || !store.source.live);
+    loadPoint.disable(state.load === null || !store.source.moves);
     loadKind[1](state.load_kind);
-    load.disable(state.load === null || !store.source.live);
+    load.disable(state.load === null || !store.source.moves);
     loadAxes[1](state.load_axes);
     springs?.set(state.stiffness ?? hello.mechanism.springs.map(({ stiffness }) => stiffness));
     point.set(state.point);
@@ -212,7 +212,8 @@ export function pictureControls(store) {
   const every = el("input", { type: "checkbox", onchange: () => { store.pane.every = every.checked; store.pane.viewer.set_dirty(); } });
   list.append(el("label", { class: "check", title: "Otherwise the softest value of each, and the others when it is pointed at" }, every, "All principal values"));
   const [scale, chooseScale] = choice("Scale of the ellipsoids",
-    [["log", "log", "Radii grow with the logarithm: soft and stiff stay visible"], ["linear", "linear", "Radii grow with the value"]],
+    [["root", "√", "Radii grow with the square root of the value: soft and stiff stay visible"], ["linear", "linear", "Radii grow with the value"],
+      ["log", "log", "Radii grow with the logarithm; a ring for each factor of ten"]],
     (value) => store.change({ scale: value }));
   list.append(el("div", { class: "line" }, el("span", {}, "radii"), scale));
   const details = byId("show");
@@ -232,10 +233,13 @@ export function pictureControls(store) {
     chooseScale(store.state.scale);
   });
   store.on("hello", (hello) => {
-    // An exported page holds what was shown; four parts of it can be hidden.
+    // An exported page draws some parts only.
     const fixed = !store.source.live;
-    for (const [key, box] of boxes) box.disabled = fixed && !(key in store.source.data.parts);
-    for (const button of scale.children) button.disabled = fixed;
+    for (const [key, box] of boxes) {
+      box.disabled = store.source.shows !== null && !store.source.shows.includes(key);
+      box.parentElement.title = box.disabled ? "`cartstiff view` draws this" : "";
+    }
+    for (const button of scale.children) button.disabled = !store.source.moves;
     const points = hello.cloud;
     document.querySelector("#map-choice")?.remove();
     if (!points) return;

@@ -51,7 +51,7 @@ export function deflectionPanel(store) {
       head.className = "moved-head dim";
       if (!wrench) head.textContent = "no load can be held here";
       else if (store.state.load?.some((x) => x)) head.textContent = "no compliance exists here: how far the load moves it is not said";
-      else head.replaceChildren("no load", ...(store.source.live && store.hello.mechanism.takes_load ? [" ", example] : []));
+      else head.replaceChildren("no load", ...(store.source.moves && store.hello.mechanism.takes_load ? [" ", example] : []));
       return;
     }
     head.className = "moved-head";

@@ -10,6 +10,9 @@ export class FramesSource {
     this.data = data;
     this.commands = expand(data.commands, commands);
     this.live = false;
+    this.moves = false;
+    this.shows = Object.keys(data.parts);
+    this.words = `${LINE} ${data.why ? `Why it does not compute: ${data.why}.` : ""}`;
     this.onstatus = () => {};
     this.shown = null;
   }
@@ -131,7 +134,7 @@ export class FramesSource {
 }
 
 /** Commands from their compact form, see compact.py. */
-function expand({ paths, transforms, labels }, [planes, ...others]) {
+export function expand({ paths, transforms, labels, meshes }, [planes, ...binary]) {
   const count = transforms.length;
   const bytes = new Uint8Array(48 * count);
   for (let k = 0; k < 48; k++) for (let i = 0; i < count; i++) bytes[48 * i + k] = planes[k * count + i];
@@ -144,7 +147,38 @@ function expand({ paths, transforms, labels }, [planes, ...others]) {
     }
     return { type: "set_transform", path: paths[path], matrix };
   });
-  return [...commands, ...labels.map((label) => ({ type: "label", ...label })), ...others];
+  return [...commands, ...labels.map((label) => ({ type: "label", ...label })),
+    ...meshes.map((mesh, i) => built(mesh, binary[i])), ...binary.slice(meshes.length)];
 }
 
-export const EXPORTED = LINE;
+/** Whole numbers from the byte planes of their differences, `width` to a row. */
+function summed(bytes, at, count, width) {
+  const found = new Int32Array(count * width);
+  const plane = (k, i) => bytes[at + k * count + i];
+  for (let i = 0; i < count; i++) {
+    for (let c = 0; c < width; c++) {
+      const k = 4 * c;
+      const step = plane(k, i) | (plane(k + 1, i) << 8) | (plane(k + 2, i) << 16) | (plane(k + 3, i) << 24);
+      found[i * width + c] = step + (i ? found[(i - 1) * width + c] : 0);
+    }
+  }
+  return found;
+}
+
+/** The command that makes a mesh. */
+function built({ path, object, counts: [points, corners], grid, coloured }, bytes) {
+  const triples = (at, Kind) => {
+    const found = new Kind(3 * points);
+    for (let c = 0; c < 3; c++) for (let i = 0; i < points; i++) found[3 * i + c] = bytes[at + c * points + i];
+    return { itemSize: 3, type: Kind.name, array: found, normalized: true };
+  };
+  const position = Float32Array.from(summed(bytes, 0, points, 3), (x) => x * grid);
+  const index = Uint32Array.from(summed(bytes, 12 * points, corners, 1));
+  const rest = 12 * points + 4 * corners;
+  const attributes = { position: { itemSize: 3, type: "Float32Array", array: position, normalized: false }, normal: triples(rest, Int8Array) };
+  if (coloured) attributes.color = triples(rest + 3 * points, Uint8Array);
+  const [geometry] = object.geometries;
+  geometry.data = { ...geometry.data, attributes, index: { itemSize: 1, type: "Uint32Array", array: index, normalized: false } };
+  return { type: "set_object", path, object };
+}
+

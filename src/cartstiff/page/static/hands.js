@@ -87,7 +87,7 @@ export function hands(store) {
   }
 
   function place() {
-    const live = store.source.live && store.numbers !== null && !store.swing?.playing;
+    const live = store.source.moves && store.numbers !== null && !store.swing?.playing;
     tool.visible = live;
     if (live) {
       const M = node("M");
@@ -270,7 +270,7 @@ export function hands(store) {
   }
 
   pane.node.addEventListener("pointerdown", (event) => {
-    if (!store.source.live || !store.numbers || hold || event.button !== 0) return;
+    if (!store.source.moves || !store.numbers || hold || event.button !== 0) return;
     const grip = gripAt(event);
     if (!grip) return;
     begin(event, grip);

@@ -19,6 +19,8 @@ export class LiveSource {
   constructor(url) {
     this.url = url;
     this.live = true;
+    this.moves = true;
+    this.shows = null; // everything
     this.delay = 500;
     this.onstatus = () => {};
   }

@@ -3,13 +3,14 @@
 import { controls, pictureControls, toolPanel } from "./controls.js";
 import { byId, el } from "./dom.js";
 import { deflectionPanel } from "./deflection.js";
-import { EXPORTED, FramesSource } from "./frames.js";
+import { FramesSource } from "./frames.js";
 import { hands } from "./hands.js";
 import { shortcuts } from "./help.js";
 import { LiveSource, unpack } from "./live.js";
 import { connectionPanel, matrixPanel } from "./matrix.js";
 import { legendBox, numbersPanel, verdictLine } from "./numbers.js";
 import { modesPanel } from "./modes.js";
+import { LivingSource } from "./offline.js";
 import { Pane } from "./pane.js";
 import { picking } from "./pick.js";
 import { posePanel } from "./pose.js";
@@ -63,7 +64,7 @@ function banners(store, source) {
   store.on("numbers", () => {
     if (!lost && !store.sticky && !banner.hidden && banner.dataset.level === "bad") show(null);
   });
-  if (!source.live) byId("left").prepend(el("p", { class: "exported dim small" }, EXPORTED));
+  if (!source.live) byId("left").prepend(el("p", { class: "exported dim small" }, source.words));
 }
 
 async function inflate(id) {
@@ -77,7 +78,8 @@ async function fromFile() {
   const script = el("script");
   script.textContent = new TextDecoder().decode(await inflate("viewer"));
   document.head.append(script);
-  build(new FramesSource(...unpack(await inflate("frames"))));
+  const [data, commands] = unpack(await inflate("frames"));
+  build(new (data.living ? LivingSource : FramesSource)(data, commands));
 }
 
 if (byId("frames")) {

@@ -2,8 +2,12 @@
 
 export const BLANK = 1e-12;
 export const CLOSE = 1e-9;
+export const EPSILON = 2.220446049250313e-16;
+export const LIMIT_SLACK = 1e-13;
 export const NEAR = 0.05;
 export const RANK = 1e-10;
 export const ROUNDING = 1e-12;
+export const SYMMETRY = 1e-9;
+export const TELLING = 1e-9;
 export const UNCOUPLED = 1e-10;
 export const ZERO = 1e-13;

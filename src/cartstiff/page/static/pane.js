@@ -70,6 +70,7 @@ export class Pane {
   apply(commands, then) {
     for (const command of commands) {
       if (command instanceof Uint8Array) this.viewer.handle_command_bytearray(command);
+      else if (command.type === "copy") this.copy(command);
       else this.viewer.handle_command(command.type === "label" ? label(command) : command);
     }
     if (then) {
@@ -77,6 +78,17 @@ export class Pane {
       // After a rest at once; while pictures follow each other at the pace of the screen.
       if (performance.now() - this.rendered > REST) this.viewer.render();
       else this.viewer.set_dirty();
+    }
+  }
+
+  /** Pale copies of what stands at some places below a path, at the same places below another. */
+  copy({ from, to, parts, colour, opacity }) {
+    const at = (path) => this.viewer.scene_tree.find(path.split("/").filter(Boolean)).object;
+    const material = new MeshCat.THREE.MeshPhongMaterial({ color: colour, opacity, transparent: true, depthWrite: false, side: MeshCat.THREE.DoubleSide });
+    for (const part of parts) {
+      const target = at(`${to}/${part}`);
+      for (const child of at(`${from}/${part}`).children) target.add(child.clone(true));
+      target.traverse((node) => { if (node.isMesh) node.material = material; });
     }
   }
 

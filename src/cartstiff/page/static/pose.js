@@ -47,8 +47,8 @@ export function posePanel(store) {
     rows.length = 0;
     list.replaceChildren();
     const { coordinates, sliders, platform } = hello.mechanism;
-    zero.hidden = platform || sliders.length !== coordinates.length || !store.source.live;
-    random.hidden = !store.source.live;
+    zero.hidden = platform || sliders.length !== coordinates.length || !store.source.moves;
+    random.hidden = !store.source.moves;
     for (const index of sliders) {
       const row = sliderRow(store, index, coordinates[index]);
       rows.push(row);
@@ -141,7 +141,7 @@ function sliderRow(store, index, coordinate) {
     const step = steps[event.key];
     if (!step || event.altKey || event.ctrlKey || event.metaKey) return;
     event.preventDefault();
-    if (!store.source.live) return store.move(index, store.source.neighbour(index, store.state.q[index], step));
+    if (!store.source.moves) return store.move(index, store.source.neighbour(index, store.state.q[index], step));
     const size = isLength ? (upper - lower) / 200 : Math.PI / 180;
     store.move(index, clamp(store.state.q[index] + step * size * (event.shiftKey ? 0.1 : 1), lower, upper));
   });

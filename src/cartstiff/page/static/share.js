@@ -13,7 +13,7 @@ const FLAGS = new Set(["translation", "rotation", "labels", "wrench", "deflectio
 
 const WORDS = {
   connection: ["load", "A", "B", "K", "F", "+"], quantity: ["stiffness", "compliance"], axes: ["body", "inertial"],
-  load_axes: ["body", "inertial"], load_kind: ["dead", "follower", "conservative"], scale: ["log", "linear"],
+  load_axes: ["body", "inertial"], load_kind: ["dead", "follower", "conservative"], scale: ["root", "linear", "log"],
 };
 const COUNTS = { point: 3, load: 6, load_at: 3 };
 

@@ -179,7 +179,7 @@ export class Store {
       this.state.q = q;
     }
     this.tell("numbers", data);
-    if (!this.source.live && !this.wanted) this.source.saySnapped(this.sentQ, numbers.result.q, this.state.moved);
+    if (!this.wanted) this.source.saySnapped?.(this.sentQ, numbers.result.q, this.state.moved);
     document.dispatchEvent(new CustomEvent("cartstiff:table", { detail: data.id }));
     this.beforePicture?.();
     this.pane.apply(commands, () =>

@@ -1,0 +1,141 @@
+"""What a browser needs to answer by itself: recorded formulas as JavaScript, and words.
+
+Arms and bodies on line legs have their arithmetic on a tape (`cartstiff.many`): written out as
+JavaScript it gives pose, Jacobian, load and stiffness of any posture, under any load and with any
+springs, without a server. ``static/living.js`` reads the rest from these. Where the tape's verdict
+is not plain nothing is said of a posture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cartstiff.analysis.metrics import characteristic_length
+from cartstiff.analysis.plain import plain
+from cartstiff.many.plans import plan, program_for
+from cartstiff.many.portable import HELPERS, javascript
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.limits import Limits
+from cartstiff.mechanisms.platform import Platform
+from cartstiff.mechanisms.weighed import weighed
+from cartstiff.page.verdict import DEFINITE, NEAR
+from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.stiffness.applied_load import LOAD_KINDS
+from cartstiff.stiffness.compute import PostureStiffness
+
+__all__ = ["Tapes", "tapes"]
+
+_NAMES = ("pose", "jacobian", "wrench", "energy", "stiffness_B", "stiffness_F", "hessian",
+          "lagrangian", "length", "frames", "tensions")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Tapes:
+    """The arithmetic of one mechanism as JavaScript.
+
+    Attributes
+    ----------
+    script : str
+        Sets ``globalThis.cartstiffTapes``: a function without a given load, one with.
+    data : dict
+        What `static/living.js` reads beside the functions.
+    """
+
+    script: str
+    data: dict[str, Any]
+
+
+def tapes(elastic: ElasticMechanism, result: PostureStiffness) -> Tapes | str:
+    """The arithmetic of a mechanism as JavaScript, or why it has none.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        The mechanism.
+    result : PostureStiffness
+        Any posture of it: what is the same in all is taken from there.
+    """
+    if (reason := _reason(elastic)) is not None:
+        return reason
+    parts, places = [], {}
+    shared: dict[str, Any] = {}
+    for name, wrench in (("free", "none"), ("loaded", "shared")):
+        found = plan(elastic, wrench)
+        if isinstance(found, str):
+            return found
+        if found.has_derivatives:
+            return "some of its potentials are evaluated posture by posture"
+        if found.regular != "regular":
+            return "it has fewer than six freedoms"
+        source, places[name] = javascript(program_for(found.case, _NAMES))
+        parts.append(f"{name}:{source}")
+        shared = {n: rows[0].tolist() for n, rows in found.shared.items()}
+    script = f"{HELPERS}globalThis.cartstiffTapes={{{','.join(parts)}}};"
+    data = {"places": places, "shared": shared, "words": _words(), **_mechanism(elastic, result)}
+    return Tapes(script, plain(data))
+
+
+def _reason(elastic: ElasticMechanism) -> str | None:
+    """Why only the library can say all that a page says of the mechanism; None if it need not."""
+    springs, mechanism = elastic.springs, elastic.mechanism
+    if isinstance(mechanism, Chain) and mechanism.closures:
+        return "a closed chain is assembled posture by posture"
+    if elastic.identified is not None:
+        return "intervals of measured springs come from the library"
+    if isinstance(springs, LineSprings) and springs.unilateral:
+        return "its cables may be slack"
+    if isinstance(mechanism, Platform) and mechanism.leg_limits is not None:
+        return "its legs have limits besides their lengths"
+    if springs is None:
+        return "it has no springs of its own"
+    return None
+
+
+def _words() -> dict[str, Any]:
+    return {
+        "definite": {name: list(found) for name, found in DEFINITE.items()},
+        "near": {code: [level, title] for code, level, title in NEAR},
+        "kinds": dict(LOAD_KINDS),
+        "lengths": {
+            "natural": characteristic_length(np.eye(6)).reason,
+            "unit": characteristic_length(-np.eye(6)).reason,
+        },
+    }
+
+
+def _mechanism(elastic: ElasticMechanism, result: PostureStiffness) -> dict[str, Any]:
+    mechanism = elastic.mechanism
+    limits = Limits(mechanism)
+    chart = [note for note in result.notes if note.code == "no-chart"]
+    found = {
+        "platform": isinstance(mechanism, Platform),
+        "may_be_loaded": elastic.may_be_loaded,
+        "names": list(elastic.spring_names),
+        "are_lengths": [c.is_length for c in mechanism.coordinates],
+        "length_unit": elastic.units.length,
+        "limits": {
+            "names": list(limits.names), "columns": limits.columns.tolist(),
+            "lower": plain(limits.lower.tolist()), "upper": plain(limits.upper.tolist()),
+        },
+        "notes": [note.as_dict() for note in elastic.notes],
+        "last_notes": [
+            note.as_dict()
+            for note in (*([] if elastic.gravity is None else weighed(elastic).notes), *chart)
+        ],
+        "base": result.as_dict(),
+    }  # fmt: skip
+    found["reach"] = result.posture.length
+    if isinstance(mechanism, Platform):
+        bounds = mechanism.limits
+        found |= {
+            "anchors": mechanism.anchors.tolist(),
+            "points": mechanism.points.tolist(),
+            "length": float(mechanism.length),
+            "T_P_M": mechanism.T_P_M.tolist(),
+            "leg_limits": None if bounds is None else bounds.tolist(),
+        }
+    return found

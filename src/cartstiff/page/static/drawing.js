@@ -1,0 +1,274 @@
+// The picture without a server: what `cartstiff.scene` would send for a posture, from its `kit`.
+
+import { block, eigen, general, motion, moved, place, rotation, times } from "./algebra.js";
+import { definiteness, inFrame } from "./living.js";
+import { CLOSE, ROUNDING, ZERO } from "./numerics.js";
+
+const ROOT = "/meshcat/cartstiff";
+
+/** The largest of 1, 2, 5 times a power of ten that does not exceed x > 0. */
+function round(x) {
+  const power = Math.floor(Math.log10(x));
+  const lead = x / 10 ** power;
+  return Number(`${[5, 2].find((step) => lead >= step * (1 - ROUNDING)) ?? 1}e${power}`);
+}
+
+/** See `cartstiff.scene.scales`: a function from a value to a length, with its legend. */
+const SCALES = {
+  linear(values, usual, target) {
+    const at = (list) => round((1.6 * largestOf(list)) / target);
+    let per = largestOf(usual) ? at(usual) : at(values);
+    const size = largestOf(values) / per / target;
+    if (largestOf(usual) && !(size > 0.05 && size <= 2.5)) per *= 10 ** Math.ceil(Math.log10(size / 2.5));
+    return { length: (x) => Math.abs(x) / per, words: (unit, length) => `radius ${few(per)} ${unit} per ${length}`, per };
+  },
+  root(values, usual, target) {
+    let per = round((1.6 * largestOf(largestOf(usual) ? usual : values)) / target ** 2);
+    const size = largestOf(values) / per / target ** 2;
+    if (!(size > 0.02 && size <= 2.5)) per *= 10 ** Math.ceil(Math.log10(size / 2.5));
+    return { length: (x) => Math.sqrt(Math.abs(x) / per), words: (unit, length) => `radius 1 ${length} for ${few(per)} ${unit}, by square roots` };
+  },
+  log(values, usual, target) {
+    const least = (list) => Math.min(...list.map(Math.abs).filter((x) => x > ZERO * largestOf(list)));
+    const of = (list) => {
+      const zero = Math.floor(Math.log10(least(list)) - 0.7);
+      return [zero, target / Math.ceil(Math.log10(largestOf(list)) - zero)];
+    };
+    let [zero, step] = of(values);
+    if (largestOf(usual)) {
+      const [first, per] = of(usual);
+      const reach = ((Math.log10(largestOf(values)) - first) * per) / target;
+      const low = Math.log10(least(values)) - first;
+      if (low >= 0.3 && low <= 3.5 && reach >= 0.6 && reach <= 1.3) [zero, step] = [first, per];
+    }
+    const start = Number(`1e${zero}`);
+    return { step, length: (x) => Math.log10(Math.max(Math.abs(x), start) / start) * step,
+      words: (unit, length) => `radius 0 at ${few(start)} ${unit}, and ${few(step)} ${length} for each factor of 10 (rings)` };
+  },
+};
+
+const largestOf = (list) => Math.max(0, ...list.map(Math.abs));
+const few = (x) => general(x, 3).replace(/e([+-])0?(\d)/, (_, sign, digit) => `e${sign === "-" ? "-" : ""}${digit}`);
+
+/** Three digits and a unit. */
+function number(value, unit) {
+  const size = Math.abs(value);
+  const [mantissa, exponent] = value.toExponential(2).split("e");
+  const text = value === 0 || (size >= 1e-2 && size < 1e4) ? general(Number(value.toExponential(2)), 6) : `${mantissa}e${Number(exponent)}`;
+  return `${text} ${unit}`.trimEnd();
+}
+
+export class Drawing {
+  constructor(living, kit, scene) {
+    this.living = living;
+    this.kit = kit;
+    this.scene = scene; // {units, notes}
+    this.seen = new Map(); // what was sent of each path, so that only changes are
+    this.texts = new Map();
+  }
+
+  // -- commands ---------------------------------------------------------------------------------
+
+  /** A place and its motion, as columns. */
+  put(path, columns) {
+    const matrix = columns.flatMap((column, i) => [...column, i === 3 ? 1 : 0]);
+    this.commands.push({ type: "set_transform", path: `${ROOT}/${path}`, matrix });
+  }
+
+  pose(path, T) {
+    this.put(path, [0, 1, 2, 3].map((j) => [T[0][j], T[1][j], T[2][j]]));
+  }
+
+  show(path, visible) {
+    if (this.seen.get(path) === visible) return;
+    this.seen.set(path, visible);
+    this.commands.push({ type: "set_property", path: `${ROOT}/${path}`, property: "visible", value: visible });
+  }
+
+  write(path, text, point, kind) {
+    const { paper, [kind]: letters } = this.kit.letters[this.theme];
+    const key = `${text} ${letters}`;
+    if (this.texts.get(path) !== key) {
+      this.texts.set(path, key);
+      this.commands.push({ type: "label", path: `${ROOT}/${path}`, text, letters, paper, height: this.kit.label });
+    }
+    this.put(path, [[1, 0, 0], [0, 1, 0], [0, 0, 1], point]);
+    this.show(path, true);
+  }
+
+  // -- parts ------------------------------------------------------------------------------------
+
+  /** Everything at a solved posture; {commands, legend}. */
+  draw(m, state) {
+    this.commands = [];
+    this.theme = state.theme;
+    const lines = [];
+    this.mechanism("mechanism", m);
+    if (m.tensions) this.tensions(m, lines);
+    this.pose("M", m.pose);
+    this.ghost(state);
+    const here = inFrame(m, state.point.some((x) => x) ? motion([[1, 0, 0], [0, 1, 0], [0, 0, 1]], state.point) : null);
+    const found = ["translation", "rotation"].map((freedom) => this.ellipsoid(freedom, here, state)).filter(Boolean);
+    const arrows = this.arrows(m, here, state);
+    const legend = { lines: [...found, ...arrows, ...lines, ...this.scene.lines], notes: this.scene.notes };
+    return { commands: this.commands, legend };
+  }
+
+  mechanism(root, { pose, frames }) {
+    const { kit, living } = this;
+    if (living.data.platform) {
+      this.pose(`${root}/body`, pose);
+      living.data.points.forEach((point, i) => {
+        const [start, end] = [living.data.anchors[i], moved(pose, point)];
+        this.segment(`${root}/legs/line ${i + 1}/rod`, start, end);
+        if (kit.telescope) this.segment(`${root}/legs/line ${i + 1}/tube`, start, end, kit.telescope);
+      });
+      return;
+    }
+    for (const joint of kit.joints) this.pose(`${root}/joint ${joint}`, frames[joint - 1]);
+    for (const [name, parent, start, joint] of kit.sliders) {
+      this.segment(`${root}/${name}`, parent ? moved(frames[parent - 1], start) : start, place(frames[joint - 1]));
+    }
+  }
+
+  /** Places below the mechanism that hold what it is made of. */
+  parts() {
+    const { kit, living } = this;
+    if (!living.data.platform) return [...kit.joints.map((joint) => `joint ${joint}`), ...kit.sliders.map(([name]) => name)];
+    return ["body", ...living.data.points.flatMap((_, i) => [`legs/line ${i + 1}/rod`, ...(kit.telescope ? [`legs/line ${i + 1}/tube`] : [])])];
+  }
+
+  segment(path, start, end, most = Infinity) {
+    const along = end.map((x, i) => x - start[i]);
+    const length = Math.hypot(...along);
+    const [x, y, z] = length ? across(along) : [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
+    const shown = Math.min(Math.max(length, CLOSE), most);
+    this.put(path, [x.map((c) => c * shown), y, z, start]);
+  }
+
+  tensions(m, lines) {
+    const most = largestOf(m.tensions);
+    if (!most) this.limit ??= 0;
+    else {
+      this.limit = 2 * round(most);
+      if (this.limit < most) this.limit = 5 * round(most);
+    }
+    m.tensions.forEach((tension, i) => {
+      const share = this.limit ? Math.max(-1, Math.min(1, tension / this.limit)) : 0;
+      const value = [...between(this.kit.colours, 0.5 + 0.5 * share).map((c) => Math.round(c) / 255), 1];
+      this.commands.push({ type: "set_property", path: `${ROOT}/mechanism/legs/line ${i + 1}/rod`, property: "color", value });
+    });
+    if (this.limit) lines.push({ mark: "tension", text: `legs: blue ${few(-this.limit)} to orange ${few(this.limit)} ${this.scene.units.force}` });
+  }
+
+  ghost(state) {
+    this.show("ghost", state.ghost !== null);
+    if (!state.ghost) return;
+    if (!this.copied) {
+      this.copied = true;
+      this.commands.push({ type: "copy", from: `${ROOT}/mechanism`, to: `${ROOT}/ghost`, parts: this.parts(), ...this.kit.ghost });
+    }
+    this.mechanism("ghost", this.living.place(state.ghost));
+  }
+
+  ellipsoid(freedom, here, state) {
+    const { kit } = this;
+    const [quantity, root] = [state.quantity, `${freedom} ellipsoid`];
+    const other = quantity === "stiffness" ? "compliance" : "stiffness";
+    this.show(`${root}/${other}`, false);
+    const M = here[quantity][state.connection];
+    const at = `${root}/${quantity}`;
+    this.show(at, state[freedom] && M !== null);
+    if (!state[freedom]) return null;
+    if (!M) return { mark: freedom, text: `${freedom}: not drawn: no ${quantity} exists here` };
+    const { values, vectors } = eigen(block(M, freedom === "translation" ? 3 : 0));
+    const R = rotation(here.pose);
+    const upright = (v) => (v.reduce((most, x) => (Math.abs(x) > Math.abs(most) ? x : most), 0) < 0 ? v.map((x) => -x) : v);
+    const [a, b] = vectors.slice(0, 2).map(upright);
+    const third = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+    const axes = [a, b, third].map((v) => times(R, v));
+    const kind = definiteness(values);
+    const solid = kind === "positive";
+    const unit = kit.units[`${quantity}/${freedom}`];
+    const scale = SCALES[state.scale](values, kit.usual[`${quantity}/${freedom}`], kit.radius);
+    const [lengths, centre] = [values.map(scale.length), place(here.pose)];
+    const along = (v, x, from = [0, 0, 0]) => v.map((c, i) => from[i] + x * c);
+    this.show(`${at}/body`, solid);
+    if (solid) this.put(`${at}/body`, [...axes.map((v, i) => along(v, Math.max(lengths[i], kit.thin))), centre]);
+    axes.forEach((v, i) => {
+      const path = `${at}/axis ${i + 1}`;
+      const shown = state.labels && lengths[i] > 0;
+      this.show(path, shown);
+      if (shown) {
+        this.show(`${path}/plus`, values[i] >= 0);
+        this.show(`${path}/minus`, values[i] < 0);
+        this.put(path, [along(v, 2 * lengths[i]), axes[(i + 1) % 3], axes[(i + 2) % 3], along(v, -lengths[i], centre)]);
+        this.write(`${at}/value ${i + 1}`, number(values[i], unit), along(v, (freedom === "translation" ? 1.08 : -1.08) * lengths[i], centre), freedom);
+      } else this.show(`${at}/value ${i + 1}`, false);
+    });
+    for (let k = 1; k <= kit.rings; k++) {
+      const radius = solid ? k * (scale.step ?? 0) : 0;
+      const shown = radius > 0 && radius < Math.max(...lengths);
+      this.show(`${at}/ring ${k}`, shown);
+      if (shown) this.put(`${at}/ring ${k}`, [...[1, 2, 0].map((i) => along(axes[i], radius)), centre]);
+    }
+    const words = solid ? scale.words(unit, this.scene.units.length)
+      : `not drawn: ${kind}: the smallest principal value is ${number(values[0], "")}, and no ellipsoid belongs to it`;
+    return { mark: freedom, text: `${freedom}: ${words}` };
+  }
+
+  arrows(m, here, state) {
+    const W = this.living.shownWrench(m, here.wrench);
+    const scales = [];
+    [["force", W.slice(3)], ["moment", W.slice(0, 3)]].forEach(([kind, vector]) => {
+      const size = Math.hypot(...vector);
+      const path = `wrench/${kind}`;
+      const shown = state.wrench && size > 0;
+      this.show(path, shown);
+      if (!shown) return;
+      const unit = this.scene.units[kind];
+      const scale = SCALES.linear([size], [], this.kit.arrow);
+      const length = scale.length(size);
+      const [along, centre] = [times(rotation(here.pose), vector), place(here.pose)];
+      this.put(`${path}/arrow`, [...across(along).map((v) => v.map((c) => c * length)), centre]);
+      if (state.labels) this.write(`${path}/label`, number(size, unit), centre.map((x, i) => x + (1.1 * length * along[i]) / size), "load");
+      else this.show(`${path}/label`, false);
+      scales.push(`${kind} ${few(scale.per)} ${unit} per ${this.scene.units.length}`);
+    });
+    return scales.length ? [{ mark: "force", text: `arrows: ${scales.join(", ")}` }] : [];
+  }
+
+  // -- how much room ------------------------------------------------------------------------------
+
+  /** Two corners of what has to be seen, in the viewer's units. */
+  bounds({ pose, frames }) {
+    const { kit, living } = this;
+    const tool = place(pose);
+    const points = [-1, 1].map((side) => tool.map((x) => x + side * kit.radius));
+    if (living.data.platform) points.push(...living.data.anchors, ...living.data.points.map((point) => moved(pose, point)));
+    else {
+      points.push([0, 0, 0], ...frames.map(place));
+      for (const [joint, box] of kit.boxes) points.push(...box.map((corner) => (joint ? moved(frames[joint - 1], corner) : corner)));
+    }
+    return [Math.min, Math.max].map((least) => [0, 1, 2].map((i) => kit.scale * (least(...points.map((p) => p[i])) - kit.middle[i])));
+  }
+}
+
+/** Columns of a rotation whose x axis is a direction. */
+function across(direction) {
+  const size = Math.hypot(...direction);
+  const [a, b, c] = direction.map((x) => x / size);
+  if (Math.abs(a) < 0.6) {
+    const n = Math.hypot(b, c);
+    return [[a, b, c], [0, c / n, -b / n], [-n, (a * b) / n, (a * c) / n]];
+  }
+  const n = Math.hypot(a, b);
+  return [[a, b, c], [-b / n, a / n, 0], [(-a * c) / n, (-b * c) / n, n]];
+}
+
+/** A colour of a table with equal steps, at a share from 0 to 1. */
+function between(table, share) {
+  const at = share * (table.length - 1);
+  const low = Math.min(Math.floor(at), table.length - 2);
+  return table[low].map((x, i) => x + (at - low) * (table[low + 1][i] - x));
+}

@@ -1,0 +1,361 @@
+// Answers without a server: the recorded arithmetic of the library (`cartstiff.page.living`) gives
+// pose, Jacobian, load and stiffness of a posture; what is read from them is read here. Where the
+// verdict of the arithmetic is not plain, or digits are lost, nothing is said.
+
+import { adjoint, angles, back, block, blocks, changed, cholesky, clean, congruence, cross, dot, eigen, general, identity,
+  inverse, largest, motion, moved, place, plus, product, rotation, singular, skew, squares, symmetric, times, transposed, zeros } from "./algebra.js";
+import { EPSILON, LIMIT_SLACK, NEAR, RANK, ROUNDING, SYMMETRY, TELLING, ZERO } from "./numerics.js";
+
+export const NOT_PLAIN = "this posture is too near to a singularity, or its load too near to what the springs hold, for the formulas in this page: `cartstiff view` answers it";
+// What forces inside a platform may lose near type 2, as a ratio of singular values.
+const UNSURE = 10 * TELLING ** 0.5;
+
+export class Living {
+  constructor(data, programs) {
+    this.data = data;
+    this.programs = programs;
+    this.out = {};
+    for (const [name, places] of Object.entries(data.places)) this.out[name] = new Float64Array(Math.max(...Object.values(places).map(([, end]) => end)));
+    this.n = data.are_lengths.length;
+  }
+
+  /** Run a program; its outputs by name, flat. */
+  run(name, inputs) {
+    const out = this.out[name];
+    this.programs[name]({ ...this.data.shared, ...inputs }, out);
+    return (key) => {
+      const at = this.data.places[name][key];
+      return at && Array.from(out.subarray(...at));
+    };
+  }
+
+  springs(state) {
+    const { stiffness } = state;
+    if (!stiffness) return {};
+    if (stiffness.some((k) => k === null || !(k > 0))) throw new Error("a rigid or a free joint is answered by `cartstiff view`");
+    return { stiffness };
+  }
+
+  /** Pose and joints' frames alone: they exist wherever the mechanism is. */
+  place(q) {
+    const found = this.run("free", { q });
+    return { q, pose: rows(found("pose"), 4), frames: frames(found("frames")), J: rows(found("jacobian") ?? [], this.n) };
+  }
+
+  /** Everything that other answers are read from. */
+  solve(state) {
+    const q = state.q.map(Number);
+    if (q.some((x, i) => !this.data.are_lengths[i] && Math.abs(x) > (this.data.platform ? 2 : 4) * Math.PI)) throw new Error(NOT_PLAIN);
+    const inputs = { q, ...this.springs(state) };
+    let name = "free";
+    if (state.load) {
+      name = "loaded";
+      inputs.wrench = inBody(state.load, state.load_axes === "inertial" ? this.place(q).pose : null, actsAt(state));
+    }
+    const found = this.run(name, inputs);
+    if (found("verdict")[0] !== 0) throw new Error(NOT_PLAIN);
+    const m = {
+      q, pose: rows(found("pose"), 4), J: rows(found("jacobian") ?? [], this.n), W: found("wrench"), energy: found("energy")[0],
+      frames: frames(found("frames")), tensions: found("tensions"), length: found("length")?.[0] ?? this.data.length,
+      given: Boolean(state.load?.some((x) => x)),
+      ...(state.load || this.data.may_be_loaded ? { at: actsAt(state), kind: state.load_kind } : { at: [0, 0, 0], kind: "dead" }), stiffness: inputs.stiffness ?? this.data.shared.stiffness,
+    };
+    const K = rows(found("stiffness_B"), 6);
+    const F = found("stiffness_F");
+    const sizes = this.data.platform ? [1, 1, 1, m.length, m.length, m.length].map((x) => 1 / x) : null;
+    if (this.data.platform) {
+      m.columns = [1, 1, 1, m.length, m.length, m.length];
+      m.lines = this.lines(m.pose);
+      m.H = K;
+    } else {
+      m.columns = this.data.are_lengths.map((is) => (is ? m.length : 1));
+      m.H = rows(found("hessian"), this.n);
+      m.L = rows(found("lagrangian"), this.n);
+    }
+    const C = this.data.platform ? inverse(K, sizes.map((x) => 1 / x)) : this.softness(m, m.L);
+    if (!C) throw new Error(NOT_PLAIN);
+    this.refuseLost(K, C);
+    const [m_, f] = [skew(m.W.slice(0, 3)), skew(m.W.slice(3))].map((part) => part.map((row) => row.map((x) => 0.5 * x)));
+    const none = zeros(3, 3);
+    const negative = f.map((row) => row.map((x) => -x));
+    m.changes = { A: blocks(m_, f, f, none), B: zeros(6, 6), K: blocks(none, f, negative, none) };
+    m.changes.load = m.W.some((x) => x) ? this.byLoad(m) : zeros(6, 6);
+    m.K = { F: F ? rows(F, 6) : null };
+    m.C = { F: null };
+    for (const [key, D] of Object.entries(m.changes)) {
+      m.K[key] = plus(K, D);
+      m.C[key] = largest(D) ? changed(C, D, m.length) : C;
+    }
+    if (F) m.C.F = this.data.platform ? inverse(m.K.F, sizes.map((x) => 1 / x)) : this.softness(m, m.H);
+    for (const [key, compliance] of Object.entries(m.C)) {
+      if (!compliance && m.K[key]) throw new Error(NOT_PLAIN);
+      if (compliance) this.refuseLost(m.K[key], compliance);
+    }
+    m.singular = this.data.platform ? singular(m.lines.map((line) => line.map((x, i) => x * m.columns[i])))
+      : singular(transposed(m.J.map((row, i) => row.map((x, j) => (x * m.columns[j]) / (i < 3 ? 1 : m.length)))));
+    const [first, last] = [m.singular.values[0], m.singular.values[5]];
+    if (this.data.platform && m.W.some((x) => x) && last < UNSURE * first) throw new Error(NOT_PLAIN);
+    return m;
+  }
+
+  /** J H^-1 J^T. */
+  softness(m, H) {
+    const found = inverse(H, H.map((row, i) => 1 / Math.sqrt(Math.abs(row[i]))));
+    if (!found) throw new Error(NOT_PLAIN);
+    this.refuseLost(H, found);
+    return congruence(transposed(m.J), found);
+  }
+
+  /** As `cartstiff.many.arithmetic.noteworthy`: what would be told of lost digits is not answered. */
+  refuseLost(M, other) {
+    const sizes = M.map((row, i) => Math.sqrt(Math.abs(row[i])));
+    const one = squares(M.map((row, i) => row.map((x, j) => x / sizes[i] / sizes[j])));
+    const two = squares(other.map((row, i) => row.map((x, j) => x * sizes[i] * sizes[j])));
+    if (!(one * two * ((2 * EPSILON) / TELLING) ** 2 < 1)) throw new Error(NOT_PLAIN);
+  }
+
+  /** K^load - K^B: see `cartstiff.stiffness.applied_load`. */
+  byLoad({ W, kind, at, changes }) {
+    if (kind === "follower") return changes.A;
+    const force = W.slice(3);
+    const about = W.slice(0, 3).map((x, i) => x - cross(at, force)[i]);
+    const share = kind === "dead" ? 1 : 0.5;
+    const none = zeros(3, 3);
+    const R = blocks(skew(about).map((row) => row.map((x) => share * x)), none, skew(force), none);
+    const Ad = adjoint(motion(identity(3), at.map((x) => -x)));
+    return plus(changes.A, congruence(Ad, R).map((row) => row.map((x) => -x)));
+  }
+
+  /** Lines of the legs along body twists, a row each. */
+  lines(pose) {
+    const R = transposed(rotation(pose));
+    return this.data.points.map((point, i) => {
+      const u = times(R, unit(this.data.anchors[i], moved(pose, point)));
+      return [...cross(point, u), ...u];
+    });
+  }
+
+  // -- numbers --------------------------------------------------------------------------------
+
+  /** As `cartstiff.page.payload.payload`. */
+  numbers(state, m = this.solve(state)) {
+    const T = state.axes === "body" && !state.point.some((x) => x) ? null
+      : motion(state.axes === "body" ? identity(3) : transposed(rotation(m.pose)), state.point);
+    const here = inFrame(m, T);
+    const shown = here[state.quantity];
+    const K = here.stiffness[state.connection] && symmetric(here.stiffness[state.connection]);
+    const numbers = K && this.indices(K);
+    const asymmetries = Object.fromEntries(Object.entries(shown).map(([name, M]) => [name, M && asymmetry(M)]));
+    const notes = this.notes(m, state);
+    const answer = {
+      result: this.part(m, state.quantity, notes), has_compliance: true, position: place(m.pose), angles: angles(m.pose), frame: T,
+      stiffness: null, compliance: null, wrench: here.wrench, principal: this.principal(shown[state.connection]), indices: numbers,
+      symmetric: { ...asymmetries, "+": asymmetries.A }, singularity: this.distance(m), legs: this.legs(m), moved: this.moved(m, state),
+      modes: state.mode === null ? null : { missing: "Modes are computed by `cartstiff view`." },
+      verdict: this.verdict(numbers?.definiteness, notes, state),
+    };
+    if (T) answer[state.quantity] = Object.fromEntries(Object.entries(shown).filter(([name]) => name !== "+"));
+    return answer;
+  }
+
+  matrices(table) {
+    const { A, B, K, F } = table;
+    return { A, B, K, F };
+  }
+
+  part(m, quantity, notes) {
+    return { q: m.q, pose: m.pose, wrench: m.W, energy: m.energy, [quantity]: this.matrices(quantity === "stiffness" ? m.K : m.C),
+      load: { kind: m.kind, at: m.at, meaning: this.data.words.kinds[m.kind], stiffness: m.K.load, compliance: m.C.load }, notes };
+  }
+
+  /** What `cartstiff analyse --json` prints. */
+  result(state) {
+    const m = this.solve(state);
+    const found = { ...this.data.base, ...this.part(m, "stiffness", this.notes(m, state)), jacobian: m.J.length ? m.J : null, compliance: this.matrices(m.C) };
+    delete found.stored_energy; // gravity's part is not told apart here
+    return found;
+  }
+
+  principal(M) {
+    if (!M) return null;
+    const found = {};
+    for (const [name, first] of [["translation", 3], ["rotation", 0]]) {
+      const { values, vectors } = eigen(block(M, first));
+      const [x, y] = vectors.slice(0, 2).map(upright);
+      found[name] = { values, axes: [x, y, cross(x, y)], definiteness: definiteness(values) };
+    }
+    return found;
+  }
+
+  indices(K) {
+    const turned = K.toReversed().map((row) => row.toReversed());
+    const roots = cholesky(turned);
+    let [length, origin] = [1, "unit"];
+    if (roots) [length, origin] = [Math.cbrt((roots[3] * roots[4] * roots[5]) / (roots[0] * roots[1] * roots[2])), "natural"];
+    const { values } = eigen(K.map((row, i) => row.map((x, j) => x / (i < 3 ? length : 1) / (j < 3 ? length : 1))));
+    const condition = (list) => Math.max(...list.map(Math.abs)) / Math.min(...list.map(Math.abs));
+    return {
+      length, length_origin: origin, length_reason: this.data.words.lengths[origin], definiteness: definiteness(values), eigenvalues: values,
+      condition_number: condition(values), translational_condition: condition(eigen(block(K, 3)).values),
+      rotational_condition: condition(eigen(block(K, 0)).values),
+    };
+  }
+
+  distance(m) {
+    const { values } = m.singular;
+    return [{ kind: this.data.platform ? "type-2" : "serial", ratio: values[5] / values[0], smallest: values[5], largest: values[0], length: m.length }];
+  }
+
+  legs(m) {
+    if (!this.data.platform) return null;
+    return this.data.points.map((point, i) => {
+      const [lower, upper] = this.data.leg_limits?.[i] ?? [null, null];
+      return { length: distance(this.data.anchors[i], moved(m.pose, point)), tension: m.tensions[i], lower, upper };
+    });
+  }
+
+  isLoaded(m) {
+    if (m.given || !m.W.some((x) => x)) return m.given;
+    const J = this.data.platform ? identity(6) : m.J;
+    const torque = times(transposed(J), m.W).map((x, j) => Math.abs(x) * m.columns[j]);
+    const stiffest = m.H.map((_, j) => Math.max(...m.H.map((row, i) => Math.abs(row[j]) * m.columns[i] * m.columns[j])));
+    const most = Math.max(...stiffest);
+    return torque.some((x, j) => x > ROUNDING * (stiffest[j] || most));
+  }
+
+  /** The wrench with zeros for what is rounding of springs or of its other half. */
+  shownWrench(m, W) {
+    const stiffest = m.given ? 0 : Math.max(...m.H.flatMap((row, i) => row.map((x, j) => Math.abs(x) * m.columns[i] * m.columns[j])));
+    const scaled = W.map((x, i) => Math.abs(x) * (i < 3 ? 1 : m.length));
+    const noise = ROUNDING * Math.max(stiffest, ...scaled);
+    return W.map((x, i) => (scaled[i] > noise ? x : 0));
+  }
+
+  moved(m, state) {
+    if (!this.isLoaded(m)) return null;
+    const twist = times(m.C.load, m.W);
+    const arm = cross(twist.slice(0, 3), state.point);
+    const shift = twist.slice(3).map((x, i) => x + arm[i]);
+    const energy = 0.5 * dot(m.W, twist);
+    const size = Math.max(...twist.map((x, i) => Math.abs(x) * (i < 3 ? m.length : 1)), ...shift.map(Math.abs));
+    const displacement = clean(shift, size);
+    const turn = twist.slice(0, 3).map((x) => (Math.abs(x) * m.length > ROUNDING * size ? x : 0));
+    const { values } = eigen(m.C.load);
+    return {
+      displacement, in_room: times(rotation(m.pose), displacement), rotation: turn, half_width: null, energy, acts_at: m.at,
+      resisted: values[0] >= 0 || -values[0] <= ZERO * Math.max(...values.map(Math.abs)),
+      shares: this.shares(m, twist, shift, energy, state.point).map((share, i) => ({ name: this.data.names[i], share })), notes: [],
+    };
+  }
+
+  shares(m, twist, shift, energy, point) {
+    if (this.data.platform) return m.lines.map((line, i) => (energy ? (0.5 * m.stiffness[i] * dot(line, twist) ** 2) / energy : null));
+    const H = plus(m.L, congruence(m.J, m.changes.load));
+    const way = times(inverse(H, H.map((row, i) => 1 / Math.sqrt(Math.abs(row[i])))), times(transposed(m.J), m.W));
+    const size = dot(shift, shift);
+    return transposed(m.J).map((column, a) => {
+      const arm = cross(column.slice(0, 3), point);
+      return size ? dot(shift, column.slice(3).map((x, i) => (x + arm[i]) * way[a])) / size : null;
+    });
+  }
+
+  notes(m, state) {
+    const { data } = this;
+    const notes = data.notes.filter(({ code }) => !(state.stiffness && code === "stiffness-assumed"));
+    const { values, vectors } = m.singular;
+    const ratio = general(values[5] / values[0], 2);
+    if (values[5] < NEAR * values[0]) {
+      if (!data.platform) notes.push({ code: "near-serial-singularity", message: `the end-effector hardly moves in one direction: smallest over largest singular value ${ratio}`,
+        values: { singular_values: values, characteristic_length: m.length } });
+      else {
+        const weak = values.filter((x) => x < NEAR * values[0]).length;
+        notes.push({ code: "near-type-2-singularity", message: `the actuators hardly hold the mechanism in ${weak} direction(s): smallest over largest singular value ${ratio}`,
+          values: { singular_values: values, characteristic_length: m.length, directions: vectors.slice(-weak).map((v) => v.map((x, i) => x * m.columns[i])) } });
+      }
+    }
+    notes.push(...this.beyond(m), ...data.last_notes);
+    return notes;
+  }
+
+  /** Values of what is limited: joints, or lengths of legs. */
+  limited(q, pose) {
+    const { columns } = this.data.limits;
+    if (!this.data.platform) return columns.map((j) => q[j]);
+    return columns.map((i) => distance(this.data.anchors[i], moved(pose, this.data.points[i])));
+  }
+
+  beyond(m) {
+    const { names, columns, lower, upper } = this.data.limits;
+    const words = [];
+    const values = {};
+    let degrees = false;
+    this.limited(m.q, m.pose).forEach((x, i) => {
+      const slack = LIMIT_SLACK * Math.max(1, Math.abs(x));
+      const [low, high] = [lower[i] ?? -Infinity, upper[i] ?? Infinity];
+      if (x >= low - slack && x <= high + slack) return;
+      const unit = this.data.platform || this.data.are_lengths[columns[i]] ? this.data.length_unit : "rad";
+      const text = (y) => (Number.isFinite(y) ? general(y, 6) : y > 0 ? "inf" : "-inf");
+      words.push(`${names[i]} is at ${text(x)} ${unit}, its limits are ${text(low)} and ${text(high)}`);
+      degrees ||= unit === "rad" && Math.abs(x) > 2 * Math.PI;
+      values[names[i]] = { value: x, lower: lower[i], upper: upper[i] };
+    });
+    return words.length ? [{ code: "beyond-limits", message: `beyond limits: ${words.join("; ")}${degrees ? ". Degrees? Angles are in radians" : ""}`, values }] : [];
+  }
+
+  verdict(kind, notes, state) {
+    const { definite, near } = this.data.words;
+    const codes = notes.map(({ code }) => code);
+    if (!kind) {
+      const reason = notes.find(({ code }) => code === "no-chart");
+      return { level: "warning", title: reason ? `No K^F: ${reason.message}` : `No K^${state.connection} here`, code: "no-chart" };
+    }
+    const [level, title] = definite[kind];
+    if (level !== "bad") {
+      for (const [code, [nearLevel, words]] of Object.entries(near)) if (codes.includes(code)) return { level: nearLevel, title: words, code };
+    }
+    return { level, title, code: level === "good" ? null : kind };
+  }
+}
+
+// -- helpers --------------------------------------------------------------------------------------
+
+const rows = (flat, width) => Array.from({ length: flat.length / width }, (_, i) => flat.slice(i * width, (i + 1) * width));
+const frames = (flat) => (flat ? rows(flat, 12).map((one) => [...rows(one, 4), [0, 0, 0, 1]]) : []);
+const distance = (a, b) => Math.hypot(...a.map((x, i) => b[i] - x));
+const unit = (a, b) => a.map((x, i) => (b[i] - x) / distance(a, b));
+const upright = (v) => (v.reduce((most, x) => (Math.abs(x) > Math.abs(most) ? x : most), 0) < 0 ? v.map((x) => -x) : v);
+
+/** The point in M at which the load acts. */
+export const actsAt = (state) => state.load_at ?? (state.load ? state.point : [0, 0, 0]);
+
+/** W about M's origin in the axes of M, from components along the room's axes if `pose` is given. */
+function inBody(load, pose, at) {
+  const R = pose ? transposed(rotation(pose)) : identity(3);
+  const force = times(R, load.slice(3));
+  const arm = cross(at, force);
+  return [...times(R, load.slice(0, 3)).map((x, i) => x + arm[i]), ...force];
+}
+
+/** Matrices and wrench in a frame N of the body; `T` is null for M itself. */
+export function inFrame(m, T) {
+  let [stiffness, compliance, wrench] = [m.K, m.C, m.W];
+  if (T) {
+    const [forth, reverse] = [adjoint(T), transposed(adjoint(back(T)))];
+    const each = (table, by) => Object.fromEntries(Object.entries(table).map(([name, M]) => [name, M && congruence(by, M)]));
+    [stiffness, compliance, wrench] = [each(m.K, forth), each(m.C, reverse), times(transposed(forth), m.W)];
+  }
+  const both = (table) => ({ ...table, "+": table.A && transposed(table.A) });
+  return { stiffness: both(stiffness), compliance: both(compliance), wrench, pose: T ? product(m.pose, T) : m.pose };
+}
+
+function asymmetry(M) {
+  const found = largest(M.map((row, i) => row.map((x, j) => x - M[j][i])));
+  return found > SYMMETRY * largest(M) ? found : 0;
+}
+
+export function definiteness(values) {
+  const [below, above, none] = [values.some((x) => x < 0), values.some((x) => x > 0), values.some((x) => x === 0)];
+  if (below && above) return "indefinite";
+  if (above) return none ? "positive semidefinite" : "positive";
+  return below ? (none ? "negative semidefinite" : "negative") : "zero";
+}

@@ -1,0 +1,225 @@
+"""What the page answers without a server: the emitted JavaScript against the library, in node."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+import subprocess
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cartstiff
+from cartstiff.errors import UndefinedError
+from cartstiff.geometry import se3
+from cartstiff.kinematics.following import Follower
+from cartstiff.many.portable import HELPERS, PortableKernel, javascript
+from cartstiff.many.tape import (
+    Tape,
+    absolute,
+    copysign,
+    cosine,
+    larger,
+    pick,
+    sine,
+    square_root,
+)
+from cartstiff.page.files import page_script
+from cartstiff.page.living import Tapes, tapes
+from cartstiff.page.payload import payload
+from cartstiff.page.session import Session
+from cartstiff.page.source import Source
+from cartstiff.page.state import State
+
+MECHANISMS = ("ur5", "ur10", "panda", "xarm7", "cubic", "hexapod", "inclined-hexapod",
+              "stewart-gough", "stewart-simscape")  # fmt: skip
+STATES = 25
+
+node = shutil.which("node")
+pytestmark = pytest.mark.skipif(node is None, reason="no node to run JavaScript")
+
+
+def run(script: str) -> Any:
+    """What a script leaves in `found`."""
+    text = script + "\nprocess.stdout.write(JSON.stringify(found));"
+    done = subprocess.run([str(node), "-"], input=text, capture_output=True, text=True, check=True)
+    return json.loads(done.stdout)
+
+
+@cache
+def living(name: str) -> tuple[Any, Tapes]:
+    elastic = cartstiff.load(name)
+    found = tapes(elastic, cartstiff.analyse(elastic))
+    assert isinstance(found, Tapes)
+    return elastic, found
+
+
+def states(name: str) -> list[State]:
+    """Postures within a turn, loads of every kind, springs, points, axes, connections."""
+    elastic, _ = living(name)
+    draw = np.random.default_rng(7)
+    session = Session(Source(elastic))
+    n, sizes = len(elastic.q), elastic.springs.stiffness
+    wide = 1.0 if elastic.mechanism.kind == "serial" else 0.05 * np.array([1, 1, 1, 4, 4, 4])
+    force = 1e-3 * float(np.mean(sizes)) if elastic.mechanism.kind == "serial" else 10.0
+    found = []
+    for k in range(STATES):
+        load = draw.normal(size=6) * force if k % 3 else None
+        found.append(State(
+            q=(elastic.q + wide * draw.uniform(-1, 1, n)).tolist(),
+            connection=("load", "A", "B", "K", "F", "+")[k % 6],
+            quantity=("stiffness", "compliance")[k % 2],
+            axes=("body", "inertial")[k // 2 % 2],
+            point=tuple(draw.normal(size=3) * 0.1) if k % 4 else (0.0, 0.0, 0.0),
+            load=None if load is None else tuple(load.tolist()),
+            load_axes=("body", "inertial")[k % 5 % 2],
+            load_kind=("dead", "follower", "conservative")[k // 3 % 3],
+            load_at=(0.01, -0.02, 0.03) if k % 7 == 1 and load is not None else None,
+            stiffness=(sizes * draw.uniform(0.5, 2, len(sizes))).tolist() if k % 5 == 2 else None,
+        ))  # fmt: skip
+    assert session.elastic is elastic
+    return found
+
+
+#: Of what is the difference of large numbers, and of what is small beside its neighbours.
+TOLERANCES = {"stiffness": 1e-12, "compliance": 1e-12, "pose": 1e-12, "wrench": 1e-11}
+OTHERS = 1e-9
+
+
+def same(found: Any, expected: Any, path: tuple[str, ...] = ()) -> None:
+    """Plain data alike; numbers in a list relative to the largest of them."""
+    if isinstance(expected, dict):
+        assert set(found) == set(expected), path
+        for key, value in expected.items():
+            same(found[key], value, (*path, key))
+    elif is_numbers(expected):
+        a, b = np.array(found, float), np.array(expected, float)
+        if path[-1] == "directions":  # a direction and its opposite are one
+            a, b = np.abs(a), np.abs(b)
+        assert a.shape == b.shape, path
+        name = next((part for part in path if part in TOLERANCES), "")
+        size = max(float(np.abs(b).max()), 1.0 if path[-1] == "share" else 1e-9)
+        assert np.abs(a - b).max() <= TOLERANCES.get(name, OTHERS) * size, (path, found, expected)
+    elif isinstance(expected, list):
+        assert len(found) == len(expected), (path, found, expected)
+        for i, value in enumerate(expected):
+            same(found[i], value, path)
+    else:
+        assert found == expected, (path, found, expected)
+
+
+def is_numbers(values: Any) -> bool:
+    """Whether these are numbers, or lists of lists of equal length of them."""
+    if isinstance(values, (bool, str, dict)) or values is None or values == []:
+        return False
+    if not isinstance(values, list):
+        return True
+    return all(is_numbers(x) for x in values) and len({np.shape(x) for x in values}) == 1
+
+
+@cache
+def without_a_document() -> str:
+    """The modules that compute and draw; nothing in them needs a page."""
+    return page_script("offline.js")
+
+
+def asked(name: str, wanted: list[State], what: str) -> list[Any]:
+    _, made = living(name)
+    inputs = json.dumps([s.model_dump() for s in wanted])
+    return run(
+        f"{made.script}\n{without_a_document()}\n"
+        f"const living = new Living({json.dumps(made.data)}, globalThis.cartstiffTapes);\n"
+        f"const found = {inputs}.map((state) => {{ try {{ return {what}; }} "
+        "catch (error) { if (error.message !== NOT_PLAIN) throw error; return null; } });"
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_a_page_without_a_server_says_what_the_library_says(name):
+    elastic, _ = living(name)
+    session = Session(Source(elastic))
+    wanted = states(name)
+    answered = 0
+    for state, found in zip(wanted, asked(name, wanted, "living.numbers(state)"), strict=True):
+        if found is None:
+            continue
+        answered += 1
+        with np.errstate(all="ignore"):
+            expected = payload(session.result(state), state)
+        same(found, json.loads(json.dumps(expected)))
+    assert answered > 0.8 * STATES
+
+
+def test_singular_postures_are_not_answered():
+    arm, _ = living("ur5")
+    straight = [0.3, -1.1, 0.0, -0.7, 0.9, 0.2]
+    near = [0.3, -1.1, 1e-7, -0.7, 0.9, 0.2]
+    assert cartstiff.analyse(arm, straight).matrices["B"] is None
+    assert "lost-digits" in [note.code for note in cartstiff.analyse(arm, near).notes]
+    usual = State(q=arm.q.tolist())
+    wanted = [usual, State(q=straight), State(q=near),
+              usual.model_copy(update={"stiffness": [1e-3, *[1e9] * 5]})]  # fmt: skip
+    found = asked("ur5", wanted, "living.result(state)")
+    assert [one is None for one in found[:3]] == [False, True, True]
+    whole = json.loads(json.dumps(cartstiff.analyse(arm).as_dict()))
+    del whole["stored_energy"]
+    same(found[0], whole)
+    with pytest.raises(UndefinedError):
+        cartstiff.analyse(arm, straight, strict=True)
+
+
+def test_a_hand_is_followed_to_the_pose_and_to_the_limits():
+    arm, _ = living("ur5")
+    goal = cartstiff.analyse(arm, arm.q + 0.2).pose
+    far = goal.copy()
+    far[:3, 3] *= 4.0
+    poses = json.dumps([goal.tolist(), far.tolist()])
+    code = f"{poses}.map((T) => follow(living, state.q, T))"
+    near, away = asked("ur5", [State(q=arm.q.tolist())], code)[0]
+    assert near["reached"]
+    assert np.allclose(cartstiff.analyse(arm, near["q"]).pose, goal, atol=1e-5)
+    assert not away["reached"]
+    library = Follower(arm).follow(arm.q, far)
+    assert away["distance"] <= library.distance + 0.05
+    platform, _ = living("stewart-simscape")
+    start = np.array(platform.q)
+    T = cartstiff.analyse(platform).pose
+    T_up = se3.pose(translation=[0, 0, 0.02 * platform.mechanism.length]) @ T
+    code = f"follow(living, state.q, {json.dumps(T_up.tolist())})"
+    lifted = asked("stewart-simscape", [State(q=start.tolist())], code)[0]
+    assert np.allclose(cartstiff.analyse(platform, lifted["q"]).pose, T_up, atol=1e-9)
+
+
+def test_every_operation_is_that_of_numpy():
+    tape = Tape()
+    x, y = tape.vector("x", 2)
+    k = tape.input("k", 0)
+    values = [
+        x + y, x - y, x * y, x / y, -x, square_root(absolute(x)), absolute(y), sine(x), cosine(y),
+        larger(x, y), copysign(x, y), copysign(y, -x), pick(x, y, k, 2.5e-300), x * 3.0 + k,
+        1.0 / x, pick(x, math.nan, 1.0, k),
+    ]  # fmt: skip
+    program = tape.program({"a": np.array(values[:5], object), "b": np.array(values[5:], object)},
+                           ["k"])  # fmt: skip
+    draw = np.random.default_rng(3)
+    rows = np.concatenate([draw.normal(size=(20, 2)), [[0.0, -0.0], [-0.0, 1.0], [1e300, 1e-300]]])
+    out = {"a": np.empty((len(rows), 5)), "b": np.empty((len(rows), 11))}
+    inputs = {"x": rows, "k": np.array([[7.0]])}
+    PortableKernel(program).workspace(len(rows)).run(inputs, out, len(rows))
+    source, places = javascript(program)
+    assert places == {"a": (0, 5), "b": (5, 16)}
+    given = json.dumps(rows.tolist())
+    bits = run(
+        f"{HELPERS} const f = {source}; const found = {given}.map((x) => {{ const o = new "
+        "Float64Array(16); f({x, k: [7]}, o); return Array.from(new BigUint64Array(o.buffer), "
+        "String); });"
+    )
+    found = np.array(bits, dtype=np.uint64).view(float)
+    expected = np.concatenate([out["a"], out["b"]], axis=1)
+    exact = [i for i in range(16) if i not in (7, 8)]  # all but sine and cosine
+    assert np.array_equal(found[:20, exact], expected[:20, exact])
+    assert np.array_equal(np.signbit(found[:, 10:12]), np.signbit(expected[:, 10:12]))
+    assert np.allclose(found, expected, rtol=1e-13, equal_nan=True)
