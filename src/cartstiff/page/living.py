@@ -15,6 +15,7 @@ import numpy as np
 
 from cartstiff.analysis.metrics import characteristic_length
 from cartstiff.analysis.plain import plain
+from cartstiff.choices import LOAD_KINDS
 from cartstiff.many.plans import plan, program_for
 from cartstiff.many.portable import HELPERS, javascript
 from cartstiff.mechanisms.chain import Chain
@@ -24,7 +25,6 @@ from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.weighed import weighed
 from cartstiff.page.verdict import DEFINITE, NEAR
 from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.stiffness.applied_load import LOAD_KINDS
 from cartstiff.stiffness.compute import PostureStiffness
 
 __all__ = ["Tapes", "tapes"]
