@@ -17,6 +17,7 @@ from cartstiff.maps.run import compute_map
 from cartstiff.maps.sampling import Axis, Grid
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.potentials.loads import DeadForce
+from cartstiff.report.statics import describe_path
 from cartstiff.statics.continuation import load_curve
 from cartstiff.statics.equilibrium import equilibrium
 from cartstiff.statics.toolpath import compensate
@@ -84,8 +85,12 @@ def test_legs_out_of_reach_are_named_by_every_command(tmp_path):
     load = DeadForce([0.0, 0.0, -1.0])
     curve = load_curve(elastic, load, to=0.01, q0=[0.0, 0.0, 1.25, 0.0, 0.0, 0.0])
     assert "beyond-limits" in notes_of(curve)
-    path = compensate(elastic, [far], [load])
+    path = compensate(elastic, [far, far, elastic.q, far], [load] * 4)
     assert {"beyond-limits", "command-beyond-limit"} <= set(notes_of(path))
+    told = [line for line in describe_path(path).splitlines() if "the command of leg2" in line]
+    assert told == [
+        "  [command-beyond-limit] points 1-2, 4: the command of leg2 is beyond its limit"
+    ]
 
 
 def test_a_grid_of_poses_agrees_with_inverse_kinematics(tmp_path):

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 
 import numpy as np
 
 from cartstiff import numerics
 from cartstiff.errors import joined
+from cartstiff.mechanisms.elastic import Note
 from cartstiff.report.layout import wide_row
 from cartstiff.report.posture import describe
 from cartstiff.statics.compensation import CompensatedPath
@@ -187,4 +189,32 @@ def describe_path(path: CompensatedPath) -> str:
         unit = units.coordinate(not are_joints or coordinates[i].is_length)
         lines.append(f"  {name:<28} {value:>12.6g} {unit}")
     lines.append("(--csv FILE.csv writes the commands.)")
-    return joined([*lines, *(f"  {note}" for note in path.notes)])
+    return joined([*lines, *_of_points(path.notes)])
+
+
+def _of_points(notes: Iterable[Note]) -> list[str]:
+    """Notes; what is said of several points stands once, with all of them."""
+    said: dict[tuple[str, str], list[int]] = {}
+    for note in notes:
+        place, _, words = note.message.partition(": ")
+        number = note.values.get("point")
+        of_point = words and place == f"point {number}"
+        points = said.setdefault((note.code, words if of_point else note.message), [])
+        if of_point:
+            points.append(int(number))
+    return [
+        f"  {Note(code, f'{_spans(points)}: {words}' if points else words)}"
+        for (code, words), points in said.items()
+    ]
+
+
+def _spans(points: list[int]) -> str:
+    """Ascending numbers as "points 1-3, 7"."""
+    found: list[list[int]] = []
+    for point in points:
+        if found and point == found[-1][1] + 1:
+            found[-1][1] = point
+        else:
+            found.append([point, point])
+    shown = ", ".join(f"{a}" if a == b else f"{a}-{b}" for a, b in found)
+    return f"points {shown}" if len(points) > 1 else f"point {shown}"
