@@ -136,7 +136,9 @@ class UnknownNameError(InputError):
     ) -> None:
         self.name = name
         self.valid = tuple(dict.fromkeys(valid))
-        close = get_close_matches(str(name), self.valid, n=3)
+        # Letters in another case are the nearest of all.
+        same = [v for v in self.valid if str(v).lower() == str(name).lower()]
+        close = same or get_close_matches(str(name), self.valid, n=3)
         shown = ", ".join(close or self.valid[:12])
         if not self.valid:
             expected = "none exist here"

@@ -67,14 +67,14 @@ def test_angles_without_limits_that_look_like_degrees():
 
 def test_legs_out_of_reach_are_named_by_every_command(tmp_path):
     elastic = cartstiff.load("hexapod")
-    limits = yaml.safe_load((ROBOTS / "hexapod.yaml").read_text())["legs"]["limits"]
+    shared = yaml.safe_load((ROBOTS / "hexapod.yaml").read_text())["legs"]["limits"]
     far = [0.0, 0.0, 2.5, 0.0, 0.0, 0.0]
     lengths = leg_lengths(np.array(far))
     note = notes_of(cartstiff.analyse(elastic, far))["beyond-limits"]
     assert list(note.values) == [f"leg{i + 1}" for i in range(6)]
     for i, (name, found) in enumerate(note.values.items()):
         assert found["value"] == pytest.approx(lengths[i], rel=1e-14), name
-        assert [found["lower"], found["upper"]] == limits[i]
+        assert [found["lower"], found["upper"]] == shared
     start = notes_of(equilibrium(elastic, q0=far))["beyond-limits"]
     assert start.message.startswith("at the start: ")
     free = equilibrium(elastic, q0=far, limits=False)

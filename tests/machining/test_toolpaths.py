@@ -287,6 +287,7 @@ def test_platform_with_a_free_turn():
     ("points", "options", "code", "point", "match"),
     [
         ([[0.5, 0.2], [0.6, 0.2], [1.3, 0.2]], {}, "path-unreachable", 3, "out of reach"),
+        ([[500.0, 200.0]], {}, "path-unreachable", 1, "Millimetres"),
         ([[0.5, 0.2], [1.09, 0.0]], {}, "path-near-singular", 2, "near singularities"),
         ([[0.5, 0.2], [-0.5, 0.2]], {}, "path-discontinuous", 2, "times as large"),
         (

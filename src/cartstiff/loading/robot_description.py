@@ -161,6 +161,12 @@ def parse_xml(path: Path) -> ET.Element:
 
 def parse_text(text: str, where: str) -> ET.Element:
     """Root element of XML text without document type (no entities, no outside files)."""
+    if text.startswith("version https://git-lfs"):
+        raise InputError("this is a Git LFS pointer, not the file", where=where,
+                         expected="the file itself: git lfs pull")  # fmt: skip
+    if text[:200].lstrip().lower().startswith(("<!doctype html", "<html")):
+        raise InputError("this is a web page, not a robot", where=where,
+                         expected="URDF or MJCF as it is in the repository (raw)")  # fmt: skip
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise InputError("XML document types and entities are not supported", where=where)
     try:

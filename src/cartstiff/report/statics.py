@@ -201,7 +201,7 @@ def _of_points(notes: Iterable[Note]) -> list[str]:
         of_point = words and place == f"point {number}"
         points = said.setdefault((note.code, words if of_point else note.message), [])
         if of_point:
-            points.append(int(number))
+            points.append(int(place.removeprefix("point ")))
     return [
         f"  {Note(code, f'{_spans(points)}: {words}' if points else words)}"
         for (code, words), points in said.items()

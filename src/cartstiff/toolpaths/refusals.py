@@ -14,6 +14,9 @@ from cartstiff.toolpaths.dynamic_programming import Steps, best_way
 
 __all__ = ["broken", "colliding", "impossible"]
 
+#: Characteristic lengths beyond which no robot reaches: the unit is another.
+_FAR = 50.0
+
 
 def colliding(point: int, count: int) -> UndefinedError:
     """The error for a point (counted from 0) that is reached in colliding postures only."""
@@ -34,7 +37,12 @@ def impossible(
     if not len(ratios):
         excess = solver.beyond_limits(grid.targets(pose), grid.task)
         if excess is None:
-            return UndefinedError(f"{here} is out of reach", code="path-unreachable", values=values)
+            away = float(np.linalg.norm(pose[:3, 3]))
+            far = f": it is {away:.4g} away. Millimetres? Say --units mm, or x [mm] in the head"
+            words = far if away > _FAR * solver.length else ""
+            return UndefinedError(
+                f"{here} is out of reach{words}", code="path-unreachable", values=values
+            )
         name, amount = excess
         return UndefinedError(
             f"{here} is reached only beyond the limits: {name} by {amount:.3g}",
