@@ -27,7 +27,7 @@ from cartstiff import numerics
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.potentials.contract import Posture
+from cartstiff.potentials.contract import Evaluation, PosePotential, Posture
 from cartstiff.potentials.line_springs import LineSprings
 
 __all__ = ["Flexure", "FlexureStruts", "Struck", "ideal_joints_only"]
@@ -287,6 +287,10 @@ class FlexureStruts(LineSprings):
     def _lengths(self, T_a_b: Array) -> Array:
         R, p = T_a_b[:, :3, :3], T_a_b[:, :3, 3]
         return np.linalg.norm(self.points - (self.anchors - p[:, None]) @ R, axis=-1)
+
+    def evaluate(self, posture: Posture) -> Evaluation:
+        """Energy, gradient and Hessian at a posture: by the pose, not by lengths alone."""
+        return PosePotential.evaluate(self, posture)
 
     def on_pose(self, T_a_b: Array) -> tuple[float, Array, Array]:
         """Energy, wrench and K^B in components of frame b."""
