@@ -13,6 +13,7 @@ from tests.laws.test_batch_engine import assert_same
 import cartstiff
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import rotation_vector
+from cartstiff.many.kernels import assembled
 from cartstiff.many.plans import plan
 from cartstiff.many.postures import OUTPUTS, analyse_many
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -148,6 +149,21 @@ def test_few_postures_are_not_worth_recording():
     assert analyse_many(elastic, q[:99]).path == "engine"
     found = analyse_many(elastic, q)
     assert (found.path, found.by_engine) == ("portable", 0)
+
+
+def test_closed_alone():
+    """As maps close chains before they read them; what is held stays where it is."""
+    elastic = cartstiff.load("3-rps")
+    q = starts(elastic, count=4)
+    q[2, elastic.mechanism.held[0]] += 5.0  # out of reach
+    found, is_closed = assembled(elastic, q, "portable")
+    np.testing.assert_array_equal(is_closed, [True, True, False, True])
+    np.testing.assert_array_equal(found[2], q[2])
+    np.testing.assert_array_equal(found[:, elastic.mechanism.held], q[:, elastic.mechanism.held])
+    for i in (0, 1, 3):
+        closed = elastic.mechanism.closed(q[i]).q
+        np.testing.assert_allclose(found[i], closed, rtol=0, atol=ASSEMBLED)
+    assert not assembled(elastic, q, "engine")[1].any()
 
 
 def test_rotation_vector():

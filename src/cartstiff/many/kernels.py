@@ -21,7 +21,7 @@ from cartstiff.many.plans import CLOSING, Case, Plan, plan, program_for
 from cartstiff.many.reading_arithmetic import Readings
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["PATHS", "WORTH_READING", "WORTH_RECORDING", "Path", "chosen", "kernel_for",
+__all__ = ["PATHS", "WORTH_READING", "WORTH_RECORDING", "Path", "assembled", "chosen", "kernel_for",
            "lasting_path", "reading_kernel", "run"]  # fmt: skip
 
 Path = Literal["auto", "compiled", "portable", "engine"]
@@ -155,6 +155,26 @@ def lasting_path(
     return "portable"
 
 
+def _closing_kernel(taken: Plan, compiled: bool) -> Any:
+    return (_compiled_kernel if compiled else _portable_kernel)(taken.case, CLOSING)
+
+
+def assembled(elastic: ElasticMechanism, q: Array, path: Path) -> tuple[Array, NDArray[np.bool_]]:
+    """Coordinates q (N, n) of a chain closed by recorded steps, what is held kept; and which are.
+
+    The others are as given: `path` is "engine", the chain has no such steps, or they do not end.
+    """
+    taken = "" if path == "engine" or not len(q) else plan(elastic, "none")
+    if isinstance(taken, str) or not taken.is_closed:
+        return q, np.zeros(len(q), bool)
+    rows = min(len(q), CLOSED_CHUNK)
+    workspace = _closing_kernel(taken, path == "compiled").workspace(rows)
+    parts = [close(workspace, q[i : i + rows]) for i in range(0, len(q), rows)]
+    return np.concatenate([at for at, _ in parts]), np.concatenate(
+        [is_shut for _, is_shut in parts]
+    )
+
+
 def run(
     taken: Plan, kernel: Any, q: Array, loads: Array | None, arrays: Mapping[str, Array],
     verdicts: NDArray[np.uint8], threads: int, size: int | None,
@@ -182,11 +202,7 @@ def run(
     closing = None
     if taken.is_closed:
         length = min(length, CLOSED_CHUNK)
-        steps = (
-            _portable_kernel(taken.case, CLOSING)
-            if isinstance(kernel, portable.PortableKernel)
-            else _compiled_kernel(taken.case, CLOSING)
-        )
+        steps = _closing_kernel(taken, not isinstance(kernel, portable.PortableKernel))
         closing = steps.workspace(length, max(1, min(threads, length // LEAST_PER_THREAD)))
     length = min(length, count)
     shared = {name: np.ascontiguousarray(array) for name, array in taken.shared.items()}

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from cartstiff import numerics
 from cartstiff.errors import CartstiffError, ConvergenceError
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.kernels import Path
+from cartstiff.many.kernels import Path, assembled
 from cartstiff.many.one_by_one import NOT_ASSEMBLED, REGULAR
 from cartstiff.many.postures import Postures, analyse_many
 from cartstiff.many.read_many import Reader
@@ -160,7 +160,8 @@ class MapJob:
         arrays["state"] = np.zeros(count, np.uint8)
         arrays["position"] = np.full((count, 3), np.nan)
         # One after the other in Python: threads would wait for each other, and Ctrl-C for them.
-        one_by_one = bool(self._closures) or any("." in name for name in self.names)
+        one_by_one = any("." in name for name in self.names)
+        one_by_one |= self.path == "engine" and bool(self._closures)
         rows_at_once = _FEW if one_by_one else _ROWS
         threads = 1 if one_by_one else threads
         blocks = [slice(i, min(i + rows_at_once, count)) for i in range(0, count, rows_at_once)]
@@ -196,10 +197,10 @@ class MapJob:
         there: Array = np.asarray(np.isfinite(part).all(axis=1))
         state = np.full(len(part), STATES.index(UNREACHABLE), np.uint8)
         if self._closures:
-            assembled = self._assemble(part, there)
-            state[there & ~assembled] = STATES.index(NOT_ASSEMBLED)
-            part[~assembled] = np.nan
-            there = assembled
+            closed = self._assemble(part, there)
+            state[there & ~closed] = STATES.index(NOT_ASSEMBLED)
+            part[~closed] = np.nan
+            there = closed
         if there.any():
             whole = bool(there.all())
             present = part if whole else part[there]
@@ -348,7 +349,10 @@ class MapJob:
         return np.array([c.is_length for c in self.elastic.mechanism.coordinates])
 
     def _assemble(self, q: Array, there: Array) -> Array:
-        """Meet the closures row by row, the map's own coordinates held; which rows succeeded."""
+        """Meet the closures, the map's own coordinates held; which rows succeeded.
+
+        By recorded steps where they end, else row by row.
+        """
         mechanism = self.elastic.mechanism
         if not isinstance(mechanism, Chain):
             return there
@@ -357,8 +361,10 @@ class MapJob:
         if not set(own) <= set(mechanism.held):
             # The map leads passive joints: the actuators follow.
             hold = sorted({*own, *mechanism.held} - {*(mechanism.actuated or ())} | {*own})
-        done = there.copy()
-        for i in np.flatnonzero(there):
+        done, is_closed = there.copy(), np.zeros(len(q), bool)
+        if hold == sorted(mechanism.held):
+            q[there], is_closed[there] = assembled(self.elastic, q[there], self.path)
+        for i in np.flatnonzero(there & ~is_closed):
             try:
                 closed = mechanism.closed(q[i], hold=hold).q
             except ConvergenceError:
