@@ -6,6 +6,7 @@ import json
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from tests.mechanisms.machines import joint, write_file, write_urdf
@@ -92,3 +93,15 @@ def test_postures_in_degrees(capsys: pytest.CaptureFixture[str]) -> None:
     words, arm = capsys.readouterr().out, cartstiff.load("five-bar")
     q = float(arm.q[list(arm.names).index("left_motor")])
     assert f"deg, q {math.degrees(q):.6g}" in words
+
+
+def test_tool_and_gravity_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+    asked = ["frames", "five-bar", "--tcp", "0.1,0,0.2", "--gravity", "0,0,-5", "--units", "mm"]
+    with pytest.raises(SystemExit):
+        main(asked)
+    words, pose = capsys.readouterr().out, np.eye(4)
+    arm = cartstiff.load("five-bar")
+    pose = arm.mechanism.at(arm.q).pose
+    x, y, z = 1e3 * pose[:3, 3] + pose[:3, :3] @ [0.1, 0.0, 0.2]
+    assert f"M at ({x:.6g}, {y:.6g}, {z:.6g}) mm in F" in words
+    assert "Gravity: (0, 0, -5) m/s^2" in words

@@ -269,10 +269,13 @@ def _check_range(values: Values, expected: str, finite: bool = False) -> None:
                              expected=f"{expected}, at least {1 / LARGEST:g}")  # fmt: skip
 
 
+_tcp_option = option(
+    "--tcp", type=Numbers("X,Y,Z[,R,P,Y]", 3, 6),
+    help="M in the frame: position, and roll, pitch, yaw about fixed axes.",
+)  # fmt: skip
 #: Tool, gravity and what is carried.
 tool_options = option_group(
-    option("--tcp", type=Numbers("X,Y,Z[,R,P,Y]", 3, 6),
-           help="M in the frame: position, and roll, pitch, yaw about fixed axes."),
+    _tcp_option,
     option("--gravity", type=POINT,
            help="Acceleration of gravity in F in m/s^2, such as 0,0,-9.81, instead of the file's."),
     option("--payload", type=PAYLOAD,
@@ -287,27 +290,29 @@ file_options = option_group(
     click.option("--package-path", type=click.Path(path_type=Path), metavar="FOLDER",
                  multiple=True, help="Folder in or under which ROS packages are looked for."),
 )  # fmt: skip
+_units_option = option("--units", type=UnitList("UNITS"),
+       help="Units of numbers given and shown, such as mm,deg. Lengths in m, cm, mm, um or in: "
+       "with mm, moments are in N mm, stiffnesses in N mm/rad and N/mm. The head of a CSV file "
+       "may name others. deg is for joints, roll, pitch, yaw, and tables of postures. JSON "
+       "names its unit of length and uses radians.")  # fmt: skip
 #: Which robot it is, and what it carries: the same on every command, for `MechanismRequest`.
 robot_options = option_group(
     frame_option,
     tool_options,
-    option("--units", type=UnitList("UNITS"),
-           help="Units of numbers given and shown, such as mm,deg. Lengths in m, cm, mm, um or in: "
-           "with mm, moments are in N mm, stiffnesses in N mm/rad and N/mm. The head of a CSV file "
-           "may name others. deg is for joints, roll, pitch, yaw, and tables of postures. JSON "
-           "names its unit of length and uses radians."),
+    _units_option,
     file_options,
     stiffness_option,
 )  # fmt: skip
 
 
 def mechanism_options(
-    load_help: str = _BALANCED, *, placed: bool = True
+    load_help: str = _BALANCED, *, placed: bool = True, gives: bool = True
 ) -> Callable[..., Callable[..., Any]]:
     """Argument MECHANISM and the options that place and load it.
 
     The command gets a `MechanismRequest` as its keyword ``request``; without `placed` there are
-    only those that say which robot it is, its posture among them.
+    only those that say which robot it is, its posture among them; without `gives` neither its
+    posture nor what it weighs nor its springs.
     """
     posture = option(
         "--q", type=JointValues(),
@@ -325,7 +330,10 @@ def mechanism_options(
         option("--rest", type=JointValues(),
                help="Rest positions of the joints (rest lengths of legs), as for --q."),
         option("--load", "wrench", type=WRENCH, help=load_help),
-    ) if placed else option_group(click.argument("mechanism"), posture, robot_options)  # fmt: skip
+    ) if placed else option_group(
+        click.argument("mechanism"), *([posture, robot_options] if gives else
+        [frame_option, _tcp_option, _units_option, file_options]),
+    )  # fmt: skip
     return gathered(options, "request", MechanismRequest)
 
 

@@ -20,7 +20,7 @@ Examples:
 
 
 @click.command(name="poses", epilog=_EPILOG)
-@mechanism_options(placed=False)
+@mechanism_options(placed=False, gives=False)
 @click.argument("table", metavar="TABLE.csv", type=click.Path(path_type=Path))
 @click.option(
     "--for",

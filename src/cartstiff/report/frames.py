@@ -8,11 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from cartstiff.geometry import se3
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.mechanisms.weighed import weighed
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
+from cartstiff.report.layout import vector
 
 __all__ = ["FRAMES_SCHEMA", "describe_frames", "frames_of"]
 
@@ -28,7 +31,8 @@ def frames_of(elastic: ElasticMechanism) -> dict[str, Any]:
     dict
         "frames" fixed to F; "joints" in the order of the tree, each with its parent (the name of a
         joint, or None for F), its coordinate, spring, mass and the frames fixed to it; "closures"
-        that tie frames; "legs" of a platform; see `cartstiff.report.json_schema.frames_schema`.
+        that tie frames; "legs" of a platform; "pose" of M in F at the posture; "gravity"; see
+        `cartstiff.report.json_schema.frames_schema`.
     """
     mechanism = elastic.mechanism
     answer: dict[str, Any] = {
@@ -41,6 +45,8 @@ def frames_of(elastic: ElasticMechanism) -> dict[str, Any]:
         "closures": [],
         "legs": [],
         "payload": mechanism.masses().get("payload"),
+        "gravity": weighed(elastic).as_dict()["gravity"],
+        "pose": elastic.mechanism.at(elastic.q).pose.tolist(),
         "notes": [note.as_dict() for note in elastic.notes],
     }
     if isinstance(mechanism, Chain):
@@ -172,8 +178,17 @@ def describe_frames(answer: Mapping[str, Any], angle: str = "rad") -> str:
     if answer["closures"]:
         lines += ["", "Closures"]
         lines += [f"  {c['type']}: {c['frames'][0]} = {c['frames'][1]}" for c in answer["closures"]]
+    pose = np.array(answer["pose"])
+    turned = np.degrees(se3.roll_pitch_yaw(pose))
+    lines += [
+        "",
+        f"M at {vector(pose[:3, 3], 6)} {units['length']} in F, roll, pitch, yaw "
+        f"{vector(turned, 6, 1.0)} deg",
+        "Gravity: none" if answer["gravity"] is None
+        else f"Gravity: {vector(answer['gravity'], 6)} m/s^2",
+    ]  # fmt: skip
     if answer["payload"]:
-        lines += ["", f"Payload: {answer['payload']:.6g} kg"]
+        lines.append(f"Payload: {answer['payload']:.6g} kg")
     return "\n".join(lines)
 
 
@@ -195,7 +210,7 @@ def _joint_words(joint: Mapping[str, Any], units: Mapping[str, str], angle: str)
         words.append(f"follows {joint['follows']}")
     elif joint["q"] is not None:
         words.append(f"{_range(joint['lower'], joint['upper'], size)} {shown}")
-        words.append(f"q {round(joint['q'] * size, 10):.6g}")
+        words.append(f"q {round(joint['q'] * size, 10) + 0.0:.6g}")
         if not joint["virtual"]:
             words.append(_spring_words(joint["spring"], units, turns, size))
     if joint["actuated"]:

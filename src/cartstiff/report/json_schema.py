@@ -259,6 +259,8 @@ _FRAMES: dict[str, Any] = {
         ),
     },
     "payload": _or_null("number", "[kg]"),
+    "gravity": _or_null("array", "m/s^2, in F"),
+    "pose": _matrix(4, 4, "T_F_M at the posture"),
     "notes": _ANALYSIS["notes"],
 }
 

@@ -70,9 +70,9 @@ def numbers(values: Iterable[float | None], digits: int = 5) -> str:
     return " ".join(number(x, digits) for x in _shown(values))
 
 
-def vector(values: Iterable[float | None], digits: int = 3) -> str:
+def vector(values: Iterable[float | None], digits: int = 3, size: float = 0.0) -> str:
     """A short vector in brackets."""
-    return f"({', '.join(number(x, digits) for x in _shown(values))})"
+    return f"({', '.join(number(x, digits) for x in _shown(values, size))})"
 
 
 def table(titles: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:

@@ -126,17 +126,16 @@ def _participation(modes: Modes) -> list[str]:
 
 
 def _axes(modes: Modes) -> list[str]:
-    lines = []
+    lines, size = [], modes.posture.length
     for i, screw in enumerate(modes.nodal_axes):
         if not np.isfinite(screw.direction).all():
             words = "does not move"
         elif not np.isfinite(screw.pitch):
             words = f"moves along {vector(screw.direction)}"
         else:
-            words = (
-                f"about {vector(screw.direction)} through {vector(screw.point)}, pitch "
-                f"{number(screw.pitch, 3)}"
-            )
+            point = vector(screw.point, size=size)
+            words = f"about {vector(screw.direction)} through {point}, pitch "
+            words += number(screw.pitch if abs(screw.pitch) > numerics.BLANK * size else 0.0, 3)
         lines.append(f"  {i + 1:>3}  {words}")
     return lines
 
