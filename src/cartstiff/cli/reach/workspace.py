@@ -19,7 +19,7 @@ from cartstiff.cli.types import (
     option_group,
     progress_option,
 )
-from cartstiff.errors import UndefinedError
+from cartstiff.errors import InputError, UndefinedError
 
 __all__ = ["command"]
 
@@ -75,6 +75,9 @@ def command(
     Volume and slices with one orientation, the rotations at one position, which limit cuts which
     share of the boundary, the largest sphere and cube inside, and how near singular poses are.
     """
+    if request.stiffness is not None:
+        raise InputError("stiffness does not bear on where a body can be", where="--stiffness",
+                         expected="no stiffness")  # fmt: skip
     elastic, q = request.load()
 
     from cartstiff.reach.workspace import workspace
