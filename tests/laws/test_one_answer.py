@@ -189,12 +189,12 @@ def _motions(acting, result, reaches):
 
 
 def _are_far_apart(elastic):
-    """Whether a rounded turn of the stiffest spring exerts 1/200 of what the softest one bears.
+    """Whether a rounded turn of the stiffest spring exerts what differences add, 1e-4 of the load.
 
     An equilibrium that is unstable is then not found again: the search comes to rest at another.
     """
     k = elastic.springs.stiffness
-    return k.max() > 1e12 * k[k > 0.0].min()
+    return k.max() > 1e11 * k[k > 0.0].min()
 
 
 def _is_unstable(C):
