@@ -320,11 +320,15 @@ def test_the_address_holds_the_state(serve, pages):
     page = pages.shared(serve("cubic").url)
     page.focus("#slider-0")
     page.keyboard.press("PageUp")
+    page.click("#cameras [data-preset=top]")
+    settled(page)
+    view = page.evaluate("() => window.cartstiff.pane.view")
     page.keyboard.press("1")
     settled(page)
     page.wait_for_function("() => window.location.hash.includes('connection=A')")
     page.reload()
     ready(page)
+    assert page.evaluate("() => window.cartstiff.pane.view") == pytest.approx(view, abs=1e-3)
     q = page.evaluate("() => window.cartstiff.numbers.result.q")
     assert q[0] > 0
     assert page.get_attribute('[data-value="A"]', "aria-checked") == "true"

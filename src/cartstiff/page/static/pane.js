@@ -101,7 +101,10 @@ export class Pane {
     if (this.seen) {
       camera.position.copy(eye);
       controls.target.copy(target);
-    } else this.look("iso", bounds);
+    } else {
+      this.look("iso", bounds);
+      this.first = String(this.view);
+    }
     this.seen = true;
   }
 
@@ -119,6 +122,20 @@ export class Pane {
     const radius = Math.max(CLOSE, Math.hypot(...low.map((x, i) => high[i] - x)) / 2);
     controls.target.set(...middle);
     camera.position.copy(controls.target).add(direction.normalize().multiplyScalar(FILLED * radius / Math.sin(Math.atan(half))));
+    controls.update();
+    this.viewer.set_dirty();
+  }
+
+  /** Where the camera is and what it looks at: six numbers. */
+  get view() {
+    const { camera, controls } = this.viewer;
+    return [...camera.position.toArray(), ...controls.target.toArray()].map((x) => Number(x.toFixed(4)));
+  }
+
+  set view(numbers) {
+    const { camera, controls } = this.viewer;
+    camera.position.fromArray(numbers);
+    controls.target.fromArray(numbers, 3);
     controls.update();
     this.viewer.set_dirty();
   }

@@ -30,6 +30,7 @@ export function toHash(store) {
   if (frame !== store.firstFrame) parts.set("frame", frame);
   if (store.fine) parts.set("lengths", store.fine);
   if (store.angle !== "deg") parts.set("angles", store.angle);
+  if (String(store.pane.view) !== store.pane.first) parts.set("camera", String(store.pane.view));
   return parts.toString().replaceAll("%2C", ",");
 }
 
@@ -90,6 +91,8 @@ export function sharing(store) {
     const asked = new URLSearchParams(location.hash.slice(1));
     store.readIn(asked.get("lengths"));
     if (asked.get("angles") === "rad") store.tell("angles", "rad");
+    const view = (asked.get("camera") ?? "").split(",").map(Number);
+    if (view.length === 6 && view.every(Number.isFinite)) store.pane.view = view;
     const wishes = fromHash(location.hash, hello.state);
     const frame = new URLSearchParams(location.hash.slice(1)).get("frame");
     if (frame && frame !== hello.mechanism.frame && store.source.live) {
