@@ -267,12 +267,8 @@ class FlexureStruts(LineSprings):
         T, _ = posture.relative(self.frame_a, self.frame_b)
         free = np.isnan(self.rest_length) | every
         start = np.where(np.isnan(self.rest_length), self._lengths(T[None]), self.rest_length)
-        at = self.at_poses(T[None], start, gradient[None], free)
-        # Struts that are bent far have several shapes with one rest length.
-        again = self.at_poses(T[None], np.where(at.is_found, at.rest_length, start))
-        apart = np.abs(at.wrench - again.wrench)[..., 3:].max(axis=-1)
-        same = apart <= numerics.NEARBY * self.stiffness * self.made
-        if not (at.is_found & again.is_found & same).all():
+        at = self._balancing(T[None], start, gradient[None], free)
+        if not at.is_found.all():
             raise InputError("no rest lengths of the struts balance this load at this pose",
                              expected="a load that the struts can carry, and a pose near that at "
                              "which they were made")  # fmt: skip
@@ -284,9 +280,20 @@ class FlexureStruts(LineSprings):
         rest = np.broadcast_to(self.rest_length, (len(T_a_b), len(free)))
         if not free.any():
             return self.at_poses(T_a_b, rest)
-        return self.at_poses(
+        return self._balancing(
             T_a_b, np.where(free, self._lengths(T_a_b), rest), np.zeros((len(T_a_b), 6)), free
         )
+
+    def _balancing(self, T_a_b: Array, rest: Array, gradient: Array, free: Any) -> Struck:
+        """`at_poses` with a gradient; found where the rest lengths alone lead to it, too.
+
+        Struts that are bent far have several shapes with one rest length.
+        """
+        at = self.at_poses(T_a_b, rest, gradient, free)
+        again = self.at_poses(T_a_b, np.where(at.is_found, at.rest_length, rest))
+        apart = np.abs(at.wrench - again.wrench)[..., 3:].max(axis=-1)
+        same = apart <= numerics.NEARBY * self.stiffness * self.made
+        return at._replace(is_found=at.is_found & again.is_found & same)
 
     def _lengths(self, T_a_b: Array) -> Array:
         R, p = T_a_b[:, :3, :3], T_a_b[:, :3, 3]
