@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -24,6 +25,7 @@ from cartstiff.designs.run import Evaluation
 from cartstiff.designs.study import Study
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.many import postures
+from cartstiff.report.json_schema import json_schema
 
 HEXAGONS = """\
 kind: stewart-gough
@@ -284,6 +286,7 @@ def test_the_command(tmp_path: Path) -> None:
     assert "Pareto front" in (tmp_path / "d.svg").read_text()
     run = CliRunner().invoke(command, [*arguments, "--json"], catch_exceptions=False)
     answer = json.loads(run.output)
+    jsonschema.validate(answer, json_schema("design"))
     assert answer["counts"] == {"feasible": 4, "infeasible": 1, "failed": 0}
     assert answer["designs"][4]["reason"].startswith("c = 0.8")
     for name in "ab":

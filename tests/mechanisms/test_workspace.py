@@ -6,6 +6,7 @@ import csv
 import json
 from dataclasses import replace
 
+import jsonschema
 import numpy as np
 import pytest
 from scipy.optimize import linprog
@@ -17,6 +18,7 @@ import cartstiff
 from cartstiff.cli.main import main
 from cartstiff.errors import InputError
 from cartstiff.reach.margins import lines_at, wrench_margins
+from cartstiff.report.json_schema import json_schema
 
 LEGS = {
     "limits": [[0.85, 1.25]] * 6,
@@ -149,7 +151,8 @@ def test_what_is_singular_everywhere_is_named_once(path, code):
     found = cartstiff.workspace(cartstiff.load(path))
     assert found.volume is None
     assert found.notes[-1].code == code
-    json.dumps(found.as_dict(), allow_nan=False)
+    text = json.dumps(found.as_dict(), allow_nan=False)
+    jsonschema.validate(json.loads(text), json_schema("workspace"))
 
 
 def test_what_has_no_workspace_is_refused(machine):
@@ -171,7 +174,7 @@ def test_the_command(capsys, tmp_path):
         main([*arguments, "--plot", str(picture), "--json"])
     assert not exit_.value.code
     data = json.loads(capsys.readouterr().out)
-    assert data["schema"] == "cartstiff-workspace/1"
+    jsonschema.validate(data, json_schema("workspace"))
     rows = list(csv.DictReader(table.read_text("utf-8").splitlines()))
     assert [row["limit"] for row in rows] == data["limits"]
     assert picture.read_bytes().startswith(b"\x89PNG")

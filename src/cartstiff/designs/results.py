@@ -18,7 +18,10 @@ from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.notes import Note
 from cartstiff.notebook import ShownInLines
 
-__all__ = ["Designs"]
+__all__ = ["DESIGN_SCHEMA", "Designs"]
+
+#: Name and version of the form of the JSON output.
+DESIGN_SCHEMA = "cartstiff-design/1"
 
 
 @dataclass(frozen=True, repr=False)
@@ -137,7 +140,7 @@ class Designs(ShownInLines):
         """For JSON."""
         study = self.study
         return {
-            "schema": "cartstiff-design/1",
+            "schema": DESIGN_SCHEMA,
             "mechanism": self.mechanism,
             "method": study.method.kind,
             "variables": list(study.variables),

@@ -9,7 +9,8 @@ from cartstiff.choices import LOAD_KINDS
 from cartstiff.matrix_names import MATRICES
 from cartstiff.report.frames import FRAMES_SCHEMA
 from cartstiff.report.identify_schema import identify_schema
-from cartstiff.report.reach_schema import assemble_schema
+from cartstiff.report.reach_schema import assemble_schema, workspace_schema
+from cartstiff.report.studies.schema import design_schema
 from cartstiff.stiffness.compute import SCHEMA
 from cartstiff.vibration.mode_set import MODES_SCHEMA
 
@@ -325,7 +326,8 @@ def json_schema(command: str = "analyse") -> dict[str, Any]:
 
     Parameters
     ----------
-    command : {"analyse", "equilibrium", "frames", "modes", "identify", "assemble", "analysis"}
+    command : {"analyse", "equilibrium", "frames", "modes", "identify", "assemble", "workspace", \
+"design", "analysis"}
         The command; "analysis" is the object that ``analyse`` adds under this key.
 
     Returns
@@ -352,6 +354,10 @@ def json_schema(command: str = "analyse") -> dict[str, Any]:
         return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
     if command == "assemble":
         return assemble_schema(_ANALYSIS)
+    if command == "workspace":
+        return workspace_schema(_ANALYSIS)
+    if command == "design":
+        return design_schema(_ANALYSIS["notes"])
     if command == "identify":
         return identify_schema(_ANALYSIS["notes"], _ANALYSIS["mechanism"], _ANALYSIS["units"])
     properties = dict(_ANALYSIS)
