@@ -237,7 +237,9 @@ def modules_of(name: str) -> Iterator[str]:
 
 def _has_members(name: str) -> bool:
     base = Path(cartstiff.__file__).parent.joinpath(*name.split(".")[1:])
-    path = base / "__init__.py" if base.is_dir() else base.with_suffix(".py")
+    if not base.is_dir():
+        return True
+    path = base / "__init__.py"
     tree = ast.parse(path.read_text(encoding="utf-8"))
     kinds = (ast.FunctionDef, ast.ClassDef)
     # What stands in a branch, as for a type checker, is there too.

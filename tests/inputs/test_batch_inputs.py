@@ -112,8 +112,8 @@ def test_nothing_is_written_before_a_refusal(ur5):
 
 
 def test_a_path_that_does_not_serve_is_refused():
-    elastic = cartstiff.load("five-bar")
-    with pytest.raises(InputError, match="does not serve this mechanism: a closed chain"):
+    elastic = cartstiff.load("grasp")
+    with pytest.raises(InputError, match="does not serve this mechanism: what springs carry"):
         analyse_many(elastic, elastic.q[None], path="compiled")
 
 

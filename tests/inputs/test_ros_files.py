@@ -273,7 +273,7 @@ def test_xml_text_of_mjcf():
     [
         ("<robot", "XML text: not valid XML"),
         ("<robot name='a'/>", "XML text: robot has no links"),
-        ("  <html/>", "XML text: not a robot description"),
+        ("  <html/>", "XML text: this is a web page, not a robot"),
         ("<mujoco><worldbody/></mujoco>", "XML text: robot has no movable joints"),
         ("<mujoco><none/></mujoco>", "XML text: not a usable MJCF"),
         ("<sdf version='1.9'><model name='a'><joint name='j'><axis><dynamics><spring_stiffness>5"

@@ -138,7 +138,8 @@ def big_arm(tmp_path_factory):
 def test_a_seam_in_four_commands(big_arm):
     """What one command writes the next one reads; the poses come back in the robot's words."""
     folder = big_arm.parent
-    robot = [big_arm, "--tcp", "0,0,0.2", "--stiffness", "2e6,2e6,1.5e6,3e5,3e5,2e5"]
+    tool = [big_arm, "--tcp", "0,0,0.2"]
+    robot = [*tool, "--stiffness", "2e6,2e6,1.5e6,3e5,3e5,2e5"]
     p, c, k = (folder / name for name in ("p.csv", "c.csv", "k.csv"))
     run("path", *robot, folder / "seam.csv", "--load", "0,0,0,0,0,-300", "--world", "--csv", p)
     answer = json.loads(
@@ -150,7 +151,7 @@ def test_a_seam_in_four_commands(big_arm):
 
     shown = read_trajectory(c, tuple(f"a{i}" for i in range(1, 7)))
     assert np.allclose(shown.q, read_rows(p, "rows").values[:, :6], atol=1e-12)
-    assert "40 commands that compensate" in run("poses", *robot, c, "--for", "kuka", "-o", k)
+    assert "40 commands that compensate" in run("poses", *tool, c, "--for", "kuka", "-o", k)
     head, *lines = k.read_text().splitlines()
     assert head.endswith("a6 [deg],X [mm],Y [mm],Z [mm],A [deg],B [deg],C [deg]")
     kuka = np.array([[float(x) for x in line.split(",")] for line in lines])
@@ -158,7 +159,7 @@ def test_a_seam_in_four_commands(big_arm):
     wanted = np.array([[1600, y + 0.5, 900] for y in range(-390, 400, 20)])
     # The load pushes down: the commands lie above, by about the deflection.
     assert 0.1 < (kuka[:, 8] - wanted[:, 2]).min() < 2
-    plain = run("poses", *robot, p, "--for", "kuka").splitlines()[-1].split(",")
+    plain = run("poses", *tool, p, "--for", "kuka").splitlines()[-1].split(",")
     assert np.allclose([float(x) for x in plain[6:9]], wanted[-1], atol=1e-4)
 
 

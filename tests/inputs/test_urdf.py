@@ -91,7 +91,7 @@ BAD: dict[str, tuple[str | bytes, tuple[str, ...]]] = {
         ("document types and entities",),
     ),
     "SDF": ('<sdf version="1.6"><model name="x"/></sdf>', ("SDF", "got no joints")),
-    "HTML": ("<html><body/></html>", ("not a robot description", "got <html>")),
+    "HTML": ("<html><body/></html>", ("a web page, not a robot",)),
     "another namespace": (changed("<robot ", '<robot xmlns="http://x" '), ("not a robot",)),
     "xacro expression": (changed(ORIGIN, 'xyz="${x} 0 0"'), ("'j1'", "origin xyz", "${x}")),
     "robot without name": (changed(' name="arm"', ""), ("robot has no name",)),
@@ -449,7 +449,8 @@ def test_bundled_mechanism(name: str, accepted: Accepted) -> None:
     check_finite(data)
     rng = np.random.default_rng(7)
     if data["mechanism"]["kind"] in ("serial", "stewart-gough", "springs"):
-        q = np.array(data["q"]) + rng.uniform(-0.1, 0.1, len(data["q"]))
+        far = 1e-3 if name == "flexure-hexapod" else 0.1  # what bends does not go far
+        q = np.array(data["q"]) + rng.uniform(-far, far, len(data["q"]))
         check_finite(accepted(name, "--q", ",".join(map(repr, q.tolist()))))
 
 

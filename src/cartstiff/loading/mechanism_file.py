@@ -106,7 +106,7 @@ def place_of(path: Path, lines: Lines, at: tuple[str | int, ...]) -> str:
         known = known[:-1]
     line = f", line {lines.get(known, 1)}" if lines else ""  # what comes from Python has none
     key = ".".join(str(part + 1) if isinstance(part, int) else part for part in at)
-    return one_line(f"{path}{line}" + (f", key {key}" if key else ""))
+    return f"{one_line(str(path))}{line}" + (f", key {one_line(key)}" if key else "")
 
 
 def located(error: InputError, path: Path, lines: Lines) -> InputError:
