@@ -140,9 +140,16 @@ def test_a_slider_moves_robot_ellipsoid_and_matrix(ur5):
     assert 0 < len(paths) < len(robot)
     after = transforms(ur5, "ellipsoid")
     assert moved(ellipsoid, after)
-    # It stands around the origin of M.
-    for path, elements in after.items():
-        assert np.allclose(elements[12:15], result.pose[:3, 3], atol=1e-6), path
+    # It stands around the origin of M; an axis of it is a rod, a dashed one begins at its end.
+    columns = {path: np.reshape(elements, (4, 4))[:, :3] for path, elements in after.items()}
+    for path, (x, _, _, start) in columns.items():
+        middle = start + x / 2 if path.endswith("minus") else start
+        assert np.allclose(middle, result.pose[:3, 3], atol=1e-6), path
+    # Half an axis is as long as the square root of its stiffness says.
+    body = columns["/meshcat/cartstiff/translation ellipsoid/stiffness/body"]
+    squares = np.sum(body[:3] ** 2, axis=1)
+    values = np.linalg.eigvalsh(result.matrices["K"][3:, 3:])
+    assert squares / squares[0] == pytest.approx(values / values[0], rel=1e-6)
 
 
 def test_a_number_moves_the_robot(ur5):
