@@ -15,9 +15,11 @@ from cartstiff.analysis.posture import analyse_posture
 from cartstiff.cli.main import main
 from cartstiff.maps.sampling import Trajectory
 from cartstiff.mechanisms.identified import neighbours
+from cartstiff.mechanisms.other_units import in_units
 from cartstiff.page.payload import payload
 from cartstiff.page.state import State
 from cartstiff.potentials.loads import DeadWrench
+from cartstiff.statics.equilibrium import equilibrium
 from cartstiff.statics.held import displacement_between
 from cartstiff.statics.toolpath import compensate
 
@@ -171,3 +173,19 @@ def test_commands_along_a_path_leave_what_the_springs_leave(known):
         assert deviation == pytest.approx(np.sqrt(variance), rel=1e-4)
     assert "after_sd_" in path.as_csv().splitlines()[0]
     assert np.array(path.as_dict()["error_after_sd"]).shape == (2, 6)
+
+
+def test_another_unit_of_length_changes_no_interval(known):
+    elastic = load(known)
+    small = in_units(elastic, "mm")
+    q = PLACES[0]
+    here = equilibrium(elastic, wrench=FORCE, load_axes="world", q0=q)
+    there = equilibrium(small, wrench=FORCE, load_axes="world", q0=q)
+    sizes = np.array([1, 1, 1, 1e3, 1e3, 1e3])
+    np.testing.assert_allclose(
+        there.displacement_deviation, here.displacement_deviation * sizes, rtol=1e-6
+    )
+    assert np.all(here.displacement_deviation[3:] > 0)
+    data = small.identified.as_dict()["compliances"]
+    # rad/(N mm)
+    assert data["j2"] == pytest.approx(1e-3 * elastic.identified.as_dict()["compliances"]["j2"])

@@ -13,7 +13,7 @@ from cartstiff.arrays import Array
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.elements import CompliancePattern, Elements
+from cartstiff.mechanisms.elements import BEAM, CompliancePattern, Elements
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import CoupledSprings, JointSprings, PolynomialLaw, SpringLaw
@@ -286,7 +286,7 @@ def _of_link(elastic: ElasticMechanism, elements: Elements, word: str) -> list[U
                 (members[i], members[j], float(C[i, j]))
                 for i in range(len(at)) for j in range(i, len(at)) if C[i, j] != 0.0
             )  # fmt: skip
-            pattern = CompliancePattern(f"{name} (beam)", entries)
+            pattern = CompliancePattern(name + BEAM, entries)
             return [Unknown(pattern, "of the file's", 1.0, is_scale=True)]
     chosen = [m.rpartition(".")[2] for m in members]
     if form not in ("", "diagonal"):

@@ -36,7 +36,7 @@ def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticM
             own, size = entry.value * weight, np.sqrt(
                 elements.compliance[i, i] * elements.compliance[j, j]
             )  # fmt: skip
-            if "(beam)" not in entry.name and abs(elements.compliance[i, j] - own) > _AGREE * size:
+            if not pattern.is_share and abs(elements.compliance[i, j] - own) > _AGREE * size:
                 raise InputError(
                     f"compliance of {entry.name!r} is not that of the file's spring",
                     where="identified", expected=f"{elements.compliance[i, j]:.6g}, or no key "

@@ -25,7 +25,11 @@ from cartstiff.potentials.flexure_struts import ideal_joints_only
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
 from cartstiff.potentials.springs import CoupledSprings, JointSprings
 
-__all__ = ["CompliancePattern", "Elements"]
+__all__ = ["BEAM", "CompliancePattern", "Elements"]
+
+
+#: Ends the names of parameters that are shares of a beam's own compliance.
+BEAM = " (beam)"
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,11 @@ class CompliancePattern:
 
     name: str
     entries: tuple[tuple[str, str, float], ...]
+
+    @property
+    def is_share(self) -> bool:
+        """Whether the parameter is a share of a beam's own compliance: a number without unit."""
+        return self.name.endswith(BEAM)
 
     @property
     def is_diagonal(self) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -80,6 +80,28 @@ class Identified:
     def names(self) -> tuple[str, ...]:
         """Of the compliances."""
         return tuple(pattern.name for pattern in self.patterns)
+
+    def scaled(self, elements: Elements, a: float) -> Identified:
+        """The same with all lengths times `a`; `elements` are those of the mechanism."""
+        size = dict(zip(elements.names, np.where(elements.is_length, a, 1.0), strict=True))
+
+        def per(one: str, other: str) -> float:
+            """A deflection over an effort: moments are a times as large, forces stay."""
+            return float(size[one] * size[other] / a)
+
+        factors, patterns = [], []
+        for pattern in self.patterns:
+            # Of a beam the value is a share of the file's own, whatever the units.
+            factor = 1.0 if pattern.is_share else per(*pattern.entries[0][:2])
+            factors.append(factor)
+            patterns.append(CompliancePattern(pattern.name, tuple(
+                (i, j, weight * per(i, j) / factor) for i, j, weight in pattern.entries
+            )))  # fmt: skip
+        least = {name: k / per(name, name) for name, k in (self.at_least or {}).items()}
+        return replace(
+            self, patterns=tuple(patterns), values=self.values * factors,
+            covariance=self.covariance * np.multiply.outer(factors, factors), at_least=least,
+        )  # fmt: skip
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""

@@ -18,6 +18,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Coordinate, Mechanism, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.elements import Elements
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree import KinematicTree, Placement
 from cartstiff.potentials.beams import Beam, Section
@@ -50,13 +51,11 @@ def in_units(elastic: ElasticMechanism, length: str, shown_angle: str = "rad") -
     ------
     InputError
         For an unknown unit, another kind of mechanism, or energies that cannot be converted:
-        functions of the user's, loads, and stiffnesses that were measured.
+        functions of the user's, and loads.
     """
     units = Units(length, elastic.units.force, shown_angle)
     a, _ = convert_length(elastic.units, units)
-    if elastic.identified is not None and a != 1.0:
-        raise InputError("measured stiffnesses have the units of their file",
-                         where="--units", got=length)  # fmt: skip
+    known = elastic.identified
     mechanism = _mechanism(elastic.mechanism, a, units)
     is_length = np.array([c.is_length for c in mechanism.coordinates], bool)
     sizes = np.where(is_length, a, 1.0)
@@ -74,6 +73,7 @@ def in_units(elastic: ElasticMechanism, length: str, shown_angle: str = "rad") -
     return replace(
         elastic, mechanism=mechanism, q=elastic.q * sizes, springs=springs, damping=damping,
         potentials=tuple(_potential(p, a, sizes, efforts) for p in elastic.potentials),
+        identified=None if known is None else known.scaled(Elements(elastic), a),
     )  # fmt: skip
 
 
