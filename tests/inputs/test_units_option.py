@@ -124,3 +124,19 @@ def test_help_of_every_command_names_it(run):
     for name in _COMMANDS:
         if name not in ("models", "compare", "design"):
             assert "--units" in run(name, "--help"), name
+
+
+def test_how_far_the_body_turns_is_told_in_degrees():
+    words = ["analyse", "ur5", "--load", "0,0,0,0,0,-100", "--analysis", "full"]
+    found = {}
+    for units in ("rad", "deg"):
+        line = next(x for x in run(*words, "--units", f"mm,{units}").splitlines() if "turns (" in x)
+        assert f") {units} (all" in line
+        found[units] = np.array(line[line.index("(") + 1 : line.index(")")].split(","), float)
+    np.testing.assert_allclose(found["deg"], np.degrees(found["rad"]), rtol=1e-3)
+
+
+def test_a_joint_that_does_not_move_is_told_as_zero():
+    text = run("analyse", "ur5", "--load", "0,0,0,0,0,-100", "--analysis", "full")
+    row = next(x for x in text.splitlines() if "wrist_3_joint" in x and " %" in x)
+    assert row.split() == ["wrist_3_joint", "0", "rad", "0", "%", "0", "0", "0"]

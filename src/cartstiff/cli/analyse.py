@@ -135,7 +135,7 @@ def command(
         if analysis.level != "none":
             from cartstiff.report.analysis import summary_text
 
-            shown = summary_text(data["analysis"], elastic.units.as_dict(), analysis.level)
+            shown = summary_text(data["analysis"], elastic.units, analysis.level)
         if "as_controller" in data:
             shown = "\n".join([*_matrices_text(data["as_controller"]), shown])
         say(describe(result, shown))

@@ -119,7 +119,7 @@ def export_steps(
         base, connection=first.connection, at=se3.pose(np.eye(3), first.point)
     )
     title = f"Analysis of K^{first.connection} in the posture of the file, q = {at}"
-    text = summary_text(analysis, elastic.units.as_dict(), "full")
+    text = summary_text(analysis, elastic.units, "full")
     script = ""
     found = tapes(elastic, base) if frames is None else "it was made of frames"
     if isinstance(found, str):

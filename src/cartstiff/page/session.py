@@ -291,7 +291,7 @@ class Session:
             connection=message.state.connection,
             at=se3.pose(np.eye(3), message.state.point),
         )
-        text = summary_text(answer, self._elastic.units.as_dict(), "full")
+        text = summary_text(answer, self._elastic.units, "full")
         title = f"Analysis of K^{message.state.connection}"
         return Answer({"id": message.id, "do": "analysis", "title": title, "text": text})
 

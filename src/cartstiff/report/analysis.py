@@ -26,7 +26,9 @@ _DEFINITE = {"positive": "positive definite", "negative": "negative definite"}
 
 
 def summary_text(
-    summary: Mapping[str, Any], units: Mapping[str, str] | None = None, level: str = "full"
+    summary: Mapping[str, Any],
+    units: Units | Mapping[str, str] | None = None,
+    level: str = "full",
 ) -> str:
     """Text of an analysis.
 
@@ -34,8 +36,8 @@ def summary_text(
     ----------
     summary : mapping
         From `cartstiff.analysis.summary.summarise` or `cartstiff.analysis.posture`.
-    units : mapping of str to str
-        Keys "length", "force", "angle"; default SI.
+    units : Units, or mapping of str to str
+        Keys "length", "force", "angle"; default SI. `Units` say what angles are shown in, too.
     level : {"full", "short", "none"}
         short: principal stiffnesses, softest direction, centres, condition, verdict on
         connections, and what was asked for. full: everything.
@@ -49,7 +51,7 @@ def summary_text(
     """
     if level not in LEVELS:
         raise UnknownNameError("level", level, LEVELS)
-    u = SI if units is None else Units.from_dict(units)
+    u = units if isinstance(units, Units) else Units.from_dict(units or SI.as_dict())
     if level == "none":
         return ""
     full = level == "full"

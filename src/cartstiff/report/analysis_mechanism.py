@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import degrees
 from typing import Any
 
 from cartstiff import numerics
@@ -24,13 +25,15 @@ def deflection_lines(d: Section, u: Units, full: bool) -> list[str]:
     if d is None:
         return []
     size = sum(x * x for x in d["displacement"]) ** 0.5
+    angle, turn = (u.angle, 1.0) if u.shown_angle == "rad" else (u.shown_angle, degrees(1.0))
     lines = [
         "",
         f"linear deflection (K^{d['connection']}) under {_wrench(d['wrench'], u)} at the point "
         f"{vector(d['acts_at'])} {u.length}",
         f"  the point {vector(d['point'])} {u.length} moves {number(size)} {u.length}: "
         f"{vector(d['displacement'], 4)}",
-        f"  the body turns {vector(d['twist'][:3], 4)} {u.angle} (all in the body's axes), "
+        f"  the body turns {vector([turn * x for x in d['twist'][:3]], 4)} {angle} (all in the "
+        f"body's axes), "
         f"energy {number(d['energy'])} {u.moment}",
     ]
     shares = d["shares"]
@@ -48,15 +51,21 @@ def deflection_lines(d: Section, u: Units, full: bool) -> list[str]:
         parts = [f"{s['name']} {_share(s['share'])}" for s in told]
         return [*lines, f"  largest shares {meaning}: {', '.join(parts)}"]
     rows = []
+    sizes = [max((abs(s[first]) for s in shares if s["is_length"] is kind), default=0.0)
+             for kind in (False, True)]  # fmt: skip
     for s in shares:
         # A link turns and moves at once: its elongation has no single unit.
-        unit = "" if s["is_length"] is None else u.coordinate(s["is_length"])
+        unit = "" if s["is_length"] is None else u.length if s["is_length"] else angle
+        own = s[first]
+        if s["is_length"] is not None and abs(own) < numerics.BLANK * sizes[s["is_length"]]:
+            own = 0.0
+        moved = own * (turn if unit == angle else 1.0)
         if first == "motion":
-            last = row(s["displacement"], 4)
+            last = row(s["displacement"], 4, size)
         else:
             effort = "" if s["is_length"] is None else u.effort(s["is_length"])
             last = effort and f"{number(s['force'])} {effort}"
-        rows.append([s["name"], number(s[first]), unit, _share(s["share"]), last])
+        rows.append([s["name"], number(moved), unit, _share(s["share"]), last])
     lines += [f"  shares {meaning}", *table(titles, rows)]
     if d["kind"] == "springs" and abs(d["load_share"] or 0.0) > numerics.CLOSE:
         lines.append(
