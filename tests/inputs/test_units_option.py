@@ -126,7 +126,7 @@ def test_help_of_every_command_names_it(run):
             assert "--units" in run(name, "--help"), name
 
 
-def test_how_far_the_body_turns_is_told_in_degrees():
+def test_how_far_the_body_turns_is_told_in_degrees(run):
     words = ["analyse", "ur5", "--load", "0,0,0,0,0,-100", "--analysis", "full"]
     found = {}
     for units in ("rad", "deg"):
@@ -136,7 +136,7 @@ def test_how_far_the_body_turns_is_told_in_degrees():
     np.testing.assert_allclose(found["deg"], np.degrees(found["rad"]), rtol=1e-3)
 
 
-def test_a_joint_that_does_not_move_is_told_as_zero():
+def test_a_joint_that_does_not_move_is_told_as_zero(run):
     text = run("analyse", "ur5", "--load", "0,0,0,0,0,-100", "--analysis", "full")
     row = next(x for x in text.splitlines() if "wrist_3_joint" in x and " %" in x)
     assert row.split() == ["wrist_3_joint", "0", "rad", "0", "%", "0", "0", "0"]
