@@ -5,11 +5,15 @@ The oracle is `evaluate` on the arrays of `analyse_many`: NumPy's LAPACK for eig
 
 from dataclasses import replace
 
+import mpmath
 import numpy as np
 import pytest
 
 import cartstiff
-from cartstiff.many.eigenvalues import ascending, eigenvalues, largest_eigenvalue
+from cartstiff import numerics
+from cartstiff.analysis.matrices import loss_of_elimination
+from cartstiff.many.algebra import eliminated
+from cartstiff.many.eigenvalues import ascending, eigenvalues, largest_eigenvalue, principal_values
 from cartstiff.many.portable import PortableKernel
 from cartstiff.many.postures import analyse_many
 from cartstiff.many.read_many import Reader
@@ -129,6 +133,45 @@ def test_eigenvalues_on_a_tape_are_those_of_lapack(n):
     known = found[:, 1] == 0.0
     assert known.mean() > 0.98
     assert np.abs(found[known, 0] / np.linalg.eigvalsh(positive)[known, -1] - 1.0).max() < 1e-14
+
+
+def test_principal_values_with_the_others_held_are_those_of_fifty_digits():
+    rng = np.random.default_rng(2)
+    factors = rng.normal(size=(40, 6, 6)) * 10.0 ** rng.uniform(-2.5, 0.5, (40, 1, 6))
+    compliances = factors @ factors.swapaxes(1, 2)
+    held = slice(3, 6)
+
+    def pair(m):
+        inverse, growth = eliminated(m[:6, :6], held)
+        values, doubt = principal_values(m[6:, 6:], inverse, growth)
+        return [*values, growth, principal_values(m[6:, 6:], inverse, 1e9)[1], doubt]
+
+    both, expected = np.zeros((len(compliances), 9, 9)), np.empty((len(compliances), 3))
+    with mpmath.workdps(50):
+        for i, C in enumerate(compliances):
+            block = mpmath.inverse(mpmath.matrix(C.tolist()))[3:6, 3:6]
+            both[i, :6, :6], both[i, 6:, 6:] = C, np.array(block.tolist(), float)
+            expected[i] = sorted(float(x) for x in mpmath.eigsy(block, eigvals_only=True))
+    found = _on_tape(pair, both)
+    known = found[:, -1] == 0.0
+    is_plain = expected[:, 2] < 1e4 * expected[:, 0]
+    assert known[is_plain].all()
+    assert (known & ~is_plain).sum() > 5
+    lost = np.abs(found[:, :3] / expected - 1.0).max(axis=1)
+    assert lost[known].max() < numerics.EPSILON * numerics.PLAIN_BLOCK
+    # The loss of digits in the inverse is known, and counts.
+    growth = found[:, 3] / [loss_of_elimination(C, held) for C in compliances]
+    assert growth.min() > 1.0 - 1e-9
+    assert growth.max() < 9.0
+    assert found[~is_plain, 4].all()
+
+
+def test_hardly_a_posture_is_left_to_be_read_one_by_one():
+    elastic = cartstiff.load("ur5")
+    names = ("translation_held_min", "compliance_rotation_held_max", "natural_length")
+    q = np.random.default_rng(1).uniform(-2.5, 2.5, (4000, len(elastic.q)))
+    known = Reader(elastic, Readings(names, length=LENGTH), (), path="portable").read(q).is_known
+    assert known.mean() > 0.998
 
 
 def test_two_equal_largest_eigenvalues_are_a_doubt_or_right():

@@ -16,9 +16,10 @@ import numpy as np
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.tape import Number, Scalar, absolute, copysign, larger, pick, square_root
 
-__all__ = ["Reflections", "below", "congruence", "cross", "inverse", "is_zero", "largest",
-           "norm_squared", "positive_factor", "product", "reflections", "rotation_vector", "skew",
-           "solution", "symmetric_product", "upper_inverse", "zeros"]  # fmt: skip
+__all__ = ["Reflections", "below", "congruence", "cross", "eliminated", "inverse", "is_zero",
+           "largest", "norm_squared", "positive_factor", "product", "reflections",
+           "rotation_vector", "skew", "solution", "symmetric_product", "upper_inverse",
+           "zeros"]  # fmt: skip
 
 
 def zeros(*shape: int) -> Array:
@@ -273,6 +274,25 @@ def below(L: Array, right: Array) -> Array:
     for i in range(1, len(L)):
         found[i] = found[i] - L[i, :i] @ found[:i]
     return found
+
+
+def eliminated(matrix: Array, keep: slice) -> tuple[Array, Scalar]:
+    """A block ``M_aa - M_ab M_bb^-1 M_ba`` of a positive matrix, the inverse of that of M^-1.
+
+    And how many times the relative error of M grows in it, as
+    `cartstiff.analysis.matrices.loss_of_elimination`; infinite where M_bb is not positive.
+    """
+    rest = np.delete(np.arange(len(matrix)), keep)
+    whole, inner = matrix[keep, keep], matrix[np.ix_(rest, rest)]
+    L, inverses, pivots = positive_factor(inner)
+    solved = below(L, np.hstack([matrix[rest, keep], np.eye(len(rest))]))
+    coupling, back = np.hsplit(solved, [len(whole)])
+    left = whole - coupling.T @ (coupling * inverses[:, None])
+    # Norms of the equilibrated M_bb and of its inverse are at most their traces.
+    growth = (inverses @ (back * back)) @ inner.diagonal() * float(len(rest))
+    for pivot in pivots:
+        growth = pick(0.0, pivot, growth, np.inf)
+    return left, growth * largest(whole) / largest(left)
 
 
 def largest(values: Array) -> Scalar:

@@ -19,7 +19,7 @@ from cartstiff.many.algebra import is_zero, norm_squared
 from cartstiff.many.arithmetic import ENGINE, PLAIN, limited
 from cartstiff.many.tape import Scalar, absolute, copysign, larger, pick, square_root
 
-__all__ = ["ascending", "eigenvalues", "largest_eigenvalue"]
+__all__ = ["ascending", "eigenvalues", "largest_eigenvalue", "principal_values"]
 
 #: Sweeps after which nearly every matrix of a size is diagonal.
 _SWEEPS = {2: 1, 3: 4, 6: 6}
@@ -36,6 +36,9 @@ _PAIRS = {
 _LEFT = 4.0 * numerics.EPSILON
 #: The last step that may be left to do, as a share: rounding where two are near each other.
 _STEP = 64.0 * numerics.EPSILON
+#: Condition number of a block up to which it alone has digits enough for all its eigenvalues, less
+#: what two ways to find it may differ by.
+_PLAIN = 0.99 * numerics.PLAIN_BLOCK
 
 
 def eigenvalues(matrix: Array) -> tuple[list[Scalar], Scalar]:
@@ -149,3 +152,29 @@ def ascending(values: Sequence[Scalar]) -> list[Scalar]:
         x, y = found[i], found[j]
         found[i], found[j] = pick(x, y, x, y), larger(x, y)
     return found
+
+
+def principal_values(
+    matrix: Array, inverse: Array | None = None, growth: Scalar = 1.0
+) -> tuple[list[Scalar], Scalar]:
+    """Eigenvalues of a positive matrix, smallest first, and the verdict on them.
+
+    Where the matrix alone has not the digits, each is taken from the matrix or from its inverse, as
+    `cartstiff.numerics.eigenpairs` does: where less is lost, that is, where it is nearer to the
+    largest eigenvalue. The error of the inverse counts `growth` times.
+    """
+    values, doubt = eigenvalues(matrix)
+    found = ascending(values)
+    alone = pick(found[-1], found[0] * _PLAIN, PLAIN, ENGINE)
+    if inverse is None:
+        return found, larger(doubt, alone)
+    others, verdict = eigenvalues(inverse)
+    others = ascending(others)
+    for least in (found[0], others[0]):
+        verdict = larger(verdict, pick(0.0, least, PLAIN, ENGINE))
+    merged = []
+    for x, y in zip(found, reversed(others), strict=True):
+        direct, around = found[-1] / x, growth * others[-1] / y
+        verdict = larger(verdict, pick(direct, _PLAIN, PLAIN, limited(around, _PLAIN)))
+        merged.append(pick(alone, ENGINE, x, pick(direct, around, x, 1.0 / y)))
+    return ascending(merged), larger(doubt, pick(alone, ENGINE, PLAIN, verdict))

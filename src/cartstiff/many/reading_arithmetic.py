@@ -21,6 +21,7 @@ from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import (
     cross,
+    eliminated,
     is_zero,
     norm_squared,
     positive_factor,
@@ -30,15 +31,13 @@ from cartstiff.many.algebra import (
     zeros,
 )
 from cartstiff.many.arithmetic import ENGINE, PLAIN, changed_compliance, limited
-from cartstiff.many.eigenvalues import ascending, eigenvalues, largest_eigenvalue
+from cartstiff.many.eigenvalues import ascending, eigenvalues, largest_eigenvalue, principal_values
 from cartstiff.many.tape import Scalar, absolute, larger, pick, square_root
 from cartstiff.stiffness.applied_load import LoadKind
 
 __all__ = ["READINGS", "Readings", "read"]
 
-#: Condition number of a block up to which it alone has digits enough for all its eigenvalues, less
-#: what two ways to find it may differ by.
-_PLAIN = 0.99 * numerics.PLAIN_BLOCK
+#: Less what two ways to find a condition number may differ by.
 _PAIRED = 0.99 * numerics.PAIRED
 #: Least pivot of a positive matrix of such a condition number, as a share of its diagonal entry,
 #: that rounding does not make.
@@ -147,10 +146,11 @@ class _Reader:
         def make() -> list[Scalar]:
             keep = _BLOCKS[freedom]
             C = self.C if others == "own" else self.free_C
-            values, doubt = eigenvalues((self.K if others == "held" else C)[keep, keep])
-            found = ascending(values)
+            if others == "held":
+                found, doubt = principal_values(self.K[keep, keep], *eliminated(self.C, keep))
+            else:
+                found, doubt = principal_values(C[keep, keep])
             self.require(doubt)
-            self.require(pick(found[2], found[0] * _PLAIN, PLAIN, ENGINE))
             return found
 
         return self.once(f"{freedom} {others}", make)
