@@ -537,6 +537,9 @@ def test_a_hand_alone_is_all_fingers(accepted: Accepted) -> None:
     [
         ("ur5", "tool0"), ("ur10", "tool0"), ("kinova", "j2s6s200_end_effector"),
         ("xarm7", "link_eef"), ("tiago_no_hand", "arm_tool_link"),
+        # Bars of a gripper that the smaller file holds still; a range finder in the palm.
+        ("talos", "gripper_left_base_link"), ("talos_full", "gripper_left_base_link"),
+        ("baxter", "left_gripper"),
     ],
 )  # fmt: skip
 def test_default_frame_of_example_robots(name: str, frame: str, tmp_path: Path) -> None:

@@ -37,11 +37,12 @@ _TOOLS = tuple(
 # What carries no tool: fingers by the joints on the way, sensors by the frame's own name.
 _FINGERS = re.compile(
     r"finger|thumb|knuckle|(^|_)(index|middle|ring|little|pinky)(_|$)|jointgripper|"
-    r"(^|_)gripper_.*(jaw|pad|tip|joint)|(^|_)(jaw|claw)",
+    r"(^|_)gripper_.*(jaw|pad|tip|joint|inner|outer|motor)|(^|_)(jaw|claw)",
     re.IGNORECASE,
 )
 _SENSORS = re.compile(
-    r"camera|sensor|(^|_)(imu|ft|lidar|laser|optical|depth|rgb|led|marker)(_|$)|optical_frame",
+    r"camera|sensor|accelerometer|gyro|"
+    r"(^|_)(imu|ft|lidar|laser|range|optical|depth|rgb|led|marker)(_|$)|optical_frame",
     re.IGNORECASE,
 )
 
