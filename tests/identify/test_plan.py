@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy import stats
 from tests.identify.campaigns import SPRINGS, arm, load
 
 import cartstiff
@@ -18,6 +19,7 @@ from cartstiff.identify.linear_model import LinearModel
 from cartstiff.identify.plan import information, plan
 from cartstiff.identify.synthetic import simulated
 from cartstiff.identify.unknowns import unknowns_of
+from cartstiff.report.identification import describe_plan
 
 
 @pytest.fixture(scope="module")
@@ -173,5 +175,26 @@ def test_from_a_plan_to_a_file_by_the_command_line(tmp_path, monkeypatch, capfd)
         (("--plan", "3", "--mass", "1", "--load", "0,0,0,0,0,1", *sd), "--criterion posture"),
         (("--plan", "3", "--mass", "1", *sd, "--range", "j9=0:1"), "unknown joint"),
         (("--plan", "3", "--mass", "1", *sd, "-o", "x.yaml"), "need measurements"),
+        (("--plan", "3", "--mass", "1", *sd, "--loaded"), "--loaded: changes nothing"),
+        (("--plan", "3", "--mass", "1", *sd, "--reject", "2"), "--reject: changes nothing"),
+        (("done.csv", "--simulate", "3", *sd, "--csv", "x.csv", "--level", "0.9"), "--level"),
+        (("done.csv", "--simulate", "3", *sd, "--csv", "x.csv", "--fit", "robust"), "simulated"),
     ):  # fmt: skip
         assert words in run(*arguments, code=2)
+
+
+def test_what_is_known_before_shortens_the_plan_s_intervals(offered):
+    """A prior of 2.5 % of a spring; every width on the page is Student's for its level."""
+    elastic, unknowns, found = offered
+    name = unknowns.names[1]
+    k = 1.0 / unknowns.parameters[1].nominal
+    told = plan(unknowns_of(elastic, priors={name: (k, 0.025 * k)}), found, 7, level=0.9)
+    rows = [int(np.flatnonzero((found.q == q).all(axis=1))[0]) for q in told.rows.q]
+    M = information(unknowns, found)[rows].sum(axis=0)
+    M[1, 1] += 1 / 0.025**2
+    deviations = np.sqrt(np.linalg.inv(M).diagonal())
+    assert told.deviations[-1] == pytest.approx(deviations, rel=1e-9)
+    assert deviations[1] < 0.025
+    degrees = 7 + 1 - len(deviations)
+    widest = 100 * stats.t.ppf(0.95, degrees) * deviations.max()
+    assert describe_plan(told).splitlines()[-1].split() == ["7", "+-", f"{widest:.3g}", "%"]

@@ -37,6 +37,9 @@ from cartstiff.errors import InputError, one_line
 
 __all__ = ["command"]
 
+#: Probability of the intervals.
+_LEVEL = 0.95
+
 _EPILOG = """\b
 Examples:
   cartstiff identify ur5 measured.csv
@@ -78,7 +81,7 @@ _about_the_fit = option_group(
                  show_default=True, help="Whose estimates are told first."),
     option("--reject", metavar="RULE", help="Leave rows out: suspects of the robust fit, or those "
            "beyond so many standard deviations from it."),
-    click.option("--level", type=float, default=0.95, show_default=True,
+    click.option("--level", type=float, default=_LEVEL, show_default=True,
                  help="Probability of the intervals."),
 )  # fmt: skip
 
@@ -154,6 +157,23 @@ class _Request:
             "priors": {name: (values[0], values[1]) for name, values in priors.items()},
         }
 
+    def check_without_fit(self, *, is_plan: bool) -> None:
+        """Refuse what only a fit, or only what precedes it, could take into account."""
+        idle = {"fit": self.fit != "plain", "reject": self.reject is not None,
+                "offsets": self.offsets != "rigid"}  # fmt: skip
+        if is_plan:
+            idle["loaded"] = self.loaded
+        else:
+            idle |= {
+                name: bool(getattr(self, name)) for name in ("unknown", "tie", "known", "prior")
+            }
+            idle["level"] = self.level != _LEVEL
+        for name, is_given in idle.items():
+            if is_given:
+                does = "planned" if is_plan else "simulated"
+                raise InputError(f"changes nothing of what is {does}", where=f"--{name}",
+                                 expected="DATA.csv, measured")  # fmt: skip
+
     @property
     def of_fit(self) -> dict[str, Any]:
         """Keywords for the fit."""
@@ -193,6 +213,7 @@ def command(
     if table is None or asked.simulate is not None:
         if output is not None or plot is not None:
             raise InputError("-o and --plot need measurements", expected="DATA.csv, measured")
+        request.check_without_fit(is_plan=table is None)
         elastic = robot.in_frame(robot.frame)
         if table is None:
             data, text = asked.run_plan(elastic, of_table, of_unknowns, request)

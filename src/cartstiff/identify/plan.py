@@ -57,8 +57,8 @@ class Plan:
         Numbers of rows for which intervals are predicted.
     deviations : ndarray (k, P)
         Predicted standard deviations, in shares of the compliances; infinite where not determined.
-    factor : float
-        Half width of an interval over the standard deviation, at the full number of rows.
+    factors : ndarray (k,)
+        Half width of an interval over the standard deviation, at each number of rows.
     lost : tuple of str
         Springs that no candidate tells anything about by themselves.
     level : float
@@ -74,7 +74,7 @@ class Plan:
     criterion: str
     counts: NDArray[np.intp]
     deviations: Array
-    factor: float
+    factors: Array
     lost: tuple[str, ...]
     level: float
     by_chance: float
@@ -105,6 +105,11 @@ class Plan:
             "worst_relative_sd_by_chance": self.by_chance if np.isfinite(self.by_chance) else None,
             "worst_relative_sd_bound": self.bound,
         }  # fmt: skip
+
+    @property
+    def factor(self) -> float:
+        """Half width of an interval over the standard deviation, at the full number of rows."""
+        return float(self.factors[-1])
 
     @property
     def worst(self) -> float:
@@ -171,7 +176,9 @@ def plan(
         raise InputError("number of rows cannot be used", where="--plan", expected="1 or more",
                          got=count)  # fmt: skip
     G = information(unknowns, offered)
-    start = np.zeros(G.shape[1:]) if have is None else information(unknowns, have).sum(axis=0)
+    start, priors = _of_priors(unknowns)
+    if have is not None:
+        start += information(unknowns, have).sum(axis=0)
     known = _seen(G.sum(axis=0) + start)
     if not known.any():
         raise InputError("no candidate tells anything about a spring",
@@ -201,15 +208,24 @@ def plan(
         spread[known] = _spread(M)
         counts.append(n)
         spreads.append(spread)
-    numbers = len(chosen) * len(offered.values) + (0 if have is None else len(have) * len(
-        have.values))  # fmt: skip
+    told = priors + (0 if have is None else len(have) * len(have.values)) - int(known.sum())
+    degrees = np.maximum(np.array(counts) * len(offered.values) + told, 1)
     rows = offered.taken(chosen)
     names = tuple(n for n, is_known in zip(unknowns.names, known, strict=True) if not is_known)
     return Plan(
         unknowns, rows, criterion, np.array(counts), np.array(spreads),
-        quantile(level, max(numbers - int(known.sum()), 1)), names, level,
+        np.array([quantile(level, d) for d in degrees]), names, level,
         _by_chance(G, start, count), _bound(G, start + faint, count),
     )  # fmt: skip
+
+
+def _of_priors(unknowns: Unknowns) -> tuple[Array, int]:
+    """What priors tell (P, P) of compliances in shares of their present values; their number."""
+    found = np.zeros(len(unknowns.parameters))
+    for p, unknown in enumerate(unknowns.parameters):
+        if unknown.prior is not None:
+            found[p] = (unknowns.sizes[p] / unknown.prior[1]) ** 2
+    return np.diag(found), int(np.count_nonzero(found))
 
 
 def _seen(M: Array) -> NDArray[np.bool_]:

@@ -114,9 +114,9 @@ def describe_plan(plan: Plan) -> str:
     lines += table(("spring", "stiffness", "from", "to", "unit", "of the compliance"), body)
     lines += ["", *_how_good(plan)]
     lines += ["", "Widest interval with the number of rows"]
-    for entry in data["by_rows"]:
+    for factor, entry in zip(plan.factors, data["by_rows"], strict=True):
         worst = entry["worst_relative_sd"]
-        shown = "not all are determined" if worst is None else f"+- {100 * 1.96 * worst:.3g} %"
+        shown = "not all are determined" if worst is None else f"+- {100 * factor * worst:.3g} %"
         lines.append(f"  {entry['rows']:>4}  {shown}")
     if plan.lost:
         lines.append(f"no candidate tells anything about {', '.join(plan.lost)}")
