@@ -167,7 +167,9 @@ def _along_its_curve(system: System, q: Array, iterations: int, settle: bool) ->
     stiff ones nearly at rest. None where that fails, or the curve meets a critical load: the
     equilibrium beyond may be another one's.
     """
-    if not system.loads or not system.at(q).stiffness_ratio > numerics.STIFF:
+    # Beyond what is resolved a curve ends nowhere, either, and takes long.
+    ratio = system.at(q).stiffness_ratio
+    if not (system.loads and numerics.STIFF < ratio <= numerics.RESOLVED):
         return None
     try:
         curve = load_curve(system.elastic, *system.loads, held=system.held, q0=q, points=_POINTS)
