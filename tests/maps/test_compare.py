@@ -130,3 +130,15 @@ def test_the_command(tmp_path, capfd):
     refused = run("map", "hexapod", "--grid", "x=-0.01:0.01:2", "--quantity", "condition",
                   "--single-branch", "-o", tmp_path / "d.zarr", code=2)  # fmt: skip
     assert "--single-branch" in refused
+
+
+def test_the_place_of_a_slice_is_told(tmp_path, capsys):
+    maps = [str(tmp_path / f"{name}.zarr") for name in "ab"]
+    for path in maps:
+        with pytest.raises(SystemExit):
+            main(["map", "ur5", "--grid", "elbow_joint=0.2:2:4,wrist_1_joint=0:1:3", "-o", path,
+                  "--quantity", "condition", "--slice", "elbow_joint=0.85"])  # fmt: skip
+        assert "nearest places to the slice: elbow_joint 0.8 rad" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        main(["compare", *maps, "--slice", "elbow_joint=0.85"])
+    assert "nearest places to the slice: elbow_joint 0.8 rad" in capsys.readouterr().out

@@ -41,7 +41,7 @@ def command(
     """
     from cartstiff.maps.across.compare import compare_maps, compared
     from cartstiff.maps.opening import open_map
-    from cartstiff.maps.reading import quantities_of, slice_map
+    from cartstiff.maps.reading import places_of, quantities_of, slice_map
 
     a, b = (open_map(path) for path in (first, second))
     if quantity is None:
@@ -54,6 +54,7 @@ def command(
         "schema": "cartstiff-compare/1", "quantity": quantity,
         "how": "difference" if difference else "ratio",
         "first": str(first), "second": str(second), **compared(result, quantity),
+        "slice": places_of(a, cuts),
     }  # fmt: skip
     if picture is not None:
         from cartstiff.maps.pictures import draw_map

@@ -254,7 +254,7 @@ def command(
 
     from cartstiff.maps.opening import open_map
     from cartstiff.maps.prepare import prepare_map
-    from cartstiff.maps.reading import slice_map
+    from cartstiff.maps.reading import places_of, slice_map
     from cartstiff.maps.run import run_map
 
     job, file = prepare_map(
@@ -287,7 +287,7 @@ def command(
         from cartstiff.maps.across.configurations import single_branch as one_branch
 
         dataset = one_branch(whole, quantities[0], level, above is None)
-    answer = _answer(dataset, file, output, computed, seconds)
+    answer = _answer(dataset, file, output, computed, seconds) | {"slice": places_of(whole, cuts)}
     lists = {"best": best, "worst": worst}
     answer |= {
         which: {name: _ranked(dataset, name, which, count) for name in quantities}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +21,7 @@ __all__ = [
     "best_branch",
     "blocks",
     "branches_found",
+    "places_of",
     "share_within",
     "slice_map",
     "state_names",
@@ -202,6 +203,14 @@ def slice_map(dataset: xarray.Dataset, **at: float) -> xarray.Dataset:
                 got=f"{value:g}",
             )
     return dataset.isel({n: int(np.abs(dataset[n].values - v).argmin()) for n, v in at.items()})
+
+
+def places_of(dataset: xarray.Dataset, names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Where a slice lies on axes, which may be beside what was asked for: value and unit."""
+    return {
+        name: {"value": float(dataset[name]), "unit": dataset[name].attrs.get("units", "")}
+        for name in names
+    }
 
 
 def share_within(

@@ -28,6 +28,7 @@ def describe_map(answer: Mapping[str, Any], coordinates: Sequence[str]) -> str:
         f"{answer['characteristic_length']:.6g} {units['length']}",
         f"{answer['file']}: {parts['total']} part(s), {parts['found']} found there, "
         f"{parts['computed']} computed",
+        *_slice(answer),
         *_searched(answer.get("branches")),
         *_load(answer),
         *([answer["intervals"]] if answer.get("intervals") else []),
@@ -105,11 +106,17 @@ def _postures(
     )  # fmt: skip
 
 
+def _slice(answer: Mapping[str, Any]) -> list[str]:
+    at = [f"{name} {p['value']:g} {p['unit']}" for name, p in answer.get("slice", {}).items()]
+    return [f"  only the nearest places to the slice: {', '.join(at)}"] if at else []
+
+
 def describe_comparison(answer: Mapping[str, Any], words: str) -> str:
     """The answer of ``cartstiff compare``, for reading."""
     unit = "" if answer["unit"] == "1" else f" {answer['unit']}"
     lines = [
         words,
+        *_slice(answer),
         f"  {answer['places']} of {answer['of']} places have a number in both maps",
         f"  smallest {number(answer['smallest'])}{unit}, mean {number(answer['mean'])}{unit}, "
         f"largest {number(answer['largest'])}{unit}",
