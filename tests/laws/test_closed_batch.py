@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from tests.laws.test_batch_engine import assert_same
 
 import cartstiff
+from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import rotation_vector
 from cartstiff.many.kernels import assembled
@@ -176,3 +177,10 @@ def test_rotation_vector():
         np.testing.assert_allclose(found.astype(float), vector, rtol=0, atol=3e-14)
         assert verdict == 0.0
     assert rotation_vector(Rotation.from_rotvec([3.13, 0, 0]).as_matrix().astype(object))[1] == 1.0
+
+
+def test_a_motor_without_a_spring_is_left_to_the_engine():
+    elastic = cartstiff.load("five-bar").with_springs({"left_motor": 0.0})
+    with pytest.raises(InputError, match="without a spring"):
+        analyse_many(elastic, starts(elastic), path="portable")
+    assert analyse_many(elastic, starts(elastic, count=200)).path == "engine"

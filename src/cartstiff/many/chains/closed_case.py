@@ -142,6 +142,9 @@ def closed_case(
     is_open = np.zeros(n, bool) if springs is None else springs.is_open(wrench != "none")
     if springs is not None and any(is_open[j] for j in springs.laws):
         return "the rest position of a nonlinear spring is found posture by posture"
+    springy = {*np.flatnonzero(own).tolist(), *(j for at, _ in still for j in at)}
+    if springy < set(held) and not others and elastic.gravity is None:
+        return "coordinates that are held without a spring are judged posture by posture"
     acts = bool(others) or elastic.gravity is not None or bool((own & ~is_open).any())
     if not is_open.any():
         balance = "given"
