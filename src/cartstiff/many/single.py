@@ -14,8 +14,9 @@ from copy import copy
 from dataclasses import replace
 from functools import cached_property, partial, wraps
 from itertools import zip_longest
+from math import inf
 from threading import Thread, main_thread
-from typing import Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,12 +28,18 @@ from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.limits import force_notes, limit_notes
 from cartstiff.mechanisms.weighed import weighed
+from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Evaluation, Potential
 from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.potentials.springs import CoupledSprings
 from cartstiff.stiffness import compute
 from cartstiff.stiffness.posture import DEAD_AT_ORIGIN, PostureStiffness
 from cartstiff.stiffness.posture_notes import near_serial, near_type_2
 from cartstiff.stiffness.reduction import Reduction, scaled_values
+
+if TYPE_CHECKING:
+    from cartstiff.many.plans import Plan
+    from cartstiff.many.tape import Program
 
 __all__ = ["QuickPosture", "analyse"]
 
@@ -160,6 +167,8 @@ class QuickPosture(PostureStiffness):
         """The `notes` without those on matrices."""
         mechanism, near = self._asked.mechanism, list[Note]()
         if not self._record[self._code.near] < 1.0:
+            if self._code.is_closed:
+                return self._engine.notes_on_posture
             near = near_type_2(self.posture)
             if not self.posture.coordinates_are_pose:
                 near += near_serial(self.posture, scaled_values(self.posture))
@@ -175,38 +184,23 @@ class QuickPosture(PostureStiffness):
         return [] if legs is None or legs.forces is None else force_notes(self.elastic, self)
 
 
-class _Code:
-    """Machine code for a mechanism under a wrench, or under none, and memory for it to work in."""
+class _Recorded:
+    """A program as machine code for one posture: all of its outputs, one after the other."""
 
-    def __init__(self, elastic: ElasticMechanism, case: Any, shared: Mapping[str, Array]) -> None:
+    def __init__(self, program: Program, n: int, shared: Mapping[str, Array]) -> None:
         from cartstiff.many.compiled import CompiledKernel
-        from cartstiff.many.plans import program_for
 
-        program = program_for(case, _NAMES)
-        steps, at = list[int](), dict[str, slice]()
+        steps, self.at = list[int](), dict[str, slice]()
         for name, own in program.outputs.items():
-            at[name] = slice(len(steps), len(steps) + len(own))
+            self.at[name] = slice(len(steps), len(steps) + len(own))
             steps += own
         steps += steps[-1:] * (len(steps) % 2)  # records are written by pairs
-        self.pose, self.wrench, self.jacobian = at["pose"], at["wrench"], at.get("jacobian")
-        self.matrices, self.compliances = (
-            slice(at[f"{kind}_A"].start, at[f"{kind}_{'F' if f'{kind}_F' in at else 'K'}"].stop)
-            for kind in ("stiffness", "compliance")
-        )
-        self.energy, self._verdict = at["energy"].start, at["verdict"].start
-        self.near, self.digits = at["noteworthy"].start, at["noteworthy"].start + 1
-        self.is_inner = elastic.inner_terms() is None
-        self._shared = {name: np.ascontiguousarray(rows) for name, rows in shared.items()}
         self._kernel = CompiledKernel(replace(program, outputs={"record": tuple(steps)}), width=2)
-        self._entry = self._kernel.entry(False)
+        self._entry, self._n, self._shared = self._kernel.entry(False), n, shared
         self._free: list[_Memory] = []
-        self._n = len(elastic.mechanism.coordinates)
-        chart = elastic.mechanism.at(elastic.q).chart()
-        self.notes_on_chart = (Note("no-chart", chart),) if isinstance(chart, str) else ()
-        self.notes_on_weight = tuple(weighed(elastic).notes)
 
-    def record(self, q: Array, wrench: Array | None) -> Array | None:
-        """All numbers of a posture; None where it is not plainly regular."""
+    def record(self, q: Array, wrench: Array | None) -> Array:
+        """What the program finds."""
         try:
             memory = self._free.pop()
         except IndexError:
@@ -216,9 +210,61 @@ class _Code:
             memory.wrench[:] = wrench
         memory.progress[:] = [0, 0]
         self._entry(*memory.arguments)
-        found = memory.record.copy() if memory.record[self._verdict] == 0.0 else None
+        found = memory.record.copy()
         self._free.append(memory)
         return found
+
+
+class _Code:
+    """Machine code for a mechanism under a wrench, or under none."""
+
+    def __init__(self, elastic: ElasticMechanism, taken: Plan) -> None:
+        from cartstiff.many.plans import CLOSING, program_for
+
+        n, case = len(elastic.mechanism.coordinates), taken.case
+        shared = {name: np.ascontiguousarray(rows) for name, rows in taken.shared.items()}
+        self._answer = _Recorded(program_for(case, _NAMES), n, shared)
+        self._closing: _Recorded | None = None
+        if taken.is_closed:
+            self._closing = _Recorded(program_for(case, CLOSING), n, {})
+        at = self._answer.at
+        self.pose, self.wrench, self.jacobian = at["pose"], at["wrench"], at.get("jacobian")
+        self.matrices, self.compliances = (
+            slice(at[f"{kind}_A"].start, at[f"{kind}_{'F' if f'{kind}_F' in at else 'K'}"].stop)
+            for kind in ("stiffness", "compliance")
+        )
+        self.energy, self._verdict = at["energy"].start, at["verdict"].start
+        self.near, self.digits = at["noteworthy"].start, at["noteworthy"].start + 1
+        self.is_closed = taken.is_closed
+        self.is_inner = elastic.inner_terms() is None
+        chart = elastic.mechanism.at(elastic.q).chart()
+        self.notes_on_chart = (Note("no-chart", chart),) if isinstance(chart, str) else ()
+        self.notes_on_weight = tuple(weighed(elastic).notes)
+
+    def record(self, q: Array, wrench: Array | None) -> tuple[Array, Array] | None:
+        """Coordinates and all numbers of a posture; None where it is not plainly regular."""
+        at = q if self._closing is None else self._closed(self._closing, q)
+        if at is None:
+            return None
+        found = self._answer.record(at, wrench)
+        return (at, found) if found[self._verdict] == 0.0 else None
+
+    @staticmethod
+    def _closed(closing: _Recorded, q: Array) -> Array | None:
+        """The steps of `closing.close` for one posture; None where the engine would go on."""
+        from cartstiff.many.arithmetic import PLAIN
+        from cartstiff.many.chains.closing import STEPS, is_shut
+
+        left, size = closing.at["left"], inf
+        for _ in range(STEPS):
+            record, before = closing.record(q, None), size
+            size, step, length, doubt = record[left].tolist()
+            if is_shut(size, step, length, before):
+                return q
+            if doubt != PLAIN or not step < inf:
+                return None
+            q = record[: len(q)]
+        return None
 
 
 class _Memory:
@@ -262,29 +308,31 @@ class _Asked:
         from cartstiff.many.plans import plan, program_for
 
         elastic = self.elastic()
-        if elastic is None or not has_package("llvmlite") or not _is_plain(elastic, loaded):
+        if elastic is None or not has_package("llvmlite"):
             return
         found = plan(elastic, "shared" if loaded else "none")
         if (
             isinstance(found, str)
             or found.regular != "regular"
             or found.has_derivatives
-            or found.is_closed
+            or not _is_plain(elastic, loaded, found)
         ):
             return
         program = program_for(found.case, _NAMES)
         waited_for = main_thread().is_alive()
         if "noteworthy" in program.outputs and program.size <= LARGEST_PROGRAM and waited_for:
-            self.code = _Code(elastic, found.case, found.shared)
+            self.code = _Code(elastic, found)
 
 
-def _is_plain(elastic: ElasticMechanism, loaded: bool) -> bool:
+def _is_plain(elastic: ElasticMechanism, loaded: bool, taken: Plan) -> bool:
     """Whether nothing of it can change, and no energy has a remark on a posture."""
+    # What a closed chain has of these is not bent where its code answers.
+    silent = (LineSprings,) if not taken.is_closed else (Beam, CoupledSprings)
     if elastic.gravity is not None and elastic.gravity.flags.writeable:
         return False
     return (elastic.springs is not None or not loaded) and all(
         type(term).remarks is Potential.remarks
-        or (isinstance(term, LineSprings) and not term.unilateral)
+        or (isinstance(term, silent) and not getattr(term, "unilateral", False))
         for term in elastic.terms()
     )
 
@@ -314,10 +362,10 @@ def _quicker(engine: Ask) -> Ask:
             return engine(elastic, q, wrench=wrench)
         values = elastic.mechanism.checked(elastic.q if q is None else q)
         given = None if wrench is None else checked_vector(wrench, 6, "wrench")
-        record = code.record(values, given)
-        if record is None:
+        found = code.record(values, given)
+        if found is None:
             return engine(elastic, values, wrench=given)
-        return QuickPosture(code, elastic, values, given, record)
+        return QuickPosture(code, elastic, found[0], given, found[1])
 
     return cast(Ask, analyse)
 

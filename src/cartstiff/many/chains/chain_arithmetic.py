@@ -46,7 +46,6 @@ from cartstiff.many.arithmetic import (
     connections,
     holds_soft_directions,
     limited,
-    noteworthy,
     scaled_inverse,
     unsymmetric_part,
 )
@@ -293,6 +292,5 @@ def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
         L, inverses, _ = positive_factor(H)
         softness = congruence(below(L, np.eye(chain.n)), np.diag(inverses))
         pairs = (H, softness), (stiffness["B"], found["compliance_B"])
-        margin = 2.0 if chain.n == 6 else 100.0
-        found["noteworthy"] = noteworthy(chain.squared_condition, *pairs, margin=margin)
+        found["noteworthy"] = chain.noteworthy(*pairs)
     return found

@@ -18,7 +18,14 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import congruence, cross, is_zero, norm_squared, solution, zeros
-from cartstiff.many.arithmetic import ENGINE, JACOBIAN_CONDITION, LARGEST_ANGLE, PLAIN, limited
+from cartstiff.many.arithmetic import (
+    ENGINE,
+    JACOBIAN_CONDITION,
+    LARGEST_ANGLE,
+    PLAIN,
+    limited,
+    noteworthy,
+)
 from cartstiff.many.chains.chain_twists import ChainConstants, ChainKinematics, Field
 from cartstiff.many.chains.tree_twists import TreeKinematics
 from cartstiff.many.tape import Scalar, Tape, larger, pick, square_root
@@ -243,6 +250,14 @@ class ChainNumbers:
         else:
             size = norm_squared(forward[:, :3]) + norm_squared(forward[:, 3:]) / self.area
         return size * (norm_squared(backward[:3]) + norm_squared(backward[3:]) * self.area)
+
+    def noteworthy(self, own: tuple[Array, Array], outer: tuple[Array, Array]) -> Array:
+        """Whether notes may tell of something near, and of digits: `arithmetic.noteworthy`.
+
+        From H_L in the coordinates and K^B, each with its inverse.
+        """
+        margin = 2.0 if self.n == 6 else 100.0
+        return noteworthy(self.squared_condition, own, outer, margin=margin)
 
     def pose(self) -> Array:
         """``T_F_M``."""

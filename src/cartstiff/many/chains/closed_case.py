@@ -167,4 +167,5 @@ def closed_case(
         springs=tuple(np.flatnonzero(own).tolist()),
         still=tuple(still),
         has_chart=actuated is not None and len(actuated) == 6 == n - rank,
+        is_driven=actuated is not None and len(actuated) == n - rank,
     ), tuple(others)

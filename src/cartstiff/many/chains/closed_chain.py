@@ -21,17 +21,19 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import (
+    below,
     congruence,
     inverse,
     is_zero,
     largest,
     norm_squared,
+    positive_factor,
     reflections,
     solution,
     upper_inverse,
     zeros,
 )
-from cartstiff.many.arithmetic import ENGINE, JACOBIAN_CONDITION, PLAIN, limited
+from cartstiff.many.arithmetic import ENGINE, JACOBIAN_CONDITION, PLAIN, limited, noteworthy
 from cartstiff.many.chains.chain_arithmetic import arrays_of
 from cartstiff.many.chains.chain_numbers import ChainCase, ChainNumbers, curvature_of
 from cartstiff.many.chains.tree_twists import TreeConstants, TreeKinematics
@@ -59,6 +61,7 @@ class ClosedCase(ChainCase):
     still : coordinates that are zero, and Hessian of their springs there: elsewhere the engine
         decides.
     has_chart : whether the independent coordinates are the chart of K^F.
+    is_driven : whether the independent coordinates are the actuated ones.
     """
 
     constants: TreeConstants
@@ -69,6 +72,7 @@ class ClosedCase(ChainCase):
     springs: tuple[int, ...] = ()
     still: tuple[tuple[tuple[int, ...], tuple[float, ...]], ...] = ()
     has_chart: bool = False
+    is_driven: bool = False
 
     @property
     def dependent(self) -> list[int]:
@@ -230,6 +234,38 @@ class _ClosedChain(ChainNumbers):
         """Bound on the squared condition number of the scaled Jacobian."""
         size = norm_squared(forward[:, :3]) + norm_squared(forward[:, 3:]) / self.area
         return size * (norm_squared(backward[:3]) + norm_squared(backward[3:]) * self.area)
+
+    def noteworthy(self, own: tuple[Array, Array], outer: tuple[Array, Array]) -> Array:
+        """As of an open chain, on whatever orthonormal motions that stay closed.
+
+        With N and x in natural sizes they are ``N (N^T N)^(-1/2)``, of which the independent
+        coordinates, which the actuators are, move as much as ``(N^T N)^(-1/2)``; what moves the
+        body by a twist, ``N H^-1 J^T K^B``, tells how small the Jacobian can be.
+        """
+        sizes = np.array([self.length if d else 1.0 for d in self.case.constants.is_length], object)
+        N = self.N / sizes[:, None] * self.columns
+        (H, softness), (K, _) = own, outer
+        forward = (self.J * self.columns).T
+        back = N @ ((softness @ (self.J.T @ K)) / self.columns[:, None])
+        if self.n > 6:  # (N^T N)^(-1/2) is at most 1
+            if not self.case.independent:
+                return np.array([1.0, 1.0], object)
+            spread = norm_squared(N) * square_root(float(self.n)) if self.case.is_driven else 1.0
+            serial = self.condition(forward, back.T)
+            return noteworthy(larger(serial, spread), own, outer, margin=100.0)
+        gram = congruence(N, np.eye(len(N)))
+        L, inverses, _ = positive_factor(gram)
+        forward = below(L, forward)
+        for row, inverse_pivot in zip(forward, inverses, strict=True):
+            row *= square_root(inverse_pivot)
+        inverse_gram = congruence(below(L, np.eye(self.n)), np.diag(inverses))
+        spread = square_root(norm_squared(gram) * norm_squared(inverse_gram))
+        serial = self.condition(forward, back.T)
+        near, lost = noteworthy(larger(serial, spread), outer, margin=100.0)
+        both = self.columns * self.columns[:, None]
+        size = norm_squared(H * both) * norm_squared(softness / both) * (spread * spread)
+        lost = larger(lost, size * (self.n * numerics.EPSILON / numerics.TELLING) ** 2)
+        return np.array([near, lost], object)
 
     def pose(self) -> Array:
         """``T_F_M``."""

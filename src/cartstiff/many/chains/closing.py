@@ -35,14 +35,14 @@ from cartstiff.many.chains.tree_twists import Tie, TreeKinematics
 from cartstiff.many.tape import Scalar, Tape, larger, pick
 from cartstiff.mechanisms.closures import LONGEST_STEP
 
-__all__ = ["close", "closing_arrays"]
+__all__ = ["STEPS", "close", "closing_arrays", "is_shut"]
 
 #: Bernoulli numbers over factorials: coefficients of ``(t / 2) cot(t / 2)`` in t^2, but for the 1.
 _COTANGENT = (-1 / 12, -1 / 720, -1 / 30240, -1 / 1209600, -1 / 47900160, -691 / 1307674368000,
               -1 / 74724249600, -3617 / 10670622842880000, -43867 / 5109094217170944000,
               -174611 / 802857662698291200000)  # fmt: skip
 #: Steps after which the engine goes on.
-_STEPS = 40
+STEPS = 40
 
 
 def _series(x: Any, coefficients: list[float]) -> Any:
@@ -124,18 +124,25 @@ def close(workspace: Any, q: Array) -> tuple[Array, NDArray[np.bool_]]:
     return found, is_closed
 
 
+def is_shut(size: Any, step: Any, length: Any, before: Any) -> Any:
+    """Whether closures are met: at rounding level, or within tolerance once steps do not help.
+
+    By what is "left", and the residual `before`.
+    """
+    unit = np.maximum(1.0, length)
+    return (size <= numerics.FINEST * unit) | (
+        (size <= numerics.ROUNDING * unit) & ((size > 0.1 * before) | (step <= numerics.STILL))
+    )
+
+
 def _close(workspace: Any, q: Array, is_closed: NDArray[np.bool_]) -> None:
     n, which, before = q.shape[1], np.arange(len(q)), np.full(len(q), np.inf)
-    for _ in range(_STEPS):
+    for _ in range(STEPS):
         moved = {"next": aligned_empty(len(which), n + n % 2), "left": aligned_empty(len(which), 4)}
         at = q if len(which) == len(q) else q[which]
         workspace.run({"q": np.ascontiguousarray(at)}, moved, len(which))
         size, step, length, doubt = moved["left"].T
-        unit = np.maximum(1.0, length)
-        # Accepted at rounding level, or within tolerance once steps no longer help.
-        done = (size <= numerics.FINEST * unit) | (
-            (size <= numerics.ROUNDING * unit) & ((size > 0.1 * before) | (step <= numerics.STILL))
-        )
+        done = is_shut(size, step, length, before)
         is_closed[which[done]] = True
         goes_on = ~done & (doubt == PLAIN) & np.isfinite(step)
         which, before = which[goes_on], size[goes_on]
