@@ -23,6 +23,7 @@ from cartstiff.page.compact import compacted
 from cartstiff.page.export import export_page
 from cartstiff.page.files import page_script
 from cartstiff.page.recording import Pictures, common_part, complete, in_order
+from cartstiff.page.session import Session
 from cartstiff.page.source import Source, Trajectory
 from cartstiff.page.state import State
 
@@ -274,3 +275,14 @@ def test_the_modules_fit_into_one_script():
     names = re.findall(r"^(?:async )?(?:function|const|let|class) (\w+)", script, re.MULTILINE)
     assert len(names) == len(set(names)), sorted({n for n in names if names.count(n) > 1})
     assert script.index("class Store") < script.index("function build(source)")
+
+
+def test_the_file_of_a_commanded_machine_is_of_its_springs_as_told():
+    machine = cartstiff.load("cubic")
+    source = Source(machine, command=[1e-4, 0.0, 0.0, -1e-4, 0.0, 0.0])
+    assert Session(source).start.q == machine.q.tolist()
+    data, _ = held(export_page(source))
+    rest = cartstiff.after_command(machine, {"leg1": 1e-4, "leg4": -1e-4})
+    shown = data["hello"]["state"]
+    assert np.abs(np.array(shown["q"]) - rest.q).max() < 1e-12
+    assert shown["command"] is None

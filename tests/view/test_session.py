@@ -280,3 +280,32 @@ def test_an_impossible_assembly_is_refused_not_raised_through(session):
     except CartstiffError as error:
         assert "assembled" in str(error)  # noqa: PT017
     assert asked(one, do="draw", state={})["numbers"]
+
+
+def test_what_drives_are_told_moves_the_body_from_where_the_sliders_stand(session):
+    """The posture is the one of the equilibrium; the sliders stay, so that nothing adds up."""
+    machine = cartstiff.load("flexure-hexapod")
+    tab, load = session("flexure-hexapod"), [0, 0, 0, 0, 0, -10.0]
+    state = {"command": [0, 1e-5, 0, 0, 0, 0], "load": load}
+    for _ in range(2):
+        numbers = asked(tab, do="numbers", state=state)["numbers"]
+        rest = cartstiff.after_command(machine, {"leg2": 1e-5}, wrench=load)
+        assert np.abs(np.array(numbers["result"]["q"]) - rest.q).max() < 1e-12
+        assert np.abs(rest.q - machine.q).max() > 1e-6
+        assert numbers["q"] == machine.q.tolist()
+        state["q"] = numbers["q"]
+    rows = worked(tab, do="sweep", state=state, coordinate=0, steps=3)["rows"]
+    assert np.abs(np.array(rows[1]["q"]) - rest.q).max() < 1e-6
+    with pytest.raises(InputError, match="6"):
+        asked(tab, do="numbers", state={"command": [1e-5]})
+
+
+def test_only_joints_with_springs_can_be_told(session):
+    tab = session("6-pus")
+    springs = tab.hello().data["mechanism"]["springs"]
+    assert {s["name"] for s in springs if s["driven"]} == {f"leg{k}/slide" for k in range(1, 7)}
+    passive = next(k for k, s in enumerate(springs) if not s["driven"])
+    told = [0.0] * len(springs)
+    told[passive] = 0.1
+    with pytest.raises(InputError, match="nothing drives it"):
+        asked(tab, do="numbers", state={"command": told})

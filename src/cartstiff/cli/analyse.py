@@ -104,13 +104,14 @@ def command(
 
     with np.errstate(all="ignore"):  # what is not finite is refused as a whole
         load = {"wrench": wrench, **applied.keywords(wrench)}
-        if told is not None:
-            from cartstiff.statics.command import after_command
+        if told is None:
+            result = analyse(elastic, q, **load)
+        else:
+            from cartstiff.statics.command import analyse_commanded
 
-            state = after_command(elastic, request.command(told, elastic), q, **load)
-            elastic, q = state.elastic, state.q
-            load = {key: load[key] for key in ("load_kind", "load_at") if wrench and key in load}
-        result = analyse(elastic, q, **load)
+            result = analyse_commanded(elastic, request.command(told, elastic), q, **load)
+            elastic = result.elastic
+            load = {key: load[key] for key in ("load_kind", "load_at") if key in load}
         if relax and any(note.code == "unbalanced" for note in result.notes):
             from cartstiff.statics.relax import relaxed
 

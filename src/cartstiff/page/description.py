@@ -15,6 +15,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.weighed import weighed
 from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.statics.command import drives
 
 __all__ = ["describe_mechanism", "slider_coordinates", "slider_ranges"]
 
@@ -58,6 +59,7 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array, frames: bool = True)
         units.spring(lines or bool(c["is_length"]))
         for c in (coordinates if not lines else [{}] * len(stiffness))
     ]
+    driven = () if springs is None else drives(elastic)
     return {
         "name": elastic.name,
         "kind": mechanism.kind,
@@ -68,7 +70,7 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array, frames: bool = True)
         "joints": _joints(elastic),
         "sliders": slider_coordinates(elastic),
         "springs": [
-            {"name": name, "stiffness": plain(k), "unit": unit}
+            {"name": name, "stiffness": plain(k), "unit": unit, "driven": name in driven}
             for name, k, unit in zip(elastic.spring_names, stiffness, spring_units, strict=False)
         ],
         "takes_load": springs is not None,

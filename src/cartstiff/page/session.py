@@ -19,6 +19,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.following import Follower
 from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.page.answer import Answer
 from cartstiff.page.description import describe_mechanism, slider_ranges
@@ -42,6 +43,7 @@ from cartstiff.page.state import (
 )
 from cartstiff.report.analysis import summary_text
 from cartstiff.scene.swing import swing
+from cartstiff.statics.command import analyse_commanded
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 from cartstiff.version import __version__
 from cartstiff.vibration.modes import modes
@@ -102,7 +104,7 @@ class Session:
         source = self.source
         state = State(
             q=self._q.tolist(), load=_six(source.load), load_kind=source.load_kind,
-            load_at=source.load_at, load_axes=source.load_axes,
+            load_at=source.load_at, load_axes=source.load_axes, command=source.command,
         )  # fmt: skip
         result = self.result(state)
         quantity = "compliance" if result.reduction.stiffness is None and \
@@ -110,7 +112,7 @@ class Session:
         cloud = self.source.cloud
         return state.model_copy(
             update={
-                "q": result.q.tolist(),
+                "q": (self._placed(state)[1] if source.command else result.q).tolist(),
                 "quantity": quantity,
                 "quantity_of_map": None if cloud is None else next(iter(cloud.values)),
             }
@@ -157,7 +159,7 @@ class Session:
             if isinstance(message, Draw):
                 return self._drawn(message)
             if isinstance(message, Numbers):
-                numbers = payload(self.result(message.state), message.state)
+                numbers = self._numbers(self.result(message.state), message.state)
                 return Answer({"id": message.id, "do": "numbers", "numbers": numbers})
             if isinstance(message, Result):
                 whole = self.result(message.state).as_dict()
@@ -196,7 +198,23 @@ class Session:
     # -- postures ---------------------------------------------------------------------------
 
     def result(self, state: State) -> PostureStiffness:
-        """The posture of a state, with its springs and its load."""
+        """The posture of a state, with its springs, its load and what its drives are told."""
+        elastic, q = self._placed(state)
+        load: dict[str, Any] = {}
+        if state.load is not None:
+            axes = "body" if state.load_axes == "body" else "world"
+            load = {"wrench": state.load, "load_axes": axes}
+        # Its buttons stay as they are while there is no load.
+        if load or elastic.may_be_loaded:
+            load |= {"load_kind": state.load_kind, "load_at": state.acts_at}
+        if state.command is None or not any(state.command):
+            return analyse(elastic, q, **load)
+        told = named_values(state.command, elastic.spring_names, state.command, "command")
+        command = {n: x for n, x in zip(elastic.spring_names, told.tolist(), strict=True) if x}
+        return analyse_commanded(elastic, command, q, **load)
+
+    def _placed(self, state: State) -> tuple[ElasticMechanism, Array]:
+        """The mechanism with the springs of a state, and its coordinates before any command."""
         elastic = self._with_stiffness(state.stiffness)
         mechanism = elastic.mechanism
         q = mechanism.checked(self._q if state.q is None else state.q)
@@ -207,14 +225,12 @@ class Session:
         if isinstance(mechanism, Chain) and mechanism.closures:
             hold = None if moved is None or mechanism.actuated is not None else [moved]
             q = mechanism.closed(q, hold=hold).q
-        load: dict[str, Any] = {}
-        if state.load is not None:
-            axes = "body" if state.load_axes == "body" else "world"
-            load = {"wrench": state.load, "load_axes": axes}
-        # Its buttons stay as they are while there is no load.
-        if load or elastic.may_be_loaded:
-            load |= {"load_kind": state.load_kind, "load_at": state.acts_at}
-        return analyse(elastic, q, **load)
+        return elastic, q
+
+    def _numbers(self, result: PostureStiffness, state: State) -> dict[str, Any]:
+        """Its numbers; "q" is where the sliders stand, before the drives move on."""
+        q = result.q if not state.command else self._placed(state)[1]
+        return payload(result, state) | {"q": q.tolist()}
 
     def _with_stiffness(self, stiffness: list[float | None] | None) -> ElasticMechanism:
         if self._variant[0] != stiffness:
@@ -251,7 +267,7 @@ class Session:
                 "stopped": list(found.stopped),
             }  # fmt: skip
         result = self.result(state)
-        numbers = payload(result, state)
+        numbers = self._numbers(result, state)
         data = {"id": message.id, "do": "draw", "numbers": numbers, "followed": followed,
                 "legend": self._draw(result, state)}  # fmt: skip
         return Answer(data, self.picture.changes())
@@ -299,7 +315,7 @@ class Session:
         i, n = message.coordinate, len(self._q)
         if i >= n:
             raise InputError("no such coordinate", where="sweep", expected=f"below {n}", got=i)
-        base = self.result(message.state).q
+        base = self._placed(message.state)[1]
         lower, upper = slider_ranges(self._elastic, self._q)[i]
         values = np.linspace(lower, upper, message.steps)
         # Outwards from where the mechanism stands: a closed chain keeps its branch.
@@ -312,7 +328,7 @@ class Session:
             q[i] = values[k]
             row = self._row(message.state, q, i)
             if row is not None:
-                last[side] = np.array(row["q"])
+                last[side] = q if message.state.command else np.array(row["q"])
             rows[float(values[k])] = row
             yield
         narrow = (upper - lower) / (message.steps - 1) / _FINEST

@@ -81,6 +81,8 @@ class Source:
         Wrench shown at first.
     load_kind, load_at, load_axes
         What it does, where and along which axes, as in `cartstiff.page.state.State`.
+    command : list of float or None
+        What the drives are told at first, one number a spring.
     reload : callable or None
         Gives the mechanism with another frame of interest, by name.
     trajectory : Trajectory or None
@@ -98,6 +100,7 @@ class Source:
     load_kind: Literal["dead", "follower", "conservative"] = "dead"
     load_at: tuple[float, float, float] | None = None
     load_axes: Literal["body", "inertial"] = "body"
+    command: list[float] | None = None
 
 
 def read_trajectory(

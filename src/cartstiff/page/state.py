@@ -75,6 +75,8 @@ class State(_Strict):
     load_at : (3,) or None
         Point in M at which the load acts; None for the reference point, and for the origin of M
         where the springs decide what the load is.
+    command : list of float or None
+        How far each spring's drive is told to move on from `q`; the pose that results is shown.
     ghost : list of float or None
         A second posture, drawn pale.
     quantity_of_map : str or None
@@ -98,6 +100,7 @@ class State(_Strict):
     load_axes: _Axes = "body"
     load_kind: Literal["dead", "follower", "conservative"] = "dead"
     load_at: _Three | None = None
+    command: _Vector | None = None
     ghost: _Vector | None = None
     quantity_of_map: _Short | None = None
     mode: Annotated[int, Field(ge=1, le=500)] | None = None

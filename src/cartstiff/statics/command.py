@@ -20,9 +20,9 @@ from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.equilibrium import equilibrium
 from cartstiff.statics.rest import Equilibrium
 from cartstiff.stiffness.applied_load import checked_load
-from cartstiff.stiffness.compute import analyse
+from cartstiff.stiffness.compute import PostureStiffness, analyse
 
-__all__ = ["after_command", "commanded"]
+__all__ = ["after_command", "analyse_commanded", "checked_command", "commanded", "drives"]
 
 
 def commanded(
@@ -63,7 +63,7 @@ def commanded(
     mechanism, names = checked_elastic(elastic).mechanism, elastic.spring_names
     at = elastic.q if q is None else named_values(q, elastic.names, elastic.q, "q")
     at = mechanism.assembled(at)
-    steps = _checked(elastic, command)
+    steps = checked_command(elastic, command)
     elastic = elastic.balanced(at)
     springs = elastic.springs
     if not isinstance(springs, (JointSprings, LineSprings)):
@@ -121,25 +121,61 @@ def after_command(
     return equilibrium(told, *loads, q0=start, limits=limits)
 
 
-def _checked(elastic: ElasticMechanism, command: Mapping[str, float]) -> dict[str, float]:
+def analyse_commanded(
+    elastic: ElasticMechanism,
+    command: Mapping[str, float],
+    q: ArrayLike | Mapping[str, float] | None = None,
+    **load: Any,
+) -> PostureStiffness:
+    """Stiffness where the mechanism comes to rest after a command: `after_command`, analysed there.
+
+    Parameters
+    ----------
+    elastic, command, q
+        As of `commanded`.
+    load : dict
+        `wrench` and its kind, point and axes, as of `after_command`. Without a wrench, kind and
+        point say what the forces of the springs do.
+
+    Raises
+    ------
+    InputError
+        As `after_command`; ConvergenceError if no equilibrium is found from there.
+    """
+    given = load if load.get("wrench") is not None else {}
+    state = after_command(elastic, command, q, **given)
+    springs = {key: load[key] for key in ("load_kind", "load_at") if key in load}
+    return analyse(state.elastic, state.q, **springs)
+
+
+def drives(elastic: ElasticMechanism) -> tuple[str, ...]:
+    """Names of what may be commanded: joints with a spring, or the legs of a platform on lines."""
     names, springs = elastic.spring_names, elastic.springs
+    undriven = _undriven(springs) if isinstance(springs, JointSprings) else set()
+    return tuple(n for j, n in enumerate(names) if j not in undriven)
+
+
+def checked_command(elastic: ElasticMechanism, command: Mapping[str, float]) -> dict[str, float]:
+    """The steps of drives by name.
+
+    Raises
+    ------
+    UnknownNameError, InputError
+        As `commanded`.
+    """
+    names, driven = elastic.spring_names, drives(elastic)
     steps = {}
     for name, value in dict(command).items():
         if name not in names:
             raise UnknownNameError("drive", str(name), names, where="command")
-        j = names.index(name)
-        if isinstance(springs, JointSprings) and j in _undriven(springs):
+        if name not in driven:
+            some = "one of " + ", ".join(driven[:12]) + (", ..." if len(driven) > 12 else "")
             raise InputError(f"joint {name!r} has no spring: nothing drives it", where="command",
-                             expected=_drives(names, springs), got=name)  # fmt: skip
+                             expected=some, got=name)  # fmt: skip
         steps[name] = checked_number(value, f"command of {name}")
     if not steps:
         raise InputError("commands no drive", where="command", expected="name=value")
     return steps
-
-
-def _drives(names: tuple[str, ...], springs: JointSprings) -> str:
-    found = [n for j, n in enumerate(names) if j not in _undriven(springs)]
-    return "one of " + ", ".join(found[:12]) + (", ..." if len(found) > 12 else "")
 
 
 def _undriven(springs: JointSprings) -> set[int]:

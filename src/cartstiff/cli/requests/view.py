@@ -7,9 +7,15 @@ from typing import Any
 
 import click
 
-from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
+from cartstiff.cli.options import (
+    LoadRequest,
+    MechanismRequest,
+    command_option,
+    load_options,
+    mechanism_options,
+)
 from cartstiff.cli.output import say_unused
-from cartstiff.cli.types import option_group
+from cartstiff.cli.types import Values, option_group
 from cartstiff.errors import MissingDependencyError
 
 __all__ = ["page_options", "source_from_options"]
@@ -19,6 +25,7 @@ __all__ = ["page_options", "source_from_options"]
 page_options = option_group(
     mechanism_options(),
     load_options("--load"),
+    command_option,
     click.option(
         "--map", "map_path", type=click.Path(path_type=Path), metavar="FILE",
         help="Also draw the points of a stiffness map, coloured.",
@@ -34,6 +41,7 @@ page_options = option_group(
 def source_from_options(
     request: MechanismRequest,
     applied: LoadRequest,
+    told: Values | None,
     map_path: Path | None,
     trajectory_path: Path | None,
 ) -> Any:
@@ -51,10 +59,16 @@ def source_from_options(
 
     from cartstiff.mechanisms.other_units import shown_factors
     from cartstiff.page.source import Source, read_cloud, read_trajectory
+    from cartstiff.statics.command import checked_command
     from cartstiff.stiffness.compute import analyse
 
     with np.errstate(all="ignore"):
         first = analyse(elastic, q, wrench=load, **applied.keywords(load))
+    command = None
+    if told is not None:
+        steps = request.command(told, elastic)
+        checked_command(elastic, steps)
+        command = [steps.get(name, 0.0) for name in elastic.spring_names]
 
     def reload(name: str) -> Any:
         other = request.in_frame(name)
@@ -81,6 +95,7 @@ def source_from_options(
         load_kind=applied.load_kind,  # type: ignore[arg-type]
         load_at=None if applied.load_at is None else tuple(applied.load_at),  # type: ignore[arg-type]
         load_axes="inertial" if applied.world else "body",
+        command=command,
         reload=reload,
         trajectory=trajectory,
         cloud=None if map_path is None else read_cloud(map_path),

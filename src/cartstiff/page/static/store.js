@@ -171,15 +171,17 @@ export class Store {
     this.numbers = numbers;
     this.legend = data.legend;
     // A closed chain has been assembled: its other coordinates, and without newer wishes all.
-    if (!this.wanted || this.towards) this.state.q = numbers.result.q.slice();
+    // What drives are told is added to the coordinates that they had before, "q" of the numbers.
+    const before = numbers.q ?? numbers.result.q;
+    if (!this.wanted || this.towards) this.state.q = before.slice();
     else {
       const moved = new Set(this.hello.mechanism.sliders);
-      const q = numbers.result.q.slice();
+      const q = before.slice();
       for (const i of moved) q[i] = this.state.q[i];
       this.state.q = q;
     }
     this.tell("numbers", data);
-    if (!this.wanted) this.source.saySnapped?.(this.sentQ, numbers.result.q, this.state.moved);
+    if (!this.wanted) this.source.saySnapped?.(this.sentQ, before, this.state.moved);
     document.dispatchEvent(new CustomEvent("cartstiff:table", { detail: data.id }));
     this.beforePicture?.();
     this.pane.apply(commands, () =>
