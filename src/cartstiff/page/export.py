@@ -108,14 +108,13 @@ def export_steps(
     if first.command is not None and any(first.command):
         # The file is of the machine as it was told: its springs have their new rest positions.
         told = session.result(first)
-        at = replace(source, q=told.q, load=None, command=None)
+        here = replace(source, q=told.q, load=None, command=None)
         state = first.model_copy(
             update={"command": None, "load": None, "stiffness": None, "q": told.q.tolist(),
                     "load_at": first.acts_at}
         )  # fmt: skip
-        return (
-            yield from export_steps(at, told.elastic, state, frames, picture=picture, number=number)
-        )
+        steps = export_steps(here, told.elastic, state, frames, picture=picture, number=number)
+        return (yield from steps)
     hello = session.hello().data
     base = session.result(first)
     shown = first.model_copy(update={"moved": None, "q": base.q.tolist()})
