@@ -109,7 +109,7 @@ def test_the_limits_are_those_of_the_reference():
     from cartstiff.loading.mjcf import compiled as mjcf_data
     from cartstiff.loading.mjcf import worker as mjcf_worker
     from cartstiff.maps import sampling, store
-    from cartstiff.mechanisms import chain, tree
+    from cartstiff.mechanisms import chain, joint_kinds
     from cartstiff.page import export, state
     from cartstiff.scene import meshes
 
@@ -119,7 +119,7 @@ def test_the_limits_are_those_of_the_reference():
     shown = {
         "1 GiB": map_request._LARGEST_FILE / 1024**3, "64 MiB": meshes._LARGEST / 1024**2,
         "64 MiB |": robot_description._LARGEST / 1024**2, "40 000": yaml_file.MOST_VALUES,
-        "| 200 |": tree.MOST_COORDINATES, "of which 200 move": urdf.MOST_MOVING,
+        "| 200 |": joint_kinds.MOST_COORDINATES, "of which 200 move": urdf.MOST_MOVING,
         "2000, of": urdf._MOST_JOINTS, "| 100 |": chain._MOST_CLOSURES,
         "| 5000;": mjcf_data.LARGEST["nbody"], "5000; 20 000": mjcf_data.LARGEST["nsite"],
         "20 000;": mjcf_data.LARGEST["ngeom"], "1000 |": mjcf_data.LARGEST["nkey"],

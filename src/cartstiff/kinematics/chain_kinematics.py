@@ -12,10 +12,10 @@ Mechanisms of any other kind are asked posture by posture.
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.geometry import se3
@@ -63,13 +63,11 @@ class Kinematics:
         if self.is_product:
             at_zero = mechanism.at(np.zeros(self.n))
             screws = (se3.adjoint(at_zero.pose) @ at_zero.motion.jacobian).T
-            frames = [_axis_frame(screw) for screw in screws]
-            self._turns = np.array([turns for _, turns, _ in frames])
-            self._slides = np.array([slide for _, _, slide in frames])
-            placed = [np.eye(4), *(T for T, _, _ in frames), at_zero.pose]
-            self._between = [se3.inverse(a) @ b for a, b in pairwise(placed)]
-            for T in self._between:  # rounding of what is zero would be work
-                T[np.abs(T) < numerics.STILL] = 0.0
+            frames, self._turns, self._slides = _axis_frames(screws)
+            placed = np.concatenate([np.eye(4)[None], frames, at_zero.pose[None]])
+            self._between = se3.inverse(placed[:-1]) @ placed[1:]
+            # Rounding of what is zero would be work.
+            self._between[np.abs(self._between) < numerics.STILL] = 0.0
 
     def at(self, q: Array) -> ManyPoses:
         """Kinematics at coordinates (N, n)."""
@@ -116,21 +114,24 @@ class Kinematics:
         return ManyPoses(T, jacobian, np.empty((count, 0)), np.empty((count, 0, n)))
 
 
-def _axis_frame(screw: Array) -> tuple[Array, bool, float]:
-    """A frame whose z axis is a joint's, whether it turns about it, and how far it slides along."""
+def _axis_frames(screws: Array) -> tuple[Array, NDArray[np.bool_], Array]:
+    """Frames (n, 4, 4) whose z axes are those of joints' screws (n, 6).
+
+    With them, whether each joint turns about its axis, and how far it slides along.
+    """
+    omega, v = screws[:, :3], screws[:, 3:]
     # Axes are unit vectors or zero: anything else on the way is rounding.
-    turns = bool(np.linalg.norm(screw[:3]) > 0.5)
-    along = screw[:3] if turns else screw[3:]
-    size = float(np.linalg.norm(along))
-    if not size:
-        return np.eye(4), False, 0.0
-    z = along / size
-    x = _cross(np.eye(3)[(int(np.argmax(np.abs(z))) + 1) % 3], z)
-    x /= np.linalg.norm(x)
-    point = _cross(screw[:3], screw[3:]) / size**2 if turns else np.zeros(3)
-    slide = float(screw[3:] @ z) if turns else size
-    slide = 0.0 if abs(slide) < numerics.LAST_DIGITS else slide
-    return se3.pose(np.stack([x, _cross(z, x), z], axis=1), point), turns, slide
+    turns = np.linalg.norm(omega, axis=1) > 0.5
+    along = np.where(turns[:, None], omega, v)
+    size = np.linalg.norm(along, axis=1)
+    size_or_1 = np.where(size > 0, size, 1.0)[:, None]
+    z = np.where(size[:, None] > 0, along / size_or_1, (0.0, 0.0, 1.0))
+    x = _cross(np.eye(3)[(np.argmax(np.abs(z), axis=1) + 1) % 3].T, z.T)
+    x /= np.sqrt((x * x).sum(axis=0))
+    points = np.where(turns[:, None], _cross(omega.T, v.T).T / size_or_1**2, 0.0)
+    slides = np.where(turns, (v * z).sum(axis=1), size)
+    slides[np.abs(slides) < numerics.LAST_DIGITS] = 0.0
+    return se3.pose(np.stack([x, _cross(z.T, x), z.T]).T, points), turns, slides
 
 
 def _moved(R: list[Array], p: Array, T: Array) -> tuple[list[Array], Array]:

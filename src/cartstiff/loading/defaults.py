@@ -54,48 +54,47 @@ def default_frame(model: Any, loose: Collection[str] = ()) -> tuple[str, str]:
     else the leaf frame at the end of the longest chain, fingers and sensors last. Things that only
     `loose` joints carry are left out where there is anything else.
     """
-    names = list(model.names)
-    above = [[names[int(j)] for j in support if j] for support in model.supports]
-    moving = [
-        (len(above[int(f.parentJoint)]), f)
-        for f in model.frames
-        if f.type in (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
-    ]
-    carries = [not set(joints) <= set(loose) for joints in above]
-    moving = [(count, f) for count, f in moving if carries[int(f.parentJoint)]] or moving
-    longest = max((count for count, _ in moving), default=0)
+    # By joint: how many carry it, whether a finger does, and whether anything that is not loose.
+    count, of_finger, carries = [0], [False], [False]
+    names, parents = list(model.names), model.parents.tolist()
+    for name, parent in zip(names[1:], parents[1:], strict=True):
+        count.append(count[parent] + 1)
+        of_finger.append(of_finger[parent] or bool(_FINGERS.search(name)))
+        carries.append(carries[parent] or name not in loose)
+    kinds = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
+    every = [(count[j := f.parentJoint], f.name, j) for f in model.frames if f.type in kinds]
+    moving = [end for end in every if carries[end[2]]] or every
+    longest = max((n for n, *_ in moving), default=0)
     if longest == 0:
         raise InputError("robot has no movable joints")
 
-    of_finger = [any(map(_FINGERS.search, joints)) for joints in above]
     free = [
-        (n, f)
-        for n, f in moving
-        if n and not (of_finger[int(f.parentJoint)] or _FINGERS.search(f.name))
-        and not _SENSORS.search(f.name)
-    ]  # fmt: skip
-    reach = max((count for count, _ in free), default=0)
+        (n, name, j)
+        for n, name, j in moving
+        if n and not (of_finger[j] or _FINGERS.search(name) or _SENSORS.search(name))
+    ]
+    reach = max((n for n, *_ in free), default=0)
     named = [
         (rank, -n, i)
         for rank, pattern in enumerate(_TOOLS)
-        for i, (n, f) in enumerate(free)
-        if 2 * n >= reach and pattern.search(f.name)
+        for i, (n, name, _) in enumerate(free)
+        if 2 * n >= reach and pattern.search(name)
     ]
     if named:
-        count, chosen = free[min(named)[2]]
-        why = f"named as tools' frames are ({count} joints)"
+        joints, chosen, joint = free[min(named)[2]]
+        why = f"named as tools' frames are ({joints} joints)"
     else:
         # A hand is all fingers; on the last joint the frame deepest in the tree of fixed joints.
-        ends, count = (free, reach) if free else (moving, longest)
-        joint = next(int(f.parentJoint) for n, f in ends if n == count)
-        chosen = [f for _, f in ends if int(f.parentJoint) == joint][-1]
-        why = f"a frame at the end of the longest chain ({count} joints)"
-        if count < longest:
+        ends, joints = (free, reach) if free else (moving, longest)
+        joint = next(j for n, _, j in ends if n == joints)
+        chosen = [name for _, name, j in ends if j == joint][-1]
+        why = f"a frame at the end of the longest chain ({joints} joints)"
+        if joints < longest:
             why += " that is no finger"
-    same = [f.name for _, f in moving if f.parentJoint == chosen.parentJoint]
-    others = ", ".join(name for name in same if name != chosen.name) or "none"
-    return chosen.name, (
-        f"no frame was named: {chosen.name!r} is taken, {why}; others on the same link: {others}"
+    same = [name for _, name, j in moving if j == joint]
+    others = ", ".join(name for name in same if name != chosen) or "none"
+    return chosen, (
+        f"no frame was named: {chosen!r} is taken, {why}; others on the same link: {others}"
     )
 
 
@@ -164,6 +163,8 @@ def default_posture(
 # Candidates of each size, and the shares of the joints' ranges that they are spread over: a larger
 # one only where the smaller have none that will do.
 _COUNT, _SHARES = 32, (0.25, 0.5, 1.0)
+# So many are looked at together, the nearest first: mostly one of the first will do.
+_LOOKS = 8
 # Of the candidates with twice the ratio that counts as near a singularity the one closest to zero
 # is taken.
 _ENOUGH = 2.0 * NEAR
@@ -198,17 +199,15 @@ def regular_posture(chain: Chain, q: Array) -> tuple[Array, list[Note]]:
     at_zero = float(ratios(posture.motion.jacobian))
     if at_zero > NEAR:
         return q, []
-    kinematics = Kinematics(chain)
     best, largest = q, max(NEAR, float(at_zero))
-    for share in _SHARES:
-        candidates = _candidates(chain, q, sizes, free, share)
-        ratio = ratios(kinematics.at(candidates).jacobian)
-        enough = np.flatnonzero(ratio >= _ENOUGH)
-        away = np.linalg.norm((candidates - q) / sizes, axis=1)
-        i = int(enough[np.argmin(away[enough])]) if enough.size else int(np.argmax(ratio))
+    candidates = _candidates(chain, q, sizes, free)
+    jacobians = Kinematics(chain).at(candidates).jacobian
+    for few in np.arange(len(candidates)).reshape(-1, _LOOKS):
+        ratio = ratios(jacobians[few])
+        i = int(np.argmax(ratio >= _ENOUGH if ratio.max() >= _ENOUGH else ratio))
         if ratio[i] > largest:
-            best, largest = candidates[i], float(ratio[i])
-        if enough.size:
+            best, largest = candidates[few[i]], float(ratio[i])
+        if largest >= _ENOUGH:
             break
     if best is q:
         return q, []
@@ -230,8 +229,8 @@ def regular_posture(chain: Chain, q: Array) -> tuple[Array, list[Note]]:
     ]
 
 
-def _candidates(chain: Chain, q: Array, sizes: Array, free: Array, share: float) -> Array:
-    """Postures (k, n) within the limits; what gives stays where it is."""
+def _candidates(chain: Chain, q: Array, sizes: Array, free: Array) -> Array:
+    """Postures (k, n) within the limits, by share and distance; what gives stays where it is."""
     n = q.size
     lower = np.array([c.lower for c in chain.coordinates])
     upper = np.array([c.upper for c in chain.coordinates])
@@ -243,9 +242,11 @@ def _candidates(chain: Chain, q: Array, sizes: Array, free: Array, share: float)
         g = (1.0 + g) ** (1.0 / (n + 1))
     u = 2.0 * np.mod(0.5 + np.outer(np.arange(1, _COUNT + 1), g ** -np.arange(1.0, n + 1)), 1.0) - 1
     sides = np.where(u < 0, q - low, high - q)
-    steps = share * u * sides
+    steps = np.concatenate([share * u * sides for share in _SHARES])
     step = np.where([c.is_length for c in chain.coordinates], _STEP * (high - low), _STEP)
     rounded = np.round(steps / np.where(step > 0, step, 1.0)) * step
     # Twelve digits: 0.15, and not 0.15000000000000002.
     postures: Array = np.clip(np.round(q + rounded, 12), low, high)
-    return np.where(free, postures, q)
+    postures = np.where(free, postures, q)
+    away = np.linalg.norm((postures - q) / sizes, axis=1)
+    return postures[np.lexsort((away, np.repeat(_SHARES, _COUNT)))]

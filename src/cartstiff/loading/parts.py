@@ -137,10 +137,11 @@ _THERE = numerics.NEARBY
 
 def beams_that_end_elsewhere(soft: Sequence[Potential], chain: Chain) -> list[Note]:
     """Beams at whose far end nothing hangs: perhaps their link does not lie along its x axis."""
-    model, frames, notes = chain.tree.model, chain.tree.frames, []
+    model, notes = chain.tree.model, []
     for beam in soft:
         if not isinstance(beam, Beam):
             continue
+        frames = chain.tree.frames
         last = list(model.idx_vs).index(int(beam.indices[-1, -1]))
         hung = [model.jointPlacements[j].translation
                 for j in range(model.njoints) if j and model.parents[j] == last]  # fmt: skip
@@ -323,4 +324,4 @@ def tree_to(
         leader, factor, offset = follows.get(name, (name, 1.0, 0.0))
         matrix[i, [c.name for c in free].index(leader)] = factor
         offsets[i] = offset
-    return KinematicTree(tree.model, tuple(free), tree.frames, matrix, offsets)
+    return KinematicTree(tree.model, tuple(free), tree.given_frames, matrix, offsets)

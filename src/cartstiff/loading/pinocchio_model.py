@@ -25,7 +25,7 @@ from cartstiff.loading.schema import ClosedChainFile, ClosureModel, SerialFile
 from cartstiff.loading.urdf import Mimic, UrdfFacts
 from cartstiff.loading.visuals import geometry_pieces
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
-from cartstiff.mechanisms.tree_building import expansion
+from cartstiff.mechanisms.joint_kinds import expansion, standing
 
 __all__ = ["from_pinocchio", "is_pinocchio"]
 
@@ -156,15 +156,14 @@ def _hold_root(own: Any, model: Any, q: Array | None, notes: list[Note]) -> froz
     """Put a free-flying root where the configuration has it, and name it as held."""
     roots = [
         i
-        for i in range(1, model.njoints)
-        if int(model.parents[i]) == 0 and model.joints[i].shortname() == "JointModelFreeFlyer"
+        for i, parent in enumerate(model.parents)
+        if i and parent == 0 and model.joints[i].shortname() == "JointModelFreeFlyer"
     ]
-    data = pin.Data(model)
-    pin.forwardKinematics(model, data, pin.neutral(model) if q is None else q)
     for i in roots:
-        own.jointPlacements[i] = data.oMi[i]
+        pose = standing(model, i, pin.neutral(model) if q is None else q)
+        own.jointPlacements[i] = pose
         words = f"the free-flying joint {model.names[i]!r} is held; floating=True lets it move"
-        notes.append(Note("root-held", words, {"pose": data.oMi[i].homogeneous.tolist()}))
+        notes.append(Note("root-held", words, {"pose": pose.homogeneous.tolist()}))
     return frozenset(model.names[i] for i in roots)
 
 

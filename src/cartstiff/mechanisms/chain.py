@@ -283,8 +283,8 @@ class Chain(Mechanism):
         if name == "world":
             return self.world
         try:
-            return self.tree.frames[name]
-        except KeyError:
+            return self.tree.placement(name)
+        except UnknownNameError:
             raise UnknownNameError("frame", name, ["world", "body", *self.tree.frames]) from None
 
     def with_placements(self, placements: Mapping[int, Array], T_j_M: ArrayLike) -> Chain:

@@ -115,6 +115,8 @@ def springs_by_joint(model: pin.Model, flexible: Mapping[str, Give]) -> dict[int
     Those that others hang on come first.
     """
     found: dict[int, list[LinkSpring]] = {}
+    if not flexible:
+        return found
     bodies = {f.name: k for k, f in enumerate(model.frames) if f.type == pin.FrameType.BODY}
     for name in flexible:
         if name not in bodies:

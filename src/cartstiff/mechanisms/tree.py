@@ -10,7 +10,7 @@ exact, with no tensor; Pinocchio's own second derivatives are not used.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,11 +18,12 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.errors import UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import SWAP, Array
 from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import Coordinate
+from cartstiff.mechanisms.joint_kinds import check_coordinates
 from cartstiff.potentials.contract import Evaluation, Map
 
 __all__ = ["WORLD", "KinematicTree", "Path", "Placement", "TreeState"]
@@ -65,23 +66,6 @@ class Path:
         return self.order[:, None], self.order[None, :]
 
 
-#: Of a tree. Pinocchio's workspace grows with their cube: 200 take 0.3 GB, 600 take 7 GB.
-MOST_COORDINATES = 200
-
-
-def check_coordinates(model: pin.Model) -> None:
-    """Refuse a model with more than `MOST_COORDINATES`, before memory is taken for it.
-
-    Raises
-    ------
-    InputError
-        With their number.
-    """
-    if model.nv > MOST_COORDINATES:
-        raise InputError("too many coordinates", expected=f"at most {MOST_COORDINATES}",
-                         got=model.nv)  # fmt: skip
-
-
 class KinematicTree:
     """A plain tree with named frames.
 
@@ -91,8 +75,6 @@ class KinematicTree:
         Every joint has one coordinate; never modified after construction.
     coordinates : tuple of Coordinate
         One per joint, in Pinocchio's order.
-    frames : dict of str to Placement
-        All named frames.
     mimic : ndarray (joints, n) or None
         Where joints follow others: all joint positions are ``mimic @ q + offset``.
 
@@ -106,14 +88,15 @@ class KinematicTree:
         self,
         model: pin.Model,
         coordinates: tuple[Coordinate, ...],
-        frames: Mapping[str, Placement],
+        frames: Mapping[str, Placement] | Callable[..., dict[str, Placement]],
         mimic: Array | None = None,
         offset: Array | None = None,
     ) -> None:
         check_coordinates(model)
         self.model = model
         self.coordinates = coordinates
-        self.frames = dict(frames)
+        #: Frames, or what places all of them, or the one that is named.
+        self.given_frames = frames if callable(frames) else dict(frames)
         self.mimic = mimic
         self.offset = 0.0 if offset is None else offset
         self._parents = [int(p) for p in model.parents]
@@ -122,7 +105,13 @@ class KinematicTree:
 
     def __getstate__(self) -> dict[str, Any]:
         """Everything but the workspaces, which are large and made anew."""
-        return {**vars(self), "_workspaces": []}
+        return {**vars(self), "frames": self.frames, "given_frames": {}, "_workspaces": []}
+
+    @cached_property
+    def frames(self) -> dict[str, Placement]:
+        """All named frames."""
+        given = self.given_frames
+        return given() if callable(given) else given
 
     def workspace(self) -> _Workspace:
         """Pinocchio's workspace of the model, for a `with` statement."""
@@ -171,8 +160,9 @@ class KinematicTree:
         UnknownNameError
             With the names that exist.
         """
+        given = self.frames if "frames" in vars(self) else self.given_frames
         try:
-            return self.frames[name]
+            return (given(name) if callable(given) else given)[name]
         except KeyError:
             raise UnknownNameError("frame", name, self.frames) from None
 
@@ -200,13 +190,16 @@ class KinematicTree:
             self._paths[key] = Path(order, signs, identity)
         return self._paths[key]
 
+    def _with_model(self, model: pin.Model) -> KinematicTree:
+        offset = None if self.mimic is None else np.asarray(self.offset, float)
+        return KinematicTree(model, self.coordinates, self.frames, self.mimic, offset)
+
     def with_placements(self, placements: Mapping[int, Array]) -> KinematicTree:
         """The same tree with other poses ``T_parent_joint`` of some joints, by index from 1."""
         model = self.model.copy()
         for joint, T in placements.items():
             model.jointPlacements[joint] = pin.SE3(T)
-        offset = None if self.mimic is None else np.asarray(self.offset, float)
-        return KinematicTree(model, self.coordinates, self.frames, self.mimic, offset)
+        return self._with_model(model)
 
     def with_mass(self, at: Placement, mass: float, point: Array) -> KinematicTree:
         """The same tree with a point mass [kg] at a point (3,) of a frame."""
@@ -215,18 +208,16 @@ class KinematicTree:
             centre = (at.T_j_f @ np.append(point, 1.0))[:3]
             inertia = pin.Inertia(mass, centre, np.zeros((3, 3)))
             model.appendBodyToJoint(at.joint, inertia, pin.SE3.Identity())
-        offset = None if self.mimic is None else np.asarray(self.offset, float)
-        return KinematicTree(model, self.coordinates, self.frames, self.mimic, offset)
+        return self._with_model(model)
 
     def mass_matrices(self, q: Array) -> Array:
         """Upper triangles of the masses' matrices (N, n, n) at postures (N, n), without mimics."""
         tree, places = self.depth_first
         found = np.empty((len(q), self.model.nv, self.model.nv))
-        model, crba = tree.model, pin.crba
         if tree is self:
             with tree.workspace() as data:
                 for i, posture in enumerate(q):
-                    found[i] = crba(model, data, posture)
+                    found[i] = pin.crba(tree.model, data, posture)
             return found
         for i, posture in enumerate(q):
             found[i][np.ix_(places, places)] = tree.mass_matrix(posture[places])
@@ -261,7 +252,7 @@ class KinematicTree:
     def masses(self) -> tuple[Array, Array]:
         """Masses (joints,) that the joints carry, and their centres (joints, 3) in their frames."""
         inertias = list(self.model.inertias)[1:]
-        centres = np.array([np.array(body.lever) for body in inertias]).reshape(-1, 3)
+        centres = np.array([body.lever for body in inertias]).reshape(-1, 3)
         return np.array([body.mass for body in inertias]), centres
 
     def links(self) -> dict[int, str]:

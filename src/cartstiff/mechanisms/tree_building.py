@@ -26,90 +26,19 @@ from cartstiff.mechanisms.flexible_links import (
     masses_by_side,
     springs_by_joint,
 )
-from cartstiff.mechanisms.tree import WORLD, KinematicTree, Placement, check_coordinates
+from cartstiff.mechanisms.joint_kinds import (
+    PLAIN,
+    check_coordinates,
+    expansion,
+    limits_of,
+    planar,
+    primitive,
+    set_position,
+    standing,
+)
+from cartstiff.mechanisms.tree import WORLD, KinematicTree, Placement
 
-__all__ = ["expansion", "extended", "find_frame", "merged", "part_of", "plain_tree"]
-
-# How joints with several coordinates are written as successive one-coordinate joints; the order
-# is that of Pinocchio's own configuration, translations before rotations.
-_EXPANSIONS: dict[str, tuple[tuple[str, str], ...]] = {
-    "JointModelSpherical": (("x", "RX"), ("y", "RY"), ("z", "RZ")),
-    "JointModelSphericalZYX": (("z", "RZ"), ("y", "RY"), ("x", "RX")),
-    "JointModelTranslation": (("x", "PX"), ("y", "PY"), ("z", "PZ")),
-    "JointModelPlanar": (("x", "PX"), ("y", "PY"), ("angle", "RZ")),
-    "JointModelFreeFlyer": (
-        ("x", "PX"), ("y", "PY"), ("z", "PZ"), ("rx", "RX"), ("ry", "RY"), ("rz", "RZ"),
-    ),
-}  # fmt: skip
-_PLAIN = {
-    "JointModelRX": "revolute", "JointModelRY": "revolute", "JointModelRZ": "revolute",
-    "JointModelRevoluteUnaligned": "revolute",
-    "JointModelPX": "prismatic", "JointModelPY": "prismatic", "JointModelPZ": "prismatic",
-    "JointModelPrismaticUnaligned": "prismatic",
-    "JointModelHX": "helical", "JointModelHY": "helical", "JointModelHZ": "helical",
-    "JointModelHelicalUnaligned": "helical",
-}  # fmt: skip
-_UNBOUNDED = {"JointModelRUBX": "RX", "JointModelRUBY": "RY", "JointModelRUBZ": "RZ"}
-
-
-def _axis(joint: Any) -> Array:
-    """Axis of an unbounded revolute joint, which has no attribute for it: turn it by 90 deg."""
-    model = pin.Model()
-    model.addJoint(0, joint, pin.SE3.Identity(), "joint")
-    data = pin.Data(model)
-    pin.forwardKinematics(model, data, np.array([0.0, 1.0]))
-    axis: Array = se3.unskew(data.oMi[1].rotation)
-    return axis / np.linalg.norm(axis)
-
-
-def _primitive(kind: str) -> Any:
-    return getattr(pin, f"JointModel{kind}")()
-
-
-def expansion(joint: Any, name: str) -> list[tuple[str, str, Any, Array]]:
-    """One-coordinate joints (name, type, model, placement) that together make `joint`.
-
-    Raises
-    ------
-    InputError
-        For a joint type that cannot be expanded.
-    """
-    short = joint.shortname()
-    if short in _PLAIN:
-        return [(name, _PLAIN[short], joint, np.eye(4))]
-    if short in _UNBOUNDED:
-        return [(name, "revolute", _primitive(_UNBOUNDED[short]), np.eye(4))]
-    if short == "JointModelRevoluteUnboundedUnaligned":
-        return [(name, "revolute", pin.JointModelRevoluteUnaligned(_axis(joint)), np.eye(4))]
-    if short in _EXPANSIONS:
-        return [
-            (
-                f"{name}.{suffix}",
-                "revolute" if kind.startswith("R") else "prismatic",
-                _primitive(kind),
-                np.eye(4),
-            )
-            for suffix, kind in _EXPANSIONS[short]
-        ]
-    if short == "JointModelUniversal":
-        concrete = joint.extract()
-        return [
-            (f"{name}.{i}", "revolute", pin.JointModelRevoluteUnaligned(np.array(axis)), np.eye(4))
-            for i, axis in enumerate((concrete.axis1, concrete.axis2), start=1)
-        ]
-    if short == "JointModelComposite":
-        concrete = joint.extract()
-        parts: list[tuple[str, str, Any, Array]] = []
-        for i, (part, at) in enumerate(zip(concrete.joints, concrete.jointPlacements, strict=True)):
-            for j, (sub_name, kind, sub, T) in enumerate(expansion(part, f"{name}.{i + 1}")):
-                parts.append((sub_name, kind, sub, at.homogeneous @ T if j == 0 else T))
-        return parts
-    raise InputError(
-        f"joint {name!r} has a type that is not supported",
-        expected="revolute, continuous, prismatic, helical, universal, spherical, planar, "
-        "translation, free or a composite of these",
-        got=short,
-    )
+__all__ = ["extended", "find_frame", "merged", "part_of", "plain_tree"]
 
 
 def find_frame(model: pin.Model, name: str) -> Any:
@@ -123,13 +52,15 @@ def find_frame(model: pin.Model, name: str) -> Any:
     named = [f for f in model.frames if f.name == name]
     if not named:
         raise UnknownNameError("frame", name, [f.name for f in model.frames])
-    return min(named, key=_precedence)
+    return min(named, key=lambda f: _precedence(f.type))
 
 
-def _precedence(frame: Any) -> int:
+_FIRST = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
+
+
+def _precedence(kind: Any) -> int:
     """Links, sites, joints: a name met twice means the first of these."""
-    kinds = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
-    return kinds.index(frame.type) if frame.type in kinds else len(kinds)
+    return _FIRST.index(kind) if kind in _FIRST else len(_FIRST)
 
 
 def plain_tree(
@@ -167,9 +98,8 @@ def plain_tree(
     kept = set(range(1, model.njoints) if keep is None else keep) - set(locked)
     fixed_q = pin.neutral(model)
     for index, value in locked.items():
-        _set_position(model, index, value, fixed_q)
-    data = pin.Data(model)
-    pin.forwardKinematics(model, data, fixed_q)
+        set_position(model, index, value, fixed_q)
+    every = list(model.frames)
 
     plain = pin.Model()
     plain.name = model.name
@@ -204,7 +134,7 @@ def plain_tree(
             for k, (suffix, kind, along) in enumerate(give.joints, start=1):
                 full = f"{spring.link}.{suffix}"
                 T_j = T_j @ se3.pose(translation=(along, 0.0, 0.0))
-                joint = plain.addJoint(joint, _primitive(kind), pin.SE3(T_j), full)
+                joint = plain.addJoint(joint, primitive(kind), pin.SE3(T_j), full)
                 coordinates.append(
                     Coordinate(full, "prismatic" if kind.startswith("P") else "revolute")
                 )
@@ -219,20 +149,22 @@ def plain_tree(
                 plain.appendBodyToJoint(joint, inertia, pin.SE3(T_j))
 
     soften(0)
-    frame_of = {
-        int(f.parentJoint): k for k, f in enumerate(model.frames) if f.type == pin.FrameType.JOINT
-    }
+    frame_of: dict[int, int] = {}
+    if beyond or springs:
+        frame_of = {f.parentJoint: k for k, f in enumerate(every) if f.type == pin.FrameType.JOINT}
     for i in range(1, model.njoints):
         parent, T_p = side(frame_of.get(i, UNFRAMED), int(model.parents[i]))
         if i not in kept:
-            near[i] = (parent, T_p @ data.liMi[i].homogeneous)
+            is_drawn = i not in locked and model.joints[i].shortname() in PLAIN  # stands at zero
+            T = model.jointPlacements[i] if is_drawn else standing(model, i, fixed_q)
+            near[i] = (parent, T_p @ T.homogeneous)
         else:
             T = T_p @ model.jointPlacements[i].homogeneous
             parts = expansion(model.joints[i], model.names[i])
             if model.names[i] in (planar_axes or {}):
-                parts = _planar(model.names[i], (planar_axes or {})[model.names[i]])
+                parts = planar(model.names[i], (planar_axes or {})[model.names[i]])
             for k, (name, kind, joint, T_part) in enumerate(parts, start=int(model.idx_vs[i])):
-                lower, upper = _limits(model, i) if len(parts) == 1 else (-np.inf, np.inf)
+                lower, upper = limits_of(model, i) if len(parts) == 1 else (-np.inf, np.inf)
                 unique = _unique(name, [c.name for c in coordinates])
                 parent = plain.addJoint(parent, joint, pin.SE3(T @ T_part), unique)
                 plain.armature[plain.idx_vs[parent]] = model.armature[k]
@@ -241,10 +173,20 @@ def plain_tree(
                 T = np.eye(4)
             near[i] = (parent, T)
         soften(i)
-    frames: dict[str, Placement] = {"world": WORLD}
-    for k, frame in sorted(enumerate(model.frames), key=lambda f: _precedence(f[1])):
-        joint, T_j = side(k, int(frame.parentJoint))
-        frames.setdefault(frame.name, Placement(joint, T_j @ frame.placement.homogeneous))
+
+    def placed(k: int) -> Placement:
+        joint, T_j = side(k, every[k].parentJoint)
+        return Placement(joint, T_j @ every[k].placement.homogeneous)
+
+    def frames(name: str | None = None) -> dict[str, Placement]:
+        kinds = {
+            k: _precedence(f.type) for k, f in enumerate(every) if name is None or f.name == name
+        }
+        found = {"world": WORLD}
+        for k in sorted(kinds, key=kinds.__getitem__):
+            found.setdefault(every[k].name, placed(k))
+        return found
+
     return KinematicTree(plain, tuple(coordinates), frames)
 
 
@@ -301,7 +243,7 @@ def extended(
     joint, T = at.joint, at.T_j_f
     new = []
     for name, kind in joints:
-        joint = model.addJoint(joint, _primitive(kind), pin.SE3(T), name)
+        joint = model.addJoint(joint, primitive(kind), pin.SE3(T), name)
         new.append(Coordinate(name, "revolute" if kind.startswith("R") else "prismatic"))
         T = np.eye(4)
     frames = {**tree.frames, end: Placement(joint, T)}
@@ -352,42 +294,6 @@ def part_of(
     mimic, offset = tree.mimic[np.ix_(rows, columns)], np.asarray(tree.offset, float)
     offset = np.broadcast_to(offset, (tree.model.nv,))[rows]
     return KinematicTree(model, coordinates, {"world": WORLD}, mimic, offset), columns
-
-
-def _planar(name: str, axis: Array) -> list[tuple[str, str, Any, Array]]:
-    """A planar joint across an axis: its x and y are those of the least turn of z to the axis."""
-    z = np.array([0.0, 0.0, 1.0])
-    R = pin.Quaternion.FromTwoVectors(z, axis).toRotationMatrix()
-    slides = [pin.JointModelPrismaticUnaligned(R[:, i]) for i in range(2)]
-    return [
-        (f"{name}.x", "prismatic", slides[0], np.eye(4)),
-        (f"{name}.y", "prismatic", slides[1], np.eye(4)),
-        (f"{name}.angle", "revolute", pin.JointModelRevoluteUnaligned(R[:, 2]), np.eye(4)),
-    ]
-
-
-def _set_position(model: pin.Model, index: int, value: float, q: Array) -> None:
-    joint = model.joints[index]
-    if joint.nv != 1:
-        raise InputError(f"joint {model.names[index]!r} cannot be locked at one number",
-                         expected="a joint with one coordinate", got=joint.shortname())  # fmt: skip
-    if joint.nq == 2:
-        q[joint.idx_q : joint.idx_q + 2] = np.cos(value), np.sin(value)
-    else:
-        q[joint.idx_q] = value
-
-
-def _limits(model: pin.Model, index: int) -> tuple[float, float]:
-    joint = model.joints[index]
-    if joint.nq != 1:
-        return -np.inf, np.inf
-    lower = float(model.lowerPositionLimit[joint.idx_q])
-    upper = float(model.upperPositionLimit[joint.idx_q])
-    # Pinocchio writes the largest float where there is no limit.
-    return (
-        lower if lower > -1e300 else -np.inf,
-        upper if upper < 1e300 else np.inf,
-    )
 
 
 def _unique(name: str, taken: Collection[str]) -> str:

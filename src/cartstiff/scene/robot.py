@@ -11,13 +11,13 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.loading.visuals import Visual, visuals
 from cartstiff.mechanisms.chain import Chain, ChainPosture
 from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Shape
-from cartstiff.mechanisms.skeleton import Skeleton, skeleton
 from cartstiff.mechanisms.tree import Placement
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.scene import objects, shapes, theme
 from cartstiff.scene.canvas import Node, scaled
 from cartstiff.scene.meshes import Mesh, read_mesh
 from cartstiff.scene.shapes import Y_TO_Z
+from cartstiff.scene.skeleton import Skeleton, skeleton
 
 __all__ = ["ChainPicture"]
 
