@@ -25,7 +25,7 @@ ALLOWED = {
     "many/arithmetic.py": "the largest angle that the sine of the fast code takes",
     "many/vector_writer.py": "coefficients of sine and cosine",
     "mechanisms/contract.py": "units",
-    "mechanisms/tree_building.py": "limits that stand for none",
+    "mechanisms/joint_kinds.py": "limits that stand for none",
     "page/api.py": "bytes to megabytes",
     "page/state.py": "the largest number that is taken",
     "parsing.py": "the largest number that is read",
