@@ -15,7 +15,7 @@ import cartstiff
 from cartstiff.cli.main import main
 from cartstiff.loading.catalogue import bundled_files, example_robots
 from cartstiff.report.frames import describe_frames, frames_of
-from cartstiff.report.json_schema import frames_schema
+from cartstiff.report.json_schema import json_schema
 
 ROBOTS = {"ur5", "ur10", "panda", "xarm7"}
 
@@ -69,7 +69,7 @@ def test_every_kind_has_the_form(name: str) -> None:
     if name in ROBOTS and not example_robots():
         pytest.skip("example-robot-data is not installed")
     answer = frames_of(cartstiff.load(name))
-    jsonschema.validate(json.loads(json.dumps(answer, allow_nan=False)), frames_schema())
+    jsonschema.validate(json.loads(json.dumps(answer, allow_nan=False)), json_schema("frames"))
     assert describe_frames(answer).count("M on ") == 1
 
 

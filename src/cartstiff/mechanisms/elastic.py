@@ -224,8 +224,8 @@ class ElasticMechanism(ShownInLines):
     def with_payload(self, mass: float, point: ArrayLike = (0.0, 0.0, 0.0)) -> ElasticMechanism:
         """The same mechanism with a point mass [kg] fixed to a point (3,) of M.
 
-        It has inertia, and weight where the mechanism has gravity; a payload among the loads of
-        `cartstiff.equilibrium` has both without.
+        Where the mechanism has gravity, springs without a rest position carry its weight, too. The
+        deflection that it adds comes from `cartstiff.payload` as a load of `equilibrium`.
 
         Raises
         ------

@@ -105,7 +105,7 @@ class Potential(ABC):
         return []
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PosePotential(Potential):
     """A potential that depends on the pose of one frame relative to another.
 

@@ -84,7 +84,7 @@ class JointFunction(Potential):
         return Evaluation(float(self.energy(q)), g, _symmetric(self.hessian(q), q.size, "Hessian"))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class PoseFunction(PosePotential):
     """Energy as a function of a pose ``T_a_b``.
 
