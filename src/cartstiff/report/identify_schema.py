@@ -27,7 +27,7 @@ _PARAMETER = js.object_with(
         "plain": js.number("compliance by least squares on all rows used", null=True),
         "robust": js.number("compliance by the robust fit", null=True),
     }
-)  # fmt: skip
+)
 _NOISE = js.object_with(
     {
         "unit": js.text("of the numbers"),
@@ -87,7 +87,8 @@ def identify_schema(
         "sigma": js.number("standard deviation of one of them"),
         "leave_one_out_rms": js.number("of predictions from the other postures", null=True),
         "noise": {
-            "type": "object", "additionalProperties": _NOISE,
+            "type": "object",
+            "additionalProperties": _NOISE,
             "description": "the same by kind: length, angle",
         },
         "inflation": js.number("factor on all deviations, as the scatter is larger; else 1"),
@@ -99,5 +100,5 @@ def identify_schema(
         ),
         "checks": _CHECKS,
         "notes": notes,
-    }  # fmt: skip
+    }
     return js.document(properties, "identify")

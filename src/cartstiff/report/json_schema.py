@@ -55,7 +55,8 @@ _ANALYSIS: dict[str, Any] = {
     ),
     "pose": js.matrix(4, 4, "4x4, M in F"),
     "jacobian": js.matrix(
-        6, None,
+        6,
+        None,
         "6xn body Jacobian of the coordinates; for a platform 6x6, pose by leg lengths",
         "if there is none",
     ),
@@ -95,10 +96,12 @@ _ANALYSIS: dict[str, Any] = {
         ),
         "what was assumed, and why something does not exist",
     ),
-}  # fmt: skip
+}
 
 _EQUILIBRIUM: dict[str, Any] = {
-    "residual": js.number("largest unbalanced force over the forces on the same motion; 0: rounding"),
+    "residual": js.number(
+        "largest unbalanced force over the forces on the same motion; 0: rounding"
+    ),
     "stable": js.flag(
         "verdict on the equilibrium; null where definiteness decides nothing", null=True
     ),
@@ -114,7 +117,8 @@ _EQUILIBRIUM: dict[str, Any] = {
         "anyOf": [
             {"type": "null"},
             js.object_with(
-                {key: js.numbers(size=6) for key in ("sd", "lower", "upper")} | {"level": js.number()}
+                {key: js.numbers(size=6) for key in ("sd", "lower", "upper")}
+                | {"level": js.number()}
             ),
         ],
         "description": "of the displacement, from springs that were measured; else null",
@@ -122,7 +126,8 @@ _EQUILIBRIUM: dict[str, Any] = {
     "elastic_wrench": js.numbers(
         "the wrench that springs and structure balance, in M; where the structure's "
         "part is not known, that of least length-scaled norm",
-        6, null=True,
+        6,
+        null=True,
     ),
     "reactions": js.object_with(
         {
@@ -134,7 +139,7 @@ _EQUILIBRIUM: dict[str, Any] = {
         },
         "what holds the mechanism",
     ),
-}  # fmt: skip
+}
 
 
 def _or_nothing(description: str) -> dict[str, Any]:

@@ -52,7 +52,7 @@ def assemble_schema(parts: dict[str, Any]) -> dict[str, Any]:
         },
         "required": ["method", "complete"],
         "additionalProperties": False,
-    }  # fmt: skip
+    }
     return js.document(
         {
             "schema": js.form(ASSEMBLE_SCHEMA),

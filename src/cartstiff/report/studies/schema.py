@@ -29,18 +29,23 @@ def design_schema(notes: dict[str, Any]) -> dict[str, Any]:
             "set": by_name | {"description": "parameters that do not, where the study gives them"},
             "poses": js.integer("poses of each design"),
             "objectives": js.list_of(
-                js.object_with(measure | {"goal": js.one_of("largest", "smallest")}), "what is wanted"
+                js.object_with(measure | {"goal": js.one_of("largest", "smallest")}),
+                "what is wanted",
             ),
             "constraints": js.list_of(
                 js.object_with(
-                    measure | {"at_least": js.number("bound", null=True),
-                               "at_most": js.number("bound", null=True)}
+                    measure
+                    | {
+                        "at_least": js.number("bound", null=True),
+                        "at_most": js.number("bound", null=True),
+                    }
                 ),
                 "what must hold",
             ),
             "counts": js.object_with(counts, "designs by their state"),
             "best": {
-                "type": ["object", "null"], "additionalProperties": js.integer(),
+                "type": ["object", "null"],
+                "additionalProperties": js.integer(),
                 "description": "place in designs of the best for each objective; null if none is "
                 "feasible",
             },
@@ -59,4 +64,4 @@ def design_schema(notes: dict[str, Any]) -> dict[str, Any]:
             "notes": notes,
         },
         "design",
-    )  # fmt: skip
+    )
