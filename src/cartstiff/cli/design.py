@@ -65,7 +65,7 @@ def command(
         sys.stdout.flush()
         raise click.exceptions.Exit(130) from None
 
-    from cartstiff.report.studies.designs import describe_designs, draw_designs
+    from cartstiff.report.designs import describe_designs, draw_designs
 
     write_files((table, designs.to_csv), (plot, lambda: draw_designs(designs)))
     tell(as_json, designs.as_dict(), str(study), lambda: describe_designs(designs, best))

@@ -7,11 +7,11 @@ from typing import Any
 from cartstiff.analysis.plain import schema as schema_of_analysis
 from cartstiff.choices import LOAD_KINDS
 from cartstiff.matrix_names import MATRICES
-from cartstiff.report import schema_words as js
 from cartstiff.report.frames import FRAMES_SCHEMA
-from cartstiff.report.identify_schema import identify_schema
-from cartstiff.report.reach_schema import assemble_schema, workspace_schema
-from cartstiff.report.studies.schema import design_schema
+from cartstiff.report.schemas import words as js
+from cartstiff.report.schemas.designs import design_schema
+from cartstiff.report.schemas.identification import identify_schema
+from cartstiff.report.schemas.reach import assemble_schema, workspace_schema
 from cartstiff.stiffness.compute import SCHEMA
 from cartstiff.vibration.mode_set import MODES_SCHEMA
 

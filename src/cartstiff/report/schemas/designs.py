@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from cartstiff.designs.results import DESIGN_SCHEMA
-from cartstiff.report import schema_words as js
+from cartstiff.report.schemas import words as js
 
 __all__ = ["design_schema"]
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from cartstiff.reach.assembly import ASSEMBLE_SCHEMA
 from cartstiff.reach.workspace import WORKSPACE_SCHEMA
-from cartstiff.report import schema_words as js
+from cartstiff.report.schemas import words as js
 
 __all__ = ["assemble_schema", "workspace_schema"]
 

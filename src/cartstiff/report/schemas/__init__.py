@@ -1,0 +1,1 @@
+"""The forms of the JSON output, as JSON Schemas."""

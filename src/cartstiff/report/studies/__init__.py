@@ -1,1 +1,0 @@
-"""Studies of designs, told and drawn."""
