@@ -15,6 +15,7 @@ import pytest
 from pydantic import BaseModel
 from tests.mechanisms.machines import joint, masses, write_file, write_urdf
 from tests.mechanisms.test_superelement import beam_matrix
+from tests.mechanisms.test_superelement_mass import beam_mass
 
 import cartstiff
 from cartstiff.errors import InputError
@@ -159,8 +160,8 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
             {"flexible": {"upper": {"superelement": SUPER}}},
         )
         for key, value in {
-            "K": "other.txt", "nodes": [[0, 0, 0], [0.2, 0, 0], [0.5, 0, 0]], "base": 1,
-            "tip": 1, "order": "angular-linear",
+            "K": "other.txt", "M": "mass.txt", "base": 1, "tip": 1,
+            "nodes": [[0, 0, 0], [0.2, 0, 0], [0.5, 0, 0]], "order": "angular-linear",
         }.items()
     },
     "FlexibleModel.offset": (
@@ -416,6 +417,7 @@ def write_robots(folder: Path) -> None:
     ]
     for name, factor in (("K", 1.0), ("other", 2.0)):
         np.savetxt(folder / f"{name}.txt", factor * beam_matrix([0, 0.2, 0.4]))
+    np.savetxt(folder / "mass.txt", beam_mass([0, 0.2, 0.4]))
     path = write_urdf(folder, *bars, name="bars")
     path.write_text(masses(path.read_text(encoding="utf-8"), left_rod=1, right_rod=1.5))
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry import se3
@@ -112,7 +113,7 @@ def mechanism_file(
     """
     data = _data(result, mechanism, frame, to)
     elastic = with_result(result, source=source)
-    _put_springs(data, elastic)
+    _put_springs(data, elastic, to.parent)
     found = elastic.identified
     if found is None:
         raise TypeError("a result without findings")
@@ -161,10 +162,10 @@ def _data(result: Identification, mechanism: str, frame: str | None, to: Path) -
             data["frame"] = frame
             data.pop("offset", None)
         for holder in (data, *(data["legs"] if data["kind"] == "parallel" else ())):
-            for link, entry in holder.get("flexible", {}).items():
-                if "superelement" in entry:  # its numbers are written, not its file
-                    spring = FlexibleModel.model_validate(entry, context={"folder": path.parent})
-                    holder["flexible"][link] = spring.model_dump(include={"stiffness", "offset"})
+            for entry in holder.get("flexible", {}).values():
+                files = entry.get("superelement", {})
+                for key in {"K", "M"} & files.keys():
+                    files[key] = _relative(path.parent / files[key], to)
             model = holder.get("model")
             if isinstance(model, str) and not Path(model).expanduser().is_absolute():
                 beside = path.parent / model
@@ -194,7 +195,7 @@ def _relative(path: Path, to: Path) -> str:
         return str(path.resolve())
 
 
-def _put_springs(data: dict[str, Any], elastic: ElasticMechanism) -> None:
+def _put_springs(data: dict[str, Any], elastic: ElasticMechanism, folder: Path) -> None:
     """The file's springs, legs, lines and links that give with the numbers of a mechanism."""
     springs, kind = elastic.springs, data["kind"]
     if springs is None:
@@ -204,10 +205,10 @@ def _put_springs(data: dict[str, Any], elastic: ElasticMechanism) -> None:
     elif kind == "parallel":
         for i, leg in enumerate(data["legs"]):
             _put_joints(leg, elastic, f"leg{i + 1}/")
-            _put_links(leg, elastic, f"leg{i + 1}/")
+            _put_links(leg, elastic, f"leg{i + 1}/", folder)
     else:
         _put_joints(data, elastic, "")
-        _put_links(data, elastic, "")
+        _put_links(data, elastic, "", folder)
     names = Elements(elastic)
     for i, line in enumerate(data.get("lines", ())):
         at = names.index(f"line{i + 1}")
@@ -237,7 +238,9 @@ def _put_joints(holder: dict[str, Any], elastic: ElasticMechanism, prefix: str) 
         del holder["springs"]
 
 
-def _put_links(holder: dict[str, Any], elastic: ElasticMechanism, prefix: str) -> None:
+def _put_links(
+    holder: dict[str, Any], elastic: ElasticMechanism, prefix: str, folder: Path
+) -> None:
     for potential in elastic.potentials:
         if not isinstance(potential, (CoupledSprings, Beam)):
             continue
@@ -247,6 +250,17 @@ def _put_links(holder: dict[str, Any], elastic: ElasticMechanism, prefix: str) -
             continue
         if isinstance(potential, CoupledSprings):
             K: Array = potential.matrix[se3.SWAP][:, se3.SWAP]
+            if "superelement" in entry:
+                spring = FlexibleModel.model_validate(entry, context={"folder": folder})
+                if np.allclose(K, spring.stiffness or K, rtol=numerics.TELLING):
+                    continue  # the files still hold
+                if spring.mass is not None:
+                    raise InputError(
+                        "the stiffness found for a superelement with a mass matrix has no place in "
+                        "a mechanism file", where=link, expected="the link given without M",
+                    )  # fmt: skip
+                del entry["superelement"]
+                entry["offset"] = spring.offset.model_dump()
             entry["stiffness"] = K.tolist()
         else:
             beam = entry["beam"]

@@ -324,4 +324,6 @@ def tree_to(
         leader, factor, offset = follows.get(name, (name, 1.0, 0.0))
         matrix[i, [c.name for c in free].index(leader)] = factor
         offsets[i] = offset
+    if tree.mimic is not None:
+        matrix, offsets = tree.mimic @ matrix, tree.mimic @ offsets
     return KinematicTree(tree.model, tuple(free), tree.given_frames, matrix, offsets)

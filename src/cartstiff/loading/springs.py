@@ -159,7 +159,7 @@ def give_of(entry: FlexibleModel) -> Give:
     """Virtual joints of a flexible link."""
     start = pose_of(entry.offset)
     if entry.beam is None:
-        return Give(start)
+        return Give(start, mass=entry.mass)
     beam = entry.beam
     own = None
     if beam.density > 0.0:

@@ -17,7 +17,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.many.arithmetic import ENGINE, PLAIN, shared_inputs
 from cartstiff.many.chains.chain_arithmetic import chain_arrays
 from cartstiff.many.chains.chain_numbers import ChainCase
-from cartstiff.many.chains.chain_twists import ChainConstants, Field
+from cartstiff.many.chains.chain_twists import ChainConstants, Field, numbers, read_chain
 from cartstiff.many.chains.closed_case import closed_case
 from cartstiff.many.chains.closed_chain import ClosedCase, closed_arrays
 from cartstiff.many.chains.closing import closing_arrays
@@ -194,42 +194,12 @@ _constants: WeakKeyDictionary[Mechanism, ChainConstants | str] = WeakKeyDictiona
 _lock = Lock()
 
 
-def _numbers(array: Array) -> tuple[float, ...]:
-    return tuple(np.ravel(array).tolist())
-
-
 def chain_constants(chain: Chain) -> ChainConstants | str:
     """Geometry of a chain, or why it is not a plain one; kept as long as the chain is."""
     with _lock:
         if chain not in _constants:
-            _constants[chain] = _read_chain(chain)
+            _constants[chain] = read_chain(chain)
         return _constants[chain]
-
-
-def _read_chain(chain: Chain) -> ChainConstants | str:
-    tree = chain.tree
-    if chain.closures or chain.rigid:
-        return "a closed chain has arithmetic of its own"
-    if chain.actuated is not None:
-        return "a chain with chosen actuated joints has no arithmetic of its own"
-    if not tree.path(0, chain.body.joint).identity or not tree.model.nv:
-        return "some joints are not on the way to the frame"
-    screws = tree.screws()
-    for screw in screws:
-        turning = np.linalg.norm(screw[:3])
-        if abs((turning or np.linalg.norm(screw[3:])) - 1.0) > numerics.ROUNDING or (
-            turning and np.abs(np.cross(screw[:3], screw[3:])).max() > numerics.LAST_DIGITS
-        ):
-            return "a joint's axis does not pass through its own frame"
-    mimic = None if tree.mimic is None else _numbers(tree.mimic)
-    return ChainConstants(
-        _numbers(np.array(tree.placements())),
-        _numbers(screws),
-        _numbers(chain.body.T_j_f),
-        mimic,
-        None if mimic is None else _numbers(np.broadcast_to(tree.offset, len(screws))),
-        tuple(bool(x) for x in chain.is_length),
-    )
 
 
 def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> Plan | str:
@@ -252,11 +222,13 @@ def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> Plan | 
         is_open = tuple(chosen.tolist())
     elif springs is not None:
         return "line springs of a chain have no arithmetic of their own"
+    if elastic.gravity is not None and len(constants.screws) < 6 * chain.tree.model.nv:
+        return "bodies beside the way to the frame have weight"
     case, loose = ChainCase(constants, is_open, wrench), list[Potential]()
     for potential in elastic.potentials:
         if type(potential) is CoupledSprings:
             indices = tuple(int(i) for i in potential.indices)
-            case = replace(case, coupled=(*case.coupled, (indices, _numbers(potential.matrix))))
+            case = replace(case, coupled=(*case.coupled, (indices, numbers(potential.matrix))))
         else:
             loose.append(potential)
     return _with_fields(elastic, chain, case, loose, shared, laws, n)
@@ -292,15 +264,15 @@ def _with_fields(
     joints = len(case.constants.screws) // 6
     if elastic.gravity is not None:
         masses, centres = chain.tree.masses()
-        fields.append(Field(_numbers(masses), tuple(map(_numbers, centres))))
+        fields.append(Field(numbers(masses), tuple(map(numbers, centres))))
         forces.append(elastic.gravity)
     for potential in others:
-        if type(potential) is DeadForce and chain.placement(potential.frame_b).joint:
+        if type(potential) is DeadForce and 0 < chain.placement(potential.frame_b).joint <= joints:
             at = chain.placement(potential.frame_b)
             point = at.T_j_f[:3, :3] @ np.asarray(potential.point) + at.T_j_f[:3, 3]
             weights, points = np.zeros(joints), np.zeros((joints, 3))
             weights[at.joint - 1], points[at.joint - 1] = 1.0, point
-            fields.append(Field(_numbers(weights), tuple(map(_numbers, points))))
+            fields.append(Field(numbers(weights), tuple(map(numbers, points))))
             forces.append(potential.force)
         else:
             loose.append(potential)
@@ -333,9 +305,9 @@ def _platform_plan(elastic: ElasticMechanism, platform: Platform, wrench: str) -
     if m < 6 and (wrench != "none" or (is_open.any() and (forces or loose))):
         return "whether fewer than six lines carry a load is seen posture by posture"
     case = PlatformCase(
-        _numbers(platform.anchors),
-        _numbers(platform.points),
-        _numbers(platform.T_P_M),
+        numbers(platform.anchors),
+        numbers(platform.points),
+        numbers(platform.T_P_M),
         float(platform.length),
         "open" if is_open.any() else "given",
         wrench,
@@ -366,11 +338,11 @@ def _forces(
     loose: list[Potential] = []
     if elastic.gravity is not None and platform.mass:
         forces.append(platform.weight(elastic.gravity))
-        points.append(_numbers(platform.mass_centre))
+        points.append(numbers(platform.mass_centre))
     for potential in elastic.potentials:
         if type(potential) is DeadForce and potential.frame_b == "body":
             forces.append(np.asarray(potential.force))
-            points.append(_numbers(np.asarray(potential.point)))
+            points.append(numbers(np.asarray(potential.point)))
         else:
             loose.append(potential)
     return forces, points, loose
@@ -387,7 +359,7 @@ def _strut_plan(
         return "rest lengths of struts under a load are found posture by posture"
     m = len(struts.stiffness)
     case = PlatformCase(
-        _numbers(platform.anchors), _numbers(platform.points), _numbers(platform.T_P_M),
+        numbers(platform.anchors), numbers(platform.points), numbers(platform.T_P_M),
         float(platform.length), points_of_forces=tuple(points), derivatives=True,
     )  # fmt: skip
     shared = {"stiffness": np.zeros((1, m)), "rest": np.zeros((1, m))}

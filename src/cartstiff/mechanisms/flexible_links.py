@@ -12,11 +12,14 @@ import pinocchio as pin
 from cartstiff.errors import UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.joint_kinds import primitive
+from cartstiff.mechanisms.superelement import SuperelementMass
 
 __all__ = [
     "SEGMENT",
     "UNFRAMED",
     "VIRTUAL",
+    "Follower",
     "Give",
     "LinkSpring",
     "Place",
@@ -54,12 +57,15 @@ class Give:
     own : tuple of float, optional
         Numbers of the beam's own mass: per length, and the moments of inertia per length about the
         y and z axes of the section.
+    mass : SuperelementMass, optional
+        Mass of a spring: a body that follows a share of its deflection.
     """
 
     start: Array
     length: float = 0.0
     segments: int = 0
     own: tuple[float, float, float] | None = None
+    mass: SuperelementMass | None = None
 
     def half(self, sign: float) -> Any:
         """Inertia of half a segment as a rigid bar that reaches along x from the origin, or to it.
@@ -107,6 +113,37 @@ class LinkSpring:
     frame: int
     give: Give
     carried: frozenset[int]
+
+
+@dataclass(frozen=True, eq=False)
+class Follower:
+    """Mass of a link that gives: where its spring begins, and its first coordinate."""
+
+    link: str
+    joint: int
+    T_j_spring: Array
+    first: int
+    mass: SuperelementMass
+
+    def added(self, plain: pin.Model, n: int) -> Array:
+        """Add the body that follows, and rotors for the rest; their rows (12, n) of the mimics."""
+        rows = np.zeros((12, n))
+        kinds = [kind for _, kind in VIRTUAL]
+        rows[:6, self.first : self.first + 6] = self.mass.share[np.ix_(se3.SWAP, se3.SWAP)]
+        rows[6:, self.first : self.first + 6] = self.mass.rest[:, se3.SWAP]
+        joint, T = self.joint, self.T_j_spring
+        for i, kind in enumerate(kinds, start=1):
+            name = f"{self.link}.mass" if i == len(kinds) else f"{self.link}.mass.{i}"
+            joint = plain.addJoint(joint, primitive(kind), pin.SE3(T), name)
+            T = np.eye(4)
+        body = pin.Inertia(self.mass.mass, self.mass.centre, self.mass.inertia)
+        plain.appendBodyToJoint(joint, body, pin.SE3.Identity())
+        for i in range(6):
+            rotor = plain.addJoint(
+                self.joint, primitive("RX"), pin.SE3(self.T_j_spring), f"{self.link}.rotor.{i}"
+            )
+            plain.armature[plain.idx_vs[rotor]] = 1.0
+        return rows
 
 
 def springs_by_joint(model: pin.Model, flexible: Mapping[str, Give]) -> dict[int, list[LinkSpring]]:

@@ -21,6 +21,7 @@ from cartstiff.mechanisms.contract import Coordinate
 from cartstiff.mechanisms.flexible_links import (
     SEGMENT,
     UNFRAMED,
+    Follower,
     Give,
     Place,
     masses_by_side,
@@ -108,6 +109,7 @@ def plain_tree(
     near: dict[int, Place] = {0: (0, np.eye(4))}
     beyond: dict[int, list[tuple[frozenset[int], Place]]] = {}
     springs = springs_by_joint(model, flexible or {})
+    followers: list[Follower] = []
 
     def side(frame: int, joint: int) -> Place:
         """Where what is fixed to a joint hangs: on it, or on the last spring that carries it."""
@@ -130,6 +132,9 @@ def plain_tree(
             joint, T_j = side(spring.frame, i)
             T_j = T_j @ give.start
             carry(joint, T_j, give.half(1.0))
+            if give.mass is not None:
+                first = len(coordinates)
+                followers.append(Follower(spring.link, joint, T_j, first, give.mass))
             count = len(give.joints)
             for k, (suffix, kind, along) in enumerate(give.joints, start=1):
                 full = f"{spring.link}.{suffix}"
@@ -187,7 +192,10 @@ def plain_tree(
             found.setdefault(every[k].name, placed(k))
         return found
 
-    return KinematicTree(plain, tuple(coordinates), frames)
+    n = len(coordinates)
+    rows = [follower.added(plain, n) for follower in followers]
+    mimic = np.concatenate([np.eye(n), *rows]) if rows else None
+    return KinematicTree(plain, tuple(coordinates), frames, mimic)
 
 
 def merged(parts: Sequence[tuple[str, KinematicTree, Array]]) -> KinematicTree:

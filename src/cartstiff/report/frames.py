@@ -77,7 +77,7 @@ def _joints(elastic: ElasticMechanism, chain: Chain) -> list[dict[str, Any]]:
     masses, _ = tree.masses()
     names = [str(name) for name in model.names]
     actuated = chain.actuated
-    joints = []
+    joints: list[dict[str, Any]] = []
     for j in range(1, model.njoints):
         parent = int(model.parents[j])
         k = j - 1
@@ -86,6 +86,13 @@ def _joints(elastic: ElasticMechanism, chain: Chain) -> list[dict[str, Any]]:
             k = int(np.argmax(np.abs(tree.mimic[j - 1])))
             if tree.coordinates[k].name != names[j]:
                 follows = tree.coordinates[k].name
+            if follows is not None and k in chain.virtual:
+                # Mass that follows a share of a link's deflection: told where that begins.
+                link = follows.rpartition(".")[0] + "."
+                next(x for x in joints if x["name"].startswith(link))["mass"] += float(
+                    masses[j - 1]
+                )
+                continue
         coordinate = tree.coordinates[k]
         kind = "prismatic" if model.joints[j].shortname().startswith("JointModelP") else None
         own = follows is None

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, ValidationInfo, model_validator
+from pydantic import Field, PrivateAttr, ValidationInfo, model_validator
 
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry import se3
@@ -29,7 +29,11 @@ from cartstiff.loading.keys.words import (
     pose_of,
 )
 from cartstiff.loading.yaml_file import read_text
-from cartstiff.mechanisms.superelement import superelement_spring
+from cartstiff.mechanisms.superelement import (
+    SuperelementMass,
+    superelement_mass,
+    superelement_spring,
+)
 
 __all__ = [
     "BeamModel", "FlexibleModel", "JointSpringModel", "LineModel", "SuperelementModel",
@@ -104,6 +108,12 @@ class SuperelementModel(FileModel):
         description="text file, relative to this one: 6 N rows of 6 N numbers, forces per "
         "displacement of the free body"
     )
+    M: FileName | None = Field(
+        default=None,
+        description="text file: mass matrix in the same rows, kg; Guyan's reduction to base and "
+        "tip makes it one body that follows a share of the deflection. The link's inertia in the "
+        "robot's file stays at the near end besides",
+    )
     nodes: Vectors = Field(description="the N nodes, in the link's frame (moved by `offset`)")
     base: int = Field(
         default=0, strict=True,
@@ -117,19 +127,26 @@ class SuperelementModel(FileModel):
         default="linear-angular", description="of each node's six rows"
     )
 
-    def spring(self, folder: Path) -> tuple[Array, list[float]]:
-        """The 6x6 spring at the tip, the other nodes left free, and where it stands."""
-        path = folder / Path(self.K).expanduser()
-        text = read_text(path, _LARGEST_MATRIX)
-        try:
-            rows = np.loadtxt(text.replace(",", " ").replace(";", " ").splitlines(), ndmin=2)
-        except ValueError:
-            raise InputError(
-                "is no matrix of numbers", where=one_line(str(path)),
-                expected="rows of numbers between blanks or commas",
-            ) from None  # fmt: skip
-        K = superelement_spring(rows, self.nodes, base=self.base, tip=self.tip, order=self.order)
-        return K, self.nodes[self.tip]
+    def in_place(self, folder: Path) -> tuple[Array, SuperelementMass | None, list[float]]:
+        """The 6x6 spring at the tip, the other nodes left free, its mass, and where it stands."""
+        given = {"nodes": self.nodes, "base": self.base, "tip": self.tip, "order": self.order}
+        K = _matrix(folder / Path(self.K).expanduser())
+        mass = None
+        if self.M is not None:
+            mass = superelement_mass(_matrix(folder / Path(self.M).expanduser()), K, **given)  # type: ignore[arg-type]
+        return superelement_spring(K, **given), mass, self.nodes[self.tip]  # type: ignore[arg-type]
+
+
+def _matrix(path: Path) -> Array:
+    """Rows of numbers of a text file."""
+    text = read_text(path, _LARGEST_MATRIX)
+    try:
+        return np.loadtxt(text.replace(",", " ").replace(";", " ").splitlines(), ndmin=2)
+    except ValueError:
+        raise InputError(
+            "is no matrix of numbers", where=one_line(str(path)),
+            expected="rows of numbers between blanks or commas",
+        ) from None  # fmt: skip
 
 
 class FlexibleModel(FileModel):
@@ -143,6 +160,7 @@ class FlexibleModel(FileModel):
     offset: PoseModel = Field(
         default=PoseModel(), description="place of the spring in the link's frame"
     )
+    _mass: SuperelementMass | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")
     def _one(self, info: ValidationInfo) -> FlexibleModel:
@@ -153,12 +171,19 @@ class FlexibleModel(FileModel):
         """The same with the 6x6 spring of its superelement, if it has one."""
         if self.superelement is None:
             return self
-        K, tip = self.superelement.spring(folder)
+        K, mass, tip = self.superelement.in_place(folder)
         at = pose_of(self.offset) @ se3.pose(translation=tip)
         offset = PoseModel(xyz=at[:3, 3].tolist(), rpy=self.offset.rpy)
-        return self.model_copy(
+        spring = self.model_copy(
             update={"stiffness": K.tolist(), "superelement": None, "offset": offset}
         )
+        spring._mass = mass
+        return spring
+
+    @property
+    def mass(self) -> SuperelementMass | None:
+        """Of a superelement with a mass matrix."""
+        return self._mass
 
 
 class LineModel(FileModel):

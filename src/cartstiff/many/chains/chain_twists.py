@@ -12,13 +12,16 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import cross, zeros
 from cartstiff.many.tape import cosine, sine
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.tree import KinematicTree
 
-__all__ = ["ChainConstants", "ChainKinematics", "Field", "Links", "Walk"]
+__all__ = ["ChainConstants", "ChainKinematics", "Field", "Links", "Walk", "numbers", "read_chain"]
 
 #: Entries of a rotation this near to 0 or 1 are that: they are known to rounding only.
 _ROUNDED = numerics.TWO_UNITS
@@ -64,6 +67,51 @@ class ChainConstants:
     @cached_property
     def _hash(self) -> int:  # every call looks a kernel up by it
         return hash((self.placements, self.screws, self.body))
+
+
+def numbers(array: Array) -> tuple[float, ...]:
+    """All entries of an array, row by row."""
+    return tuple(np.ravel(array).tolist())
+
+
+def read_chain(chain: Chain) -> ChainConstants | str:
+    """Geometry of a chain, or why it is not a plain one."""
+    tree = chain.tree
+    if chain.closures or chain.rigid:
+        return "a closed chain has arithmetic of its own"
+    if chain.actuated is not None:
+        return "a chain with chosen actuated joints has no arithmetic of its own"
+    way = tree.path(0, chain.body.joint)
+    if not tree.model.nv or not (way.identity or _only_masses_beside(tree, way.order)):
+        return "some joints are not on the way to the frame"
+    screws = tree.screws()[way.order]
+    for screw in screws:
+        turning = np.linalg.norm(screw[:3])
+        if abs((turning or np.linalg.norm(screw[3:])) - 1.0) > numerics.ROUNDING or (
+            turning and np.abs(np.cross(screw[:3], screw[3:])).max() > numerics.LAST_DIGITS
+        ):
+            return "a joint's axis does not pass through its own frame"
+    mimic = offset = None
+    if tree.mimic is not None and not np.array_equal(tree.mimic[way.order], np.eye(tree.n)):
+        mimic = numbers(tree.mimic[way.order])
+        offset = numbers(np.broadcast_to(tree.offset, tree.model.nv)[way.order])
+    return ChainConstants(
+        numbers(np.array(tree.placements())[way.order]),
+        numbers(screws),
+        numbers(chain.body.T_j_f),
+        mimic,
+        offset,
+        tuple(bool(x) for x in chain.is_length),
+    )
+
+
+def _only_masses_beside(tree: KinematicTree, way: NDArray[np.intp]) -> bool:
+    """Whether all coordinates move the joints on the way; others, which follow them, come last."""
+    return (
+        tree.mimic is not None
+        and np.array_equal(way, np.arange(len(way)))
+        and bool(np.abs(tree.mimic[way]).sum(axis=0).all())
+    )
 
 
 class Links:
