@@ -12,9 +12,12 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
+import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -44,27 +47,58 @@ def build(target: Path) -> list[Path]:
     return sorted(target.glob("cartstiff-*"))
 
 
-def audit() -> str:
-    """What pip-audit says of the locked versions; a line where it cannot be asked."""
+def bounds() -> list[str]:
+    """The lowest release of every direct dependency, as a requirement of just that."""
+    data = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    groups = [data["project"]["dependencies"], *data["project"]["optional-dependencies"].values(),
+              *data["dependency-groups"].values()]  # fmt: skip
+    texts = [text for group in groups for text in group if isinstance(text, str)]
+    lowest = [re.fullmatch(r"([\w.-]+)>=([\w.]+)(,<[\w.]+)?", text) for text in texts]
+    return sorted({f"{found[1]}=={found[2]}" for found in lowest if found})
+
+
+def audit() -> Iterator[str]:
+    """What pip-audit says of the locked versions and of the lowest that are allowed.
+
+    A line where it cannot be asked, and for the packages of which it knows nothing: silence of a
+    mirror without advisories is no answer.
+    """
     with tempfile.TemporaryDirectory() as folder:
         run(sys.executable, "-m", "venv", folder)
         scripts = Path(folder) / "bin"
         try:
             run(scripts / "python", "-m", "pip", "-q", "install", "pip-audit")
         except SystemExit:
-            return "pip-audit: skipped, it cannot be installed here"
-        locks = [ROOT / name for name in ("requirements.lock", "requirements-dev.lock")]
-        names = [part for lock in locks for part in ("-r", str(lock))]
-        done = subprocess.run(
-            [str(scripts / "pip-audit"), "--no-deps", "--disable-pip", *names],
-            text=True, capture_output=True, check=False,
-        )  # fmt: skip
-    if done.returncode == 0:
-        return "pip-audit: no known advisory for the locked versions"
-    if "Found " in done.stderr and "vulnerabilit" in done.stderr:
-        sys.exit(f"pip-audit: {done.stderr}{done.stdout}")
-    last = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
-    return f"pip-audit: skipped, it cannot be asked here ({last[:200]})"
+            yield "pip-audit: skipped, it cannot be installed here"
+            return
+        asked = {"locked versions": [ROOT / "requirements.lock", ROOT / "requirements-dev.lock"],
+                 "lower bounds": [Path(folder) / "lowest.txt"]}  # fmt: skip
+        asked["lower bounds"][0].write_text("\n".join(bounds()), encoding="utf-8")
+        for what, files in asked.items():
+            names = [part for file in files for part in ("-r", str(file))]
+            # OSV compares versions; PyPI's own service wants the exact name of a release.
+            done = subprocess.run(
+                [str(scripts / "pip-audit"), "--no-deps", "--disable-pip", "--format", "json",
+                 "--vulnerability-service", "osv", *names],
+                text=True, capture_output=True, check=False,
+            )  # fmt: skip
+            yield f"pip-audit: {what}: {judged(done.stdout, done.stderr)}"
+
+
+def judged(answer: str, errors: str) -> str:
+    """What an answer of pip-audit means; ends if it names an advisory."""
+    try:
+        packages = json.loads(answer)["dependencies"]
+    except (ValueError, KeyError):
+        last = (errors.strip().splitlines() or ["no reason given"])[-1]
+        return f"skipped, it cannot be asked here ({last[:200]})"
+    found = [f"{p['name']} {p['version']}: {v['id']}, fixed in {', '.join(v['fix_versions'])}"
+             for p in packages for v in p.get("vulns", ())]  # fmt: skip
+    if found:
+        sys.exit("pip-audit: " + "; ".join(found))
+    unknown = sum("skip_reason" in p for p in packages)
+    words = f"no known advisory for {len(packages) - unknown} packages"
+    return words + (f"; of {unknown} nothing could be asked" if unknown else "")
 
 
 def use(python: str, distribution: Path, extras: list[str]) -> str:
@@ -97,7 +131,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         target = (options.output or Path(folder)).resolve()
         target.mkdir(parents=True, exist_ok=True)
-        print(audit(), flush=True)
+        for line in audit():
+            print(line, flush=True)
         distributions = build(target)
         for python in options.python or [sys.executable]:
             for distribution in distributions:

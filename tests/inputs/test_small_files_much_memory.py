@@ -103,6 +103,7 @@ def test_the_limits_are_those_of_the_reference():
     from cartstiff.loading import (
         csv_file,
         robot_description,
+        ros_worker,
         urdf,
         yaml_file,
     )
@@ -112,6 +113,7 @@ def test_the_limits_are_those_of_the_reference():
     from cartstiff.mechanisms import chain, joint_kinds
     from cartstiff.page import export, state
     from cartstiff.scene import meshes
+    from cartstiff.statics import effort
 
     table = (Path(__file__).parents[2] / "docs/reference/limits.md").read_text(encoding="utf-8")
     assert yaml_file.LARGEST == csv_file.LARGEST == target_file._LARGEST == 1024**2
@@ -123,7 +125,8 @@ def test_the_limits_are_those_of_the_reference():
         "2000, of": urdf._MOST_JOINTS, "| 100 |": chain._MOST_CLOSURES,
         "| 5000;": mjcf_data.LARGEST["nbody"], "5000; 20 000": mjcf_data.LARGEST["nsite"],
         "20 000;": mjcf_data.LARGEST["ngeom"], "1000 |": mjcf_data.LARGEST["nkey"],
-        "8 s": mjcf_worker._SECONDS, "2 000 000": meshes._MOST_VERTICES / 3,
+        "8 s": mjcf_worker._SECONDS, "6 s": ros_worker._SECONDS, "150 000": effort._MOST,
+        "at least 200 |": effort._FEWEST, "2 000 000": meshes._MOST_VERTICES / 3,
         "10 000 000": sampling._MOST_VALUES, "1 000 000": store._MOST_CHUNKS,
         "| 10 000 |": path._MOST_PLACES, "| 2000 |": export._MOST_FRAMES,
         "64 KiB": state.LARGEST_MESSAGE / 1024,

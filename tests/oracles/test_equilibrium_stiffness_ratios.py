@@ -8,6 +8,7 @@ import pytest
 from tests.support import platform_mechanism, robot_file
 
 import cartstiff
+from cartstiff.errors import ConvergenceError
 from cartstiff.geometry import se3
 from cartstiff.potentials.loads import DeadForce
 from cartstiff.statics.equilibrium import equilibrium
@@ -168,3 +169,35 @@ def test_a_posture_that_rounding_hides_is_named():
     assert told > 1e-9
     plain = elastic.with_springs([100.0, 200.0, 300.0, 150.0, 120.0, 90.0])
     assert "posture-unresolved" not in {n.code for n in equilibrium(plain, wrench=load).notes}
+
+
+def test_a_search_in_vain_ends_after_so_many_postures(monkeypatch):
+    """Seconds would depend on the machine; the whole of what is tried shares one bound."""
+    from cartstiff.statics import effort
+    from cartstiff.statics.problem import System
+
+    elastic = cartstiff.load("3-rrr")
+    k = np.array([3e3 * 10.0 ** (5.5 * (i % 3)) for i in range(len(elastic.names))])
+    elastic, load = elastic.with_springs(k), DeadForce([3e3, -2e3, 0.0])
+    seen, at = [0], System.at
+
+    def counted(self, q):
+        seen[0] += 1
+        return at(self, q)
+
+    monkeypatch.setattr(System, "at", counted)
+    monkeypatch.setattr(effort, "_FEWEST", 0)
+    taken = []
+    for most in (4_500, 9_000):
+        monkeypatch.setattr(effort, "_MOST", most)
+        bound = most // (20 + len(elastic.q))
+        seen[0] = 0
+        with pytest.raises(ConvergenceError, match=f"given up after {bound} postures") as caught:
+            equilibrium(elastic, load)
+        assert seen[0] <= bound + 1  # the last is refused
+        assert np.isfinite(caught.value.residual)
+        taken.append(caught.value.iterations)
+    assert 0 < taken[0] < taken[1]
+    monkeypatch.setattr(effort, "_MOST", 1)
+    with pytest.raises(ConvergenceError, match="given up after 0 postures"):
+        equilibrium(elastic)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import re
+import runpy
 import tomllib
 from importlib.metadata import Distribution, PackageNotFoundError
 
@@ -109,3 +111,27 @@ def test_a_lock_with_hashes_has_one_for_every_package(name: str) -> None:
     hashed = [line for line in lines if "--hash=sha256:" in line]
     assert hashed in ([], lines)
     assert "--generate-hashes" in (ROOT / "Makefile").read_text(encoding="utf-8")
+
+
+def test_an_audit_that_was_not_answered_is_no_good_news() -> None:
+    """Names of packages without an answer are counted; an advisory ends the check."""
+    tool = runpy.run_path(str(ROOT / "tools" / "check_release.py"))
+    whole = {"name": "a", "version": "1.0", "vulns": []}
+    skipped = {"name": "b", "skip_reason": "not found"}
+    answer = json.dumps({"dependencies": [whole, skipped], "fixes": []})
+    assert tool["judged"](answer, "") == (
+        "no known advisory for 1 packages; of 1 nothing could be asked"
+    )
+    assert "skipped" in tool["judged"]("", "ConnectionError: no route")
+    advisory = {"id": "PYSEC-1", "fix_versions": ["1.1"]}
+    answer = json.dumps({"dependencies": [{**whole, "vulns": [advisory]}]})
+    with pytest.raises(SystemExit, match=r"a 1\.0: PYSEC-1, fixed in 1\.1"):
+        tool["judged"](answer, "")
+
+
+def test_every_direct_dependency_has_a_lower_bound_that_is_audited() -> None:
+    names = [text.partition("==")[0] for text in
+             runpy.run_path(str(ROOT / "tools" / "check_release.py"))["bounds"]()]  # fmt: skip
+    wanted = [*PROJECT["dependencies"]]
+    wanted += [text for extra in PROJECT["optional-dependencies"].values() for text in extra]
+    assert {Requirement(text).name for text in wanted} <= set(names)

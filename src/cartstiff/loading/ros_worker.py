@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 _MEMORY = 1024**3
-_SECONDS = 20
+_SECONDS = 6
 #: Bytes of expanded text.
 LARGEST = 64 * 1024 * 1024
 # Folders below a search path in which packages are looked for, as rospack does, but bounded.
@@ -214,7 +214,7 @@ def _refuse(event: str, arguments: tuple[Any, ...]) -> None:
 def main() -> None:
     """Answer ``expanded`` or ``described`` (first argument) of JSON arguments (the second)."""
     resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
-    resource.setrlimit(resource.RLIMIT_CPU, (_SECONDS, _SECONDS))
+    resource.setrlimit(resource.RLIMIT_CPU, (_SECONDS, _SECONDS + 1))  # a signal, then the end
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     out = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # what xacro warns of

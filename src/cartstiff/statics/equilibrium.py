@@ -25,6 +25,7 @@ from cartstiff.mechanisms.limits import Limits
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import Scaled
 from cartstiff.statics.continuation import load_curve
+from cartstiff.statics.effort import ExhaustedError, bounded
 from cartstiff.statics.held import Held
 from cartstiff.statics.limits import Contact
 from cartstiff.statics.newton import Solution, solve
@@ -126,17 +127,18 @@ def equilibrium(
         elastic, loads, held, Limits(elastic.mechanism, ignore=not limits, contacts=True)
     )
     stages = 1
-    try:
-        solution = solve(system, q, iterations=iterations, settle=settle)
-    except ConvergenceError as error:
-        if not loads and held is None:
-            raise
-        staged = _in_stages(system, q, iterations, settle)
-        if staged is None:
-            staged = _along_its_curve(system, q, iterations, settle)
-        if staged is None:
-            raise error from None
-        solution, stages = staged, _STAGES
+    with bounded(len(q)):
+        try:
+            solution = solve(system, q, iterations=iterations, settle=settle)
+        except ConvergenceError as error:
+            if not loads and held is None:
+                raise
+            staged = _in_stages(system, q, iterations, settle)
+            if staged is None:
+                staged = _along_its_curve(system, q, iterations, settle)
+            if staged is None:
+                raise error from None
+            solution, stages = staged, _STAGES
     state = state_of_rest(system, solution, start, stages)
     return state if elastic.identified is None else replace(state, _chosen=chosen)
 
@@ -155,7 +157,7 @@ def _in_stages(system: System, q: Array, iterations: int, settle: bool) -> Solut
                 part, q, contacts=contacts, iterations=min(iterations, 40), settle=settle
             )
             q, contacts = solution.point.q, solution.contacts
-    except ConvergenceError:
+    except (ConvergenceError, ExhaustedError):
         return None
     return solution
 
@@ -168,13 +170,13 @@ def _along_its_curve(system: System, q: Array, iterations: int, settle: bool) ->
     equilibrium beyond may be another one's.
     """
     # Beyond what is resolved a curve ends nowhere, either, and takes long.
-    ratio = system.at(q).stiffness_ratio
-    if not (system.loads and numerics.STIFF < ratio <= numerics.RESOLVED):
-        return None
     try:
+        ratio = system.at(q).stiffness_ratio
+        if not (system.loads and numerics.STIFF < ratio <= numerics.RESOLVED):
+            return None
         curve = load_curve(system.elastic, *system.loads, held=system.held, q0=q, points=_POINTS)
         if curve.reason != "factor-reached" or curve.critical:
             return None
         return solve(system, curve.q[-1], iterations=iterations, settle=settle)
-    except (ConvergenceError, UndefinedError):
+    except (ConvergenceError, UndefinedError, ExhaustedError):
         return None

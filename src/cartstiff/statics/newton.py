@@ -19,6 +19,7 @@ from cartstiff import numerics
 from cartstiff.errors import ConvergenceError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.statics.balance import Balance
+from cartstiff.statics.effort import ExhaustedError, bounded
 from cartstiff.statics.limits import Contact, bound, sizes
 from cartstiff.statics.problem import Point, System
 from cartstiff.stiffness.posture_notes import near_type_2
@@ -83,7 +84,7 @@ def solve(
     ConvergenceError
         If the constraints cannot be met, or no equilibrium is reached.
     """
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"), bounded(len(q)):
         return _Iteration(system, q, contacts, settle).run(iterations)
 
 
@@ -107,6 +108,16 @@ class _Iteration:
         self.balance = self._balanced(point)
 
     def run(self, iterations: int) -> Solution:
+        try:
+            return self._run(iterations)
+        except ExhaustedError as error:
+            raise ConvergenceError(
+                f"no equilibrium found, {error}: {self._suspicion()}",
+                iterations=len(self.history),
+                residual=min(self.history, default=np.inf),
+            ) from None
+
+    def _run(self, iterations: int) -> Solution:
         best, best_at = np.inf, 0
         kept: tuple[Point, Balance] | None = None
         face = self.contacts
@@ -215,9 +226,7 @@ class _Iteration:
         try:
             for _ in range(1 + _FOLLOWED if self._is_stiff() else 1):
                 step = self.balance.motion(-self.balance.solved(self.balance.force, _SOFTEST))
-                largest = float(np.abs(step).max(initial=0.0))
-                turning = self.system.turning(self.point.posture, step)
-                if not (largest <= self.cap and turning <= _LARGEST_TURN):
+                if not self._share(step)[0] >= 1.0:
                     break
                 trial = self._trial(step)
                 if trial is None or trial[1] != self.contacts:
@@ -235,13 +244,7 @@ class _Iteration:
         step, slope = self._direction()
         if not np.isfinite(step).all():
             return False
-        turning = self.system.turning(self.point.posture, step)
-        largest = float(np.abs(step).max(initial=0.0))
-        t = min(
-            1.0,
-            self.cap / max(largest, numerics.TINY),
-            _LARGEST_TURN / max(turning, numerics.TINY),
-        )
+        t, largest = self._share(step)
         capped = t < 1.0
         b, energy = self.balance, self.point.evaluation.energy
         fuzzy = _ROUNDING * self.point.energies
@@ -274,6 +277,12 @@ class _Iteration:
             t *= 0.5
         return False
 
+    def _share(self, step: Array) -> tuple[float, float]:
+        """Share of a step that may be taken, and its largest part."""
+        largest = max(float(np.abs(step).max(initial=0.0)), numerics.TINY)
+        turning = max(self.system.turning(self.point.posture, step), numerics.TINY)
+        return min(1.0, self.cap / largest, _LARGEST_TURN / turning), largest
+
     def _is_stiff(self) -> bool:
         hardness = self.balance.hardness
         return float(hardness.max(initial=0.0)) > _STIFF * float(hardness.min(initial=np.inf))
@@ -289,13 +298,7 @@ class _Iteration:
             self.point, self.balance = trial, self._balanced(trial)
             for _ in range(_FOLLOWED):
                 step, _ = self._direction()
-                largest = float(np.abs(step).max(initial=0.0))
-                turning = self.system.turning(self.point.posture, step)
-                t = min(
-                    1.0,
-                    self.cap / max(largest, numerics.TINY),
-                    _LARGEST_TURN / max(turning, numerics.TINY),
-                )
+                t, largest = self._share(step)
                 found = self._trial(t * step) if np.isfinite(t * largest) else None
                 if found is None or found[1] != self.contacts:
                     break

@@ -29,6 +29,7 @@ from cartstiff.numerics import EPSILON, IDLE, RANK
 from cartstiff.potentials.contract import Evaluation, Map, Potential
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.balance import Balance
+from cartstiff.statics.effort import count
 from cartstiff.statics.held import Held
 from cartstiff.statics.limits import Contact, constraint, sizes
 from cartstiff.stiffness.springs_apart import ByLengths, by_lengths
@@ -129,6 +130,7 @@ class System:
 
     def at(self, q: ArrayLike) -> Point:
         """Everything that acts at coordinates q."""
+        count()
         posture = self.elastic.mechanism.at(q)
         n = posture.coordinate_lengths.size
         limited = self.limits.values(posture.q, posture.pose) if len(self.limits) else np.empty(0)
@@ -306,6 +308,7 @@ class System:
         mechanism, ease, start = self.elastic.mechanism, self._ease(), q
         best = size = np.inf
         for _ in range(_PULLS):
+            count()
             posture = mechanism.at(q)
             found = self.constraints(posture, contacts)
             if found is None:
