@@ -24,6 +24,7 @@ from .many.postures import Postures as Postures
 from .many.postures import analyse_many as analyse_many
 from .many.single import analyse as analyse
 from .maps.cartesian import CartesianGrid as CartesianGrid
+from .maps.commanded import CommandGrid as CommandGrid
 from .maps.opening import open_map as open_map
 from .maps.pictures import draw_map as draw_map
 from .maps.run import compute_map as compute_map

@@ -25,9 +25,9 @@ from cartstiff.maps import (
     summary,
     worst,
 )
-from cartstiff.maps.chunks import chunk_shape
 from cartstiff.maps.prepare import prepare_map
 from cartstiff.maps.run import run_map
+from cartstiff.maps.sampling import chunk_shape
 from cartstiff.maps.store import MapFile
 
 # Another order of the same operations, matrices of condition up to 1e6.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shlex
 import time
 from pathlib import Path
@@ -48,6 +49,8 @@ Examples:
       --load 0,0,0,0,0,-100 --world --load-at 0,0,0.1 -o loaded.zarr
   cartstiff map ur5 --cartesian x=0.2:0.8:13,z=0:0.8:17 --quantity deflection \\
       --load 0,0,0,0,0,-100 --world --below 2mm -o below.zarr --picture below.png
+  cartstiff map flexure-hexapod --command leg1=-1e-5:1e-5:11 --quantity translation_free_min \
+      -o commands.zarr
   cartstiff map panda --trajectory path.csv --quantity deflection \\
       --deflect 0,0,0,0,0,-50 --world -o path.zarr --json
 
@@ -230,8 +233,6 @@ def command(
     if deflect_at is not None and deflect is None:
         raise InputError("is for --deflect", where="--deflect-at")
     applied.check_world(load=request.wrench, deflect=deflect, direction=direction)
-    # Dimensions have dots where names of coordinates have slashes.
-    cuts = {name.replace("/", "."): value for name, value in cuts.items()}
     asked: dict[str, Any] = {
         **applied.keywords(request.wrench), **vibration, "wrench": request.balanced_wrench,
         "world": applied.world, "direction": direction, "deflect": deflect, "length": length,
@@ -239,8 +240,9 @@ def command(
     if deflect_at is not None:
         asked["deflect_at"] = deflect_at
     elastic, q = request.load()
-    sampling = sampling_from_options(elastic, q, request=request, **where)
-    cuts = request.radians(cuts, elastic)
+    sampling, asked["told"] = sampling_from_options(elastic, q, request=request, **where)
+    # Dimensions have dots where names of coordinates have slashes.
+    cuts = {n.replace("/", "."): value for n, value in request.radians(cuts, elastic).items()}
     check_cuts(cuts, sampling)
     if picture is not None:
         _check_picture(kind, by, sampling, cuts, elastic)
@@ -352,10 +354,7 @@ def _check_ranked(quantities: tuple[str, ...]) -> None:
 def _answer(dataset: Any, file: Any, output: Path, computed: int, seconds: float) -> dict[str, Any]:
     from cartstiff.maps.reading import branches_found, summary
 
-    branches = branches_found(dataset)
-    total = 1
-    for n in file.shape:
-        total *= n
+    branches, total = branches_found(dataset), math.prod(file.shape)
     return {
         "schema": dataset.attrs["schema"],
         "file": str(output),
@@ -373,7 +372,7 @@ def _answer(dataset: Any, file: Any, output: Path, computed: int, seconds: float
         },
         "seconds": round(seconds, 3),
         **({} if branches is None else {"branches": branches}),
-        "intervals": dataset.attrs.get("intervals"),
+        **{key: dataset.attrs.get(key) for key in ("intervals", "told")},
         **summary(dataset),
     }
 

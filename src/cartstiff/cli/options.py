@@ -126,7 +126,8 @@ class MechanismRequest:
         sizes = {c.name: 1.0 if c.is_length else self.degree
                  for c in elastic.mechanism.coordinates}  # fmt: skip
         if isinstance(values, dict):
-            return {name: _scaled(value, sizes.get(name, 1.0)) for name, value in values.items()}
+            return {n: _scaled(x, sizes.get(n.removeprefix("command_"), 1.0))
+                    for n, x in values.items()}  # fmt: skip
         if isinstance(values, float):
             values = [values] * len(sizes)
         return [value * size for value, size in zip(values, sizes.values(), strict=True)]

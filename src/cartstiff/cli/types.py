@@ -209,7 +209,14 @@ class Pairs(OptionType):
 
 
 class Axes(OptionType):
-    """``NAME=LOW:HIGH:COUNT`` (or without a count) items as a mapping to their numbers."""
+    """``NAME=LOW:HIGH:COUNT`` (or without a count) items as a mapping to their numbers.
+
+    With `single`, ``NAME=VALUE`` as well.
+    """
+
+    def __init__(self, shape: str, single: bool = False) -> None:
+        super().__init__(shape)
+        self.single = single
 
     def parsed(self, text: str, where: str) -> dict[str, tuple[float, ...]]:
         """Low, high and count by name."""
@@ -219,10 +226,12 @@ class Axes(OptionType):
         for item in re.split(r"[,\s]+", text.strip()):
             name, equals, numbers = item.partition("=")
             parts = numbers.split(":")
-            if not equals or not name or len(parts) != size:
-                raise InputError("cannot be used", where=where, expected=shape, got=repr(item))
+            alone = self.single and len(parts) == 1
+            if not equals or not name or (len(parts) != size and not alone):
+                expected = f"{shape} or NAME=VALUE" if self.single else shape
+                raise InputError("cannot be used", where=where, expected=expected, got=repr(item))
             values = tuple(parse_numbers(part, f"{where} {name}", 1)[0] for part in parts)
-            if size == 3 and not (values[2].is_integer() and 1 <= values[2] <= _MOST):
+            if len(values) == 3 and not (values[2].is_integer() and 1 <= values[2] <= _MOST):
                 raise InputError("count cannot be used", where=f"{where} {name}",
                                  expected="a whole number of 1 or more", got=parts[2])  # fmt: skip
             _add(axes, name, values, where)

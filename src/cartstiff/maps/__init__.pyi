@@ -1,6 +1,7 @@
 """Public names: type checkers and `lazy_loader` read them here."""
 
 from .cartesian import CartesianGrid as CartesianGrid
+from .commanded import CommandGrid as CommandGrid
 from .opening import open_map as open_map
 from .pictures import draw_map as draw_map
 from .reading import best as best

@@ -74,7 +74,8 @@ def run_on_cluster(
             # A trajectory's postures go to the workers chunk by chunk.
             part, box = job.sampling.part(file.boxes[chunk])
             return client.submit(
-                _compute_chunk, elastic, {**rest, "sampling": part}, str(path), chunk, box,
+                _compute_chunk, type(job), elastic, {**rest, "sampling": part}, str(path), chunk,
+                box,
                 key=f"cartstiff-map-{run}-{chunk}", pure=False,
             )  # fmt: skip
 
@@ -117,7 +118,12 @@ def _file(path: str) -> MapFile:
 
 
 def _compute_chunk(
-    elastic: bytes, rest: dict[str, Any], path: str, chunk: int, box: tuple[slice, ...]
+    kind: type[MapJob],
+    elastic: bytes,
+    rest: dict[str, Any],
+    path: str,
+    chunk: int,
+    box: tuple[slice, ...],
 ) -> int:
     """On a worker: compute a chunk and write it; returns its number."""
     file = _file(path)
@@ -125,7 +131,7 @@ def _compute_chunk(
         return chunk
     with _LOADING:
         mechanism = _elastic_from(elastic)
-    arrays = MapJob(elastic=mechanism, **rest).compute(box)
+    arrays = kind(elastic=mechanism, **rest).compute(box)
     file.write(chunk, arrays)
     return chunk
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
 from threading import local
-from typing import Any, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,18 +31,20 @@ from cartstiff.mechanisms.limits import Limits, force_notes
 from cartstiff.stiffness.compute import analyse
 from cartstiff.vibration.many_modes import ManyModes
 
-__all__ = ["BEYOND", "STATES", "UNREACHABLE", "MapJob"]
+__all__ = ["BEYOND", "NO_REST", "STATES", "UNREACHABLE", "Answer", "MapJob"]
 
 #: State of a place that no posture reaches.
 UNREACHABLE = "unreachable"
 #: State of a posture that joints or legs cannot take.
 BEYOND = "beyond-limits"
+#: State of a command after which no rest was found.
+NO_REST = "no-equilibrium"
 #: Names of the states that ``state`` counts from 0.
 STATES = (
     REGULAR, "deficient", "serial-singularity", "type-2-singularity", "singular-stiffness",
     "unbalanced", "buckled", "idle-self-motion", "constraint-singularity",
     "non-regular-redundancy", "wrench-ignored", NOT_ASSEMBLED, UNREACHABLE, "other", BEYOND,
-    "lost-digits",
+    "lost-digits", NO_REST,
 )  # fmt: skip
 
 # Postures at once: as few as are worth compiling for, so that their matrices stay in the cache.
@@ -90,6 +92,7 @@ class MapJob:
     path: Path = "auto"
     by_kernel: bool = False
     one_by_one: int | None = None
+    moves: ClassVar[bool] = False  # whether what is read is at other postures than the map's
 
     @cached_property
     def quantities(self) -> tuple[Quantity, ...]:
@@ -148,8 +151,7 @@ class MapJob:
         solved : tuple of ndarray, optional
             Postures of a Cartesian grid, what `solved` gives for the box.
         """
-        shape = tuple(s.stop - s.start for s in box)
-        found = None
+        shape, found = tuple(s.stop - s.start for s in box), None
         if isinstance(self.sampling, CartesianGrid):
             q, found = solved or self.sampling.solve([box], self.elastic, self._cost)[0]
         else:
@@ -180,8 +182,7 @@ class MapJob:
                     pool.shutdown(wait=True, cancel_futures=True)
                     raise
         else:
-            for rows in blocks:
-                done = work(rows)
+            for done in map(work, blocks):
                 if advance is not None:
                     advance(done)
         arrays = {name: a.reshape(*shape, *a.shape[1:]) for name, a in arrays.items()}
@@ -208,12 +209,14 @@ class MapJob:
             state[there] = answer.state
             beyond = self._beyond(answer.q, answer.poses)
             state[np.flatnonzero(there)[beyond]] = STATES.index(BEYOND)
+            if self.moves:
+                part[there] = answer.q
             for name, value in answer.values.items():
                 arrays[name][rows][there] = np.where(beyond, np.nan, value)
             arrays["position"][rows][there] = answer.poses[:, :3, 3]
         arrays["state"][rows] = state
 
-    def _answer(self, q: Array) -> _Answer:
+    def _answer(self, q: Array) -> Answer:
         """What is known of postures (N, n): read by the kernel where it can be."""
         reader = self._reader
         if reader is None:
@@ -231,9 +234,9 @@ class MapJob:
             read.poses[unknown] = rest.poses
             for name, column in values.items():
                 column[unknown] = rest.values[name]
-        return _Answer(q, state, read.poses, values)
+        return Answer(q, state, read.poses, values)
 
-    def _by_matrices(self, q: Array, quantities: Sequence[Quantity]) -> _Answer:
+    def _by_matrices(self, q: Array, quantities: Sequence[Quantity]) -> Answer:
         """What is known of postures (N, n), read from stored matrices."""
         outputs = self.outputs
         if len(quantities) < len(self.quantities):
@@ -248,7 +251,7 @@ class MapJob:
             )  # fmt: skip
             values |= {half_width_name(name): width for name, width in found.items()}
         to_own = np.array([_code(c) for c in result.codes], np.uint8)
-        return _Answer(result.q, to_own[result.state], result.arrays["pose"], values)
+        return Answer(result.q, to_own[result.state], result.arrays["pose"], values)
 
     @cached_property
     def _reader(self) -> Reader | None:
@@ -377,7 +380,7 @@ class MapJob:
         return done
 
 
-class _Answer(NamedTuple):
+class Answer(NamedTuple):
     """Postures (N, n) as assembled, what state they are in, where they are, and their numbers."""
 
     q: Array

@@ -19,7 +19,9 @@ from cartstiff.arrays import checked_unit, checked_vector
 from cartstiff.errors import CartstiffError, InputError, UnknownNameError, one_line
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.kernels import WORTH_READING, lasting_path
+from cartstiff.many.kernels import Path as Path_
 from cartstiff.maps.cartesian import CartesianGrid
+from cartstiff.maps.commanded import CommandedJob, CommandGrid
 from cartstiff.maps.intervals import half_width_name, why_none
 from cartstiff.maps.job import STATES, MapJob
 from cartstiff.maps.quantities import Settings, choose_quantities
@@ -27,6 +29,7 @@ from cartstiff.maps.sampling import Sampling, dimension_name
 from cartstiff.maps.store import NOT_COMPUTED, SCHEMA, MapFile
 from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.statics.command import checked_command
 from cartstiff.stiffness.applied_load import checked_load
 from cartstiff.stiffness.compute import analyse
 from cartstiff.version import __version__
@@ -78,6 +81,7 @@ def map_job(
     load_axes: Literal["body", "world"] = "body",
     damping: Damping | float = 0.0,
     milling: Milling | None = None,
+    told: Mapping[str, float] | None = None,
 ) -> MapJob:
     """What is computed for a map, checked; without any file.
 
@@ -112,14 +116,17 @@ def map_job(
     )
     names = [quantities] if isinstance(quantities, str) else list(quantities)
     chosen = choose_quantities(names, settings, elastic)
-    return MapJob(
-        elastic,
-        sampling,
-        tuple(q.name for q in chosen),
-        settings,
-        None if load is None else tuple(load.tolist()),
-        load_axes,
-    )
+    given = None if load is None else tuple(load.tolist())
+    own = elastic, sampling, tuple(q.name for q in chosen), settings, given, load_axes
+    if not told and not isinstance(sampling, CommandGrid):
+        return MapJob(*own)
+    if isinstance(sampling, CartesianGrid) and sampling.redundancy == "best":
+        raise InputError("is chosen before drives are told", where="redundancy",
+                         expected="the nearest posture", got="best")  # fmt: skip
+    steps = checked_command(elastic, told) if told else {}
+    if isinstance(sampling, CommandGrid) and (both := set(steps) & set(sampling.names)):
+        raise InputError("is told twice", where="command", got=", ".join(sorted(both)))
+    return CommandedJob(*own, told=steps)
 
 
 def _acting(job: MapJob) -> dict[str, Any]:
@@ -183,6 +190,7 @@ def prepare_map(
         "load_at": kind.at,
         "load_axes": job.load_axes,
         **_vibration(settings),
+        "told": job.told if isinstance(job, CommandedJob) and job.told else None,
         "single": single,
         "states": list(STATES),
     }
@@ -197,7 +205,9 @@ def prepare_map(
     postures = int(np.prod(sampling.shape, dtype=object))
     given: Literal["none", "shared", "each"]
     given = "none" if job.wrench is None else "shared" if job.load_axes == "body" else "each"
-    path_taken = lasting_path(elastic, given, job.outputs, postures)
+    path_taken: Path_ = "engine"
+    if not isinstance(job, CommandedJob):
+        path_taken = lasting_path(elastic, given, job.outputs, postures)
     reads = path_taken == "compiled" and postures >= WORTH_READING
     job = replace(job, path=path_taken, by_kernel=reads)
     description |= {"path": job.path, "by_kernel": reads}
@@ -220,6 +230,7 @@ def prepare_map(
         "numerical_path": job.path,
         "command": command,
         **_about_intervals(job),
+        **_about_command(job),
         **_versions(),
         "description": json.dumps(description),
     }
@@ -252,10 +263,20 @@ def prepare_map(
     axis_units = {
         dimension_name(c.name): units.coordinate(c.is_length) for c in mechanism.coordinates
     } | dict.fromkeys(cartesian.axes if cartesian else (), units.length)
+    if isinstance(sampling, CommandGrid):
+        axis_units = {name: axis_units.get(name.removeprefix("command_"), units.length)
+                      for name in sampling.dims}  # fmt: skip
     return job, MapFile.create(
         path, sampling, variables, attributes, units=axis_units,
         coordinates=len(elastic.names), single=single, postures_per_chunk=chunk,
     )  # fmt: skip
+
+
+def _about_command(job: MapJob) -> dict[str, str]:
+    """What is said of drives that are told the same everywhere."""
+    if not isinstance(job, CommandedJob) or not job.told:
+        return {}
+    return {"told": ", ".join(f"{name} by {x:+g}" for name, x in job.told.items())}
 
 
 def _about_intervals(job: MapJob) -> dict[str, str]:
@@ -263,6 +284,8 @@ def _about_intervals(job: MapJob) -> dict[str, str]:
     known = job.elastic.identified
     if known is None:
         return {}
+    if isinstance(job, CommandedJob):
+        return {"intervals": "no intervals after a command: where it leads depends on the springs"}
     if (none := why_none(job.elastic, job.wrench is not None)) is not None:
         return {"intervals": none.message}
     told = f"half widths of {100 * known.level:g} % intervals, from springs measured"

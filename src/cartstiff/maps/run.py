@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from os import cpu_count
@@ -62,6 +62,7 @@ def compute_map(
     load_axes: Literal["body", "world"] = "body",
     damping: Damping | float = 0.0,
     milling: Milling | None = None,
+    told: Mapping[str, float] | None = None,
     single: bool = False,
     chunk: int | None = None,
     threads: int | None = None,
@@ -79,7 +80,7 @@ def compute_map(
     elastic : ElasticMechanism
         From `cartstiff.load`.
     sampling : Sampling
-        `Grid`, `RandomPostures`, `Trajectory` or `CartesianGrid`.
+        `Grid`, `RandomPostures`, `Trajectory`, `CartesianGrid` or `CommandGrid`.
     quantities : str or sequence of str
         Names in `cartstiff.maps.quantities.QUANTITIES`, or paths of the analysis.
     file : path
@@ -104,6 +105,9 @@ def compute_map(
         For ``damping_1`` ... and ``limiting_depth``: what damps beside the mechanism's dampers.
     milling : Milling, optional
         For ``limiting_depth``: the cutter and its force law.
+    told : mapping of str to float, optional
+        How far drives are told to move on from each posture, as in `cartstiff.after_command`; what
+        is kept is read where the mechanism comes to rest. A `CommandGrid` maps over commands.
     single : bool
         Keep results in single precision: half the size.
     chunk : int, optional
@@ -135,7 +139,7 @@ def compute_map(
         checked_elastic(elastic), sampling, quantities, file, connection=connection, length=length,
         direction=direction, deflect=deflect, deflect_at=deflect_at, world=world, wrench=wrench,
         load_kind=load_kind, load_at=load_at, load_axes=load_axes, damping=damping,
-        milling=milling, single=single, chunk=chunk, command=command,
+        milling=milling, told=told, single=single, chunk=chunk, command=command,
     )  # fmt: skip
     run_map(job, map_file, threads=threads, workers=workers, scheduler=scheduler, progress=progress)
     return open_map(file)

@@ -24,7 +24,6 @@ import numpy as np
 
 from cartstiff.errors import InputError, imported, one_line
 from cartstiff.geometry.se3 import Array
-from cartstiff.maps.chunks import chunk_shape
 from cartstiff.maps.damage import (
     CHECKSUM,
     DamageError,
@@ -35,7 +34,7 @@ from cartstiff.maps.damage import (
     description_checksum,
     require_plain_files,
 )
-from cartstiff.maps.sampling import Axis, Sampling
+from cartstiff.maps.sampling import Axis, Sampling, chunk_shape
 
 __all__ = ["NOT_COMPUTED", "SCHEMA", "MapFile"]
 

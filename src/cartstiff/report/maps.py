@@ -31,6 +31,7 @@ def describe_map(answer: Mapping[str, Any], coordinates: Sequence[str]) -> str:
         *_slice(answer),
         *_searched(answer.get("branches")),
         *_load(answer),
+        *([f"drives are told to move on: {answer['told']}"] if answer.get("told") else []),
         *([answer["intervals"]] if answer.get("intervals") else []),
         "",
         "States",

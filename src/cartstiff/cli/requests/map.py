@@ -42,6 +42,12 @@ sampling_options = option_group(
         "--cartesian", type=Axes("x=LOW:HIGH:COUNT"),
         help="Positions x, y, z of the body frame in F, by inverse kinematics.",
     ),
+    repeated_option(
+        "--command", "told", type=Axes("NAME=LOW:HIGH:COUNT", single=True),
+        help="How far a drive moves on from the posture, such as leg1=-0.001:0.001:11 for a map "
+        "over commands from --q, or leg1/slide=0.001 at every posture of a map; what is read is "
+        "where the machine comes to rest.",
+    ),
     option(
         "--trajectory", type=click.Path(path_type=Path), metavar="FILE.csv",
         help="Postures of a file: a line of coordinate names, then one posture a line.",
@@ -96,23 +102,32 @@ def sampling_from_options(
     random: int | None,
     ranges: Mapping[str, tuple[float, ...]],
     cartesian: Mapping[str, tuple[float, ...]],
+    told: Mapping[str, tuple[float, ...]],
     trajectory: Path | None,
     seed: int,
     orientation: str,
     request: MechanismRequest,
     **search: Any,
-) -> Sampling:
-    """The sampling that the options ask for; q is the base posture or None."""
+) -> tuple[Sampling, dict[str, float]]:
+    """The sampling that the options ask for, and what drives are told at all of its postures.
+
+    q is the base posture or None.
+    """
     import numpy as np
 
     from cartstiff.maps.cartesian import CartesianGrid
+    from cartstiff.maps.commanded import CommandGrid
     from cartstiff.maps.sampling import Grid, RandomPostures, Trajectory
     from cartstiff.mechanisms.contract import named_values
 
-    if sum(bool(kind) for kind in (grid, random, cartesian, trajectory)) != 1:
+    told = request.radians(dict(told), elastic)
+    steps = {name: values[0] for name, values in told.items() if len(values) == 1}
+    over = {name: values for name, values in told.items() if len(values) > 1}
+    if sum(bool(kind) for kind in (grid, random, cartesian, trajectory, over)) != 1:
         raise InputError(
-            "say where the map looks", expected="one of --grid, --random, --cartesian, --trajectory"
-        )
+            "say where the map looks", expected="one of --grid, --random, --cartesian, "
+            "--trajectory, --command NAME=LOW:HIGH:COUNT",
+        )  # fmt: skip
     if ranges and random is None:
         raise InputError("--range goes with --random")
     base = elastic.q
@@ -120,21 +135,24 @@ def sampling_from_options(
         base = np.asarray(named_values(q, elastic.names, elastic.q, "--q"), float)
     grid, ranges = request.radians(dict(grid), elastic), request.radians(dict(ranges), elastic)
     if trajectory is not None:
-        return Trajectory.from_table(_table(trajectory, elastic), elastic, base)
-    option = "--grid" if grid else "--range" if random else "--cartesian"
+        return Trajectory.from_table(_table(trajectory, elastic), elastic, base), steps
+    option = "--command" if over else "--grid" if grid else "--range" if random else "--cartesian"
     try:
+        if over:
+            return CommandGrid(_axes(over, option), elastic, base), steps
         if grid:
-            return Grid(_axes(grid, option), elastic.names, base)
+            return Grid(_axes(grid, option), elastic.names, base), steps
         if random is not None:
             limits = {name: (low, high) for name, (low, high) in ranges.items()}
-            return RandomPostures.within_limits(elastic, random, seed, limits)
+            return RandomPostures.within_limits(elastic, random, seed, limits), steps
         turn = None
         if orientation != "keep":
             from cartstiff.geometry import se3
 
             angles = [x * request.degree for x in parse_numbers(orientation, "--orientation", 3)]
             turn = se3.from_roll_pitch_yaw(angles=angles)[:3, :3]
-        return CartesianGrid(_axes(cartesian, option), elastic, base, turn, seed=seed, **search)
+        axes = _axes(cartesian, option)
+        return CartesianGrid(axes, elastic, base, turn, seed=seed, **search), steps
     except InputError as error:
         raise error if error.where and option != "--range" else error.at(option) from None
 
