@@ -9,6 +9,7 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.figures import new_figure
+from cartstiff.geometry.se3 import Array
 from cartstiff.maps.picture_parts import (
     COLOURS,
     DECADES,
@@ -16,7 +17,7 @@ from cartstiff.maps.picture_parts import (
     title_of,
     wrapped,
 )
-from cartstiff.maps.reading import blocks, quantity_of, unit_label
+from cartstiff.maps.reading import each_block, finite_range, quantity_of, unit_label
 from cartstiff.maps.sampling import dimension_name
 
 if TYPE_CHECKING:
@@ -31,13 +32,8 @@ _MOST = 100_000
 def histogram(dataset: xarray.Dataset, quantity: str, bins: int = 60) -> Any:
     """How often each value occurs; on a logarithmic axis where it spans decades."""
     array = quantity_of(dataset, quantity)
-    low, high, missing = np.inf, -np.inf, 0
-    for part in blocks(array):
-        values = np.asarray(array.isel(part).values, float)
-        finite = values[np.isfinite(values)]
-        missing += values.size - finite.size
-        if finite.size:
-            low, high = min(low, float(finite.min())), max(high, float(finite.max()))
+    lows, highs, _, numbers = zip(*each_block(dataset, [quantity], finite_range)[0], strict=True)
+    low, high, missing = min(lows), max(highs), array.size - sum(numbers)
     figure = new_figure()
     axis = figure.subplots()
     if np.isfinite(low):
@@ -46,10 +42,11 @@ def histogram(dataset: xarray.Dataset, quantity: str, bins: int = 60) -> Any:
         spaced = np.geomspace if logarithmic else np.linspace
         edges = spaced(low, wide, bins + 1)
         edges[0], edges[-1] = low, wide  # no value is lost to rounding
-        counts = np.zeros(bins)
-        for part in blocks(array):
-            values = np.asarray(array.isel(part).values, float)
-            counts += np.histogram(values[np.isfinite(values)], edges)[0]
+
+        def counted(values: Array) -> Array:
+            return np.histogram(values[np.isfinite(values)].astype(float), edges)[0]
+
+        counts = np.sum(each_block(dataset, [quantity], counted)[0], axis=0)
         axis.stairs(counts, edges, fill=True, color="#4c6ca0")
         if logarithmic:
             axis.set_xscale("log")

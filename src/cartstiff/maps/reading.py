@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import heapq
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -16,11 +16,15 @@ from cartstiff.geometry.se3 import Array
 if TYPE_CHECKING:
     import xarray
 
+_T = TypeVar("_T")
+
 __all__ = [
     "best",
     "best_branch",
     "blocks",
     "branches_found",
+    "each_block",
+    "finite_range",
     "places_of",
     "share_within",
     "slice_map",
@@ -35,6 +39,26 @@ def state_names(dataset: xarray.Dataset) -> dict[int, str]:
     attributes = dataset["state"].attrs
     names = attributes["flag_meanings"].split()
     return dict(zip((int(v) for v in attributes["flag_values"]), names, strict=True))
+
+
+def each_block(
+    dataset: xarray.Dataset, names: Iterable[str], function: Callable[[Array], _T]
+) -> list[list[_T]]:
+    """What a function makes of the parts of some arrays, in the order of `blocks`.
+
+    A few parts are read at a time, and one plan serves all: to plan each part for itself would take
+    longer than to read it.
+    """
+    arrays = [dataset[name] for name in names]
+    if any(array.chunks is None for array in arrays):
+        return [[function(array.values)] for array in arrays]
+    from dask.base import compute
+    from dask.delayed import delayed
+
+    parts = [[delayed(function)(part) for part in array.data.to_delayed().ravel()]
+             for array in arrays]  # fmt: skip
+    found: list[list[_T]] = list(compute(*parts))  # type: ignore[no-untyped-call]
+    return found
 
 
 def blocks(array: xarray.DataArray) -> Iterator[dict[str, slice]]:
@@ -78,21 +102,17 @@ def summary(dataset: xarray.Dataset) -> dict[str, Any]:
     """
     names = state_names(dataset)
     counts: dict[str, int] = {}
-    for part in blocks(dataset["state"]):
-        found, numbers = np.unique(dataset["state"].isel(part).values, return_counts=True)
-        for code, number in zip(found.tolist(), numbers.tolist(), strict=True):
-            name = names.get(code, str(code))
-            counts[name] = counts.get(name, 0) + number
+    (states,) = each_block(dataset, ["state"], lambda a: np.bincount(np.ravel(a), minlength=256))
+    every = np.sum(states, axis=0)
+    for code in np.flatnonzero(every).tolist():
+        name = names.get(code, str(code))
+        counts[name] = counts.get(name, 0) + int(every[code])
     ranges = {}
-    for name in quantities_of(dataset):
+    quantities = quantities_of(dataset)
+    for name, found in zip(quantities, each_block(dataset, quantities, finite_range), strict=True):
         array = dataset[name]
-        low, high, total, number = np.inf, -np.inf, 0.0, 0
-        for part in blocks(array):
-            values = array.isel(part).values
-            values = values[np.isfinite(values)].astype(float)
-            if values.size:
-                low, high = min(low, float(values.min())), max(high, float(values.max()))
-                total, number = total + float(values.sum()), number + values.size
+        lows, highs, totals, numbers = zip(*found, strict=True)
+        low, high, total, number = min(lows), max(highs), sum(totals), sum(numbers)
         ranges[name] = {
             "unit": array.attrs.get("units", ""),
             "smallest": low if number else None,
@@ -101,6 +121,15 @@ def summary(dataset: xarray.Dataset) -> dict[str, Any]:
             "undefined": int(array.size) - number,
         }
     return {"states": counts, "quantities": ranges}
+
+
+def finite_range(values: Array) -> tuple[float, float, float, int]:
+    """Smallest, largest, sum and number of the finite values."""
+    is_finite = np.isfinite(values)
+    values = np.asarray(values if is_finite.all() else values[is_finite], float)
+    if not values.size:
+        return np.inf, -np.inf, 0.0, 0
+    return float(values.min()), float(values.max()), float(values.sum()), values.size
 
 
 def branches_found(dataset: xarray.Dataset) -> dict[str, int] | None:
@@ -115,7 +144,8 @@ def branches_found(dataset: xarray.Dataset) -> dict[str, int] | None:
     if "branches" not in dataset:
         return None
     sampling = json.loads(dataset.attrs["description"])["sampling"]
-    found = max(int(dataset["branches"].isel(part).max()) for part in blocks(dataset["branches"]))
+    ((*most,),) = each_block(dataset, ["branches"], lambda a: int(np.max(a)))
+    found = max(most)
     return {
         "starts": 1 + sampling["starts"], "legs": sampling.get("legs", 0), "found": found,
         "kept": sampling["branches"],
@@ -158,18 +188,21 @@ def _ranked(
     if better is None:
         raise InputError(f"neither end of {quantity} is better", expected="another quantity")
     sign = 1.0 if (better == "smaller") == best_first else -1.0
-    found: list[tuple[float, tuple[int, ...]]] = []
-    for part in blocks(array):
-        values = sign * np.asarray(array.isel(part).values, float)
-        flat = values.ravel()
+
+    def least(values: Array) -> list[tuple[float, tuple[int, ...]]]:
+        """The best of a part, and where in it."""
+        flat = sign * np.asarray(values, float).ravel()
         valid = np.flatnonzero(~np.isnan(flat))
         if valid.size > count:
             valid = valid[np.argpartition(flat[valid], count - 1)[:count]]
+        places = np.transpose(np.unravel_index(valid, values.shape)).tolist()
+        return list(zip(flat[valid].tolist(), map(tuple, places), strict=True))
+
+    found: list[tuple[float, tuple[int, ...]]] = []
+    (parts,) = each_block(dataset, [quantity], least)
+    for part, own in zip(blocks(array), parts, strict=True):
         starts = [s.start for s in part.values()]
-        for i in valid.tolist():
-            place = np.unravel_index(i, values.shape)
-            cell = tuple(int(k) + s for k, s in zip(place, starts, strict=True))
-            found.append((float(flat[i]), cell))
+        found += [(x, tuple(np.add(cell, starts).tolist())) for x, cell in own]
         found = heapq.nsmallest(count, found)
     import xarray
 

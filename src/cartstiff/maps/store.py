@@ -365,9 +365,11 @@ def _compressors(plain: bool = False) -> tuple[Any, ...]:
 
     Where it is kept elsewhere, nothing is compressed: other releases may do it in other bytes.
     """
-    from zarr.codecs import Crc32cCodec, ZstdCodec
+    from zarr.codecs import BloscCodec, Crc32cCodec
 
-    return (Crc32cCodec(),) if plain else (ZstdCodec(level=0), Crc32cCodec())
+    # Bytes of like significance together: smaller than what is compressed as it stands, and sooner.
+    shuffled = BloscCodec(cname="lz4", clevel=1, shuffle="shuffle")
+    return (Crc32cCodec(),) if plain else (shuffled, Crc32cCodec())
 
 
 def _writeable(array: Any) -> Any:
