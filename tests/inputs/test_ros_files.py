@@ -276,9 +276,6 @@ def test_xml_text_of_mjcf():
         ("  <html/>", "XML text: this is a web page, not a robot"),
         ("<mujoco><worldbody/></mujoco>", "XML text: robot has no movable joints"),
         ("<mujoco><none/></mujoco>", "XML text: not a usable MJCF"),
-        ("<sdf version='1.9'><model name='a'><joint name='j'><axis><dynamics><spring_stiffness>5"
-         "</spring_stiffness></dynamics></axis></joint></model></sdf>",
-         r"SDF is not supported; expected .*URDF or MJCF, got a model of 1 joints, springs in j"),
     ],
 )  # fmt: skip
 def test_texts_that_cannot_be_used(text, words):

@@ -48,7 +48,7 @@ def load(
     Parameters
     ----------
     source : str, Path, pinocchio.Model, pinocchio.RobotWrapper or tuple
-        A bundled mechanism ("stewart-gough"), a mechanism file (.yaml), a URDF, xacro or MJCF
+        A bundled mechanism ("stewart-gough"), a mechanism file (.yaml), a URDF, xacro, MJCF or SDF
         file, XML text, or the name of a robot of example-robot-data ("panda") or of
         robot_descriptions ("ur5e_description"), looked up in this order; or what Pinocchio has in
         hand: a model, a wrapper, or a tuple (model, collision model, visual model).
@@ -215,7 +215,7 @@ def _from_name(source: str | Path, given: dict[str, Any]) -> ElasticMechanism:
         raise InputError(
             "is a directory" if path.is_dir() else "unknown kind of file",
             where=one_line(text),
-            expected=".yaml, .urdf, .xacro or MJCF .xml",
+            expected=".yaml, .urdf, .xacro, .sdf or MJCF .xml",
         )
     if not robots and text.isidentifier():
         example_robot(text)  # says how to install the robots that this name may be one of
@@ -238,7 +238,7 @@ def _from_robot(model: str, name: str, given: dict[str, Any]) -> ElasticMechanis
         gravity = facts.gravity.tolist()
         serial = serial.model_copy(update={"gravity": gravity})
         shown = ", ".join(f"{g:g}" for g in facts.gravity)
-        words = f"gravity ({shown}) m/s^2 acts, as the MJCF file says"
+        words = f"gravity ({shown}) m/s^2 acts, as the file says"
         said.append(Note("gravity-of-file", words, {"gravity": gravity}))
     if facts.closures:
         moving = joints_that_move(

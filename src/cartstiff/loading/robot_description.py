@@ -2,7 +2,7 @@
 
 Pinocchio's parsers answer some malformed files with messages on the terminal, silence, or worse.
 A URDF is therefore checked before Pinocchio sees it (`urdf`); MJCF is MuJoCo's to read (`mjcf`),
-and xacro is expanded first (`ros`).
+and xacro is expanded first (`ros`). SDF is read as the same robot in URDF (`sdf`).
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from cartstiff.errors import InputError, one_line
 from cartstiff.loading.mjcf.facts import MjcfFacts
 from cartstiff.loading.mjcf.reading import read_mjcf
 from cartstiff.loading.ros import Ros, expanded_xacro, is_xacro
+from cartstiff.loading.sdf.reading import read_sdf
 from cartstiff.loading.urdf import Mimic, UrdfFacts, prepare_urdf
 from cartstiff.loading.yaml_file import read_text
 from cartstiff.mechanisms.chain import Description
@@ -47,7 +48,7 @@ class RobotDescription:
     urdf : UrdfFacts
         Following joints, planes and notes of a URDF.
     mjcf : MjcfFacts or None
-        Springs, closures, couplings, gravity, posture of an MJCF file.
+        Springs, closures, couplings, gravity, posture of an MJCF file; springs and gravity of SDF.
     pieces : tuple of Piece or None
         What the links look like, where that is not read from the file.
     held : frozenset of str
@@ -85,7 +86,7 @@ class RobotDescription:
 def read_robot_description(
     path: Path, floating: bool = False, ros: Ros | None = None, where: str | None = None
 ) -> RobotDescription:
-    """Read a URDF, xacro or MJCF file; with `floating` the root of a URDF is free in F.
+    """Read a URDF, xacro, MJCF or SDF file; with `floating` the root of a URDF is free in F.
 
     Parameters
     ----------
@@ -113,6 +114,10 @@ def read_robot_description(
     elif ros.arguments:
         raise InputError("is no xacro file", where=where, expected="no --xacro-arg",
                          got=", ".join(ros.arguments))  # fmt: skip
+    said = None
+    if root.tag == "sdf":
+        expanded, said = read_sdf(root, where)
+        root = parse_text(expanded, where)
     if root.tag == "robot":
         facts = prepare_urdf(root, where)
         text = ET.tostring(root, encoding="unicode")
@@ -122,15 +127,13 @@ def read_robot_description(
                 model = pin.buildModelFromXML(text, *root_joint)
             except Exception as error:
                 raise InputError("not a usable URDF", where=where, got=str(error)) from None
-        return RobotDescription(path, model, facts, text=expanded, packages=tuple(ros.packages))
+        packages = tuple(ros.packages)
+        return RobotDescription(path, model, facts, said, text=expanded, packages=packages)
     if root.tag == "mujoco" and expanded is None:
         model, mjcf, pieces = read_mjcf(path, where)
         return RobotDescription(path, model, mjcf=mjcf, pieces=pieces)
-    if root.tag == "sdf":
-        raise InputError("SDF is not supported", where=where, expected="the same robot as URDF or "
-                         "MJCF", got=_in_sdf(root))  # fmt: skip
     raise InputError(
-        "not a robot description", where=where, expected="<robot> (URDF) or <mujoco> (MJCF)",
+        "not a robot description", where=where, expected="<robot> (URDF), <mujoco> (MJCF) or <sdf>",
         got=f"<{one_line(root.tag, 40)}>",
     )  # fmt: skip
 
@@ -144,14 +147,6 @@ def described_text(text: str, floating: bool = False, ros: Ros | None = None) ->
     return replace(
         description, path=None, text=description.text or text if description.mjcf is None else None
     )
-
-
-def _in_sdf(root: ET.Element) -> str:
-    """What an SDF file holds, in words."""
-    joints = list(root.iter("joint"))
-    springs = [j.get("name") for j in joints if float(j.findtext(".//spring_stiffness") or 0)]
-    words = f"a model of {len(joints)} joints" if joints else "no joints"
-    return words + (f", springs in {', '.join(map(str, springs[:4]))}" if springs else "")
 
 
 def parse_xml(path: Path) -> ET.Element:

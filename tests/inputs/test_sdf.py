@@ -1,0 +1,137 @@
+"""SDF files: springs, frames of all kinds, and what is refused.
+
+Poses are compared with chains of SciPy's rotations written by hand, and with rod's own resolution
+of the same file.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import cartstiff
+from cartstiff.errors import CartstiffError, InputError
+
+rod = pytest.importorskip("rod")
+
+MASS = (
+    "<inertial><mass>2</mass><pose>0 0 0.1 0 0 0</pose><inertia><ixx>0.1</ixx><iyy>0.2</iyy>"
+    "<izz>0.15</izz></inertia></inertial>"
+)
+ARM = f"""<?xml version="1.0"?>
+<sdf version="1.9"><model name="arm">
+  <pose>0.5 0 0 0 0 0.25</pose>
+  <link name="base">{MASS}</link>
+  <joint name="foot" type="fixed"><parent>world</parent><child>base</child></joint>
+  <link name="upper"><pose relative_to="shoulder">0 0 0.2 0 0.5 0.3</pose>{MASS}
+    <visual name="v"><geometry><box><size>0.1 0.1 0.4</size></box></geometry></visual></link>
+  <joint name="shoulder" type="revolute"><pose relative_to="base">0 0 0.1 0.2 0 0</pose>
+    <parent>base</parent><child>upper</child>
+    <axis><xyz>0 0 1</xyz><limit><lower>-3</lower><upper>2.5</upper></limit>
+      <dynamics><spring_stiffness>1000</spring_stiffness><spring_reference>0.2</spring_reference>
+        <damping>0.5</damping></dynamics></axis></joint>
+  <link name="slide"><pose relative_to="rail"/>{MASS}</link>
+  <joint name="rail" type="prismatic">
+    <pose relative_to="upper">0.3 0 0.1 0 1.5707963267948966 0</pose>
+    <parent>upper</parent><child>slide</child>
+    <axis><xyz expressed_in="base">0 1 0</xyz><dynamics><spring_stiffness>5e4</spring_stiffness>
+      <spring_reference>0</spring_reference></dynamics></axis></joint>
+  <frame name="tool" attached_to="slide"><pose degrees="true">0 0 0.2 90 0 0</pose></frame>
+</model></sdf>
+"""  # fmt: skip
+
+
+def at(x: float, y: float, z: float, r: float = 0.0, p: float = 0.0, w: float = 0.0) -> np.ndarray:
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = Rotation.from_euler("xyz", [r, p, w]).as_matrix(), (x, y, z)
+    return T
+
+
+def test_an_arm_with_springs(tmp_path):
+    path = tmp_path / "arm.sdf"
+    path.write_text(ARM)
+    arm = cartstiff.load(path)
+    assert arm.names == ("shoulder", "rail")
+    assert arm.mechanism.frame == "tool"
+    assert arm.springs.stiffness.tolist() == [1000.0, 5e4]
+    assert arm.springs.rest.tolist() == [0.2, 0.0]
+    assert arm.limits["shoulder"] == (-3.0, 2.5)
+    assert arm.damping.tolist() == [0.5, 0.0]
+    turn, slide = 0.7, 0.05
+    base = at(0.5, 0, 0, 0, 0, 0.25)
+    shoulder = base @ at(0, 0, 0.1, 0.2)
+    upper = shoulder @ at(0, 0, 0, 0, 0, turn) @ at(0, 0, 0.2, 0, 0.5, 0.3)
+    rail = upper @ at(0.3, 0, 0.1, 0, np.pi / 2, 0)
+    # Along y of the base as it stood at zero, in the rail's own components.
+    at_zero = shoulder @ at(0, 0, 0.2, 0, 0.5, 0.3) @ at(0.3, 0, 0.1, 0, np.pi / 2, 0)
+    along = at_zero[:3, :3].T @ base[:3, 1]
+    tool = rail @ at(*(slide * along)) @ at(0, 0, 0.2, np.pi / 2)
+    posture = arm.mechanism.at([turn, slide])
+    assert np.abs(posture.pose - tool).max() < 1e-14
+    placed = posture.pose_at(arm.mechanism.placement("upper"))
+    assert np.abs(placed - upper).max() < 1e-14
+
+
+def test_frames_stand_where_rod_has_them(tmp_path):
+    from rod.kinematics.tree_transforms import TreeTransforms
+
+    path = tmp_path / "arm.sdf"
+    path.write_text(ARM.replace('"rail"/>', '"rail">0 0.1 0 0 0 1</pose>'))
+    arm = cartstiff.load(path)
+    theirs = TreeTransforms.build(model=rod.Sdf.load(path, is_urdf=False).models()[0])
+    posture = arm.mechanism.at([0.0, 0.0])
+    for name in ("base", "upper", "slide"):
+        ours = posture.pose_at(arm.mechanism.placement(name))
+        assert np.abs(ours - theirs.transform(name)).max() < 1e-12, name
+
+
+def test_a_world_brings_its_gravity():
+    body = ARM[ARM.index("<model") : ARM.index("</sdf>")]
+    arm = cartstiff.load(
+        f'<sdf version="1.9"><world name="w"><gravity>0 0 -3.7</gravity>{body}</world></sdf>'
+    )
+    assert arm.gravity.tolist() == [0.0, 0.0, -3.7]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        ('version="1.9"', 'version="1.4"', "this version of SDF .*expected 1.5 or newer, got 1.4"),
+        ("<sdf version", "<model/><sdf version", "not valid XML"),
+        ("<parent>world</parent>", "<parent>wall</parent>", "not in the model, or itself.*wall"),
+        ('attached_to="slide"', 'attached_to="tool"', "not in the model, or itself.*tool"),
+        ('relative_to="base"', 'relative_to="rail"', "not in the model, or itself"),
+        ('type="prismatic"', 'type="ball"', "'rail' has a type that is not supported"),
+        ('type="prismatic"', 'type="screw"', "expected revolute, .*got screw"),
+        ("<child>slide</child>", "<child>upper</child>", "loops is not supported"),
+        ("<parent>upper</parent>", "", "<joint name='rail'> is not usable SDF.*parent"),
+        ("<mass>2</mass>", "<mass>two</mass>", "<link name='base'> is not usable SDF.*"),
+        ("<mass>2</mass>", "<mass>-2</mass>", "mass"),
+        ("<xyz>0 0 1</xyz>", "<xyz>0 0 0</xyz>", "axis"),
+        ("<xyz>0 0 1</xyz>", "", "<joint name='shoulder'> is not usable SDF"),
+        ('<frame name="tool"', "<frame", "<frame> is not usable SDF.*it has no name"),
+        ('name="slide"', 'name="upper"', "two elements have one name, got upper"),
+        ("<lower>-3</lower>", "<lower>3</lower>", "limits are the wrong way round"),
+        ('<frame name="tool"', '<include><uri>model://a</uri></include><frame name="tool"',
+         "an <include> in SDF is not supported"),
+        ('<frame name="tool"', '<model name="hand"/><frame name="tool"', "a model within"),
+        ('<pose degrees="true">', '<pose rotation_format="quat_xyzw">',
+         "rotation is not supported; expected euler_rpy"),
+        ("</axis></joint>\n  <link", "</axis><axis2/></joint>\n  <link", "axis2 in SDF"),
+        ("</model>", '</model><model name="b"/>', "holds one robot; expected one <model>, got 2"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_used(before, after, words):
+    assert before in ARM
+    with pytest.raises(InputError, match=words) as error:
+        cartstiff.load(ARM.replace(before, after))
+    assert "\n" not in str(error.value)
+
+
+def test_without_rod_it_says_what_to_install(monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "rod", None)
+    with pytest.raises(CartstiffError, match=r"SDF file needs the package rod.*cartstiff\[sdf\]"):
+        cartstiff.load(ARM)
