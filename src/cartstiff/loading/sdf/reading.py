@@ -220,8 +220,8 @@ class _Model:
         turns_on = joint.type == "continuous" or (joint.type == "revolute" and not bounds)
         made.set("type", "continuous" if turns_on else joint.type)
         if bounds and not turns_on:
-            bounds = {"lower": "-1e9", "upper": "1e9"} | bounds
-            ET.SubElement(made, "limit", effort="0", velocity="0", **bounds)
+            rest = {"lower": "-1e9", "upper": "1e9", "effort": "0", "velocity": "0"}
+            ET.SubElement(made, "limit", rest | bounds)
         if axis.dynamics is not None and axis.dynamics.damping is not None:
             ET.SubElement(made, "dynamics", damping=repr(float(axis.dynamics.damping)))
 
