@@ -152,6 +152,9 @@ class Columns(NamedTuple):
         Across a column.
     poses : int
         How many poses were tried.
+    error : float
+        Three standard errors of the volume: it is the mean of what four grids of every second
+        column give.
     """
 
     volume: float
@@ -159,6 +162,7 @@ class Columns(NamedTuple):
     ends: Array
     area: float
     poses: int
+    error: float = 0.0
 
     def slices(self, count: int) -> list[tuple[float, float]]:
         """Height and area of so many slices across z, at equal distances."""
@@ -221,8 +225,12 @@ def columns_inside(
     edge = 0.5 * (a + b)
     area = float(np.prod((high - low)[:2]) / count**2)
     ends = np.column_stack([edge[enters], edge[~enters]])
-    volume = area * float((ends[:, 1] - ends[:, 0]).sum())
-    return Columns(volume, xy[row[enters]], ends, area, poses + _HALVINGS * len(row))
+    heights = np.bincount(row[enters], ends[:, 1] - ends[:, 0], count * count)
+    grid = heights.reshape(count, count)
+    coarse = [grid[i::2, j::2].mean() * grid.size * area for i in (0, 1) for j in (0, 1)]
+    error = 1.5 * float(np.std(coarse, ddof=1))
+    volume = area * float(heights.sum())
+    return Columns(volume, xy[row[enters]], ends, area, poses + _HALVINGS * len(row), error)
 
 
 def inscribed(

@@ -86,6 +86,18 @@ class Workspace(ShownInLines):
         return None if self.columns is None else self.columns.volume
 
     @property
+    def volume_error(self) -> float | None:
+        """Estimate of the volume's error, in length units cubed.
+
+        The larger of three standard errors of the columns' sum, `Columns.error`, and the difference
+        from the volume that the rays enclose, ``4 pi/3`` of the mean of their lengths cubed.
+        """
+        if self.columns is None or self.positions is None:
+            return None
+        by_rays = self.positions.total(lambda r: 4.0 / 3.0 * np.pi * r**3)
+        return max(self.columns.error, abs(by_rays - self.columns.volume))
+
+    @property
     def share_of_rotations(self) -> float | None:
         """Of all rotations, the share that is allowed at this position."""
         if self.turns is None:
@@ -124,6 +136,7 @@ class Workspace(ShownInLines):
             "units": {"length": units.length, "force": units.force, "angle": "rad"},
             "pose": self.pose.tolist(),
             "volume": self.volume,
+            "volume_error": self.volume_error,
             "cut_by": {} if self.positions is None else self.positions.shares(),
             "slices": [] if self.columns is None
             else [{"z": z, "area": area} for z, area in self.columns.slices(9)],

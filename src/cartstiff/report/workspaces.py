@@ -39,7 +39,8 @@ def describe_workspace(reached: Workspace) -> str:
     poses = reached.as_dict()["poses"]
     lines += [
         "",
-        f"Volume with this orientation: {number(reached.volume, 5)} {unit}^3 ({poses} poses tried)",
+        f"Volume with this orientation: {number(reached.volume, 5)} {unit}^3, give or take "
+        f"{number(reached.volume_error, 2)} ({poses} poses tried)",
         *table(
             [f"z [{unit}]", f"area [{unit}^2]"],
             [(number(z), number(area, 4)) for z, area in reached.columns.slices(_SLICES)],

@@ -82,6 +82,11 @@ def workspace_schema(parts: dict[str, Any]) -> dict[str, Any]:
             "volume": js.number(
                 "of the positions with it; null where none was followed", null=True
             ),
+            "volume_error": js.number(
+                "estimate of its error: the larger of three standard errors of the columns and "
+                "the difference from the volume by rays",
+                null=True,
+            ),
             "cut_by": js.BY_NAME | {"description": by},
             "slices": js.list_of(
                 js.object_with(
