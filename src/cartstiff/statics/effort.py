@@ -55,13 +55,7 @@ def bounded(coordinates: int) -> Iterator[None]:
 
 
 def count() -> None:
-    """One more posture.
-
-    Raises
-    ------
-    ExhaustedError
-        If that is one too many; its text tells how many there were.
-    """
+    """One more posture; `ExhaustedError`, with how many there were, if that is one too many."""
     effort = _effort.get()
     if effort is None:
         return

@@ -15,7 +15,7 @@ from collections.abc import Callable
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.errors import InputError, UndefinedError
+from cartstiff.errors import InputError, UndefinedError, joined
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import SI, Units, convert_length
@@ -79,7 +79,8 @@ def _said(result: PostureStiffness) -> list[str]:
     if result.wrench is not None and np.any(result.wrench):
         load = ", ".join(f"{x:.6g}" for x in result.wrench)
         found.append(f"under the wrench (moment, force; body axes) {load}: K^B, the symmetric part")
-    return [line.encode("ascii", "replace").decode() for line in found]
+    # A name that ended the line would be read as what follows the comment.
+    return [joined([line]).encode("ascii", "replace").decode() for line in found]
 
 
 def _nastran(result: PostureStiffness) -> bytes:
