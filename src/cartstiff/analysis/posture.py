@@ -141,10 +141,12 @@ def analyse_posture(
                          got=f"samples={samples}")  # fmt: skip
     answer, notes = sections(result, springs=True)
     if answer["synthesis"] is not None or target is not None:
-        found = None
+        section = None
         if target is not None:
-            found = notes.attempt("joint stiffness for the target", target_section, result, target)
-        answer["synthesis"] = {**(answer["synthesis"] or {}), "target": plain(found)}
+            section = notes.attempt(
+                "joint stiffness for the target", target_section, result, target
+            )
+        answer["synthesis"] = {**(answer["synthesis"] or {}), "target": plain(section)}
     answer["uncertainty"] = None
     if tolerances is None and result.elastic.identified is not None:
         tolerances = Tolerances()  # measured springs bring their own
@@ -210,10 +212,12 @@ def _uncertainty(
         done += 1
         if progress is not None:
             progress(done, total)
-        found = evaluate(parameters.at(values))
+        values_there = evaluate(parameters.at(values))
         missing = {name: np.full(x.shape, np.nan) for name, x in nominal.items()}
         return {
-            name: found[name] if name in found and found[name].shape == x.shape else missing[name]
+            name: values_there[name]
+            if name in values_there and values_there[name].shape == x.shape
+            else missing[name]
             for name, x in nominal.items()
         }
 

@@ -75,15 +75,15 @@ def posture_columns(elastic: ElasticMechanism) -> dict[str, str]:
     must be given, and others may. A platform's pose is "q_x" to "q_yaw".
     """
     mechanism = elastic.mechanism
-    found = {}
+    columns = {}
     virtual = mechanism.virtual if isinstance(mechanism, Chain) else frozenset()
     for j, coordinate in enumerate(mechanism.coordinates):
         if j not in virtual:
             kind = "length" if coordinate.is_length else "angle"
-            found[f"q_{coordinate.name}"] = kind
+            columns[f"q_{coordinate.name}"] = kind
             if coordinate.name not in MEASURED:
-                found[coordinate.name] = kind
-    return found
+                columns[coordinate.name] = kind
+    return columns
 
 
 def kinds_of(elastic: ElasticMechanism) -> dict[str, str]:

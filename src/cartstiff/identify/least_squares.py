@@ -207,12 +207,12 @@ def solved(
 
 def _degrees(noise: Noise, h: Array, root: Array) -> float:
     """Degrees of freedom of the least well known scale."""
-    found = [
+    degrees = [
         float(np.sum((1.0 - h)[(noise.group == g) & (root > 0)]))
         for g in (0, 1)
         if not noise.is_known[g] and (noise.group == g).any()
     ]
-    return min(found, default=np.inf)
+    return min(degrees, default=np.inf)
 
 
 class _Basis:
@@ -257,12 +257,12 @@ class _Basis:
         use = self.scale > 0.0
         lower = np.full(len(use), -np.inf)
         lower[: self._P] = np.where(bounded, 0.0, -np.inf)
-        found = lsq_linear(
+        solution = lsq_linear(
             self.kept[:, use] * self.scale[use], right, bounds=(lower[use], np.inf), method="bvls",
             tol=numerics.LAST_DIGITS,
         )  # fmt: skip
         x = np.zeros(len(use))
-        x[use] = self.scale[use] * found.x
+        x[use] = self.scale[use] * solution.x
         active = np.zeros(self._P, bool)
-        active[use[: self._P]] = found.active_mask[: int(use[: self._P].sum())] != 0
+        active[use[: self._P]] = solution.active_mask[: int(use[: self._P].sum())] != 0
         return x, active & self.is_determined[: self._P]

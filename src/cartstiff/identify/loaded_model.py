@@ -141,14 +141,14 @@ class LoadedModel:
             if np.all(np.abs(change) <= _NEAR * self.unknowns.sizes):
                 start = start + rates @ change
         try:
-            found = solve(system, start, settle=False)
+            state = solve(system, start, settle=False)
         except CartstiffError as error:
             raise ConvergenceError(
                 f"row {self.measured.rows[n]}: {error}", iterations=0, residual=np.nan
             ) from None
-        posture, elements = found.point.posture, Elements(elastic)
-        motion = motion_by_compliance(posture, found.balance, elements, self.unknowns.patterns)
-        self._last[key] = found.point.q, motion, theta.copy()
+        posture, elements = state.point.posture, Elements(elastic)
+        motion = motion_by_compliance(posture, state.balance, elements, self.unknowns.patterns)
+        self._last[key] = state.point.q, motion, theta.copy()
         return _State(posture.pose, posture.motion.jacobian @ motion)
 
 

@@ -160,11 +160,11 @@ def observe(measured: Measurements, elastic: ElasticMechanism, poses: Array) -> 
 
 def _rigid(points: Array, R: Array, base: Array, measured: Measurements) -> dict[str, Array]:
     """Positions and orientations less those of the rigid mechanism, along base axes."""
-    found: dict[str, Array] = {}
+    columns: dict[str, Array] = {}
     at = points @ base
     for i, name in enumerate(POSITION):
         if name in measured.values:
-            found[name] = measured.values[name] - at[:, i]
+            columns[name] = measured.values[name] - at[:, i]
     if TURN[0] in measured.values:
         turned = np.stack([measured.values[name] for name in TURN], axis=1)
         known = np.flatnonzero(~np.isnan(turned[:, 0]))
@@ -175,5 +175,5 @@ def _rigid(points: Array, R: Array, base: Array, measured: Measurements) -> dict
             T[:3, :3] = seen @ (base.T @ R[n]).T
             error[n] = se3.log(T)[:3]
         for i, name in enumerate(TURN):
-            found[name] = error[:, i]
-    return found
+            columns[name] = error[:, i]
+    return columns

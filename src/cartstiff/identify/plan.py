@@ -82,12 +82,12 @@ class Plan:
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
-        found = []
+        rows = []
         for p, u in enumerate(self.unknowns.parameters):
             s = float(self.deviations[-1, p])
             k = 1.0 / u.nominal if u.has_stiffness and not u.is_scale else None
             half = self.factor * s
-            found.append({
+            rows.append({
                 "name": u.name, "stiffness": k, "unit": u.unit,
                 "relative_sd": s if np.isfinite(s) else None,
                 "interval": [None, None] if k is None or not np.isfinite(s) else [
@@ -100,7 +100,7 @@ class Plan:
         ]
         return {
             "schema": "cartstiff-identify-plan/1", "criterion": self.criterion,
-            "rows": len(self.rows), "level": self.level, "parameters": found,
+            "rows": len(self.rows), "level": self.level, "parameters": rows,
             "by_rows": falls, "not_identifiable": list(self.lost),
             "worst_relative_sd_by_chance": self.by_chance if np.isfinite(self.by_chance) else None,
             "worst_relative_sd_bound": self.bound,
@@ -221,11 +221,11 @@ def plan(
 
 def _of_priors(unknowns: Unknowns) -> tuple[Array, int]:
     """What priors tell (P, P) of compliances in shares of their present values; their number."""
-    found = np.zeros(len(unknowns.parameters))
+    widths = np.zeros(len(unknowns.parameters))
     for p, unknown in enumerate(unknowns.parameters):
         if unknown.prior is not None:
-            found[p] = (unknowns.sizes[p] / unknown.prior[1]) ** 2
-    return np.diag(found), int(np.count_nonzero(found))
+            widths[p] = (unknowns.sizes[p] / unknown.prior[1]) ** 2
+    return np.diag(widths), int(np.count_nonzero(widths))
 
 
 def _seen(M: Array) -> NDArray[np.bool_]:
@@ -277,10 +277,10 @@ def _taken(chosen: list[int], offered: int) -> Array:
 
     Where nothing else is left, zero for all of it.
     """
-    found = np.zeros(offered)
+    gains = np.zeros(offered)
     if len(set(chosen)) < offered:
-        found[chosen] = np.inf
-    return found
+        gains[chosen] = np.inf
+    return gains
 
 
 def _exchanged(

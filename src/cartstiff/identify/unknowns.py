@@ -217,7 +217,7 @@ def _expanded(elastic: ElasticMechanism, elements: Elements, sought: Sequence[st
     bent = _polynomials(elastic)
     lines = [n for n in own if n.startswith("line") and n not in elastic.names]
     joints = [n for n in own if n not in lines]
-    found: list[str] = []
+    names: list[str] = []
     for word in sought:
         more = {"joints": joints, "links": list(links), "lines": lines,
                 "all": [*joints, *links, *lines]}.get(word, [word])  # fmt: skip
@@ -228,10 +228,10 @@ def _expanded(elastic: ElasticMechanism, elements: Elements, sought: Sequence[st
         if not more:
             raise InputError(f"the mechanism has no {word}", where="--unknown",
                              expected=", ".join(elements.names))  # fmt: skip
-        found += [name for name in more if name not in found]
-    if not found:
+        names += [name for name in more if name not in names]
+    if not names:
         raise InputError("the mechanism has no spring to be found")
-    return found
+    return names
 
 
 def _polynomials(elastic: ElasticMechanism) -> dict[str, tuple[int, PolynomialLaw]]:
@@ -255,13 +255,13 @@ def _of_law(
                          where=f"--unknown {name}", expected="above zero",
                          got=law.coefficients[0])  # fmt: skip
     unit = elastic.units.spring(mechanism.coordinates[j].is_length)
-    found = [Unknown(CompliancePattern(name, ()), unit, 1.0 / law.coefficients[0], prior,
+    unknowns = [Unknown(CompliancePattern(name, ()), unit, 1.0 / law.coefficients[0], prior,
                      law=(j, 1))]  # fmt: skip
     for power, c in enumerate(law.coefficients[1:], start=2):
         if c != 0.0:
             pattern = CompliancePattern(f"{name} x^{power}", ())
-            found.append(Unknown(pattern, f"{unit}^{power}", c, law=(j, power)))
-    return found
+            unknowns.append(Unknown(pattern, f"{unit}^{power}", c, law=(j, power)))
+    return unknowns
 
 
 def _links(elastic: ElasticMechanism) -> dict[str, list[str]]:
@@ -315,7 +315,7 @@ def _of_link(elastic: ElasticMechanism, elements: Elements, word: str) -> list[U
 def _checked_ties(
     elements: Elements, ties: Sequence[Sequence[str]], held: set[str]
 ) -> list[tuple[str, ...]]:
-    found: list[tuple[str, ...]] = []
+    groups: list[tuple[str, ...]] = []
     seen: set[str] = set()
     for group in ties:
         if len(group) < 2:
@@ -329,8 +329,8 @@ def _checked_ties(
                 raise InputError("a tie joins an angle and a distance", where="--tie",
                                  got="=".join(group))  # fmt: skip
             seen.add(name)
-        found.append(tuple(group))
-    return found
+        groups.append(tuple(group))
+    return groups
 
 
 def _prior(

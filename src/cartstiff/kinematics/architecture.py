@@ -83,7 +83,7 @@ def _ranks(platform: Platform, R: Array | None) -> list[int]:
     size = max(
         float(np.abs(platform.anchors - at).max()), float(np.abs(platform.points - of).max())
     )
-    found = []
+    ranks = []
     for _ in range(_POSES):
         turn = se3.exp(np.append(rng.normal(size=3), np.zeros(3)))[:3, :3]
         turn = turn if R is None else R
@@ -91,8 +91,8 @@ def _ranks(platform: Platform, R: Array | None) -> list[int]:
         along = rng.normal(size=3) * 3.0 * size + b - (platform.anchors - at)
         along /= np.linalg.norm(along, axis=1)[:, None]
         lines = np.hstack([np.cross(b / size, along), along])
-        found.append(numerics.rank(np.linalg.svd(lines, compute_uv=False)))
-    return found
+        ranks.append(numerics.rank(np.linalg.svd(lines, compute_uv=False)))
+    return ranks
 
 
 def _flat(points: Array) -> Array | None:

@@ -78,8 +78,8 @@ def at_pose(
     if len(free) == 6:
         q = None if chain.legs else search.by_steps(wanted, free)
         if q is None and not (short := search.short(T)):
-            found = inverse_kinematics(elastic, T, most=1)
-            q = np.array(found[0]) if len(found) else None
+            branches = inverse_kinematics(elastic, T, most=1)
+            q = np.array(branches[0]) if len(branches) else None
         if q is None:
             raise _refusal(short or f"a place that was not found from {elastic.name}'s posture")
         return q, ()

@@ -97,10 +97,10 @@ class Follower:
 
     def _joints(self, q: Array, T: Array, turning: bool) -> Array:
         free: Free = "rotation" if not turning and self._deficient else "none"
-        found: Array = self._solver.solve(T[None], q[None], free)[0][0]
+        q_new: Array = self._solver.solve(T[None], q[None], free)[0][0]
         if isinstance(self._mechanism, Chain) and self._mechanism.closures:
-            found = np.array(self._mechanism.closed(found).q)
-        return found
+            q_new = np.array(self._mechanism.closed(q_new).q)
+        return q_new
 
     def _platform(self, platform: Platform, q: Array, T: Array) -> tuple[Array, tuple[str, ...]]:
         def near(pose: Array) -> Array:

@@ -145,11 +145,11 @@ def poses_of_lengths(platform: Platform, lengths: Array) -> Poses:
         lost=int(lost.sum()) + _coinciding(x[single]),
     )  # fmt: skip
     curve = _real_on_curve(Q, x[rest[moving]])
-    found = study.pose_of_study(np.vstack([real, several, curve]))
-    found[:, :3, 3] = found[:, :3, 3] * size + at - found[:, :3, :3] @ of
+    poses = study.pose_of_study(np.vstack([real, several, curve]))
+    poses[:, :3, 3] = poses[:, :3, 3] * size + at - poses[:, :3, :3] @ of
     k = len(real) + len(several)
     one_each = np.ones(len(real), np.intp)
-    return Poses(found[:k], np.concatenate([one_each, counts]), paths, found[k:].reshape(-1, 4)[:4])
+    return Poses(poses[:k], np.concatenate([one_each, counts]), paths, poses[k:].reshape(-1, 4)[:4])
 
 
 def _followed(Q: Array) -> tuple[study.Ends, NDArray[np.bool_]]:
@@ -175,8 +175,8 @@ def _coinciding(x: Complex) -> int:
 def _real(x: Complex) -> Array:
     """Real parts (n, 8) of points, each with its largest component made real."""
     largest = np.take_along_axis(x, np.abs(x).argmax(axis=1)[:, None], 1)
-    found = (x * (np.abs(largest) / largest)).real
-    return np.asarray(found / np.linalg.norm(found, axis=1)[:, None])
+    real = (x * (np.abs(largest) / largest)).real
+    return np.asarray(real / np.linalg.norm(real, axis=1)[:, None])
 
 
 def _real_points(Q: Array, x: Complex) -> Array:
@@ -184,12 +184,12 @@ def _real_points(Q: Array, x: Complex) -> Array:
     if not len(x):
         return np.empty((0, 8))
     nearest = np.abs(x @ x.T).argmax(axis=1)
-    found = _real(x[nearest == np.arange(len(x))])
+    roots = _real(x[nearest == np.arange(len(x))])
     for _ in range(3):
-        right = np.concatenate([study.values(Q, found), np.zeros((len(found), 1))], axis=1)
-        found = found - np.linalg.solve(study.jacobians(Q, found), right[..., None])[..., 0]
-        found /= np.linalg.norm(found, axis=1)[:, None]
-    return found
+        right = np.concatenate([study.values(Q, roots), np.zeros((len(roots), 1))], axis=1)
+        roots = roots - np.linalg.solve(study.jacobians(Q, roots), right[..., None])[..., 0]
+        roots /= np.linalg.norm(roots, axis=1)[:, None]
+    return roots
 
 
 def _refined(Q: Array, x: NDArray) -> NDArray:  # type: ignore[type-arg]

@@ -121,5 +121,5 @@ def _length(rows: Array) -> Array:
 
 
 def _ratio(number: float | Array, array: Array) -> Array:
-    found: Array = number / np.where(array == 0.0, np.inf, array)
-    return found
+    quotient: Array = number / np.where(array == 0.0, np.inf, array)
+    return quotient

@@ -115,8 +115,8 @@ def general_platform() -> tuple[Complex, Complex]:
 
 def values(Q: NDArray, x: NDArray) -> NDArray:  # type: ignore[type-arg]
     """``x^T Q_i x`` (n, 7) at points x (n, 8)."""
-    found: NDArray = np.einsum("nij,nj->ni", _matrices(Q, x), x)  # type: ignore[type-arg]
-    return found
+    residuals: NDArray = np.einsum("nij,nj->ni", _matrices(Q, x), x)  # type: ignore[type-arg]
+    return residuals
 
 
 def jacobians(Q: NDArray, x: NDArray) -> NDArray:  # type: ignore[type-arg]

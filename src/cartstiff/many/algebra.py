@@ -29,9 +29,9 @@ def zeros(*shape: int) -> Array:
 
 def cross(a: Array, b: Array) -> Array:
     """Cross product of two vectors."""
-    found = np.empty(3, object)
-    found[:] = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    return found
+    crossed = np.empty(3, object)
+    crossed[:] = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    return crossed
 
 
 def skew(a: Array) -> Array:
@@ -52,11 +52,11 @@ def is_zero(x: Scalar) -> bool:
 
 def product(left: Array, right: Array) -> Array:
     """``left right``."""
-    found = zeros(len(left), right.shape[1])
+    result = zeros(len(left), right.shape[1])
     for i, row in enumerate(left):
         for a, x in enumerate(row):
-            found[i] = found[i] + right[a] * x
-    return found
+            result[i] = result[i] + right[a] * x
+    return result
 
 
 def symmetric_product(columns: Iterable[Array], rows: Array, base: Array) -> Array:
@@ -64,13 +64,13 @@ def symmetric_product(columns: Iterable[Array], rows: Array, base: Array) -> Arr
 
     Columns of `left` are asked for one by one, so that they may be computed when they are needed.
     """
-    found = base.copy()
+    changed = base.copy()
     for i, column in enumerate(columns):
-        row = found[i, i:]
+        row = changed[i, i:]
         for a, x in enumerate(column):
             row = row + rows[a, i:] * x
-        found[i, i:] = found[i:, i] = row
-    return found
+        changed[i, i:] = changed[i:, i] = row
+    return changed
 
 
 def congruence(left: Array, middle: Array) -> Array:
@@ -95,26 +95,26 @@ class Reflections(NamedTuple):
         return self._through(columns, range(len(self.vectors)))
 
     def _through(self, columns: Array, order: range) -> Array:
-        found = columns.astype(object)
+        copied = columns.astype(object)
         for k in order:
             v = self.vectors[k]
-            found[k:] = found[k:] - _times(v, (v @ found[k:]) * self.factors[k])
-        return found
+            copied[k:] = copied[k:] - _times(v, (v @ copied[k:]) * self.factors[k])
+        return copied
 
     def conjugate(self, symmetric: Array) -> Array:
         """``Q^T symmetric Q``, by updates of rank two."""
         n = len(symmetric)
-        found = symmetric.astype(object)
+        copied = symmetric.astype(object)
         for k, (v, factor) in enumerate(zip(self.vectors, self.factors, strict=True)):
-            p = (found[:, k:] @ v) * factor
+            p = (copied[:, k:] @ v) * factor
             p[k:] = p[k:] - v * ((v @ p[k:]) * factor * 0.5)
             for i in range(n):
                 for j in range(max(i, k), n):
                     change = p[i] * v[j - k]
                     if i >= k:
                         change = change + v[i - k] * p[j]
-                    found[i, j] = found[j, i] = found[i, j] - change
-        return found
+                    copied[i, j] = copied[j, i] = copied[i, j] - change
+        return copied
 
 
 def _times(v: Array, row: Array) -> Array:
@@ -144,13 +144,13 @@ def reflections(matrix: Array) -> Reflections:
 def upper_inverse(R: Array) -> Array:
     """Inverse of an upper triangular matrix."""
     n = len(R)
-    found = zeros(n, n)
+    inverted = zeros(n, n)
     for j in range(n):
-        found[j, j] = 1.0 / R[j, j]
+        inverted[j, j] = 1.0 / R[j, j]
     for j in range(n):
         for i in range(j - 1, -1, -1):
-            found[i, j] = -((R[i, i + 1 : j + 1] @ found[i + 1 : j + 1, j]) * found[i, i])
-    return found
+            inverted[i, j] = -((R[i, i + 1 : j + 1] @ inverted[i + 1 : j + 1, j]) * inverted[i, i])
+    return inverted
 
 
 def inverse(matrix: Array) -> Array:
@@ -182,8 +182,8 @@ def solution(matrix: Array, right: Array) -> Array:
         return [c for c in columns if filled(c) == filled(column)]
 
     def entries(column: int) -> tuple[int, int, int]:
-        found = work[filled(column), column]
-        return sum(isinstance(x, Number) for x in found), len(found), -len(alike(column))
+        pivots = work[filled(column), column]
+        return sum(isinstance(x, Number) for x in pivots), len(pivots), -len(alike(column))
 
     while columns:
         column = min(columns, key=entries)
@@ -198,15 +198,15 @@ def solution(matrix: Array, right: Array) -> Array:
         steps.append((taken, inner, block))
         rows = [i for i in rows if i not in taken]
         columns = [c for c in columns if c not in inner]
-    found = zeros(n, right.shape[1])
+    solved = zeros(n, right.shape[1])
     known: list[int] = []
     for taken, inner, block in reversed(steps):
         rest = work[taken, n:]
         for column in known:
-            rest = rest - np.outer(work[taken, column], found[column])
-        found[inner] = product(block, rest)
+            rest = rest - np.outer(work[taken, column], solved[column])
+        solved[inner] = product(block, rest)
         known += inner
-    return found
+    return solved
 
 
 def _inverse_of_two(matrix: Array, nowhere: Scalar) -> Array:
@@ -270,10 +270,10 @@ def positive_factor(matrix: Array) -> tuple[Array, Array, Array]:
 
 def below(L: Array, right: Array) -> Array:
     """``L^-1 right`` for L with a unit diagonal and nothing above it."""
-    found = right.astype(object)
+    solved = right.astype(object)
     for i in range(1, len(L)):
-        found[i] = found[i] - L[i, :i] @ found[:i]
-    return found
+        solved[i] = solved[i] - L[i, :i] @ solved[:i]
+    return solved
 
 
 def eliminated(matrix: Array, keep: slice) -> tuple[Array, Scalar]:
@@ -298,10 +298,10 @@ def eliminated(matrix: Array, keep: slice) -> tuple[Array, Scalar]:
 def largest(values: Array) -> Scalar:
     """Largest absolute value."""
     flat = np.ravel(values)
-    found = absolute(flat[0])
+    top = absolute(flat[0])
     for value in flat[1:]:
-        found = larger(found, absolute(value))
-    return found
+        top = larger(top, absolute(value))
+    return top
 
 
 #: How often the angle is halved, and terms of the series of asin(y) / y that are left to count.

@@ -77,9 +77,9 @@ def holds_soft_directions(K: Array, wanted: Collection[str]) -> Scalar:
 def unsymmetric_part(W: Array) -> Array:
     """``K^A - K^B``, which the wrench alone makes."""
     moment, force = skew(W[:3] * 0.5), skew(W[3:] * 0.5)
-    found = zeros(6, 6)
-    found[:3, :3], found[:3, 3:], found[3:, :3] = moment, force, force
-    return found
+    total = zeros(6, 6)
+    total[:3, :3], total[:3, 3:], total[3:, :3] = moment, force, force
+    return total
 
 
 def connections(K_B: Array, W: Array) -> dict[str, Array]:

@@ -118,9 +118,9 @@ class Workspace:
                     rows = rows[whole:count]
                     rows = np.concatenate([rows, np.repeat(rows[-1:], block - len(rows), axis=0)])
                 padded[name] = np.ascontiguousarray(rows)
-            found = {name: aligned_empty(block, len(s)) for name, s in program.outputs.items()}
-            self._run(padded, found, 1, stream)
-            for name, rows in found.items():
+            arrays = {name: aligned_empty(block, len(s)) for name, s in program.outputs.items()}
+            self._run(padded, arrays, 1, stream)
+            for name, rows in arrays.items():
                 outputs[name][whole:count] = rows[: count - whole]
 
     def _run(

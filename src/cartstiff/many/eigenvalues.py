@@ -147,11 +147,11 @@ _EXCHANGES = {
 
 def ascending(values: Sequence[Scalar]) -> list[Scalar]:
     """The numbers, smallest first."""
-    found = list(values)
-    for i, j in _EXCHANGES[len(found)]:
-        x, y = found[i], found[j]
-        found[i], found[j] = pick(x, y, x, y), larger(x, y)
-    return found
+    ordered = list(values)
+    for i, j in _EXCHANGES[len(ordered)]:
+        x, y = ordered[i], ordered[j]
+        ordered[i], ordered[j] = pick(x, y, x, y), larger(x, y)
+    return ordered
 
 
 def principal_values(
@@ -164,17 +164,17 @@ def principal_values(
     largest eigenvalue. The error of the inverse counts `growth` times.
     """
     values, doubt = eigenvalues(matrix)
-    found = ascending(values)
-    alone = pick(found[-1], found[0] * _PLAIN, PLAIN, ENGINE)
+    ordered = ascending(values)
+    alone = pick(ordered[-1], ordered[0] * _PLAIN, PLAIN, ENGINE)
     if inverse is None:
-        return found, larger(doubt, alone)
+        return ordered, larger(doubt, alone)
     others, verdict = eigenvalues(inverse)
     others = ascending(others)
-    for least in (found[0], others[0]):
+    for least in (ordered[0], others[0]):
         verdict = larger(verdict, pick(0.0, least, PLAIN, ENGINE))
     merged = []
-    for x, y in zip(found, reversed(others), strict=True):
-        direct, around = found[-1] / x, growth * others[-1] / y
+    for x, y in zip(ordered, reversed(others), strict=True):
+        direct, around = ordered[-1] / x, growth * others[-1] / y
         verdict = larger(verdict, pick(direct, _PLAIN, PLAIN, limited(around, _PLAIN)))
         merged.append(pick(alone, ENGINE, x, pick(direct, around, x, 1.0 / y)))
     return ascending(merged), larger(doubt, pick(alone, ENGINE, PLAIN, verdict))

@@ -106,32 +106,32 @@ def chosen(
     if path == "auto" and (reason := _few_of_closed(elastic, count)):
         return None, None, reason
     kind = "none" if loads is None else "shared" if loads.ndim == 1 else "each"
-    found = plan(elastic, kind)
-    if isinstance(found, str):
+    answer = plan(elastic, kind)
+    if isinstance(answer, str):
         if path != "auto":
             raise InputError(
-                f"path {path!r} does not serve this mechanism: {found}", expected="path 'engine'"
+                f"path {path!r} does not serve this mechanism: {answer}", expected="path 'engine'"
             )
-        return None, None, found
+        return None, None, answer
     # In the order of `OUTPUTS`, so that the same set finds the same kernel.
     ordered = tuple(name for name in OUTPUTS if name in names)
     if path == "portable":
-        return found, _portable_kernel(found.case, ordered), "asked for"
+        return answer, _portable_kernel(answer.case, ordered), "asked for"
     if not has_package("llvmlite"):
         error = MissingDependencyError("llvmlite", "the compiled path", "maps")
         if path == "compiled":
             raise error
-        return found, _portable_kernel(found.case, ordered), str(error)
+        return answer, _portable_kernel(answer.case, ordered), str(error)
     reason = ""
-    if path == "auto" and (found.case, ordered, None) not in _compiled:
-        size = program_for(found.case, ordered).size
+    if path == "auto" and (answer.case, ordered, None) not in _compiled:
+        size = program_for(answer.case, ordered).size
         if count < WORTH_COMPILING:
             reason = f"compiling pays from {WORTH_COMPILING} postures on"
         elif size > LARGEST_PROGRAM:
             reason = f"{size} operations would take too long to compile"
     if reason:
-        return found, _portable_kernel(found.case, ordered), reason
-    return found, _compiled_kernel(found.case, ordered), ""
+        return answer, _portable_kernel(answer.case, ordered), reason
+    return answer, _compiled_kernel(answer.case, ordered), ""
 
 
 def _few_of_closed(elastic: ElasticMechanism, count: int) -> str:
@@ -145,12 +145,12 @@ def lasting_path(
     count: int,
 ) -> Path:  # fmt: skip
     """The path that serves `count` postures, whatever was compiled in this process before."""
-    found = _few_of_closed(elastic, count) or plan(elastic, wrench)
-    if isinstance(found, str):
+    answer = _few_of_closed(elastic, count) or plan(elastic, wrench)
+    if isinstance(answer, str):
         return "engine"
     ordered = tuple(name for name in OUTPUTS if name in recorded(names))
     compiles = has_package("llvmlite") and count >= WORTH_COMPILING
-    if compiles and program_for(found.case, ordered).size <= LARGEST_PROGRAM:
+    if compiles and program_for(answer.case, ordered).size <= LARGEST_PROGRAM:
         return "compiled"
     return "portable"
 

@@ -19,7 +19,7 @@ __all__ = ["NOT_ASSEMBLED", "REGULAR", "fill", "state_of"]
 REGULAR, NOT_ASSEMBLED = "regular", "not-assembled"
 
 
-def state_of(found: PostureStiffness, outputs: Collection[str] = ()) -> str:
+def state_of(result: PostureStiffness, outputs: Collection[str] = ()) -> str:
     """The code that stands for a posture's state.
 
     The last state of the reduction, as in `analyse` with ``strict``; else a type-2 singularity;
@@ -28,15 +28,15 @@ def state_of(found: PostureStiffness, outputs: Collection[str] = ()) -> str:
     of the compliance, or, where none is asked for, of the stiffness, too; or, where its roots are
     asked for, of principal values that nothing holds.
     """
-    if found.reduction.states:
-        return found.reduction.states[-1].code
+    if result.reduction.states:
+        return result.reduction.states[-1].code
     kinds = {name.partition("_")[0] for name in outputs}
-    notes = found.notes if kinds & {"stiffness", "compliance"} else found.notes_on_posture
+    notes = result.notes if kinds & {"stiffness", "compliance"} else result.notes_on_posture
     codes = {note.code for note in notes}
     for code in ("type-2-singularity", "singular-stiffness"):
         if code in codes:
             return code
-    if "compliance_load" in outputs and found.tangent_compliance is None:
+    if "compliance_load" in outputs and result.tangent_compliance is None:
         return "singular-stiffness"
     for note in notes:
         if (
@@ -51,8 +51,8 @@ def state_of(found: PostureStiffness, outputs: Collection[str] = ()) -> str:
         others, _, name = which.partition("_")
         if (
             kind == "root"
-            and found.needs_root(name)
-            and found.root_of_compliance(name, others) is None
+            and result.needs_root(name)
+            and result.root_of_compliance(name, others) is None
         ):
             return "lost-digits"
     return REGULAR
@@ -66,7 +66,7 @@ def fill(
     for row in rows.values():
         row[...] = np.nan
     try:
-        found = analyse(
+        result = analyse(
             elastic, q, wrench=wrench, load_kind=load.kind, load_at=load.at, load_axes=axes
         )
     except ConvergenceError:
@@ -77,22 +77,22 @@ def fill(
         # Everything given has been checked: the springs cannot carry this load here.
         return "unbalanced", q
     for name, row in rows.items():
-        value = _output(found, name)
+        value = _output(result, name)
         if value is not None:
             row[...] = value
-    return state_of(found, rows), found.q
+    return state_of(result, rows), result.q
 
 
-def _output(found: PostureStiffness, name: str) -> Array | float | None:
+def _output(result: PostureStiffness, name: str) -> Array | float | None:
     kind, _, connection = name.partition("_")
     if kind == "root":
         others, _, connection = connection.partition("_")
-        return found.root_of_compliance(connection, others)
+        return result.root_of_compliance(connection, others)
     if connection == "load":
-        return found.tangent if kind == "stiffness" else found.tangent_compliance
+        return result.tangent if kind == "stiffness" else result.tangent_compliance
     if kind == "stiffness":
-        return found.matrices[connection]
+        return result.matrices[connection]
     if kind == "compliance":
-        return found.compliances[connection]
-    value: Array | float | None = getattr(found, name)
+        return result.compliances[connection]
+    value: Array | float | None = getattr(result, name)
     return value

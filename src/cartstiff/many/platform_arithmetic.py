@@ -174,7 +174,7 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
         energy, gradient, hessian = energy + E, gradient + g, hessian + H
     alone = not (case.derivatives or case.points_of_forces)
 
-    found: dict[str, Array] = {}
+    arrays: dict[str, Array] = {}
     decomposition, inverse_R = None, zeros(6, 6)
     squared_condition: Scalar = 0.0
     if m >= 6:
@@ -223,22 +223,22 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
     K_B = pulled + _turning(points, lengths, u, lines, t) + hessian
     stiffness = connections(K_B, W)
     if m == 6 and decomposition is not None:
-        found["jacobian"] = decomposition.apply(inverse_R.T).T
+        arrays["jacobian"] = decomposition.apply(inverse_R.T).T
         if alone:
             stiffness["F"] = pulled
         else:
-            mu = found["jacobian"].T @ W
+            mu = arrays["jacobian"].T @ W
             stiffness["F"] = K_B - _turning(points, lengths, u, lines, mu)
     T = zeros(4, 4)
     T[:3, :3], T[:3, 3], T[3, 3] = R, p, 1.0
-    found.update(pose=T, wrench=W, energy=np.array([energy], object), tensions=t)
-    found.update({f"stiffness_{name}": K for name, K in stiffness.items()})
-    condition = add_compliances(found, stiffness, wanted, natural)
+    arrays.update(pose=T, wrench=W, energy=np.array([energy], object), tensions=t)
+    arrays.update({f"stiffness_{name}": K for name, K in stiffness.items()})
+    condition = add_compliances(arrays, stiffness, wanted, natural)
     verdict = larger(verdict, limited(condition, STIFFNESS_CONDITION**2))
     # Near type 2 forces of actuators, and what they add to the stiffness, are known to less.
     verdict = larger(verdict, limited(condition * squared_condition, _KNOWN**2))
     verdict = larger(verdict, holds_soft_directions(K_B, wanted))
-    found["verdict"] = np.array([verdict], object)
-    if "noteworthy" in wanted and decomposition is not None and "compliance_B" in found:
-        found["noteworthy"] = noteworthy(squared_condition, (K_B, found["compliance_B"]))
-    return found
+    arrays["verdict"] = np.array([verdict], object)
+    if "noteworthy" in wanted and decomposition is not None and "compliance_B" in arrays:
+        arrays["noteworthy"] = noteworthy(squared_condition, (K_B, arrays["compliance_B"]))
+    return arrays

@@ -107,8 +107,8 @@ class Reader:
 
 def _finished(values: Array, asked: Readings) -> dict[str, Array]:
     """Numbers (N,) by name from what was read (N, k), and perhaps once more."""
-    found = {}
+    readings = {}
     for name, column in zip(asked.names, values.T, strict=False):
         root = READINGS[name].root
-        found[name] = column if root == 1 else column ** (1.0 / root)
-    return found
+        readings[name] = column if root == 1 else column ** (1.0 / root)
+    return readings

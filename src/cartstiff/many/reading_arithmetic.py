@@ -82,8 +82,8 @@ class Readings:
     def needs(self) -> tuple[str, ...]:
         """Outputs that are read."""
         own = {"B", self.connection} - {"load"}
-        found = [f"{kind}_{c}" for c in sorted(own) for kind in ("stiffness", "compliance")]
-        return (*found, "stiffness_A", "pose", "jacobian", "wrench", "energy")
+        names = [f"{kind}_{c}" for c in sorted(own) for kind in ("stiffness", "compliance")]
+        return (*names, "stiffness_A", "pose", "jacobian", "wrench", "energy")
 
     def exist_beside(self, found: Mapping[str, Array]) -> bool:
         """Whether a mechanism has all that is read."""
@@ -177,11 +177,11 @@ class _Reader:
             self.require(larger(doubt, other))
             for least in (a[0], b[0]):
                 self.require(pick(0.0, least, PLAIN, ENGINE))
-            found = []
+            values = []
             for x, y in zip(a, reversed(b), strict=True):
                 # The one that is nearer to the largest of its matrix.
-                found.append(pick(a[5] * y, b[5] * x, x, 1.0 / y))
-            return ascending(found)
+                values.append(pick(a[5] * y, b[5] * x, x, 1.0 / y))
+            return ascending(values)
 
         return self.once("spectrum", make)
 
@@ -189,15 +189,15 @@ class _Reader:
         """Smallest and largest eigenvalue of a positive K with lengths scaled."""
 
         def make() -> list[Scalar]:
-            found = []
+            values = []
             for matrix, length in ((self.C, self.asked.length), (self.K, 1.0 / self.asked.length)):
                 scaled = _scaled(matrix, length)
                 largest, doubt = largest_eigenvalue(scaled)
                 self.require(doubt)
-                found.append(largest)
+                values.append(largest)
             for pivot, entry in zip(positive_factor(scaled)[2], scaled.diagonal(), strict=True):
                 self.require(pick(entry * _POSITIVE, pivot, PLAIN, ENGINE))
-            return [1.0 / found[0], found[1]]
+            return [1.0 / values[0], values[1]]
 
         return self.once("ends", make)
 
@@ -296,10 +296,10 @@ def _singular_value_ratio(r: _Reader) -> Scalar:
 
 
 def _manipulability(r: _Reader) -> Scalar:
-    found: Scalar = 1.0
+    result: Scalar = 1.0
     for x in _root_of_jacobian(r, 1.0).diagonal():
-        found = found * x
-    return absolute(found)
+        result = result * x
+    return absolute(result)
 
 
 def _norm(values: Array) -> Scalar:
@@ -307,10 +307,10 @@ def _norm(values: Array) -> Scalar:
 
 
 def _product(values: list[Scalar]) -> Scalar:
-    found: Scalar = 1.0
+    result: Scalar = 1.0
     for x in values:
-        found = found * x
-    return found
+        result = result * x
+    return result
 
 
 def _isotropy(r: _Reader) -> Scalar:
@@ -336,15 +336,15 @@ class _Reading(NamedTuple):
 
 
 def _principal_readings() -> dict[str, _Reading]:
-    found = {}
+    readings = {}
     every = product(
         ("stiffness", "compliance"), _BLOCKS, ("free", "held"), (("min", 0), ("max", 2))
     )
     for kind, freedom, others, (end, at) in every:
         prefix = "" if kind == "stiffness" else "compliance_"
         record = partial(_principal, key=(kind, freedom, others), at=at)
-        found[f"{prefix}{freedom}_{others}_{end}"] = _Reading(record)
-    return found
+        readings[f"{prefix}{freedom}_{others}_{end}"] = _Reading(record)
+    return readings
 
 
 def _principal(r: _Reader, key: tuple[str, str, str], at: int) -> Scalar:

@@ -152,8 +152,8 @@ class QuickPosture(PostureStiffness):
         C, change = self.compliances["B"], self.change_by_load
         if C is None or not change.any():
             return C
-        found, is_plain = numerics.inverses_of_sums(C[None], change[None])
-        return found[0] if is_plain[0] else self._engine.tangent_compliance
+        inverses, is_plain = numerics.inverses_of_sums(C[None], change[None])
+        return inverses[0] if is_plain[0] else self._engine.tangent_compliance
 
     @cached_property
     def notes(self) -> tuple[Note, ...]:
@@ -210,9 +210,9 @@ class _Recorded:
             memory.wrench[:] = wrench
         memory.progress[:] = [0, 0]
         self._entry(*memory.arguments)
-        found = memory.record.copy()
+        record = memory.record.copy()
         self._free.append(memory)
-        return found
+        return record
 
 
 class _Code:
@@ -246,8 +246,8 @@ class _Code:
         at = q if self._closing is None else self._closed(self._closing, q)
         if at is None:
             return None
-        found = self._answer.record(at, wrench)
-        return (at, found) if found[self._verdict] == 0.0 else None
+        record = self._answer.record(at, wrench)
+        return (at, record) if record[self._verdict] == 0.0 else None
 
     @staticmethod
     def _closed(closing: _Recorded, q: Array) -> Array | None:
@@ -310,18 +310,18 @@ class _Asked:
         elastic = self.elastic()
         if elastic is None or not has_package("llvmlite"):
             return
-        found = plan(elastic, "shared" if loaded else "none")
+        chosen = plan(elastic, "shared" if loaded else "none")
         if (
-            isinstance(found, str)
-            or found.regular != "regular"
-            or found.has_derivatives
-            or not _is_plain(elastic, loaded, found)
+            isinstance(chosen, str)
+            or chosen.regular != "regular"
+            or chosen.has_derivatives
+            or not _is_plain(elastic, loaded, chosen)
         ):
             return
-        program = program_for(found.case, _NAMES)
+        program = program_for(chosen.case, _NAMES)
         waited_for = main_thread().is_alive()
         if "noteworthy" in program.outputs and program.size <= LARGEST_PROGRAM and waited_for:
-            self.code = _Code(elastic, found)
+            self.code = _Code(elastic, chosen)
 
 
 def _is_plain(elastic: ElasticMechanism, loaded: bool, taken: Plan) -> bool:
@@ -362,10 +362,10 @@ def _quicker(engine: Ask) -> Ask:
             return engine(elastic, q, wrench=wrench)
         values = elastic.mechanism.checked(elastic.q if q is None else q)
         given = None if wrench is None else checked_vector(wrench, 6, "wrench")
-        found = code.record(values, given)
-        if found is None:
+        record = code.record(values, given)
+        if record is None:
             return engine(elastic, values, wrench=given)
-        return QuickPosture(code, elastic, found[0], given, found[1])
+        return QuickPosture(code, elastic, record[0], given, record[1])
 
     return cast(Ask, analyse)
 

@@ -71,9 +71,9 @@ class Tape:
 
     def vector(self, array: str, size: int) -> Array:
         """All `size` components of an array, as an array of numbers."""
-        found = np.empty(size, object)
-        found[:] = [self.input(array, i) for i in range(size)]
-        return found
+        numbers = np.empty(size, object)
+        numbers[:] = [self.input(array, i) for i in range(size)]
+        return numbers
 
     def record(self, name: str, *arguments: Number | float) -> Number | float:
         """Result of an operation: computed at once for constants, else the step that does it."""

@@ -131,16 +131,16 @@ class _Body:
 
     def _turn(self, step: int, stop: int) -> None:
         """Sine and cosine of the next angles that are known by now."""
-        found: list[int] = []
+        angles: list[int] = []
         for name, arguments, _ in self.program.operations[step:stop]:
-            if name in ("sin", "cos") and arguments[0] not in (*found, *self.angles):
+            if name in ("sin", "cos") and arguments[0] not in (*angles, *self.angles):
                 angle = arguments[0]
                 if angle < step or self.program.operations[angle].name == "input":
-                    found.append(angle)
-            if len(found) == _ANGLES:
+                    angles.append(angle)
+            if len(angles) == _ANGLES:
                 break
-        both = self.writer.side_by_side([self.value(angle) for angle in found])
-        self.angles.update(zip(found, both, strict=True))
+        both = self.writer.side_by_side([self.value(angle) for angle in angles])
+        self.angles.update(zip(angles, both, strict=True))
 
 
 def vector_code(program: Program, width: int, stream: bool = False, longest: int = LONGEST) -> str:

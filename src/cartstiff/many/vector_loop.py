@@ -81,10 +81,10 @@ def _exchanged(writer: Writer, places: list[int], lane: int) -> tuple[str, str]:
 def _mixed(lines: list[str], pieces: list[list[str]]) -> list[str]:
     """Lines with pieces of other work in between."""
     cuts = np.linspace(0, len(lines), len(pieces) + 1).astype(int)
-    found: list[str] = []
+    code: list[str] = []
     for piece, start, stop in zip(pieces, cuts[:-1], cuts[1:], strict=True):
-        found += piece + lines[start:stop]
-    return found
+        code += piece + lines[start:stop]
+    return code
 
 
 def in_blocks(lines: list[str], length: int) -> list[str]:
@@ -92,11 +92,11 @@ def in_blocks(lines: list[str], length: int) -> list[str]:
 
     The time LLVM takes grows faster than the length of a block.
     """
-    found: list[str] = []
+    code: list[str] = []
     for i in range(0, len(lines), length):
-        found += lines[i : i + length]
-        found += [f"  br i1 %always, label %piece{i}, label %never", f"piece{i}:"]
-    return found
+        code += lines[i : i + length]
+        code += [f"  br i1 %always, label %piece{i}, label %never", f"piece{i}:"]
+    return code
 
 
 def _loop(

@@ -61,13 +61,13 @@ def require_plain_files(folder: Path) -> None:
 
 def description_checksum(folder: Path) -> str:
     """SHA-256 of what describes the folder (less this checksum itself) and its arrays."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     root = json.loads(_text(folder / "zarr.json"))
     root["attributes"].pop(CHECKSUM, None)
-    found.update(json.dumps(root, sort_keys=True).encode())
+    digest.update(json.dumps(root, sort_keys=True).encode())
     for path in sorted(folder.glob("*/zarr.json")):
-        found.update(path.parent.name.encode() + b"\0" + _text(path).encode() + b"\0")
-    return found.hexdigest()
+        digest.update(path.parent.name.encode() + b"\0" + _text(path).encode() + b"\0")
+    return digest.hexdigest()
 
 
 def described(folder: Path, schema: str) -> dict[str, Any]:

@@ -183,8 +183,8 @@ def line(dataset: xarray.Dataset, quantity: str) -> Any:
     axis.plot(x, np.where(np.isfinite(values), values, np.nan), marker=marker)
     reasons = reasons_of(flat, values)
     edges = _edges(x) if len(x) > 1 else np.array([-0.5, 0.5])
-    found = set(reasons[reasons != ""].tolist())
-    for reason in sorted(found):
+    present = set(reasons[reasons != ""].tolist())
+    for reason in sorted(present):
         hatch, grey = style_of(reason)
         rows = np.flatnonzero(reasons == reason)
         for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
@@ -193,5 +193,5 @@ def line(dataset: xarray.Dataset, quantity: str) -> Any:
     axis.set(xlabel=_axis_label(flat[name]) if name in flat.coords else name)
     axis.set_ylabel(wrapped(array))
     axis.set_title(title_of(flat))
-    add_legend(figure, found)
+    add_legend(figure, present)
     return figure

@@ -72,7 +72,7 @@ def _principal(
 
 
 def _principal_quantities() -> list[Quantity]:
-    found = []
+    quantities = []
     for kind, prefix, units in (("stiffness", "", _STIFF), ("compliance", "compliance_", _SOFT)):
         for freedom in _FREEDOMS:
             for others in _OTHERS:
@@ -87,7 +87,7 @@ def _principal_quantities() -> list[Quantity]:
                         return _principal(s, *key)[:, column]
 
                     other = "rotation" if freedom == "translation" else "translation"
-                    found.append(
+                    quantities.append(
                         Quantity(
                             f"{prefix}{freedom}_{others}_{end}",
                             f"{which} principal {freedom}al {kind}, {other} {others}",
@@ -97,7 +97,7 @@ def _principal_quantities() -> list[Quantity]:
                             better="larger" if kind == "stiffness" else "smaller",
                         )
                     )
-    return found
+    return quantities
 
 
 def _on_axis(s: Stacks, block: slice, others: str) -> Array:
@@ -109,32 +109,32 @@ def _on_axis(s: Stacks, block: slice, others: str) -> Array:
     C = C[:, block, block]
     give = np.einsum("ni,nij,nj->n", u, C, u)
     with np.errstate(divide="ignore", invalid="ignore"):
-        found: Array = 1.0 / give
+        stiffness: Array = 1.0 / give
     exists = np.isfinite(K).all(axis=(1, 2))
     # Without a K, a direction that does not give is held by the structure: no number says how much.
     rigid = np.abs(give) <= numerics.ZERO * np.abs(C).max(axis=(1, 2))
-    found[~exists & rigid] = np.nan
+    stiffness[~exists & rigid] = np.nan
     function = stiffness_along if block is TRANSLATION else stiffness_about
     for i in np.flatnonzero(exists & ~np.isfinite(C).all(axis=(1, 2))):
         try:
-            found[i] = function(K[i], u[i], others="free")
+            stiffness[i] = function(K[i], u[i], others="free")
         except UndefinedError:
-            found[i] = np.nan
-    return found
+            stiffness[i] = np.nan
+    return stiffness
 
 
 def _held_on_axis(s: Stacks, block: slice, u: Array) -> Array:
     """`stiffness_of_motion` of turning about, or shifting along, a direction (N, 3)."""
     twists = np.zeros((len(u), 6))
     twists[:, block] = u
-    found: Array = np.einsum("ni,nij,nj->n", twists, s.K, twists)
+    values: Array = np.einsum("ni,nij,nj->n", twists, s.K, twists)
     size = np.abs(twists)
     terms = numerics.EPSILON * np.einsum("ni,nij,nj->n", size, np.abs(s.K), size)
-    for i in np.flatnonzero(terms > numerics.TELLING * np.abs(found)):
+    for i in np.flatnonzero(terms > numerics.TELLING * np.abs(values)):
         is_singular = not np.isfinite(s.C[i]).all()
         value = stiffness_of_motion(twists[i], s.K[i], s.roots(int(i))["held"], is_singular)
-        found[i] = np.nan if value is None else value
-    return found
+        values[i] = np.nan if value is None else value
+    return values
 
 
 def _deflection(s: Stacks, part: slice) -> Array:
@@ -160,8 +160,8 @@ def _natural_length(s: Stacks) -> Array:
         positive = np.ones(len(translation), bool)
         for values in (translation, rotation):
             positive &= row_by_row.signs(values)[2] == 3
-        found = np.exp((np.log(rotation).sum(axis=1) - np.log(translation).sum(axis=1)) / 6.0)
-    return np.where(positive, found, np.nan)
+        length = np.exp((np.log(rotation).sum(axis=1) - np.log(translation).sum(axis=1)) / 6.0)
+    return np.where(positive, length, np.nan)
 
 
 def _asymmetry(s: Stacks) -> Array:
@@ -322,14 +322,14 @@ def choose_quantities(
         raise UnknownNameError("connection", settings.connection, OF_MANY)
     if not names:
         raise InputError("no quantity was named", expected="one or more names")
-    found = []
+    chosen = []
     for name in names:
         if names.count(name) > 1:
             raise InputError("quantity given twice", got=repr(name))
         if "." in name:
             from cartstiff.maps.analysis_paths import path_quantity
 
-            found.append(path_quantity(name))
+            chosen.append(path_quantity(name))
             continue
         if name not in QUANTITIES:
             raise UnknownNameError("quantity", name, QUANTITIES)
@@ -349,8 +349,8 @@ def choose_quantities(
             )
         if name == "manipulability":
             quantity = replace(quantity, unit=_manipulability_unit(elastic))
-        found.append(quantity)
-    return tuple(found)
+        chosen.append(quantity)
+    return tuple(chosen)
 
 
 def _manipulability_unit(elastic: ElasticMechanism) -> str:

@@ -156,12 +156,12 @@ class Stacks:
 
     def roots(self, row: int) -> dict[str, Array | None]:
         """Both roots of one posture, None where there is none."""
-        found: dict[str, Array | None] = {}
+        matrices: dict[str, Array | None] = {}
         for others in ("held", "free"):
             stack = self.root(others)
             known = stack is not None and bool(np.isfinite(stack[row]).all())
-            found[others] = stack[row] if stack is not None and known else None
-        return found
+            matrices[others] = stack[row] if stack is not None and known else None
+        return matrices
 
     @property
     def vibrations(self) -> ManyModes:
@@ -267,5 +267,5 @@ class Quantity:
         """Outputs of `analyse_many` that are needed."""
         names = {"matrix": settings.matrix, "connection": settings.connection}
         several = {"inverse": settings.inverted, "free": settings.free}
-        found = [several.get(n) or (n.format(**names),) for n in self.needs]
-        return tuple(dict.fromkeys(name for some in found for name in some))
+        needed = [several.get(n) or (n.format(**names),) for n in self.needs]
+        return tuple(dict.fromkeys(name for some in needed for name in some))

@@ -74,17 +74,17 @@ def eigenvalues(K: Array, C: Array, length: float | Array, G: Array | None = Non
     From the roots G (N, 6, 6) of C where these are no NaN.
     """
     scaled = scale_lengths(K, length)
-    found = numerics.eigenvalues(scaled)
-    plain = np.asarray(numerics.condition(found) < numerics.PLAIN_BLOCK)
+    values = numerics.eigenvalues(scaled)
+    plain = np.asarray(numerics.condition(values) < numerics.PLAIN_BLOCK)
     rows = np.logical_not(plain) & np.isfinite(C).all(axis=(1, 2))
     if rows.any():
         inverse = scale_lengths(C, 1.0 / np.asarray(length))
-        found[rows] = numerics.eigenvalues(scaled[rows], inverse[rows])
-    found[~np.isfinite(K).all(axis=(1, 2))] = np.nan
+        values[rows] = numerics.eigenvalues(scaled[rows], inverse[rows])
+    values[~np.isfinite(K).all(axis=(1, 2))] = np.nan
     sizes = np.broadcast_to(length, len(K))
     for i, root in _rooted(G):
-        found[i] = graded.eigenvalues(root * np.repeat([sizes[i], 1.0], 3)[:, None])
-    return found
+        values[i] = graded.eigenvalues(root * np.repeat([sizes[i], 1.0], 3)[:, None])
+    return values
 
 
 def _rooted(G: Array | None) -> list[tuple[int, Array]]:
@@ -118,30 +118,30 @@ def block_values(
     one : callable
         Values (3,) of one matrix, and its inverse and root, or None if it has none.
     """
-    found = principal((stack if is_held else inverse)[:, keep, keep])
-    plain = np.asarray(numerics.condition(found) < numerics.PLAIN_BLOCK)
+    values = principal((stack if is_held else inverse)[:, keep, keep])
+    plain = np.asarray(numerics.condition(values) < numerics.PLAIN_BLOCK)
     if not is_held:
         with np.errstate(divide="ignore", invalid="ignore"):
-            found = np.sort(1.0 / found, axis=1)
+            values = np.sort(1.0 / values, axis=1)
     exists = np.isfinite(stack).all(axis=(1, 2))
-    found[~exists] = np.nan
+    values[~exists] = np.nan
     known = np.atleast_1d(np.isfinite(inverse).all(axis=(1, 2)))
     rooted = _rooted(roots)
     plain[[i for i, _ in rooted]] = True
     for i in np.flatnonzero(exists & np.logical_not(plain)):
         try:
-            found[i] = one(stack[i], inverse[i] if known[i] else None, None)
+            values[i] = one(stack[i], inverse[i] if known[i] else None, None)
         except (UndefinedError, np.linalg.LinAlgError):
-            found[i] = np.nan
+            values[i] = np.nan
     for row, root in rooted:
-        found[row] = one(stack[row], inverse[row], root)
-    return found
+        values[row] = one(stack[row], inverse[row], root)
+    return values
 
 
 def determinant(eigenvalues: Array, length: float) -> Array:
     """Determinants (N,) from the eigenvalues with lengths scaled."""
-    found: Array = np.prod(eigenvalues, axis=-1) * length**6
-    return found
+    product: Array = np.prod(eigenvalues, axis=-1) * length**6
+    return product
 
 
 def signs(eigenvalues: Array) -> tuple[Array, Array, Array]:
@@ -155,8 +155,8 @@ def condition(eigenvalues: Array) -> Array:
     size = np.abs(eigenvalues)
     high, low = size.max(axis=-1), size.min(axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = np.where(low > 0.0, high / low, np.inf)
-    return np.where(np.isfinite(high), found, np.nan)
+        ratio = np.where(low > 0.0, high / low, np.inf)
+    return np.where(np.isfinite(high), ratio, np.nan)
 
 
 def isotropy(eigenvalues: Array) -> Array:

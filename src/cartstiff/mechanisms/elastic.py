@@ -338,8 +338,8 @@ class ElasticMechanism(ShownInLines):
         """Sum of everything but the springs; None if there is nothing else."""
         total = None
         for term in self.terms(springs=False):
-            found = term.evaluate(posture)
-            total = found if total is None else _sum(total, found)
+            evaluated = term.evaluate(posture)
+            total = evaluated if total is None else _sum(total, evaluated)
         return total
 
     def line_springs_apart(

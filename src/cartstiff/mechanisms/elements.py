@@ -177,12 +177,12 @@ class Elements:
 
     def patterns(self, patterns: Sequence[CompliancePattern]) -> Array:
         """S of each parameter (P, E, E)."""
-        found = np.zeros((len(patterns), len(self.names), len(self.names)))
+        weights = np.zeros((len(patterns), len(self.names), len(self.names)))
         for p, pattern in enumerate(patterns):
             for a, b, weight in pattern.entries:
                 i, j = self.index(a, pattern.name), self.index(b, pattern.name)
-                found[p, i, j] = found[p, j, i] = weight
-        return found
+                weights[p, i, j] = weights[p, j, i] = weight
+        return weights
 
     def with_compliance(self, compliance: Array) -> ElasticMechanism:
         """The mechanism with another Gamma (E, E); of a beam only a multiple of its own."""

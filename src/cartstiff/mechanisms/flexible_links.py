@@ -151,9 +151,9 @@ def springs_by_joint(model: pin.Model, flexible: Mapping[str, Give]) -> dict[int
 
     Those that others hang on come first.
     """
-    found: dict[int, list[LinkSpring]] = {}
+    springs: dict[int, list[LinkSpring]] = {}
     if not flexible:
-        return found
+        return springs
     bodies = {f.name: k for k, f in enumerate(model.frames) if f.type == pin.FrameType.BODY}
     for name in flexible:
         if name not in bodies:
@@ -162,12 +162,12 @@ def springs_by_joint(model: pin.Model, flexible: Mapping[str, Give]) -> dict[int
     for name in sorted(flexible, key=lambda name: bodies[name]):
         link, give = model.frames[bodies[name]], flexible[name]
         start = link.placement.homogeneous @ give.start
-        found.setdefault(int(link.parentJoint), []).append(
+        springs.setdefault(int(link.parentJoint), []).append(
             LinkSpring(
                 name, bodies[name], replace(give, start=start), _carried(model, bodies[name])
             )
         )
-    return found
+    return springs
 
 
 def _carried(model: pin.Model, link: int) -> frozenset[int]:

@@ -152,7 +152,7 @@ def neighbours(elastic: ElasticMechanism) -> list[Neighbours]:
     patterns, nominal = elements.patterns(known.patterns), elements.compliance
     own = np.sqrt(np.diag(nominal))
     variances, directions = np.linalg.eigh(known.covariance)
-    found = []
+    pairs = []
     for variance, direction in zip(variances, directions.T, strict=True):
         if not variance > 0.0:
             continue
@@ -162,5 +162,5 @@ def neighbours(elastic: ElasticMechanism) -> list[Neighbours]:
             continue
         step = _STEP / largest * change
         more, less = (elements.with_compliance(nominal + sign * step) for sign in (1.0, -1.0))
-        found.append(Neighbours(more, less, 0.5 * largest / _STEP))
-    return found
+        pairs.append(Neighbours(more, less, 0.5 * largest / _STEP))
+    return pairs

@@ -55,20 +55,20 @@ class LegLimits:
 
     def rows(self, anchors: Array, points: Array) -> list[tuple[str, float, float, bool]]:
         """Name, lower and upper limit, and whether it is an angle, of each limited quantity."""
-        found: list[tuple[str, float, float, bool]] = []
+        limits: list[tuple[str, float, float, bool]] = []
         for where, angles in (("base", self.base_angles), ("platform", self.platform_angles)):
             if angles is not None:
-                found += [
+                limits += [
                     (f"angle of leg{i + 1} at the {where}", 0.0, float(angle), True)
                     for i, angle in enumerate(angles)
                 ]
         if self.diameters is not None:
-            found += [
+            limits += [
                 (f"distance of leg{i + 1} and leg{j + 1}",
                  0.5 * float(self.diameters[i] + self.diameters[j]), np.inf, False)
                 for i, j in self.pairs(anchors, points)
             ]  # fmt: skip
-        return found
+        return limits
 
     def values(self, anchors: Array, points: Array, pose: Array) -> Array:
         """The quantities of `rows` (..., k) at poses (..., 4, 4) of M."""

@@ -33,8 +33,8 @@ def turns(axis: Array, angle: Array) -> Array:
     x, y, z = axis
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     angle = np.asarray(angle)[..., None, None]
-    found: Array = np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K)
-    return found
+    R: Array = np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K)
+    return R
 
 
 def frame_along(first: Array, second: Array) -> Array:
@@ -247,8 +247,8 @@ class LegShape:
     def _by_end(self, n: Array, body: Array) -> Array:
         """How the rod is turned where the joint at B is a hinge or universal."""
         now = np.broadcast_to((body @ self.end_axis), n.shape)
-        found: Array = frame_along(n, now) @ frame_along(self.line, self.end_axis).T
-        return found
+        R: Array = frame_along(n, now) @ frame_along(self.line, self.end_axis).T
+        return R
 
     def _end(self, left: Array) -> tuple[list[Array], Array]:
         """Angles of the hinge or universal joint at B, and the rotation that they make."""

@@ -128,10 +128,10 @@ _KNOWN: WeakKeyDictionary[Mechanism, Limits] = WeakKeyDictionary()
 
 
 def _limits_of(mechanism: Mechanism) -> Limits:
-    found = _KNOWN.get(mechanism)
-    if found is None:
-        found = _KNOWN[mechanism] = Limits(mechanism)
-    return found
+    limits = _KNOWN.get(mechanism)
+    if limits is None:
+        limits = _KNOWN[mechanism] = Limits(mechanism)
+    return limits
 
 
 def finite(numbers: Mapping[str, float]) -> dict[str, float | None]:
@@ -174,7 +174,7 @@ def limit_notes(mechanism: Mechanism, posture: _Placed, what: str = "") -> list[
             if (limits.legs is not None)
             else {}
         )
-        found: dict[str, Mapping[str, float | None]] = {}
+        beyond: dict[str, Mapping[str, float | None]] = {}
         words = []
         degrees = False
         for i in np.flatnonzero(sides):
@@ -183,9 +183,9 @@ def limit_notes(mechanism: Mechanism, posture: _Placed, what: str = "") -> list[
             unit = "rad" if angles.get(name, False) else mechanism.units.length
             words.append(f"{name} is at {x:.6g} {unit}, its limits are {low:.6g} and {high:.6g}")
             degrees |= unit == "rad" and abs(x) > _TURN
-            found[name] = finite({"value": x, "lower": low, "upper": high})
+            beyond[name] = finite({"value": x, "lower": low, "upper": high})
         message = f"{what}beyond limits: {'; '.join(words)}{_DEGREES if degrees else ''}"
-        notes.append(Note("beyond-limits", message, found))
+        notes.append(Note("beyond-limits", message, beyond))
     if turned:
         words = [f"{name} is at {x:.6g} rad" for name, x in turned.items()]
         notes.append(
@@ -223,13 +223,13 @@ def force_notes(elastic: ElasticMechanism, posture: _Placed) -> list[Note]:
     if bounds is None or tensions is None:
         return []
     slack = numerics.LIMIT_SLACK * np.abs(tensions).max(initial=0.0)
-    found: dict[str, Mapping[str, float | None]] = {}
+    beyond: dict[str, Mapping[str, float | None]] = {}
     words = []
     for i, (t, (low, high)) in enumerate(zip(tensions.tolist(), bounds.tolist(), strict=True)):
         if not low - slack <= t <= high + slack:
             unit = platform.units.force
             words.append(f"leg{i + 1} has {t:.6g} {unit}, its limits are {low:.6g} and {high:.6g}")
-            found[f"leg{i + 1}"] = finite({"value": t, "lower": low, "upper": high})
-    if not found:
+            beyond[f"leg{i + 1}"] = finite({"value": t, "lower": low, "upper": high})
+    if not beyond:
         return []
-    return [Note("force-limits", f"forces of legs beyond limits: {'; '.join(words)}", found)]
+    return [Note("force-limits", f"forces of legs beyond limits: {'; '.join(words)}", beyond)]

@@ -42,13 +42,13 @@ def assumed_stiffness(value: float, joints: Sequence[str], of: Sequence[str]) ->
 
 def still_assumed(notes: tuple[Note, ...], given: object) -> tuple[Note, ...]:
     """Notes after stiffnesses were given: to all joints, or to those that a mapping names."""
-    found = []
+    kept = []
     for note in notes:
         if note.code != "stiffness-assumed":
-            found.append(note)
+            kept.append(note)
         elif isinstance(given, Mapping):
             values: Any = note.values
             left = [name for name in values.get("joints", ()) if name not in given]
             if left:
-                found.append(assumed_stiffness(values["stiffness"], left, values["all_joints"]))
-    return tuple(found)
+                kept.append(assumed_stiffness(values["stiffness"], left, values["all_joints"]))
+    return tuple(kept)

@@ -91,9 +91,9 @@ def shown(elastic: ElasticMechanism, q: Array) -> Array:
 
 
 def _moved(T: Array, a: float) -> Array:
-    found = np.array(T, float)
-    found[..., :3, 3] *= a
-    return found
+    scaled = np.array(T, float)
+    scaled[..., :3, 3] *= a
+    return scaled
 
 
 def _mechanism(mechanism: Mechanism, a: float, units: Units) -> Mechanism:

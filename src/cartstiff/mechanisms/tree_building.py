@@ -187,10 +187,10 @@ def plain_tree(
         kinds = {
             k: _precedence(f.type) for k, f in enumerate(every) if name is None or f.name == name
         }
-        found = {"world": WORLD}
+        places_of = {"world": WORLD}
         for k in sorted(kinds, key=kinds.__getitem__):
-            found.setdefault(every[k].name, placed(k))
-        return found
+            places_of.setdefault(every[k].name, placed(k))
+        return places_of
 
     n = len(coordinates)
     rows = [follower.added(plain, n) for follower in followers]

@@ -17,13 +17,13 @@ __all__ = ["Answer"]
 _UNSEEN = re.compile(r"\\ud[89ab]..\\ud[c-f]..|\\u([0-9a-f]{4})|\\.|\x7f")
 
 
-def _shown(found: re.Match[str]) -> str:
+def _shown(match: re.Match[str]) -> str:
     """What `printable` makes of an escaped character."""
-    code = found.group(1)
+    code = match.group(1)
     if code is None:
-        return r"\\x7f" if found.group() == "\x7f" else found.group()
+        return r"\\x7f" if match.group() == "\x7f" else match.group()
     shown = printable(chr(int(code, 16)))
-    return found.group() if len(shown) == 1 else shown.replace("\\", r"\\")
+    return match.group() if len(shown) == 1 else shown.replace("\\", r"\\")
 
 
 @dataclass(frozen=True)

@@ -131,15 +131,15 @@ def export_steps(
     title = f"Analysis of K^{first.connection} in the posture of the file, q = {at}"
     text = summary_text(analysis, elastic.units, "full")
     script = ""
-    found = tapes(elastic, base) if frames is None else "it was made of frames"
-    if isinstance(found, str):
+    recorded = tapes(elastic, base) if frames is None else "it was made of frames"
+    if isinstance(recorded, str):
         data, lists, pictures = yield from _framed(session, first, base, frames or _FRAMES)
-        data["why"] = found
+        data["why"] = recorded
         made["frames"] = len(data["frames"])
     else:
         shown = shown.model_copy(update=dict.fromkeys(_NOT_COMPUTED, False) | {"mode": None})
         data, lists, pictures = _computing(session, shown, base)
-        data["living"], script = found.data, found.script
+        data["living"], script = recorded.data, recorded.script
     data["hello"] = hello | {
         "state": shown.model_dump(),
         "bounds": session.picture.bounds(base),
@@ -226,7 +226,7 @@ def _sweep_frames(session: Session, state: State, base: PostureStiffness, count:
     sweeps: dict[int, list[int]] = {}
     for i in sliders:
         values = np.linspace(*ranges[i], count)
-        found: list[tuple[float, int]] = [(float(base.q[i]), 0)]
+        steps: list[tuple[float, int]] = [(float(base.q[i]), 0)]
         for side in (values[values > base.q[i]], values[values < base.q[i]][::-1]):
             q = base.q
             for value in side:  # outwards, so that a closed chain keeps its branch
@@ -237,9 +237,9 @@ def _sweep_frames(session: Session, state: State, base: PostureStiffness, count:
                 if result is None:
                     break
                 q = result.q
-                found.append((float(result.q[i]), len(results)))
+                steps.append((float(result.q[i]), len(results)))
                 results.append(result)
-        sweeps[i] = [index for _, index in sorted(found)]
+        sweeps[i] = [index for _, index in sorted(steps)]
     return results, sweeps, []
 
 

@@ -64,16 +64,16 @@ def tapes(elastic: ElasticMechanism, result: PostureStiffness) -> Tapes | str:
     parts, places = [], {}
     shared: dict[str, Any] = {}
     for name, wrench in (("free", "none"), ("loaded", "shared")):
-        found = plan(elastic, wrench)
-        if isinstance(found, str):
-            return found
-        if found.has_derivatives:
+        chosen = plan(elastic, wrench)
+        if isinstance(chosen, str):
+            return chosen
+        if chosen.has_derivatives:
             return "some of its potentials are evaluated posture by posture"
-        if found.regular != "regular":
+        if chosen.regular != "regular":
             return "it has fewer than six freedoms"
-        source, places[name] = javascript(program_for(found.case, _NAMES))
+        source, places[name] = javascript(program_for(chosen.case, _NAMES))
         parts.append(f"{name}:{source}")
-        shared = {n: rows[0].tolist() for n, rows in found.shared.items()}
+        shared = {n: rows[0].tolist() for n, rows in chosen.shared.items()}
     script = f"{HELPERS}globalThis.cartstiffTapes={{{','.join(parts)}}};"
     data = {"places": places, "shared": shared, "words": _words(), **_mechanism(elastic, result)}
     return Tapes(script, plain(data))

@@ -195,9 +195,9 @@ def _swept(
     W = np.asarray(load["wrench"], float)
     if load["load_axes"] == "body":
         W = np.concatenate([R @ W[:3], R @ W[3:]])
-    found: dict[str, tuple[Array, Array]] = {}
+    sweeps: dict[str, tuple[Array, Array]] = {}
     if getattr(mechanism, "closures", None):
-        return found
+        return sweeps
     sizes = np.array(held.coordinate_lengths)
     for j, c in enumerate(mechanism.coordinates[:40]):
         x = start[j] + _REACH * sizes[j] * np.linspace(-1, 1, _COUNT)
@@ -210,8 +210,8 @@ def _swept(
             outputs=("wrench", "compliance_load"),
         )  # fmt: skip
         motion = np.einsum("nij,nj->ni", many.arrays["compliance_load"], many.arrays["wrench"])
-        found[c.name] = x, np.linalg.norm(motion[:, 3:], axis=1)
-    return found
+        sweeps[c.name] = x, np.linalg.norm(motion[:, 3:], axis=1)
+    return sweeps
 
 
 def _picture(

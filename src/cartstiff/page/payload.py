@@ -151,8 +151,8 @@ def response_curves(result: PostureStiffness, state: State, ratio: float) -> dic
     UndefinedError
         Where there are no modes, or none that swings.
     """
-    found = modes(result)
-    hertz = found.frequencies[np.isfinite(found.frequencies) & (found.frequencies > 0.0)]
+    swings = modes(result)
+    hertz = swings.frequencies[np.isfinite(swings.frequencies) & (swings.frequencies > 0.0)]
     if not hertz.size:
         raise UndefinedError(
             "no mode vibrates: there is no response over frequency", code="no-mass"
@@ -161,7 +161,7 @@ def response_curves(result: PostureStiffness, state: State, ratio: float) -> dic
     # Dense at the peaks.
     near = np.concatenate([f * (1 + x * np.array([-1, 1])) for f in own for x in (0, 0.01, 0.03)])
     wide = np.geomspace(0.3 * own[0], 1.6 * own[-1], 240)
-    found_at = frequency_response(found, np.union1d(wide, near), ratio, at=state.point)
+    found_at = frequency_response(swings, np.union1d(wide, near), ratio, at=state.point)
     sizes = {name: np.abs(curve) for name, curve in found_at.curves().items()}
     return {
         "frequencies": found_at.frequencies.tolist(),
@@ -173,7 +173,7 @@ def response_curves(result: PostureStiffness, state: State, ratio: float) -> dic
 
 def _principal(here: StiffnessInFrame, state: State) -> dict[str, Any] | None:
     """Principal values of the diagonal blocks of the shown matrix, with their axes."""
-    found = {}
+    shown = {}
     freedoms: tuple[Freedom, ...] = ("translation", "rotation")
     for freedom in freedoms:
         try:
@@ -182,30 +182,30 @@ def _principal(here: StiffnessInFrame, state: State) -> dict[str, Any] | None:
             return None
         if e is None:
             return None
-        found[str(freedom)] = {
+        shown[str(freedom)] = {
             "values": e.eigenvalues.tolist(),
             "axes": e.axes.T.tolist(),
             "definiteness": e.definiteness,
         }
-    return found
+    return shown
 
 
 def _indices(K: Array, C: Array | None, root: Array | None) -> dict[str, Any] | None:
     """The indices that are shown; `cartstiff.analysis.indices` has all of them."""
     length = characteristic_length(K, C, root)
     try:
-        found = indices(K, length.value, C, root)
+        numbers = indices(K, length.value, C, root)
     except UndefinedError:
         return None
     return {
         "length": length.value,
         "length_origin": length.origin,
         "length_reason": length.reason,
-        "definiteness": found.definiteness,
-        "eigenvalues": found.eigenvalues.tolist(),
-        "condition_number": plain(found.condition_number),
-        "translational_condition": plain(found.translational_condition),
-        "rotational_condition": plain(found.rotational_condition),
+        "definiteness": numbers.definiteness,
+        "eigenvalues": numbers.eigenvalues.tolist(),
+        "condition_number": plain(numbers.condition_number),
+        "translational_condition": plain(numbers.translational_condition),
+        "rotational_condition": plain(numbers.rotational_condition),
     }
 
 
@@ -215,10 +215,10 @@ def distance_to_singularity(result: PostureStiffness) -> list[dict[str, Any]]:
     "serial" for the motions of the body, "type-2" for what the actuators hold.
     """
     posture, reduction = result.posture, result.reduction
-    found = []
+    ratios = []
     if not posture.coordinates_are_pose:
         values = reduction.singular_values
-        found.append(_ratio("serial", values, min(6, reduction.freedoms)))
+        ratios.append(_ratio("serial", values, min(6, reduction.freedoms)))
     if posture.actuation is not None:
         rates = posture.actuation * posture.coordinate_lengths
         if reduction.motions is not None:
@@ -226,10 +226,10 @@ def distance_to_singularity(result: PostureStiffness) -> list[dict[str, Any]]:
         # Fewer actuators than motions (links that give): springs hold the rest.
         if rates.shape[0] >= rates.shape[1]:
             values = np.linalg.svd(rates, compute_uv=False)
-            found.append(_ratio("type-2", values, rates.shape[1]))
-    for entry in found:
+            ratios.append(_ratio("type-2", values, rates.shape[1]))
+    for entry in ratios:
         entry["length"] = posture.length
-    return found
+    return ratios
 
 
 def _ratio(kind: str, values: Array, wanted: int) -> dict[str, Any]:
@@ -267,10 +267,10 @@ def _deflection(result: PostureStiffness, state: State, notes: Notes | None = No
     """
     kept = Notes() if notes is None else notes
     point = np.array(state.point)
-    found = deflection_section(result, "load", None, np.zeros(3), point, kept)
-    if found is None or (notes is None and not _resists(result)):
+    section = deflection_section(result, "load", None, np.zeros(3), point, kept)
+    if section is None or (notes is None and not _resists(result)):
         return None
-    return found
+    return section
 
 
 def _resists(result: PostureStiffness) -> bool:
@@ -281,20 +281,20 @@ def _resists(result: PostureStiffness) -> bool:
 def _moved(result: PostureStiffness, state: State) -> dict[str, Any] | None:
     """How far the load moves the reference point: to first order, from the rest without it."""
     notes = Notes()
-    found = _deflection(result, state, notes)
-    if found is None:
+    section = _deflection(result, state, notes)
+    if section is None:
         return None
     spread = notes.attempt("interval of the deflection", deflection_half_width, result,
                            np.array(state.point))  # fmt: skip
-    displacement, twist = np.array(found["displacement"]), np.array(found["twist"])
-    rows = found["shares"] or []
+    displacement, twist = np.array(section["displacement"]), np.array(section["twist"])
+    rows = section["shares"] or []
     return {
         "displacement": displacement.tolist(),
         "in_room": (result.pose[:3, :3] @ displacement).tolist(),
         "rotation": twist[:3].tolist(),
         "half_width": plain(spread),
-        "energy": plain(found["energy"]),
-        "acts_at": np.array(found["acts_at"]).tolist(),
+        "energy": plain(section["energy"]),
+        "acts_at": np.array(section["acts_at"]).tolist(),
         "resisted": _resists(result),
         "shares": [{"name": row["name"], "share": plain(row["share"])} for row in rows],
         "notes": [note["message"] for note in notes.entries],
@@ -333,8 +333,8 @@ def _margins(result: PostureStiffness) -> list[float]:
 
 
 def _asymmetries(matrices: _Matrices) -> dict[str, float | None]:
-    found = {n: None if M is None else asymmetry(M) for n, M in matrices.items() if n != "+"}
-    return {**found, "+": found["A"]}  # the transpose
+    sizes = {n: None if M is None else asymmetry(M) for n, M in matrices.items() if n != "+"}
+    return {**sizes, "+": sizes["A"]}  # the transpose
 
 
 def _listed(matrix: Array | None) -> list[Any] | None:

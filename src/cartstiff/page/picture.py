@@ -33,12 +33,12 @@ class Picture:
         nodal = None
         if state.mode is not None:
             with suppress(UndefinedError):
-                found = modes(result)
-                if state.mode <= len(found.frequencies):
+                swings = modes(result)
+                if state.mode <= len(swings.frequencies):
                     nodal = (
                         state.mode,
-                        float(found.frequencies[state.mode - 1]),
-                        found.nodal_axes[state.mode - 1],
+                        float(swings.frequencies[state.mode - 1]),
+                        swings.nodal_axes[state.mode - 1],
                     )
         legend: dict[str, Any] = self._scene.draw(result, _look(state, nodal))
         return {"lines": _legend_lines(legend), "notes": legend["notes"]}
@@ -49,11 +49,11 @@ class Picture:
 
     def along(self, postures: Sequence[MechanismPosture]) -> list[list[bytes]]:
         """Commands that bring the mechanism from each posture to the next; no numbers change."""
-        found = []
+        pictures = []
         for posture in postures:
             self._scene.move(posture)
-            found.append(self._window.take())
-        return found
+            pictures.append(self._window.take())
+        return pictures
 
     def cloud(self, cloud: Cloud, quantity: str) -> dict[str, Any]:
         """Draw a map's points, coloured by a quantity; returns the facts of the colour bar."""

@@ -44,11 +44,11 @@ class Pictures:
 
     def number(self, key: Key, packed: bytes) -> int:
         """The number of a command."""
-        found = self._numbers.get(packed)
-        if found is None:
-            found = self._numbers[packed] = len(self.commands)
-            self.commands[found] = (key, packed)
-        return found
+        number = self._numbers.get(packed)
+        if number is None:
+            number = self._numbers[packed] = len(self.commands)
+            self.commands[number] = (key, packed)
+        return number
 
     def state(self) -> dict[Key, int]:
         """The viewer's state now: numbers of commands."""

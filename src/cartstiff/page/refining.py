@@ -33,7 +33,7 @@ def widest_jump(rows: Mapping[float, _Row], narrow: float) -> float | None:
     at = sorted(rows)
     if not any(rows.values()):
         return None
-    found, most = None, _DECADES
+    middle, most = None, _DECADES
     for k, (a, b) in enumerate(pairwise(at)):
         if b - a <= narrow:
             continue
@@ -42,8 +42,8 @@ def widest_jump(rows: Mapping[float, _Row], narrow: float) -> float | None:
             if change < _BREAK and _crosses_between(rows, a, b, outer):
                 change = _BREAK
         if change > most:
-            found, most = 0.5 * (a + b), change
-    return found
+            middle, most = 0.5 * (a + b), change
+    return middle
 
 
 def _change(one: _Row, other: _Row) -> float:

@@ -260,11 +260,11 @@ class Session:
         if message.towards is not None:
             pose = checked_pose(np.array(message.towards.pose), "pose", where="towards")
             q = self._elastic.mechanism.checked(self._q if state.q is None else state.q)
-            found = self._follower.follow(q, pose, message.towards.turning)
-            state = state.model_copy(update={"q": found.q.tolist(), "moved": None})
+            now = self._follower.follow(q, pose, message.towards.turning)
+            state = state.model_copy(update={"q": now.q.tolist(), "moved": None})
             followed = {
-                "distance": found.distance, "angle": found.angle, "reached": found.reached,
-                "stopped": list(found.stopped),
+                "distance": now.distance, "angle": now.angle, "reached": now.reached,
+                "stopped": list(now.stopped),
             }  # fmt: skip
         result = self.result(state)
         numbers = self._numbers(result, state)
@@ -289,9 +289,9 @@ class Session:
 
     def _swing(self, message: Swing) -> Answer:
         """Commands of every picture of a swing; those of the rest come last."""
-        found = modes(self.result(message.state))
-        swung = swing(found, message.state.mode or 1, message.share)
-        pictures = self.picture.along([*swung.postures, found.posture])
+        swings = modes(self.result(message.state))
+        swung = swing(swings, message.state.mode or 1, message.share)
+        pictures = self.picture.along([*swung.postures, swings.posture])
         return Answer(
             {
                 "id": message.id, "do": "swing", "counts": [len(one) for one in pictures],

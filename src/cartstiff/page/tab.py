@@ -228,8 +228,8 @@ class TabSocket(Guarded, WebSocketHandler):
 def _number(text: str | bytes) -> int:
     """The number of a message that could not be read, 0 if even that is not to be found."""
     start = text[:200] if isinstance(text, str) else text[:200].decode("latin-1")
-    found = _ID.search(start)
-    return 0 if found is None else int(found.group(1))
+    match = _ID.search(start)
+    return 0 if match is None else int(match.group(1))
 
 
 def _answered(message: Message, answer: Callable[[], Answer | None]) -> Answer | None:

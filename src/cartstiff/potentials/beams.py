@@ -67,8 +67,8 @@ def _with_derivatives(c: Array) -> Array:
 
 def _sum(coefficients: Array, x: Array) -> list[Array]:
     """The three power series at x."""
-    found = x[..., None] ** np.arange(len(coefficients)) @ coefficients
-    return [found[..., k] for k in range(3)]
+    values = x[..., None] ** np.arange(len(coefficients)) @ coefficients
+    return [values[..., k] for k in range(3)]
 
 
 _Z = _series()
@@ -196,9 +196,9 @@ class Beam(Potential):
     def remarks(self, posture: Posture) -> list[Remark]:
         """Segments that are compressed or bent beyond what six coordinates can follow."""
         x = posture.q[self.indices]
-        found: list[Remark] = []
+        remarks: list[Remark] = []
         if not x.any():
-            return found
+            return remarks
         _, _, _, N, bent = self._segments(x)
         share = -float(N.min()) / self.clamped_load
         count = len(self.indices)
@@ -209,15 +209,15 @@ class Beam(Potential):
                 "clamped ends, which its six coordinates do not show: give more segments"
             )
             values = {"link": self.link, "share": share, "segments": count}
-            found.append(Remark("beam-compressed", message, values))
+            remarks.append(Remark("beam-compressed", message, values))
         if bent > _BENT:
             message = (
                 f"{many}: one turns by {bent:.2g} rad against its chord, beyond the theory of "
                 "small turns: give more segments"
             )
             values = {"link": self.link, "turn": bent, "segments": count}
-            found.append(Remark("beam-bent", message, values))
-        return found
+            remarks.append(Remark("beam-bent", message, values))
+        return remarks
 
     @property
     def clamped_load(self) -> float:
@@ -244,12 +244,12 @@ class Beam(Potential):
     def _segments(self, x: Array) -> _Segments:
         """The segments at coordinates x (m, 6)."""
         key = x.tobytes()
-        found = self._last.get(key)
-        if found is None:
-            found = self._evaluated(x)
+        segments = self._last.get(key)
+        if segments is None:
+            segments = self._evaluated(x)
             self._last.clear()
-            self._last[key] = found
-        return found
+            self._last[key] = segments
+        return segments
 
     def _evaluated(self, x: Array) -> _Segments:
         h = self.length

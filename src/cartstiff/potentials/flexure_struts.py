@@ -200,7 +200,7 @@ class FlexureStruts(LineSprings):
         W = np.zeros((N, m, 6))
         M = np.zeros((N, m, n + 6, n + 6))
         right = np.zeros((N, m, n + 6))
-        missed, found = np.full((N, m), np.inf), np.zeros((N, m), bool)
+        missed, settled = np.full((N, m), np.inf), np.zeros((N, m), bool)
         told = np.zeros((N, m, n + 6))
         told[..., slide] = self.slides * x_size[:, slide]
         to_end = se3.adjoint_of_inverse(ends)
@@ -222,9 +222,9 @@ class FlexureStruts(LineSprings):
             if gradient is not None:
                 short = gradient - (back @ W[..., None])[..., 0].sum(axis=1)
                 now = np.maximum(now, np.abs(short / W_size[0]).max(axis=1)[:, None])
-            found |= (now >= 0.5 * missed) & (now <= numerics.ROUNDING * whole)
-            found |= now <= _ROUNDINGS * numerics.EPSILON * whole
-            if np.all(found | ~np.isfinite(now)):
+            settled |= (now >= 0.5 * missed) & (now <= numerics.ROUNDING * whole)
+            settled |= now <= _ROUNDINGS * numerics.EPSILON * whole
+            if np.all(settled | ~np.isfinite(now)):
                 break
             missed = np.fmin(missed, now)
             steps = _solved(M, np.stack([right, told], axis=-1))
@@ -236,9 +236,9 @@ class FlexureStruts(LineSprings):
                 inverse = np.linalg.pinv(G, rcond=numerics.RANK)
                 shift = np.zeros((N, m))
                 shift[:, free] = (inverse @ (short / W_size[0])[..., None])[..., 0]
-                rest[..., _SLIDE] += np.where(found, 0.0, shift)
+                rest[..., _SLIDE] += np.where(settled, 0.0, shift)
                 steps[..., 0] += steps[..., 1] * shift[..., None]
-            step = np.where(found[..., None], 0.0, steps[..., 0])
+            step = np.where(settled[..., None], 0.0, steps[..., 0])
             q[..., free_q] += step[..., :n] * x_size
             W += step[..., n:] * W_size
         inverse = _solved(M, np.broadcast_to(np.eye(n + 6), M.shape))
@@ -253,7 +253,7 @@ class FlexureStruts(LineSprings):
             0.5 * (k * (q - rest) ** 2).sum(axis=-1),
             (back @ W[..., None])[..., 0],
             back @ (0.5 * (K + K.swapaxes(-1, -2))) @ to_end,
-            self.made + rest[..., _SLIDE], found, stable,
+            self.made + rest[..., _SLIDE], settled, stable,
         )  # fmt: skip
 
     def balanced(self, posture: Posture, gradient: Array, every: bool = False) -> FlexureStruts:

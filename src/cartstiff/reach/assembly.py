@@ -130,7 +130,7 @@ class AssemblyMode(ShownInLines):
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
-        found = self.frequencies
+        frequencies = self.frequencies
         return {
             "q": self.q.tolist(),
             "pose": self.pose.tolist(),
@@ -139,8 +139,8 @@ class AssemblyMode(ShownInLines):
             "smallest_eigenvalue": self.eigenvalue,
             "stable": self.stable,
             "determinant": self.determinant,
-            "frequencies": None if found is None
-            else [float(f) if np.isfinite(f) else None for f in found],
+            "frequencies": None if frequencies is None
+            else [float(f) if np.isfinite(f) else None for f in frequencies],
             "notes": [note.as_dict() for note in self._own_notes],
         }  # fmt: skip
 
@@ -316,11 +316,11 @@ def _of_platform(
     away = np.linalg.norm(se3.log(se3.inverse(start.pose) @ poses)
                           / [1.0, 1.0, 1.0, *[platform.length] * 3], axis=1)  # fmt: skip
     order = np.argsort(away, kind="stable")[: None if every else 1]
-    found = []
+    listed = []
     for i in order:
         at = platform.coordinates_of(poses[i])
         missed = float(np.abs(platform.leg_lengths(at) - wanted).max())
-        found.append(AssemblyMode(analyse(elastic, at), missed, int(counts[i])))
+        listed.append(AssemblyMode(analyse(elastic, at), missed, int(counts[i])))
     if search.moving:
         message = (
             f"{search.moving} of {sum((search.single, search.multiple, search.moving))} solutions "
@@ -338,9 +338,9 @@ def _of_platform(
     if not search.is_complete:
         notes.append(Note("paths-lost", f"{search.lost} of the paths are lost: assembly modes may "
                           "be missing", {"lost": search.lost}))  # fmt: skip
-    if found:
-        notes += limit_notes(platform, found[0].result.posture)
-    return AssemblyModes(elastic, given, tuple(found), search, tuple(notes))
+    if listed:
+        notes += limit_notes(platform, listed[0].result.posture)
+    return AssemblyModes(elastic, given, tuple(listed), search, tuple(notes))
 
 
 def _of_chain(
@@ -358,7 +358,7 @@ def _of_chain(
     begin = np.vstack([q, begin])
     begin[:, chain.held] = q[chain.held]
     fixed = chain.with_rigid(chain.rigid | frozenset(chain.held))
-    found: list[Array] = []
+    closed: list[Array] = []
     places: list[Array] = []
     for row in begin:
         try:
@@ -372,14 +372,14 @@ def _of_chain(
         unit = numerics.NEARBY * max(1.0, posture.length)
         if all(np.abs(where - other).max() > unit for other in places):
             places.append(where)
-            found.append(np.array(posture.q))
-    order = sorted(range(len(found)), key=lambda i: float(np.linalg.norm(places[i] - places[0])))
+            closed.append(np.array(posture.q))
+    order = sorted(range(len(closed)), key=lambda i: float(np.linalg.norm(places[i] - places[0])))
     listed = tuple(
         AssemblyMode(result, _gap(result))
-        for result in (analyse(elastic, found[i]) for i in order[: None if every else 1])
+        for result in (analyse(elastic, closed[i]) for i in order[: None if every else 1])
     )
     given = {elastic.names[j]: float(q[j]) for j in held}
-    search = Search(len(begin), (), len(found), len(listed))
+    search = Search(len(begin), (), len(closed), len(listed))
     return AssemblyModes(elastic, given, listed, search, tuple(elastic.notes))
 
 

@@ -32,8 +32,8 @@ __all__ = ["Margins", "lines_at", "wrench_margins"]
 
 def lines_at(platform: Platform, poses: Array) -> tuple[Array, Array]:
     """Lengths (N, m) and line coordinates (N, m, 6) of the legs, moments over the body's length."""
-    found = lines_of_many(poses, platform.anchors, platform.points)
-    return found.lengths, found.lines / np.repeat([platform.length, 1.0], 3)
+    lines = lines_of_many(poses, platform.anchors, platform.points)
+    return lines.lengths, lines.lines / np.repeat([platform.length, 1.0], 3)
 
 
 def wrench_margins(lines: Array, wrench: Array, least: Array, most: Array) -> Array:

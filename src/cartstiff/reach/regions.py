@@ -77,11 +77,11 @@ class Rays:
         for ray, distance, enters, name in self.edges:
             if not enters and distance > last.get(ray, (-1.0, ""))[0]:
                 last[ray] = (distance, name)
-        found: dict[str, float] = {}
+        shares: dict[str, float] = {}
         for ray, (_, name) in last.items():
-            found[name] = found.get(name, 0.0) + float(self.weights[ray])
-        total = sum(found.values()) or 1.0
-        return {n: x / total for n, x in sorted(found.items(), key=lambda pair: -pair[1])}
+            shares[name] = shares.get(name, 0.0) + float(self.weights[ray])
+        total = sum(shares.values()) or 1.0
+        return {n: x / total for n, x in sorted(shares.items(), key=lambda pair: -pair[1])}
 
 
 def sphere_rule(count: int) -> tuple[Array, Array]:
@@ -186,9 +186,9 @@ def columns_inside(
     def within(places: Array) -> Array:
         offsets = places - pose[:3, 3]
         near = np.linalg.norm(offsets, axis=1) <= reach
-        found = np.zeros(len(places), bool)
-        found[near] = margins.inside(shifted(pose, offsets[near]))
-        return found
+        reached = np.zeros(len(places), bool)
+        reached[near] = margins.inside(shifted(pose, offsets[near]))
+        return reached
 
     if not len(boundary):
         return Columns(0.0, np.empty((0, 2)), np.empty((0, 2)), 0.0, 0)
@@ -271,8 +271,8 @@ def inscribed(
             "xatol": 0.0,
             "fatol": 0.0,
         }
-        found = minimize(less, np.zeros(3), method="Nelder-Mead", options=options)
-        return pose[:3, 3] + found.x, float((exits(found.x, many) * size(many)).min())
+        best = minimize(less, np.zeros(3), method="Nelder-Mead", options=options)
+        return pose[:3, 3] + best.x, float((exits(best.x, many) * size(many)).min())
 
     sphere = largest(lambda directions: np.ones(len(directions)))
     cube = largest(lambda directions: np.abs(directions).max(axis=1))

@@ -262,9 +262,9 @@ def workspace(
 
 def _singular(platform: Platform, pose: Array, margins: Margins) -> Note | None:
     """The note on an architecture, or an orientation, that is singular everywhere."""
-    found = architecture_of(platform).note()
-    if found is not None or margins.is_spread:
-        return found
+    note = architecture_of(platform).note()
+    if note is not None or margins.is_spread:
+        return note
     rank = orientation_rank(platform, pose[:3, :3])
     if rank == 6:
         return None
@@ -283,11 +283,11 @@ def _reach(platform: Platform, pose: Array, radius: float | None) -> float:
         return float(radius)
     longest = np.inf if platform.limits is None else platform.limits[:, 1]
     ends = platform.points @ pose[:3, :3].T + pose[:3, 3] - platform.anchors
-    found = float(np.min(np.linalg.norm(ends, axis=1) + longest))
-    if not np.isfinite(found):
+    farthest = float(np.min(np.linalg.norm(ends, axis=1) + longest))
+    if not np.isfinite(farthest):
         raise InputError("the lengths of the legs have no upper limit, so that the workspace has "
                          "no bound", expected="legs.limits, or a radius")  # fmt: skip
-    return found
+    return farthest
 
 
 def _nearest(platform: Platform, pose: Array, rays: Rays) -> tuple[float, Array] | None:

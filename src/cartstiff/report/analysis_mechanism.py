@@ -173,15 +173,15 @@ def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
     if s["failures"]:
         failed = ", ".join(f"{n} {code}" for code, n in s["failures"].items())
         lines.append(f"  draws without a result, left out: {failed}")
-    found = s["numbers"]
+    spreads = s["numbers"]
     for prefix, label in _SHOWN.items():
-        names = [n for n in found if n == prefix or n.startswith(prefix + "[")]
+        names = [n for n in spreads if n == prefix or n.startswith(prefix + "[")]
         if not names:
             continue
         unit = _unit(prefix, u)
         label = f"  {label} [{unit}]" if unit else f"  {label}"
-        means = [found[n]["nominal" if found[n]["mean"] is None else "mean"] for n in names]
-        spread = [found[n]["deviation"] for n in names]
+        means = [spreads[n]["nominal" if spreads[n]["mean"] is None else "mean"] for n in names]
+        spread = [spreads[n]["deviation"] for n in names]
         if prefix.startswith(("centres", "deflection")):
             size = max((d for d in spread if d is not None), default=0.0)
             lines.append(f"{label:<42} {row(means, size=size)}  +- {numbers(spread, 2)}")
@@ -191,10 +191,10 @@ def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
                 for d, m in zip(spread, means, strict=True)
             ]
             lines.append(f"{label:<42} {row(means)}  +- {', '.join(shares)}")
-    if not s["samples"] and any(_meet(found, prefix) for prefix in _SHOWN):
+    if not s["samples"] and any(_meet(spreads, prefix) for prefix in _SHOWN):
         lines.append("  principal values meet here: to first order their spread is rough; draw "
                      "samples instead")  # fmt: skip
-    softest = found.get("ellipsoids.stiffness.translation.free.eigenvalues[0]")
+    softest = spreads.get("ellipsoids.stiffness.translation.free.eigenvalues[0]")
     if softest is not None and "main_parameter" in softest:
         lines.append(
             f"  most of the softest direction's variance: {softest['main_parameter']} "
@@ -204,7 +204,7 @@ def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
         rows = [
             [name, _unit(name, u), number(e["nominal"]), number(e["mean"]),
              number(e["deviation"], 3), number(e["lower"]), number(e["upper"])]
-            for name, e in found.items()
+            for name, e in spreads.items()
         ]  # fmt: skip
         level = percent(s["level"])
         lines.append(f"  every number, with the interval that holds {level}")

@@ -80,9 +80,9 @@ def _row(designs: Designs, index: int) -> tuple[str, ...]:
     return (str(index + 1), *(number(value, 6) for value in values))
 
 
-def _reasons(found: Designs, state: str) -> list[str]:
+def _reasons(answer: Designs, state: str) -> list[str]:
     """The commonest reasons, and a design for each."""
-    designs = [(i, d) for i, d in enumerate(found.designs) if d.state == state]
+    designs = [(i, d) for i, d in enumerate(answer.designs) if d.state == state]
     if state == "infeasible":  # the constraints' names, without their values
         words = [", ".join(p.partition(" = ")[0] for p in d.reason.split(", ")) for _, d in designs]
     else:

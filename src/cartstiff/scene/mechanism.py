@@ -41,15 +41,15 @@ def _lines(
     elastic: ElasticMechanism, posture: MechanismPosture
 ) -> list[tuple[LineSprings, Array, Array]]:
     """Line springs beside the mechanism's own, with their end points (m, 3) in F."""
-    found = []
+    lines = []
     for term in elastic.potentials:
         if isinstance(term, LineSprings):
             ends = []
             for frame, points in ((term.frame_a, term.anchors), (term.frame_b, term.points)):
                 T = _pose(elastic, posture, frame)
                 ends.append(points @ T[:3, :3].T + T[:3, 3])
-            found.append((term, ends[0], ends[1]))
-    return found
+            lines.append((term, ends[0], ends[1]))
+    return lines
 
 
 def _pose(elastic: ElasticMechanism, posture: MechanismPosture, frame: str) -> Array:

@@ -99,11 +99,11 @@ class ChainPicture:
 
     def corners(self, posture: ChainPosture) -> Array:
         """Corners (n, 3) in F of boxes around the meshes at a posture."""
-        found = [np.zeros((0, 3))]
+        corners = [np.zeros((0, 3))]
         for placement, box in self._boxes:
             T = posture.pose_at(placement)
-            found.append(box @ T[:3, :3].T + T[:3, 3])
-        return np.concatenate(found)
+            corners.append(box @ T[:3, :3].T + T[:3, 3])
+        return np.concatenate(corners)
 
     def _on(self, joint: int) -> Node:
         if joint not in self._joints:

@@ -56,13 +56,13 @@ class _Scale(ABC):
 
     def refer(self, values: Array) -> None:
         """Keep to the scale that fits these values (any shape) as long as a size is of use."""
-        if (found := _sizes(values)) is not None:
-            self._refer(*found)
+        if (sizes := _sizes(values)) is not None:
+            self._refer(*sizes)
 
     def fit(self, values: Array) -> None:
         """Choose the scale for values (any shape) that are drawn next."""
-        if not self._settled and (found := _sizes(values)) is not None:
-            self._choose(*found)
+        if not self._settled and (sizes := _sizes(values)) is not None:
+            self._choose(*sizes)
 
     @abstractmethod
     def _refer(self, sizes: list[float], largest: float) -> None: ...

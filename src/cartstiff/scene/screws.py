@@ -149,8 +149,8 @@ class CentresPicture:
 
     def draw(self, K: Array, C: Array | None, T: Array, labels: bool) -> dict[str, Any]:
         """Show the centres of a symmetric stiffness in the frame with pose T."""
-        found = centres(K, C)
-        points = {name: getattr(found, name) for name in _NAMES}
+        places = centres(K, C)
+        points = {name: getattr(places, name) for name in _NAMES}
         near = {
             name: p
             for name, p in points.items()
@@ -187,7 +187,7 @@ class CentresPicture:
             name: {
                 "point": None if p is None else p.tolist(),
                 "shown": name in near,
-                "reason": str(found.reasons[name])
+                "reason": str(places.reasons[name])
                 if p is None
                 else None
                 if name in near

@@ -144,13 +144,13 @@ def _axis(joint: object) -> Array:
 
 def _tied(chain: Chain) -> dict[int, list[Array]]:
     """Points of closures by the joint whose link they are on."""
-    found: dict[int, list[Array]] = {}
+    places: dict[int, list[Array]] = {}
     for closure in chain.closures:
         for name in (closure.frame_a, closure.frame_b):
             place = chain.placement(name)
             if place.joint > 0:
-                found.setdefault(place.joint, []).append(place.T_j_f[:3, 3])
-    return found
+                places.setdefault(place.joint, []).append(place.T_j_f[:3, 3])
+    return places
 
 
 def _grips(chain: Chain) -> list[Array]:

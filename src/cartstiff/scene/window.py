@@ -100,14 +100,14 @@ class RecordingWindow:
 
     def by_path(self) -> dict[tuple[str, str, str], bytes]:
         """The whole picture by (kind, path, property), without deletions."""
-        found: dict[tuple[str, str, str], bytes] = {}
+        kept: dict[tuple[str, str, str], bytes] = {}
         for path, node in self._nodes.items():
             for data in (node.object, node.transform):
                 if data is not None:
-                    found[data["type"], path, ""] = self._pack(data)
+                    kept[data["type"], path, ""] = self._pack(data)
             for name, data in node.properties.items():
-                found["set_property", path, name] = self._pack(data)
-        return found
+                kept["set_property", path, name] = self._pack(data)
+        return kept
 
     def snapshot(self) -> list[bytes]:
         """Commands that make the whole picture in a new viewer, or again in an old one."""

@@ -126,6 +126,6 @@ def spectrum(balance: Balance, conservative: bool) -> Array:
                 return graded.eigenvalues(root)
             return eigenvalues(stiffness, inverse.matrix, doubtful=True)
         return values
-    found = np.linalg.eigvals(stiffness)
-    found = found[np.argsort(found.real)]
-    return found.real if np.isrealobj(found) or not found.imag.any() else found
+    roots = np.linalg.eigvals(stiffness)
+    roots = roots[np.argsort(roots.real)]
+    return roots.real if np.isrealobj(roots) or not roots.imag.any() else roots

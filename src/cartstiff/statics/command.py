@@ -192,9 +192,9 @@ def _driven(mechanism: Any, q: Array, told: Mapping[int, float]) -> Array:
     if not isinstance(mechanism, Chain) or not mechanism.closures:
         return wanted
     held = sorted(mechanism.rigid | mechanism.virtual)
-    found = mechanism.closed(wanted, hold=held).q
-    gap = float(np.abs(found - wanted)[list(told)].max())
+    assembled = mechanism.closed(wanted, hold=held).q
+    gap = float(np.abs(assembled - wanted)[list(told)].max())
     if gap > numerics.CLOSE:
         raise InputError("the machine cannot follow its rigid drives there", where="command",
                          expected="a smaller command", got=f"{gap:.3g} away")  # fmt: skip
-    return found
+    return assembled

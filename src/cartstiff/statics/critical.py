@@ -81,13 +81,13 @@ def _measure(index: int) -> Callable[[State], float]:
 def crossings(path: LoadPath, start: State, end: State, size: float) -> list[CriticalPoint]:
     """Critical points between two neighbours on a curve, `size` apart along its direction."""
     before, after = _negative(start), _negative(end)
-    found = []
+    points = []
     for index in range(min(before, after), max(before, after)):
         state = _located(path, start, end, size, _measure(index))
-        found.append(_named(state, float(np.abs(start.eigenvalues).max())))
+        points.append(_named(state, float(np.abs(start.eigenvalues).max())))
     if not _flutters(start) and _flutters(end):
-        found.append(_onset(path, start, end, size))
-    return sorted(found, key=lambda c: float((c.q - start.point.q) @ (c.q - start.point.q)))
+        points.append(_onset(path, start, end, size))
+    return sorted(points, key=lambda c: float((c.q - start.point.q) @ (c.q - start.point.q)))
 
 
 def _flutters(state: State) -> bool:
@@ -109,9 +109,9 @@ def _onset(path: LoadPath, start: State, end: State, size: float) -> CriticalPoi
             b, end = middle, state
         else:
             a = middle
-    found = end.vibrations
-    mode = np.zeros(end.point.q.size) if found is None else found.mode
-    frequency = None if found is None else found.frequency
+    vibrations = end.vibrations
+    mode = np.zeros(end.point.q.size) if vibrations is None else vibrations.mode
+    frequency = None if vibrations is None else vibrations.frequency
     return CriticalPoint(end.factor, end.point.q, "flutter", mode, np.nan, frequency, end)
 
 

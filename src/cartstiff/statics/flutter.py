@@ -81,14 +81,14 @@ def vibrations(
     mass = mass * columns[:, None] * columns
     if balance.free is not None:
         mass = balance.free.T @ mass @ balance.free
-    found = spectrum_of(balance.stiffness, mass, np.abs(balance.stiffness))
-    if found.following.shape[1] or found.loose.shape[1]:
+    spectrum = spectrum_of(balance.stiffness, mass, np.abs(balance.stiffness))
+    if spectrum.following.shape[1] or spectrum.loose.shape[1]:
         return None
-    squares, modes = found.squares, found.vectors
+    squares, modes = spectrum.squares, spectrum.vectors
     growing: Literal["flutter", "divergence"] | None = None
     first, frequency = 0, None
     length, force = convert_length(Units(), units)  # energies F L over kg L^2
-    if found.is_complex:
+    if spectrum.is_complex:
         growing = "flutter"
         first = int(np.flatnonzero(np.abs(squares.imag) > COMPLEX * np.abs(squares))[0])
         frequency = float(np.sqrt(squares[first] * length / force).real / (2 * np.pi))

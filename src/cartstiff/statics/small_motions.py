@@ -176,10 +176,10 @@ def _symmetric_pairs(
     values, y = np.linalg.eigh(reduced)
     size = np.abs(values)
     if size.size and size.min() < _GRADED * size.max() and T.shape[0] == T.shape[1]:
-        found = numerics.invert(stiffness)
-        if found is not None:
+        inverse = numerics.invert(stiffness)
+        if inverse is not None:
             back = mass @ T
-            return *numerics.eigenpairs(reduced, back.T @ found.matrix @ back), 0.0
+            return *numerics.eigenpairs(reduced, back.T @ inverse.matrix @ back), 0.0
     return values, y, len(values) * numerics.EPSILON * float(size.max(initial=0.0))
 
 

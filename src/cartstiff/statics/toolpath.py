@@ -126,7 +126,7 @@ def _postures(elastic: ElasticMechanism, path: ArrayLike, q0: ArrayLike | None) 
     if given.ndim == 2:
         return given
     q = elastic.q if q0 is None else mechanism.checked(q0, "q0")
-    found = []
+    postures = []
     for index, T in enumerate(given):
         if not is_pose(T):
             raise InputError(f"pose {index + 1} is not a rigid motion", got=T.tolist())
@@ -137,8 +137,8 @@ def _postures(elastic: ElasticMechanism, path: ArrayLike, q0: ArrayLike | None) 
                 f"pose {index + 1} of the path cannot be reached", iterations=error.iterations,
                 residual=error.residual,
             ) from None  # fmt: skip
-        found.append(q)
-    return np.array(found)
+        postures.append(q)
+    return np.array(postures)
 
 
 def _loads(

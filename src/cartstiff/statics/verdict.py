@@ -36,10 +36,10 @@ def state_of_rest(
     point, balance = solution.point, solution.balance
     notes = list(system.elastic.notes)
     conservative = not np.isnan(point.evaluation.energy)
-    stable, values, found = (
+    stable, values, remarks = (
         _by_energy(balance) if conservative else _by_vibrations(system, point, balance)
     )
-    notes += found
+    notes += remarks
     if stages > 1:
         notes.append(
             Note(
@@ -103,20 +103,20 @@ def _by_vibrations(
     system: System, point: Point, balance: Balance
 ) -> tuple[bool | None, Array, list[Note]]:
     """Verdict by small vibrations, where a load has no potential."""
-    found = vibrations(point, balance, system.elastic.units, system.terms)
+    vibration = vibrations(point, balance, system.elastic.units, system.terms)
     words = "a load has no potential: the definiteness of its tangent proves nothing"
     notes = [Note("non-conservative", words)]
-    if found is None:
+    if vibration is None:
         return None, np.empty(0), [*notes, MASSLESS]
-    if found.growing is None:
-        return None, found.squares, [*notes, UNDAMPED]
-    facts = {"frequency": found.frequency, "mode": found.mode.tolist()}
-    if found.growing == "flutter":
+    if vibration.growing is None:
+        return None, vibration.squares, [*notes, UNDAMPED]
+    facts = {"frequency": vibration.frequency, "mode": vibration.mode.tolist()}
+    if vibration.growing == "flutter":
         growing = Note("flutter", "vibrations about the equilibrium grow (flutter)", facts)
     else:
         words = "the mechanism leaves the equilibrium in one sense (divergence)"
         growing = Note("divergence", words, facts)
-    return False, found.squares, [*notes, growing]
+    return False, vibration.squares, [*notes, growing]
 
 
 def _drowned(elastic: ElasticMechanism, point: Point) -> list[Note]:
@@ -128,21 +128,21 @@ def _drowned(elastic: ElasticMechanism, point: Point) -> list[Note]:
     size = np.maximum(np.abs(point.q), lengths) * lengths
     unsure = EPSILON * springs.stiffness * size
     acting = float(point.forces.max(initial=0.0))
-    found = {
+    blurred = {
         elastic.names[j]: float(unsure[j] / lengths[j])
         for j in np.flatnonzero(unsure > _COUNTS * acting)
         if point.forces[j] > 0.0
     }
-    if not found:
+    if not blurred:
         return []
     return [
         Note(
             "force-unresolved",
-            f"the springs of {', '.join(found)} are so stiff that double precision does not "
+            f"the springs of {', '.join(blurred)} are so stiff that double precision does not "
             "resolve their deflection: their forces, and the wrench that follows from them, are "
             "known to the values given here; the posture does not suffer. A rigid joint has "
             "no such limit (stiffness: rigid)",
-            {"uncertainty": found},
+            {"uncertainty": blurred},
         )
     ]
 

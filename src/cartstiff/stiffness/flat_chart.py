@@ -88,8 +88,8 @@ def flat_chart(
     values = numerics.singular_values(to_chart * natural)
     if not numerics.is_regular(values):
         message = "the actuated coordinates do not determine the pose here"
-        found = {"singular_values": values.tolist()}
-        return FlatChart(note=Note("type-2-singularity", message, found))
+        facts = {"singular_values": values.tolist()}
+        return FlatChart(note=Note("type-2-singularity", message, facts))
     H = _hessian_in(chart, to_chart, rates, posture.closure, energy)
     return FlatChart(rates.T.dot(H).dot(rates), H, to_chart)
 

@@ -148,9 +148,9 @@ class FreeMotions:
         apart: FreeMotions,
     ) -> tuple[Array, list[float]]:  # fmt: skip
         """Of each inverse that which has more digits: by these motions, or by springs apart."""
-        found, own = apart._inverses(changes, other)
+        inverse, own = apart._inverses(changes, other)
         own = [error + apart.error for error in own]
-        back = apart.jacobian @ found @ apart.jacobian.T
+        back = apart.jacobian @ inverse @ apart.jacobian.T
         best = [min(each) for each in zip(errors, own, strict=True)]
         chosen = np.array([a <= b for a, b in zip(own, errors, strict=True)])
         return np.where(chosen[:, None, None], back, inverses), best
@@ -165,13 +165,13 @@ class FreeMotions:
         size = (np.abs(rates.T) * k) @ np.abs(rates)
         rest = other - (rates.T * k) @ rates
         own = self.basis.T @ rates.T
-        found = (own * k) @ own.T
+        along = (own * k) @ own.T
         # What only the springs make is known exactly.
         if np.all(np.abs(rest) <= 32.0 * numerics.EPSILON * size):
-            return found, 0.0
+            return along, 0.0
         rounding = np.abs(self.basis.T) @ size @ np.abs(self.basis)
-        loss = numerics.EPSILON * float((rounding.diagonal() / found.diagonal()).max())
-        return found + self.basis.T @ rest @ self.basis, loss
+        loss = numerics.EPSILON * float((rounding.diagonal() / along.diagonal()).max())
+        return along + self.basis.T @ rest @ self.basis, loss
 
     @cached_property
     def _apart(self) -> FreeMotions | None:

@@ -121,8 +121,8 @@ def inverse_pair(K: Array | None, C: Array | None) -> tuple[Array | None, Array 
         return None, flexible
     if numerics.is_about_symmetric(K) and numerics.is_about_symmetric(C):
         return 0.5 * (K + K.T), flexible
-    found = numerics.invert(flexible)
-    return (None if found is None else found.matrix), flexible
+    inverse = numerics.invert(flexible)
+    return (None if inverse is None else inverse.matrix), flexible
 
 
 def stiffness_in_frame(result: PostureStiffness, T_M_N: Array) -> StiffnessInFrame:

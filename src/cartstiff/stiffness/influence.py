@@ -64,15 +64,15 @@ def influence(
         In an unbalanced posture, or where a motion costs nothing.
     """
     free = result.reduction.free
-    found = None if free is None else free.inverse(result.change_by_load)
-    if found is None or free is None:
+    inverse_of_H = None if free is None else free.inverse(result.change_by_load)
+    if inverse_of_H is None or free is None:
         states = result.reduction.states
         code = states[-1].code if states else "no-shares"
         raise UndefinedError(
             states[-1].message if states else "a motion costs nothing: no linear motion",
             code=code,
         )
-    J, inverse = free.jacobian, found.matrix
+    J, inverse = free.jacobian, inverse_of_H.matrix
     basis = np.eye(J.shape[1]) if free.basis is None else free.basis
     to_forces = elements.stiffness @ elements.rows(result.posture) @ basis
     per_wrench = inverse @ J.T

@@ -80,9 +80,9 @@ def reduce_to(
         if result is not None:
             return result
     if closure is None and n > m:
-        found = plainly_redundant(output, energy, rows, coordinate_lengths, force)
-        if found is not None:
-            force, K, values, free = found
+        plain = plainly_redundant(output, energy, rows, coordinate_lengths, force)
+        if plain is not None:
+            force, K, values, free = plain
             K = without_noise(K, rows)
             inner = K / rows / rows[:, None]
             return Reduction(force, K, np.zeros(0), values, m, n, free, np.diag(1 / rows), inner)

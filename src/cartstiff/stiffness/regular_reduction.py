@@ -117,10 +117,10 @@ def plainly_redundant(
     curvature = output.curvature(force)
     H_L = H - curvature
     H_L = 0.5 * (H_L + H_L.T)
-    found = numerics.plain_inverses(H_L[None])
-    if found is None or not found[1][0] < np.inf or not _has_minimum(H_L):
+    inverse_of_H = numerics.plain_inverses(H_L[None])
+    if inverse_of_H is None or not inverse_of_H[1][0] < np.inf or not _has_minimum(H_L):
         return None
-    C = J @ found[0][0] @ J.T
+    C = J @ inverse_of_H[0][0] @ J.T
     inverse = numerics.plain_inverses(0.5 * (C + C.T)[None])
     if inverse is None or not inverse[1][0] < np.inf:
         return None

@@ -66,8 +66,8 @@ def settled(
         C_f, H_f = C[:, free], H[np.ix_(free, free)] / stiff
         system = np.block([[H_f, C_f.T], [C_f, np.zeros((r.size, r.size))]])
         right = -np.concatenate([gradient[free] / stiff, r])
-        found = np.linalg.lstsq(system, right, rcond=numerics.LAST_DIGITS)[0]
-        step, lam = found[: free.size], found[free.size :] * stiff
+        solution = np.linalg.lstsq(system, right, rcond=numerics.LAST_DIGITS)[0]
+        step, lam = solution[: free.size], solution[free.size :] * stiff
         largest = float(np.abs(step).max(initial=0.0))
         if not np.isfinite(largest):
             break

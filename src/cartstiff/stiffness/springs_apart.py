@@ -41,14 +41,14 @@ def springs_apart(elastic: ElasticMechanism, posture: MechanismPosture) -> FreeM
         return None
     lines, k, rest = parts
     natural = np.repeat([1.0, posture.length], 3)
-    found = by_lengths(lines * natural, k, rest * natural * natural[:, None])
-    if found is None:
+    apart = by_lengths(lines * natural, k, rest * natural * natural[:, None])
+    if apart is None:
         return None
-    motions = natural[:, None] * found.motions
+    motions = natural[:, None] * apart.motions
     return FreeMotions(
-        motions, found.stiffness, lambda: found.terms, lambda: float(np.abs(found.terms).max()),
+        motions, apart.stiffness, lambda: apart.terms, lambda: float(np.abs(apart.terms).max()),
         motions, numerics.is_symmetric(rest), springs=(lines, k),
-        error=numerics.EPSILON * found.condition,
+        error=numerics.EPSILON * apart.condition,
     )  # fmt: skip
 
 

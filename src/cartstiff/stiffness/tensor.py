@@ -225,15 +225,15 @@ class StiffnessTensor(LabelledMatrix):
         here = self.to_order("angular-linear")
         inverse = here.inverse
         if inverse is None:
-            found = numerics.invert(here.matrix)
-            if found is None:
+            compliance = numerics.invert(here.matrix)
+            if compliance is None:
                 values = np.linalg.svd(here.matrix, compute_uv=False)
                 raise UndefinedError(
                     "the stiffness matrix is singular: it has no inverse",
                     code="singular-stiffness",
                     values={"singular_values": values.tolist()},
                 )
-            inverse = found.matrix
+            inverse = compliance.matrix
         tensor = Compliance(
             inverse, self.connection, here.pose, self.frame, self.units, "angular-linear"
         )
@@ -290,8 +290,8 @@ class StiffnessTensor(LabelledMatrix):
             raise InputError("base axes need the pose", expected="pose=T_F_M")
         T = np.eye(4) if pose is None else checked_pose(pose)
         given = T if axes == "body" else se3.pose(translation=T[:3, 3])
-        found = cls(K, NAMED["B"], np.zeros(6), given, frame, units, order)
-        return found if axes == "body" else found.to_frame(se3.pose(T[:3, :3]), frame)
+        tensor = cls(K, NAMED["B"], np.zeros(6), given, frame, units, order)
+        return tensor if axes == "body" else tensor.to_frame(se3.pose(T[:3, :3]), frame)
 
     def as_controller(
         self, *, order: Order = "linear-angular", axes: Literal["body", "base"] = "base"

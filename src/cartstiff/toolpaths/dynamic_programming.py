@@ -132,11 +132,11 @@ def _forward(
         arriving = total[:, None] + step
         origin = np.argmin(arriving, axis=0)
         before = arriving[origin, np.arange(b.size)]
-        found = np.isfinite(before)
-        reached.append(b[found])
-        origins.append(origin[found])
-        own = costs[i][b[found]]
-        total = np.maximum(before[found], own) if worst else before[found] + own
+        reachable = np.isfinite(before)
+        reached.append(b[reachable])
+        origins.append(origin[reachable])
+        own = costs[i][b[reachable]]
+        total = np.maximum(before[reachable], own) if worst else before[reachable] + own
     complete = len(reached) == len(costs) and reached[-1].size > 0
     return (total if complete else None), reached, origins
 

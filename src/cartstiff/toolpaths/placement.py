@@ -175,12 +175,12 @@ def best_placement(
     for done, index in enumerate(product(*map(range, shape))):
         place = {name: float(axes[name][i]) for name, i in zip(axes, index, strict=True)}
         try:
-            found = at(place)
+            optimised = at(place)
         except UndefinedError as error:
             codes[index], points[index] = error.code, int(str(error.values.get("point", 0)))
         else:
-            worst[index] = found.worst
-            cost = _cost(found)
+            worst[index] = optimised.worst
+            cost = _cost(optimised)
             if best is None or cost < best[0]:
                 best = cost, place
         if progress is not None:
@@ -231,10 +231,10 @@ def _around(
                 if not axes[name][0] <= value <= axes[name][-1]:
                     continue
                 try:
-                    found = _cost(at({**place, name: value}))
+                    other = _cost(at({**place, name: value}))
                 except UndefinedError:
                     continue
-                if found < cost:
-                    cost, place = found, {**place, name: value}
+                if other < cost:
+                    cost, place = other, {**place, name: value}
                     break
     return place

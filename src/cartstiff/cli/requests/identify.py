@@ -18,16 +18,16 @@ def units_of(text: str | None) -> dict[str, str]:
     """Default units by kind of quantity, from "mm,deg"."""
     from cartstiff.identify.columns import UNITS
 
-    found: dict[str, str] = {}
+    of_kind: dict[str, str] = {}
     for unit in (text or "").split(",") if text is not None else ():
         kinds = [kind for kind, units in UNITS.items() if unit.strip() in units]
         if not kinds:
             raise UnknownNameError("unit", unit.strip(), [u for us in UNITS.values() for u in us],
                                    where="--units")  # fmt: skip
-        if kinds[0] in found:
+        if kinds[0] in of_kind:
             raise InputError(f"two units of {kinds[0]}", where="--units", got=text)
-        found[kinds[0]] = unit.strip()
-    return found
+        of_kind[kinds[0]] = unit.strip()
+    return of_kind
 
 
 def _pairs(texts: Iterable[str], option: str) -> dict[str, str]:

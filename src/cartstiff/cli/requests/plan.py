@@ -119,12 +119,16 @@ class PlanRequest:
         spreads = _deviations(of_table["deviations"], elastic)
         rng = np.random.default_rng(self.simulate)
         bad = rng.choice(len(settings), self.outliers or 0, replace=False).tolist()
-        found = simulated(elastic, settings, spreads, seed=self.simulate or 0, outliers=bad,
+        campaign = simulated(elastic, settings, spreads, seed=self.simulate or 0, outliers=bad,
                           loaded=request.loaded)  # fmt: skip
-        write_files((self.csv, lambda: table_text(found, elastic)))
+        write_files((self.csv, lambda: table_text(campaign, elastic)))
         rows = sorted(int(n) + 1 for n in bad)
-        data = {"schema": "cartstiff-identify-simulation/1", "rows": len(found), "outliers": rows}
-        words = f"{len(found)} rows" + (f", gross errors in rows {rows}" if rows else "")
+        data = {
+            "schema": "cartstiff-identify-simulation/1",
+            "rows": len(campaign),
+            "outliers": rows,
+        }
+        words = f"{len(campaign)} rows" + (f", gross errors in rows {rows}" if rows else "")
         return data, lambda: words
 
 

@@ -237,7 +237,7 @@ def _singular_arrays(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, 
     scaled[3:] = scaled[3:] * (1.0 / chain.length)
     sizes = chain.columns * chain.columns[:, None]
     looked_at = [*scaled.ravel(), *(chain.gradient * chain.columns), largest(chain.hessian * sizes)]
-    found = {
+    arrays = {
         "pose": chain.pose(),
         "jacobian": chain.J,
         "energy": np.array([chain.energy], object),
@@ -245,17 +245,17 @@ def _singular_arrays(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, 
     }
     W, verdict = chain.load(), chain.verdict
     if W is not None:
-        found["wrench"], chain.has_chart = W, False
+        arrays["wrench"], chain.has_chart = W, False
         # Else a self-motion may cost nothing, or buckle.
         verdict = larger(verdict, _softness(chain, chain.lagrangian(W))[1])
-        verdict = larger(verdict, _compliances(chain, W, found, wanted))
-    found["verdict"] = np.array([verdict], object)
-    return found
+        verdict = larger(verdict, _compliances(chain, W, arrays, wanted))
+    arrays["verdict"] = np.array([verdict], object)
+    return arrays
 
 
 def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
     """`chain_arrays` of a chain."""
-    found: dict[str, Array] = {
+    arrays: dict[str, Array] = {
         "pose": chain.pose(),
         "jacobian": chain.J,
         "energy": np.array([chain.energy], object),
@@ -274,23 +274,23 @@ def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
         stiffness = connections(K_B, W)
     if not chain.has_chart:
         stiffness.pop("F", None)
-    found["wrench"] = W
-    found.update({f"stiffness_{name}": K for name, K in stiffness.items()})
+    arrays["wrench"] = W
+    arrays.update({f"stiffness_{name}": K for name, K in stiffness.items()})
     if "frames" in wanted:
-        found["frames"] = chain.kinematics.frames()
+        arrays["frames"] = chain.kinematics.frames()
     if "hessian" in wanted:
-        found |= {"hessian": chain.hessian, "lagrangian": chain.lagrangian(W)}
-        found["length"] = np.array([chain.length], object)
-    verdict = _compliances(chain, W, found, wanted)
+        arrays |= {"hessian": chain.hessian, "lagrangian": chain.lagrangian(W)}
+        arrays["length"] = np.array([chain.length], object)
+    verdict = _compliances(chain, W, arrays, wanted)
     if stiffness:
         verdict = larger(verdict, holds_soft_directions(stiffness["B"], wanted))
     # What does not balance stays so, whatever its stiffness would be.
     both = larger(chain.verdict, verdict)
-    found["verdict"] = np.array([pick(chain.verdict, 1.5, both, chain.verdict)], object)
-    if "noteworthy" in wanted and stiffness and "compliance_B" in found:
+    arrays["verdict"] = np.array([pick(chain.verdict, 1.5, both, chain.verdict)], object)
+    if "noteworthy" in wanted and stiffness and "compliance_B" in arrays:
         H = chain.lagrangian(W)
         L, inverses, _ = positive_factor(H)
         softness = congruence(below(L, np.eye(chain.n)), np.diag(inverses))
-        pairs = (H, softness), (stiffness["B"], found["compliance_B"])
-        found["noteworthy"] = chain.noteworthy(*pairs)
-    return found
+        pairs = (H, softness), (stiffness["B"], arrays["compliance_B"])
+        arrays["noteworthy"] = chain.noteworthy(*pairs)
+    return arrays

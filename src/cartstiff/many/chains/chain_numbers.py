@@ -227,13 +227,13 @@ class ChainNumbers:
 
     def inverse(self) -> Array:
         """J^-1 of six coordinates, and the verdict on it."""
-        found = self.kinematics
+        kinematics = self.kinematics
         # So that turns and shifts are of one size any length near the reach serves; 1 is free.
-        length = 4.0 ** round(math.log(found.reach or 1.0, 4.0))
+        length = 4.0 ** round(math.log(kinematics.reach or 1.0, 4.0))
         scale = np.repeat([length, 1.0], 3)[:, None]
-        A = solution(self._of_coordinates(found.J) * scale, found.adjoint() * scale)
+        A = solution(self._of_coordinates(kinematics.J) * scale, kinematics.adjoint() * scale)
         # Where the characteristic length is small beside that, C knows less than M would.
-        limit = self.area * (JACOBIAN_CONDITION / max(length, found.reach)) ** 2
+        limit = self.area * (JACOBIAN_CONDITION / max(length, kinematics.reach)) ** 2
         condition = self.condition((self.J * self.columns).T, (A / self.columns[:, None]).T)
         self.verdict = larger(self.verdict, pick(condition, limit, PLAIN, ENGINE))
         self.squared_condition = condition
@@ -261,8 +261,8 @@ class ChainNumbers:
 
     def pose(self) -> Array:
         """``T_F_M``."""
-        found, T = self.kinematics, zeros(4, 4)
-        T[:3, :3] = found.R_C_F.T @ found.R_C_M
-        T[:3, 3] = found.R_C_F.T @ (found.p_C_M - found.p_C_F)
+        kinematics, T = self.kinematics, zeros(4, 4)
+        T[:3, :3] = kinematics.R_C_F.T @ kinematics.R_C_M
+        T[:3, 3] = kinematics.R_C_F.T @ (kinematics.p_C_M - kinematics.p_C_F)
         T[3, 3] = 1.0
         return T

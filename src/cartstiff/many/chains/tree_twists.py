@@ -50,11 +50,11 @@ class TreeConstants(ChainConstants):
 
     def support(self, joint: int) -> list[int]:
         """Joints from the ground to one, counted from 0."""
-        found: list[int] = []
+        joints: list[int] = []
         while joint:
-            found.append(joint - 1)
+            joints.append(joint - 1)
             joint = self.parents[joint - 1]
-        return found[::-1]
+        return joints[::-1]
 
     def way(self, tie: Tie) -> list[tuple[int, float]]:
         """Joints from a to b, counted from 0, with their signs."""

@@ -71,17 +71,17 @@ def compare_maps(
     words = str(x.attrs.get("long_name", quantity))
     names = _names(first, second)
     told = f"{words}: {names[0]} {'over' if how == 'ratio' else 'less'} {names[1]}"
-    found = a[[quantity, "state"]].copy()
-    found[quantity] = x.dims, values, {
+    difference = a[[quantity, "state"]].copy()
+    difference[quantity] = x.dims, values, {
         "units": "1" if how == "ratio" else ux, "long_name": told,
         **({"better": x.attrs["better"]} if "better" in x.attrs else {}),
     }  # fmt: skip
-    found["state"] = x.dims, state, a["state"].attrs
-    found.attrs = {**first.attrs, "mechanism": f"{names[0]} and {names[1]}", "differs": [
+    difference["state"] = x.dims, state, a["state"].attrs
+    difference.attrs = {**first.attrs, "mechanism": f"{names[0]} and {names[1]}", "differs": [
         f"{key}: {first.attrs.get(key)} and {second.attrs.get(key)}"
         for key in _TOLD if str(first.attrs.get(key)) != str(second.attrs.get(key))
     ]}  # fmt: skip
-    return found
+    return difference
 
 
 def compared(result: xarray.Dataset, quantity: str) -> dict[str, Any]:

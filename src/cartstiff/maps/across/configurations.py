@@ -66,16 +66,16 @@ def single_branch(
     sign = 1.0 if array.attrs.get("better") == "smaller" else -1.0
     mine = labels == chosen
     pick = np.where(mine, sign * values, np.inf).argmin(axis=-1)
-    found = dataset.isel(branch=xarray.DataArray(pick, dims=places)).copy()
+    picked = dataset.isel(branch=xarray.DataArray(pick, dims=places)).copy()
     there, anywhere = mine.any(axis=-1), np.isfinite(values).any(axis=-1)
     for name in quantities_of(dataset):
-        found[name] = found[name].where(xarray.DataArray(there, dims=places))
+        picked[name] = picked[name].where(xarray.DataArray(there, dims=places))
     about = dict(dataset["state"].attrs)
     about["flag_values"] = [*about["flag_values"], _OTHER]
     about["flag_meanings"] = f"{about['flag_meanings']} other-branch"
-    state = found["state"].transpose(*places).values
-    found["state"] = places, np.where(anywhere & ~there, _OTHER, state), about
-    return found
+    state = picked["state"].transpose(*places).values
+    picked["state"] = places, np.where(anywhere & ~there, _OTHER, state), about
+    return picked
 
 
 def _labels(values: Array, q: Array) -> Array:
@@ -122,8 +122,8 @@ def _best(labels: Array, values: Array, limit: float | None, below: bool) -> int
             np.arange(labels[..., 0].size).reshape(labels.shape[:-1])[..., None], labels.shape
         )
         pairs = np.unique(np.column_stack([labels[counted], rows[counted]]), axis=0)
-        found: Array = np.bincount(pairs[:, 0], minlength=count)
-        return found
+        counts: Array = np.bincount(pairs[:, 0], minlength=count)
+        return counts
 
     if not (labels >= 0).any():
         return 0
