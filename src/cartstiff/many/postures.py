@@ -92,7 +92,10 @@ class Postures:
         arrays = vars(self).get("arrays", {})
         if full_name(name) in arrays:
             return self[name]
-        raise AttributeError(f"no output or attribute {name!r}; outputs: {', '.join(arrays)}")
+        computed = ", ".join(arrays)
+        raise AttributeError(
+            f"no output {name!r}; there are {computed}: outputs=[...] asks for more"
+        )
 
     def __len__(self) -> int:
         return len(self.state)
@@ -157,8 +160,8 @@ class Postures:
 
     def counts(self) -> dict[str, int]:
         """How many postures are in each state that occurs."""
-        found = Counter(self.state.tolist())
-        return {code: found[i] for i, code in enumerate(self.codes) if found[i]}
+        counts = Counter(self.state.tolist())
+        return {code: counts[i] for i, code in enumerate(self.codes) if counts[i]}
 
 
 def analyse_many(
