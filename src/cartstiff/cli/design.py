@@ -26,7 +26,7 @@ Example: study.yaml holds
   cartstiff design study.yaml
   cartstiff design study.yaml -o designs.jsonl --csv designs.csv --plot front.png --workers 2
 
-Interrupted or killed, the same command with the same -o goes on where it was.
+Interrupted or killed, the same command with the same -o goes on where it stopped.
 """
 
 
@@ -49,9 +49,9 @@ def command(
 ) -> None:  # fmt: skip
     """Sweep or optimise the parameters of a mechanism file, as STUDY.yaml says.
 
-    Every design is looked at over its poses and judged by quantities of maps (see `cartstiff map
-    --list-quantities`). One that is singular somewhere, or cannot be assembled, says so and counts
-    as failed.
+    Every design is evaluated at all its poses and judged by quantities of maps (see `cartstiff map
+    --list-quantities`). A design that is singular at one of them, or cannot be assembled, counts
+    as failed; the answer gives the reason.
     """
     from cartstiff.designs.run import design
     from cartstiff.report.output import write_files

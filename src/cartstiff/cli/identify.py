@@ -78,7 +78,7 @@ _about_the_fit = option_group(
     click.option("--loaded", is_flag=True,
                  help="Fit the equilibrium under load, not displacements linear in it."),
     click.option("--fit", type=click.Choice(["plain", "robust"]), default="plain",
-                 show_default=True, help="Whose estimates are told first."),
+                 show_default=True, help="Which fit's estimates come first."),
     option("--reject", metavar="RULE", help="Leave rows out: suspects of the robust fit, or those "
            "beyond so many standard deviations from it."),
     click.option("--level", type=float, default=_LEVEL, show_default=True,
@@ -95,9 +95,9 @@ _about_a_plan = option_group(
            "--load."),
     option("--q", type=JointValues(), help="Posture of --criterion posture; default the file's."),
     option("--load", type=WRENCH, help="Load of --criterion posture, along F."),
-    option("--mass", type=Number("KG", above_zero=True), help="Mass that the plan hangs."),
+    option("--mass", type=Number("KG", above_zero=True), help="Mass hung on the body in the plan."),
     option("--force", type=Number("N", above_zero=True),
-           help="Force that the plan pushes with, along an axis of F."),
+           help="Force on the body in the plan, along an axis of F."),
     repeated_option("--range", "ranges", type=Axes("JOINT=LOW:HIGH"),
                     help="Range of a joint in the plan, rad or m."),
     repeated_option("--within", type=Axes("AXIS=LOW:HIGH"), help="Volume of the measured point in "
@@ -105,7 +105,7 @@ _about_a_plan = option_group(
     option("--candidates", type=click.IntRange(1, 100_000), metavar="N",
            help="Random postures that the plan chooses from; default 1000."),
     option("--have", type=click.Path(path_type=Path), metavar="FILE.csv",
-           help="Rows that are measured already: what to add."),
+           help="Rows that are measured already; the plan adds to them."),
     option("--simulate", type=click.IntRange(min=0), metavar="SEED",
            help="Fill the columns of --sd into the rows of DATA.csv, with noise of that size, as "
            "MECHANISM would show them."),

@@ -49,12 +49,12 @@ Examples:
       --load 0,0,0,0,0,-100 --world --load-at 0,0,0.1 -o loaded.zarr
   cartstiff map ur5 --cartesian x=0.2:0.8:13,z=0:0.8:17 --quantity deflection \\
       --load 0,0,0,0,0,-100 --world --below 2mm -o below.zarr --picture below.png
-  cartstiff map flexure-hexapod --command leg1=-1e-5:1e-5:11 --quantity translation_free_min \
+  cartstiff map flexure-hexapod --command leg1=-1e-5:1e-5:11 --quantity translation_free_min \\
       -o commands.zarr
   cartstiff map panda --trajectory path.csv --quantity deflection \\
       --deflect 0,0,0,0,0,-50 --world -o path.zarr --json
 
-Interrupted or killed, the same command goes on where it was.
+Interrupted or killed, the same command goes on where it stopped.
 """
 
 

@@ -47,7 +47,7 @@ _MOST_PLACES = 10_000
 _options = option_group(
     option(
         "--free-axis", type=click.Choice(["x", "y", "z"]),
-        help="The body may turn about this axis of its own: that of the tool.",
+        help="The body may turn about this axis of its own frame, the tool's axis.",
     ),
     click.option("--free-rotation", is_flag=True, help="The body may turn as it likes."),
     option(
@@ -111,8 +111,8 @@ _options = option_group(
     ),
     option(
         "--near", type=JointValues(),
-        help="Keep all joints that turn within 90 degrees of this posture (numbers or name=value "
-        "pairs, the others as in --q or the file): the configuration that it has.",
+        help="Stay in the configuration of this posture: every joint that turns stays within 90 "
+        "degrees of it (numbers or name=value pairs; the others as in --q or the file).",
     ),
     click.option(
         "--collisions", "excluded", is_flag=True,
@@ -121,8 +121,8 @@ _options = option_group(
     ),
     repeated_option(
         "--place", type=Axes("NAME=LOW:HIGH:COUNT"),
-        help="Find the place of the workpiece, whose frame the file's poses are then in, on this "
-        "grid of x, y, z, yaw and around its best.",
+        help="Find the best place of the workpiece: on this grid of x, y, z, yaw, then around the "
+        "grid's best point. The file's poses are then those in the workpiece's frame.",
     ),
     option(
         "--csv", type=OutputFile("FILE.csv", ".csv"),

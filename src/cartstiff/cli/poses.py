@@ -37,7 +37,7 @@ def command(
 
     TABLE.csv is what `path` or `equilibrium --path` wrote, or one posture a line. Commands that
     compensate the deflection (columns command_JOINT) are taken where the table has them. Poses are
-    those of M in the base that the controller believes to have, without deflection.
+    those of M in the base as the controller computes them, without deflection.
     """
     elastic = request.at_posture()
 

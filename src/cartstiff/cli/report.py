@@ -43,7 +43,7 @@ def command(
     request: MechanismRequest, applied: LoadRequest, output: Path, frames: int | None,
     map_path: Path | None, quantity: str | None,
 ) -> None:  # fmt: skip
-    """Write what an engineer sends on: how far the tip moves, which joint, where it is better.
+    """Write a report to send on: how far the tip moves, which joint gives most, what is better.
 
     One HTML file with a picture in 3D, posture, load, weight, stiffness, a sweep and everything
     that was assumed; it opens without a network and prints on paper.

@@ -23,8 +23,8 @@ Examples:
 
 _options = option_group(
     option("--pose", type=Numbers("X,Y,Z,R,P,Y", 6),
-           help="Pose of a platform whose leg lengths are meant, and to which modes are near: "
-           "position and roll, pitch, yaw about fixed axes; default the file's."),
+           help="Pose of a platform: its leg lengths are taken, and the modes nearest to it "
+           "come first. Position and roll, pitch, yaw about fixed axes; default the file's."),
     option("--lengths", type=Numbers("L1,...,L6", 6, above_zero=True),
            help="Leg lengths of a platform; default those at its pose."),
     click.option("--all", "every", is_flag=True,
@@ -51,11 +51,11 @@ def command(
     as_json: bool,
     strict: bool,
 ) -> None:
-    """Assembly modes of MECHANISM: all poses that the same leg lengths, or actuators, hold.
+    """Assembly modes of MECHANISM: all poses with the same leg lengths, or actuator positions.
 
-    Of a six-legged platform all of them are found: the 40 complex solutions of a general platform
-    are followed to this one, and the answer says what has become of each. Of a closed chain the
-    actuated joints are held where --q has them, and random starts are closed.
+    For a six-legged platform all modes are found: the 40 complex solutions of a general platform
+    are followed to those of this one, and the answer says where each of them ended. For a closed
+    chain the actuated joints stay where --q puts them, and the chain is closed from random starts.
     """
     lengths = request.lengths
     elastic, q = replace(request, lengths=None).load()

@@ -42,7 +42,7 @@ _options = option_group(
     click.option("--scan", type=click.IntRange(2, 100_000), default=48, show_default=True,
                  help="Poses along each ray; parts that are thinner than a step may be missed."),
     option("--radius", type=Number("LENGTH", above_zero=True),
-           help="How far positions are followed; default where the longest lengths end."),
+           help="Farthest position that is tried; default as far as the longest lengths allow."),
     click.option("--through-singularities", is_flag=True,
                  help="Count poses beyond singular ones as well."),
     option("--csv", type=OutputFile("FILE.csv", ".csv"),
