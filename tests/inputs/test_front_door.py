@@ -129,7 +129,7 @@ def test_outputs_by_their_letters(arm):
     np.testing.assert_array_equal(mine, postures.K)
     with pytest.raises(UnknownNameError):
         cartstiff.analyse_many(arm, q, outputs=["Z"])
-    with pytest.raises(AttributeError, match="no output 'F'; there are stiffness_K.*: outputs="):
+    with pytest.raises(AttributeError, match=r"no output 'F'; there are stiffness_K.*: outputs="):
         _ = postures.F
     for other in (pickle.loads(pickle.dumps(postures)), copy.copy(postures)):
         np.testing.assert_array_equal(other.K, postures.K)
