@@ -130,6 +130,19 @@ def test_links_that_are_bent_go_to_the_engine():
     assert found.by_engine == 1
 
 
+def test_a_start_from_which_rounding_chooses_the_assembly_goes_to_the_engine():
+    """Legs stretched level: the plate can fall or rise, both alike; the engine does neither."""
+    elastic = cartstiff.load("delta")
+    q = np.zeros((2, elastic.q.size))
+    q[1] = elastic.q
+    found, engine = (
+        analyse_many(elastic, q, path=path, outputs=("pose",)) for path in ("portable", "engine")
+    )
+    assert found.by_engine == 1
+    np.testing.assert_allclose(found["pose"], engine["pose"], rtol=0, atol=100 * ASSEMBLED)
+    assert found.codes[found.state[0]] == engine.codes[engine.state[0]] == "unbalanced"
+
+
 @pytest.mark.parametrize(
     ("name", "change", "wrench", "why"),
     [

@@ -153,3 +153,6 @@ def test_command(tmp_path):
     assert "double diagonalisation" in run(*arguments)
     with pytest.raises(InputError, match="is for --impedance"):
         run("6-ups", "--ratio", "0.7")
+    wanted.write_text(json.dumps((1.7e308 * np.eye(6)).tolist()))  # its double is no number
+    with pytest.raises(InputError, match=r"number is too large; expected at most 1e\+30"):
+        run("6-ups", "--impedance", str(wanted))

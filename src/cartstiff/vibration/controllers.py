@@ -111,7 +111,7 @@ def _root(matrix: Array, what: str) -> Array:
 
 
 def _half(matrix: Array) -> Array:
-    return 0.5 * (matrix + matrix.T)
+    return 0.5 * matrix + 0.5 * matrix.T
 
 
 def _symmetric(matrix: ArrayLike, what: str) -> Array:

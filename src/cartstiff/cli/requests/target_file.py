@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from cartstiff import numerics
 from cartstiff.choices import ORDERS
 from cartstiff.errors import InputError, one_line
+from cartstiff.parsing import LARGEST
 
 if TYPE_CHECKING:
     from cartstiff.stiffness.compute import PostureStiffness
@@ -137,6 +138,9 @@ def read_target(path: Path, order: str | None) -> Target:
         raise InputError(
             "does not hold a matrix", where=where, expected=expected, got=str(error)
         ) from None
+    if np.abs(matrix).max() > LARGEST:
+        raise InputError("number is too large", where=where, expected=f"at most {LARGEST:g}",
+                         got=f"{np.abs(matrix).max():g}")  # fmt: skip
     if np.abs(matrix - matrix.T).max() > numerics.NEARBY * np.abs(matrix).max():
         raise InputError("matrix is not symmetric", where=where,
                          expected="a symmetric stiffness (K^B)")  # fmt: skip

@@ -21,6 +21,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import (
     cross,
     largest,
+    norm_squared,
     reflections,
     rotation_vector,
     skew,
@@ -29,7 +30,7 @@ from cartstiff.many.algebra import (
     zeros,
 )
 from cartstiff.many.arguments import aligned_empty
-from cartstiff.many.arithmetic import PLAIN
+from cartstiff.many.arithmetic import JACOBIAN_CONDITION, PLAIN, limited
 from cartstiff.many.chains.closed_chain import ClosedCase, length_of
 from cartstiff.many.chains.tree_twists import Tie, TreeKinematics
 from cartstiff.many.tape import Scalar, Tape, larger, pick
@@ -99,12 +100,20 @@ def closing_arrays(tape: Tape, case: ClosedCase) -> dict[str, Array]:
     if case.independent:
         D = case.dependent
         sizes = columns[D]
-        step[D] = solution(C[:, D] * sizes, -missed[:, None])[:, 0]
+        scaled = C[:, D] * sizes
+        # A vector in no particular direction tells whether rounding would choose the assembly.
+        probe = np.cos(np.arange(1.0, 1.0 + len(D)))
+        found = solution(scaled, np.column_stack([-missed, probe]))
+        step[D] = found[:, 0]
+        size = norm_squared(found[:, 1]) / len(D) * norm_squared(scaled)
     else:
         Q = reflections((C * columns).T)
+        inverse_R = upper_inverse(Q.R)
         y = zeros(n)
-        y[: len(Q.R)] = upper_inverse(Q.R).T @ -missed
+        y[: len(Q.R)] = inverse_R.T @ -missed
+        size = norm_squared(Q.R) * norm_squared(inverse_R)
         step = Q.apply(y)
+    verdict = larger(verdict, limited(size, JACOBIAN_CONDITION**2))
     long = largest(step)
     step = step * columns * pick(long, LONGEST_STEP, 1.0, LONGEST_STEP / long)
     left = np.array([largest(np.concatenate(every)), long, length, verdict], object)

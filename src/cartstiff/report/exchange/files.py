@@ -181,14 +181,14 @@ def _mujoco(result: PostureStiffness) -> bytes:
     """A platform on lines as a free body on spatial tendons, in SI units."""
     elastic, posture = result.elastic, result.posture
     platform, springs = elastic.mechanism, elastic.springs
+    acting = [type(p).__name__ for p in (springs, *elastic.potentials) if p is not None]
     if (
-        not isinstance(platform, Platform) or type(springs) is not LineSprings
-        or not isinstance(posture, PlatformPosture) or elastic.potentials
-        or not springs.is_complete
+        not isinstance(platform, Platform) or acting != [LineSprings.__name__]
+        or not isinstance(posture, PlatformPosture) or not springs.is_complete
     ):  # fmt: skip
-        raise InputError("MuJoCo's file is of platforms on lines",
-                         expected="kind stewart-gough or springs, its legs without flexures",
-                         got=platform.kind)  # fmt: skip
+        raise InputError("MuJoCo's file is of platforms on lines", where=f"kind {platform.kind}",
+                         expected="kind stewart-gough or springs, and no energy but its legs'",
+                         got=", ".join(acting) or "no springs")  # fmt: skip
     if platform.struts is not None and platform.struts.mass:
         raise InputError("tendons have no mass", expected="legs without mass",
                          where="legs.mass")  # fmt: skip
