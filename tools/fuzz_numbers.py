@@ -145,6 +145,9 @@ def rest(rng: random.Random) -> str:
         C = state.stiffness.tangent_compliance
         if not state.stable or C is None or state.reactions.limits:
             return "answered"
+        # What moves hangs on digits of the geometry, as the note says.
+        if any(note.code == "near-constraint-singularity" for note in state.stiffness.notes):
+            return "answered"
         # Turns count as well: on a tiny platform a small force turns far before it shifts.
         size = float(np.linalg.norm(C[:, 3:], 2))
         if not 1e-12 < size < 1e-1:

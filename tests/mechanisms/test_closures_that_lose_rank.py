@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import mpmath
 import numpy as np
 import pytest
 from tests.mechanisms.machines import codes, joint, note, write_file, write_urdf
 from tests.support import relative_error
 
-from cartstiff import analyse, load
+from cartstiff import DeadForce, analyse, equilibrium, load
 from cartstiff.errors import UndefinedError
 
 # Files hold all digits: what is zero is zero to rounding.
@@ -187,3 +188,29 @@ def test_three_bars_in_line_block_to_second_order(tmp_path):
 
     assert np.linalg.eigvalsh(form(2) - form(0)).min() > 0.1
     assert codes(analyse(_three_bars(tmp_path))) == ["non-regular-redundancy"]
+
+
+@pytest.mark.parametrize(("tilt", "held"), [(1e-7, 3), (1e-9, 2), (1e-11, 0)])
+def test_axes_that_are_not_quite_parallel_are_named(tmp_path, tilt, held):
+    """The plate of a planar machine askew by a rounded angle: three closures hold by that alone."""
+    circle = {"base": {"radius": 0.4}, "platform": {"radius": 0.1}, "crank": 0.25, "rod": 0.25}
+    legs = {"chain": "RRR", "symmetry": 4, "stiffness": 2e4, **circle}
+    askew, straight = (
+        load(write_file(tmp_path, f"m{i}", kind="parallel", legs=legs,
+                        pose={"xyz": [0, 0, 0], "rpy": [roll, 0, 0.2]}))
+        for i, roll in enumerate((tilt, 0.0))
+    )  # fmt: skip
+    elastic = askew
+    rest = equilibrium(elastic, DeadForce([1.0, -2.0, 0.0]))
+    chain = elastic.mechanism.at(elastic.q)
+    mp = mpmath.mp.clone()
+    mp.dps = 50
+    exact = mp.svd_r(mp.matrix(chain.closure.jacobian * chain.coordinate_lengths), compute_uv=False)
+    for result in (analyse(elastic), rest.stiffness):
+        said = note(result, "near-constraint-singularity").values
+        assert (said["held"], said["free"]) == (held, 3 - held)
+        shares = np.array(said["singular_values"]) / said["singular_values"][0]
+        expected = [float(exact[i] / exact[0]) for i in range(12)]
+        np.testing.assert_allclose(shares[:9], expected[:9], rtol=1e-3)
+        np.testing.assert_allclose(shares[9:], expected[9:], rtol=1e-3, atol=1e-15)
+    assert "near-constraint-singularity" not in codes(analyse(straight))

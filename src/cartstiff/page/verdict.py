@@ -29,6 +29,7 @@ _NO_MATRIX: tuple[tuple[str, Level, str], ...] = (
 )
 NEAR: tuple[tuple[str, Level, str], ...] = (
     ("type-2-singularity", "bad", "Singular posture: the actuators do not hold the body"),
+    ("near-constraint-singularity", "warning", "The closures nearly repeat each other"),
     ("singular-stiffness", "warning", "Singular stiffness: one motion costs nothing"),
     ("near-serial-singularity", "warning", "Near a singularity: one motion is almost impossible"),
     ("near-type-2-singularity", "warning", "Near a singularity: one direction is hardly held"),

@@ -21,6 +21,7 @@ from cartstiff.statics.held import displacement_between
 from cartstiff.statics.newton import Solution
 from cartstiff.statics.problem import System
 from cartstiff.stiffness.compute import PostureStiffness
+from cartstiff.stiffness.posture_notes import near_constraint
 from cartstiff.stiffness.reduction import reduce_to
 from cartstiff.stiffness.showing import codes_of, numbers_text
 from cartstiff.stiffness.tensor import StiffnessTensor
@@ -210,7 +211,8 @@ class Equilibrium(ShownInLines):
             posture.coordinate_lengths,
             force=force,
         )
-        notes = (*self.notes, *(Note(*state) for state in reduction.states))
+        states = (Note(*state) for state in reduction.states)
+        notes = (*self.notes, *states, *near_constraint(reduction))
         # What loads exert is no rounding, however stiff the springs are that carry it.
         W = reduction.force
         is_given = W is not None and force is not None and force.any() and np.allclose(W, force)

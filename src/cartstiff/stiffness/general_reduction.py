@@ -49,7 +49,7 @@ def reduce_any(
     what: str,
 ) -> Reduction:
     """Any number of coordinates, closures, lost ranks: in scaled units throughout."""
-    states: list[State] = []
+    states, short = list[State](), None
     J = output.jacobian * rows[:, None] * columns
     g = energy.gradient * columns
     H = energy.hessian * columns[:, None] * columns
@@ -141,6 +141,7 @@ def reduce_any(
     if rank < len(rows):
         missing = lost * rows[:, None]
         kind = "deficient" if freedoms < len(rows) else "serial-singularity"
+        short = len(states)
         states.append(
             State(
                 kind,
@@ -181,17 +182,17 @@ def reduce_any(
             lambda: norm(terms()) * float(np.vdot(B, B)),
             columns[:, None] * B, energy.energy == energy.energy,
         )  # fmt: skip
-    if states and states[0].code in ("deficient", "serial-singularity") and reachable is not None:
-        states[0].values["reachable_motions"] = reachable.T.tolist()
-        states[0].values["reachable_stiffness"] = (
+    if short is not None and reachable is not None:
+        states[short].values["reachable_motions"] = reachable.T.tolist()
+        states[short].values["reachable_stiffness"] = (
             None if reachable_K is None else reachable_K.tolist()
         )
         if free is not None and free.inverse() is None:
-            words = states[0].message.replace(_COMPLIANCE_ALONE, _NEITHER)
-            states[0] = states[0]._replace(message=words)
+            words = states[short].message.replace(_COMPLIANCE_ALONE, _NEITHER)
+            states[short] = states[short]._replace(message=words)
     return Reduction(
         w * rows, K, lam, values, rank, freedoms, free, reachable, reachable_K, rates, motions,
-        states,
+        states, None if closures is None else closures.values,
     )  # fmt: skip
 
 

@@ -17,7 +17,8 @@ from cartstiff.stiffness.reduction import Reduction
 from cartstiff.stiffness.rounding import norm
 
 __all__ = [
-    "error_of_chosen_forces", "error_of_soft_directions", "near_serial", "near_type_2",
+    "error_of_chosen_forces", "error_of_soft_directions", "near_constraint", "near_serial",
+    "near_type_2",
     "notes_on_digits", "notes_on_posture",
 ]  # fmt: skip
 
@@ -31,6 +32,7 @@ def notes_on_posture(
         *(Note(*state) for state in reduction.states),
         *(near_serial(posture, reduction.singular_values) if reduction.rank == 6 else ()),
         *near_type_2(posture, reduction.motions),
+        *near_constraint(reduction),
         *elastic.remarks(posture),
         *limit_notes(elastic.mechanism, posture),
         *force_notes(elastic, posture),
@@ -167,6 +169,31 @@ def near_serial(posture: MechanismPosture, values: Array) -> list[Note]:
     ]
 
 
+def near_constraint(reduction: Reduction) -> list[Note]:
+    """A warning where singular values of closures are neither plainly zero nor plainly not.
+
+    Axes that should be parallel and are not quite give these, or a branching that is near. A chain
+    counts as closed within `ROUNDING`, and so moves by that over such a value.
+    """
+    values = np.zeros(0) if reduction.closures is None else reduction.closures
+    shares = values / max(float(values.max(initial=0.0)), numerics.TINY)
+    doubtful = shares[(numerics.LAST_DIGITS < shares) & (shares < numerics.LOST)]
+    if not doubtful.size:
+        return []
+    held, least = int((doubtful > numerics.RANK).sum()), float(doubtful.min())
+    return [
+        Note(
+            "near-constraint-singularity",
+            f"the closures nearly repeat each other: {doubtful.size} motion(s) break them by "
+            f"shares of {least:.2g} to {doubtful.max():.2g} only, of which {held} count(s) as "
+            "held; axes that should be parallel and are not quite, or a branching near: what "
+            "moves, and how stiffly, hangs on these digits of the geometry",
+            {"singular_values": values.tolist(), "held": held, "free": doubtful.size - held,
+             "unresolved": numerics.ROUNDING / least},
+        )
+    ]  # fmt: skip
+
+
 def near_type_2(posture: MechanismPosture, free: Array | None = None) -> list[Note]:
     """A warning where the actuators do not hold the free motions (n, f), or hardly."""
     if posture.actuation is None:
@@ -175,7 +202,7 @@ def near_type_2(posture: MechanismPosture, free: Array | None = None) -> list[No
     if free is not None:
         rates = rates @ free
     values = numerics.singular_values(rates)
-    if len(values) < rates.shape[1] or not values[-1] < numerics.NEAR * values[0]:
+    if not values.size or len(values) < rates.shape[1] or not values[-1] < numerics.NEAR * values[0]:
         return []
     motions = numerics.singular_directions(rates)
     if free is not None:

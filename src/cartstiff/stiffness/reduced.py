@@ -43,6 +43,8 @@ class Reduction:
         Motions that keep the closures, in scaled coordinates; None if all do.
     states : list of State
         Named states found.
+    closures : ndarray or None
+        Singular values of the length-scaled closures, where there are any.
     """
 
     force: Array | None
@@ -57,6 +59,7 @@ class Reduction:
     rates: Array | None = None
     motions: Array | None = None
     states: list[State] = field(default_factory=list)
+    closures: Array | None = None
 
     @cached_property
     def compliance_with_error(self) -> numerics.Inverse | None:
