@@ -177,7 +177,7 @@ def near_constraint(reduction: Reduction) -> list[Note]:
     """
     values = np.zeros(0) if reduction.closures is None else reduction.closures
     shares = values / max(float(values.max(initial=0.0)), numerics.TINY)
-    doubtful = shares[(numerics.LAST_DIGITS < shares) & (shares < numerics.LOST)]
+    doubtful = shares[(shares > numerics.LAST_DIGITS) & (shares < numerics.LOST)]
     if not doubtful.size:
         return []
     held, least = int((doubtful > numerics.RANK).sum()), float(doubtful.min())
@@ -202,7 +202,9 @@ def near_type_2(posture: MechanismPosture, free: Array | None = None) -> list[No
     if free is not None:
         rates = rates @ free
     values = numerics.singular_values(rates)
-    if not values.size or len(values) < rates.shape[1] or not values[-1] < numerics.NEAR * values[0]:
+    if not values.size or len(values) < rates.shape[1]:
+        return []
+    if not values[-1] < numerics.NEAR * values[0]:
         return []
     motions = numerics.singular_directions(rates)
     if free is not None:
