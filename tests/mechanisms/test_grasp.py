@@ -9,7 +9,9 @@ from tests.mechanisms.machines import write_file
 from tests.mechanisms.oracle import ROBOTS, Held, by_energy, natural_error, stiffness_by_definition
 from tests.support import relative_error
 
-from cartstiff import analyse, load
+from cartstiff import analyse, analyse_many, load
+from cartstiff.analysis.posture import analyse_posture
+from cartstiff.report.posture import describe
 
 # Differences of the reduced energy and of the load, step 0.005.
 DIFFERENCES = 1e-9
@@ -131,3 +133,25 @@ def _on_all(result):
     U, K = result.reduction.reachable, result.reduction.reachable_stiffness
     back = np.linalg.pinv(U)
     return back.T @ K @ back
+
+
+@pytest.mark.parametrize("squeeze", [0.5, 1.0, 2.0])
+def test_a_load_leaves_the_spin_about_the_contacts_to_its_lever(tmp_path, squeeze):
+    """A dead force f at h over the line of contacts resists the spin by f h alone: 0 on the line.
+
+    What f adds to K^B, and the change to K^load takes off again, leaves no stiffness behind.
+    """
+    elastic = _grasp(tmp_path, squeeze)
+    for f in (-5.0, 3.0):
+        result = analyse(elastic, wrench=[0, 0, 0, 0, 0, f])
+        assert not {"wrench-ignored"} & {note.code for note in result.notes}
+        assert not result.tangent[1].any()
+        assert result.tangent_compliance is None
+        assert "under the load is singular" in str(result.notes[-1])
+        assert analyse_posture(result, connection="load")["definiteness"] != "positive"
+        over = analyse(elastic, wrench=[0, 0, 0, 0, 0, f], load_at=(0, 0, 0.01))
+        assert over.tangent[1, 1] == pytest.approx(0.01 * f, rel=1e-12)
+        text = describe(result)
+        assert "e-3" not in text.split("Pose of the body frame")[0]  # what is 0 to rounding
+        found = analyse_many(elastic, [result.q], wrench=[0, 0, 0, 0, 0, f])
+        assert found.codes[found.state[0]] == "singular-stiffness"

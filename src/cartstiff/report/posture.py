@@ -31,7 +31,10 @@ def describe(result: PostureStiffness, analysis: str = "", at_rest: bool = False
         "",
         "Posture",
     ]
-    for coordinate, value in zip(mechanism.coordinates, result.q, strict=True):
+    # Newton's method leaves coordinates of a closed chain to this share of their natural sizes.
+    noise = 0.0 if result.posture.closure is None else numerics.ROUNDING
+    q = np.where(np.abs(result.q) <= noise * result.posture.coordinate_lengths, 0.0, result.q)
+    for coordinate, value in zip(mechanism.coordinates, q, strict=True):
         if coordinate.is_length:
             lines.append(f"  {coordinate.name:<28} {value:>12.6g} {units.length}")
         else:

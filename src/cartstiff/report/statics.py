@@ -20,7 +20,7 @@ __all__ = ["describe_curve", "describe_equilibrium", "describe_path"]
 
 # A displacement below this, times 1e-12, is rounding of the coordinates: of angles, and of
 # distances over the characteristic length.
-_NOTHING = 1e-3
+_NOTHING = 1e-2
 _STABLE = {
     True: "stable",
     False: "UNSTABLE",
@@ -37,7 +37,7 @@ def describe_equilibrium(state: Equilibrium) -> str:
         _softest(state),
         "",
         "Displacement of the body frame, inertial axes",
-        f"  rotation     {wide_row(np.degrees(state.displacement[:3]), _NOTHING)} deg",
+        f"  rotation     {wide_row(np.degrees(state.displacement[:3]), np.degrees(_NOTHING))} deg",
         f"  translation  {wide_row(state.displacement[3:], _NOTHING * length)} {units.length}",
     ]
     if (known := state.elastic.identified) is not None and (

@@ -111,9 +111,10 @@ def reduce_any(
         given = force / rows
         missed = N.T @ (J.T @ given - g)
         size = np.abs(N.T) @ (np.abs(J.T) @ np.abs(given) + np.abs(g))
-        if np.all(
-            np.abs(missed) <= numerics.UNFELT * size + numerics.ROUNDING * (np.abs(N.T) @ stiff)
-        ):
+        # Rates that should be zero are rounded, too, beside the others.
+        rounded = numerics.LAST_DIGITS * (np.abs(J).max() * np.abs(given).sum() + np.abs(g).max())
+        unfelt = np.abs(N.T) @ (rounded + numerics.ROUNDING * stiff)
+        if np.all(np.abs(missed) <= numerics.UNFELT * size + unfelt):
             w = given
         else:
             states.append(

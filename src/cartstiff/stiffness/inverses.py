@@ -11,6 +11,7 @@ from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.stiffness.free_motions import FreeMotions
 from cartstiff.stiffness.reduction import Reduction
+from cartstiff.stiffness.rounding import without_cancelled
 
 __all__ = ["Compliances", "compliance_under", "every_matrix", "inverses", "plain_inverses"]
 
@@ -32,14 +33,22 @@ class Compliances(NamedTuple):
         return None if C is None else numerics.Inverse(C, self.error)
 
 
-def every_matrix(reduction: Reduction, changes: Array, K_F: Array | None) -> Array | None:
-    """K^B, K^A, K^K, K^load and, where it exists, K^F (4 or 5, 6, 6); None without K^B."""
+def every_matrix(
+    reduction: Reduction, changes: Array, K_F: Array | None, length: float
+) -> Array | None:
+    """K^B, K^A, K^K, K^load and, where it exists, K^F (4 or 5, 6, 6); None without K^B.
+
+    With the changes (3, 6, 6) of the middle ones by the load, and the characteristic length.
+    """
     K = reduction.stiffness
     if K is None or reduction.force is None:
         return None
     every = np.empty((4 if K_F is None else 5, 6, 6))
     every[0] = K
     np.add(changes, K, out=every[1:4])
+    if any(changes.ravel().tolist()):
+        rows = np.repeat([1.0, 1 / length], 3)
+        every[1:4] = without_cancelled(every[1:4], K, changes, rows)
     if K_F is not None:
         every[4] = K_F
     every.flags.writeable = False

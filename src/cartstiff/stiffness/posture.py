@@ -148,7 +148,8 @@ class PostureStiffness(ShownInLines):
     @cached_property
     def _every(self) -> Array | None:
         """K^B, K^A, K^K, K^load and, where it exists, K^F (4 or 5, 6, 6); None without K^B."""
-        return inverses.every_matrix(self.reduction, self._changes, self._flat.stiffness)
+        known = self._changes, self._flat.stiffness, self.posture.length
+        return inverses.every_matrix(self.reduction, *known)
 
     @cached_property
     def _changes(self) -> Array:

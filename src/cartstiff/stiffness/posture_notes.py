@@ -14,7 +14,7 @@ from cartstiff.mechanisms.limits import force_notes, limit_notes
 from cartstiff.mechanisms.weighed import weighed
 from cartstiff.potentials.contract import Evaluation
 from cartstiff.stiffness.reduction import Reduction
-from cartstiff.stiffness.rounding import norm
+from cartstiff.stiffness.rounding import norm, without_cancelled
 
 __all__ = [
     "error_of_chosen_forces", "error_of_soft_directions", "near_constraint", "near_serial",
@@ -94,14 +94,17 @@ def notes_on_digits(
                     {"matrix": "stiffness", "relative_error": error},
                 )
             )
-    if K is not None and compliance is None:
+    under_load = change is not None and compliance is not None and loaded is None
+    if K is not None and (compliance is None or under_load):
+        if under_load:
+            K = without_cancelled((K + change)[None], K, change[None], 1 / natural)[0]
         values = numerics.eigenvalues(K * natural * natural[:, None])
         notes.append(
             Note(
                 "singular-stiffness",
-                "the stiffness matrix is singular: a motion costs nothing, or nothing that can "
-                "be told from the rounding of the stiffest springs, and there is no compliance "
-                "matrix",
+                f"the stiffness matrix {'under the load ' * under_load}is singular: a motion costs "
+                "nothing, or nothing that can be told from the rounding of the stiffest springs, "
+                "and there is no compliance matrix",
                 {"eigenvalues": values.tolist(), "characteristic_length": float(natural[-1])},
             )
         )

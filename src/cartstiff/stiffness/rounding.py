@@ -8,7 +8,15 @@ from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import Evaluation
 
-__all__ = ["doubtful", "is_felt", "norm", "shown_wrench", "symmetric_part", "without_noise"]
+__all__ = [
+    "doubtful",
+    "is_felt",
+    "norm",
+    "shown_wrench",
+    "symmetric_part",
+    "without_cancelled",
+    "without_noise",
+]
 
 #: How many units of rounding the direction of a spring may be off.
 _GEOMETRY = 16.0
@@ -31,6 +39,20 @@ def without_noise(K: Array, rows: Array) -> Array:
     if noise.any():
         K = np.where(noise[:, None] | noise, 0.0, K)
     return K
+
+
+def without_cancelled(sums: Array, K: Array, changes: Array, rows: Array) -> Array:
+    """Sums K + D (k, 6, 6) with zeros for rows and columns that the terms cancel to rounding.
+
+    What is left of a row is measured by the largest of its terms, lengths in the unit that `rows`
+    is the inverse of: equilibrating would take it for a soft motion.
+    """
+    units = rows * rows[:, None]
+    for axis in (-1, -2):
+        left = np.abs(sums / units).max(axis=axis, keepdims=True)
+        size = (np.abs(K / units) + np.abs(changes / units)).max(axis=axis, keepdims=True)
+        sums = np.where(left <= numerics.LAST_DIGITS * size, 0.0, sums)
+    return sums
 
 
 def norm(array: Array) -> float:
