@@ -122,6 +122,8 @@ def test_other_orders_nodes_and_axes(matrix):
         ({"order": "angular-linear"}, "resists a motion as a whole"),
         ({"order": "zyx"}, "unknown order"),
         ({"tip": 4}, "no such node: tip"),
+        ({"tip": 1.5}, "no such node: tip"),
+        ({"base": True}, "no such node: base"),
         ({"base": -1}, "the same node"),
         ({"nodes": NODES[:3]}, "stiffness of the superelement"),
     ],
@@ -144,3 +146,28 @@ def test_held_lopsided_and_loose_matrices_are_refused(matrix):
         superelement_spring(lopsided, NODES)
     with pytest.raises(InputError, match="can move without a force"):
         superelement_spring(loose, np.vstack([NODES, [0, 1, 0]]), tip=3)
+
+
+@pytest.mark.parametrize("ratio", [1e3, 1e8, 1e12, 1e15])
+def test_a_stiff_part_beside_soft_ones_is_their_sum_or_refused(ratio):
+    """Compliances of beams one after the other add up, each moved to the tip."""
+    lengths, K, expected = np.diff(NODES[:, 0]), np.zeros((24, 24)), np.zeros((6, 6))
+    for i, length in enumerate(lengths):
+        part = _element(length) * (ratio if i == 1 else 1.0)
+        K[6 * i : 6 * i + 12, 6 * i : 6 * i + 12] += part
+        to_tip = np.eye(6)
+        to_tip[3:, :3] = np.cross(NODES[3] - NODES[i + 1], np.eye(3))
+        own = np.linalg.inv(superelement_spring(part, NODES[i : i + 2]))
+        expected += to_tip @ own @ to_tip.T
+    if ratio > 1e10:
+        with pytest.raises(InputError, match="digits of the soft ones are lost"):
+            superelement_spring(K, NODES)
+        return
+    C = np.linalg.inv(superelement_spring(K, NODES))
+    assert np.abs(C - expected).max() <= 1e-14 * ratio * np.abs(expected).max()
+
+
+def test_nodes_that_are_pushed_away_are_refused(matrix):
+    """As of a part beyond its buckling load: nothing would hold the reduced spring."""
+    with pytest.raises(InputError, match="pushed away from rest"):
+        superelement_spring(-matrix, NODES)

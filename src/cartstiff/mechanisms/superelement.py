@@ -82,7 +82,7 @@ def superelement_spring(
     InputError
         If the matrix is not symmetric, if it resists the body's motion as a whole (a unit or the
         order of the rows is another one, or the body is held somewhere), or if what is free besides
-        the tip can move by itself.
+        the tip can move by itself, or is known to fewer than four digits.
     """
     K, _, parts = _sorted(stiffness, nodes, base, tip, order)
     to_tip = _static_modes(K, parts)
@@ -178,7 +178,7 @@ def _sorted(
     n = len(points)
     K = _ordered(stiffness, n, order, "stiffness of the superelement")
     for name, index in (("base", base), ("tip", tip)):
-        if not -n <= index < n:
+        if type(index) is bool or not isinstance(index, int | np.integer) or not -n <= index < n:
             raise InputError(f"no such node: {name}", expected=f"{-n} to {n - 1}", got=index)
     base, tip = base % n, tip % n
     if base == tip:
@@ -210,10 +210,19 @@ def _static_modes(K: Array, parts: _Parts) -> Array:
     modes[parts.tip] = np.eye(6)
     r = parts.others
     if r.size:
-        inverse = numerics.invert(K[np.ix_(r, r)])
-        if inverse is None:
-            raise InputError("nodes between base and tip can move without a force",
-                             got="a singular matrix of their freedoms")  # fmt: skip
+        inner = K[np.ix_(r, r)]
+        sizes = numerics.equilibration(inner)
+        least = float(np.linalg.eigvalsh(inner / np.outer(sizes, sizes))[0])
+        if least < -numerics.LOST:
+            raise InputError("nodes between base and tip are pushed away from rest",
+                             expected="a positive definite matrix of their freedoms",
+                             got=f"{least:.2g} of their stiffness along a motion")  # fmt: skip
+        inverse = numerics.invert(inner)
+        if inverse is None or inverse.error > numerics.LOST:
+            raise InputError("nodes between base and tip can move without a force, or so stiff a "
+                             "part is among them that the digits of the soft ones are lost",
+                             got="a singular matrix of their freedoms" if inverse is None
+                             else f"a relative error of {inverse.error:.1g}")  # fmt: skip
         modes[r] = -inverse.matrix @ K[r, parts.tip]
     return modes
 
