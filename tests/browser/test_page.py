@@ -9,6 +9,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from tests.browser.conftest import VIEWPORT
+from tools.look import SIZES, looked_at
 from tools.screenshot import ready, settled
 
 import cartstiff
@@ -106,6 +108,24 @@ def test_nothing_sticks_out(serve, pages, width, height):
                 && Math.abs(canvas.width - pane.width) < 2;
         }"""
     )
+
+
+@pytest.mark.parametrize("name", ["stewart-gough", "cable-robot", "ur5"])
+def test_no_words_are_cut_or_cover_others_at_any_size(serve, pages, name):
+    page = pages.open(serve(name).url, viewport={"width": 1280, "height": 720})
+    assert {size: looked_at(page, size) for size in SIZES} == {size: [] for size in SIZES}
+    page.context.close()
+
+
+def test_a_view_that_was_turned_stays_in_another_pane(ur5):
+    first = ur5.evaluate("() => window.cartstiff.pane.view")
+    look = "(view) => { window.cartstiff.pane.view = view; }"
+    ur5.evaluate(look, [1, 2, 3, 0, 0.5, 0])
+    ur5.set_viewport_size({"width": 700, "height": 700})
+    settled(ur5)
+    assert ur5.evaluate("() => window.cartstiff.pane.view") == [1, 2, 3, 0, 0.5, 0]
+    ur5.set_viewport_size(VIEWPORT)
+    ur5.evaluate(look, first)
 
 
 def test_a_narrow_cell_cuts_nothing_off(serve, pages):

@@ -75,8 +75,8 @@ function written(sprites, lit) {
   return found;
 }
 
-/** Move the labels of a scene apart; one that stood free stays where it was. */
-export function arrange(scene, camera, lit) {
+/** Move the labels of a scene apart, and from boxes over it; one that stood free stays where it was. */
+export function arrange(scene, camera, lit, boxes) {
   scene.updateMatrixWorld();
   camera.updateMatrixWorld();
   const sprites = [];
@@ -87,12 +87,13 @@ export function arrange(scene, camera, lit) {
   });
   meshes.forEach(shine);
   const labels = written(sprites, lit).map((sprite) => onScreen(sprite, camera)).filter(Boolean);
-  const placed = [];
+  const placed = [...boxes];
   for (const label of labels) {
     const { sprite, width, height } = label;
     const free = ([dx, dy]) => {
       const x = label.x + 2 * dx * width * GAP, y = label.y + 2 * dy * height * GAP;
-      return placed.every((other) => Math.abs(other.x - x) >= (other.width + width) * 0.99
+      const inside = (at, half, to) => Math.abs(at) >= 1 || Math.abs(to) + half <= 1.001;
+      return inside(label.x, width, x) && inside(label.y, height, y) && placed.every((other) => Math.abs(other.x - x) >= (other.width + width) * 0.99
         || Math.abs(other.y - y) >= (other.height + height) * 0.99);
     };
     const before = sprite.userData.place;

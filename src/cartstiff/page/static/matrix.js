@@ -113,9 +113,9 @@ export function matrixPanel(store) {
     onchange: () => store.readIn(lengths.value) });
   const absent = el("p", { class: "absent-words", hidden: true });
   byId("right").append(el("div", { class: "card" },
-    el("div", { class: "row" }, title, place, el("span", { class: "grow" }), views, select),
+    el("div", { class: "row matrix-head" }, title, place, el("span", { class: "grow" }), views, select),
     table, absent,
-    el("div", { class: "row" }, readout, el("span", { class: "grow" }), lengths,
+    el("div", { class: "row" }, readout, lengths,
       el("button", { type: "button", class: "quiet", title: "Copy as NumPy array (c)", onclick: () => copyNumpy() }, "NumPy"),
       el("button", { type: "button", class: "quiet", title: "Copy as CSV", onclick: () => copyCsv() }, "CSV"))));
   chooseView(view);
@@ -237,7 +237,7 @@ function reason(store, symbol) {
 }
 
 /** Numbers and colours: square roots of the entries over the largest of their unit. */
-function paint(cells, matrix, whole) {
+function paint(cells, matrix, unsplit) {
   const largest = [[0, 0], [0, 0]];
   const noise = [[0, 0], [0, 0]];
   if (matrix) {
@@ -245,7 +245,7 @@ function paint(cells, matrix, whole) {
       for (let j = 0; j < 6; j++) {
         const [a, b] = [i < 3 ? 0 : 1, j < 3 ? 0 : 1];
         largest[a][b] = Math.max(largest[a][b], Math.abs(matrix[i][j]));
-        noise[a][b] = Math.max(noise[a][b], UNCOUPLED * Math.sqrt(Math.abs(whole[i][i] * whole[j][j])));
+        noise[a][b] = Math.max(noise[a][b], UNCOUPLED * Math.sqrt(Math.abs(unsplit[i][i] * unsplit[j][j])));
       }
     }
   }
@@ -261,7 +261,8 @@ function paint(cells, matrix, whole) {
       const [a, b] = [i < 3 ? 0 : 1, j < 3 ? 0 : 1];
       const x = matrix[i][j];
       const vanishes = Math.abs(x) <= noise[a][b];
-      const text = vanishes ? "0" : short(x, 4, 1e5);
+      const whole = short(x, 4, 1e5);
+      const text = vanishes ? "0" : whole.length > 8 ? short(x, 3, 1e5) : whole;
       if (cell.textContent !== text) cell.textContent = text;
       cell.classList.toggle("tight", text.length > 7);
       const sign = vanishes ? "zero" : x > 0 ? "plus" : "minus";

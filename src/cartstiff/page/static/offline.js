@@ -3,7 +3,7 @@
 import { angles, back, inverse, place, product, rotation, times, transposed } from "./algebra.js";
 import { clamp } from "./dom.js";
 import { Drawing } from "./drawing.js";
-import { expand } from "./frames.js";
+import { FileSource } from "./file.js";
 import { Living, NOT_PLAIN } from "./living.js";
 import { CLOSE, NEAR, ROUNDING } from "./numerics.js";
 
@@ -12,47 +12,30 @@ const STEPS = 121;
 const MOST_STEPS = 30;
 const HALVINGS = 14;
 
-export class LivingSource {
+export class LivingSource extends FileSource {
   constructor(data, commands) {
-    this.data = data;
-    this.commands = expand(data.commands, commands);
-    this.live = false;
+    super(data, commands, "A file that computes: postures, loads, springs and points are answered here, without a server, wherever the formulas hold.");
     this.moves = true;
     this.shows = ["translation", "rotation", "labels", "wrench"];
-    this.words = "A file that computes: postures, loads, springs and points are answered here, without a server, wherever the formulas hold.";
-    this.onstatus = () => {};
     this.theme = data.hello.state.theme;
     this.living = new Living(data.living, globalThis.cartstiffTapes);
     this.drawing = new Drawing(this.living, data.kit, data.scene);
   }
 
-  start() {
-    this.onanswer({ ...this.data.hello, id: 0, do: "hello" }, this.data.start.map((i) => this.commands[i]));
+  reason({ message }) {
+    return message === NOT_PLAIN ? `${NOT_PLAIN}; what is shown is the last posture that the page answers` : message;
   }
 
-  onlost() {}
-
-  ask(message) {
-    queueMicrotask(() => {
-      try {
-        this.onanswer(...this.answer(message));
-      } catch (error) {
-        const words = error.message === NOT_PLAIN ? `${NOT_PLAIN}; what is shown is the last posture that the page answers` : error.message;
-        this.onanswer({ id: message.id, do: message.do, error: words }, []);
-      }
-    });
+  numbersOf(state) {
+    return this.living.numbers(state);
   }
 
-  answer(message) {
-    const { id, state } = message;
-    if (message.do === "draw") return this.draw(id, state, message.towards);
-    if (message.do === "numbers") return [{ id, do: "numbers", numbers: this.living.numbers(state) }, []];
-    if (message.do === "result") return [{ id, do: "result", result: this.living.result(state) }, []];
-    if (message.do === "bounds") return [{ id, do: "bounds", bounds: this.drawing.bounds(this.living.place(state.q)) }, []];
-    if (message.do === "sweep") return [{ id, do: "sweep", seconds: 0, ...this.sweep(message.coordinate, state) }, []];
-    if (message.do === "series") return [{ id, do: "series", seconds: 0, ...this.series(state) }, []];
-    if (message.do === "analysis") return [{ id, do: "analysis", ...this.data.analysis }, []];
-    throw new Error("an exported page cannot do that; `cartstiff view` can");
+  result(state) {
+    return this.living.result(state);
+  }
+
+  bounds(state) {
+    return this.drawing.bounds(this.living.place(state.q));
   }
 
   draw(id, asked, towards) {
@@ -60,11 +43,7 @@ export class LivingSource {
     const state = followed ? { ...asked, q: followed.q, moved: null } : asked;
     const m = this.living.solve(state);
     const numbers = this.living.numbers(state, m);
-    const commands = [];
-    if (this.theme !== state.theme) {
-      this.theme = state.theme;
-      commands.push(...this.data.themes[state.theme].map((i) => this.commands[i]));
-    }
+    const commands = this.themed(state.theme);
     const drawn = this.drawing.draw(m, state);
     return [{ id, do: "draw", numbers, followed, legend: { ...drawn.legend, cloud: this.data.cloud } }, [...commands, ...drawn.commands]];
   }

@@ -11,6 +11,8 @@ const REST = 250;
 const DIRECTIONS = { iso: [1, -1.05, 0.75], front: [1, 0, 0.12], side: [0, -1, 0.12], top: [0, -1e-3, 1] };
 // Distance of the camera over that at which the sphere around everything just fits.
 const FILLED = 0.95;
+// Boxes of words over the picture.
+const OVER = ["cameras", "show", "legend", "colour-bar"];
 
 export class Pane {
   constructor() {
@@ -26,11 +28,14 @@ export class Pane {
     window.onload = null;
     this.viewer.gui.domElement.style.display = "none";
     this.covered = 0;
+    this.boxes = []; // what stands over the picture, as labels are kept
+    this.framed = null; // the last view that was framed
     this.lit = null;
     this.every = false;
     this.holding = false; // whether a handle is being dragged
     new ResizeObserver(() => this.viewer.set_3d_pane_size()).observe(this.node);
-    new ResizeObserver(() => this.center()).observe(byId("legend"));
+    const over = new ResizeObserver(() => this.center());
+    for (const id of OVER) over.observe(byId(id));
     this.viewer.set_3d_pane_size();
     this.after = [];
     const render = this.viewer.render.bind(this.viewer);
@@ -38,7 +43,7 @@ export class Pane {
     this.before = []; // called before each picture
     this.viewer.render = () => {
       for (const callback of this.before) callback();
-      arrange(this.viewer.scene, this.viewer.camera, (freedom) => this.every || this.lit === freedom);
+      arrange(this.viewer.scene, this.viewer.camera, (freedom) => this.every || this.lit === freedom, this.boxes);
       render();
       this.rendered = performance.now();
       for (const callback of this.after.splice(0)) callback();
@@ -64,6 +69,13 @@ export class Pane {
     // Never back: a legend that comes and goes does not shake the picture.
     this.covered = Math.max(this.covered, byId("legend").offsetHeight);
     this.viewer.camera.setViewOffset(width, height, 0, this.covered / 2, width, height);
+    this.boxes = OVER.map((id) => box(byId(id), width, height));
+    // A view that nobody has turned is framed anew for another shape of the pane.
+    if (this.framed && String(this.view) === this.framed.view) {
+      const first = this.first === this.framed.view;
+      this.look(this.framed.preset, this.framed.bounds);
+      if (first) this.first = String(this.view);
+    }
     this.viewer.set_dirty();
   }
 
@@ -109,7 +121,8 @@ export class Pane {
   }
 
   /** Look from a preset, or with "fit" from the present side, so that all between two corners is seen. */
-  look(preset, [low, high]) {
+  look(preset, bounds) {
+    const [low, high] = bounds;
     const { camera, controls } = this.viewer;
     const { clientWidth: width, clientHeight: height } = this.node;
     // The viewer's camera lives in a frame with y up.
@@ -123,6 +136,7 @@ export class Pane {
     controls.target.set(...middle);
     camera.position.copy(controls.target).add(direction.normalize().multiplyScalar(FILLED * radius / Math.sin(Math.atan(half))));
     controls.update();
+    this.framed = { preset, bounds, view: String(this.view) };
     this.viewer.set_dirty();
   }
 
@@ -145,6 +159,12 @@ export class Pane {
     this.viewer.render();
     return new Promise((resolve) => this.viewer.renderer.domElement.toBlob(resolve, "image/png"));
   }
+}
+
+/** Middle and half sizes of a node over the pane, which reaches from -1 to 1. */
+function box({ offsetLeft, offsetTop, offsetWidth, offsetHeight }, width, height) {
+  return { x: (2 * offsetLeft + offsetWidth) / width - 1, y: 1 - (2 * offsetTop + offsetHeight) / height,
+    width: offsetWidth / width, height: offsetHeight / height };
 }
 
 const LINEAR_FILTER = 1006;
