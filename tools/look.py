@@ -1,4 +1,4 @@
-"""The page at every size: ``python tools/look.py -o FOLDER [NAME ...]`` takes its pictures.
+"""The page at every size: ``python -m tools.look -o FOLDER [NAME ...]`` takes its pictures.
 
 For each bundled mechanism, size and theme it tells what is cut off and which words cover others;
 ``--exported`` looks at the files instead of the live page.

@@ -73,7 +73,7 @@ export class Pane {
     // A view that nobody has turned is framed anew for another shape of the pane.
     if (this.framed && String(this.view) === this.framed.view) {
       const first = this.first === this.framed.view;
-      this.look(this.framed.preset, this.framed.bounds);
+      this.frame(this.framed.preset, this.framed.bounds);
       if (first) this.first = String(this.view);
     }
     this.viewer.set_dirty();
@@ -122,6 +122,10 @@ export class Pane {
 
   /** Look from a preset, or with "fit" from the present side, so that all between two corners is seen. */
   look(preset, bounds) {
+    this.frame(preset, bounds);
+  }
+
+  frame(preset, bounds) {
     const [low, high] = bounds;
     const { camera, controls } = this.viewer;
     const { clientWidth: width, clientHeight: height } = this.node;
