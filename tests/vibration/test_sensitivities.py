@@ -15,8 +15,9 @@ from cartstiff import analyse, load, modes
 from cartstiff.analysis.tolerances import Parameters, Tolerances
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.mechanisms.identified import neighbours
+from cartstiff.vibration.accuracy import intervals
 from cartstiff.vibration.comparison import compare
-from cartstiff.vibration.sensitivities import intervals, sensitivities
+from cartstiff.vibration.sensitivities import sensitivities
 
 #: Two rounds of central differences.
 DIFFERENCES = 1e-5

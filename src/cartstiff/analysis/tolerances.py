@@ -1,34 +1,36 @@
 r"""Parameters of an elastic mechanism with their tolerances.
 
 Parameters: the stiffness of every spring, or, where springs were measured, their compliances with
-the covariance of that measurement; for chains the placement of each joint on its
+the covariance of that measurement; the masses; for chains the placement of each joint on its
 predecessor and of the body frame on the last joint (translations, and rotations about the
-placement's own axes); for platforms the points of base and platform.
+placement's own axes); for platforms the points of base and platform; what the mechanism's file
+calls its parameters; and where a mechanism finds its rest by itself, rest lengths and angles.
 
-A mechanism with other parameters is looked at in the same posture and under the same load: the
-rest positions follow, as in a robot whose controller holds it there. Springs of platforms and
-closed chains keep their forces (those of a platform change as little as keeps the load).
+A mechanism with other parameters is looked at in the same posture (that of its file, if it is at
+this one) and under the same load: the rest positions follow, as in a robot whose controller holds
+it there. Springs of platforms and closed chains keep their forces (which change as little as keeps
+the load).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.analysis.uncertainty import Tolerance
-from cartstiff.arrays import checked_number
-from cartstiff.errors import InputError, UndefinedError
+from cartstiff.analysis.uncertainty import Tolerance, Tolerances
+from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements
 from cartstiff.mechanisms.platform import Platform, PlatformPosture
-from cartstiff.potentials.flexure_struts import ideal_joints_only
+from cartstiff.potentials.flexure_struts import FlexureStruts, ideal_joints_only
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.stiffness.compute import PostureStiffness, analyse
@@ -37,34 +39,8 @@ __all__ = ["Parameters", "Tolerances"]
 
 _XYZ = ("x", "y", "z")
 _RXYZ = ("rx", "ry", "rz")
-
-
-@dataclass(frozen=True)
-class Tolerances:
-    """Standard deviations for whole groups of parameters.
-
-    Attributes
-    ----------
-    stiffness : float
-        Standard deviation of every spring stiffness, relative to it (0.05: five per cent).
-    length : float
-        Standard deviation of every coordinate of a joint placement or an attachment point, in
-        units of length.
-    angle : float
-        Standard deviation of every small rotation of a joint placement, in radians; chains only.
-    """
-
-    stiffness: float = 0.0
-    length: float = 0.0
-    angle: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name in ("stiffness", "length", "angle"):
-            value = checked_number(getattr(self, name), f"tolerance of the {name}")
-            if value < 0:
-                raise InputError(
-                    f"tolerance of the {name} cannot be used", expected="zero or more", got=value
-                )
+#: Begins the names of what the mechanism's file calls its parameters.
+_FILE = "parameter."
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,10 +54,82 @@ class Parameters:
     tolerances : Tolerances
         Only parameters with a deviation above zero are listed. Without one of the stiffness, the
         compliances of measured springs are.
+    reread : callable, optional
+        From values of the file's parameters, by name, to the mechanism; without it these are none.
+    at_rest : bool
+        Whether rest positions are parameters: of a mechanism that finds its rest by itself.
     """
 
     result: PostureStiffness
     tolerances: Tolerances
+    reread: Callable[[Mapping[str, float]], ElasticMechanism] | None = None
+    at_rest: bool = False
+
+    @cached_property
+    def nominal(self) -> dict[str, float]:
+        """Values of all parameters by name, whatever their tolerance.
+
+        "stiffness.<spring>", "mass.<link>" (the link's centre and its moments of inertia about it
+        stay; of legs all alike), the geometry's names of `named`, "rest.<spring>" and
+        "parameter.<name>".
+        """
+        elastic = self.result.elastic
+        given = {f"mass.{name}": m for name, m in self._masses.items()}
+        if not isinstance(elastic.springs, FlexureStruts):
+            given = {f"stiffness.{name}": k for name, k in self._stiffnesses.items()} | given
+            given |= self._geometry | self._rests
+        if self.reread is not None:
+            given |= {f"{_FILE}{name}": float(x) for name, x in elastic.parameters.items()}
+        return given
+
+    def size(self, name: str) -> float:
+        """Natural size of a parameter's changes, in its unit."""
+        group = name.partition(".")[0]
+        if group in ("stiffness", "mass"):
+            return abs(self.nominal[name])
+        if group == "parameter":
+            return abs(self.nominal[name]) or 1.0
+        return 1.0 if self.is_angle(name) else self.result.posture.length
+
+    def is_angle(self, name: str) -> bool:
+        """Whether a parameter of the geometry, or a rest position, is an angle."""
+        group, _, rest = name.partition(".")
+        if group == "rest":
+            elastic = self.result.elastic
+            if not isinstance(elastic.springs, JointSprings):
+                return False
+            return not elastic.mechanism.coordinates[elastic.names.index(rest)].is_length
+        return group in ("placement", "frame") and name.rsplit(".", 1)[1] in _RXYZ
+
+    @cached_property
+    def _stiffnesses(self) -> dict[str, float]:
+        """Of the linear springs that act."""
+        elastic = self.result.elastic
+        if elastic.springs is None:
+            return {}
+        laws = elastic.springs.laws if isinstance(elastic.springs, JointSprings) else {}
+        each = zip(elastic.spring_names, elastic.springs.stiffness.tolist(), strict=True)
+        return {
+            name: k for i, (name, k) in enumerate(each) if 0.0 < k < np.inf and i not in laws
+        }  # fmt: skip
+
+    @cached_property
+    def _rests(self) -> dict[str, float]:
+        elastic = self.result.elastic
+        if not self.at_rest or elastic.springs is None:
+            return {}
+        each = zip(elastic.spring_names, elastic.springs.rest.tolist(), strict=True)
+        return {f"rest.{name}": x for name, x in each if name in self._stiffnesses and x == x}
+
+    @cached_property
+    def _masses(self) -> dict[str, float]:
+        mechanism = self.result.elastic.mechanism
+        if isinstance(mechanism, Chain):
+            own, _ = mechanism.tree.masses()
+            links = mechanism.tree.links().items()
+            return {name: float(own[j - 1]) for j, name in sorted(links) if own[j - 1] > 0.0}
+        masses = mechanism.masses() if isinstance(mechanism, Platform) else {}
+        return {name: mass for name, mass in masses.items() if mass > 0.0}
 
     @cached_property
     def named(self) -> dict[str, Tolerance]:
@@ -89,24 +137,21 @@ class Parameters:
 
         "stiffness.<spring>", or "compliance.<spring>" where they were measured;
         "placement.<joint>.x" to ".rz" and "frame.x" to ".rz" for chains; "base.<leg>.x" and
-        "platform.<leg>.x" to ".z" for platforms. Rotations are nominally zero.
+        "platform.<leg>.x" to ".z" for platforms; "rest.<spring>". Rotations are nominally zero.
         """
         elastic, t = self.result.elastic, self.tolerances
         ideal_joints_only(elastic.springs, "tolerances")
         given: dict[str, Tolerance] = {}
-        if t.stiffness > 0 and elastic.springs is not None:
-            laws = elastic.springs.laws if isinstance(elastic.springs, JointSprings) else {}
-            for i, name in enumerate(elastic.spring_names):
-                k = float(elastic.springs.stiffness[i])
-                if k > 0 and i not in laws:
-                    given[f"stiffness.{name}"] = Tolerance(k, t.stiffness * k)
+        if t.stiffness > 0:
+            for name, k in self._stiffnesses.items():
+                given[f"stiffness.{name}"] = Tolerance(k, t.stiffness * k)
         if t.stiffness == 0 and (known := elastic.identified) is not None:
             spread = np.sqrt(known.covariance.diagonal())
             for pattern, c, s in zip(known.patterns, known.values, spread, strict=True):
                 lower = 0.0 if pattern.is_diagonal else -np.inf
                 given[f"compliance.{pattern.name}"] = Tolerance(float(c), float(s), lower=lower)
-        for name, value in self._geometry.items():
-            deviation = t.angle if name.rsplit(".", 1)[1] in _RXYZ else t.length
+        for name, value in (self._geometry | self._rests).items():
+            deviation = t.angle if self.is_angle(name) else t.length
             if deviation > 0:
                 given[name] = Tolerance(value, deviation)
         if not given:
@@ -177,6 +222,8 @@ class Parameters:
     @cached_property
     def left_out(self) -> str | None:
         """Why no geometry is varied, where it was asked for."""
+        if isinstance(self.result.elastic.springs, FlexureStruts):
+            return "of struts with flexures only masses and the file's parameters are varied"
         asked = self.tolerances.length > 0 or self.tolerances.angle > 0
         if asked and self._is_overconstrained:
             return (
@@ -228,30 +275,86 @@ class Parameters:
         """
         return replace(self._analysed(values), load=self.result.load)
 
-    def _analysed(self, values: Mapping[str, float]) -> PostureStiffness:
-        elastic, q = self.result.elastic, self.result.q
+    def mechanism(self, values: Mapping[str, float]) -> ElasticMechanism:
+        """The mechanism with other parameters (those not named: nominal).
+
+        Rest positions are those of the nominal one, unless named; open where the file was read
+        with other parameters, and leaves them open.
+        """
+        elastic = self.result.elastic
+        told = {n.removeprefix(_FILE): x for n, x in values.items() if n.startswith(_FILE)}
+        if told and self.reread is not None:
+            elastic = self.reread(told)
         if elastic.springs is not None:
-            k = np.array(elastic.springs.stiffness)
+            k, rest = np.array(elastic.springs.stiffness), np.array(elastic.springs.rest)
             for i, name in enumerate(elastic.spring_names):
                 k[i] = values.get(f"stiffness.{name}", k[i])
-            elastic = replace(elastic, springs=elastic.springs.replaced(k, elastic.springs.rest))
-        elastic = self._measured_springs(elastic, values)
-        elastic = self._placed_at(elastic, values)
-        posture = elastic.mechanism.closed(q)
-        springs, old = elastic.springs, self.result.elastic.springs
-        if isinstance(springs, LineSprings) and isinstance(old, LineSprings):
-            if isinstance(posture, PlatformPosture):
-                elastic = replace(elastic, springs=self._tensioned(springs, old, posture))
-        elif isinstance(springs, JointSprings) and isinstance(old, JointSprings):
+                rest[i] = values.get(f"rest.{name}", rest[i])
+            elastic = replace(elastic, springs=elastic.springs.replaced(k, rest))
+        elastic = self._placed_at(self._measured_springs(elastic, values), values)
+        masses = {n: values[f"mass.{n}"] for n in self._masses if f"mass.{n}" in values}
+        mechanism = elastic.mechanism
+        return replace(elastic, mechanism=mechanism.with_masses(masses)) if masses else elastic
+
+    def posture_of(self, elastic: ElasticMechanism, q: Array | None = None) -> Array:
+        """Coordinates q, by default the nominal ones; where they are the file's: its own now."""
+        q = self.result.q if q is None else q
+        return elastic.q if np.array_equal(q, self.result.elastic.q) else q
+
+    def _analysed(self, values: Mapping[str, float]) -> PostureStiffness:
+        there, nominal = self.result.posture, self.result.elastic.springs
+        elastic = self.mechanism(values)
+        posture, springs = elastic.mechanism.closed(self.posture_of(elastic)), elastic.springs
+        if isinstance(springs, FlexureStruts):
+            W = self.result.wrench
+            return analyse(elastic, posture.q, wrench=W if np.any(W) else None)
+        if isinstance(springs, JointSprings) and isinstance(nominal, JointSprings):
             if posture.closure is None:
-                return analyse(elastic, q, wrench=self.result.wrench)
-            linear = springs.stiffness > 0
-            linear[list(springs.laws)] = False
-            rest = posture.q - (self.result.q - old.rest)
-            torque = old.torque(self.result.q)
-            rest[linear] = posture.q[linear] - torque[linear] / springs.stiffness[linear]
-            elastic = replace(elastic, springs=springs.replaced(springs.stiffness, rest))
-        return analyse(elastic, posture.q)
+                return analyse(elastic, posture.q, wrench=self.result.wrench)
+            active = (springs.stiffness > 0) & np.isfinite(springs.stiffness)
+            active[list(springs.laws)] = False
+            before, x, forces = there.q, posture.q, nominal.torque(there.q)
+            rows = np.diag(posture.coordinate_lengths)
+        elif (
+            isinstance(springs, LineSprings) and isinstance(nominal, LineSprings)
+            and isinstance(posture, PlatformPosture) and isinstance(there, PlatformPosture)
+        ):  # fmt: skip
+            before, x = there.lines.lengths, posture.lines.lengths
+            active = springs.stiffness > 0
+            if nominal.unilateral:
+                active &= nominal.is_taut(before)
+            forces, rows = (
+                nominal.tensions(before),
+                posture.lines.lines * posture.coordinate_lengths,
+            )
+        else:
+            return analyse(elastic, posture.q)
+        forces = forces + self._change(elastic, posture, rows, forces, active)
+        rest = nominal.rest + x - before
+        rest[active] = x[active] - forces[active] / springs.stiffness[active]
+        return analyse(
+            replace(elastic, springs=springs.replaced(springs.stiffness, rest)), posture.q
+        )
+
+    def _change(
+        self, elastic: ElasticMechanism, posture: MechanismPosture, rows: Array, forces: Array,
+        active: Array,
+    ) -> Array:  # fmt: skip
+        """Least change of the springs' forces (m,) by which they carry the nominal load.
+
+        `rows` (m, n) is the way of each spring per natural coordinate.
+        """
+        columns, others = posture.coordinate_lengths, elastic._evaluate_others(posture)
+        W = np.zeros(6) if self.result.wrench is None else self.result.wrench
+        missing = posture.motion.jacobian.T @ W - (0.0 if others is None else others.gradient)
+        missing = columns * missing - rows.T @ forces
+        if posture.closure is not None:
+            C = posture.closure.jacobian * columns
+            N = np.linalg.svd(C)[2][np.linalg.matrix_rank(C, rtol=numerics.RANK) :]
+            missing, rows = N @ missing, rows @ N.T
+        change = np.zeros_like(forces)
+        change[active] = np.linalg.lstsq(rows[active].T, missing, rcond=numerics.ROUNDING)[0]
+        return change
 
     def _placed_at(
         self, elastic: ElasticMechanism, values: Mapping[str, float]
@@ -260,11 +363,10 @@ class Parameters:
         geometry = self._geometry
         if not any(name in geometry for name in values):
             return elastic
-        moved = {name: values.get(name, x) for name, x in geometry.items()}
         mechanism = elastic.mechanism
         if isinstance(mechanism, Platform):
-            points = np.array(list(moved.values())).reshape(2, -1, 3)
-            platform = mechanism.with_points(*points)
+            moved = [values.get(name, x) for name, x in geometry.items()]
+            platform = mechanism.with_points(*np.array(moved).reshape(2, -1, 3))
             elastic = replace(elastic, mechanism=platform)
             if isinstance(elastic.springs, LineSprings):
                 springs = replace(elastic.springs, anchors=platform.anchors, points=platform.points)
@@ -273,32 +375,11 @@ class Parameters:
         if not isinstance(mechanism, Chain):
             return elastic
         poses = {}
-        for name, T in self._placed.items():
-            shift = np.array([moved[f"{name}.{axis}"] for axis in _XYZ])
-            turn = np.array([moved[f"{name}.{axis}"] for axis in _RXYZ])
-            rotation = se3.exp(np.concatenate([turn, np.zeros(3)]))[:3, :3]
-            poses[name] = se3.pose(T[:3, :3] @ rotation, shift)
-        placements = {j: poses[name] for name, j in self._joints.items()}
-        return replace(elastic, mechanism=mechanism.with_placements(placements, poses["frame"]))
-
-    def _tensioned(
-        self, springs: LineSprings, old: LineSprings, posture: PlatformPosture
-    ) -> LineSprings:
-        """Rest lengths at which the legs exert the nominal wrench with the least change."""
-        platform = self.result.elastic.mechanism.at(self.result.q)
-        if not isinstance(platform, PlatformPosture):
-            raise TypeError("legs of a body that is not a platform")
-        before, now = platform.lines, posture.lines
-        tension = old.tensions(before.lengths)
-        active = springs.stiffness > 0
-        if springs.unilateral:
-            active &= old.is_taut(before.lengths)
-        lengths = np.repeat([1.0, posture.length], 3)[:, None]
-        missing = lengths[:, 0] * (before.lines.T @ tension - now.lines.T @ tension)
-        tension = tension.copy()
-        tension[active] += np.linalg.lstsq(
-            lengths * now.lines[active].T, missing, rcond=numerics.ROUNDING
-        )[0]
-        rest = old.rest_length + now.lengths - before.lengths
-        rest[active] = now.lengths[active] - tension[active] / springs.stiffness[active]
-        return springs.replaced(springs.stiffness, rest)
+        for name in dict.fromkeys(name.rpartition(".")[0] for name in values if name in geometry):
+            T = self._placed[name]
+            x = [values.get(key := f"{name}.{a}", geometry[key]) for a in (*_RXYZ, *_XYZ)]
+            rotation = se3.exp(np.array([*x[:3], 0.0, 0.0, 0.0]))[:3, :3]
+            poses[name] = se3.pose(T[:3, :3] @ rotation, np.array(x[3:]))
+        frame = poses.pop("frame", mechanism.body.T_j_f)
+        placements = {self._joints[name]: T for name, T in poses.items()}
+        return replace(elastic, mechanism=mechanism.with_placements(placements, frame))

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_array, read_only
+from cartstiff.arrays import checked_array, checked_number, read_only
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 
@@ -23,6 +23,7 @@ __all__ = [
     "Propagation",
     "Results",
     "Tolerance",
+    "Tolerances",
     "propagate_first_order",
     "propagate_monte_carlo",
 ]
@@ -77,6 +78,35 @@ class Tolerance:
             half = np.sqrt(3.0) * self.deviation
             return rng.uniform(self.nominal - half, self.nominal + half, count)
         return rng.normal(self.nominal, self.deviation, count)
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """Standard deviations for whole groups of parameters.
+
+    Attributes
+    ----------
+    stiffness : float
+        Standard deviation of every spring stiffness, relative to it (0.05: five per cent).
+    length : float
+        Standard deviation of every coordinate of a joint placement or an attachment point, in
+        units of length; of every rest length, where a mechanism finds its rest by itself.
+    angle : float
+        Standard deviation of every small rotation of a joint placement, in radians; of every rest
+        angle, where a mechanism finds its rest by itself.
+    """
+
+    stiffness: float = 0.0
+    length: float = 0.0
+    angle: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("stiffness", "length", "angle"):
+            value = checked_number(getattr(self, name), f"tolerance of the {name}")
+            if value < 0:
+                raise InputError(
+                    f"tolerance of the {name} cannot be used", expected="zero or more", got=value
+                )
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,7 @@ from cartstiff.cli.options import (
 )
 from cartstiff.cli.output import json_text, say
 from cartstiff.cli.requests.analysis import AnalysisRequest, analysis_options
+from cartstiff.cli.requests.parameters import add_sensitivities, sensitivities_option
 from cartstiff.cli.types import OutputFile, Values, json_option, option, option_group
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ Examples:
   cartstiff analyse ur5 --load 0,0,0,0,0,-100 --world --load-at 0,0,0.1 --deflect 0,0,0,10,0,0
   cartstiff analyse flexure-hexapod -o stiffness.nas
   cartstiff analyse cubic --tolerance 0.05,0.0001 --samples 500
+  cartstiff analyse cubic --sensitivities --json
   cartstiff analyse ur5 --target wanted.csv --inertia 2,0.01,0.01,0.005
 """
 
@@ -63,6 +65,7 @@ _options = option_group(
         "--axes", type=click.Choice(("body", "base")),
         help="Also the matrices along these axes, about the body frame's origin.",
     ),
+    sensitivities_option,
     click.option("--strict", is_flag=True, help="Exit with code 3 if a quantity does not exist."),
 )  # fmt: skip
 
@@ -85,6 +88,7 @@ def command(
     relax: bool,
     order: str | None,
     axes: str | None,
+    sensitivities: bool,
     strict: bool,
     analysis: AnalysisRequest,
 ) -> None:
@@ -119,6 +123,7 @@ def command(
         data = result.as_dict()
         if order is not None or axes is not None:
             data["as_controller"] = _as_controller(result, order or ORDERS[0], axes or "body")
+        by_parameters = add_sensitivities(result, request, data) if sensitivities else []
     text = json_text(data, request.mechanism)
     if analysis.level != "none":
         data["analysis"] = analysis.run(result)
@@ -139,7 +144,7 @@ def command(
             shown = summary_text(data["analysis"], elastic.units, analysis.level)
         if "as_controller" in data:
             shown = "\n".join([*_matrices_text(data["as_controller"]), shown])
-        say(describe(result, shown))
+        say("\n".join([describe(result, shown), *by_parameters]))
         if not relax and any(note.code == "unbalanced" for note in result.notes):
             say("  --relax lets the self-motion settle, with the body held where it is")
     missing = [name for name, K in data["stiffness"].items() if K is None]

@@ -17,6 +17,13 @@ from cartstiff.cli.options import (
     mechanism_options,
 )
 from cartstiff.cli.output import say_unused, tell
+from cartstiff.cli.requests.parameters import (
+    add_accuracy,
+    add_sensitivities,
+    checked_tolerance,
+    sensitivities_option,
+    tolerance_option,
+)
 from cartstiff.cli.requests.path_file import WRENCH
 from cartstiff.cli.types import (
     PICTURE,
@@ -41,6 +48,7 @@ Examples:
   cartstiff equilibrium ur5 --load 0,0,0,0,0,-100 --world --load-at 0,0,0.1
   cartstiff equilibrium ur5 --load 0,0,5,0,0,-100 --load-kind follower
   cartstiff equilibrium panda --payload 3,0,0,0.1
+  cartstiff equilibrium stewart-gough --load 0,0,0,0,0,-50 --tolerance 0.05,0.01
   cartstiff equilibrium ur5 --hold z=-0.002
   cartstiff equilibrium 6-pus --load 0,0,0,0,0,-500 --command leg1/slide=0.001
   cartstiff equilibrium five-bar --load 0,0,0,0,-2000,0 --curve 3 --plot curve.png
@@ -66,6 +74,9 @@ _options = option_group(
         "in the axes of the body at that posture), under a line of names if wanted; gives the "
         "commands that put the loaded body there.",
     ),
+    sensitivities_option,
+    tolerance_option("what they leave of pose, stiffness and frequencies, with the main "
+                     "contributors; rest lengths and angles are uncertain, too"),
     option("--csv", type=OutputFile("FILE.csv", ".csv"), help="Write the curve or path."),
     option("--plot", type=PICTURE, help="Draw the curve or path."),
     json_option,
@@ -89,6 +100,8 @@ def command(
     no_limits: bool,
     curve: float | None,
     path: Path | None,
+    sensitivities: bool,
+    tolerance: list[float] | None,
     csv: Path | None,
     plot: Path | None,
     as_json: bool,
@@ -109,6 +122,9 @@ def command(
     several = curve is not None or path is not None
     if (csv is not None or plot is not None) and not several:
         raise InputError("--csv and --plot go with --curve or --path")
+    checked_tolerance(tolerance)
+    if several and (sensitivities or tolerance is not None):
+        raise InputError("--sensitivities and --tolerance do not go with --curve or --path")
     if no_limits and several:
         raise InputError("--no-limits does not go with --curve or --path")
     for name, value in (("--hold", hold), ("--q", request.q), ("--pose", request.pose),
@@ -138,9 +154,9 @@ def command(
             return weight
         return (kind.acting(wrench, elastic.mechanism.at(q).pose, applied.axes), *weight)
 
-    if told is not None:
-        from cartstiff.statics.command import commanded
+    from cartstiff.statics.command import commanded
 
+    if told is not None:
         elastic, q = commanded(elastic, request.command(told, elastic), q)
 
     held = None if hold is None else Held(hold, axes=applied.axes)
@@ -153,7 +169,15 @@ def command(
         from cartstiff.statics.equilibrium import equilibrium
 
         state = equilibrium(elastic, *loads, q0=q, held=held, limits=not no_limits)
-        tell(as_json, state.as_dict(), elastic.name, lambda: describe_equilibrium(state))
+        data, more = state.as_dict(), []
+        if sensitivities:
+            more += add_sensitivities(
+                state, replace(request, payload=None), data,
+                lambda e: e if told is None else commanded(e, request.command(told, e), q)[0],
+            )  # fmt: skip
+        if tolerance is not None:
+            more += add_accuracy(state, tolerance, data)
+        tell(as_json, data, elastic.name, lambda: "\n".join([describe_equilibrium(state), *more]))
         return
     if not loads:
         raise InputError("a curve needs a load", expected="--load or --payload")

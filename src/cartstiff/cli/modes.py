@@ -12,6 +12,13 @@ from cartstiff.cli.controller import ControllerRequest
 from cartstiff.cli.milling import LobesRequest, cutting_options
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import tell
+from cartstiff.cli.requests.parameters import (
+    add_accuracy,
+    add_sensitivities,
+    checked_tolerance,
+    sensitivities_option,
+    tolerance_option,
+)
 from cartstiff.cli.response import KINDS, ResponseRequest
 from cartstiff.cli.types import (
     PICTURE,
@@ -47,16 +54,9 @@ _options = option_group(
         "--compare", metavar="NAMES",
         help="What 6x6 matrices at the tip make of the frequencies: some of A,B,K,F,load,energy.",
     ),
-    click.option(
-        "--sensitivities", is_flag=True,
-        help="Derivative of each frequency by each stiffness, mass and length.",
-    ),
-    option(
-        "--tolerance", type=Numbers("REL[,LENGTH[,ANGLE]]", 1, 2, 3),
-        help="Standard deviations: relative of every spring stiffness, absolute of every length "
-        "and rotation (rad) of the geometry; gives an interval for each frequency, as measured "
-        "springs do by themselves.",
-    ),
+    sensitivities_option,
+    tolerance_option("an interval for each frequency, as measured springs do by themselves, and "
+                     "its main contributors"),
     option(
         "--response", metavar="LOW:HIGH[:COUNT]",
         help="Response of the body to a force at it between two frequencies [Hz], 400 by default "
@@ -153,9 +153,7 @@ def command(
     """
     wrench = request.balanced_wrench
     applied.check_world(load=wrench)
-    if tolerance is not None and (min(tolerance) < 0.0 or not any(tolerance)):
-        raise InputError("cannot be used", where="--tolerance",
-                         expected="zero or more, not all zero", got=tolerance)  # fmt: skip
+    checked_tolerance(tolerance)
     files = {} if lobes is None else {n: response_options.pop(n) for n in ("csv", "plot")}
     if response_options["response"] is not None and any(files.values()):
         raise InputError("serve one at a time", where="--csv and --plot",
@@ -188,7 +186,7 @@ def command(
         data["unloaded"] = {key: told[key] for key in ("frequencies", "eigenvalues", "load")}
     from cartstiff.report.modes import describe_modes
 
-    extra = _more(swinging, data, compare, sensitivities, tolerance)
+    extra = _more(swinging, request, data, compare, sensitivities, tolerance)
     extra += response.run(swinging, data)
     extra += cut.run(swinging, response.damped, data)
     extra += controller.run(swinging, data)
@@ -196,14 +194,13 @@ def command(
 
 
 def _more(
-    modes: Modes, data: dict[str, Any], compare: str | None, wanted: bool,
-    tolerance: list[float] | None,
+    modes: Modes, request: MechanismRequest, data: dict[str, Any], compare: str | None,
+    wanted: bool, tolerance: list[float] | None,
 ) -> list[str]:  # fmt: skip
     """Adds what was asked for to the JSON object, and gives it as lines."""
     from cartstiff.report.modes import (
         describe_comparison,
         describe_intervals,
-        describe_sensitivities,
     )
 
     lines: list[str] = []
@@ -218,17 +215,15 @@ def _more(
         data["compare"] = [shortcut.as_dict() for shortcut in shortcuts]
         lines += describe_comparison(shortcuts)
     measured = modes.elastic.identified is not None
-    if wanted or tolerance is not None or measured:
+    if wanted:
+        lines += add_sensitivities(modes, request, data)
+    if tolerance is not None or measured:
         from cartstiff.analysis.tolerances import Tolerances
-        from cartstiff.vibration.sensitivities import intervals
-        from cartstiff.vibration.sensitivities import sensitivities as derivatives
+        from cartstiff.vibration.accuracy import intervals
 
-        known = derivatives(modes, geometry=wanted or tolerance is not None)
-        if wanted:
-            data["sensitivities"] = known.as_dict()
-            lines += describe_sensitivities(known, modes.elastic.units)
-        if tolerance is not None or measured:
-            band = intervals(modes, Tolerances(*(tolerance or ())), given=known)
-            data["intervals"] = band.as_dict()
-            lines += describe_intervals(modes, band)
+        band = intervals(modes, Tolerances(*(tolerance or ())))
+        data["intervals"] = band.as_dict()
+        lines += describe_intervals(modes, band)
+        if tolerance is not None:
+            lines += add_accuracy(modes, tolerance, data)
     return lines

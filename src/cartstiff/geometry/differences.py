@@ -9,12 +9,14 @@ from numpy.typing import ArrayLike
 
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["STEP", "derivative", "gradient_and_hessian", "jacobian"]
+__all__ = ["STEP", "derivative", "derivative_with_error", "gradient_and_hessian", "jacobian"]
 
 # Eighth-order central differences: with a step of 2e-2 of the argument's natural unit the
 # truncation (step^8 times a ninth derivative over 630) and the rounding are both near 1e-14.
 STEP = 2e-2
 _FIRST = ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))
+# The same from the three nearest pairs alone, of sixth order: what the fourth changes is the error.
+_FIRST_OF_THREE = (3 / 4, -3 / 20, 1 / 60, 0.0)
 _SECOND = ((1, 8 / 5), (2, -1 / 5), (3, 8 / 315), (4, -1 / 560))
 _SECOND_AT_ZERO = -205 / 72
 
@@ -25,6 +27,14 @@ def derivative(f: Callable[[float], ArrayLike], step: float = STEP) -> Array:
     for m, weight in _FIRST:
         total = total + weight * (np.asarray(f(m * step)) - np.asarray(f(-m * step)))
     return np.asarray(total / step, float)
+
+
+def derivative_with_error(f: Callable[[float], ArrayLike], step: float) -> tuple[Array, Array]:
+    """`derivative`, and its change from sixth to eighth order: more than what it is off by."""
+    more = [np.asarray(f(m * step)) for m, _ in _FIRST]  # one side after the other
+    pairs = np.array(more) - np.array([np.asarray(f(-m * step)) for m, _ in _FIRST])
+    found = np.tensordot([weight for _, weight in _FIRST], pairs, 1) / step
+    return found, np.abs(found - np.tensordot(_FIRST_OF_THREE, pairs, 1) / step)
 
 
 def jacobian(f: Callable[[Array], ArrayLike], scale: ArrayLike) -> Array:

@@ -237,9 +237,8 @@ class Chain(Mechanism):
         self.kind = kind
         self.coordinates = tree.coordinates
         self.closures = tuple(closures)
-        if len(self.closures) > _MOST_CLOSURES:
-            raise InputError("too many closures", expected=f"at most {_MOST_CLOSURES}",
-                             got=len(self.closures))  # fmt: skip
+        if (many := len(self.closures)) > _MOST_CLOSURES:
+            raise InputError("too many closures", expected=f"at most {_MOST_CLOSURES}", got=many)
         self.actuated = None if actuated is None else tuple(actuated)
         self.selection: Array | None = None
         if actuated is not None:
@@ -278,10 +277,8 @@ class Chain(Mechanism):
 
     def placement(self, name: str) -> Placement:
         """Placement of "world", "body" or a named frame of the tree."""
-        if name == "body":
-            return self.body
-        if name == "world":
-            return self.world
+        if name in ("body", "world"):
+            return self.body if name == "body" else self.world
         try:
             return self.tree.placement(name)
         except UnknownNameError:
@@ -290,7 +287,7 @@ class Chain(Mechanism):
     def with_placements(self, placements: Mapping[int, Array], T_j_M: ArrayLike) -> Chain:
         """The same chain with joints, and the body frame on its last joint, placed elsewhere."""
         other = copy(self)
-        other.tree = self.tree.with_placements(placements)
+        other.tree = self.tree.changed(placements)
         other.body = Placement(self.body.joint, np.array(T_j_M, float))
         vars(other).pop("ties", None)
         other.legs = ()
@@ -304,6 +301,12 @@ class Chain(Mechanism):
             bare = float(self.tree.model.inertias[self.body.joint].mass)
             hung, bare = (0.0, bare) if self.payload is None else self.payload
             other.payload = hung + mass, bare
+        return other
+
+    def with_masses(self, masses: Mapping[str, float]) -> Chain:
+        """The same chain with other masses [kg] of links; their centres stay."""
+        other, links = copy(self), self.tree.links().items()
+        other.tree = self.tree.changed(masses={j: masses[n] for j, n in links if n in masses})
         return other
 
     @property
@@ -359,8 +362,7 @@ class Chain(Mechanism):
         movable = np.ones(posture.q.size, bool)
         if held:
             movable[held] = False
-            found, _, _ = self._close(posture, movable, tolerance)
-            if found is not None:
+            if (found := self._close(posture, movable, tolerance)[0]) is not None:
                 return found
         movable[:] = True
         found, iterations, size = self._close(posture, movable, tolerance)

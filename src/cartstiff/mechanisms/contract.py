@@ -310,6 +310,16 @@ class Mechanism(ABC):
         """
         raise InputError(f"mechanisms of kind {self.kind} carry no payload", got=mass)
 
+    def with_masses(self, masses: Mapping[str, float]) -> Mechanism:
+        """The same mechanism with other masses [kg] by name; centres of mass stay.
+
+        Raises
+        ------
+        InputError
+            If it has no masses.
+        """
+        raise InputError(f"mechanisms of kind {self.kind} have no masses", got=dict(masses))
+
     def moved(self, q: Array, step: Array) -> Array:
         """Coordinates after a small step in the coordinates that derivatives are taken in."""
         return q + step

@@ -6,8 +6,9 @@ so the body Jacobian is the identity and the Hessian of any potential is its K^B
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -267,6 +268,18 @@ class Platform(Mechanism):
         other.mass_centre = first / other.mass if other.mass > 0.0 else self.mass_centre
         other.body_inertia = self.body_inertia + _spatial(mass, centre, np.zeros((3, 3)))
         other._close()
+        return other
+
+    def with_masses(self, masses: Mapping[str, float]) -> Platform:
+        """The same platform with other masses [kg]: its own by its frame's name, of all "legs"."""
+        own = masses.get(self.frame, self.mass) - self.mass
+        other = self.with_mass(own, self.mass_centre)
+        other.mass_centre = self.mass_centre
+        if "legs" in masses and self.struts is not None:
+            share = masses["legs"] / self.struts.mass
+            other.struts = replace(
+                self.struts, fixed=share * self.struts.fixed, moving=share * self.struts.moving
+            )
         return other
 
     def leg_lengths(self, q: ArrayLike) -> Array:

@@ -191,14 +191,24 @@ class KinematicTree:
         return self._paths[key]
 
     def _with_model(self, model: pin.Model) -> KinematicTree:
+        """The same tree with another model."""
         offset = None if self.mimic is None else np.asarray(self.offset, float)
         return KinematicTree(model, self.coordinates, self.frames, self.mimic, offset)
 
-    def with_placements(self, placements: Mapping[int, Array]) -> KinematicTree:
-        """The same tree with other poses ``T_parent_joint`` of some joints, by index from 1."""
+    def changed(
+        self, placements: Mapping[int, Array] | None = None,
+        masses: Mapping[int, float] | None = None,
+    ) -> KinematicTree:  # fmt: skip
+        """The same tree with other poses ``T_parent_joint`` or masses [kg] of joints, from 1.
+
+        Centres of mass stay where they are, and the moments of inertia about them.
+        """
         model = self.model.copy()
-        for joint, T in placements.items():
+        for joint, T in (placements or {}).items():
             model.jointPlacements[joint] = pin.SE3(T)
+        for joint, mass in (masses or {}).items():
+            body = model.inertias[joint]
+            model.inertias[joint] = pin.Inertia(mass, body.lever, body.inertia)
         return self._with_model(model)
 
     def with_mass(self, at: Placement, mass: float, point: Array) -> KinematicTree:
@@ -214,24 +224,19 @@ class KinematicTree:
         """Upper triangles of the masses' matrices (N, n, n) at postures (N, n), without mimics."""
         tree, places = self.depth_first
         found = np.empty((len(q), self.model.nv, self.model.nv))
-        if tree is self:
-            with tree.workspace() as data:
-                for i, posture in enumerate(q):
-                    found[i] = pin.crba(tree.model, data, posture)
+        if tree is not self:
+            for full, posture in zip(found, q, strict=True):
+                full[np.ix_(places, places)] = tree.mass_matrix(posture[places])
             return found
-        for i, posture in enumerate(q):
-            found[i][np.ix_(places, places)] = tree.mass_matrix(posture[places])
+        model, crba = self.model, pin.crba
+        with self.workspace() as data:
+            for i, posture in enumerate(q):
+                found[i] = crba(model, data, posture)
         return found
 
     def mass_matrix(self, q: Array) -> Array:
         """Masses' matrix (n, n) at one posture, without mimics."""
-        tree, places = self.depth_first
-        if tree is not self:
-            found = np.empty((self.model.nv, self.model.nv))
-            found[np.ix_(places, places)] = tree.mass_matrix(q[places])
-            return found
-        with self.workspace() as data:
-            full = np.array(pin.crba(self.model, data, q))  # only its upper triangle
+        full = self.mass_matrices(q[None])[0]
         return np.asarray(np.triu(full) + np.triu(full, 1).T)
 
     def placements(self) -> list[Array]:

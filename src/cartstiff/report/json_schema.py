@@ -258,10 +258,20 @@ _MODES: dict[str, Any] = {
     "weighed": _ANALYSIS["weighed"],
     "notes": _ANALYSIS["notes"],
 }
+_BY_PARAMETERS = {
+    "description": "with --sensitivities: of each parameter its value, and per unit of it the "
+    "change of the stiffness matrices, of the pose (rotation vector and place along the axes of F) "
+    "and of the frequencies [Hz], and the share by which they may be off"
+}
+_ACCURACY = {
+    "description": "with --tolerance (modes, equilibrium): standard deviations of pose, stiffness "
+    "and frequencies, with the main contributors to each variance"
+}
 _MODES_ON_REQUEST: dict[str, Any] = {
     "unloaded": {"description": "the same without the load, where one is given"},
     "compare": {"description": "with --compare: frequencies of 6x6 matrices at the tip"},
-    "sensitivities": {"description": "with --sensitivities: Hz per unit"},
+    "sensitivities": _BY_PARAMETERS,
+    "accuracy": _ACCURACY,
     "intervals": {"description": "with --tolerance, or of measured springs"},
     "impedance": {"description": "with --impedance: a controller's gains and layouts"},
     "response": {"description": "with --response: curves as [real, imaginary]"},
@@ -302,6 +312,8 @@ def json_schema(command: str = "analyse") -> dict[str, Any]:
     optional = {
         "analysis": schema_of_analysis() | {"description": "unless --analysis none"},
         "as_controller": {"description": "with --order, --axes: the matrices in these"},
+        "sensitivities": _BY_PARAMETERS,
+        "accuracy": _ACCURACY,
     }
     more = _EQUILIBRIUM if command == "equilibrium" else {}
     return js.document(_ANALYSIS | more, command, optional)

@@ -13,14 +13,16 @@ from cartstiff.errors import joined
 from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.report.layout import note_lines, number, percent, table, vector
 from cartstiff.stiffness.tensor import format_matrix
+from cartstiff.vibration.accuracy import Accuracy, FrequencyInterval
 from cartstiff.vibration.chatter import Lobes
 from cartstiff.vibration.comparison import Shortcut
 from cartstiff.vibration.controllers import LAYOUTS, Impedance, layout
 from cartstiff.vibration.mode_set import Modes
 from cartstiff.vibration.response import FrequencyResponse
-from cartstiff.vibration.sensitivities import FrequencyInterval, Sensitivities
+from cartstiff.vibration.sensitivities import Sensitivities
 
 __all__ = [
+    "describe_accuracy",
     "describe_comparison",
     "describe_impedance",
     "describe_intervals",
@@ -177,28 +179,60 @@ _ROWS = 20
 
 
 def describe_sensitivities(known: Sensitivities, units: Units) -> list[str]:
-    """Change of each frequency for one per cent of each stiffness and mass, a mm of each length."""
-    small = {"rx", "ry", "rz"}
+    """Change of each frequency for one per cent of each stiffness and mass, a mm of each length.
+
+    Without frequencies, change of the entries on the diagonal of K^K.
+    """
     millimetre, _ = convert_length(Units("mm"), units)
+    slopes, titles = known.frequencies, [f"mode {i + 1}" for i in range(known.frequencies.shape[1])]
+    what = "change of each frequency in Hz"
+    if not titles:
+        slopes = np.diagonal(known.stiffness["K"], axis1=1, axis2=2)
+        titles = ["m_x/r_x", "m_y/r_y", "m_z/r_z", "f_x/x", "f_y/y", "f_z/z"]
+        what = (
+            f"change of the diagonal of K^K in {units.moment}/rad and {units.force}/{units.length}"
+        )
     rows = []
-    for name, row, relative in zip(known.names, known.frequencies, known.relative, strict=True):
-        geometry = name.partition(".")[0] not in ("stiffness", "mass")
-        turns = name.rsplit(".", 1)[1] in small
-        unit = "per mrad" if turns else "per mm"
-        shown = (1e-3 if turns else millimetre) * row if geometry else relative
-        rows.append((name, unit if geometry else "per 1 %", shown))
+    for name, x, row, is_angle in zip(known.names, known.values, slopes, known.angles, strict=True):
+        group = name.partition(".")[0]
+        unit, factor = ("per mrad", 1e-3) if is_angle else ("per mm", millimetre)
+        if group in ("stiffness", "mass", "parameter"):
+            unit, factor = ("per 1 %", 0.01 * x) if x else ("per unit", 1.0)
+        rows.append((name, unit, factor * row))
     rows.sort(key=lambda entry: -float(np.nanmax(np.abs(entry[2]), initial=0.0)))
-    count = rows[0][2].size if rows else 0
-    lines = ["", "Sensitivities: change of each frequency in Hz"]
-    titles = ["parameter", "", *(f"mode {i + 1}" for i in range(count))]
-    lines += table(
-        titles, [[name, unit, *(number(x, 3) for x in shown)] for name, unit, shown in rows[:_ROWS]]
-    )
+    lines = ["", f"Sensitivities: {what}"]
+    told = [[name, unit, *(number(x, 3) for x in shown)] for name, unit, shown in rows[:_ROWS]]
+    lines += table(["parameter", "", *titles], told)
     if len(rows) > _ROWS:
         lines.append(f"  {len(rows) - _ROWS} more, which matter less, with --json")
     if known.left_out:
         lines.append(f"  {known.left_out}")
     return lines
+
+
+def describe_accuracy(known: Accuracy, units: Units) -> list[str]:
+    """Standard deviations of pose, stiffness and frequencies with the main contributors."""
+    lines = ["", f"Accuracy to first order: standard deviations ({known.factor:.4g} of them hold "
+             f"{100 * known.level:g} per cent), and who contributes to the variance"]  # fmt: skip
+    parts = [
+        ("pose", ["turn x", "turn y", "turn z", "place x", "place y", "place z"],
+         [units.angle] * 3 + [units.length] * 3),
+        ("K", ["K^K m_x/r_x", "K^K m_y/r_y", "K^K m_z/r_z", "K^K f_x/x", "K^K f_y/y", "K^K f_z/z"],
+         [f"{units.moment}/rad"] * 3 + [f"{units.force}/{units.length}"] * 3),
+        ("frequencies", [f"mode {i + 1}" for i in range(len(known.nominal.get("frequencies", ())))],
+         ["Hz"] * len(known.nominal.get("frequencies", ()))),
+    ]  # fmt: skip
+    rows = []
+    for quantity, names, unit in parts:
+        if quantity not in known.deviations:
+            continue
+        nominal, sd = known.nominal[quantity], known.deviations[quantity]
+        for i, name in enumerate(names):
+            at = (i, i) if sd.ndim == 2 else (i,)
+            main = ", ".join(f"{who} {percent(x)}" for who, x in known.main(quantity, at))
+            rows.append([name, unit[i], number(nominal[at]), number(sd[at], 3), main])
+    lines += table(["", "unit", "nominal", "deviation", "contributors"], rows)
+    return lines if known.left_out is None else [*lines, f"  {known.left_out}"]
 
 
 def describe_intervals(modes: Modes, band: FrequencyInterval) -> list[str]:

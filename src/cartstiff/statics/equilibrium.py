@@ -35,7 +35,7 @@ from cartstiff.statics.sensitivity import chosen_forces
 from cartstiff.statics.verdict import state_of_rest
 from cartstiff.stiffness.applied_load import checked_load
 
-__all__ = ["Equilibrium", "Held", "Reactions", "equilibrium"]
+__all__ = ["Equilibrium", "Held", "Reactions", "again", "equilibrium"]
 
 # Steps in which loads and displacements are put on where they cannot be put on at once.
 _STAGES = 8
@@ -141,6 +141,26 @@ def equilibrium(
             solution, stages = staged, _STAGES
     state = state_of_rest(system, solution, start, stages)
     return state if elastic.identified is None else replace(state, _chosen=chosen)
+
+
+def again(state: Equilibrium, elastic: ElasticMechanism, start: Array) -> Equilibrium:
+    """Where a mechanism that differs a little comes to rest, under the same loads.
+
+    The search starts from coordinates `start`, the displacement counts from where it did before.
+    Held components and touched limits are the same.
+
+    Raises
+    ------
+    ConvergenceError
+        If it finds no rest near by.
+    UndefinedError
+        If it rests on other limits.
+    """
+    touched, system = state._solution.contacts, state._system.of(elastic)
+    found = solve(system, start, contacts=touched, settle=False)
+    if found.contacts != touched:
+        raise UndefinedError("it rests on other limits", code="limit-contact")
+    return state_of_rest(system, found, state.start, 1)
 
 
 def _in_stages(system: System, q: Array, iterations: int, settle: bool) -> Solution | None:

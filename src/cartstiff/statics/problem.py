@@ -128,6 +128,11 @@ class System:
         self.limits = Limits(elastic.mechanism, ignore=True) if limits is None else limits
         self.terms = (*elastic.terms(), *self.loads)
 
+    def of(self, elastic: ElasticMechanism) -> System:
+        """The same loads, held components and limits on another mechanism."""
+        limits = Limits(elastic.mechanism, ignore=not len(self.limits), contacts=True)
+        return System(elastic, self.loads, self.held, limits)
+
     def at(self, q: ArrayLike) -> Point:
         """Everything that acts at coordinates q."""
         count()

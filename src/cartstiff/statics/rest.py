@@ -198,6 +198,17 @@ class Equilibrium(ShownInLines):
             W -= load.on_pose(self.pose)[1]
         return W
 
+    @cached_property
+    def full_stiffness(self) -> tuple[Array, Array | None]:
+        """K (n, n) on all coordinates with all that acts, and the constraints' Jacobian (m, n)."""
+        point, H = self._solution.point, self._solution.point.evaluation.hessian
+        found = self._system.constraints(point.posture, self._solution.contacts)
+        if found is None:
+            return H, None
+        to_constraints = found[1]
+        H = H + to_constraints.curvature(self._solution.balance.multipliers)
+        return H, to_constraints.jacobian
+
     def _stiffness(self, elastic: ElasticMechanism, force: Array | None = None) -> PostureStiffness:
         posture = self.posture
         evaluation = elastic.evaluate(posture)

@@ -12,10 +12,12 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.analysis.screws import Screw, screw_of_twist
 from cartstiff.arrays import fixed
+from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.notebook import ShownInLines
+from cartstiff.statics.rest import Equilibrium
 from cartstiff.statics.small_motions import Spectrum, kinetic_matrix
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.showing import codes_of
@@ -44,6 +46,8 @@ class Modes(ShownInLines):
         K and M on the basis.
     spectrum : Spectrum
         Their solutions, in the mechanism's units.
+    state : Equilibrium or None
+        Where they are those of a mechanism that came to rest by itself.
     """
 
     elastic: ElasticMechanism
@@ -54,6 +58,7 @@ class Modes(ShownInLines):
     spectrum: Spectrum
     _held: PostureStiffness | Callable[[], PostureStiffness] | None = None
     _rest: tuple[Mapping[str, Any], tuple[Note, ...]] | None = None
+    state: Equilibrium | None = None
 
     def _lines(self) -> list[str]:
         shown = ", ".join("unstable" if f is None else f"{f:.4g}" for f in self._plain_frequencies)
@@ -67,6 +72,13 @@ class Modes(ShownInLines):
     def result(self) -> PostureStiffness | None:
         """What a held posture is analysed as; None of an equilibrium."""
         return self._held() if callable(self._held) else self._held
+
+    @property
+    def held(self) -> PostureStiffness:
+        """`result` of a held posture; UndefinedError of an equilibrium."""
+        if self.result is None:
+            raise UndefinedError("the modes are those of no held posture", code="no-posture")
+        return self.result
 
     @cached_property
     def _said(self) -> tuple[Mapping[str, Any], tuple[Note, ...]]:

@@ -12,6 +12,7 @@ moves the stiffness: modes belong to one load, which every result names.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any, Literal
 
@@ -115,9 +116,10 @@ def _at_rest(state: Equilibrium) -> Modes:
         "words": "at rest under its loads" if state.loads else "at rest, no load",
     }  # fmt: skip
     elastic = state.elastic.with_potential(*state.loads)
-    return _solved(
+    solved = _solved(
         elastic, posture, basis, balance.stiffness, sizes, terms, units, rest=(load, told)
     )
+    return replace(solved, state=state)
 
 
 def _held_at(result: PostureStiffness) -> Modes:

@@ -1,71 +1,94 @@
-r"""How each frequency depends on each stiffness, mass and length, and how sure it is.
+r"""How stiffness, pose and frequencies depend on each parameter of a mechanism.
 
-With left and right modes psi, phi and ``psi^T M phi = 1``
+Parameters are those of `cartstiff.analysis.tolerances`: stiffnesses, masses, placements or points,
+rest positions, and what the mechanism's file calls its parameters. A posture that is held keeps its
+place and its load, and rest positions follow. A mechanism that came to rest by itself comes to rest
+anew: the derivatives are total, with the motion of the rest in them.
+
+Every derivative is taken of the mechanism itself, changed and analysed again, by differences of
+eighth order; what a lower order would have given says how sure they are. Frequencies do not come
+from differences of frequencies, which cross: with left and right modes psi, phi and
+``psi^T M phi = 1``
 
     d(omega^2)/dp = psi^T (dK/dp - omega^2 dM/dp) phi + mu_psi . dC phi + mu_phi . dC psi
 
-where C is the closures' Jacobian and ``C^T mu_phi = -(K - omega^2 M) phi`` what they carry. The
-posture and the load stay: rest positions follow, as in `cartstiff.analysis.tolerances`. Of repeated
-modes it is the eigenvalues of that form on the subspace, in their order.
+where C is the constraints' Jacobian and ``C^T mu_phi = -(K - omega^2 M) phi`` what they carry. Of
+repeated modes it is the eigenvalues of that form on the subspace, in their order.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.analysis.tolerances import Parameters, Tolerances
-from cartstiff.arrays import checked_array
-from cartstiff.errors import CartstiffError, InputError, UndefinedError
-from cartstiff.geometry import se3
+from cartstiff.errors import CartstiffError, InputError, UndefinedError, one_line
+from cartstiff.geometry.differences import derivative_with_error
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.chain import Chain, ChainPosture
 from cartstiff.mechanisms.contract import Units, convert_length
-from cartstiff.mechanisms.elements import CompliancePattern, Elements
-from cartstiff.mechanisms.identified import Identified
-from cartstiff.mechanisms.platform import Platform, PlatformPosture
-from cartstiff.mechanisms.tree import Placement
-from cartstiff.potentials.flexure_struts import ideal_joints_only
-from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.statics.equilibrium import again
+from cartstiff.statics.rest import Equilibrium
 from cartstiff.statics.small_motions import kinetic_matrix
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.vibration.mode_set import Modes
-from cartstiff.vibration.modes import stiffness_under_load
+from cartstiff.vibration.modes import modes, stiffness_under_load
 
-__all__ = ["FrequencyInterval", "Sensitivities", "intervals", "sensitivities"]
+__all__ = [
+    "MATRICES",
+    "Home",
+    "Sensitivities",
+    "change_of_squares",
+    "in_hertz",
+    "modes_of",
+    "sensitivities",
+]
 
-# Steps of central differences, in rad and characteristic lengths: the error goes with the square,
-# rounding with the inverse.
-_STEP = numerics.DIFFERENCE
+# Steps in natural sizes of the parameters, tried one after the other until two orders agree.
+_STEPS = (5e-3, 5e-4, 5e-5)
+_EVERY = Tolerances(1.0, 1.0, 1.0)
+MATRICES = ("A", "B", "K", "F")
 
 
 @dataclass(frozen=True, eq=False)
 class Sensitivities:
-    """Derivatives of all frequencies.
+    """Derivatives by all parameters.
 
     Attributes
     ----------
     names : tuple of str
-        "stiffness.<spring>", "mass.<link>" (a point mass at the link's centre; of legs all alike),
-        and the geometry's names of `cartstiff.analysis.tolerances.Parameters`.
+        As in `cartstiff.analysis.tolerances.Parameters.nominal`.
     values : ndarray (p,)
         Nominal values.
+    stiffness : mapping of str to ndarray (p, 6, 6)
+        dK/dp of K^A, K^B, K^K, K^F at M's origin, per unit of the parameter; NaN where the matrix
+        does not exist. Of a mechanism at rest K holds the part of its loads.
+    pose : ndarray (p, 6)
+        Rotation vector and displacement of M's origin along the axes of F, per unit.
     squares : ndarray (p, k)
-        d(omega^2)/dp in 1/s^2 per unit of the parameter.
+        d(omega^2)/dp in 1/s^2 per unit; no columns where nothing has a mass.
     frequencies : ndarray (p, k)
         df/dp in Hz per unit; NaN where f is 0 or does not exist.
+    errors : ndarray (p,)
+        Share of its largest entry by which a row of the matrices K and M may be off, at most.
+    angles : tuple of bool
+        Which parameters are angles, in rad.
     left_out : str or None
-        Why no geometry is among them.
+        Which parameters are not among them, and why.
     """
 
     names: tuple[str, ...]
     values: Array
+    stiffness: Mapping[str, Array]
+    pose: Array
     squares: Array
     frequencies: Array
+    errors: Array
+    angles: tuple[bool, ...] = ()
     left_out: str | None = None
 
     def of(self, name: str) -> Array:
@@ -76,9 +99,13 @@ class Sensitivities:
         InputError
             For another name.
         """
+        return self.frequencies[self.index(name)]
+
+    def index(self, name: str) -> int:
+        """Row of a named parameter; InputError for another name."""
         if name not in self.names:
             raise InputError("unknown parameter", expected=", ".join(self.names), got=repr(name))
-        return self.frequencies[self.names.index(name)]
+        return self.names.index(name)
 
     @property
     def relative(self) -> Array:
@@ -86,14 +113,15 @@ class Sensitivities:
         return 0.01 * np.where(self.values, self.values, np.nan)[:, None] * self.frequencies
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data: df/dp in Hz per unit, and the change for one per cent."""
-        rows = zip(self.names, self.values, self.frequencies, self.relative, strict=True)
+        """Plain data: derivatives per unit of each parameter, and Hz for one per cent."""
         return {
             "left_out": self.left_out,
             "parameters": [
-                {"name": name, "value": float(x), "frequencies": _plain(row),
-                 "for_one_per_cent": _plain(relative)}
-                for name, x, row, relative in rows
+                {"name": name, "value": float(self.values[i]), "error": float(self.errors[i]),
+                 "stiffness": {letter: _matrix(dK[i]) for letter, dK in self.stiffness.items()},
+                 "pose": _plain(self.pose[i]), "frequencies": _plain(self.frequencies[i]),
+                 "for_one_per_cent": _plain(self.relative[i])}
+                for i, name in enumerate(self.names)
             ],
         }  # fmt: skip
 
@@ -102,106 +130,219 @@ def _plain(values: Array) -> list[float | None]:
     return [float(x) if np.isfinite(x) else None for x in values]
 
 
-def sensitivities(found: Modes, *, geometry: bool = True) -> Sensitivities:
-    """Derivatives of the frequencies by stiffnesses, masses and geometry.
+def _matrix(values: Array) -> list[list[float]] | None:
+    return values.tolist() if np.isfinite(values).all() else None
+
+
+def sensitivities(
+    subject: Modes | PostureStiffness | Equilibrium,
+    *,
+    geometry: bool = True,
+    reread: Callable[[Mapping[str, float]], ElasticMechanism] | None = None,
+) -> Sensitivities:
+    """Derivatives of stiffness, pose and frequencies by every parameter.
 
     Parameters
     ----------
-    found : Modes
-        Modes of a held posture, or of an equilibrium (then without geometry).
+    subject : Modes, PostureStiffness or Equilibrium
+        A held posture, or where a mechanism came to rest.
     geometry : bool
         Whether placements of joints, or points of platforms, are varied.
+    reread : callable, optional
+        From values of the file's own parameters to the mechanism, for derivatives by these:
+        ``lambda values: cartstiff.load(file, parameters=values)``.
 
     Raises
     ------
     UndefinedError
-        Where modes flutter: a complex frequency has no derivative here.
+        Where modes flutter: a complex frequency has no derivative here; or where a posture has no
+        stiffness at all.
+
+    Examples
+    --------
+    >>> import cartstiff
+    >>> known = cartstiff.sensitivities(cartstiff.analyse(cartstiff.load("stewart-gough")))
+    >>> float(known.stiffness["K"][known.index("stiffness.leg1"), 5, 5].round(3))
+    0.496
     """
-    if found.spectrum.is_complex:
+    found = subject if isinstance(subject, Modes) else modes_of(subject)
+    if found is not None and found.spectrum.is_complex:
         raise UndefinedError("modes that flutter have no sensitivities", code="flutter")
-    names: list[str] = []
-    values: list[float] = []
-    rows: list[Array] = []
-    nothing = np.zeros_like(found.full_mass)
-    closure = None if found.posture.closure is None else found.posture.closure.jacobian
-    still = None if closure is None else np.zeros_like(closure)
-    for name, value, dK in _stiffnesses(found):
-        names, values = [*names, name], [*values, value]
-        rows.append(_derivative(found, dK, nothing, still))
-    for name, value, dM in _masses(found):
-        names, values = [*names, name], [*values, value]
-        rows.append(_derivative(found, nothing, dM, still))
-    left_out = "of an equilibrium the geometry is not varied" if found.result is None else None
-    if geometry and found.result is not None:
-        parameters = Parameters(found.result, Tolerances(length=1.0, angle=1.0))
-        left_out = parameters.left_out
-        try:
-            named = parameters.named
-        except UndefinedError:
-            named = {}
-        for name, entry in named.items():
-            step = _STEP * (1.0 if _is_angle(name) else found.posture.length)
-            ends = []
+    home = Home(subject, reread)
+    rows: dict[str, Row] = {}
+    missing: list[str] = [] if (told := home.parameters.left_out) is None else [told]
+    for name, nominal in home.parameters.nominal.items():
+        if geometry or name.partition(".")[0] in ("stiffness", "mass"):
             try:
-                for sign in (1.0, -1.0):
-                    ends.append(_matrices(parameters.at({name: entry.nominal + sign * step})))
-            except CartstiffError:
+                rows[name] = home.row(name, nominal, found)
+            except CartstiffError as error:
+                missing.append(f"{name} is not varied: {one_line(str(error), 200)}")
+    k = 0 if found is None else found.frequencies.size
+    squares = np.array([r.squares for r in rows.values()]).reshape(len(rows), k)
+    return Sensitivities(
+        tuple(rows), np.array([home.parameters.nominal[name] for name in rows]),
+        {letter: np.array([r.matrices[i] for r in rows.values()]).reshape(-1, 6, 6)
+         for i, letter in enumerate(MATRICES)},
+        np.array([r.pose for r in rows.values()]).reshape(-1, 6), squares,
+        squares if found is None else in_hertz(found, squares),
+        np.array([r.error for r in rows.values()]),
+        tuple(home.parameters.is_angle(name) for name in rows), "; ".join(missing) or None,
+    )  # fmt: skip
+
+
+def modes_of(subject: PostureStiffness | Equilibrium) -> Modes | None:
+    """Modes of a result; None where nothing that moves has a mass."""
+    try:
+        return modes(subject)
+    except UndefinedError:
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """Derivatives by one parameter."""
+
+    matrices: Array
+    pose: Array
+    squares: Array
+    error: float
+
+
+class Home:
+    """The mechanism as it is: looks at it with other parameters."""
+
+    def __init__(
+        self, subject: Modes | PostureStiffness | Equilibrium,
+        reread: Callable[[Mapping[str, float]], ElasticMechanism] | None = None,
+        tolerances: Tolerances = _EVERY,
+    ) -> None:  # fmt: skip
+        if isinstance(subject, Modes):
+            subject = subject.state if subject.state is not None else subject.held
+        self.state = subject if isinstance(subject, Equilibrium) else None
+        result = subject.elastic_stiffness if isinstance(subject, Equilibrium) else subject
+        self.parameters = Parameters(result, tolerances, reread, self.state is not None)
+        self.nominal: PostureStiffness | Equilibrium = subject
+        #: Its stiffness; at rest with the part of its loads.
+        self.result = subject.stiffness if isinstance(subject, Equilibrium) else subject
+        self._here: tuple[Array, ...] | None = None
+        self._last: tuple[str, float, Array] = "", 1.0, subject.q
+
+    def at(self, values: Mapping[str, float]) -> PostureStiffness | Equilibrium:
+        """The same with other parameters."""
+        if self.state is None:
+            return self.parameters.at(values)
+        elastic = self.parameters.mechanism(values)
+        if elastic.springs is not None and not elastic.springs.is_complete:
+            start = self.parameters.posture_of(elastic, self.state.start.q)
+            elastic = elastic.balanced(elastic.mechanism.closed(start))
+        (name, value), home = next(iter(values.items())), self.state.q
+        change, (before, last, q) = value - self.parameters.nominal[name], self._last
+        near = before == name and change * last > 0.0  # as far again as the last one moved
+        found = again(self.state, elastic, home + (q - home) * (change / last) if near else home)
+        self._last = name, change, found.q
+        return found
+
+    def row(self, name: str, nominal: float, found: Modes | None) -> Row:
+        """Derivatives by one parameter; the first step is taken with which two orders agree."""
+        best: Row | None = None
+        refused: CartstiffError | None = None
+        for step in _STEPS:
+            size = step * self.parameters.size(name)
+            try:
+                row = self._row(name, nominal, size, found)
+            except CartstiffError as error:
+                refused = error
                 continue
-            (K_1, M_1, C_1), (K_2, M_2, C_2) = ends
-            per = 1 / (2 * step)
-            dC = None if C_1 is None or C_2 is None else per * (C_1 - C_2)
-            change = _derivative(found, per * (K_1 - K_2), per * (M_1 - M_2), dC)
-            names, values = [*names, name], [*values, entry.nominal]
-            rows.append(change)
-    squares = np.array(rows).reshape(len(names), -1)
-    return Sensitivities(tuple(names), np.array(values), squares, _hertz(found, squares), left_out)
+            best = row if best is None or row.error < best.error else best
+            if best.error <= numerics.CONVERGED:
+                break
+        if best is None:
+            raise refused or InputError(f"{name} cannot be varied")
+        return best
+
+    def _observed(self, found: Modes | None) -> tuple[Array, ...]:
+        if self._here is None:
+            self._here = _observed(self.nominal, found is not None)
+        return self._here
+
+    def _row(self, name: str, nominal: float, step: float, found: Modes | None) -> Row:
+        shapes: list[tuple[int, ...]] = []
+
+        def seen(change: float) -> Array:
+            parts = _observed(self.at({name: nominal + change}), found is not None)
+            shapes[:] = [part.shape for part in parts]
+            return np.concatenate([part.ravel() for part in parts])
+
+        slope, error = derivative_with_error(seen, step)
+        ends = np.cumsum([int(np.prod(shape)) for shape in shapes])[:-1]
+        slopes, errors = (
+            [x.reshape(shape) for x, shape in zip(np.split(flat, ends), shapes, strict=True)]
+            for flat in (slope, error)
+        )
+        (dK, dT, dH, dM, dC) = slopes
+        R = self.nominal.pose[:3, :3]
+        turn = dT[:3, :3] @ R.T
+        pose = np.array([turn[2, 1], turn[0, 2], turn[1, 0], *dT[:3, 3]])
+        squares = np.zeros(0) if found is None else change_of_squares(found, dH, dM, dC)
+        # A matrix that does not depend on the parameter is compared with itself.
+        natural = self.parameters.size(name)
+        off = [
+            _largest(e) / size
+            for x, e, there in zip(slopes, errors, self._observed(found), strict=True)
+            if (size := max(_largest(x), _largest(there) / natural)) > 0.0
+        ]
+        return Row(dK, pose, squares, max(off, default=0.0))
 
 
-def _hertz(found: Modes, squares: Array) -> Array:
+def _largest(values: Array) -> float:
+    """Size of the largest entry that exists; 0 without any."""
+    return float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0))
+
+
+def _observed(state: PostureStiffness | Equilibrium, with_masses: bool) -> tuple[Array, ...]:
+    """K^A, K^B, K^K, K^F; pose; K, M on all coordinates; the constraints' Jacobian."""
+    result = state.stiffness if isinstance(state, Equilibrium) else state
+    none = np.full((6, 6), np.nan)
+    each = [none if (K := result.matrices[name]) is None else K for name in MATRICES]
+    nothing = np.zeros((0, 0))
+    if not with_masses:
+        return np.array(each), state.pose, nothing, nothing, nothing
+    terms, units = result.elastic.terms(), result.elastic.units
+    M = kinetic_matrix(state.posture, terms, units)
+    K, C = _stiffness_and_constraints(state)
+    C = np.zeros((0, len(K))) if C is None else C
+    return np.array(each), state.pose, K, np.zeros_like(K) if M is None else M, C
+
+
+def _stiffness_and_constraints(
+    state: PostureStiffness | Equilibrium,
+) -> tuple[Array, Array | None]:
+    """K (n, n) on all coordinates with all that acts, and the constraints' Jacobian (m, n)."""
+    if isinstance(state, Equilibrium):
+        return state.full_stiffness
+    closure = state.posture.closure
+    return stiffness_under_load(state)[0], None if closure is None else closure.jacobian
+
+
+def in_hertz(found: Modes, squares: Array) -> Array:
     """Changes (p, k) in Hz of those of omega^2; NaN where f is 0 or does not exist."""
     with np.errstate(divide="ignore", invalid="ignore"):
         f = found.frequencies
         return np.where(f > 0.0, squares / (8 * np.pi**2 * f), np.nan)
 
 
-def _by_compliance(found: Modes, measured: Identified) -> Array:
-    """d(omega^2) (P, k) for a standard deviation along each axis of the compliances' covariance."""
-    elements = Elements(found.elastic)
-    forces = elements.stiffness @ elements.rows(found.posture)
-    nothing, closure = np.zeros_like(found.full_mass), found.posture.closure
-    still = None if closure is None else np.zeros_like(closure.jacobian)
-    variances, axes = np.linalg.eigh(measured.covariance)
-    roots = axes * np.sqrt(np.maximum(variances, 0.0))
-    rows = [
-        _derivative(found, -forces.T @ S @ forces, nothing, still)
-        for S in np.tensordot(roots.T, elements.patterns(measured.patterns), axes=1)
-    ]
-    return np.array(rows).reshape(len(rows), found.frequencies.size)
-
-
-def _is_angle(name: str) -> bool:
-    return name.endswith((".rx", ".ry", ".rz"))
-
-
-def _matrices(result: PostureStiffness) -> tuple[Array, Array, Array | None]:
-    """K and M on all coordinates, and the closures' Jacobian."""
-    elastic, closure = result.elastic, result.posture.closure
-    mass = kinetic_matrix(result.posture, elastic.terms(), elastic.units)
-    K = stiffness_under_load(result)[0]
-    mass = np.zeros_like(K) if mass is None else mass
-    return K, mass, None if closure is None else closure.jacobian
-
-
-def _derivative(found: Modes, dK: Array, dM: Array, dC: Array | None) -> Array:
+def change_of_squares(
+    found: Modes, dK: Array, dM: Array | None = None, dC: Array | None = None
+) -> Array:
     """d(omega^2) (k,) in 1/s^2 for changes of the matrices on all coordinates."""
     length, force = convert_length(Units(), found.elastic.units)
     right, left = found.basis @ found.spectrum.vectors, found.basis @ found.spectrum.left
     squares, units = found.spectrum.squares, length / force
-    carried = _carried(found, right, left, squares) if dC is not None else None
+    carried = None if dC is None or not len(dC) else _carried(found, right, left, squares)
     rates = np.empty(squares.size)
     for group in found.groups:
         phi, psi, x = right[:, group], left[:, group], squares[group]
-        form = psi.T @ dK @ phi - (psi.T @ dM @ phi) * x
+        form = psi.T @ dK @ phi - (0.0 if dM is None else (psi.T @ dM @ phi) * x)
         if dC is not None and carried is not None:
             mu_phi, mu_psi = carried[0][:, group], carried[1][:, group]
             form += mu_psi.T @ dC @ phi + (dC @ psi).T @ mu_phi
@@ -213,159 +354,13 @@ def _derivative(found: Modes, dK: Array, dM: Array, dC: Array | None) -> Array:
 
 
 def _carried(found: Modes, right: Array, left: Array, squares: Array) -> tuple[Array, Array]:
-    """What the closures carry while each mode swings, to the right and to the left modes."""
-    closure, result = found.posture.closure, found.result
-    if closure is None or result is None:
-        return np.zeros((0, 0)), np.zeros((0, 0))
-    K, M = stiffness_under_load(result)[0], found.full_mass
+    """What the constraints carry while each mode swings, to the right and to the left modes."""
+    K, C = _stiffness_and_constraints(found.held if found.state is None else found.state)
+    M = found.full_mass
     columns = found.posture.coordinate_lengths[:, None]
-    C = (closure.jacobian.T * columns).astype(float)
+    C = ((np.zeros((0, len(K))) if C is None else C).T * columns).astype(float)
     mu_right, mu_left = (
         -np.linalg.lstsq(C, columns * (A @ x - M @ x * squares), rcond=numerics.RANK)[0]
         for A, x in ((K, right), (K.T, left))
     )
     return mu_right, mu_left
-
-
-def _stiffnesses(found: Modes) -> list[tuple[str, float, Array]]:
-    """Name, value and dK/dk of each spring."""
-    elastic, posture = found.elastic, found.posture
-    springs, n = elastic.springs, posture.coordinate_lengths.size
-    entries: list[tuple[str, float, Array]] = []
-    if springs is None:
-        return entries
-    ideal_joints_only(springs, "sensitivities to springs")
-    laws = getattr(springs, "laws", {})
-    lines = posture.lines.lines if isinstance(posture, PlatformPosture) else None
-    for i, name in enumerate(elastic.spring_names):
-        k = float(springs.stiffness[i])
-        if not k > 0.0 or i in laws:
-            continue
-        along = np.zeros(n)
-        if isinstance(springs, LineSprings):
-            if lines is None or (springs.unilateral and i + 1 in springs.slack(posture)):
-                continue
-            along = lines[i]
-        else:
-            along[i] = 1.0
-        entries.append((f"stiffness.{name}", k, np.outer(along, along)))
-    return entries
-
-
-def _masses(found: Modes) -> list[tuple[str, float, Array]]:
-    """Name, value and dM/dm of each mass."""
-    mechanism, posture = found.elastic.mechanism, found.posture
-    entries: list[tuple[str, float, Array]] = []
-    if isinstance(mechanism, Platform) and isinstance(posture, PlatformPosture):
-        if mechanism.mass > 0.0:
-            v = np.concatenate([-se3.skew(mechanism.mass_centre), np.eye(3)], axis=1)
-            entries.append((f"mass.{mechanism.frame}", mechanism.mass, v.T @ v))
-        if mechanism.struts is not None and mechanism.struts.mass > 0.0:
-            legs = mechanism.struts.mass_matrix(posture.lines, mechanism.points)
-            total = mechanism.struts.mass
-            entries.append(("mass.legs", total, legs / total))
-    if isinstance(mechanism, Chain) and isinstance(posture, ChainPosture):
-        masses, centres = mechanism.tree.masses()
-        for j, name in sorted(mechanism.tree.links().items()):
-            if not masses[j - 1] > 0.0:
-                continue
-            at = Placement(j, se3.pose(translation=centres[j - 1]))
-            J = posture._state.relative(mechanism.world, at)[1].jacobian[3:]
-            entries.append((f"mass.{name}", float(masses[j - 1]), J.T @ J))
-    return entries
-
-
-@dataclass(frozen=True, eq=False)
-class FrequencyInterval:
-    """What tolerances and identified springs leave of each frequency.
-
-    Attributes
-    ----------
-    deviations : ndarray (k,)
-        Standard deviations in Hz, to first order.
-    low, high : ndarray (k,)
-        Bounds of the interval.
-    level : float
-        Its probability, for normal deviations.
-    """
-
-    deviations: Array
-    low: Array
-    high: Array
-    level: float
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return {
-            "level": self.level, "deviations": _plain(self.deviations), "low": _plain(self.low),
-            "high": _plain(self.high),
-        }  # fmt: skip
-
-
-def intervals(
-    found: Modes,
-    tolerances: Tolerances | None = None,
-    *,
-    compliance_covariance: ArrayLike | None = None,
-    joints: tuple[str, ...] | None = None,
-    level: float | None = None,
-    given: Sensitivities | None = None,
-) -> FrequencyInterval:
-    """Intervals of the frequencies from tolerances, and from the covariance of identified springs.
-
-    A compliance with pattern S on the elements B changes the stiffness by ``-B^T K S K B``. Modes
-    with one frequency part under any change: each of them gets the variances of all, which bound
-    ``tr F^2`` of the form F that parts them.
-
-    Parameters
-    ----------
-    found : Modes
-        The modes.
-    tolerances : Tolerances, optional
-        Standard deviations of stiffnesses (relative), lengths and angles. Where compliances are
-        identified that of the stiffness is for the other springs.
-    compliance_covariance : array_like, shape (j, j), optional
-        Covariance of the joints' compliances (``1/k``), as ``cartstiff identify`` gives it; default
-        what the mechanism's file says of its measured springs.
-    joints : tuple of str, optional
-        Their names; default all springs, in order.
-    level : float, optional
-        Probability between 0 and 1; default that of the measured springs, else 0.95.
-    given : Sensitivities, optional
-        Where they are known.
-
-    Raises
-    ------
-    InputError
-        For a covariance of another shape, unknown joints or a level outside (0, 1).
-    """
-    measured = found.elastic.identified
-    if compliance_covariance is not None:
-        names = found.elastic.spring_names if joints is None else joints
-        patterns = tuple(CompliancePattern(name, ((name, name, 1.0),)) for name in names)
-        C = checked_array(compliance_covariance, (len(names),) * 2, "covariance of compliances")
-        measured = Identified(patterns, np.zeros(len(names)), C)
-    measured = measured or Identified((), np.zeros(0), np.zeros((0, 0)))
-    measured = measured if level is None else replace(measured, level=level)
-    if not 0.0 < measured.level < 1.0:
-        raise InputError("level cannot be used", expected="between 0 and 1", got=measured.level)
-    t = tolerances or Tolerances()
-    known = sensitivities(found, geometry=bool(t.length or t.angle)) if given is None else given
-    variance = (_hertz(found, _by_compliance(found, measured)) ** 2).sum(axis=0)
-    found_out = {name for p in measured.patterns for a, b, _ in p.entries for name in (a, b)}
-    for name, value, row in zip(known.names, known.values, known.frequencies, strict=True):
-        group = name.partition(".")[0]
-        if group == "stiffness":
-            deviation = 0.0 if name.partition(".")[2] in found_out else t.stiffness * value
-        elif group == "mass":
-            deviation = 0.0
-        else:
-            deviation = t.angle if _is_angle(name) else t.length
-        variance += (row * deviation) ** 2
-    for alike in found.groups:
-        variance[alike] = variance[alike].sum()
-    deviations = np.sqrt(variance)
-    reach = measured.factor * deviations
-    return FrequencyInterval(
-        deviations, found.frequencies - reach, found.frequencies + reach, measured.level
-    )
