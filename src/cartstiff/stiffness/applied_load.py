@@ -24,13 +24,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_vector
+from cartstiff.arrays import checked_vector, read_only
 from cartstiff.choices import LOAD_KINDS
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import CARTAN_MINUS, KINEMATIC, Connection, from_bilinear_map
 from cartstiff.geometry.se3 import Array
-from cartstiff.lazily import cached_property
 from cartstiff.potentials.loads import DeadWrench, FollowerWrench, Load, SemitangentialWrench
 
 __all__ = ["LoadKind", "checked_load", "wrench_in_body"]
@@ -88,12 +87,9 @@ class LoadKind:
         """The last of `changes` (..., 6, 6), under wrenches (..., 6)."""
         return (wrench @ self._from_b[:, 72:]).reshape(*wrench.shape[:-1], 6, 6)
 
-    @cached_property
+    @property
     def _from_b(self) -> Array:
-        """``changes`` of the six basis wrenches, (6, 108)."""
-        half = 0.5 * se3.bracket_form(np.eye(6)).reshape(6, 36)
-        each = (CARTAN_MINUS, KINEMATIC, self.connection)
-        return -np.concatenate([c._symbols_by_wrench + half for c in each], axis=1)
+        return _changes_from_b(self.kind, self.at)
 
     def acting(
         self, wrench: ArrayLike, pose: Array, axes: Literal["body", "world"] = "body"
@@ -191,8 +187,16 @@ def wrench_in_body(
         W = W.reshape(*W.shape[:-1], 2, 3) @ pose[..., :3, :3]
         W = W.reshape(*W.shape[:-2], 6)
     if any(at):
-        W[..., :3] += np.cross(at, W[..., 3:])
+        W[..., :3] += W[..., 3:] @ se3.skew(np.array(at)).T
     return W
+
+
+@lru_cache(maxsize=64)
+def _changes_from_b(kind: str, at: tuple[float, float, float]) -> Array:
+    """`LoadKind.changes` of the six basis wrenches, (6, 108)."""
+    half = 0.5 * se3.bracket_form(np.eye(6)).reshape(6, 36)
+    each = (CARTAN_MINUS, KINEMATIC, _connection(kind, at))
+    return read_only(-np.concatenate([c._symbols_by_wrench + half for c in each], axis=1))
 
 
 @lru_cache(maxsize=64)

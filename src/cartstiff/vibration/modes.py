@@ -79,7 +79,9 @@ def modes(
     [780.6, 780.6, 903.9, 1061.4, 1061.4, 1269.7]
     """
     if isinstance(subject, ElasticMechanism):
-        checked_load(load_kind, load_at, load_axes, wrench is not None, subject.may_be_loaded)
+        given = wrench is not None
+        own = not given and subject.may_be_loaded
+        kind = checked_load(load_kind, load_at, load_axes, given, own)
         if wrench is not None or load_kind != "dead" or np.any(load_at) or load_axes != "body":
             load: dict[str, Any] = {
                 "wrench": wrench,
@@ -90,7 +92,7 @@ def modes(
         else:
             load = {}
         if is_plain(subject):
-            return _plain(subject, q, load)
+            return _plain(subject, q, load, kind)
         subject = analyse(subject, q, **load)
     else:
         if q is not None or wrench is not None:
@@ -159,8 +161,9 @@ def is_plain(elastic: ElasticMechanism) -> bool:
 
 
 def _plain(
-    elastic: ElasticMechanism, q: ArrayLike | Mapping[str, float] | None, load: dict[str, Any]
-) -> Modes:
+    elastic: ElasticMechanism, q: ArrayLike | Mapping[str, float] | None, load: dict[str, Any],
+    kind: LoadKind,
+) -> Modes:  # fmt: skip
     """`_held_at` where `is_plain`: ``K_q = diag(k) - S_W + J^T D J``, D the load's part."""
     if q is None:
         q = elastic.q
@@ -174,7 +177,6 @@ def _plain(
     K = terms = np.diag(natural)
     rested = None
     if load.get("wrench") is not None:
-        kind = LoadKind(load["load_kind"], load["load_at"])
         W = checked_vector(load["wrench"], 6, "wrench")
         W = wrench_in_body(W, posture.pose, kind.at, load["load_axes"])
         if W.any():
