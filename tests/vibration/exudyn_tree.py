@@ -119,6 +119,7 @@ class ExudynTree:
         self.pulls = [[load(link, point, np.zeros(3)) for link, point in tie] for tie in self.ties]
         self.system.Assemble()
         self.settings = exu.SimulationSettings()
+        self.settings.solution.file.write = False
         self.solver = exu.MainSolverStatic()
         self.solver.InitializeSolver(self.system, self.settings)
 

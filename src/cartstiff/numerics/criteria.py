@@ -105,6 +105,8 @@ LEAST_EFFORT: Final = 1e-9
 DIFFERENCE: Final = 1e-5
 #: of one-sided ones, and of those of first derivatives that are known to ten digits.
 WIDE_DIFFERENCE: Final = 1e-4
+#: Steps of those of eighth order in natural sizes, tried until two orders agree.
+EIGHTH_ORDER: Final = (5e-3, 5e-4, 5e-5)
 #: Two differentiations, with the full and with half the step, agree to this share.
 AGREEING: Final = 1e-6
 #: A sum of squares that falls by less than this share has reached its minimum.

@@ -48,8 +48,6 @@ __all__ = [
     "sensitivities",
 ]
 
-# Steps in natural sizes of the parameters, tried one after the other until two orders agree.
-_STEPS = (5e-3, 5e-4, 5e-5)
 _EVERY = Tolerances(1.0, 1.0, 1.0)
 MATRICES = ("A", "B", "K", "F")
 
@@ -246,7 +244,7 @@ class Home:
         """Derivatives by one parameter; the first step is taken with which two orders agree."""
         best: Row | None = None
         refused: CartstiffError | None = None
-        for step in _STEPS:
+        for step in numerics.EIGHTH_ORDER:
             size = step * self.parameters.size(name)
             try:
                 row = self._row(name, nominal, size, found)
