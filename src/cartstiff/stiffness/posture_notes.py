@@ -96,7 +96,7 @@ def notes_on_digits(
             )
     under_load = change is not None and compliance is not None and loaded is None
     if K is not None and (compliance is None or under_load):
-        if under_load:
+        if change is not None and under_load:
             K = without_cancelled((K + change)[None], K, change[None], 1 / natural)[0]
         values = numerics.eigenvalues(K * natural * natural[:, None])
         notes.append(

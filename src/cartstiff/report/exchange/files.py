@@ -183,8 +183,8 @@ def _mujoco(result: PostureStiffness) -> bytes:
     platform, springs = elastic.mechanism, elastic.springs
     acting = [type(p).__name__ for p in (springs, *elastic.potentials) if p is not None]
     if (
-        not isinstance(platform, Platform) or acting != [LineSprings.__name__]
-        or not isinstance(posture, PlatformPosture) or not springs.is_complete
+        not isinstance(platform, Platform) or not isinstance(posture, PlatformPosture)
+        or type(springs) is not LineSprings or elastic.potentials or not springs.is_complete
     ):  # fmt: skip
         raise InputError("MuJoCo's file is of platforms on lines", where=f"kind {platform.kind}",
                          expected="kind stewart-gough or springs, and no energy but its legs'",
