@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -569,3 +570,29 @@ def test_a_folded_text_holds_no_marks_of_its_lines(tmp_path):
     path = tmp_path / "folded.yaml"
     path.write_text("source: >-\n  one\n  two\n\n  three\n", "utf-8")
     assert read_yaml(path)[0] == {"source": "one two\nthree"}
+
+
+@pytest.mark.parametrize(
+    ("there", "instead", "told"),
+    [
+        (
+            "crank: {beam",
+            "crank: {stiffness: [1, 2, 3, 4, 5, 6]} #",
+            "legs.1.flexible.crank.stiffness.1",
+        ),
+        ("frame: end", "fram: end", "legs.1.fram: unknown key"),
+        ("grip: {xyz: [", "grip: {xyz: [1, ", "legs.1.grip.xyz: wrong count"),
+        ("{stiffness: 2.0e4}", "{stifness: 2.0e4}", "legs.1.springs.motor.stifness: unknown key"),
+        ("passive: [elbow, wrist]", "passive: elbow", "legs.1.passive: cannot be used"),
+        ("model: rrr-leg.urdf", "chain: RRR", "legs.1.base.xyz: unknown key"),
+    ],
+)
+def test_errors_of_a_leg_are_those_of_the_kind_that_is_meant(there, instead, told, tmp_path):
+    # A leg by name has a `base` with other keys: its errors hid those of a leg that is described.
+    text = (ROOT / "robots" / "3-rrr.yaml").read_text(encoding="utf-8")
+    assert there in text
+    path = tmp_path / "legs.yaml"
+    path.write_text(text.replace(there, instead, 1), encoding="utf-8")
+    (tmp_path / "rrr-leg.urdf").write_bytes((ROOT / "robots" / "rrr-leg.urdf").read_bytes())
+    with pytest.raises(InputError, match=re.escape(told)):
+        cartstiff.load(path)

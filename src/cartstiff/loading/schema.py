@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, PrivateAttr, TypeAdapter, model_validator
+from pydantic import (
+    ConfigDict,
+    Discriminator,
+    Field,
+    PrivateAttr,
+    Tag,
+    TypeAdapter,
+    model_validator,
+)
 
 from cartstiff.loading.keys.bodies import BodyModel, LinesLegs, PayloadModel
 from cartstiff.loading.keys.identified import IdentifiedModel
@@ -165,13 +173,32 @@ class NamedLegs(NamedLegsModel):
     flexible: dict[str, FlexibleModel] = {}
 
 
+def _is_meant(leg: Any) -> str:
+    """Which kind of leg is meant: errors are told for that one alone. No tag is a key."""
+    is_named = isinstance(leg, NamedLegs) or (isinstance(leg, dict) and "chain" in leg)
+    return "<by name>" if is_named else "<described>"
+
+
+def _are_meant(legs: Any) -> str:
+    return "<by name>" if isinstance(legs, (dict, NamedLegs)) else "<list>"
+
+
+_Leg = Annotated[
+    Annotated[LegModel, Tag("<described>")] | Annotated[NamedLegs, Tag("<by name>")],
+    Discriminator(_is_meant),
+]
+_Legs = Annotated[
+    Annotated[NamedLegs, Tag("<by name>")]
+    | Annotated[list[_Leg], Field(min_length=1, max_length=100), Tag("<list>")],
+    Discriminator(_are_meant),
+]
+
+
 class ParallelFile(_File):
     """One body carried by several chains."""
 
     kind: Literal["parallel"]
-    legs: NamedLegs | Annotated[list[LegModel | NamedLegs], Field(min_length=1, max_length=100)] = (
-        Field(description="legs by name, or chains one by one, or a list of both")
-    )
+    legs: _Legs = Field(description="legs by name, or chains one by one, or a list of both")
     pose: PoseModel | None = Field(
         default=None,
         description="body frame in F, where the legs are put together; legs by name need it",

@@ -159,21 +159,20 @@ def describe_path(path: CompensatedPath) -> str:
     """Errors before and after compensation, and where the commands are."""
     units = path.elastic.units
     summary = path.summary()
+    length = path.elastic.mechanism.at(path.q[0]).length
     lines = [
         f"Deflection compensation of {path.elastic.name} along {len(path.q)} postures",
         path.weighed.text + _carried(path),
         "",
-        f"  {'':<22} {'before':>14} {'after':>14}",
+        f"  {'':<22} {'before':>12} {'after':>12}",
     ]
-    rows = (
-        ("translation, largest", "translation_max", units.length, 1.0),
-        ("translation, rms", "translation_rms", units.length, 1.0),
-        ("rotation, largest", "rotation_max", "deg", 180 / np.pi),
-        ("rotation, rms", "rotation_rms", "deg", 180 / np.pi),
-    )
-    for label, key, unit, factor in rows:
-        before, after = (summary[when][key] * factor for when in ("before", "after"))
-        lines.append(f"  {label:<22} {before:>14.6g} {after:>14.6g} {unit}")
+    for what, unit, factor, size in (
+        ("translation", units.length, 1.0, _NOTHING * length),
+        ("rotation", "deg", 180 / np.pi, np.degrees(_NOTHING)),
+    ):
+        for label, key in (("largest", "max"), ("rms", "rms")):
+            pair = [summary[when][f"{what}_{key}"] * factor for when in ("before", "after")]
+            lines.append(f"  {what + ', ' + label:<22} {wide_row(pair, size)} {unit}")
     known = path.elastic.identified
     if known is not None and path.deviation is not None and np.isfinite(path.deviation).any():
         half = known.factor * np.nanmax(path.deviation, axis=0)
@@ -186,8 +185,9 @@ def describe_path(path: CompensatedPath) -> str:
     coordinates = path.elastic.mechanism.coordinates
     are_joints = path.elastic.spring_names == path.elastic.names
     for i, (name, value) in enumerate(zip(path.elastic.spring_names, largest, strict=True)):
-        unit = units.coordinate(not are_joints or coordinates[i].is_length)
-        lines.append(f"  {name:<28} {value:>12.6g} {unit}")
+        is_length = not are_joints or coordinates[i].is_length
+        size = _NOTHING * (length if is_length else 1.0)
+        lines.append(f"  {name:<28} {wide_row([value], size)} {units.coordinate(is_length)}")
     lines.append("(--csv FILE.csv writes the commands.)")
     return joined([*lines, *_of_points(path.notes)])
 
