@@ -156,7 +156,7 @@ def test_pages_start_with_the_load_that_was_stated(arm):
 
     request = MechanismRequest(str(arm), tcp=list(TCP), payload=[2.0], wrench=[0, 0, 0, 0, 0, -100])
     applied = LoadRequest([0, 0, 0.05], True, "follower")
-    source = source_from_options(request, applied, None, None)
+    source = source_from_options(request, applied, None, None, None)
     state = Session(source).start
     assert (state.load_axes, state.load_kind) == ("inertial", "follower")
     assert state.load_at == (0, 0, 0.05)
