@@ -122,7 +122,7 @@ def pose_by_yourdfpy(text: str, arm: ElasticMechanism, q: np.ndarray) -> np.ndar
     """Pose of the arm's link by yourdfpy, which reads the file by itself."""
     from yourdfpy import URDF
 
-    robot = URDF.load(io.StringIO(text), build_scene_graph=True, load_meshes=False)
+    robot = URDF.load(io.BytesIO(text.encode()), build_scene_graph=True, load_meshes=False)
     known = set(robot.actuated_joint_names)
     if not set(arm.names) <= known or arm.mechanism.frame not in robot.link_map:
         return None

@@ -1,6 +1,7 @@
 r"""Parameters of an elastic mechanism with their tolerances.
 
-Parameters: the stiffness of every spring, or, where springs were measured, their compliances with
+Parameters: the stiffness of every spring and line, a factor on that of every link that gives
+(nominally 1), or, where springs were measured, their compliances with
 the covariance of that measurement; the masses; for chains the placement of each joint on its
 predecessor and of the body frame on the last joint (translations, and rotations about the
 placement's own axes); for platforms the points of base and platform; what the mechanism's file
@@ -28,7 +29,11 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.elements import Elements
+from cartstiff.mechanisms.elements import (
+    Elements,
+    stiffnesses_beside,
+    with_stiffnesses_beside,
+)
 from cartstiff.mechanisms.platform import Platform, PlatformPosture
 from cartstiff.potentials.flexure_struts import FlexureStruts, ideal_joints_only
 from cartstiff.potentials.line_springs import LineSprings
@@ -76,7 +81,8 @@ class Parameters:
         elastic = self.result.elastic
         given = {f"mass.{name}": m for name, m in self._masses.items()}
         if not isinstance(elastic.springs, FlexureStruts):
-            given = {f"stiffness.{name}": k for name, k in self._stiffnesses.items()} | given
+            springs = self._stiffnesses | stiffnesses_beside(elastic)
+            given = {f"stiffness.{name}": k for name, k in springs.items()} | given
             given |= self._geometry | self._rests
         if self.reread is not None:
             given |= {f"{_FILE}{name}": float(x) for name, x in elastic.parameters.items()}
@@ -143,7 +149,7 @@ class Parameters:
         ideal_joints_only(elastic.springs, "tolerances")
         given: dict[str, Tolerance] = {}
         if t.stiffness > 0:
-            for name, k in self._stiffnesses.items():
+            for name, k in (self._stiffnesses | stiffnesses_beside(elastic)).items():
                 given[f"stiffness.{name}"] = Tolerance(k, t.stiffness * k)
         if t.stiffness == 0 and (known := elastic.identified) is not None:
             spread = np.sqrt(known.covariance.diagonal())
@@ -291,6 +297,10 @@ class Parameters:
                 k[i] = values.get(f"stiffness.{name}", k[i])
                 rest[i] = values.get(f"rest.{name}", rest[i])
             elastic = replace(elastic, springs=elastic.springs.replaced(k, rest))
+        others = {
+            n.removeprefix("stiffness."): x for n, x in values.items() if n.startswith("stiffness.")
+        }
+        elastic = with_stiffnesses_beside(elastic, others)
         elastic = self._placed_at(self._measured_springs(elastic, values), values)
         masses = {n: values[f"mass.{n}"] for n in self._masses if f"mass.{n}" in values}
         mechanism = elastic.mechanism

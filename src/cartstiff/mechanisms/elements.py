@@ -10,7 +10,7 @@ A compliance parameter is a symmetric pattern S on the elements: Gamma = ... + t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -25,11 +25,16 @@ from cartstiff.potentials.flexure_struts import ideal_joints_only
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
 from cartstiff.potentials.springs import CoupledSprings, JointSprings
 
-__all__ = ["BEAM", "CompliancePattern", "Elements"]
+__all__ = [
+    "BEAM", "LINK", "CompliancePattern", "Elements", "stiffnesses_beside",
+    "with_stiffnesses_beside",
+]  # fmt: skip
 
 
 #: Ends the names of parameters that are shares of a beam's own compliance.
 BEAM = " (beam)"
+#: Ends the names of factors on the stiffness of links that give.
+LINK = " (link)"
 
 
 @dataclass(frozen=True)
@@ -210,6 +215,49 @@ class Elements:
                 factor = float(np.trace(self.compliance[block, block]) / np.trace(C))
                 potentials[part] = replace(potential, section=potential.section.times(factor))
         return replace(elastic, springs=springs, potentials=tuple(potentials))
+
+
+def stiffnesses_beside(elastic: ElasticMechanism) -> dict[str, float]:
+    """Stiffness of each line, and of each link that gives a factor on its own, which is 1."""
+    given: dict[str, float] = {}
+    for names, potential in _beside(elastic):
+        values = potential.stiffness if isinstance(potential, LineSprings) else [1.0]
+        given |= dict(zip(names, map(float, values), strict=True))
+    return given
+
+
+def with_stiffnesses_beside(
+    elastic: ElasticMechanism, values: Mapping[str, float]
+) -> ElasticMechanism:
+    """The mechanism with some of `stiffnesses_beside` changed."""
+    named = {id(potential): names for names, potential in _beside(elastic)}
+    potentials = []
+    for potential in elastic.potentials:
+        names = named.get(id(potential), [])
+        if not values.keys().isdisjoint(names):
+            if isinstance(potential, LineSprings):
+                k = [values.get(n, x) for n, x in zip(names, potential.stiffness, strict=True)]
+                potential = potential.replaced(np.array(k, float), potential.rest_length)
+            elif isinstance(potential, CoupledSprings):
+                potential = replace(potential, matrix=values[names[0]] * potential.matrix)
+            elif isinstance(potential, Beam):
+                potential = replace(potential, section=potential.section.times(values[names[0]]))
+        potentials.append(potential)
+    return replace(elastic, potentials=tuple(potentials))
+
+
+def _beside(
+    elastic: ElasticMechanism,
+) -> Iterator[tuple[list[str], LineSprings | CoupledSprings | Beam]]:
+    """Names of the lines ("line1") and links ("forearm (link)") of each potential that has some."""
+    lines = links = 0
+    for potential in elastic.potentials:
+        if isinstance(potential, LineSprings):
+            first, lines = lines, lines + len(potential.stiffness)
+            yield [f"line{k + 1}" for k in range(first, lines)], potential
+        elif isinstance(potential, (CoupledSprings, Beam)):
+            links += 1
+            yield [f"{potential.link or f'coupled springs {links}'}{LINK}"], potential
 
 
 def _rest(springs: JointSprings) -> Array:
