@@ -24,7 +24,7 @@ from cartstiff.many.reading_arithmetic import READINGS, Readings
 from cartstiff.maps.cartesian import PLACES, CartesianGrid
 from cartstiff.maps.intervals import half_width_name, half_widths, intervals_of, why_none
 from cartstiff.maps.quantities import Quantity, Settings, choose_quantities, evaluate
-from cartstiff.maps.sampling import Grid, Sampling
+from cartstiff.maps.sampling import LEAST, Grid, Sampling
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits, force_notes
@@ -99,6 +99,18 @@ class MapJob:
         """The quantities by their names."""
         return choose_quantities(self.names, self.settings, self.elastic)
 
+    @property
+    def in_stacks(self) -> bool:
+        """Whether postures are computed many at a time, not one after the other in Python."""
+        one_by_one = any("." in name for name in self.names)
+        return not (one_by_one or (self.path == "engine" and bool(self._closures)))
+
+    @property
+    def least_chunk(self) -> int:
+        """Fewest postures of a chunk: what keeps two threads busy, or what is soon computed."""
+        is_quick = self.in_stacks and self.path != "engine" and not self.moves
+        return 2 * _ROWS if is_quick and not isinstance(self.sampling, CartesianGrid) else LEAST
+
     @cached_property
     def with_interval(self) -> tuple[str, ...]:
         """Quantities whose interval is kept beside them."""
@@ -162,10 +174,8 @@ class MapJob:
         arrays["state"] = np.zeros(count, np.uint8)
         arrays["position"] = np.full((count, 3), np.nan)
         # One after the other in Python: threads would wait for each other, and Ctrl-C for them.
-        one_by_one = any("." in name for name in self.names)
-        one_by_one |= self.path == "engine" and bool(self._closures)
-        rows_at_once = _FEW if one_by_one else _ROWS
-        threads = 1 if one_by_one else threads
+        rows_at_once = _ROWS if self.in_stacks else _FEW
+        threads = threads if self.in_stacks else 1
         blocks = [slice(i, min(i + rows_at_once, count)) for i in range(0, count, rows_at_once)]
 
         def work(rows: slice) -> int:

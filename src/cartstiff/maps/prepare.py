@@ -268,7 +268,8 @@ def prepare_map(
                       for name in sampling.dims}  # fmt: skip
     return job, MapFile.create(
         path, sampling, variables, attributes, units=axis_units,
-        coordinates=len(elastic.names), single=single, postures_per_chunk=chunk,
+        coordinates=len(elastic.names), single=single,
+        postures_per_chunk=chunk, least_per_chunk=job.least_chunk,
     )  # fmt: skip
 
 

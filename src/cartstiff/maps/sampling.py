@@ -29,7 +29,7 @@ _BLOCK = 1024
 # Values of an axis are held in memory, all of them.
 _MOST_VALUES = 10**7
 # Smallest and largest number of postures in a chunk, and how many chunks are aimed at.
-_LEAST, _MOST, _CHUNKS = 64, 2**18, 128
+LEAST, _MOST, _CHUNKS = 64, 2**18, 128
 
 
 @dataclass(frozen=True)
@@ -376,13 +376,15 @@ def from_dict(data: Mapping[str, Any]) -> Sampling | None:
     return None
 
 
-def chunk_shape(sampling: Sampling, postures: int | None = None) -> tuple[int, ...]:
+def chunk_shape(
+    sampling: Sampling, postures: int | None = None, least: int = LEAST
+) -> tuple[int, ...]:
     """Shape of a chunk: near a cube, so that a slice in any direction touches few of them.
 
-    `postures` is the most of a chunk; default from 64 for small maps to 262144 for large ones.
+    `postures` is the most of a chunk; default from `least` for small maps to 262144 for large ones.
     """
     if postures is None:
-        postures = min(max(sampling.size // _CHUNKS, _LEAST), _MOST)
+        postures = min(max(sampling.size // _CHUNKS, least), _MOST)
     shape = list(sampling.shape)
     if len(shape) == 1:
         return (min(shape[0], postures),)

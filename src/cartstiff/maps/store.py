@@ -107,6 +107,7 @@ class MapFile:
         coordinates: int,
         single: bool = False,
         postures_per_chunk: int | None = None,
+        least_per_chunk: int = 64,
     ) -> MapFile:
         """A new map with nothing computed; it appears whole or not at all.
 
@@ -127,7 +128,7 @@ class MapFile:
             Number of coordinates of a posture.
         single : bool
             Keep numbers in single precision.
-        postures_per_chunk : int, optional
+        postures_per_chunk, least_per_chunk : int, optional
             See `chunk_shape`.
         """
         zarr, place = _zarr(), Path(path)
@@ -135,7 +136,7 @@ class MapFile:
             if name in _RESERVED or name in variables:
                 raise InputError("a dimension has the name of something else in the map", got=name)
         chunk, shape, dims = (
-            chunk_shape(sampling, postures_per_chunk),
+            chunk_shape(sampling, postures_per_chunk, least_per_chunk),
             sampling.shape,
             sampling.dims,
         )
