@@ -23,7 +23,8 @@ from cartstiff.many.read_many import Reader
 from cartstiff.many.reading_arithmetic import READINGS, Readings
 from cartstiff.maps.cartesian import PLACES, CartesianGrid
 from cartstiff.maps.intervals import half_width_name, half_widths, intervals_of, why_none
-from cartstiff.maps.quantities import Quantity, Settings, choose_quantities, evaluate
+from cartstiff.maps.quantities import choose_quantities, evaluate
+from cartstiff.maps.quantity import Quantity, Settings, needed_outputs
 from cartstiff.maps.sampling import LEAST, Grid, Sampling
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -121,7 +122,7 @@ class MapJob:
     @cached_property
     def outputs(self) -> tuple[str, ...]:
         """Arrays that are asked of `analyse_many`."""
-        return _outputs(self.quantities, self.settings)
+        return needed_outputs(self.quantities, self.settings)
 
     @property
     def stores_q(self) -> bool:
@@ -248,9 +249,7 @@ class MapJob:
 
     def _by_matrices(self, q: Array, quantities: Sequence[Quantity]) -> Answer:
         """What is known of postures (N, n), read from stored matrices."""
-        outputs = self.outputs
-        if len(quantities) < len(self.quantities):
-            outputs = _outputs(quantities, self.settings)
+        outputs = needed_outputs(quantities, self.settings)
         buffers = self._buffers(len(q)) if outputs == self.outputs else None
         result = self._analysed(q, outputs, buffers)
         values = self._values(result, quantities)
@@ -291,19 +290,21 @@ class MapJob:
     def _analysed(
         self, q: Array, outputs: tuple[str, ...], out: Mapping[str, Array] | None = None
     ) -> Postures:
-        load = self.settings.load
         return analyse_many(
-            self.elastic, q, wrench=self.wrench, load_kind=load.kind, load_at=load.at,
-            load_axes=self.load_axes, outputs=outputs, out=out, threads=1, path=self.path,
-            one_by_one=self.one_by_one,
+            self.elastic, q, wrench=self.wrench, outputs=outputs, out=out, threads=1,
+            path=self.path, one_by_one=self.one_by_one, **self._acting,
         )  # fmt: skip
 
     def _vibrations(self, q: Array) -> ManyModes:
         """Small vibrations of postures under the load."""
-        load = self.settings.load
         wrench = None if self.wrench is None else np.asarray(self.wrench, float)
-        acting = {"load_kind": load.kind, "load_at": load.at, "load_axes": self.load_axes}
-        return ManyModes(self.elastic, q, wrench, acting)
+        return ManyModes(self.elastic, q, wrench, self._acting)
+
+    @property
+    def _acting(self) -> dict[str, Any]:
+        """How the load acts, for functions of a mechanism."""
+        load = self.settings.load
+        return {"load_kind": load.kind, "load_at": load.at, "load_axes": self.load_axes}
 
     def _beyond(self, q: Array, poses: Array) -> Array:
         """Which postures (N,) are beyond limits."""
@@ -317,12 +318,8 @@ class MapJob:
         return beyond
 
     def _is_force_beyond(self, q: Array) -> bool:
-        load = self.settings.load
         try:
-            found = analyse(
-                self.elastic, q, wrench=self.wrench, load_kind=load.kind, load_at=load.at,
-                load_axes=self.load_axes,
-            )  # fmt: skip
+            found = analyse(self.elastic, q, wrench=self.wrench, **self._acting)
         except CartstiffError:
             return False  # what is wrong there has a name of its own
         return bool(force_notes(found.elastic, found.posture))
@@ -332,9 +329,8 @@ class MapJob:
         quantity = self.quantities[0]
         outputs = tuple({"pose", *quantity.outputs(self.settings)})
         arrays = self._analysed(q, outputs).arrays
-        value = evaluate([quantity], arrays, self.settings, self._lengths, self._vibrations(q))[
-            quantity.name
-        ]
+        found = evaluate([quantity], arrays, self.settings, self._lengths, self._vibrations(q))
+        value = found[quantity.name]
         return value if quantity.better == "smaller" else -value
 
     def _buffers(self, count: int) -> dict[str, Array]:
@@ -397,13 +393,6 @@ class Answer(NamedTuple):
     state: NDArray[np.uint8]
     poses: Array
     values: dict[str, Array]
-
-
-def _outputs(quantities: Sequence[Quantity], settings: Settings) -> tuple[str, ...]:
-    needed = {"pose"}
-    for quantity in quantities:
-        needed.update(quantity.outputs(settings))
-    return tuple(sorted(needed))
 
 
 def _code(name: str) -> int:

@@ -19,7 +19,7 @@ from cartstiff.vibration.damping import Damping
 from cartstiff.vibration.many_modes import ManyModes
 from cartstiff.vibration.milling import Milling
 
-__all__ = ["Quantity", "Settings", "Stacks"]
+__all__ = ["Quantity", "Settings", "Stacks", "needed_outputs"]
 
 #: Connections whose matrix may be asymmetric.
 ASYMMETRIC = ("A", "load")
@@ -269,3 +269,11 @@ class Quantity:
         several = {"inverse": settings.inverted, "free": settings.free}
         needed = [several.get(n) or (n.format(**names),) for n in self.needs]
         return tuple(dict.fromkeys(name for some in needed for name in some))
+
+
+def needed_outputs(quantities: Sequence[Quantity], settings: Settings) -> tuple[str, ...]:
+    """Outputs of `analyse_many` that some quantities are read from, and the pose."""
+    needed = {"pose"}
+    for quantity in quantities:
+        needed.update(quantity.outputs(settings))
+    return tuple(sorted(needed))
