@@ -307,6 +307,26 @@ def test_a_payload_adds_to_the_wrenches_of_a_path(answer: Any) -> None:
     np.testing.assert_allclose(heavy["commands"], same["commands"], rtol=1e-12)
 
 
+def test_a_payload_without_gravity_weighs_alike_everywhere(answer: Any) -> None:
+    """Each command assumes the earth's gravity, on the links too, and says so."""
+    _write("path.csv", [(0.3, -1.1, 1.4, -0.7, 0.9, 0.2)])
+    analysed = cartstiff.analyse(cartstiff.load("ur5", payload=3)).as_dict()
+    links = {part["name"]: part["mass"] for part in analysed["weighed"]} | {"payload": 0.0}
+    for more in ([], ["--curve", "1"], ["--path", "path.csv"]):
+        found = answer("ur5", "--payload", "3", *more)
+        assert found["gravity"] == analysed["gravity"] == [0.0, 0.0, -9.81]
+        parts = {part["name"]: part["mass"] for part in found["weighed"]}
+        assert parts.pop("payload among the loads") == 3.0
+        assert parts == {name: mass for name, mass in links.items() if mass}
+        assert "gravity-assumed" in _codes(found)
+        given = answer("ur5", "--payload", "3", "--gravity", "0,0,-9.81", *more)
+        key = "commands" if more[:1] == ["--path"] else "displacement"
+        assert found[key] == given[key]
+    # Who says that there is none has none.
+    assert answer("ur5", "--payload", "3", "--gravity", "0,0,0")["displacement"] == [0.0] * 6
+    assert "weightless" not in _codes(answer("hexapod", "--payload", "50"))
+
+
 # -- refusals -------------------------------------------------------------------------------------
 
 LOAD = ["--load", "0,0,0,0,0,-10"]

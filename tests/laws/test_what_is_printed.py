@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -80,6 +81,40 @@ def test_rounding_is_not_printed():
     assert [float(x) for x in line.split()[1:4]] == [300.0, 0.0, -100.0]
     text = describe(cartstiff.analyse(cartstiff.load("ur5").with_potential(DeadForce([0, 0, -20]))))
     assert "Load: none; no wrench is needed" in text
+
+
+def _numbers(text):
+    """All numbers of a text that are not shown as 0."""
+    return [float(x) for x in re.findall(r"(?<![\w.])-?\d+(?:\.\d+)?e-\d+(?![\w.])", text)]
+
+
+@pytest.mark.parametrize("name", ["cubic", "cable-robot", "orthoglide", "6-rus", "grasp"])
+def test_no_rounding_among_pitches_couplings_modes_and_coordinates(name):
+    result = cartstiff.analyse(cartstiff.load(name))
+    section = analyse_posture(result, mass=2.0, inertia=np.eye(3) * 0.1)
+    text = summary_text(section, result.elastic.units, "full")
+    kept = [row for row in text.splitlines() if "residual" not in row and "of its block" not in row]
+    assert [x for x in _numbers("\n".join(kept)) if 0.0 < abs(x) < 1e-11] == []
+    state = equilibrium(cartstiff.load(name), DeadForce([0.0, 0.0, -2.0]))
+    posture = describe(state.stiffness, at_rest=True).partition("Stiffness")[0]
+    assert [x for x in _numbers(posture) if 0.0 < abs(x) < 1e-12] == []
+
+
+def test_a_motion_that_closures_forbid_has_no_compliance():
+    """The delta's cousin with prismatic drives: its platform does not turn."""
+    C = cartstiff.analyse(cartstiff.load("orthoglide")).compliances["B"]
+    assert not C[:3].any()
+    assert np.allclose(np.diag(C)[3:], 1e-7, rtol=1e-9)
+
+
+def test_weights_over_the_origin_have_no_potential():
+    """A platform in the origin of F: height and potential are rounding there."""
+    cubic = cartstiff.load("cubic").with_payload(2.0).with_gravity()
+    result = cartstiff.analyse(cubic, np.array([0.0, 0.0, 3e-17, 0.0, 0.0, 0.0]))
+    assert result.energy != result.stored_energy
+    assert "potential of gravity" not in describe(result)
+    raised = cartstiff.analyse(cubic, np.array([0.0, 0.0, 3e-6, 0.0, 0.0, 0.0]))
+    assert "potential of gravity and loads 5.886e-05 N m" in describe(raised)
 
 
 def test_a_share_of_nothing_is_no_number():

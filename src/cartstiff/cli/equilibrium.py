@@ -136,16 +136,24 @@ def command(
     if curve == 0.0:
         raise InputError("not a usable factor", where="--curve", expected="a number not 0", got="0")
     # A payload is a load here: it deflects the mechanism, which is at rest without it.
-    elastic, q = replace(request, payload=None).load()
+    bare, hung = replace(request, payload=None), request.payload
+    elastic, q = bare.load()
 
     from cartstiff.mechanisms.contract import named_values
+    from cartstiff.mechanisms.weighed import under_earth
     from cartstiff.statics.held import Held
     from cartstiff.stiffness.applied_load import LoadKind
+
+    def weighing(elastic: Any) -> Any:
+        """The mechanism in the field in which its payload weighs."""
+        return under_earth(elastic, hung[0]) if hung and request.gravity is None else elastic
+
+    elastic = weighing(elastic)
 
     if isinstance(q, dict):
         q = named_values(q, elastic.names, elastic.q, "--q")
     q = elastic.mechanism.assembled(elastic.q if q is None else q)
-    weight = _weight(elastic, request.payload)
+    weight = _weight(elastic, hung)
     kind = LoadKind(applied.load_kind, applied.acts_at)  # type: ignore[arg-type]
 
     def loads_at(q: Any, wrench: Any) -> tuple[Any, ...]:
@@ -172,8 +180,9 @@ def command(
         data, more = state.as_dict(), []
         if sensitivities:
             more += add_sensitivities(
-                state, replace(request, payload=None), data,
-                lambda e: e if told is None else commanded(e, request.command(told, e), q)[0],
+                state, bare, data,
+                lambda e: weighing(e) if told is None
+                else commanded(weighing(e), request.command(told, e), q)[0],
             )  # fmt: skip
         if tolerance is not None:
             more += add_accuracy(state, tolerance, data)
@@ -198,7 +207,7 @@ def _weight(elastic: Any, numbers: list[float] | None) -> tuple[Any, ...]:
 
     if numbers is None:
         return ()
-    gravity = (0.0, 0.0, -9.81) if elastic.gravity is None else elastic.gravity
+    gravity = (0.0, 0.0, 0.0) if elastic.gravity is None else elastic.gravity
     mass = numbers[0] / elastic.units.newtons  # weights are in the unit of force
     return (payload(mass, gravity, numbers[1:] or (0.0, 0.0, 0.0)),)
 

@@ -63,8 +63,8 @@ def load(
     gravity : array_like (3,), optional
         Acceleration of the uniform field in F, m/s^2, instead of the file's.
     payload : array_like (1,) or (4,), optional
-        A mass [kg] on the body, and its centre in M; beside that of the file. Without any gravity
-        it brings that of the earth along, along -z of F, and a note says so.
+        A mass [kg] on the body, and its centre in M; beside that of the file. Where nobody names
+        a gravity it brings that of the earth along, along -z of F, and a note says so.
     xacro_args : mapping of str to str, optional
         Arguments of a xacro file, such as ``{"ur_type": "ur5e"}``.
     package_path : sequence of str or Path, optional
@@ -116,12 +116,10 @@ def load(
 
         angles = turned({"the tool's rotation": np.asarray(tcp, float).ravel()[3:].tolist()})
         loaded = replace(loaded, notes=(*loaded.notes, *angles))
-    if payload is not None and loaded.gravity is None:
-        from cartstiff.mechanisms.contract import EARTH
+    if payload is not None and gravity is None:
+        from cartstiff.mechanisms.weighed import under_earth
 
-        words = f"a payload was given and no gravity: (0, 0, -{EARTH:g}) m/s^2 acts"
-        note = Note("gravity-assumed", words, {"gravity": [0.0, 0.0, -EARTH]})
-        loaded = replace(loaded, notes=(*loaded.notes, note)).with_gravity()
+        loaded = under_earth(loaded, given["payload"][0])
     return loaded.with_springs(stiffness, rest)
 
 

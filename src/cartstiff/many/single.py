@@ -236,7 +236,7 @@ class _Code:
         self.energy, self._verdict = at["energy"].start, at["verdict"].start
         self.near, self.digits = at["noteworthy"].start, at["noteworthy"].start + 1
         self.is_closed = taken.is_closed
-        self.is_inner = elastic.inner_terms() is None
+        self.is_inner = not elastic.parted_terms()[1]
         chart = elastic.mechanism.at(elastic.q).chart()
         self.notes_on_chart = (Note("no-chart", chart),) if isinstance(chart, str) else ()
         self.notes_on_weight = tuple(weighed(elastic).notes)

@@ -320,11 +320,11 @@ class ElasticMechanism(ShownInLines):
             return True
         return bool(np.any((self.springs.stiffness > 0.0) & ~np.isnan(self.springs.rest)))
 
-    def inner_terms(self) -> list[Potential] | None:
-        """What stores energy in the mechanism: all but gravity and loads; None if that is all."""
+    def parted_terms(self) -> tuple[list[Potential], list[Potential]]:
+        """What stores energy in the mechanism, and what does not: gravity and loads."""
         terms = self.terms()
         inner = [term for term in terms if not _is_outside(term)]
-        return None if len(inner) == len(terms) else inner
+        return inner, [term for term in terms if _is_outside(term)]
 
     def remarks(self, posture: MechanismPosture) -> list[Note]:
         """What limits the answer at a posture: slack cables, beams beyond their theory."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from cartstiff import numerics
 from cartstiff.choices import LEVELS
 from cartstiff.errors import UnknownNameError, joined
@@ -63,7 +65,7 @@ def summary_text(
     lines += _indices(summary, u, full)
     if full:
         lines += screw_lines(summary, u)
-        lines += mode_lines(summary["modes"], u)
+        lines += mode_lines(summary["modes"], u, summary["length"]["value"])
     lines += synthesis_lines(summary["synthesis"], u, full, summary["length"]["value"])
     lines += _connections(summary, u, full)
     lines += target_lines((summary["synthesis"] or {}).get("target"), u, full)
@@ -210,7 +212,11 @@ def _centres(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
             lines.append(f"  {what}: axes as columns")
             lines += [f"{'':<42} {row(r[:3])}" for r in found["T_m_n"][:3]]
             if what == "normal form":
-                lines.append(f"    coupling there [{u.blocks['tr']}] {numbers(found['coupling'])}")
+                blocks = np.abs(s["stiffness"])
+                size = float(np.sqrt(blocks[:3, :3].max() * blocks[3:, 3:].max()))
+                lines.append(
+                    f"    coupling there [{u.blocks['tr']}] {numbers(found['coupling'], size=size)}"
+                )
     return lines
 
 
@@ -244,6 +250,11 @@ def _indices(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
     return lines
 
 
+def _felt(value: float, share: float) -> str:
+    """A difference; 0 where its share is rounding."""
+    return number(0.0 if abs(share) < numerics.BLANK else value, 3)
+
+
 def _connections(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
     compared = s["connections"]
     if compared is None:
@@ -256,7 +267,8 @@ def _connections(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
         if r["change"] is None:
             rows.append([f"K^{r['name']}", *["-"] * 5])
             continue
-        cells = [f"{number(r['largest'][b], 3)} ({percent(r['relative'][b])})" for b in u.blocks]
+        cells = [f"{_felt(r['largest'][b], r['relative'][b])} ({percent(r['relative'][b])})"
+                 for b in u.blocks]  # fmt: skip
         rows.append([f"K^{r['name']}", *cells, percent(r["change"])])
     if rows:
         titles = [f"{b} [{unit}]" for b, unit in u.blocks.items()]

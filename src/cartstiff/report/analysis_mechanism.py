@@ -64,7 +64,7 @@ def deflection_lines(d: Section, u: Units, full: bool) -> list[str]:
             last = row(s["displacement"], 4, size)
         else:
             effort = "" if s["is_length"] is None else u.effort(s["is_length"])
-            last = effort and f"{number(s['force'])} {effort}"
+            last = effort and f"{number(0.0 if own == 0.0 else s['force'])} {effort}"
         rows.append([s["name"], number(moved), unit, _share(s["share"]), last])
     lines += [f"  shares {meaning}", *table(titles, rows)]
     if d["kind"] == "springs" and abs(d["load_share"] or 0.0) > numerics.CLOSE:

@@ -13,8 +13,10 @@ __all__ = ["mode_lines", "screw_lines", "synthesis_lines"]
 
 
 def _line(a: Mapping[str, Any], size: float) -> list[str]:
-    point = row(a["point"], 4, size)
-    return [number(a["pitch"], 5, "infinite"), row(a["direction"], 4), point]
+    pitch = a["pitch"]
+    if pitch is not None and abs(pitch) < numerics.BLANK * size:
+        pitch = 0.0
+    return [number(pitch, 5, "infinite"), row(a["direction"], 4), row(a["point"], 4, size)]
 
 
 def screw_lines(s: Mapping[str, Any], u: Units) -> list[str]:
@@ -60,7 +62,7 @@ def screw_lines(s: Mapping[str, Any], u: Units) -> list[str]:
     return lines
 
 
-def mode_lines(m: Mapping[str, Any] | None, u: Units) -> list[str]:
+def mode_lines(m: Mapping[str, Any] | None, u: Units, length: float) -> list[str]:
     """Eigenvalues and twists with respect to the metric."""
     if m is None:
         return []
@@ -77,7 +79,14 @@ def mode_lines(m: Mapping[str, Any] | None, u: Units) -> list[str]:
     columns = list(zip(*m["twists"], strict=True))
     return lines + table(
         titles,
-        [[x, row(t[:3], 4), row(t[3:], 4)] for x, t in zip(values, columns, strict=True)],
+        [
+            [
+                x,
+                row(t[:3], 4, max(map(abs, t[3:])) / length),
+                row(t[3:], 4, max(map(abs, t[:3])) * length),
+            ]
+            for x, t in zip(values, columns, strict=True)
+        ],
     )
 
 

@@ -65,9 +65,9 @@ def wide_row(values: Iterable[float], size: float = 0.0) -> str:
     return " ".join(f"{number(x, 6):>12}" for x in _shown(values, size))
 
 
-def numbers(values: Iterable[float | None], digits: int = 5) -> str:
+def numbers(values: Iterable[float | None], digits: int = 5, size: float = 0.0) -> str:
     """Numbers in a line."""
-    return " ".join(number(x, digits) for x in _shown(values))
+    return " ".join(number(x, digits) for x in _shown(values, size))
 
 
 def vector(values: Iterable[float | None], digits: int = 3, size: float = 0.0) -> str:

@@ -95,7 +95,10 @@ def _frequencies(modes: Modes, unloaded: Modes | None) -> list[str]:
         cells = [str(i + 1), _hertz(f)]
         if unloaded is not None:
             bare = unloaded.frequencies[i] if i < len(unloaded.frequencies) else np.nan
-            cells += [_hertz(bare), percent(f / bare - 1.0 if bare else None)]
+            change = f / bare - 1.0 if bare else None
+            if change is not None and abs(change) < numerics.TELLING:
+                change = 0.0  # two eigenvalue problems agree to no more
+            cells += [_hertz(bare), percent(change)]
         if masses is not None and total is not None:
             cells += [number(m, 4) for m in _clean(masses[i], total[1])]
         rows.append(cells)
@@ -137,7 +140,8 @@ def _axes(modes: Modes) -> list[str]:
         else:
             point = vector(screw.point, size=size)
             words = f"about {vector(screw.direction)} through {point}, pitch "
-            words += number(screw.pitch if abs(screw.pitch) > numerics.BLANK * size else 0.0, 3)
+            reach = max(size, float(np.linalg.norm(screw.point)))
+            words += number(screw.pitch if abs(screw.pitch) > numerics.BLANK * reach else 0.0, 3)
         lines.append(f"  {i + 1:>3}  {words}")
     return lines
 

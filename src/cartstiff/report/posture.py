@@ -31,8 +31,8 @@ def describe(result: PostureStiffness, analysis: str = "", at_rest: bool = False
         "",
         "Posture",
     ]
-    # Newton's method leaves coordinates of a closed chain to this share of their natural sizes.
-    noise = 0.0 if result.posture.closure is None else numerics.ROUNDING
+    # Searches leave coordinates, and those of a closed chain, to these shares of their sizes.
+    noise = numerics.BLANK if result.posture.closure is None else numerics.CONVERGED
     q = np.where(np.abs(result.q) <= noise * result.posture.coordinate_lengths, 0.0, result.q)
     for coordinate, value in zip(mechanism.coordinates, q, strict=True):
         if coordinate.is_length:
@@ -46,14 +46,14 @@ def describe(result: PostureStiffness, analysis: str = "", at_rest: bool = False
         "",
         "Pose of the body frame",
         f"  position          {wide_row(position, result.posture.length)} {units.length}",
-        f"  roll, pitch, yaw  {wide_row(np.degrees(angles), 1.0)} deg",
+        f"  roll, pitch, yaw  {wide_row(np.degrees(angles), np.degrees(1.0))} deg",
         "",
     ]
     lines += _load(result, at_rest)
     lines.append(weighed(elastic).text)
     if np.isfinite(result.stored_energy):
         lines.append(f"  energy stored in the springs {result.stored_energy:.6g} {units.moment}")
-    outside = result.energy - result.stored_energy
+    outside = _outside(result)
     if np.isfinite(outside) and outside != 0.0:
         lines.append(f"  potential of gravity and loads {outside:.6g} {units.moment}")
     lines.append("")
@@ -84,6 +84,19 @@ def describe(result: PostureStiffness, analysis: str = "", at_rest: bool = False
         lines.append("Notes")
         lines += [f"  {note}" for note in result.notes]
     return joined(lines).rstrip()
+
+
+def _outside(result: PostureStiffness) -> float:
+    """Potential of gravity and loads; 0 where it is rounding beside their work over natural sizes.
+
+    A weight over the origin of F, say.
+    """
+    found, works = 0.0, 0.0
+    for term in result.elastic.parted_terms()[1]:
+        energy, gradient, _ = term.evaluate(result.posture)
+        found += energy
+        works += float(np.abs(gradient * result.posture.coordinate_lengths).max(initial=0.0))
+    return 0.0 if abs(found) <= numerics.BLANK * works else found
 
 
 def _load(result: PostureStiffness, at_rest: bool) -> list[str]:

@@ -7,10 +7,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from cartstiff import numerics
 from cartstiff.errors import joined
+from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import Note
-from cartstiff.report.layout import wide_row
+from cartstiff.report.layout import row, wide_row
 from cartstiff.report.posture import describe
 from cartstiff.statics.compensation import CompensatedPath
 from cartstiff.statics.curves import LoadCurve
@@ -18,9 +18,6 @@ from cartstiff.statics.rest import Equilibrium
 
 __all__ = ["describe_curve", "describe_equilibrium", "describe_path"]
 
-# A displacement below this, times 1e-12, is rounding of the coordinates: of angles, and of
-# distances over the characteristic length.
-_NOTHING = 1e-2
 _STABLE = {
     True: "stable",
     False: "UNSTABLE",
@@ -28,17 +25,26 @@ _STABLE = {
 }
 
 
+def _sizes(posture: MechanismPosture) -> tuple[float, float]:
+    """Turns (rad) and lengths of which a share of `numerics.BLANK` is rounding of coordinates.
+
+    Closures are met to more than the digits of single coordinates.
+    """
+    share = 1e-2 if posture.closure is None else 1.0
+    return share, share * posture.length
+
+
 def describe_equilibrium(state: Equilibrium) -> str:
     """Where the mechanism rests, and its stiffness there with the loads included."""
-    units, length = state.elastic.units, state.posture.length
+    units, (turn, length) = state.elastic.units, _sizes(state.posture)
     lines = [
         f"Equilibrium: {_STABLE[state.stable]}, residual {state.residual:.2g} (relative) after "
         f"{state.iterations} step(s)",
         _softest(state),
         "",
         "Displacement of the body frame, inertial axes",
-        f"  rotation     {wide_row(np.degrees(state.displacement[:3]), np.degrees(_NOTHING))} deg",
-        f"  translation  {wide_row(state.displacement[3:], _NOTHING * length)} {units.length}",
+        f"  rotation     {wide_row(np.degrees(state.displacement[:3]), np.degrees(turn))} deg",
+        f"  translation  {wide_row(state.displacement[3:], length)} {units.length}",
     ]
     if (known := state.elastic.identified) is not None and (
         s := state.displacement_deviation
@@ -101,7 +107,7 @@ def _softest(state: Equilibrium) -> str:
 def describe_curve(curve: LoadCurve) -> str:
     """A load-deflection curve in at most twenty lines, with its critical points."""
     units = curve.elastic.units
-    length, size = units.length, curve.elastic.mechanism.at(curve.q[0]).length
+    length, (turn, size) = units.length, _sizes(curve.elastic.mechanism.at(curve.q[0]))
     lines = [
         f"Load-deflection curve of {curve.elastic.name}: {len(curve.factors)} equilibria, "
         f"ended: {curve.reason}",
@@ -113,13 +119,13 @@ def describe_curve(curve: LoadCurve) -> str:
     ]
     shown = np.unique(np.linspace(0, len(curve.factors) - 1, 16).astype(int))
     for i in shown:
-        place = wide_row(curve.displacement[i, 3:], _NOTHING * size)
+        place = wide_row(curve.displacement[i, 3:], size)
         turned = np.degrees(np.linalg.norm(curve.displacement[i, :3]))
         off = ["-" if np.isnan(x) else f"{100 * x:.2f} %" for x in curve.deviation[i]]
         word = {True: "stable", False: "unstable", None: "-"}[curve.stable[i]]
         lines.append(
             f"  {curve.factors[i]:>10.5g} {place} "
-            f"{off[1]:>11} {0.0 if turned < numerics.BLANK else turned:>11.4g} {off[0]:>11}  {word}"
+            f"{off[1]:>11} {row([turned], 4, np.degrees(turn))} {off[0]:>11}  {word}"
         )
     lines.append("")
     points = []
@@ -159,7 +165,7 @@ def describe_path(path: CompensatedPath) -> str:
     """Errors before and after compensation, and where the commands are."""
     units = path.elastic.units
     summary = path.summary()
-    length = path.elastic.mechanism.at(path.q[0]).length
+    turn, length = _sizes(path.elastic.mechanism.at(path.q[0]))
     lines = [
         f"Deflection compensation of {path.elastic.name} along {len(path.q)} postures",
         path.weighed.text + _carried(path),
@@ -167,8 +173,8 @@ def describe_path(path: CompensatedPath) -> str:
         f"  {'':<22} {'before':>12} {'after':>12}",
     ]
     for what, unit, factor, size in (
-        ("translation", units.length, 1.0, _NOTHING * length),
-        ("rotation", "deg", 180 / np.pi, np.degrees(_NOTHING)),
+        ("translation", units.length, 1.0, length),
+        ("rotation", "deg", 180 / np.pi, np.degrees(turn)),
     ):
         for label, key in (("largest", "max"), ("rms", "rms")):
             pair = [summary[when][f"{what}_{key}"] * factor for when in ("before", "after")]
@@ -186,7 +192,7 @@ def describe_path(path: CompensatedPath) -> str:
     are_joints = path.elastic.spring_names == path.elastic.names
     for i, (name, value) in enumerate(zip(path.elastic.spring_names, largest, strict=True)):
         is_length = not are_joints or coordinates[i].is_length
-        size = _NOTHING * (length if is_length else 1.0)
+        size = length if is_length else turn
         lines.append(f"  {name:<28} {wide_row([value], size)} {units.coordinate(is_length)}")
     lines.append("(--csv FILE.csv writes the commands.)")
     return joined([*lines, *_of_points(path.notes)])

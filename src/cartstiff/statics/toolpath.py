@@ -91,7 +91,7 @@ def compensate(
     loads = _loads(wrenches, poses, kind, axes)
     commands, unloaded, before, after, deviation = [], [], [], [], []
     stable: list[bool | None] = []
-    notes: list[Note] = []
+    notes = list(elastic.notes)
     for index, (q, target, acting) in enumerate(zip(postures, poses, loads, strict=True)):
         rest = _balancing_rest(elastic, q, acting, index)
         unloaded.append(_naive_rest(elastic, q))

@@ -102,8 +102,8 @@ class PostureStiffness(ShownInLines):
     @cached_property
     def stored_energy(self) -> float:
         """Energy of springs and other potentials, without that of gravity and of loads."""
-        inner = self.elastic.inner_terms()
-        if inner is None:
+        inner, outside = self.elastic.parted_terms()
+        if not outside:
             return self.energy
         return float(sum((t.evaluate(self.posture).energy for t in inner), 0.0))
 

@@ -181,14 +181,14 @@ def _mujoco(result: PostureStiffness) -> bytes:
     """A platform on lines as a free body on spatial tendons, in SI units."""
     elastic, posture = result.elastic, result.posture
     platform, springs = elastic.mechanism, elastic.springs
-    acting = [type(p).__name__ for p in (springs, *elastic.potentials) if p is not None]
-    if (
-        not isinstance(platform, Platform) or not isinstance(posture, PlatformPosture)
-        or type(springs) is not LineSprings or elastic.potentials or not springs.is_complete
-    ):  # fmt: skip
-        raise InputError("MuJoCo's file is of platforms on lines", where=f"kind {platform.kind}",
-                         expected="kind stewart-gough or springs, and no energy but its legs'",
-                         got=", ".join(acting) or "no springs")  # fmt: skip
+    if not isinstance(platform, Platform) or not isinstance(posture, PlatformPosture):
+        raise InputError("MuJoCo's file is of platforms on lines", where=elastic.name,
+                         expected="kind stewart-gough or springs",
+                         got=f"kind {platform.kind}")  # fmt: skip
+    if type(springs) is not LineSprings or elastic.potentials or not springs.is_complete:
+        more = "other springs or loads besides" if elastic.potentials else "legs that bend"
+        raise InputError("MuJoCo's file holds line springs alone", where=elastic.name,
+                         expected="no energy but that of straight legs", got=more)  # fmt: skip
     if platform.struts is not None and platform.struts.mass:
         raise InputError("tendons have no mass", expected="legs without mass",
                          where="legs.mass")  # fmt: skip
