@@ -1,7 +1,7 @@
 """Broken, odd and hostile input of every kind, in processes that are watched.
 
     python tools/fuzz.py [--count N] [--seed N] [--families A,B] [--only INDEX]
-                         [--seconds S] [--mib M]
+                         [--seconds S] [--mib M] [--jobs N]
 
 Each input is made from the seed and its number alone. It passes if it is answered or refused as the
 contract says, and where a reference exists the answer agrees with it. A fault is a crash, a signal,
@@ -23,6 +23,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import IO, Any
 
@@ -35,7 +36,7 @@ SECONDS = 10.0
 PATIENCE = 300.0
 MIB = 1024
 # A child is made anew after so many inputs: what one leaves behind must not look like another's.
-_PER_CHILD = 2000
+_PER_CHILD = 1000
 
 
 def run(
@@ -46,16 +47,29 @@ def run(
     seconds: float = SECONDS,
     mib: int = MIB,
     patience: float = PATIENCE,
+    jobs: int = 1,
 ) -> list[dict[str, Any]]:
-    """The faults among some inputs."""
+    """The faults among some inputs; `jobs` children work at once."""
+
+    def part(first: int) -> tuple[list[dict[str, Any]], Counter[str]]:
+        faults: list[dict[str, Any]] = []
+        tally: Counter[str] = Counter()
+        index, end = first, min(first + _PER_CHILD, count)
+        with tempfile.TemporaryDirectory() as folder:
+            while index < end:
+                index = _watch(index, end, seed, families or [], Path(folder), seconds, mib,
+                               patience, faults, tally)  # fmt: skip
+        return faults, tally
+
     faults: list[dict[str, Any]] = []
     tally: Counter[str] = Counter()
-    with tempfile.TemporaryDirectory() as folder:
-        index = 0
-        while index < count:
-            index = _watch(index, min(index + _PER_CHILD, count), seed, families or [],
-                           Path(folder), seconds, mib, patience, faults, tally)  # fmt: skip
-            print(f"{index} inputs, {len(faults)} faults", file=sys.stderr, flush=True)
+    firsts = range(0, count, _PER_CHILD)
+    with ThreadPoolExecutor(jobs) as pool:
+        for first, (bad, outcomes) in zip(firsts, pool.map(part, firsts), strict=True):
+            faults += bad
+            tally += outcomes
+            done = min(first + _PER_CHILD, count)
+            print(f"{done} inputs, {len(faults)} faults", file=sys.stderr, flush=True)
     for kind, number in sorted(tally.items()):
         print(f"{kind}: {number}")
     return faults
@@ -203,6 +217,8 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=SECONDS,
                         help="of processor time that an input may take")  # fmt: skip
     parser.add_argument("--mib", type=int, default=MIB, help="of memory that a process may take")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1,
+                        help="processes at once (all cores)")  # fmt: skip
     parser.add_argument("--child", type=int, help=argparse.SUPPRESS)
     parser.add_argument("--end", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -221,7 +237,8 @@ def main() -> None:
             random.Random(f"{options.seed} {options.only}")))  # fmt: skip
         return
     begin = time.monotonic()
-    faults = run(options.count, options.seed, families, seconds=options.seconds, mib=options.mib)
+    faults = run(options.count, options.seed, families, seconds=options.seconds, mib=options.mib,
+                 jobs=options.jobs)  # fmt: skip
     print(f"{options.count} inputs, {len(faults)} faults, {time.monotonic() - begin:.0f} s")
     sys.exit(1 if faults else 0)
 
