@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -96,6 +97,83 @@ def test_numbers_are_those_of_every_posture() -> None:
         assert design.state == ("feasible" if kept else "infeasible")
     assert len(shares) > 1
     assert {d.state for d in found.designs} == {"feasible", "infeasible"}
+
+
+RPS = """\
+kind: parallel
+parameters: {b: 0.2}
+legs: {chain: RPS, base: {radius: 0.3}, platform: {radius: =b}, stiffness: 1.0e+7,
+       limits: [0.5, 0.64]}
+pose: {xyz: [0, 0, 0.6]}
+payload: {mass: 3, com: [0.01, 0, 0.05]}
+"""
+PUS = """\
+kind: parallel
+parameters: {rod: 0.5}
+legs: {chain: PUS, base: {radius: 0.35, half_angle: 0.2}, platform: {radius: 0.15, half_angle: 0.2},
+       rail: vertical, rod: =rod, stiffness: 2.0e+7}
+pose: {xyz: [0, 0, 0.55]}
+payload: {mass: 3, com: [0.02, 0.01, 0.03]}
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "variables", "axes", "asked"),
+    [
+        (PUS, {"rod": {"values": [0.5, 0.47]}}, {"x": [-0.03, 0.02, 2], "yaw": [0.0, 0.1, 2]},
+         "condition"),
+        (RPS, {"b": {"values": [0.2, 0.22]}}, {"z": [-0.02, 0.03, 2], "roll": [-0.1, 0.1, 2]},
+         "compliance_translation_free_max"),
+    ],
+)  # fmt: skip
+def test_poses_of_a_body_on_legs_are_those_of_at_pose(
+    text: str, variables: dict[str, Any], axes: dict[str, Any], asked: str, tmp_path: Path
+) -> None:
+    """Frequencies from compliances equal modes one by one; limits as `analyse` has them."""
+    path = tmp_path / "machine.yaml"
+    path.write_text(text, encoding="utf-8")
+    found = cartstiff.design({
+        "mechanism": str(path), "variables": variables,
+        "poses": {"grid": axes, "about_home": True, "outside": "leave-out"},
+        "objectives": {"f": {"quantity": "frequency_1"}, "g": {"quantity": asked},
+                       "there": {"quantity": "frequency_1", "of": "reached"}},
+    })  # fmt: skip
+    columns = ["x", "y", "z", "roll", "pitch", "yaw"]
+    for design in found.designs:
+        elastic = cartstiff.load(path, parameters=design.parameters)
+        lowest, inside = [], []
+        for pair in itertools.product(*([low, high] for low, high, _ in axes.values())):
+            pose = np.array([0, 0, 0.6 if text == RPS else 0.55, 0, 0, 0])
+            pose[[columns.index(name) for name in axes]] += pair
+            q = cartstiff.at_pose(elastic, pose)[0]
+            notes = {note.code for note in cartstiff.analyse(elastic, q).notes}
+            inside.append("beyond-limits" not in notes)
+            if inside[-1]:
+                lowest.append(cartstiff.modes(elastic, q).frequencies[0])
+        assert design.values["f"] == pytest.approx(min(lowest), rel=1e-10)
+        assert design.values["there"] == np.mean(inside)
+    assert np.ptp([d.values["g"] for d in found.designs]) > 0.0
+
+
+def test_poses_are_drawn_and_names_of_others_refused() -> None:
+    asked = {"mechanism": "3-rps", "variables": {"k": [0, 1]}, **STIFF}
+    with pytest.raises(InputError, match="unknown parameter"):
+        cartstiff.design(asked)
+    evaluation = Evaluation(*read_study(study(poses={"random": {"count": 4, "ranges": {}}})))
+    machine = cartstiff.load("6-pus")
+    drawn = {"poses": {"random": {"count": 5, "ranges": {"x": [-0.01, 0.01]}}, "about_home": True}}
+    evaluation.study = Study.model_validate(study(**drawn))
+    sampling = evaluation._sampling(machine)
+    q = sampling.postures((slice(0, 5),), machine)
+    poses = np.array([cartstiff.analyse(machine, row).pose for row in q])
+    assert np.ptp(poses[:, 0, 3]) > 0.0
+    assert np.abs(poses[:, 0, 3]).max() <= 0.01
+    assert poses[:, 2, 3] == pytest.approx(0.55)
+    evaluation.study = Study.model_validate(
+        study(poses={"random": {"count": 5, "ranges": {"x": [0, 1], "w": [0, 1]}}})
+    )
+    with pytest.raises(InputError, match="unknown coordinate"):
+        evaluation._sampling(machine)
 
 
 @pytest.mark.parametrize(

@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.vibration.test_modes import column
 
-from cartstiff import ToolPath, Trajectory, analyse, compute_map, load, modes, optimise_path
+from cartstiff import (
+    ToolPath,
+    Trajectory,
+    analyse,
+    analyse_many,
+    compute_map,
+    load,
+    modes,
+    optimise_path,
+)
 from cartstiff.errors import InputError
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.toolpaths.cost import criteria
 from cartstiff.vibration.chatter import limiting_depth, limiting_depths
 from cartstiff.vibration.damping import Damping, poles
-from cartstiff.vibration.many_modes import ManyModes, frequencies_of_many
+from cartstiff.vibration.many_modes import ManyModes, frequencies_of_many, moves_as_body
 from cartstiff.vibration.milling import Milling
 
 
@@ -39,6 +49,33 @@ def test_motions_without_mass_have_none():
     found = frequencies_of_many(bare, np.zeros((1, 2)), 3)
     assert found[0, 0] == pytest.approx(modes(bare).frequencies[0])
     assert np.isnan(found[0, 1:]).all()
+
+
+def test_a_body_that_carries_all_mass_swings_by_its_compliance(tmp_path):
+    """Hexapods between flexures, and bodies on legs: frequencies of arrays are those one by one."""
+    folder = Path(__file__).parents[2] / "robots"
+    text = (folder / "flexure-hexapod.yaml").read_text("utf-8")
+    body = "body: {mass: 1, com: [0, 0, 0.01], inertia: [[3e-3, 0, 0], [0, 3e-3, 0], [0, 0, 5e-3]]}"
+    struts, legs = tmp_path / "struts.yaml", tmp_path / "legs.yaml"
+    struts.write_text(f"{text}\n{body}\n", "utf-8")
+    text = (folder / "3-prs.yaml").read_text("utf-8")
+    legs.write_text(f"{text}\npayload: {{mass: 5, com: [0.02, 0, 0.1]}}\n", "utf-8")
+    for path, step in ((struts, 1e-4), (legs, 0.02)):
+        elastic = load(path)
+        columns = list(getattr(elastic.mechanism, "held", range(6)))
+        q = np.tile(elastic.q, (4, 1))
+        q[:, columns] += step * np.random.default_rng(1).standard_normal((4, len(columns)))
+        data = compute_map(elastic, Trajectory(q), ["frequency_1", "frequency_3"],
+                           tmp_path / f"{path.stem}.zarr")  # fmt: skip
+        found = analyse_many(elastic, q, outputs=["compliance_B"])
+        quick = ManyModes(elastic, found.q, compliances=found["compliance_B"]).frequencies(3)
+        slow = ManyModes(elastic, found.q).frequencies(3)
+        assert moves_as_body(elastic)
+        assert quick == pytest.approx(slow, rel=1e-10)
+        assert data["frequency_3"].values == pytest.approx(slow[:, 2], rel=1e-10)
+        unknown = np.full((4, 6, 6), np.nan)
+        left = ManyModes(elastic, found.q, compliances=unknown, one_by_one=1).frequencies(1)
+        assert np.isfinite(left).ravel().tolist() == [True, False, False, False]
 
 
 def test_a_map_of_frequencies(tmp_path):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -20,13 +20,17 @@ from cartstiff.errors import (
     one_line,
 )
 from cartstiff.expressions import Expression
+from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.kinematics.at_pose import COORDINATES
 from cartstiff.loading import file_reader
 from cartstiff.many.kernels import lasting_path
 from cartstiff.maps.job import STATES, MapJob
+from cartstiff.maps.poses import AtPoses
 from cartstiff.maps.prepare import map_job
 from cartstiff.maps.quantities import QUANTITIES
 from cartstiff.maps.sampling import Axis, Grid, RandomPostures, Sampling, Trajectory
+from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 
@@ -182,21 +186,32 @@ class Evaluation:
         return known.better
 
     def _sampling(self, elastic: ElasticMechanism) -> Sampling:
-        poses, q = self.study.poses, elastic.q
-        shift = dict(zip(elastic.names, q.tolist(), strict=True)) if poses.about_home else {}
+        poses, names, home = self.study.poses, elastic.names, elastic.q
+        given = poses.grid or (poses.random.ranges if poses.random else {})
+        of_body = _are_poses(elastic, given)
+        if of_body:
+            names = COORDINATES
+            T = elastic.mechanism.at(home).pose
+            home = np.concatenate([T[:3, 3], se3.roll_pitch_yaw(T)])
+        shift = dict(zip(names, home.tolist(), strict=True)) if poses.about_home else {}
+        sampling: Sampling
         if poses.grid is not None:
             axes = {
                 name: Axis(low + shift.get(name, 0.0), high + shift.get(name, 0.0), int(count))
                 for name, (low, high, count) in poses.grid.items()
             }
-            return Grid(axes, elastic.names, q)
-        if poses.random is not None:
-            ranges = {name: (x, x) for name, x in zip(elastic.names, q.tolist(), strict=True)}
+            sampling = Grid(axes, names, home)
+        elif poses.random is not None:
+            ranges = {name: (x, x) for name, x in zip(names, home.tolist(), strict=True)}
             for name, (low, high) in poses.random.ranges.items():
+                if name not in ranges:
+                    raise UnknownNameError("coordinate", name, names)
                 ranges[name] = (low + shift.get(name, 0.0), high + shift.get(name, 0.0))
             drawn = poses.random
-            return RandomPostures.within_limits(elastic, drawn.count, drawn.seed, ranges)
-        return Trajectory(q[None])
+            sampling = RandomPostures(drawn.count, drawn.seed, *np.transpose([*ranges.values()]))
+        else:
+            return Trajectory(home[None])
+        return AtPoses(sampling) if of_body else sampling
 
     def _job(self, elastic: ElasticMechanism, case: Case, quantities: list[str]) -> MapJob:
         mechanism = elastic.mechanism
@@ -274,6 +289,13 @@ class Evaluation:
             of = "min" if (of == "worst") == larger else "max"
         value: Array = _REDUCED[of](there)
         return float(value)
+
+
+def _are_poses(elastic: ElasticMechanism, given: Iterable[str]) -> bool:
+    """Whether coordinates are those of the pose of a body that legs carry."""
+    chain, names = elastic.mechanism, set(given)
+    is_closed = isinstance(chain, Chain) and bool(chain.closures)
+    return is_closed and bool(names) and names <= set(COORDINATES) - set(elastic.names)
 
 
 def _reason(state: Array, lacking: Array) -> str:

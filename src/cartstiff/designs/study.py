@@ -93,7 +93,9 @@ class RandomPoses(StudyModel):
     """Poses drawn at random."""
 
     count: _Count
-    ranges: dict[str, Pair] = Field(description="[low, high] by coordinate; the others stay")
+    ranges: dict[str, Pair] = Field(
+        description="[low, high] by coordinate, as in a grid; the others stay"
+    )
     seed: _Seed = 0
 
 
@@ -101,7 +103,10 @@ class Poses(StudyModel):
     """Where every design is looked at; without any: at its default posture."""
 
     grid: dict[str, Annotated[list[Number], Field(min_length=3, max_length=3)]] | None = Field(
-        default=None, min_length=1, description="[low, high, count] by coordinate; the others stay"
+        default=None,
+        min_length=1,
+        description="[low, high, count] by coordinate; the others "
+        "stay. Of a body on legs: joints, or x, y, z, roll, pitch, yaw of the body",
     )
     random: RandomPoses | None = None
     about_home: _Flag = Field(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_pose, checked_vector
+from cartstiff.arrays import checked_array, checked_pose, checked_vector
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -24,13 +24,15 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, Note, checked_elastic
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.platform import Platform
 
-__all__ = ["COORDINATES", "at_pose"]
+__all__ = ["COORDINATES", "at_pose", "at_poses"]
 
 #: What a pose is given by: the position, and angles about fixed axes.
 COORDINATES = ("x", "y", "z", "roll", "pitch", "yaw")
 
 # Steps of Newton's method at the most, and the longest (rad, or characteristic lengths).
 _STEPS, _LONGEST = 200, 0.1
+#: The same of legs in closed form.
+_FEW_STEPS = 30
 
 
 def at_pose(
@@ -94,6 +96,42 @@ def at_pose(
     if np.all(np.abs(off) <= numerics.CLOSE * search.sizes):
         return q, ()
     return q, (_note(elastic, wanted, reached, free),)
+
+
+def at_poses(elastic: ElasticMechanism, poses: ArrayLike) -> tuple[Array, list[int]]:
+    """Coordinates (N, n) at poses (N, 6), as `at_pose` finds them one by one.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        A body carried by legs.
+    poses : array_like, shape (N, 6)
+        x, y, z, roll, pitch, yaw of the body in F.
+
+    Returns
+    -------
+    q : ndarray (N, n)
+        NaN where the body does not get there.
+    free : list of int
+        The coordinates of the pose that the body has taken; the others have followed.
+    """
+    wanted = checked_array(poses, ("N", 6), "poses")
+    chain = checked_elastic(elastic).mechanism
+    if isinstance(chain, Platform):
+        return wanted, list(range(6))
+    if not isinstance(chain, Chain) or not chain.closures:
+        raise InputError("are for platforms and bodies carried by legs", where="poses",
+                         expected=f"q for {chain.kind}")  # fmt: skip
+    search = _Search(elastic, chain, np.eye(4))
+    free = search.freedoms()
+    if len(chain.legs) == len(chain.closures) + 1:
+        return search.many_by_legs(wanted, free), free
+    found = np.full((len(wanted), len(search.q)), np.nan)
+    for i, pose in enumerate(wanted):
+        q = search.by_steps(pose, free)
+        if q is not None:
+            found[i] = q
+    return found, free
 
 
 def _refusal(got: str) -> InputError:
@@ -178,6 +216,49 @@ class _Search:
         gap = np.abs(self._closing(posture)[0]).max(initial=0.0)
         away = np.abs(posture.pose - T).max()
         return q if max(gap, away) <= numerics.REACHED * max(1.0, posture.length) else None
+
+    def many_by_legs(self, wanted: Array, free: list[int]) -> Array:
+        """Closed form at poses (N, 6); coordinates that are not free follow by Gauss and Newton."""
+        legs = [(leg, self._mode(leg)) for leg in self.chain.legs]
+        follow = [i for i in range(6) if i not in free]
+        at, steps = wanted.copy(), numerics.DIFFERENCE * self.sizes
+        going = np.arange(len(wanted))
+
+        def poses(x: Array) -> Array:
+            return se3.from_roll_pitch_yaw(x[:, :3], x[:, 3:])
+
+        def gaps(x: Array) -> Array:
+            T = poses(x)
+            with np.errstate(all="ignore"):
+                return np.concatenate([leg.shape.gaps(T @ leg.T_M_end, m) for leg, m in legs], 1)
+
+        for _ in range(_FEW_STEPS if follow else 0):
+            x = at[going]
+            left, rates = gaps(x), []
+            for i in follow:
+                ahead, behind = x.copy(), x.copy()
+                ahead[:, i] += steps[i]
+                behind[:, i] -= steps[i]
+                rates.append((gaps(ahead) - gaps(behind)) / (2.0 * numerics.DIFFERENCE))
+            A = np.stack(rates, axis=2)
+            known = np.isfinite(A).all(axis=(1, 2)) & np.isfinite(left).all(axis=1)
+            going, x, A, left = going[known], x[known], A[known], left[known]
+            if not going.size:
+                break
+            step = -(np.linalg.pinv(A, numerics.LEAST_EFFORT) @ left[:, :, None])[:, :, 0]
+            long = np.abs(step).max(axis=1, keepdims=True)
+            step *= np.minimum(1.0, _LONGEST / np.maximum(long, numerics.TINY))
+            at[np.ix_(going, follow)] += step * self.sizes[follow]
+            going = going[long[:, 0] > numerics.ROUNDING]
+        q, missed = np.tile(self.q, (len(at), 1)), np.zeros(len(at))
+        T = poses(at)
+        for leg, mode in legs:
+            with np.errstate(all="ignore"):
+                own, miss = leg.shape.inverse(T @ leg.T_M_end, mode)
+            q[:, leg.columns] = own
+            missed = np.maximum(missed, miss)  # NaN stays
+        q[~(missed <= numerics.REACHED)] = np.nan
+        return q
 
     def _mode(self, leg: PlacedLeg) -> int:
         return leg.mode(self.q, self.start.pose)

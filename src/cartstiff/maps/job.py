@@ -30,7 +30,7 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits, force_notes
 from cartstiff.stiffness.compute import analyse
-from cartstiff.vibration.many_modes import ManyModes
+from cartstiff.vibration.many_modes import ManyModes, moves_as_body
 
 __all__ = ["BEYOND", "NO_REST", "STATES", "UNREACHABLE", "Answer", "MapJob"]
 
@@ -122,7 +122,14 @@ class MapJob:
     @cached_property
     def outputs(self) -> tuple[str, ...]:
         """Arrays that are asked of `analyse_many`."""
-        return needed_outputs(self.quantities, self.settings)
+        return self._outputs_of(self.quantities)
+
+    def _outputs_of(self, quantities: Sequence[Quantity]) -> tuple[str, ...]:
+        """What quantities need; frequencies follow from a compliance where they can."""
+        needed = needed_outputs(quantities, self.settings)
+        if self.swings and any(q.name.startswith("frequency_") for q in quantities):
+            needed = tuple(sorted({*needed, "compliance_B", "wrench"}))
+        return needed
 
     @property
     def stores_q(self) -> bool:
@@ -131,8 +138,7 @@ class MapJob:
 
     @property
     def _closures(self) -> tuple[Any, ...]:
-        mechanism = self.elastic.mechanism
-        return mechanism.closures if isinstance(mechanism, Chain) else ()
+        return getattr(self.elastic.mechanism, "closures", ())
 
     def solved(self, boxes: Sequence[tuple[slice, ...]]) -> Iterator[tuple[Array, Array] | None]:
         """Of a Cartesian grid the postures in each box, found for several boxes at a time."""
@@ -170,8 +176,8 @@ class MapJob:
         else:
             q = self.sampling.postures(box, self.elastic)
         count = len(q)
-        widths = tuple(half_width_name(name) for name in self.with_interval)
-        arrays = {name: np.full(count, np.nan) for name in (*self.names, *widths)}
+        names = (*self.names, *map(half_width_name, self.with_interval))
+        arrays = {name: np.full(count, np.nan) for name in names}
         arrays["state"] = np.zeros(count, np.uint8)
         arrays["position"] = np.full((count, 3), np.nan)
         # One after the other in Python: threads would wait for each other, and Ctrl-C for them.
@@ -208,7 +214,7 @@ class MapJob:
         part = q[rows]
         there: Array = np.asarray(np.isfinite(part).all(axis=1))
         state = np.full(len(part), STATES.index(UNREACHABLE), np.uint8)
-        if self._closures:
+        if self._closures and not self.sampling.is_closed:
             closed = self._assemble(part, there)
             state[there & ~closed] = STATES.index(NOT_ASSEMBLED)
             part[~closed] = np.nan
@@ -229,8 +235,7 @@ class MapJob:
 
     def _answer(self, q: Array) -> Answer:
         """What is known of postures (N, n): read by the kernel where it can be."""
-        reader = self._reader
-        if reader is None:
+        if (reader := self._reader) is None:
             return self._by_matrices(q, self.quantities)
         read = reader.read(q)
         unknown = np.flatnonzero(~read.is_known)
@@ -249,7 +254,7 @@ class MapJob:
 
     def _by_matrices(self, q: Array, quantities: Sequence[Quantity]) -> Answer:
         """What is known of postures (N, n), read from stored matrices."""
-        outputs = needed_outputs(quantities, self.settings)
+        outputs = self._outputs_of(quantities)
         buffers = self._buffers(len(q)) if outputs == self.outputs else None
         result = self._analysed(q, outputs, buffers)
         values = self._values(result, quantities)
@@ -280,7 +285,7 @@ class MapJob:
     def _values(self, result: Postures, quantities: Sequence[Quantity]) -> dict[str, Array]:
         """Quantities (N,) by name."""
         return evaluate(quantities, result.arrays, self.settings, self._lengths,
-                        self._vibrations(result.q))  # fmt: skip
+                        self._vibrations(result.q, result.arrays))  # fmt: skip
 
     def _with_springs(self, other: ElasticMechanism, q: Array) -> dict[str, Array]:
         """The quantities that have intervals, of the mechanism with other springs."""
@@ -295,10 +300,14 @@ class MapJob:
             path=self.path, one_by_one=self.one_by_one, **self._acting,
         )  # fmt: skip
 
-    def _vibrations(self, q: Array) -> ManyModes:
-        """Small vibrations of postures under the load."""
+    def _vibrations(self, q: Array, arrays: Mapping[str, Array]) -> ManyModes:
+        """Small vibrations of postures under the load, from their arrays where these tell them."""
         wrench = None if self.wrench is None else np.asarray(self.wrench, float)
-        return ManyModes(self.elastic, q, wrench, self._acting)
+        C = arrays.get("compliance_B") if self.swings else None
+        if C is not None:  # a load would deflect the body by more than rounding
+            given = np.abs(C @ arrays["wrench"][:, :, None]).max(axis=1) > numerics.ROUNDING
+            C = np.where(given[:, None], np.nan, C)
+        return ManyModes(self.elastic, q, wrench, self._acting, C, self.one_by_one)
 
     @property
     def _acting(self) -> dict[str, Any]:
@@ -308,9 +317,7 @@ class MapJob:
 
     def _beyond(self, q: Array, poses: Array) -> Array:
         """Which postures (N,) are beyond limits."""
-        limits = self._limits
-        sides = limits.side(limits.values(q, poses))
-        beyond = np.asarray(sides.any(axis=-1))
+        beyond = np.asarray(self._limits.side(self._limits.values(q, poses)).any(axis=-1))
         legs = getattr(self.elastic.mechanism, "leg_limits", None)
         if legs is not None and legs.forces is not None:  # they depend on the load as well
             for i in np.flatnonzero(~beyond):
@@ -327,10 +334,8 @@ class MapJob:
     def _cost(self, q: Array) -> Array:
         """The first quantity, turned so that less is better."""
         quantity = self.quantities[0]
-        outputs = tuple({"pose", *quantity.outputs(self.settings)})
-        arrays = self._analysed(q, outputs).arrays
-        found = evaluate([quantity], arrays, self.settings, self._lengths, self._vibrations(q))
-        value = found[quantity.name]
+        found = self._analysed(q, self._outputs_of([quantity]))
+        value = self._values(found, [quantity])[quantity.name]
         return value if quantity.better == "smaller" else -value
 
     def _buffers(self, count: int) -> dict[str, Array]:
@@ -345,6 +350,11 @@ class MapJob:
             )
             _THREAD.buffers = own
         return {name: array[:count] for name, array in own[1].items()}
+
+    @cached_property
+    def swings(self) -> bool:
+        """Whether the compliance of the body tells the frequencies."""
+        return self.wrench is None and moves_as_body(self.elastic)
 
     @cached_property
     def _limits(self) -> Limits:

@@ -92,6 +92,8 @@ class Sampling(ABC):
     shape: tuple[int, ...]
     whole: tuple[str, ...] = ()
     stores_q: bool = False
+    #: Whether closures are met by the postures it gives.
+    is_closed: bool = False
 
     @property
     def size(self) -> int:

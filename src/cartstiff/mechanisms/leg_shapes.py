@@ -152,6 +152,18 @@ class LegShape:
         Also by how much (N,) the joints miss the pose (rad): a leg with fewer than six freedoms
         reaches some poses only. NaN where it does not reach B.
         """
+        return self._solved(T, mode)[:2]
+
+    def gaps(self, T: Array, mode: int) -> Array:
+        """What is left (N, 6) at poses T (N, 4, 4): zero where the leg reaches the pose, smooth.
+
+        The rod's direction in the leg less the wanted one, and of the turn that is left at B its
+        axis times its sine.
+        """
+        return self._solved(T, mode)[2]
+
+    def _solved(self, T: Array, mode: int) -> tuple[Array, Array, Array]:
+        """Coordinates, `missed` and `gaps`."""
         B = T[:, :3, 3]
         body = T[:, :3, :3] @ self.end_home[:3, :3].T  # turned since home, in F
         driven, C = self.driven(B, mode)
@@ -190,16 +202,19 @@ class LegShape:
             else:
                 spin = [np.zeros(len(T))]
         left = rod.swapaxes(1, 2) @ body
-        missed = np.linalg.norm((rod @ n0) - n, axis=1)
+        gap = np.zeros((len(T), 6))
+        gap[:, :3] = (rod @ n0) - n
+        missed = np.linalg.norm(gap[:, :3], axis=1)
         if self.end == "S":
             columns_end = _about_three_axes(self.end_home[:3, :3], left)
         else:
             columns_end, made = self._end(left)
             apart = made.swapaxes(1, 2) @ left
             missed = missed + np.linalg.norm(apart - np.eye(3), axis=(1, 2)) / np.sqrt(2.0)
+            gap[:, 3:] = 0.5 * (apart - apart.swapaxes(1, 2))[:, (2, 0, 1), (1, 2, 0)]
         strut = self.family == "strut"
         columns = [*columns, driven, *spin] if strut else [driven, *columns]
-        return np.stack([*columns, *columns_end], axis=1), missed
+        return np.stack([*columns, *columns_end], axis=1), missed, gap
 
     @property
     def line(self) -> Array:

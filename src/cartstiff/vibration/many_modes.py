@@ -7,17 +7,18 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
+from cartstiff.geometry.se3 import SWAP, Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.potentials.line_springs import LineSprings, lines_of_many
+from cartstiff.potentials.line_springs import LineGeometry, LineSprings, lines_of_many
+from cartstiff.potentials.loads import DeadForce, Scaled
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.vibration.chatter import limiting_depth
 from cartstiff.vibration.damping import Damping, poles
@@ -25,7 +26,7 @@ from cartstiff.vibration.milling import Milling
 from cartstiff.vibration.mode_set import Modes
 from cartstiff.vibration.modes import is_plain, modes
 
-__all__ = ["ManyModes", "frequencies_of_many"]
+__all__ = ["ManyModes", "frequencies_of_many", "moves_as_body"]
 
 # Postures at once: their matrices stay in the cache.
 _ROWS = 2048
@@ -75,24 +76,34 @@ class ManyModes:
         Load, as in `cartstiff.modes`.
     load : mapping
         `load_kind`, `load_at`, `load_axes` of it.
+    compliances : ndarray (N, 6, 6), optional
+        ``C^B`` at the postures where the body carries nothing, NaN elsewhere; for mechanisms that
+        `moves_as_body` tells.
+    one_by_one : int, optional
+        At most so many postures are looked at one by one, the others have no number.
     """
 
     elastic: ElasticMechanism
     q: Array
     wrenches: Array | None = None
     load: Mapping[str, Any] = field(default_factory=dict)
+    compliances: Array | None = None
+    one_by_one: int | None = None
 
     def frequencies(self, count: int = 6) -> Array:
         """As `frequencies_of_many`."""
         if self._is_plain:
             return _plain(self.elastic, self.q, count)
         if self._loads is None and _on_open_lines(self.elastic):
-            found = _on_lines(self.elastic, self.q, count)
-            rows = np.isnan(found).any(axis=1)
-            left = replace(self, q=self.q[rows], wrenches=None)
-            found[rows] = left._each(lambda found: found.frequencies, count)
-            return found
-        return self._each(lambda found: found.frequencies, count)
+            found, known = _on_lines(self.elastic, self.q, count)
+        elif self._loads is None and self.compliances is not None:
+            found, known = _of_body(self.elastic, self.q, self.compliances, count)
+        else:
+            return self._each(lambda found: found.frequencies, count)
+        rows = np.flatnonzero(~known)[: self.one_by_one]
+        left = replace(self, q=self.q[rows], wrenches=None)
+        found[rows] = left._each(lambda found: found.frequencies, count)
+        return found
 
     def damping_ratios(self, damping: Damping, count: int = 6) -> Array:
         """Ratio (N, count) of each mode, the slowest first; with dampers those of the poles."""
@@ -137,11 +148,12 @@ def _on_open_lines(elastic: ElasticMechanism) -> bool:
     )
 
 
-def _on_lines(elastic: ElasticMechanism, q: Array, count: int) -> Array:
+def _on_lines(elastic: ElasticMechanism, q: Array, count: int) -> tuple[Array, NDArray[np.bool_]]:
     """Singular values of ``k^1/2 G L^-T``, G the lines and ``L L^T = M``, over 2 pi.
 
     Motions that cost nothing have the frequency 0, by the same measure as those of one posture.
-    NaN where a body's mass does not tell all of its motions apart: that is decided one by one.
+    Also in which rows they are known: where a body's mass does not tell all of its motions apart,
+    that is decided one by one.
     """
     platform, springs = elastic.mechanism, elastic.springs
     if not (isinstance(platform, Platform) and isinstance(springs, LineSprings)):
@@ -151,11 +163,7 @@ def _on_lines(elastic: ElasticMechanism, q: Array, count: int) -> Array:
     sizes = np.repeat([platform.length, 1.0], 3)
     for start in range(0, len(q), _ROWS):
         part = q[start : start + _ROWS]
-        poses = se3.from_roll_pitch_yaw(part[:, :3], part[:, 3:]) @ platform.T_P_M
-        geometry = lines_of_many(poses, platform.anchors, platform.points)
-        mass = np.broadcast_to(platform.body_inertia, (len(part), 6, 6))
-        if platform.struts is not None:
-            mass = mass + platform.struts.mass_matrix(geometry, platform.points)
+        geometry, mass = _platform_masses(platform, part)
         mass = mass / np.outer(sizes, sizes)
         known = np.isfinite(mass).all(axis=(1, 2)) & (geometry.lengths.min(axis=1) > 0.0)
         inertias = np.linalg.eigvalsh(np.where(known[:, None, None], mass, np.eye(6)))
@@ -170,7 +178,69 @@ def _on_lines(elastic: ElasticMechanism, q: Array, count: int) -> Array:
         omega = np.where(omega**2 <= numerics.IDLE * cost, 0.0, omega)[:, ::-1]
         hertz = omega * np.sqrt(length / force) / (2.0 * np.pi)
         found[start : start + len(part), :6] = np.where(known[:, None], hertz, np.nan)
-    return found[:, :count]
+    return found[:, :count], np.isfinite(found[:, 0])
+
+
+def _platform_masses(platform: Platform, q: Array) -> tuple[LineGeometry, Array]:
+    """Lines of the legs, and masses' matrices (N, 6, 6) on body twists."""
+    poses = se3.from_roll_pitch_yaw(q[:, :3], q[:, 3:]) @ platform.T_P_M
+    lines = lines_of_many(poses, platform.anchors, platform.points)
+    mass = np.broadcast_to(platform.body_inertia, (len(q), 6, 6))
+    if platform.struts is not None:
+        mass = mass + platform.struts.mass_matrix(lines, platform.points)
+    return lines, mass
+
+
+def moves_as_body(elastic: ElasticMechanism) -> bool:
+    """Whether all that has mass moves with the body: then its compliance tells the vibrations."""
+    mechanism = elastic.mechanism
+    if elastic.gravity is not None or elastic.springs is None:
+        return False
+    if any(isinstance(p, (DeadForce, Scaled)) for p in elastic.potentials):
+        return False
+    if isinstance(mechanism, Platform):
+        return bool(mechanism.body_inertia.any()) or mechanism.struts is not None
+    if not (isinstance(mechanism, Chain) and mechanism.closures) or mechanism.rigid:
+        return False
+    if mechanism.tree.mimic is not None:
+        return False
+    return np.flatnonzero(mechanism.tree.masses()[0]).tolist() == [mechanism.body.joint - 1]
+
+
+def _of_body(
+    elastic: ElasticMechanism, q: Array, compliances: Array, count: int
+) -> tuple[Array, NDArray[np.bool_]]:
+    """``1/omega^2`` of ``G^T C G``, ``G G^T = M`` of the body; and in which rows they are known.
+
+    What has no mass follows at once: that is what a compliance is. Motions without mass, or that
+    the mechanism does not have, stand last and have no frequency.
+    """
+    mechanism = elastic.mechanism
+    length, force = convert_length(Units(), elastic.units)
+    sizes = np.repeat([mechanism.at(elastic.q).length, 1.0], 3)
+    found = np.full((len(q), max(count, 6)), np.nan)
+    known = np.isfinite(compliances).all(axis=(1, 2))
+    for start in range(0, len(q), _ROWS):
+        rows = slice(start, start + _ROWS)
+        if isinstance(mechanism, Platform):
+            mass = _platform_masses(mechanism, q[rows])[1]
+        elif isinstance(mechanism, Chain):
+            joint, T = mechanism.body.joint, mechanism.body.T_j_f
+            own = np.array(mechanism.tree.model.inertias[joint].matrix())[np.ix_(SWAP, SWAP)]
+            mass = (se3.adjoint(T).T @ own @ se3.adjoint(T))[None]
+        else:
+            raise TypeError("a body that carries all mass")
+        inertias, axes = np.linalg.eigh(mass / np.outer(sizes, sizes))
+        least = numerics.RANK * inertias[:, -1:]
+        G = axes * np.sqrt(np.where(inertias > least, inertias, 0.0))[:, None] * sizes[:, None]
+        C = np.where(known[rows, None, None], compliances[rows], 0.0)
+        inverse = np.linalg.eigvalsh(G.swapaxes(1, 2) @ C @ G)[:, ::-1] * (force / length)
+        lost = 6 * numerics.EPSILON * np.abs(inverse).max(axis=1, keepdims=True)
+        known[rows] &= (inverse[:, -1:] >= -lost)[:, 0]  # else a motion grows
+        with np.errstate(divide="ignore", invalid="ignore"):
+            hertz = 1.0 / (2.0 * np.pi * np.sqrt(inverse))
+        found[rows, :6] = np.where((inverse > lost) & known[rows, None], hertz, np.nan)
+    return found[:, :count], known
 
 
 def _plain(elastic: ElasticMechanism, q: Array, count: int) -> Array:
