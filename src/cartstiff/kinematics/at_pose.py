@@ -248,7 +248,7 @@ class _Search:
             step = -(np.linalg.pinv(A, numerics.LEAST_EFFORT) @ left[:, :, None])[:, :, 0]
             long = np.abs(step).max(axis=1, keepdims=True)
             step *= np.minimum(1.0, _LONGEST / np.maximum(long, numerics.TINY))
-            at[np.ix_(going, follow)] += step * self.sizes[follow]
+            at[going[:, None], follow] += step * self.sizes[follow]
             going = going[long[:, 0] > numerics.ROUNDING]
         q, missed = np.tile(self.q, (len(at), 1)), np.zeros(len(at))
         T = poses(at)

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from cartstiff.errors import CartstiffError, InputError
 from cartstiff.geometry.se3 import Array
-from cartstiff.maps.job import BEYOND, NO_REST, STATES, Answer, MapJob
-from cartstiff.maps.quantities import Quantity
+from cartstiff.maps.job import BEYOND, NO_REST, STATES, MapJob
+from cartstiff.maps.quantity import Answer, Quantity
 from cartstiff.maps.sampling import Axis, Grid, Sampling
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import force_notes

@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
 from threading import local
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.errors import CartstiffError, ConvergenceError
@@ -24,15 +23,15 @@ from cartstiff.many.reading_arithmetic import READINGS, Readings
 from cartstiff.maps.cartesian import PLACES, CartesianGrid
 from cartstiff.maps.intervals import half_width_name, half_widths, intervals_of, why_none
 from cartstiff.maps.quantities import choose_quantities, evaluate
-from cartstiff.maps.quantity import Quantity, Settings, needed_outputs
+from cartstiff.maps.quantity import Answer, Quantity, Settings, needed_outputs
 from cartstiff.maps.sampling import LEAST, Grid, Sampling
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits, force_notes
 from cartstiff.stiffness.compute import analyse
-from cartstiff.vibration.many_modes import ManyModes, moves_as_body
+from cartstiff.vibration.many_modes import ManyModes, moves_as_body, unloaded_compliances
 
-__all__ = ["BEYOND", "NO_REST", "STATES", "UNREACHABLE", "Answer", "MapJob"]
+__all__ = ["BEYOND", "NO_REST", "STATES", "UNREACHABLE", "MapJob"]
 
 #: State of a place that no posture reaches.
 UNREACHABLE = "unreachable"
@@ -303,10 +302,7 @@ class MapJob:
     def _vibrations(self, q: Array, arrays: Mapping[str, Array]) -> ManyModes:
         """Small vibrations of postures under the load, from their arrays where these tell them."""
         wrench = None if self.wrench is None else np.asarray(self.wrench, float)
-        C = arrays.get("compliance_B") if self.swings else None
-        if C is not None:  # a load would deflect the body by more than rounding
-            given = np.abs(C @ arrays["wrench"][:, :, None]).max(axis=1) > numerics.ROUNDING
-            C = np.where(given[:, None], np.nan, C)
+        C = unloaded_compliances(arrays) if self.swings else None
         return ManyModes(self.elastic, q, wrench, self._acting, C, self.one_by_one)
 
     @property
@@ -394,15 +390,6 @@ class MapJob:
                 continue
             q[i] = closed
         return done
-
-
-class Answer(NamedTuple):
-    """Postures (N, n) as assembled, what state they are in, where they are, and their numbers."""
-
-    q: Array
-    state: NDArray[np.uint8]
-    poses: Array
-    values: dict[str, Array]
 
 
 def _code(name: str) -> int:

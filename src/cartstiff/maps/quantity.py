@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.errors import InputError
@@ -19,7 +20,7 @@ from cartstiff.vibration.damping import Damping
 from cartstiff.vibration.many_modes import ManyModes
 from cartstiff.vibration.milling import Milling
 
-__all__ = ["Quantity", "Settings", "Stacks", "needed_outputs"]
+__all__ = ["Answer", "Quantity", "Settings", "Stacks", "needed_outputs"]
 
 #: Connections whose matrix may be asymmetric.
 ASYMMETRIC = ("A", "load")
@@ -277,3 +278,12 @@ def needed_outputs(quantities: Sequence[Quantity], settings: Settings) -> tuple[
     for quantity in quantities:
         needed.update(quantity.outputs(settings))
     return tuple(sorted(needed))
+
+
+class Answer(NamedTuple):
+    """Postures (N, n) as assembled, what state they are in, where they are, and their numbers."""
+
+    q: Array
+    state: NDArray[np.uint8]
+    poses: Array
+    values: dict[str, Array]

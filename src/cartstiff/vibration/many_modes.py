@@ -26,7 +26,7 @@ from cartstiff.vibration.milling import Milling
 from cartstiff.vibration.mode_set import Modes
 from cartstiff.vibration.modes import is_plain, modes
 
-__all__ = ["ManyModes", "frequencies_of_many", "moves_as_body"]
+__all__ = ["ManyModes", "frequencies_of_many", "moves_as_body", "unloaded_compliances"]
 
 # Postures at once: their matrices stay in the cache.
 _ROWS = 2048
@@ -207,6 +207,15 @@ def moves_as_body(elastic: ElasticMechanism) -> bool:
     return np.flatnonzero(mechanism.tree.masses()[0]).tolist() == [mechanism.body.joint - 1]
 
 
+def unloaded_compliances(arrays: Mapping[str, Array]) -> Array | None:
+    """``C^B`` of arrays of `analyse_many`, NaN where W deflects the body by more than rounding."""
+    if "compliance_B" not in arrays:
+        return None
+    C = arrays["compliance_B"]
+    given = np.abs(C @ arrays["wrench"][:, :, None]).max(axis=1) > numerics.ROUNDING
+    return np.where(given[:, None], np.nan, C)
+
+
 def _of_body(
     elastic: ElasticMechanism, q: Array, compliances: Array, count: int
 ) -> tuple[Array, NDArray[np.bool_]]:
@@ -219,7 +228,7 @@ def _of_body(
     length, force = convert_length(Units(), elastic.units)
     sizes = np.repeat([mechanism.at(elastic.q).length, 1.0], 3)
     found = np.full((len(q), max(count, 6)), np.nan)
-    known = np.isfinite(compliances).all(axis=(1, 2))
+    known: NDArray[np.bool_] = np.asarray(np.isfinite(compliances).all(axis=(1, 2)))
     for start in range(0, len(q), _ROWS):
         rows = slice(start, start + _ROWS)
         if isinstance(mechanism, Platform):
