@@ -25,8 +25,8 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.at_pose import COORDINATES
 from cartstiff.loading import file_reader
 from cartstiff.many.kernels import lasting_path
+from cartstiff.maps.cartesian import AtPoses
 from cartstiff.maps.job import STATES, MapJob
-from cartstiff.maps.poses import AtPoses
 from cartstiff.maps.prepare import map_job
 from cartstiff.maps.quantities import QUANTITIES
 from cartstiff.maps.sampling import Axis, Grid, RandomPostures, Sampling, Trajectory

@@ -1,4 +1,4 @@
-"""Grids of positions of the body, each with the postures that reach it."""
+"""Poses of the body in place of coordinates: grids of positions, and samplings of whole poses."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from cartstiff.arrays import is_pose
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.kinematics.at_pose import at_poses
 from cartstiff.kinematics.inverse import Free, inverse_kinematics
 from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.kinematics.legs import legs_of
@@ -21,7 +22,7 @@ from cartstiff.maps.sampling import Axis, RandomPostures, Sampling, as_axis, gri
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["PLACES", "CartesianGrid", "Redundancy"]
+__all__ = ["PLACES", "AtPoses", "CartesianGrid", "Redundancy"]
 
 #: Which posture of a self-motion is taken: the one nearest to the base posture, or the one at which
 #: the map's first quantity is best.
@@ -212,3 +213,36 @@ class CartesianGrid(Sampling):
             "free": self.free,
             "redundancy": self.redundancy,
         }
+
+
+class AtPoses(Sampling):
+    """Postures at poses of the body, in the working mode of the mechanism's default posture.
+
+    Of a body with fewer than six freedoms the other coordinates of the pose follow, as in
+    `cartstiff.at_pose`. Poses that a leg does not reach have no posture.
+
+    Parameters
+    ----------
+    poses : Sampling
+        Of x, y, z, roll, pitch, yaw (lengths, rad) of the body in F.
+    """
+
+    stores_q = is_closed = True
+
+    def __init__(self, poses: Sampling) -> None:
+        self.poses, self.dims, self.shape = poses, poses.dims, poses.shape
+
+    @property
+    def axes(self) -> Mapping[str, Axis]:
+        """Values along the dimensions that have some."""
+        return self.poses.axes
+
+    def postures(self, box: tuple[slice, ...], elastic: ElasticMechanism | None = None) -> Array:
+        """Coordinates (m, n) of a box; NaN rows where the body does not get."""
+        if elastic is None:
+            raise InputError("poses have no postures without their mechanism")
+        return np.asarray(at_poses(elastic, self.poses.postures(box))[0])
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {"kind": "poses", "of": self.poses.as_dict()}
