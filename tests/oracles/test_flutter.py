@@ -67,6 +67,15 @@ def test_the_two_ways_by_hand_agree():
         assert np.abs(by_hand(p + 1e-6, m_1, m_2).imag).max() > 0.0
 
 
+def test_flutter_is_found_in_one_step_beyond_it():
+    """At five hundred times its load both roots are real and negative: divergence."""
+    curve = load_curve(column((2.0, 1.0)), PUSH, to=1000.0)
+    (critical,) = curve.critical
+    assert critical.kind == "flutter"
+    assert critical.factor == pytest.approx(onset(2.0, 1.0), rel=1e-10)
+    assert "No critical load" not in describe_curve(curve)
+
+
 @pytest.mark.parametrize("masses", [(2.0, 1.0), (1.0, 1.0), (0.3, 2.0)])
 def test_flutter_load_of_two_links(masses):
     m_1, m_2 = MASS * np.array(masses)

@@ -134,7 +134,10 @@ def describe_curve(curve: LoadCurve) -> str:
         points.append(f"Critical load: {point.kind} at factor {point.factor:.10g}{beating}")
     for line, times in Counter(points).items():
         lines.append(line + (f" ({times} modes)" if times > 1 else ""))
-    if not curve.critical:
+    if not curve.critical and False in curve.stable:
+        first = curve.factors[curve.stable.index(False)]
+        lines.append(f"Unstable at factor {first:.5g}; where it becomes so was not found.")
+    elif not curve.critical:
         massless = any(note.code == "masses-missing" for note in curve.notes)
         lines.append(
             "No limit point and no branch up to the end of the curve; flutter is not examined."

@@ -85,8 +85,15 @@ def crossings(path: LoadPath, start: State, end: State, size: float) -> list[Cri
     for index in range(min(before, after), max(before, after)):
         state = _located(path, start, end, size, _measure(index))
         points.append(_named(state, float(np.abs(start.eigenvalues).max())))
-    if not _flutters(start) and _flutters(end):
-        points.append(_onset(path, start, end, size))
+    if not _grows(start) and _grows(end):
+        # A range of flutter may lie between them, and divergence at the end of it.
+        onset = _onset(path, start, end, size, _grows)
+        if _flutters(onset):
+            points.append(_fluttering(onset))
+        elif not points:
+            points.append(_named(onset, float(np.abs(start.eigenvalues).max())))
+    elif not _flutters(start) and _flutters(end):
+        points.append(_fluttering(_onset(path, start, end, size, _flutters)))
     return sorted(points, key=lambda c: float((c.q - start.point.q) @ (c.q - start.point.q)))
 
 
@@ -94,8 +101,14 @@ def _flutters(state: State) -> bool:
     return state.vibrations is not None and state.vibrations.growing == "flutter"
 
 
-def _onset(path: LoadPath, start: State, end: State, size: float) -> CriticalPoint:
-    """Where vibrations begin to grow, by halving."""
+def _grows(state: State) -> bool:
+    return state.vibrations is not None and state.vibrations.growing is not None
+
+
+def _onset(
+    path: LoadPath, start: State, end: State, size: float, is_beyond: Callable[[State], bool]
+) -> State:
+    """The first state in which vibrations grow, by halving."""
     a, b = 0.0, size
     for _ in range(_BISECTIONS):
         middle = 0.5 * (a + b)
@@ -105,14 +118,18 @@ def _onset(path: LoadPath, start: State, end: State, size: float) -> CriticalPoi
             state = path.step(start, middle)
         except ConvergenceError:
             break
-        if _flutters(state):
+        if is_beyond(state):
             b, end = middle, state
         else:
             a = middle
-    vibrations = end.vibrations
-    mode = np.zeros(end.point.q.size) if vibrations is None else vibrations.mode
+    return end
+
+
+def _fluttering(state: State) -> CriticalPoint:
+    vibrations = state.vibrations
+    mode = np.zeros(state.point.q.size) if vibrations is None else vibrations.mode
     frequency = None if vibrations is None else vibrations.frequency
-    return CriticalPoint(end.factor, end.point.q, "flutter", mode, np.nan, frequency, end)
+    return CriticalPoint(state.factor, state.point.q, "flutter", mode, np.nan, frequency, state)
 
 
 def _located(
