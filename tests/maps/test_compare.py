@@ -59,6 +59,31 @@ def test_what_else_differs_is_said():
     assert compare_maps(a, b, "stiffness").attrs["differs"] == ["frame: None and flange"]
 
 
+def test_settings_that_the_quantity_asks_for_are_said():
+    a, b = _made_up([[1, 2]]), _made_up([[1, 2]])
+    for data, length, direction in ((a, 0.1, [0, 0, 1]), (b, 0.2, [1, 0, 0])):
+        settings = {"length": length, "direction": direction, "told": None}
+        data.attrs["description"] = json.dumps(settings)
+    for name, said in (
+        ("minimum", ["characteristic length: 0.1 and 0.2"]),
+        ("along_free", ["direction: [0, 0, 1] and [1, 0, 0]"]),
+        ("translation_condition", []),
+    ):
+        both = (data.rename({"stiffness": name}) for data in (a, b))
+        assert compare_maps(*both, name).attrs["differs"] == said
+
+
+def test_differences_of_pure_numbers_are_no_ratios():
+    """Isotropy is "geometric over arithmetic mean": its differences were judged against 1."""
+    a, b = _made_up([[0.5, 0.9]]), _made_up([[0.4, 0.5]])
+    for data in (a, b):
+        words = "geometric over arithmetic mean of the eigenvalues of K"
+        data["stiffness"].attrs |= {"units": "1", "better": "larger", "long_name": words}
+    told = compared(compare_maps(a, b, "stiffness", "difference"), "stiffness")
+    assert (told["first_is_better"], told["mean_kind"]) == (1.0, "arithmetic")
+    assert told["mean"] == pytest.approx(0.25)
+
+
 def _shifted(data):
     return data.assign_coords(a=data["a"] + 0.5)
 

@@ -119,8 +119,8 @@ def describe_comparison(answer: Mapping[str, Any], words: str) -> str:
         words,
         *_slice(answer),
         f"  {answer['places']} of {answer['of']} places have a number in both maps",
-        f"  smallest {number(answer['smallest'])}{unit}, mean {number(answer['mean'])}{unit}, "
-        f"largest {number(answer['largest'])}{unit}",
+        f"  smallest {number(answer['smallest'])}{unit}, {answer['mean_kind']} mean "
+        f"{number(answer['mean'])}{unit}, largest {number(answer['largest'])}{unit}",
     ]
     if (share := answer["first_is_better"]) is not None:
         lines.append(f"  the first is better at {100 * share:.1f} % of them")

@@ -6,12 +6,14 @@ looked, each with its own best branch. What else differs between them is said.
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
 from cartstiff import numerics
 from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.maps.quantities import QUANTITIES
 from cartstiff.maps.reading import best_branch, quantity_of, state_names
 
 if TYPE_CHECKING:
@@ -24,6 +26,14 @@ How = Literal["ratio", "difference"]
 
 # Values of axes that two commands have computed from the same ends.
 _SAME_PLACE = numerics.CLOSE
+_ASKED = {
+    "length": (("length", "characteristic length"),),
+    "direction": (("direction", "direction"), ("world", "in the room")),
+    "deflect": (("deflect", "deflecting load"), ("deflect_at", "acting at"),
+                ("world", "in the room")),
+    "damping": (("damping", "damping"),),
+    "milling": (("milling", "cut"),),
+}  # fmt: skip
 _TOLD = ("mechanism", "frame", "connection", "load_kind", "load_at", "wrench", "gravity")
 
 
@@ -73,15 +83,25 @@ def compare_maps(
     told = f"{words}: {names[0]} {'over' if how == 'ratio' else 'less'} {names[1]}"
     difference = a[[quantity, "state"]].copy()
     difference[quantity] = x.dims, values, {
-        "units": "1" if how == "ratio" else ux, "long_name": told,
+        "units": "1" if how == "ratio" else ux, "long_name": told, "comparison": how,
         **({"better": x.attrs["better"]} if "better" in x.attrs else {}),
     }  # fmt: skip
     difference["state"] = x.dims, state, a["state"].attrs
+    ours, theirs = _said(first, quantity), _said(second, quantity)
     difference.attrs = {**first.attrs, "mechanism": f"{names[0]} and {names[1]}", "differs": [
-        f"{key}: {first.attrs.get(key)} and {second.attrs.get(key)}"
-        for key in _TOLD if str(first.attrs.get(key)) != str(second.attrs.get(key))
+        f"{key}: {ours[key]} and {theirs[key]}" for key in ours if ours[key] != theirs[key]
     ]}  # fmt: skip
     return difference
+
+
+def _said(data: xarray.Dataset, quantity: str) -> dict[str, str]:
+    """What a map says that its numbers rest on, and what the quantity asks for."""
+    known = QUANTITIES.get(quantity)
+    asked = _ASKED[known.asks] if known is not None and known.asks is not None else ()
+    settings = json.loads(data.attrs.get("description", "{}"))
+    return {key: str(data.attrs.get(key)) for key in _TOLD} | {
+        words: str(settings.get(key)) for key, words in (*asked, ("told", "command of drives"))
+    }
 
 
 def compared(result: xarray.Dataset, quantity: str) -> dict[str, Any]:
@@ -90,23 +110,25 @@ def compared(result: xarray.Dataset, quantity: str) -> dict[str, Any]:
     Returns
     -------
     dict
-        "places" with a number in both maps, "unit", "smallest", "mean" and "largest" (the mean of a
-        ratio is the geometric one), and the share of places at which the first map is "better".
+        "places" with a number in both maps, "unit", "smallest", "mean" and "largest", "mean_kind"
+        ("geometric" for ratios above zero, else "arithmetic"), and the share of places at which the
+        first map is "better".
     """
     array = result[quantity]
     values = np.asarray(array.values, float)
     known = values[np.isfinite(values)]
     unit, better = array.attrs["units"], array.attrs.get("better")
-    is_ratio = unit == "1" and " over " in str(array.attrs["long_name"])
+    is_ratio = array.attrs["comparison"] == "ratio"
+    is_geometric = is_ratio and bool((known > 0).all())
     mean = None
     if known.size:
-        geometric = is_ratio and (known > 0).all()
-        mean = float(np.exp(np.log(known).mean()) if geometric else known.mean())
+        mean = float(np.exp(np.log(known).mean()) if is_geometric else known.mean())
     even = 1.0 if is_ratio else 0.0
     first = known < even if better == "smaller" else known > even
     return {
         "places": int(known.size), "of": int(values.size), "unit": unit,
         "smallest": float(known.min()) if known.size else None, "mean": mean,
+        "mean_kind": "geometric" if is_geometric else "arithmetic",
         "largest": float(known.max()) if known.size else None,
         "first_is_better": float(first.mean()) if known.size and better is not None else None,
         "differs": list(result.attrs["differs"]),
