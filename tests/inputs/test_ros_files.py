@@ -112,7 +112,7 @@ def test_packages_are_found_where_ros_has_them(workspace, tmp_path, monkeypatch)
         ("<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'><link name='${1/0}'/></robot>",
          {}, "division by zero"),
         ("<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'><link name='$(arg b)'/></robot>",
-         {}, "b"),
+         {}, "got no value for 'b'"),
         ("<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'><link name='${b}'/></robot>", {},
          "name 'b' is not defined"),
         ("<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'>"

@@ -86,6 +86,19 @@ def test_frames_stand_where_rod_has_them(tmp_path):
         assert np.abs(ours - theirs.transform(name)).max() < 1e-12, name
 
 
+def test_what_an_axis_leaves_out_or_says_in_old_words():
+    spring = "<spring_stiffness>1000</spring_stiffness><spring_reference>0.2</spring_reference>"
+    damped = cartstiff.load(ARM.replace(spring, ""))
+    assert damped.damping.tolist() == [0.5, 0.0]
+    assert "stiffness-assumed" in [note.code for note in damped.notes]
+    old = "<xyz>0 1 0</xyz><use_parent_model_frame>{}</use_parent_model_frame>"
+    new = '<xyz expressed_in="base">0 1 0</xyz>'
+    for flag, said in (("1", '<xyz expressed_in="__model__">0 1 0</xyz>'),
+                       ("false", "<xyz>0 1 0</xyz>")):  # fmt: skip
+        a, b = (cartstiff.load(ARM.replace(new, text)) for text in (old.format(flag), said))
+        assert np.abs(a.mechanism.at([0.3, 0.1]).pose - b.mechanism.at([0.3, 0.1]).pose).max() == 0
+
+
 def test_a_world_brings_its_gravity():
     body = ARM[ARM.index("<model") : ARM.index("</sdf>")]
     arm = cartstiff.load(
@@ -106,7 +119,8 @@ def test_a_world_brings_its_gravity():
         ('type="prismatic"', 'type="screw"', "expected revolute, .*got screw"),
         ("<child>slide</child>", "<child>upper</child>", "loops is not supported"),
         ("<parent>upper</parent>", "", "<joint name='rail'> is not usable SDF.*parent"),
-        ("<mass>2</mass>", "<mass>two</mass>", "<link name='base'> is not usable SDF.*"),
+        ("<mass>2</mass>", "<mass>two</mass>", "<link name='base'> is not usable SDF.*'two'$"),
+        ("<damping>0.5", "<damping>soft", "'shoulder'> is not usable SDF, got.*float: 'soft'"),
         ("<mass>2</mass>", "<mass>-2</mass>", "mass"),
         ("<xyz>0 0 1</xyz>", "<xyz>0 0 0</xyz>", "axis"),
         ("<xyz>0 0 1</xyz>", "", "<joint name='shoulder'> is not usable SDF"),

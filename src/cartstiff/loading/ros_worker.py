@@ -115,6 +115,8 @@ def expanded(path: str, given: dict[str, str], searched: list[str]) -> dict[str,
         while getattr(inner, "exc", None) is not None:
             inner = inner.exc
         text = str(error) if isinstance(inner, LookupError) or not str(inner) else str(inner)
+        if type(inner).__name__ == "ArgException":
+            text = f"no value for {text!r}"
         place = [name for name in getattr(xacro, "filestack", []) if name]
         missing = isinstance(inner, LookupError) and "is not found" in str(inner)
         unread = [name for name in given if name not in arguments.read]

@@ -25,8 +25,9 @@ _TYPES = ("revolute", "continuous", "prismatic", "fixed")
 _REFUSED = {
     "include": "an <include>", "model/model": "a model within the model", "joint/axis2": "axis2",
     "joint/axis/mimic": "a joint that mimics another", "link/pose[@frame]": "<pose frame=...>",
-    "joint/axis/use_parent_model_frame": "use_parent_model_frame",
 }  # fmt: skip
+# What SDF takes where a file says nothing, and rod asks for.
+_DYNAMICS = ("spring_stiffness", "spring_reference")
 _OLDEST = (1, 5)
 #: SDF's own number for no limit.
 _NO_LIMIT = 1e16
@@ -71,6 +72,8 @@ def read_sdf(root: ET.Element, where: str) -> tuple[str, MjcfFacts]:
         ):
             raise InputError(f"{words} in SDF is not supported", where=where,
                              expected="links, joints and frames of one model")  # fmt: skip
+    for axis in models[0].iterfind("joint/axis"):
+        _complete(axis)
     parts = {
         tag: [_element(rod, kind, part, where) for part in models[0].findall(tag)]
         for tag, kind in (("link", "Link"), ("joint", "Joint"), ("frame", "Frame"))
@@ -79,6 +82,17 @@ def read_sdf(root: ET.Element, where: str) -> tuple[str, MjcfFacts]:
     stands = None if pose is None else _element(rod, "Pose", pose, where)
     model = _Model(models[0].get("name", "robot"), stands, parts, where)
     return model.as_urdf(), _facts(parts["joint"], root, where)
+
+
+def _complete(axis: ET.Element) -> None:
+    """Write out what SDF means by what an axis leaves out, or says in the words of old versions."""
+    for dynamics in axis.iterfind("dynamics"):
+        for tag in _DYNAMICS:
+            if dynamics.find(tag) is None:
+                ET.SubElement(dynamics, tag).text = "0"
+    xyz = axis.find("xyz")
+    if axis.findtext("use_parent_model_frame", "0").strip() in ("1", "true") and xyz is not None:
+        xyz.set("expressed_in", "__model__")
 
 
 def _element(rod: Any, kind: str, part: ET.Element, where: str) -> Any:
@@ -91,6 +105,10 @@ def _element(rod: Any, kind: str, part: ET.Element, where: str) -> Any:
     except Exception as error:  # in the words of rod's own reader
         if isinstance(error, KeyError):
             name, error = f"<{part.tag}>", ValueError("it has no name")
+        while isinstance(error.__context__, ValueError | LookupError) and not isinstance(
+            error.__context__, KeyError
+        ):
+            error = error.__context__  # what is wrong stands innermost
         words = one_line(f"{type(error).__name__}: {error}")
         raise InputError(f"{name} is not usable SDF", where=where, got=words) from None
 
