@@ -4,8 +4,8 @@
 
 For every URDF of example-robot-data that loads: the largest difference of a matrix (relative to its
 largest number) between the file and the model that Pinocchio reads from it, at one posture, and the
-median processor time of loading the model, without pictures. Exit code 1 if a difference is above
-1e-15.
+processor time of loading the model, without pictures: the least of several, which other work on
+the machine disturbs least. Exit code 1 if a difference is above 1e-15.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ import pinocchio as pin
 import cartstiff
 from cartstiff.errors import CartstiffError
 
-ALIKE, ROUNDS = 1e-15, 5
+ALIKE, ROUNDS = 1e-15, 15
 
 
 def difference(path: Path) -> tuple[float, float]:
-    """Largest relative difference of a matrix, and the median processor time [ms]."""
+    """Largest relative difference of a matrix, and the least processor time [ms]."""
     from_file = cartstiff.load(path)
     model = pin.buildModelFromUrdf(str(path))
     frame = from_file.mechanism.frame
@@ -43,10 +43,10 @@ def difference(path: Path) -> tuple[float, float]:
     worst = float(np.abs(a.pose - b.pose).max())
     for K, L in ((a.compliances["B"], b.compliances["B"]), (a.matrices["B"], b.matrices["B"])):
         if (K is None) != (L is None):
-            return np.inf, statistics.median(times)
+            return np.inf, min(times)
         if K is not None and L is not None:
             worst = max(worst, float(np.abs(K - L).max() / np.abs(K).max()))
-    return worst, statistics.median(times)
+    return worst, min(times)
 
 
 def main() -> int:

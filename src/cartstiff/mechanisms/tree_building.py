@@ -101,6 +101,9 @@ def plain_tree(
     for index, value in locked.items():
         set_position(model, index, value, fixed_q)
     every = list(model.frames)
+    # Each look into one of Pinocchio's lists costs as much as the arithmetic.
+    parents, names = model.parents.tolist(), list(model.names)
+    placements = [T.homogeneous for T in model.jointPlacements]
 
     plain = pin.Model()
     plain.name = model.name
@@ -113,7 +116,9 @@ def plain_tree(
 
     def side(frame: int, joint: int) -> Place:
         """Where what is fixed to a joint hangs: on it, or on the last spring that carries it."""
-        hung = [place for carried, place in beyond.get(joint, ()) if frame in carried]
+        if joint not in beyond:
+            return near[joint]
+        hung = [place for carried, place in beyond[joint] if frame in carried]
         if frame == UNFRAMED and len(hung) > 1:
             raise InputError(
                 "several links that give are fixed together, and a joint has no frame that tells "
@@ -158,16 +163,16 @@ def plain_tree(
     if beyond or springs:
         frame_of = {f.parentJoint: k for k, f in enumerate(every) if f.type == pin.FrameType.JOINT}
     for i in range(1, model.njoints):
-        parent, T_p = side(frame_of.get(i, UNFRAMED), int(model.parents[i]))
+        parent, T_p = side(frame_of.get(i, UNFRAMED), parents[i])
         if i not in kept:
             is_drawn = i not in locked and model.joints[i].shortname() in PLAIN  # stands at zero
-            T = model.jointPlacements[i] if is_drawn else standing(model, i, fixed_q)
-            near[i] = (parent, T_p @ T.homogeneous)
+            T = placements[i] if is_drawn else standing(model, i, fixed_q).homogeneous
+            near[i] = (parent, T_p @ T)
         else:
-            T = T_p @ model.jointPlacements[i].homogeneous
-            parts = expansion(model.joints[i], model.names[i])
-            if model.names[i] in (planar_axes or {}):
-                parts = planar(model.names[i], (planar_axes or {})[model.names[i]])
+            T = T_p @ placements[i]
+            parts = expansion(model.joints[i], names[i])
+            if names[i] in (planar_axes or {}):
+                parts = planar(names[i], (planar_axes or {})[names[i]])
             for k, (name, kind, joint, T_part) in enumerate(parts, start=int(model.idx_vs[i])):
                 lower, upper = limits_of(model, i) if len(parts) == 1 else (-np.inf, np.inf)
                 unique = _unique(name, [c.name for c in coordinates])
