@@ -10,7 +10,6 @@ import csv
 import io
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from decimal import Decimal
 from math import isfinite
 from numbers import Real
 from types import MappingProxyType
@@ -54,6 +53,14 @@ _FEW = 64
 # Numbers that are tested at once: the mask of everything would be an eighth of a large array.
 _PIECE = 1 << 19
 _NO_NUMBERS = (bool, np.bool_, np.datetime64, np.timedelta64)
+
+
+def _is_number(value: Any) -> bool:
+    from decimal import Decimal
+
+    return isinstance(value, (Real, Decimal)) and not isinstance(value, _NO_NUMBERS)
+
+
 _NAMES = {
     "b": "true or false", "c": "complex numbers", "m": "durations", "M": "dates", "S": "text",
     "U": "text", "T": "text", "V": "records",
@@ -155,9 +162,7 @@ def real_array(
     try:
         array = np.asarray(values)
         kind = array.dtype.kind
-        if kind == "O" and all(
-            isinstance(v, (Real, Decimal)) and not isinstance(v, _NO_NUMBERS) for v in array.flat
-        ):
+        if kind == "O" and all(map(_is_number, array.flat)):
             return np.array([float(v) for v in array.flat], float).reshape(array.shape)
     except (TypeError, ValueError, OverflowError):
         raise refused("is not numeric", values) from None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from html import escape
 
 from cartstiff.errors import joined, printable
 
@@ -20,6 +19,8 @@ class ShownInLines:
         return joined(self._lines())
 
     def _repr_html_(self) -> str:
+        from html import escape
+
         return f"<pre>{escape(repr(self))}</pre>"
 
 
@@ -27,6 +28,7 @@ def html_table(
     heads: Iterable[tuple[str, int]], rows: Iterable[Sequence[str]], caption: str = ""
 ) -> str:
     """A table of texts: heads with the columns that each spans, and rows after a name each."""
+    from html import escape
 
     def shown(text: str) -> str:
         return escape(printable(text))

@@ -29,10 +29,15 @@ from cartstiff.arrays import (
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.contract import Units
 
 __all__ = [
+    "BY_BLOCK",
+    "BY_SOFT_BLOCK",
+    "PURE",
     "ROTATION",
     "TRANSLATION",
+    "UNITS",
     "Definiteness",
     "as_symmetric",
     "balancing_length",
@@ -52,6 +57,11 @@ __all__ = [
     "stiffness_of_motion",
     "symmetric_part",
 ]
+
+#: Units with the names of the units of length and force left open.
+UNITS = Units("{length}", "{force}")
+#: Of a pure number, and of the entries of a stiffness and of a compliance.
+PURE, BY_BLOCK, BY_SOFT_BLOCK = "1", "of its block", "of its block, compliance"
 
 Definiteness = Literal[
     "positive",

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel
 
-from cartstiff.analysis.sections import BY_BLOCK, BY_SOFT_BLOCK, UNITS, Analysis
+from cartstiff.analysis.matrices import BY_BLOCK, BY_SOFT_BLOCK, UNITS
 from cartstiff.arrays import plain
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
@@ -38,17 +37,19 @@ class Notes:
             return None
 
 
-def section(form: type[BaseModel], *sources: object) -> dict[str, Any]:
+def section(keys: Iterable[str], *sources: object) -> dict[str, Any]:
     """The keys of a section, each from the first source that has an attribute of its name."""
     return {
         key: next(getattr(source, key) for source in sources if hasattr(source, key))
-        for key in form.model_fields
+        for key in keys
     }
 
 
 @cache
 def schema() -> dict[str, Any]:
     """JSON Schema of an analysis (draft 2020-12), without references."""
+    from cartstiff.analysis.sections import Analysis
+
     whole = Analysis.model_json_schema()
     definitions = whole.pop("$defs")
 

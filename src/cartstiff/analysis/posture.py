@@ -7,7 +7,7 @@ mechanism: deflection, joint stiffness for a target, uncertainty.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,18 +21,16 @@ from cartstiff.analysis.mechanism_sections import (
 )
 from cartstiff.analysis.plain import Notes, numbers, plain
 from cartstiff.analysis.summary import summarise
-from cartstiff.analysis.tolerances import Parameters, Tolerances
-from cartstiff.analysis.uncertainty import (
-    Propagation,
-    propagate_first_order,
-    propagate_monte_carlo,
-)
 from cartstiff.arrays import checked_vector
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.matrix_names import LETTERS
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.in_frame import StiffnessInFrame
+
+if TYPE_CHECKING:
+    from cartstiff.analysis.tolerances import Parameters, Tolerances
+    from cartstiff.analysis.uncertainty import Propagation
 
 __all__ = ["analyse_posture"]
 
@@ -53,6 +51,7 @@ def analyse_posture(
     tolerances: Tolerances | None = None,
     samples: int = 0,
     threshold: float = asymmetries.THRESHOLD,
+    springs: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:
     r"""Analyse a mechanism at a posture, in any state.
@@ -90,6 +89,8 @@ def analyse_posture(
         Draws for a Monte Carlo propagation of the tolerances; 0 propagates to first order.
     threshold : float
         Relative change above which the choice of connection matters.
+    springs : bool
+        Whether springs that give the matrix are looked for.
     progress : callable, optional
         Called with (done, total) while tolerances are propagated.
 
@@ -139,7 +140,7 @@ def analyse_posture(
     if samples and tolerances is None and result.elastic.identified is None:
         raise InputError("samples need tolerances to draw from", expected="both, or none",
                          got=f"samples={samples}")  # fmt: skip
-    answer, notes = sections(result, springs=True)
+    answer, notes = sections(result, springs)
     if answer["synthesis"] is not None or target is not None:
         section = None
         if target is not None:
@@ -148,9 +149,10 @@ def analyse_posture(
             )
         answer["synthesis"] = {**(answer["synthesis"] or {}), "target": plain(section)}
     answer["uncertainty"] = None
-    if tolerances is None and result.elastic.identified is not None:
-        tolerances = Tolerances()  # measured springs bring their own
-    if tolerances is not None:
+    if tolerances is not None or result.elastic.identified is not None:
+        from cartstiff.analysis.tolerances import Parameters, Tolerances
+
+        tolerances = tolerances or Tolerances()  # measured springs bring their own
         parameters = Parameters(result, tolerances)
         answer["uncertainty"] = plain(
             notes.attempt(
@@ -203,6 +205,8 @@ def _uncertainty(
     progress: Callable[[int, int], None] | None,
 ) -> dict[str, Any]:
     """Standard deviation and interval of every number of the analysis."""
+    from cartstiff.analysis.uncertainty import propagate_first_order, propagate_monte_carlo
+
     named = parameters.named
     total = samples or 1 + 4 * len(named)
     done = 0

@@ -12,10 +12,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from cartstiff.analysis.matrices import Definiteness
-from cartstiff.mechanisms.contract import Units
+from cartstiff.analysis.matrices import BY_BLOCK, BY_SOFT_BLOCK, PURE, UNITS, Definiteness
 
-__all__ = ["BY_BLOCK", "BY_SOFT_BLOCK", "PURE", "UNITS", "Analysis"]
+__all__ = ["Analysis"]
 
 _2, _3, _4, _6 = (Field(min_length=n, max_length=n) for n in (2, 3, 4, 6))
 Number = float | None
@@ -26,10 +25,6 @@ Axes = Annotated[list[Vector], _3]
 Pose = Annotated[list[Annotated[list[Number], _4]], _4]
 Matrix = Annotated[list[Six], _6]
 
-#: Units with the names of the units of length and force left open.
-UNITS = Units("{length}", "{force}")
-#: Of a pure number, and of the entries of a stiffness and of a compliance.
-PURE, BY_BLOCK, BY_SOFT_BLOCK = "1", "of its block", "of its block, compliance"
 _FORCE, _MOMENT, _LENGTH, _PITCH = UNITS.force, UNITS.moment, UNITS.length, UNITS.pitch
 _SOFT = UNITS.compliance
 _ALONG, _ABOUT, _SCREW = (UNITS.blocks[block] for block in ("tt", "rr", "tr"))

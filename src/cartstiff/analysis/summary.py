@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.analysis import asymmetry as asymmetries
-from cartstiff.analysis import sections
 from cartstiff.analysis.centres import centres
 from cartstiff.analysis.compliant_axes import (
     CompliantAxis,
@@ -52,6 +51,10 @@ __all__ = ["summarise"]
 
 _PREFERRED = ("B", "K", "F", "A", "+")
 _FREEDOMS = ("translation", "rotation")
+_POINTS = ("stiffness", "compliance", "elasticity", "least_coupling")
+_SCREW = ("direction", "point", "pitch")
+_EIGENSCREW = (*_SCREW, "eigenvalue", "rotational_stiffness", "translational_stiffness")
+_COMPLIANT_AXIS = (*_SCREW, "stiffness")
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -182,7 +185,7 @@ def summarise(
     result["asymmetry"] = result["connections"] = None
     if minus is not None:
         predicted = asymmetries.asymmetry(minus, W)
-        result["asymmetry"] = section(sections.Asymmetry, predicted)
+        result["asymmetry"] = section(("size", "residual", "agrees", "predicted"), predicted)
     if name is not None:
         result["connections"] = asymmetries.compare_connections(
             stiffness, reference=name, length=scale.value, threshold=threshold
@@ -327,11 +330,11 @@ def _of_stiffness(
     realised = realise(K, length) if springs and judgement.passive else None
     return {
         "definiteness": None if numbers is None else numbers.definiteness,
-        "centres": section(sections.Centres, points),
+        "centres": section(_POINTS, points),
         "normal_form": notes.attempt("normal form", normal_form, K),
         "decoupling_frame": notes.attempt("decoupling frame", decoupling_frame, K),
         "eigenscrews": {
-            "screws": [section(sections.Eigenscrew, e, e.screw) for e in screws.screws],
+            "screws": [section(_EIGENSCREW, e, e.screw) for e in screws.screws],
             "complete": screws.complete,
             "complex_eigenvalues": [[z.real, z.imag] for z in screws.complex_eigenvalues],
         },
@@ -354,4 +357,4 @@ def _of_stiffness(
 
 
 def _axes(axes: Sequence[CompliantAxis]) -> list[dict[str, Any]]:
-    return [section(sections.CompliantAxis, axis, axis.screw) for axis in axes]
+    return [section(_COMPLIANT_AXIS, axis, axis.screw) for axis in axes]

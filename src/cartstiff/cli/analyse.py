@@ -126,7 +126,8 @@ def command(
         by_parameters = add_sensitivities(result, request, data) if sensitivities else []
     text = json_text(data, request.mechanism)
     if analysis.level != "none":
-        data["analysis"] = analysis.run(result)
+        shows_springs = as_json or output is not None or analysis.level == "full"
+        data["analysis"] = analysis.run(result, shows_springs)
         text = json_text(data, request.mechanism)
     if output is not None:
         from cartstiff.report.output import write_result

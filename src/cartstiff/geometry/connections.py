@@ -284,8 +284,11 @@ def _cartan(share: float) -> Array:
     return share * np.swapaxes(se3.STRUCTURE_CONSTANTS, 0, 1)
 
 
-def _kinematic(x: Array, y: Array) -> Array:
-    return np.concatenate([0.5 * np.cross(x[:3], y[:3]), np.cross(x[:3], y[3:])])
+def _kinematic() -> Array:
+    """nabla_X Y = (1/2 w1 x w2, w1 x v2): of the bracket half, the whole, and nothing."""
+    share = np.zeros((6, 6, 1))
+    share[:3, :3], share[3:, :3] = 0.5, 1.0
+    return share * np.swapaxes(se3.STRUCTURE_CONSTANTS, 0, 1)
 
 
 #: Cartan's (-) connection, nabla = 0: [ZK]_ eq. 35 and 36.
@@ -295,7 +298,7 @@ BI_INVARIANT = Connection("B", _cartan(0.5), MATRICES["B"].meaning)
 #: Levi-Civita connection of a ball's kinetic energy (equal moments of inertia): [ZK]_ eq. 38.
 KINEMATIC = Connection(
     "K",
-    from_bilinear_map(_kinematic).symbols,
+    _kinematic(),
     MATRICES["K"].meaning,
     tied_to_origin=True,
 )

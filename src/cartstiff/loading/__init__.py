@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,7 @@ from cartstiff.loading.catalogue import (
     example_robot,
     example_robots,
 )
+from cartstiff.loading.shorthand.parameters import Parameters
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 
 if TYPE_CHECKING:
@@ -222,13 +224,17 @@ def _from_name(source: str | Path, given: dict[str, Any]) -> ElasticMechanism:
 
 def _from_robot(model: str, name: str, given: dict[str, Any]) -> ElasticMechanism:
     from cartstiff.loading.build import serial_of, with_given
-    from cartstiff.loading.build_closed import closed_chain_of
     from cartstiff.loading.defaults import default_frame
+    from cartstiff.loading.keys.checked import robot_alone
     from cartstiff.loading.parts import described, joints_that_move
-    from cartstiff.loading.schema import ClosedChainFile, SerialFile
 
     where = "XML text" if model.lstrip().startswith("<") else one_line(model)
-    serial = with_given(SerialFile.model_construct(kind="serial", model=model), given, where)
+    alone = robot_alone(model)
+    if alone is None:
+        from cartstiff.loading.schema import SerialFile
+
+        alone = SerialFile.model_construct(kind="serial", model=model)
+    serial = with_given(alone, given, where)
     description = described(serial, None)
     facts = description.facts
     said = []
@@ -244,6 +250,9 @@ def _from_robot(model: str, name: str, given: dict[str, Any]) -> ElasticMechanis
             serial.frame or default_frame(description.model, description.facts.loose)[0],
         )
         if any(tie.joints & moving for tie in facts.closures):
+            from cartstiff.loading.build_closed import closed_chain_of
+            from cartstiff.loading.schema import ClosedChainFile
+
             closed = ClosedChainFile.model_construct(
                 kind="closed-chain",
                 **{key: getattr(serial, key) for key in _SHARED},
@@ -267,8 +276,14 @@ def file_reader(source: str | Path) -> Callable[[dict[str, Any]], ElasticMechani
 
 
 def _from_file(path: Path, given: dict[str, Any]) -> ElasticMechanism:
+    from cartstiff.loading.from_checked import mechanism_of
+    from cartstiff.loading.keys.checked import checked_before
     from cartstiff.loading.yaml_file import read_yaml
 
+    kept = None if given.get("parameters") else checked_before(path)
+    if kept is not None:
+        with suppress(InputError):  # the message needs the lines of the file
+            return mechanism_of(kept[0], Parameters(kept[1], {}), path, given)
     return from_data(*read_yaml(path), path, given)
 
 
@@ -276,33 +291,12 @@ def from_data(
     data: dict[str, Any], lines: Lines, path: Path, given: dict[str, Any]
 ) -> ElasticMechanism:
     """The mechanism of a file's data, with what was given beside it."""
-    from cartstiff.loading import build, build_closed
-    from cartstiff.loading.findings import with_findings
+    from cartstiff.loading.from_checked import mechanism_of
     from cartstiff.loading.mechanism_file import checked_file, located
-    from cartstiff.loading.plausible import file_notes
-    from cartstiff.loading.schema import ParallelFile, PlatformFile, SerialFile, SpringsFile
 
     file, parameters = checked_file(data, lines, path, given.get("parameters"))
-    where = one_line(str(path))
-    name = file.name or path.stem
     try:
-        if isinstance(file, ParallelFile):
-            from cartstiff.loading.legs.tree import with_drawn_legs
-
-            file = with_drawn_legs(file, where)
-        file = build.with_given(file, given, where)
-        if isinstance(file, SerialFile):
-            elastic = build.build_serial(file, path.parent, where, name)
-        elif isinstance(file, (PlatformFile, SpringsFile)):
-            elastic = build.build_platform(file, where, name)
-        elif isinstance(file, ParallelFile):
-            elastic = build_closed.build_parallel(file, path.parent, where, name)
-        else:
-            elastic = build_closed.build_closed_chain(file, path.parent, where, name)
-        notes = (*elastic.notes, *file_notes(file), *parameters.notes())
-        source = " ".join((file.source or "").split())
-        elastic = replace(elastic, notes=notes, source=source, parameters=parameters.values)
-        return elastic if file.identified is None else with_findings(elastic, file.identified)
+        return mechanism_of(file, parameters, path, given)
     except InputError as error:
         raise located(error, path, lines) from None
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,8 +13,7 @@ from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.defaults import chosen_frame, default_posture, regular_posture
-from cartstiff.loading.keys.bodies import BodyModel, PayloadModel
-from cartstiff.loading.keys.words import PoseModel, pose_of
+from cartstiff.loading.keys.checked import Checked, pose_of
 from cartstiff.loading.parts import (
     add_payload,
     described,
@@ -26,13 +25,6 @@ from cartstiff.loading.parts import (
 from cartstiff.loading.platforms.leg_limits import leg_limits_of, pair_per_leg
 from cartstiff.loading.plausible import stretched
 from cartstiff.loading.robot_description import RobotDescription
-from cartstiff.loading.schema import (
-    ClosedChainFile,
-    ParallelFile,
-    PlatformFile,
-    SerialFile,
-    SpringsFile,
-)
 from cartstiff.loading.springs import link_springs, springs_of, virtual_joints
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Units
@@ -43,7 +35,14 @@ from cartstiff.mechanisms.tree_building import merged
 from cartstiff.potentials.flexure_struts import Flexure, FlexureStruts
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
 
+if TYPE_CHECKING:
+    from cartstiff.loading.schema import PlatformFile, SerialFile, SpringsFile
+
 __all__ = ["build_platform", "build_serial", "serial_of", "with_given"]
+
+
+#: Kinds of files with joints, and with lines from the ground to a body.
+_OF_JOINTS, _OF_LINES = ("serial", "closed-chain"), ("stewart-gough", "springs")
 
 
 def build_serial(file: SerialFile, beside: Path | None, where: str, name: str) -> ElasticMechanism:
@@ -187,7 +186,7 @@ def _legs(
     if strut is None:
         springs = LineSprings(
             anchors=platform.anchors, points=platform.points, stiffness=stiffness,
-            rest_length=rests, unilateral=isinstance(file, SpringsFile) and file.unilateral,
+            rest_length=rests, unilateral=getattr(file, "unilateral", False),
         )  # fmt: skip
     else:
         lower, upper = (
@@ -204,8 +203,10 @@ def _legs(
 
 def _body(file: PlatformFile | SpringsFile, T_P_M: Array, where: str) -> tuple[float, Array, Array]:
     """Mass, centre and inertia about it, in P, of the body with its payload."""
-    body, payload = file.body or BodyModel(mass=0.0), file.payload or PayloadModel(mass=0.0)
-    inertia = np.zeros((3, 3)) if body.inertia is None else np.array(body.inertia, float)
+    body, payload = file.body, file.payload
+    inertia = np.zeros((3, 3))
+    if body is not None and body.inertia is not None:
+        inertia = np.array(body.inertia, float)
     if np.abs(inertia - inertia.T).max() > numerics.SYMMETRY * np.abs(inertia).max():
         raise InputError("inertia is not symmetric", where=f"{where}, key body.inertia",
                          got=inertia.tolist())  # fmt: skip
@@ -217,7 +218,9 @@ def _body(file: PlatformFile | SpringsFile, T_P_M: Array, where: str) -> tuple[f
         raise InputError("no body has these moments of inertia", where=f"{where}, key body.inertia",
                          expected="each at most the sum of the other two",
                          got=moments.tolist())  # fmt: skip
-    parts = [(body.mass, np.array(body.com)), (payload.mass, (T_P_M @ [*payload.com, 1.0])[:3])]
+    mass, com = (0.0, [0.0] * 3) if body is None else (body.mass, body.com)
+    hung, at = (0.0, [0.0] * 3) if payload is None else (payload.mass, payload.com)
+    parts = [(mass, np.array(com)), (hung, (T_P_M @ [*at, 1.0])[:3])]
     mass = sum(m for m, _ in parts)
     if not mass:
         return 0.0, parts[1][1], inertia
@@ -271,7 +274,7 @@ def with_given(file: Any, given: Mapping[str, Any], where: str) -> Any:
     if (frame := given.get("frame")) is not None:
         file = _with_frame(file, frame, where)
     if locked := given.get("locked"):
-        if not isinstance(file, (SerialFile, ClosedChainFile)):
+        if file.kind not in _OF_JOINTS:
             raise InputError(f"kind {file.kind} has no joints to lock", where=where,
                              expected="kind serial or closed-chain")  # fmt: skip
         keys["locked"] = {**file.locked, **locked}
@@ -280,9 +283,9 @@ def with_given(file: Any, given: Mapping[str, Any], where: str) -> Any:
     payload = file.payload
     if (T := given.get("tcp")) is not None:
         back = se3.inverse(T)
-        if isinstance(file, (SerialFile, ClosedChainFile)):
+        if file.kind in _OF_JOINTS:
             keys["offset"] = _model_of(pose_of(file.offset) @ T)
-        elif isinstance(file, (PlatformFile, SpringsFile)):
+        elif file.kind in _OF_LINES:
             keys["frame"] = _model_of(pose_of(file.frame) @ T)
         else:  # the body frame itself
             grips = [_model_of(back @ pose_of(leg.grip)) for leg in file.legs]
@@ -297,12 +300,12 @@ def with_given(file: Any, given: Mapping[str, Any], where: str) -> Any:
             payload = payload.model_copy(update={"com": centre.tolist()})
     if (more := given.get("payload")) is not None:
         mass, centre = more
-        own = payload or PayloadModel(mass=0.0)
-        total = own.mass + mass
+        own, at = (0.0, centre) if payload is None else (payload.mass, payload.com)
+        total = own + mass
         com = np.array(centre) if total == 0 else (
-            (own.mass * np.array(own.com) + mass * np.array(centre)) / total
+            (own * np.array(at) + mass * np.array(centre)) / total
         )  # fmt: skip
-        payload = PayloadModel(mass=total, com=com.tolist())
+        payload = Checked("PayloadModel", ("mass", "com"), mass=total, com=com.tolist())
     if (gravity := given.get("gravity")) is not None:
         keys["gravity"] = list(gravity)
     if payload is not file.payload:
@@ -310,8 +313,9 @@ def with_given(file: Any, given: Mapping[str, Any], where: str) -> Any:
     return file.model_copy(update=keys) if keys else file
 
 
-def _model_of(T: Array) -> PoseModel:
-    return PoseModel(xyz=T[:3, 3].tolist(), rpy=se3.roll_pitch_yaw(T).tolist())
+def _model_of(T: Array) -> Checked:
+    keys = {"xyz": T[:3, 3].tolist(), "rpy": se3.roll_pitch_yaw(T).tolist()}
+    return Checked("PoseModel", keys, **keys)
 
 
 def _with_ros(file: Any, given: Mapping[str, Any], where: str) -> Any:
@@ -329,12 +333,12 @@ def _with_ros(file: Any, given: Mapping[str, Any], where: str) -> Any:
 
 def _with_frame(file: Any, frame: str, where: str) -> Any:
     """File with another frame of interest."""
-    if isinstance(file, (PlatformFile, SpringsFile)):
+    if file.kind in _OF_LINES:
         if frame == "platform":
             return file
         raise UnknownNameError("frame", frame, ["platform"], where=where)
-    if isinstance(file, ParallelFile):
+    if file.kind == "parallel":
         if frame == "body":
             return file
         raise UnknownNameError("frame", frame, ["body"], where=where)
-    return file.model_copy(update={"frame": frame, "offset": PoseModel()})
+    return file.model_copy(update={"frame": frame, "offset": _model_of(np.eye(4))})

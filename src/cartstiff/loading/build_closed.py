@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cartstiff.errors import ConvergenceError, InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.assembly import leg_at_pose
 from cartstiff.loading.defaults import chosen_frame, default_posture
-from cartstiff.loading.keys.springs import JointSpringModel
-from cartstiff.loading.keys.words import pose_of
-from cartstiff.loading.legs.tree import drawn_legs
+from cartstiff.loading.keys.checked import pose_of
 from cartstiff.loading.mjcf.facts import Lifted, MjcfClosure, MjcfFacts, MjcfSpring
 from cartstiff.loading.parts import (
     add_payload,
@@ -25,13 +24,16 @@ from cartstiff.loading.parts import (
     tree_to,
 )
 from cartstiff.loading.robot_description import RobotDescription
-from cartstiff.loading.schema import ClosedChainFile, ClosureModel, LegModel, ParallelFile
 from cartstiff.loading.springs import link_springs, springs_of, virtual_joints
 from cartstiff.mechanisms.chain import Chain, Closure, Description
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.tree import KinematicTree, Placement
 from cartstiff.mechanisms.tree_building import extended, merged
+
+if TYPE_CHECKING:
+    from cartstiff.loading.keys.springs import JointSpringModel
+    from cartstiff.loading.schema import ClosedChainFile, ClosureModel, LegModel, ParallelFile
 
 __all__ = ["build_closed_chain", "build_parallel", "closed_chain_of"]
 
@@ -76,6 +78,8 @@ def build_parallel(
 
     The body frame hangs on the first chain; every other chain's end is welded to it.
     """
+    from cartstiff.loading.legs.tree import drawn_legs
+
     notes: list[Note] = []
     parts: list[tuple[str, KinematicTree, Array]] = []
     ends: list[str] = []

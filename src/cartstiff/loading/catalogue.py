@@ -10,16 +10,23 @@ from pathlib import Path
 
 from cartstiff.errors import InputError, MissingDependencyError, UnknownNameError
 
-__all__ = ["ExampleRobot", "bundled", "bundled_files", "example_robot", "example_robots"]
+__all__ = [
+    "ExampleRobot", "bundled", "bundled_files", "bundled_folder", "example_robot", "example_robots",
+]  # fmt: skip
+
+
+@cache
+def bundled_folder() -> Path:
+    """Folder of the bundled mechanism files."""
+    package = Path(__file__).parents[1] / "robots"
+    # In a checkout the files stand beside src/, in a wheel inside the package.
+    return package if package.is_dir() else Path(__file__).parents[3] / "robots"
 
 
 @cache
 def bundled_files() -> dict[str, Path]:
     """Bundled mechanism files by their stem."""
-    package = Path(__file__).parents[1] / "robots"
-    # In a checkout the files stand beside src/, in a wheel inside the package.
-    directory = package if package.is_dir() else Path(__file__).parents[3] / "robots"
-    return {path.stem: path for path in sorted(directory.glob("*.yaml"))}
+    return {path.stem: path for path in sorted(bundled_folder().glob("*.yaml"))}
 
 
 def bundled(name: str) -> Path | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -14,8 +14,6 @@ from cartstiff import numerics
 from cartstiff.errors import InputError, UnknownNameError, one_line
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.catalogue import example_robot
-from cartstiff.loading.keys.bodies import PayloadModel
-from cartstiff.loading.keys.springs import FlexibleModel, JointSpringModel, LineModel
 from cartstiff.loading.mjcf.facts import Lifted, Obstacle
 from cartstiff.loading.robot_description import (
     RobotDescription,
@@ -23,7 +21,6 @@ from cartstiff.loading.robot_description import (
     read_robot_description,
 )
 from cartstiff.loading.ros import ROBOT_FILES, Ros, described_robot, is_description_name
-from cartstiff.loading.schema import ClosedChainFile, LegModel, ParallelFile, SerialFile
 from cartstiff.loading.springs import extra_lines, give_of, negative_links
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
@@ -33,6 +30,11 @@ from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import DeadForce
 from cartstiff.potentials.springs import CoupledSprings, JointSprings
+
+if TYPE_CHECKING:
+    from cartstiff.loading.keys.bodies import PayloadModel
+    from cartstiff.loading.keys.springs import FlexibleModel, JointSpringModel, LineModel
+    from cartstiff.loading.schema import ClosedChainFile, LegModel, ParallelFile, SerialFile
 
 __all__ = [
     "add_payload",

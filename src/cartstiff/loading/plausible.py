@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
-from pydantic import BaseModel
-
-from cartstiff.loading.keys.springs import BeamModel
-from cartstiff.loading.keys.words import PoseModel
-from cartstiff.loading.schema import LegModel, PlatformFile, SpringsFile
+from cartstiff.loading.keys.checked import form_of
 from cartstiff.mechanisms.elastic import Note
 
-__all__ = ["file_notes", "large_lengths", "stretched", "turned"]
+if TYPE_CHECKING:
+    from cartstiff.loading.schema import PlatformFile, SpringsFile
 
-_Model = TypeVar("_Model", bound=BaseModel)
+__all__ = ["file_notes", "large_lengths", "stretched", "turned"]
 
 #: rad; a rotation that is written as more than a turn looks like degrees.
 _TURN = 2.0 * math.pi
@@ -76,17 +73,17 @@ def _doubtful(doubted: Mapping[str, Sequence[float]], unit: str, question: str) 
 
 def file_notes(file: Any) -> list[Note]:
     """Notes on a whole mechanism file: of angles, lengths, and a payload without gravity."""
-    poses = dict(_each(file, "", PoseModel))
+    poses = dict(_each(file, "", "PoseModel"))
     notes = turned({f"{place}.rpy": pose.rpy for place, pose in poses.items()})
     lengths: dict[str, Sequence[float]] = {}
-    if isinstance(file, (PlatformFile, SpringsFile)):
+    if file.kind in ("stewart-gough", "springs"):
         notes += gyration(file)
         if "units" not in file.model_fields_set:
             for key in ("base", "platform"):
                 lengths |= {f"{key}.{i}": p for i, p in enumerate(getattr(file, key), start=1)}
             lengths |= {f"{place}.xyz": pose.xyz for place, pose in poses.items()}
     else:
-        beams = dict(_each(file, "", BeamModel))
+        beams = dict(_each(file, "", "BeamModel"))
         lengths |= {f"{place}.length": [beam.length] for place, beam in beams.items()}
         soft = {f"{place}.E": [beam.E] for place, beam in beams.items() if beam.E < _SOFT}
         notes += _doubtful(soft, "N/m^2", "Gigapascals? Moduli are in N/m^2")
@@ -101,19 +98,19 @@ def file_notes(file: Any) -> list[Note]:
     return notes
 
 
-def _each(value: Any, place: str, kind: type[_Model]) -> Iterator[tuple[str, _Model]]:
-    """All entries of a kind in a file, by the keys that lead to them."""
+def _each(value: Any, place: str, form: str) -> Iterator[tuple[str, Any]]:
+    """All entries of a model in a file, by the keys that lead to them."""
     inner: Iterable[tuple[str, Any]] = ()
-    if isinstance(value, kind):
+    if form_of(value) == form:
         yield place, value
-    elif isinstance(value, BaseModel):
+    elif hasattr(value, "model_fields_set"):
         inner = ((key, getattr(value, key)) for key in value.model_fields_set)
     elif isinstance(value, dict):
         inner = value.items()
-    elif isinstance(value, list) and value and isinstance(value[0], LegModel):
+    elif isinstance(value, list) and value and form_of(value[0]) == "LegModel":
         inner = ((str(i), entry) for i, entry in enumerate(value, start=1))
     for key, entry in inner:
-        yield from _each(entry, f"{place}.{key}" if place else key, kind)
+        yield from _each(entry, f"{place}.{key}" if place else key, form)
 
 
 def _numbers(values: Sequence[float]) -> str:

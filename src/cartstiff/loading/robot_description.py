@@ -15,19 +15,19 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Lock
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pinocchio as pin
 
 from cartstiff.errors import InputError, one_line
 from cartstiff.loading.mjcf.facts import MjcfFacts
-from cartstiff.loading.mjcf.reading import read_mjcf
 from cartstiff.loading.ros import Ros, expanded_xacro, is_xacro
-from cartstiff.loading.sdf.reading import read_sdf
 from cartstiff.loading.urdf import Mimic, UrdfFacts, prepare_urdf
 from cartstiff.loading.yaml_file import read_text
 from cartstiff.mechanisms.chain import Description
-from cartstiff.mechanisms.shapes import Piece
+
+if TYPE_CHECKING:
+    from cartstiff.mechanisms.shapes import Piece
 
 __all__ = ["RobotDescription", "described_text", "parse_text", "parse_xml", "quiet",
            "read_robot_description"]  # fmt: skip
@@ -116,6 +116,8 @@ def read_robot_description(
                          got=", ".join(ros.arguments))  # fmt: skip
     said = None
     if root.tag == "sdf":
+        from cartstiff.loading.sdf.reading import read_sdf
+
         expanded, said = read_sdf(root, where)
         root = parse_text(expanded, where)
     if root.tag == "robot":
@@ -130,6 +132,8 @@ def read_robot_description(
         packages = tuple(ros.packages)
         return RobotDescription(path, model, facts, said, text=expanded, packages=packages)
     if root.tag == "mujoco" and expanded is None:
+        from cartstiff.loading.mjcf.reading import read_mjcf
+
         model, mjcf, pieces = read_mjcf(path, where)
         return RobotDescription(path, model, mjcf=mjcf, pieces=pieces)
     raise InputError(

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
-from cartstiff.child_process import answer_of
 from cartstiff.errors import InputError, MissingDependencyError, UnknownNameError, one_line
 from cartstiff.loading import ros_worker
 
@@ -62,6 +61,8 @@ def expanded_xacro(path: Path, ros: Ros, where: str) -> str:
     """
     if importlib.util.find_spec("xacro") is None:
         raise MissingDependencyError("xacro", f"reading {where}", "xacro")
+    from cartstiff.child_process import answer_of
+
     arguments = [str(path.resolve()), dict(ros.arguments), [str(p) for p in ros.packages]]
     answer = answer_of(ros_worker.__file__, ["expanded", json.dumps(arguments)], where, "xacro")
     if "missing" in answer:
@@ -113,6 +114,8 @@ def described_robot(name: str) -> tuple[Path, Ros]:
     """
     if not _has_descriptions():
         raise MissingDependencyError("robot_descriptions", f"the robot {name!r}", "descriptions")
+    from cartstiff.child_process import answer_of
+
     arguments = ["described", json.dumps([name])]
     answer = answer_of(ros_worker.__file__, arguments, name, "robot_descriptions")
     if "unknown" in answer:

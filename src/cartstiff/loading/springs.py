@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,8 +11,7 @@ from cartstiff import numerics
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.keys.springs import BeamModel, FlexibleModel, JointSpringModel, LineModel
-from cartstiff.loading.keys.words import pose_of
+from cartstiff.loading.keys.checked import pose_of
 from cartstiff.loading.mjcf.facts import MjcfFacts
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import rest_of_turns
@@ -29,6 +29,14 @@ from cartstiff.potentials.springs import (
     SpringLaw,
     TabulatedLaw,
 )
+
+if TYPE_CHECKING:
+    from cartstiff.loading.keys.springs import (
+        BeamModel,
+        FlexibleModel,
+        JointSpringModel,
+        LineModel,
+    )
 
 __all__ = [
     "ASSUMED_STIFFNESS",

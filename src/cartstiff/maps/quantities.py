@@ -26,8 +26,7 @@ from cartstiff.analysis.ellipsoids import (
     stiffness_along,
     stiffness_ellipsoid,
 )
-from cartstiff.analysis.matrices import ROTATION, TRANSLATION, stiffness_of_motion
-from cartstiff.analysis.sections import UNITS
+from cartstiff.analysis.matrices import ROTATION, TRANSLATION, UNITS, stiffness_of_motion
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps import row_by_row

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -13,7 +13,9 @@ from cartstiff.errors import UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.joint_kinds import primitive
-from cartstiff.mechanisms.superelement import SuperelementMass
+
+if TYPE_CHECKING:
+    from cartstiff.mechanisms.superelement import SuperelementMass
 
 __all__ = [
     "SEGMENT",

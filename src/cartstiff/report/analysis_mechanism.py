@@ -7,8 +7,8 @@ from math import degrees
 from typing import Any
 
 from cartstiff import numerics
+from cartstiff.analysis.matrices import PURE
 from cartstiff.analysis.plain import unit_of
-from cartstiff.analysis.sections import PURE
 from cartstiff.mechanisms.contract import Units
 from cartstiff.report.layout import number, numbers, percent, row, table, vector
 

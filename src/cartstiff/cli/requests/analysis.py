@@ -12,7 +12,6 @@ import click
 
 from cartstiff.choices import LEVELS, ORDERS
 from cartstiff.cli.output import Progress
-from cartstiff.cli.requests.target_file import Target, read_target
 from cartstiff.cli.types import (
     POINT,
     WRENCH,
@@ -27,6 +26,7 @@ from cartstiff.errors import InputError
 from cartstiff.matrix_names import LETTERS
 
 if TYPE_CHECKING:
+    from cartstiff.cli.requests.target_file import Target
     from cartstiff.stiffness.compute import PostureStiffness
 
 __all__ = ["AnalysisRequest", "analysis_options"]
@@ -128,7 +128,11 @@ class AnalysisRequest:
     @cached_property
     def wanted(self) -> Target | None:
         """The desired stiffness as its file has it."""
-        return None if self.target is None else read_target(self.target, self.target_order)
+        if self.target is None:
+            return None
+        from cartstiff.cli.requests.target_file import read_target
+
+        return read_target(self.target, self.target_order)
 
     def _in_body(self, components: list[float] | None, result: PostureStiffness) -> Any:
         """Three components, or twice three, in the body's axes."""
@@ -138,16 +142,22 @@ class AnalysisRequest:
 
         return (np.reshape(components, (-1, 3)) @ result.pose[:3, :3]).ravel()
 
-    def run(self, result: PostureStiffness) -> dict[str, Any]:
-        """The analysis; with a progress bar on a terminal while tolerances are propagated."""
+    def run(self, result: PostureStiffness, springs: bool) -> dict[str, Any]:
+        """The analysis; `springs` that give the matrix are looked for where they are shown.
+
+        A terminal shows a progress bar while tolerances are propagated.
+        """
         import numpy as np
 
         from cartstiff.analysis.posture import analyse_posture
-        from cartstiff.analysis.tolerances import Tolerances
         from cartstiff.geometry.se3 import pose
         from cartstiff.mechanisms.contract import SI, convert_length
 
-        mass = inertia = None
+        mass = inertia = tolerances = None
+        if self.tolerance is not None:
+            from cartstiff.analysis.tolerances import Tolerances
+
+            tolerances = Tolerances(*self.tolerance)
         if self.inertia is not None:
             a, f = convert_length(SI, result.elastic.units)
             mass, inertia = self.inertia[0] * f / a, np.diag(self.inertia[1:]) * f * a
@@ -159,8 +169,8 @@ class AnalysisRequest:
                     direction=self._in_body(self.direction, result),
                     wrench=self._in_body(self.deflect, result), wrench_at=self.deflect_at,
                     target=None if self.wanted is None else self.wanted.in_body_frame(result),
-                    tolerances=None if self.tolerance is None else Tolerances(*self.tolerance),
-                    samples=self.samples or 0, progress=progress,
+                    tolerances=tolerances,
+                    samples=self.samples or 0, springs=springs, progress=progress,
                 )  # fmt: skip
                 json.dumps(answer, allow_nan=False)
             except (np.linalg.LinAlgError, FloatingPointError, ValueError) as error:

@@ -9,8 +9,6 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, WithJsonSchema, WrapValidator
 from pydantic_core import PydanticCustomError
 
-from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
 from cartstiff.loading.yaml_file import LARGEST_NUMBER
 
 __all__ = [
@@ -30,7 +28,6 @@ __all__ = [
     "Vector",
     "Vectors",
     "only_one",
-    "pose_of",
 ]  # fmt: skip
 
 _MOST = LARGEST_NUMBER
@@ -111,8 +108,3 @@ def only_one(model: BaseModel, *keys: str, needed: bool = True) -> None:
         raise ValueError(f"give exactly one of {', '.join(keys)}")
     if given > 1:
         raise ValueError(f"give {' or '.join(keys)}, not both")
-
-
-def pose_of(model: PoseModel) -> Array:
-    """4x4 pose of a {xyz, rpy} entry."""
-    return se3.from_roll_pitch_yaw(model.xyz, model.rpy)

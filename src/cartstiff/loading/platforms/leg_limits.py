@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.keys.bodies import LegJointsModel
-from cartstiff.loading.schema import PlatformFile, SpringsFile
 from cartstiff.mechanisms.leg_limits import LegLimits
+
+if TYPE_CHECKING:
+    from cartstiff.loading.keys.bodies import LegJointsModel
+    from cartstiff.loading.schema import PlatformFile, SpringsFile
 
 __all__ = ["leg_limits_of", "pair_per_leg"]
 

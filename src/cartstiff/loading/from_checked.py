@@ -1,18 +1,23 @@
-"""What a mechanism file says about where its stiffnesses come from."""
+"""The mechanism of a checked file, with what the file says of where its stiffnesses come from."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cartstiff.errors import InputError
-from cartstiff.loading.keys.identified import IdentifiedModel
+from cartstiff.errors import InputError, one_line
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.elements import CompliancePattern, Elements
 from cartstiff.mechanisms.identified import Identified
 
-__all__ = ["with_findings"]
+if TYPE_CHECKING:
+    from cartstiff.loading.keys.identified import IdentifiedModel
+    from cartstiff.loading.shorthand.parameters import Parameters
+
+__all__ = ["mechanism_of", "with_findings"]
 
 # Values of the file and its springs agree to this share; a person may round them.
 _AGREE = 1e-3
@@ -61,3 +66,34 @@ def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticM
         )
         notes.append(Note("stiffness-not-identified", words, {"joints": model.undetermined}))
     return replace(elastic, notes=tuple(notes), identified=identified)
+
+
+def mechanism_of(
+    file: Any, parameters: Parameters, path: Path, given: dict[str, Any]
+) -> ElasticMechanism:
+    """The mechanism of a file that has been checked."""
+    from cartstiff.loading import build
+    from cartstiff.loading.plausible import file_notes
+
+    where, name = one_line(str(path)), file.name or path.stem
+    if file.kind == "parallel":
+        from cartstiff.loading.legs.tree import with_drawn_legs
+
+        file = with_drawn_legs(file, where)
+    file = build.with_given(file, given, where)
+    if file.kind == "serial":
+        elastic = build.build_serial(file, path.parent, where, name)
+    elif file.kind in ("stewart-gough", "springs"):
+        elastic = build.build_platform(file, where, name)
+    else:
+        from cartstiff.loading import build_closed
+
+        parallel = file.kind == "parallel"
+        make = build_closed.build_parallel if parallel else build_closed.build_closed_chain
+        elastic = make(file, path.parent, where, name)
+    notes = (*elastic.notes, *file_notes(file), *parameters.notes())
+    source = " ".join((file.source or "").split())
+    elastic = replace(elastic, notes=notes, source=source, parameters=parameters.values)
+    if file.identified is None:
+        return elastic
+    return with_findings(elastic, file.identified)
