@@ -1,0 +1,13 @@
+"""Stiffness of the object against turning, and the radius at which it vanishes; it is linear in the radius."""
+
+import cartstiff
+
+
+def answers(inputs, folder):
+    found = {}
+    for name in ("small", "large"):
+        result = cartstiff.analyse(cartstiff.load(folder / f"mechanism-{name}.yaml"))
+        found[name] = 1.0 / result.compliances["B"][2, 2]
+    low, high = inputs["radii"]
+    share = found["small"] / (found["small"] - found["large"])
+    return {**found, "radius": low + share * (high - low)}
