@@ -204,10 +204,13 @@ def masses_by_side(
         return [(near, own)]
     beyond: list[tuple[Place, Any]] = []
     for k, frame in enumerate(model.frames):
-        if int(frame.parentJoint) == joint and frame.inertia.mass > 0:
+        inertia = frame.placement.act(frame.inertia)
+        if int(frame.parentJoint) == joint and (inertia.mass > 0 or np.any(inertia.inertia)):
             place = side(k, joint)
             if place is not near:
-                inertia = frame.placement.act(frame.inertia)
-                own = own - inertia
+                # Pinocchio's difference is no number where neither has a mass.
+                own = own - inertia if inertia.mass > 0 else pin.Inertia(
+                    own.mass, own.lever, own.inertia - inertia.inertia
+                )  # fmt: skip
                 beyond.append((place, inertia))
     return [(near, own), *beyond]

@@ -147,8 +147,7 @@ class KinematicTree:
                 self.model.names[j],
             )  # fmt: skip
             model.armature[model.idx_vs[at[j]]] = self.model.armature[self.model.idx_vs[j]]
-            if self.model.inertias[j].mass > 0:
-                model.appendBodyToJoint(at[j], self.model.inertias[j], pin.SE3.Identity())
+            model.appendBodyToJoint(at[j], self.model.inertias[j], pin.SE3.Identity())
         places = np.array(order, np.intp) - 1
         return KinematicTree(model, tuple(self.coordinates[k] for k in places), {}), places
 

@@ -155,7 +155,7 @@ def plain_tree(
             place = joint, se3.inverse(give.end)
             beyond.setdefault(i, []).append((spring.carried, place))
         for (joint, T_j), inertia in masses_by_side(model, i, side, near[i], i in beyond):
-            if joint > 0 and inertia.mass > 0:
+            if joint > 0:  # a flywheel without mass has its inertia all the same
                 plain.appendBodyToJoint(joint, inertia, pin.SE3(T_j))
 
     soften(0)
@@ -226,8 +226,7 @@ def merged(parts: Sequence[tuple[str, KinematicTree, Array]]) -> KinematicTree:
                 (model.armature, tree.model.armature), (model.damping, tree.model.damping)
             ):  # fmt: skip
                 own[model.idx_vs[at[j]]] = of[tree.model.idx_vs[j]]
-            if tree.model.inertias[j].mass > 0:
-                model.appendBodyToJoint(at[j], tree.model.inertias[j], pin.SE3.Identity())
+            model.appendBodyToJoint(at[j], tree.model.inertias[j], pin.SE3.Identity())
         coordinates += [replace(c, name=prefix + c.name) for c in tree.coordinates]
         for name, p in tree.frames.items():
             T = T_F_root @ p.T_j_f if p.joint == 0 else p.T_j_f
