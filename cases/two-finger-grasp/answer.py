@@ -1,4 +1,4 @@
-"""Stiffness of the object against turning, and the radius at which it vanishes; it is linear in the radius."""
+"""Stiffness of the object against turning, linear in the radius, and where it vanishes."""
 
 import cartstiff
 

@@ -1,8 +1,8 @@
 """Second derivative of the energy by the object's turn, and its root.
 
-When the object turns by t, the contact rolls along the face by r t. The tip's centre then stands at
-R(t) (r t, a + r): to second order (-a t, a + r + (r - a) t^2 / 2). Springs across the face and along
-it, and the squeeze, take these two numbers.
+When the object turns by t, the contact rolls along the face by r t. The tip's centre then stands
+at R(t) (r t, a + r): to second order (-a t, a + r + (r - a) t^2 / 2). The springs along the face
+take the first number, the squeeze the second.
 """
 
 
