@@ -33,7 +33,8 @@ def test_it_does_beyond_a_link_that_gives(drive):
     stiffness = np.diag([30.0, 30.0, 30.0, 1e9, 1e9, 1e9]).tolist()
     path = drive.with_name("drive.yaml")
     path.write_text(
-        f"kind: serial\nmodel: drive.urdf\nframe: wheel\nsprings: {{turn: {{stiffness: {SPRING}}}}}\n"
+        "kind: serial\nmodel: drive.urdf\nframe: wheel\n"
+        f"springs: {{turn: {{stiffness: {SPRING}}}}}\n"
         f"flexible: {{shaft: {{stiffness: {stiffness}}}}}\n"
     )
     frequencies = cartstiff.modes(cartstiff.load(path)).frequencies
