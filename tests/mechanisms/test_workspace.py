@@ -19,6 +19,7 @@ from cartstiff.cli.main import main
 from cartstiff.errors import InputError
 from cartstiff.reach.margins import lines_at, wrench_margins
 from cartstiff.report.json_schema import json_schema
+from cartstiff.report.workspaces import describe_workspace
 
 LEGS = {
     "limits": [[0.85, 1.25]] * 6,
@@ -90,6 +91,85 @@ def test_boundary_poses_agree_with_analyse(machine, found):
     assert np.isclose(sum(found.positions.shares().values()), 1.0)
 
 
+PUS = {
+    "chain": "PUS", "rail": "vertical", "rod": 0.5, "stiffness": 2e7, "limits": [-0.1, 0.3],
+    "base": {"radius": 0.35, "half_angle": 0.2}, "platform": {"radius": 0.15, "half_angle": 0.2},
+}  # fmt: skip
+RPS = {"chain": "RPS", "stiffness": 1e7, "limits": [0.5, 0.75], "base": {"radius": 0.3},
+       "platform": {"radius": 0.2}}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def machines():
+    return {
+        "6-pus": cartstiff.parallel(PUS, [0, 0, 0.55, 0, 0, 0]),
+        "3-rps": cartstiff.parallel(RPS, [0, 0, 0.6, 0, 0, 0]),
+        "delta": cartstiff.load("delta"),
+    }
+
+
+@pytest.mark.parametrize(("name", "axes"), [("6-pus", "xyz"), ("3-rps", None), ("delta", "xyz")])
+def test_boundaries_of_bodies_on_legs_agree_with_analyse(machines, name, axes):
+    """Just inside `analyse` finds no limit; just outside it names the one that cuts."""
+    elastic = machines[name]
+    found = cartstiff.workspace(elastic, directions=8, scan=10, fits=False)
+    assert found.axes == (tuple(axes) if axes else ("z", "roll", "pitch"))
+    columns = [["x", "y", "z", "roll", "pitch", "yaw"].index(a) for a in found.axes]
+    home = np.append(found.pose[:3, 3], np.zeros(3))
+    seen = set()
+    for k in range(0, len(found.positions.edges), max(1, len(found.positions.edges) // 8)):
+        ray, distance, enters, limit = found.positions.edges[k]
+        for step, inside in ((0.0, True), (-1e-4 if enters else 1e-4, False)):
+            pose = home.copy()
+            offset = (distance + step) * found.positions.directions[ray]
+            pose[columns] += found.scales * offset
+            if limit == "singularity" and not inside:
+                continue
+            if limit.startswith("reach") and not inside:
+                with pytest.raises(InputError, match="cannot be reached"):
+                    cartstiff.at_pose(elastic, pose)
+            else:
+                q = cartstiff.at_pose(elastic, pose)[0]
+                notes = {n.code: n for n in cartstiff.analyse(elastic, q).notes}
+                assert ("beyond-limits" not in notes) == inside
+                if not inside:
+                    assert limit.rpartition(", ")[0] in notes["beyond-limits"].values
+            seen.add(limit)
+    assert len(seen) > 1
+    assert found.volume > 0
+    json_text = json.dumps(found.as_dict(), allow_nan=False)
+    jsonschema.validate(json.loads(json_text), json_schema("workspace"))
+    assert found.axes[2] in describe_workspace(found)
+
+
+def test_volume_of_a_body_on_rails_is_that_of_a_grid(machines):
+    """Slides by Pythagoras, the side of singular poses by the lines of the rods."""
+    elastic = machines["6-pus"]
+    found = cartstiff.workspace(elastic, directions=288, scan=24, fits=False)
+    legs = elastic.mechanism.legs
+    anchors = np.array([leg.shape.anchor for leg in legs])
+    points = np.array([leg.T_M_end[:3, 3] for leg in legs])
+    low, high = found.boundary.min(axis=0) - 0.01, found.boundary.max(axis=0) + 0.01
+    n = 70
+    axes = [low[i] + (np.arange(n) + 0.5) * (high[i] - low[i]) / n for i in range(3)]
+    places = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    places = np.vstack([found.pose[:3, 3], places])
+    B = places[:, None] + points
+    across = np.linalg.norm((B - anchors)[..., :2], axis=2)
+    with np.errstate(invalid="ignore"):
+        slides = (B - anchors)[..., 2] - np.sqrt(0.25 - across**2)
+        good = ((slides >= -0.1) & (slides <= 0.3)).all(axis=1)
+    C = anchors + slides[..., None] * [0, 0, 1]
+    rods = (B - C) / 0.5
+    lines = np.concatenate([np.cross(np.broadcast_to(points, rods.shape), rods), rods], axis=2)
+    signs = np.sign(np.linalg.det(np.where(good[:, None, None], lines, np.eye(6))))
+    inside = good & (signs == signs[0])
+    volume = inside[1:].mean() * np.prod(high - low)
+    assert abs(found.volume - volume) < 0.01 * volume
+    assert abs(found.volume - volume) < found.volume_error
+    assert found.columns.poses + found.positions.poses < 0.1 * n**3
+
+
 def test_what_fits_inside_is_inside(machine, found):
     rng = np.random.default_rng(0)
     centre, radius = found.sphere
@@ -157,8 +237,14 @@ def test_what_is_singular_everywhere_is_named_once(path, code):
 
 
 def test_what_has_no_workspace_is_refused(machine):
-    with pytest.raises(InputError, match="platforms"):
+    with pytest.raises(InputError, match="three freedoms"):
         cartstiff.workspace(cartstiff.load("five-bar"))
+    with pytest.raises(InputError, match="platforms"):
+        cartstiff.workspace(cartstiff.load("ur5"))
+    with pytest.raises(InputError, match="slides have no limits"):
+        cartstiff.workspace(cartstiff.load("3-rps"))
+    with pytest.raises(InputError, match="limits of forces"):
+        cartstiff.workspace(cartstiff.load("6-pus"), wrench=[0, 0, 0, 0, 0, 1])
     with pytest.raises(InputError, match="no limits"):
         cartstiff.workspace(cartstiff.load("stewart-gough"))
     open_ended = replace(machine, mechanism=cartstiff.load("cable-robot").mechanism)

@@ -19,6 +19,7 @@ from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.inverse import inverse_kinematics
+from cartstiff.kinematics.legs import Leg, legs_of
 from cartstiff.mechanisms.chain import Chain, ChainPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note, checked_elastic
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
@@ -33,6 +34,8 @@ COORDINATES = ("x", "y", "z", "roll", "pitch", "yaw")
 _STEPS, _LONGEST = 200, 0.1
 #: The same of legs in closed form.
 _FEW_STEPS = 30
+# Poses about the default one that show how a body moves (rad, or characteristic lengths).
+_NEAR = 0.02
 
 
 def at_pose(
@@ -126,6 +129,9 @@ def at_poses(elastic: ElasticMechanism, poses: ArrayLike) -> tuple[Array, list[i
     free = search.freedoms()
     if len(chain.legs) == len(chain.closures) + 1:
         return search.many_by_legs(wanted, free), free
+    legs = legs_of(elastic, limits=False)
+    if legs is not None and (q := search.many_by_steps(legs, wanted, free)) is not None:
+        return q, free
     found = np.full((len(wanted), len(search.q)), np.nan)
     for i, pose in enumerate(wanted):
         q = search.by_steps(pose, free)
@@ -259,6 +265,26 @@ class _Search:
             missed = np.maximum(missed, miss)  # NaN stays
         q[~(missed <= numerics.REACHED)] = np.nan
         return q
+
+    def many_by_steps(self, legs: list[Leg], wanted: Array, free: list[int]) -> Array | None:
+        """Each leg at poses (N, 6) by steps from the default posture, all poses at once.
+
+        None where coordinates that are not free do not stay where they are while others move.
+        """
+        home = self.coordinates(self.start)
+        near = home + np.vstack([np.eye(6)[free], -np.eye(6)[free]]) * _NEAR * self.sizes
+        if any(leg.free != "none" for leg in legs):
+            return None
+        at = np.vstack([near, wanted])
+        at[:, [i for i in range(6) if i not in free]] = home[[i for i in range(6) if i not in free]]
+        T = se3.from_roll_pitch_yaw(at[:, :3], at[:, 3:])
+        q = np.tile(self.q, (len(at), 1))
+        for leg in legs:
+            target = leg.before @ (np.linalg.inv(T) if leg.hangs else T) @ leg.after
+            own, good = leg.solver.solve(target, q[:, leg.columns])
+            q[:, leg.columns] = own
+            q[~good] = np.nan
+        return q[len(near) :] if np.isfinite(q[: len(near)]).all() else None
 
     def _mode(self, leg: PlacedLeg) -> int:
         return leg.mode(self.q, self.start.pose)

@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
-from cartstiff.reach.margins import Margins
 
 __all__ = [
     "Columns",
+    "Inside",
+    "Moved",
     "Progress",
     "Rays",
     "columns_inside",
@@ -32,6 +34,20 @@ _WIDENINGS = 5
 # Of the search for what fits inside: directions, and in the end, poses along each, places tried.
 _DIRECTIONS, _CHECKED, _SCAN, _PLACES = 50, 800, 10, 40
 Progress = Callable[[int, int], None]
+#: Poses (N, 4, 4) of offsets (N, 3) from the centre.
+Moved = Callable[[Array], Array]
+
+
+class Inside(Protocol):
+    """What tells which poses are within all limits, and how far they are from each."""
+
+    names: tuple[str, ...]
+
+    def at(self, poses: Array) -> Array:
+        """Margins (N, k) at poses (N, 4, 4)."""
+
+    def inside(self, poses: Array) -> NDArray[np.bool_]:
+        """Which poses (N,) are within all limits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +112,7 @@ def sphere_rule(count: int) -> tuple[Array, Array]:
 
 
 def rays_to_boundaries(
-    margins: Margins, pose_at: Callable[[Array], Array], reach: float, count: int, scan: int,
+    margins: Inside, pose_at: Moved, reach: float, count: int, scan: int,
     progress: Progress | None = None,
 ) -> Rays:  # fmt: skip
     """Boundaries along rays; `pose_at` makes poses (N, 4, 4) of offsets (N, 3) from the centre."""
@@ -176,24 +192,30 @@ class Columns(NamedTuple):
 
 
 def columns_inside(
-    margins: Margins, pose: Array, boundary: Array, count: int, scan: int, reach: float
+    margins: Inside,
+    pose_at: Moved,
+    centre: Array,
+    boundary: Array,
+    count: int,
+    scan: int,
+    reach: float,
 ) -> Columns:
     """Columns over the box around boundary positions (k, 3), widened until it holds all.
 
     Positions further than `reach` from the centre do not count.
-    """
+    """  # fmt: skip
 
     def within(places: Array) -> Array:
-        offsets = places - pose[:3, 3]
+        offsets = places - centre
         near = np.linalg.norm(offsets, axis=1) <= reach
         reached = np.zeros(len(places), bool)
-        reached[near] = margins.inside(shifted(pose, offsets[near]))
+        reached[near] = margins.inside(pose_at(offsets[near]))
         return reached
 
     if not len(boundary):
         return Columns(0.0, np.empty((0, 2)), np.empty((0, 2)), 0.0, 0)
     low, high = boundary.min(axis=0), boundary.max(axis=0)
-    wide = np.maximum(high - low, numerics.NEARBY * margins.platform.length)
+    wide = np.maximum(high - low, numerics.NEARBY * reach)
     low, high = low - 0.03 * wide, high + 0.03 * wide
     poses = 0
     for _ in range(_WIDENINGS):
@@ -234,7 +256,7 @@ def columns_inside(
 
 
 def inscribed(
-    margins: Margins, pose: Array, positions: Rays
+    margins: Inside, pose_at: Moved, centre: Array, positions: Rays
 ) -> tuple[tuple[Array, float], tuple[Array, float]]:
     """Largest sphere and cube inside, from the best of some starts by a direct search."""
     from scipy.optimize import minimize
@@ -245,23 +267,23 @@ def inscribed(
     few, many = (np.vstack([corners, sphere_rule(n)[0]]) for n in (_DIRECTIONS, _CHECKED))
     steps = np.linspace(0.0, reach, scan + 1)[1:]
 
-    def exits(centre: Array, directions: Array) -> Array:
+    def exits(place: Array, directions: Array) -> Array:
         """Distances (d,) to the first boundary from a place."""
-        offsets = centre + (directions[:, None] * steps[:, None]).reshape(-1, 3)
-        inside = margins.inside(shifted(pose, offsets)).reshape(len(directions), -1)
+        offsets = place + (directions[:, None] * steps[:, None]).reshape(-1, 3)
+        inside = margins.inside(pose_at(offsets)).reshape(len(directions), -1)
         k = np.where(inside.all(axis=1), scan - 1, np.argmin(inside, axis=1))
         near, far = np.where(k > 0, steps[k - 1], 0.0), steps[k]
         for _ in range(_HALVINGS // 2):
             middle = 0.5 * (near + far)
-            within = margins.inside(shifted(pose, centre + middle[:, None] * directions))
+            within = margins.inside(pose_at(place + middle[:, None] * directions))
             near, far = np.where(within, middle, near), np.where(within, far, middle)
         return near
 
     def largest(size: Callable[[Array], Array]) -> tuple[Array, float]:
-        def less(centre: Array) -> float:
-            if not margins.inside(shifted(pose, centre[None]))[0]:
-                return float(np.linalg.norm(centre))
-            return -float((exits(centre, few) * size(few)).min())
+        def less(place: Array) -> float:
+            if not margins.inside(pose_at(place[None]))[0]:
+                return float(np.linalg.norm(place))
+            return -float((exits(place, few) * size(few)).min())
 
         inner = positions.first.min() or 0.1 * reach
         simplex = np.vstack([np.zeros(3), np.eye(3) * max(inner, 0.02 * reach)])
@@ -272,7 +294,7 @@ def inscribed(
             "fatol": 0.0,
         }
         best = minimize(less, np.zeros(3), method="Nelder-Mead", options=options)
-        return pose[:3, 3] + best.x, float((exits(best.x, many) * size(many)).min())
+        return centre + best.x, float((exits(best.x, many) * size(many)).min())
 
     sphere = largest(lambda directions: np.ones(len(directions)))
     cube = largest(lambda directions: np.abs(directions).max(axis=1))

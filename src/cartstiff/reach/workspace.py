@@ -11,25 +11,29 @@ an axis takes ``(theta - sin theta) / pi`` of all rotations in that direction.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_flag, checked_vector
+from cartstiff.arrays import checked_flag, checked_length, checked_vector
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.architecture import architecture_of, orientation_rank
+from cartstiff.kinematics.at_pose import COORDINATES
+from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note, checked_elastic
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notebook import ShownInLines
+from cartstiff.reach.leg_margins import LegMargins
 from cartstiff.reach.margins import Margins, lines_at
 from cartstiff.reach.regions import (
     Columns,
+    Moved,
     Progress,
     Rays,
     columns_inside,
@@ -46,7 +50,7 @@ WORKSPACE_SCHEMA = "cartstiff-workspace/1"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Workspace(ShownInLines):
-    """What a platform reaches with one orientation, and around one position.
+    """What a platform, or a body on legs, reaches with one orientation, and around one position.
 
     Attributes
     ----------
@@ -65,6 +69,11 @@ class Workspace(ShownInLines):
         poses inside, and where it is.
     margin : float
         Least margin at the centre: negative where it is outside.
+    axes : tuple of str
+        Coordinates of the pose that are followed: x, y, z, or those that a body with fewer freedoms
+        takes. Rays and columns count angles as lengths, a quarter of a turn as the reach.
+    scales : ndarray (3,)
+        What makes them coordinates again.
     notes : tuple of Note
         What was assumed, and what does not exist.
     """
@@ -78,16 +87,18 @@ class Workspace(ShownInLines):
     cube: tuple[Array, float] | None = None
     singularity: tuple[float, Array] | None = None
     margin: float | None = None
+    axes: tuple[str, ...] = ("x", "y", "z")
+    scales: Array = field(default_factory=lambda: np.ones(3))
     notes: tuple[Note, ...] = ()
 
     @property
     def volume(self) -> float | None:
-        """Of the positions with this orientation, in length units cubed."""
-        return None if self.columns is None else self.columns.volume
+        """Of the positions with this orientation, in the units of the axes."""
+        return None if self.columns is None else self.columns.volume * float(self.scales.prod())
 
     @property
     def volume_error(self) -> float | None:
-        """Estimate of the volume's error, in length units cubed.
+        """Estimate of the volume's error.
 
         The larger of three standard errors of the columns' sum, `Columns.error`, and the difference
         from the volume that the rays enclose, ``4 pi/3`` of the mean of their lengths cubed.
@@ -95,7 +106,8 @@ class Workspace(ShownInLines):
         if self.columns is None or self.positions is None:
             return None
         by_rays = self.positions.total(lambda r: 4.0 / 3.0 * np.pi * r**3)
-        return max(self.columns.error, abs(by_rays - self.columns.volume))
+        error = max(self.columns.error, abs(by_rays - self.columns.volume))
+        return error * float(self.scales.prod())
 
     @property
     def share_of_rotations(self) -> float | None:
@@ -111,18 +123,27 @@ class Workspace(ShownInLines):
 
     @property
     def boundary(self) -> Array:
-        """Positions (k, 3) in F of the boundary: the last ones within the limits."""
-        rays = self.positions
-        if rays is None:
+        """Values (k, 3) of the axes on the boundary: the last ones within the limits."""
+        if self.positions is None:
             return np.empty((0, 3))
-        rows = [x * rays.directions[r] for r, x, *_ in rays.edges]
-        return np.array(rows).reshape(-1, 3) + self.pose[:3, 3]
+        return _places(self.positions) * self.scales + self.centre
+
+    @property
+    def centre(self) -> Array:
+        """Values (3,) of the axes where the rays start."""
+        every = np.append(self.pose[:3, 3], se3.roll_pitch_yaw(self.pose))
+        return np.asarray(every[[COORDINATES.index(name) for name in self.axes]])
+
+    @property
+    def slices(self) -> list[tuple[float, float]]:
+        """Values of the last axis, and areas across it, at equal distances."""
+        (a, b, c), z = self.scales, self.centre[2]
+        found = [] if self.columns is None else self.columns.slices(9)
+        return [(z + c * (x - z), a * b * area) for x, area in found]
 
     def _lines(self) -> list[str]:
-        return [
-            f"Workspace of {self.elastic.name}: volume {self.volume}",
-            f"  turns in every direction {self.least_turn} rad",
-        ]
+        return [f"Workspace of {self.elastic.name}: volume {self.volume}",
+                f"  turns in every direction {self.least_turn} rad"]  # fmt: skip
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON: numbers, lists, texts, None."""
@@ -138,8 +159,8 @@ class Workspace(ShownInLines):
             "volume": self.volume,
             "volume_error": self.volume_error,
             "cut_by": {} if self.positions is None else self.positions.shares(),
-            "slices": [] if self.columns is None
-            else [{"z": z, "area": area} for z, area in self.columns.slices(9)],
+            "axes": list(self.axes),
+            "slices": [{"z": z, "area": area} for z, area in self.slices],
             "poses": sum(
                 r.poses for r in (self.positions, self.turns, self.columns) if r is not None
             ),
@@ -170,12 +191,14 @@ def workspace(
     fits: bool = True,
     progress: Progress | None = None,
 ) -> Workspace:
-    """Where a platform, or a body on cables, can be within all limits of its file.
+    """Where a platform, or a body on cables or legs, can be within all limits of its file.
 
     Parameters
     ----------
     elastic : ElasticMechanism
-        With limits of legs: lengths, angles of joints, diameters, forces or tensions.
+        With limits of legs: lengths, angles of joints, diameters, forces or tensions; or a body on
+        legs made of joints, with their limits and what its legs reach. Of a body with fewer than
+        six freedoms the first three coordinates that it takes are followed.
     q : array_like (6,), optional
         Pose whose orientation is kept, and around whose position rotations are tried; rays start
         there. Default the file's pose.
@@ -183,8 +206,8 @@ def workspace(
         Load W (moment, force) that the environment applies at M's origin, in the axes of F; it
         counts where forces or tensions are limited, as the body's weight does under gravity.
     directions : int, optional
-        About how many rays, and columns; 1000, or 200 for cables and for more than six legs with
-        limited forces.
+        About how many rays, and columns; 1000, or 200 for cables, for more than six legs with
+        limited forces, and for legs made of joints.
     scan : int
         Poses along each ray before boundaries are bisected: gaps and parts thinner than
         ``reach / scan`` may be missed.
@@ -211,53 +234,120 @@ def workspace(
     through = checked_flag(through_singularities, "through_singularities")
     values = elastic.q if q is None else named_values(q, elastic.names, elastic.q, "q")
     load = np.zeros(6) if wrench is None else checked_vector(wrench, 6, "wrench")
-    platform = elastic.mechanism
-    bare = Margins(elastic, load)
-    if not isinstance(platform, Platform):
-        raise InputError("workspaces are found for platforms", got=platform.kind)
     if scan < 2 or (directions is not None and directions < 8):
         raise InputError("too few poses", expected="scan from 2, directions from 8")
-    pose, six = platform.pose_of(np.asarray(values, float)), len(platform.points) == 6
-    notes, sign = list(elastic.notes), 0.0
-    if len(platform.points) >= 6:
-        singular = _singular(platform, pose, bare)
-        if singular is not None:
-            return Workspace(elastic, pose, notes=(*notes, singular))
-    if not bare.names:
-        raise InputError("no limits: every pose is within them",
-                         expected="limits, base_joints, diameter or force in legs")  # fmt: skip
-    if six and not through and not bare.springs.unilateral:
-        sign = float(np.sign(np.linalg.det(lines_at(platform, pose[None])[1])[0]))
-    margins = Margins(elastic, load, sign)
-    count = directions or (200 if margins.forces is not None and margins.is_spread else 1000)
-    centre, R = pose[:3, 3], pose[:3, :3]
+    notes = list(elastic.notes)
+    if isinstance(elastic.mechanism, Chain):
+        if load.any():
+            raise InputError("is for limits of forces, which legs made of joints do not have",
+                             where="wrench", expected="no wrench")  # fmt: skip
+        pose = elastic.mechanism.closed(values).pose
+        on_legs = LegMargins(elastic, pose, through)
+        margins: Margins | LegMargins = on_legs
+        count, most = directions or 200, _reach_of_legs(elastic, on_legs, radius)
+    else:
+        found = _margins(elastic, values, load, through)
+        if isinstance(found, Workspace):
+            return found
+        margins, pose = found
+        count = directions or (200 if margins.forces is not None and margins.is_spread else 1000)
+        most = _reach(margins.platform, pose, radius)
+    axes, scales, moved = _followed(margins, pose, most)
+    here = Workspace(elastic, pose, axes=axes, scales=scales, notes=tuple(notes))
 
     def turned(vectors: Array) -> Array:
         poses = np.tile(pose, (len(vectors), 1, 1))
-        poses[:, :3, :3] = R @ se3.exp(np.hstack([vectors, np.zeros_like(vectors)]))[:, :3, :3]
+        turns = se3.exp(np.hstack([vectors, np.zeros_like(vectors)]))[:, :3, :3]
+        poses[:, :3, :3] = pose[:3, :3] @ turns
         return poses
 
-    at_centre = margins.at(pose[None])[0]
-    moved = partial(shifted, pose)
-    reach = whole = _reach(platform, pose, radius)
+    at_centre, reach = margins.at(pose[None])[0], most
     first = rays_to_boundaries(margins, moved, reach, max(8, count // 8), scan)
     if first.edges and radius is None:  # the ends of the legs are far beyond most workspaces
         reach = min(reach, 1.3 * max(distance for _, distance, *_ in first.edges))
     positions = rays_to_boundaries(margins, moved, reach, count, scan, progress)
-    edges = [x * positions.directions[r] for r, x, *_ in positions.edges]
-    boundary = np.array(edges).reshape(-1, 3) + centre
-    columns = columns_inside(margins, pose, boundary, max(8, round(np.sqrt(count))), scan, whole)
-    turns = rays_to_boundaries(margins, turned, np.pi, count, scan)
+    boundary = _places(positions) + here.centre
+    columns = columns_inside(
+        margins, moved, here.centre, boundary, max(8, round(np.sqrt(count))), scan, most
+    )
+    turns = None
+    if not isinstance(margins, LegMargins) or len(margins.free) == 6:
+        turns = rays_to_boundaries(margins, turned, np.pi, count, scan)
     if at_centre.min() < 0.0:
         worst = margins.names[int(at_centre.argmin())]
         message = f"the pose that the rays start from is itself beyond a limit: {worst}"
         notes.append(Note("centre-outside", message, {"limit": worst}))
     sphere = cube = None
-    if fits and at_centre.min() >= 0.0:
-        sphere, cube = inscribed(margins, pose, positions)
-    near = _nearest(platform, pose, positions) if six else None
-    return Workspace(elastic, pose, positions, turns, columns, sphere, cube, near,
-                     float(at_centre.min()), tuple(notes))  # fmt: skip
+    quick = isinstance(margins, Margins) or margins.chain.legs
+    if fits and quick and at_centre.min() >= 0.0 and axes == ("x", "y", "z"):
+        sphere, cube = inscribed(margins, moved, here.centre, positions)
+    near = _nearest(margins, moved, here, positions)
+    return replace(
+        here, positions=positions, turns=turns, columns=columns, sphere=sphere, cube=cube,
+        singularity=near, margin=float(at_centre.min()), notes=tuple(notes),
+    )  # fmt: skip
+
+
+def _places(rays: Rays) -> Array:
+    """Offsets (k, 3) of the boundary from the centre."""
+    return np.array([x * rays.directions[r] for r, x, *_ in rays.edges]).reshape(-1, 3)
+
+
+def _margins(
+    elastic: ElasticMechanism, values: Array, load: Array, through: bool
+) -> tuple[Margins, Array] | Workspace:
+    """Margins of a platform and its pose; or all that there is, where it is singular everywhere."""
+    bare, platform = Margins(elastic, load), elastic.mechanism
+    if not isinstance(platform, Platform):
+        raise TypeError("a platform")
+    pose, sign = platform.pose_of(np.asarray(values, float)), 0.0
+    if len(platform.points) >= 6:
+        singular = _singular(platform, pose, bare)
+        if singular is not None:
+            return Workspace(elastic, pose, notes=(*elastic.notes, singular))
+    if not bare.names:
+        raise InputError("no limits: every pose is within them",
+                         expected="limits, base_joints, diameter or force in legs")  # fmt: skip
+    if len(platform.points) == 6 and not through and not bare.springs.unilateral:
+        sign = float(np.sign(np.linalg.det(lines_at(platform, pose[None])[1])[0]))
+    return Margins(elastic, load, sign), pose
+
+
+def _followed(
+    margins: Margins | LegMargins, pose: Array, most: float
+) -> tuple[tuple[str, ...], Array, Moved]:
+    """Coordinates that rays and columns follow, what offsets are times, and poses of offsets.
+
+    Angles go as far as a quarter of a turn where lengths go as far as `most`.
+    """
+    if isinstance(margins, Margins):
+        return ("x", "y", "z"), np.ones(3), partial(shifted, pose)
+    axes = margins.axes()
+    scales = np.where(np.array(axes) < 3, 1.0, 0.5 * np.pi / most)
+    home = margins.coordinates(pose[None])[0]
+
+    def moved(offsets: Array) -> Array:
+        at = np.tile(home, (len(offsets), 1))
+        at[:, axes] += offsets * scales
+        return np.asarray(se3.from_roll_pitch_yaw(at[:, :3], at[:, 3:]))
+
+    return tuple(COORDINATES[i] for i in axes), scales, moved
+
+
+def _reach_of_legs(elastic: ElasticMechanism, margins: LegMargins, radius: float | None) -> float:
+    """How far the body can be: as all links of a leg in a row, and its slides at their ends."""
+    if radius is not None:
+        return checked_length(radius, "radius")
+    chain, lengths = margins.chain, []
+    bounds = np.array([[c.lower, c.upper] for c in chain.coordinates])
+    for leg in margins.legs:
+        links = [np.linalg.norm(T[:3, 3]) for T in leg.chain.tree.placements()]
+        slides = [j for j in leg.columns if chain.is_length[j] and j not in chain.virtual]
+        lengths.append(sum(links) + np.abs(bounds[slides].T - elastic.q[slides]).sum())
+    if not np.isfinite(min(lengths)):
+        raise InputError("the slides have no limits, so that the workspace has no bound",
+                         expected="legs.limits, or a radius")  # fmt: skip
+    return 2.0 * float(min(lengths))
 
 
 def _singular(platform: Platform, pose: Array, margins: Margins) -> Note | None:
@@ -278,9 +368,7 @@ def _singular(platform: Platform, pose: Array, margins: Margins) -> Note | None:
 def _reach(platform: Platform, pose: Array, radius: float | None) -> float:
     """How far from the centre any position can be: where the legs' longest lengths end."""
     if radius is not None:
-        if not radius > 0.0:
-            raise InputError("radius cannot be used", expected="above zero", got=radius)
-        return float(radius)
+        return checked_length(radius, "radius")
     longest = np.inf if platform.limits is None else platform.limits[:, 1]
     ends = platform.points @ pose[:3, :3].T + pose[:3, 3] - platform.anchors
     farthest = float(np.min(np.linalg.norm(ends, axis=1) + longest))
@@ -290,12 +378,19 @@ def _reach(platform: Platform, pose: Array, radius: float | None) -> float:
     return farthest
 
 
-def _nearest(platform: Platform, pose: Array, rays: Rays) -> tuple[float, Array] | None:
+def _nearest(
+    margins: Margins | LegMargins, moved: Moved, here: Workspace, rays: Rays
+) -> tuple[float, Array] | None:
     """The least ratio of singular values on the part of each ray that hangs on the centre."""
     shares = np.linspace(0.0, 1.0, 9)
-    ends = rays.first[:, None] * rays.directions
-    offsets = (shares[:, None, None] * ends).reshape(-1, 3)
-    values = np.linalg.svd(lines_at(platform, shifted(pose, offsets))[1], compute_uv=False)
-    ratio = values[:, -1] / values[:, 0]
+    offsets = (shares[:, None, None] * rays.first[:, None] * rays.directions).reshape(-1, 3)
+    if isinstance(margins, LegMargins):
+        ratio = margins.ratios(moved(offsets))
+    else:
+        lines = lines_at(margins.platform, moved(offsets))[1]
+        values = np.linalg.svd(lines, compute_uv=False)
+        ratio = values[:, -1] / values[:, 0] if lines.shape[1] == 6 else None
+    if ratio is None:
+        return None
     k = int(ratio.argmin())
-    return float(ratio[k]), pose[:3, 3] + offsets[k]
+    return float(ratio[k]), here.centre + here.scales * offsets[k]

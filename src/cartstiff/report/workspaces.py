@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import degrees
 from typing import Any
 
@@ -16,7 +17,6 @@ __all__ = ["boundary_csv", "describe_workspace", "draw_workspace"]
 
 # Limits that are listed; the rest is one line.
 _MOST = 12
-_SLICES = 5
 
 
 def _angle(reached: Workspace) -> str:
@@ -30,30 +30,37 @@ def _angle(reached: Workspace) -> str:
 def describe_workspace(reached: Workspace) -> str:
     """Volume, slices, what cuts where, rotations, what fits inside, singularities, notes."""
     elastic, unit = reached.elastic, reached.elastic.units.length
+    units = [unit if name in "xyz" else "rad" for name in reached.axes]
+    is_place = reached.axes == ("x", "y", "z")
     lines = [
         f"{elastic.name}: {elastic.mechanism.kind}, body frame {elastic.mechanism.frame!r}",
-        f"Orientation of M kept; position {vector(reached.pose[:3, 3], 5)} {unit}",
+        f"Orientation of M kept; position {vector(reached.pose[:3, 3], 5)} {unit}"
+        if is_place
+        else f"The body takes {', '.join(reached.axes)}; the rest of its pose follows",
     ]
-    if reached.positions is None or reached.columns is None or reached.turns is None:
+    if reached.positions is None or reached.columns is None:
         return joined([*lines, "No workspace: singular everywhere", *note_lines(reached.notes)])
     poses = reached.as_dict()["poses"]
     lines += [
         "",
-        f"Volume with this orientation: {number(reached.volume, 5)} {unit}^3, give or take "
-        f"{number(reached.volume_error, 2)} ({poses} poses tried)",
+        f"Volume{' with this orientation' * is_place}: {number(reached.volume, 5)} "
+        f"{_product(units)}, give or take {number(reached.volume_error, 2)} ({poses} poses tried)",
         *table(
-            [f"z [{unit}]", f"area [{unit}^2]"],
-            [(number(z), number(area, 4)) for z, area in reached.columns.slices(_SLICES)],
+            [f"{reached.axes[2]} [{units[2]}]", f"area [{_product(units[:2])}]"],
+            [(number(z), number(area, 4)) for z, area in reached.slices[::2]],
         ),
         "",
         "The outer boundary is cut by (share of directions)",
         *_shares(reached.positions.shares()),
-        "",
-        "Rotations at this position",
-        f"  about every axis by at least {_angle(reached)}; "
-        f"{percent(reached.share_of_rotations)} of all rotations",
-        *_shares(reached.turns.shares()),
     ]
+    if reached.turns is not None:
+        lines += [
+            "",
+            "Rotations at this position",
+            f"  about every axis by at least {_angle(reached)}; "
+            f"{percent(reached.share_of_rotations)} of all rotations",
+            *_shares(reached.turns.shares()),
+        ]
     for words, fits, size in (("sphere", reached.sphere, "radius"), ("cube", reached.cube, "edge")):
         if fits is not None:
             lines.append(
@@ -62,13 +69,22 @@ def describe_workspace(reached: Workspace) -> str:
             )
     if reached.singularity is not None:
         ratio, place = reached.singularity
+        of, over = "legs' lines", "moments"
+        if elastic.mechanism.kind not in ("stewart-gough", "springs"):
+            of, over = "passive joints' twists that meet in the body", "lengths"
         lines += [
-            f"Nearest to singular: smallest over largest singular value of the legs' lines "
+            f"Nearest to singular: smallest over largest singular value of the {of} "
             f"{number(ratio, 3)} at {vector(place, 4)}",
-            f"  (moments over the body's length {number(elastic.mechanism.at(elastic.q).length)} "
+            f"  ({over} over the body's length {number(elastic.mechanism.at(elastic.q).length)} "
             f"{unit}; 0 is singular)",
         ]
     return joined([*lines, *note_lines(reached.notes)])
+
+
+def _product(units: Sequence[str]) -> str:
+    """A product of units: m^3, or m rad^2."""
+    powers = ((unit, units.count(unit)) for unit in dict.fromkeys(units))
+    return " ".join(unit if n == 1 else f"{unit}^{n}" for unit, n in powers)
 
 
 def _shares(shares: dict[str, float]) -> list[str]:
@@ -79,11 +95,12 @@ def _shares(shares: dict[str, float]) -> list[str]:
 
 
 def boundary_csv(reached: Workspace) -> str:
-    """A row a boundary position: x, y, z in F, and the limit that cuts."""
+    """A row a boundary position: the axes that are followed, and the limit that cuts."""
     unit = reached.elastic.units.length
     edges = () if reached.positions is None else reached.positions.edges
     rows = ([*xyz, edge[3]] for xyz, edge in zip(reached.boundary.tolist(), edges, strict=True))
-    return csv_rows([*(f"{name} [{unit}]" for name in "xyz"), "limit"], rows)
+    names = [f"{name} [{unit if name in 'xyz' else 'rad'}]" for name in reached.axes]
+    return csv_rows([*names, "limit"], rows)
 
 
 def draw_workspace(reached: Workspace) -> Any:
@@ -101,8 +118,9 @@ def draw_workspace(reached: Workspace) -> Any:
         for k, kind in enumerate(kinds):
             own = np.array([name == kind for name in names])
             axis.scatter(places[own, i], places[own, j], s=4, color=colours[k % 20], label=kind)
-        axis.set_xlabel(f"{'xyz'[i]} [{unit}]")
-        axis.set_ylabel(f"{'xyz'[j]} [{unit}]")
+        labels = [f"{name} [{unit if name in 'xyz' else 'rad'}]" for name in reached.axes]
+        axis.set_xlabel(labels[i])
+        axis.set_ylabel(labels[j])
         axis.set_aspect("equal", adjustable="datalim")
     if kinds:
         figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4,

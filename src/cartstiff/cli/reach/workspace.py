@@ -38,7 +38,8 @@ _options = option_group(
            help="Load on the body at M's origin in the axes of F, where forces or tensions are "
            "limited."),
     click.option("--directions", type=click.IntRange(8, 1_000_000),
-                 help="About how many rays, and columns; default 1000, 200 for tensions."),
+                 help="About how many rays, and columns; default 1000, 200 for tensions and "
+                 "for legs made of joints."),
     click.option("--scan", type=click.IntRange(2, 100_000), default=48, show_default=True,
                  help="Poses along each ray; parts that are thinner than a step may be missed."),
     option("--radius", type=Number("LENGTH", above_zero=True),
@@ -70,7 +71,7 @@ def command(
     as_json: bool,
     strict: bool,
 ) -> None:
-    """Where the platform or cable robot MECHANISM can be within all limits of its file.
+    """Where the platform, cable robot or body on legs MECHANISM can be within all its limits.
 
     Volume and slices with one orientation, the rotations at one position, which limit cuts which
     share of the boundary, the largest sphere and cube inside, and how near singular poses are.

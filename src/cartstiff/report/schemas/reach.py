@@ -79,8 +79,12 @@ def workspace_schema(parts: dict[str, Any]) -> dict[str, Any]:
             "frame": parts["frame"],
             "units": parts["units"],
             "pose": {"type": "array", "description": "4x4, M in F: its orientation is kept"},
+            "axes": js.strings(
+                "coordinates of the pose that are followed; x, y, z if it takes them"
+            ),
             "volume": js.number(
-                "of the positions with it; null where none was followed", null=True
+                "of the positions with it, in the units of the axes; null where none was followed",
+                null=True,
             ),
             "volume_error": js.number(
                 "estimate of its error: the larger of three standard errors of the columns and "
@@ -116,13 +120,18 @@ def workspace_schema(parts: dict[str, Any]) -> dict[str, Any]:
             ),
             "singularity": js.object_with(
                 {
-                    "least_ratio": js.number("smallest over largest singular value of the lines"),
+                    "least_ratio": js.number(
+                        "smallest over largest singular value of six legs' lines, or of passive "
+                        "joints' twists that meet in the body"
+                    ),
                     "position": centre,
                 },
                 "the nearest to one that was met; moments over the body's length",
                 null=True,
             ),
-            "boundary": js.list_of(js.numbers("x, y, z"), "outermost positions, a direction each"),
+            "boundary": js.list_of(
+                js.numbers("along the axes"), "boundaries: last ones within the limits"
+            ),
             "limits": js.strings("what ends each of these"),
             "notes": parts["notes"],
         },
