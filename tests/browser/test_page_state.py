@@ -140,7 +140,7 @@ def test_a_dead_server_is_said_when_the_numbers_are_asked_for(pages):
     from cartstiff.page.run import Background
     from cartstiff.page.source import Source
 
-    server = Background(Source(cartstiff.load("cubic")))
+    server = Background(Source(cartstiff.load("five-bar")))
     page = pages.open(server.url)
     settled(page)
     page.watch.console.clear()
@@ -152,6 +152,60 @@ def test_a_dead_server_is_said_when_the_numbers_are_asked_for(pages):
     assert not [t for t in page.watch.console if "Uncaught" in t or "connection was lost" in t]
     page.context.close()
     # Only now: until then the page tries to connect again, and the browser reports each attempt.
+    page.watch.console.clear()
+
+
+def test_the_browser_computes_between_answers_and_for_a_dead_server(pages):
+    from cartstiff.page.run import Background
+    from cartstiff.page.source import Source
+
+    arm = cartstiff.load("ur5")
+    server = Background(Source(arm))
+    page = pages.open(server.url)
+    page.wait_for_function("() => window.cartstiff.source.local !== null")
+    settled(page)
+    # While the server is kept busy, table and picture follow the hand.
+    q = [*arm.q[:2], arm.q[2] + 0.3, *arm.q[3:]]
+    passing = page.evaluate(
+        """(q) => new Promise((resolve) => {
+            const store = window.cartstiff;
+            const ask = store.source.ask;
+            let held = null;
+            store.source.ask = (message) => { held = message; };
+            store.goTo(q.map((x) => x + 0.1));
+            store.on("numbers", (data) => {
+                if (!data.passing || store.source.ask === ask) return;
+                store.source.ask = ask;
+                const M = store.pane.viewer.scene_tree.find(["meshcat", "cartstiff", "M"]).object;
+                setTimeout(() => {
+                    M.updateMatrix();
+                    resolve([store.matrix("load"), data.numbers.result.pose,
+                             M.matrix.clone().transpose().elements]);
+                    store.source.ask(held);
+                }, 0);
+            });
+            store.goTo(q);
+        })""",
+        q,
+    )
+    there = cartstiff.analyse(arm, q)
+    assert np.allclose(passing[0], there.tangent, rtol=1e-9, atol=1e-6)
+    assert np.allclose(passing[1], there.pose, atol=1e-12)
+    assert np.allclose(np.reshape(passing[2], (4, 4)), there.pose, atol=1e-6)
+    settled(page)
+    assert close(matrix(page), there.tangent)
+    labels = page.evaluate(VALUES)
+    # Without a server it goes on by itself, and says so.
+    server.close()
+    page.wait_for_selector("#banner:has-text('computed in the browser')")
+    changed(page, q=arm.q.tolist(), moved=None, load=[0, 0, 0, 0, 0, -100])
+    here = cartstiff.analyse(arm, wrench=[0, 0, 0, 0, 0, -100])
+    assert close(matrix(page), here.tangent)
+    assert page.evaluate(VALUES) == labels
+    page.keyboard.press("i")
+    page.wait_for_selector("#report:has-text('the browser cannot do that')")
+    assert not [t for t in page.watch.console if "Uncaught" in t]
+    page.context.close()
     page.watch.console.clear()
 
 

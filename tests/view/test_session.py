@@ -309,3 +309,24 @@ def test_only_joints_with_springs_can_be_told(session):
     told[passive] = 0.1
     with pytest.raises(InputError, match="nothing drives it"):
         asked(tab, do="numbers", state={"command": told})
+
+
+def test_weight_and_lengths_are_what_the_tab_says(session):
+    heavy, load = session("ur5"), [0.0, 0.0, 0.0, 0.0, 0.0, -100.0]
+    state = {"payload": [4.0, 0.0, 0.02, 0.1], "gravity": [0.0, 0.0, -1.62], "load": load}
+    numbers = asked(heavy, do="draw", state=state)["numbers"]
+    arm = cartstiff.load("ur5", payload=[4.0, 0.0, 0.02, 0.1], gravity=[0.0, 0.0, -1.62])
+    result = cartstiff.analyse(arm, wrench=load)
+    assert np.allclose(numbers["result"]["stiffness"]["F"], result.matrices["F"], rtol=1e-12)
+    assert "payload 4" in numbers["weighed"]
+    # On the earth where nothing else is said, and nowhere where nothing weighs.
+    state = {"payload": [4.0, 0.0, 0.0, 0.0]}
+    assert "-9.81" in asked(heavy, do="draw", state=state)["numbers"]["weighed"]
+    assert "weighed" not in asked(heavy, do="draw", state={})["numbers"]
+    platform = session("hexapod")
+    legs = asked(platform, do="draw")["numbers"]["legs"]
+    lengths = [leg["length"] * (1.02 if i == 2 else 1.0) for i, leg in enumerate(legs)]
+    numbers = asked(platform, do="draw", lengths=lengths)["numbers"]
+    assert [leg["length"] for leg in numbers["legs"]] == pytest.approx(lengths, rel=1e-12)
+    with pytest.raises(InputError, match="platforms"):
+        asked(heavy, do="draw", lengths=lengths)

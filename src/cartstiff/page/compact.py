@@ -7,6 +7,7 @@ mesh); the page's numbers are never touched.
 
 from __future__ import annotations
 
+import json
 import struct
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -56,7 +57,9 @@ def compacted(
         (kind, path, _), packed = commands[number]
         if kind == "set_transform" and len(packed) > _MATRIX.size:
             transforms.append((path, number, _MATRIX.unpack(packed[-_MATRIX.size :])[1::2]))
-        elif kind == "set_object" and (label := _label(packed, path)) is not None:
+        elif packed[:1] == b"{":  # a label
+            label = json.loads(packed)
+            del label["type"]
             labels.append((label, number))
         elif kind == "set_object" and (mesh := _mesh(packed, path)) is not None:
             meshes.append((mesh, number))
@@ -118,12 +121,3 @@ def _steps(values: NDArray[Any], kind: str) -> bytes:
     """Differences along the first axis, as byte planes."""
     steps = np.diff(values.astype(np.int64), axis=0, prepend=0).astype(kind)
     return np.ascontiguousarray(steps.reshape(len(steps), -1).view(np.uint8).T).tobytes()
-
-
-def _label(packed: bytes, path: str) -> dict[str, Any] | None:
-    """What a label says, if that is all it is."""
-    if b"SpriteMaterial" not in packed or b"userData" not in packed:
-        return None
-    msgpack = imported("msgpack", "msgpack", "a picture in a page")
-    sprite = msgpack.unpackb(packed)["object"]["object"]
-    return {"path": path, "height": sprite["scale"][1], **sprite["userData"]}

@@ -76,6 +76,8 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array, frames: bool = True)
         "takes_load": springs is not None,
         "source": elastic.source,
         "weighed": weighed(elastic).text,
+        "gravity": None if elastic.gravity is None else elastic.gravity.tolist(),
+        "size": float(mechanism.at(q).length),
         "platform": isinstance(mechanism, Platform),
         "connections": [
             {"name": name, "title": matrix.name, "meaning": matrix.sentence}

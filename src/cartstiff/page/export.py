@@ -26,7 +26,7 @@ from cartstiff.page.answer import Answer
 from cartstiff.page.compact import compacted
 from cartstiff.page.description import slider_coordinates, slider_ranges
 from cartstiff.page.files import page_document
-from cartstiff.page.living import tapes
+from cartstiff.page.living import computing, tapes
 from cartstiff.page.payload import modes_part, payload
 from cartstiff.page.picture import Picture
 from cartstiff.page.recording import Key, Pictures, common_part, complete, in_order
@@ -97,23 +97,34 @@ def export_steps(
     *,
     picture: PictureMaker = Picture,
     number: int = 0,
+    address: str | None = None,
 ) -> Generator[None, None, Answer]:
     """As `export_page`, yielding between postures; returns an answer with "name" and "text".
 
-    `elastic` is the mechanism with the frame of interest that a tab has chosen.
+    `elastic` is the mechanism with the frame of interest that a tab has chosen; `address` is the
+    end of the tab's: camera, units, what is compared.
     """
     here = replace(source, elastic=elastic, reload=None, cloud=source.cloud)
     session = Session(here, picture)
     first = session.start if state is None else state
+    weighs = {"gravity": None, "payload": None}
     if first.command is not None and any(first.command):
         # The file is of the machine as it was told: its springs have their new rest positions.
         told = session.result(first)
         here = replace(source, q=told.q, load=None, command=None)
         state = first.model_copy(
             update={"command": None, "load": None, "stiffness": None, "q": told.q.tolist(),
-                    "load_at": first.acts_at}
+                    "load_at": first.acts_at, **weighs}
         )  # fmt: skip
-        steps = export_steps(here, told.elastic, state, frames, picture=picture, number=number)
+        steps = export_steps(here, told.elastic, state, frames, picture=picture, number=number,
+                             address=address)  # fmt: skip
+        return (yield from steps)
+    if first.gravity is not None or first.payload is not None:
+        # The file is of the machine as it weighs.
+        heavy = session.changed(first.model_copy(update={"stiffness": None}))
+        state = first.model_copy(update=weighs)
+        steps = export_steps(source, heavy, state, frames, picture=picture, number=number,
+                             address=address)  # fmt: skip
         return (yield from steps)
     hello = session.hello().data
     base = session.result(first)
@@ -138,10 +149,11 @@ def export_steps(
         made["frames"] = len(data["frames"])
     else:
         shown = shown.model_copy(update=dict.fromkeys(_NOT_COMPUTED, False) | {"mode": None})
-        data, lists, pictures = _computing(session, shown, base)
+        data, lists, pictures = computing(session, shown, base)
         data["living"], script = recorded.data, recorded.script
     data["hello"] = hello | {
         "state": shown.model_dump(),
+        "address": address,
         "bounds": session.picture.bounds(base),
         "only_trajectory": source.trajectory is not None and not script,
     }
@@ -173,38 +185,6 @@ def _framed(
     lists = [data["start"], *data["themes"].values()]
     lists += [numbers for frame in records for numbers in frame["pictures"].values()]
     return data, lists, recorder.pictures
-
-
-def _computing(session: Session, shown: State, base: PostureStiffness) -> _Parts:
-    """One picture in both themes with every part that another state needs."""
-    pictures, picture = Pictures(), session.picture
-    states: dict[str, dict[Key, int]] = {}
-    other = "light" if shown.theme == "dark" else "dark"
-    for theme in (shown.theme, other):
-        look = shown.model_copy(update={"theme": theme, "ghost": None})  # the file copies the links
-        kit = picture.kit(base, look)
-        pictures.merge(picture.changes_by_path() if states else picture.everything_by_path())
-        states[theme] = pictures.state()
-    here, there = states[shown.theme], states[other]
-    differing = {
-        key
-        for key, number in there.items()
-        if number != here.get(key) and (key[0] == "set_object" or key[2] not in ("", "visible"))
-    }
-    start = in_order(here, set(here))
-    themes = {theme: in_order(state, differing) for theme, state in states.items()}
-    legend = session.with_colour_bar(picture.draw(base, shown))
-    units, trajectory = session.elastic.units, session.source.trajectory
-    data = {
-        "start": start, "themes": themes, "kit": kit, "cloud": legend.get("cloud"),
-        "scene": {
-            "units": {"length": units.length, "force": units.force, "moment": units.moment},
-            "lines": [line for line in legend["lines"] if line["mark"] == "note"],
-            "notes": legend["notes"],
-        },
-        "trajectory": None if trajectory is None else trajectory.q.tolist(),
-    }  # fmt: skip
-    return data, [start, *themes.values()], pictures
 
 
 # -- postures ---------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ is not plain nothing is said of a posture.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,11 +23,16 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.weighed import weighed
+from cartstiff.page.answer import Answer
+from cartstiff.page.compact import compacted
+from cartstiff.page.recording import Key, Pictures, in_order
+from cartstiff.page.session import Session
+from cartstiff.page.state import State
 from cartstiff.page.verdict import DEFINITE, NEAR
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.stiffness.compute import PostureStiffness
 
-__all__ = ["Tapes", "tapes"]
+__all__ = ["Tapes", "brought", "computing", "tapes"]
 
 _NAMES = ("pose", "jacobian", "wrench", "energy", "stiffness_B", "stiffness_F", "hessian",
           "lagrangian", "length", "frames", "tensions")  # fmt: skip
@@ -74,7 +79,8 @@ def tapes(elastic: ElasticMechanism, result: PostureStiffness) -> Tapes | str:
         source, places[name] = javascript(program_for(chosen.case, _NAMES))
         parts.append(f"{name}:{source}")
         shared = {n: rows[0].tolist() for n, rows in chosen.shared.items()}
-    script = f"{HELPERS}globalThis.cartstiffTapes={{{','.join(parts)}}};"
+    # In braces: a page may load it again, for another frame.
+    script = f"{{{HELPERS}globalThis.cartstiffTapes={{{','.join(parts)}}};}}"
     data = {"places": places, "shared": shared, "words": _words(), **_mechanism(elastic, result)}
     return Tapes(script, plain(data))
 
@@ -139,3 +145,61 @@ def _mechanism(elastic: ElasticMechanism, result: PostureStiffness) -> dict[str,
             "leg_limits": None if bounds is None else bounds.tolist(),
         }
     return found
+
+
+def computing(
+    session: Session, shown: State, base: PostureStiffness
+) -> tuple[dict[str, Any], list[list[int]], Pictures]:
+    """One picture in both themes with every part that another state needs."""
+    pictures, picture = Pictures(), session.picture
+    states: dict[str, dict[Key, int]] = {}
+    other = "light" if shown.theme == "dark" else "dark"
+    for theme in (shown.theme, other):
+        look = shown.model_copy(update={"theme": theme, "ghost": None})  # the file copies the links
+        kit = picture.kit(base, look)
+        pictures.merge(picture.changes_by_path() if states else picture.everything_by_path())
+        states[theme] = pictures.state()
+    here, there = states[shown.theme], states[other]
+    differing = {
+        key
+        for key, number in there.items()
+        if number != here.get(key) and (key[0] == "set_object" or key[2] not in ("", "visible"))
+    }
+    start = in_order(here, set(here))
+    themes = {theme: in_order(state, differing) for theme, state in states.items()}
+    legend = session.with_colour_bar(picture.draw(base, shown))
+    units, trajectory = session.elastic.units, session.source.trajectory
+    data = {
+        "start": start, "themes": themes, "kit": kit, "cloud": legend.get("cloud"),
+        "scene": {
+            "units": {"length": units.length, "force": units.force, "moment": units.moment},
+            "lines": [line for line in legend["lines"] if line["mark"] == "note"],
+            "notes": legend["notes"],
+        },
+        "trajectory": None if trajectory is None else trajectory.q.tolist(),
+    }  # fmt: skip
+    return data, [start, *themes.values()], pictures
+
+
+def brought(session: Session, number: int) -> tuple[Answer, str]:
+    """What a live page answers by itself between two answers, and where there are none.
+
+    Returns
+    -------
+    Answer
+        The data of a file that computes, or "why" there are none.
+    str
+        The script that it needs.
+    """
+    source = replace(session.source, elastic=session.elastic, reload=None)
+    fresh = type(session)(source, session.make_picture)
+    state = fresh.start
+    base = fresh.result(state)
+    recorded = tapes(session.elastic, base)
+    said: dict[str, Any] = {"id": number, "do": "living"}
+    if isinstance(recorded, str):
+        return Answer(said | {"why": recorded}), ""
+    hello = fresh.hello().data
+    data, lists, pictures = computing(fresh, state.model_copy(update={"mode": None}), base)
+    data["commands"], binary = compacted(pictures.commands, lists)
+    return Answer(data | said | {"living": recorded.data, "hello": hello}, binary), recorded.script

@@ -25,7 +25,7 @@ class Picture:
     """Draws postures; hands over what has changed, or everything."""
 
     def __init__(self, elastic: ElasticMechanism) -> None:
-        self._window = RecordingWindow()
+        self._window = RecordingWindow(writes=True)
         self._scene = Scene(Node(self._window, "/meshcat"), elastic)
 
     def draw(self, result: PostureStiffness, state: State) -> dict[str, Any]:
@@ -41,7 +41,15 @@ class Picture:
                         swings.nodal_axes[state.mode - 1],
                     )
         legend: dict[str, Any] = self._scene.draw(result, _look(state, nodal))
-        return {"lines": _legend_lines(legend), "notes": legend["notes"]}
+        measures = {
+            freedom: facts["scale"]
+            for freedom, facts in legend["ellipsoids"].items()
+            if facts is not None and facts["shown"]
+        }
+        return {
+            "lines": _legend_lines(legend), "notes": legend["notes"], "measures": measures,
+            "per_length": legend["length"]["scene_units_per_unit"],
+        }  # fmt: skip
 
     def kit(self, result: PostureStiffness, state: State) -> dict[str, Any]:
         """Every part that another state needs is sent; what places them, see `Scene.kit`."""
@@ -86,13 +94,15 @@ class Picture:
 
 def _look(state: State, nodal: tuple[int, float, Screw] | None = None) -> Look:
     """What the picture of a state shows."""
+    measures = state.measures
+    kept = None if measures is None else {str(f): one.model_dump() for f, one in measures.items()}
     return Look(
         connection=state.connection, quantity=state.quantity, translation=state.translation,
         rotation=state.rotation, scale=state.scale, axes=state.labels,
         labels=state.labels, wrench=state.wrench,
         deflection=state.deflection, screws=state.screws, centres=state.centres,
         ghost=None if state.ghost is None else tuple(state.ghost), point=state.point,
-        theme=state.theme, nodal=nodal,
+        theme=state.theme, nodal=nodal, measures=kept,
     )  # fmt: skip
 
 

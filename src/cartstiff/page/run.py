@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from cartstiff.page.server import PageServer
@@ -21,6 +21,7 @@ def serve(
     port: int = 0,
     ready: Callable[[str], object] = print,
     last: bool = False,
+    beside: Sequence[Source] = (),
 ) -> None:
     """Serve until Ctrl-C (or a request to terminate).
 
@@ -34,6 +35,8 @@ def serve(
         Told the page's address once it answers.
     last : bool
         Whether the process ends afterwards: an impatient second Ctrl-C then does nothing.
+    beside : sequence of Source
+        Mechanisms that the page sets beside the first.
 
     Raises
     ------
@@ -49,7 +52,7 @@ def serve(
             function()
 
     async def run() -> None:
-        server = PageServer(source, host=host, port=port)
+        server = PageServer(source, host=host, port=port, beside=beside)
         woken, loop = asyncio.Event(), asyncio.get_running_loop()
         wake.append(lambda: loop.is_closed() or loop.call_soon_threadsafe(woken.set))
         ready(server.url)
@@ -84,6 +87,7 @@ class Background:
         port: int = 0,
         token: str | None = None,
         picture: Any = None,
+        beside: Sequence[Source] = (),
     ) -> None:
         self._loop = asyncio.new_event_loop()
         self._end = asyncio.Event()
@@ -92,7 +96,10 @@ class Background:
         self._server: PageServer | None = None
         self._thread = threading.Thread(
             target=self._run,
-            args=(source, {"host": host, "port": port, "token": token, "picture": picture}),
+            args=(
+                source,
+                {"host": host, "port": port, "token": token, "picture": picture, "beside": beside},
+            ),
             name="cartstiff page",
             daemon=True,
         )

@@ -10,6 +10,7 @@ import asyncio
 import gzip
 import secrets
 import socket
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -100,6 +101,8 @@ class PageServer:
         First part of the address, without which nothing is answered; a new secret by default.
     picture : callable, optional
         Makes the picture of a mechanism; for tests.
+    beside : sequence of Source
+        Mechanisms that the page sets beside the first.
 
     Raises
     ------
@@ -115,13 +118,15 @@ class PageServer:
         port: int = 0,
         token: str | None = None,
         picture: Any = None,
+        beside: Sequence[Source] = (),
     ) -> None:
         from cartstiff.page.picture import Picture
 
-        self.source = source
+        self.source, self.beside = source, tuple(beside)
         self.picture = Picture if picture is None else picture
         self.tabs: set[TabSocket] = set()
         self.exporting: TabSocket | None = None
+        self.files = page_files()
         token = secrets.token_urlsafe(24) if token is None else token
         application = Gate(
             [(r"/socket", TabSocket), (r".*", _File)],
@@ -129,7 +134,7 @@ class PageServer:
             names=(host,),
             page=self,
             server=lambda: self._server,
-            files=page_files(),
+            files=self.files,
             websocket_max_message_size=_LARGEST_FRAME,
             websocket_ping_interval=20,
             websocket_ping_timeout=20,
@@ -145,10 +150,14 @@ class PageServer:
         self.port: int = listening.getsockname()[1]
         self.url = f"http://{shown}:{self.port}/{token}/"
 
+    def source_of(self, number: int) -> Source:
+        """The mechanism of that number: 0 is the first."""
+        return (self.source, *self.beside)[number]
+
     def go_to(self, q: list[float]) -> None:
         """Take every tab to a posture, those that are opened later too."""
         self.source = replace(self.source, q=np.array(q))
-        for tab in list(self.tabs):
+        for tab in [tab for tab in self.tabs if not tab.number]:
             tab.push(Answer({"id": 0, "do": "go-to", "q": q}))
 
     async def stop(self) -> None:

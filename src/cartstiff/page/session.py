@@ -21,12 +21,14 @@ from cartstiff.kinematics.following import Follower
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.platform import Platform
+from cartstiff.mechanisms.weighed import weighed
 from cartstiff.page.answer import Answer
 from cartstiff.page.description import describe_mechanism, slider_ranges
 from cartstiff.page.payload import payload, response_curves, series_row
 from cartstiff.page.picture import Picture
 from cartstiff.page.refining import widest_jump
-from cartstiff.page.source import Source
+from cartstiff.page.source import Source, changed
 from cartstiff.page.state import (
     Analysis,
     Bounds,
@@ -77,21 +79,25 @@ class Session:
         What the page was started with.
     picture : callable
         Makes a picture of a mechanism.
+    told : mapping, optional
+        What else a new page is told.
     """
 
-    def __init__(self, source: Source, picture: PictureMaker = Picture) -> None:
-        self.source = source
-        self._make_picture = picture
+    def __init__(
+        self, source: Source, picture: PictureMaker = Picture, told: dict[str, Any] | None = None
+    ) -> None:
+        self.source, self._told = source, told or {}
+        self.make_picture = picture
         self._start(source.elastic, source.q)
 
     def _start(self, elastic: ElasticMechanism, q: Array | None) -> None:
         self._elastic = elastic
         self._q = np.array(elastic.q if q is None else q, float)
-        self._variant: tuple[list[float | None] | None, ElasticMechanism] = (None, elastic)
+        self._variant: tuple[Any, ElasticMechanism] = ((None, None, None), elastic)
         self._follower = Follower(elastic)
         self._cloud_shown: tuple[str, str] | None = None
         self._colour_bar: dict[str, Any] | None = None
-        self.picture = self._make_picture(elastic)
+        self.picture = self.make_picture(elastic)
 
     @property
     def elastic(self) -> ElasticMechanism:
@@ -131,6 +137,7 @@ class Session:
             "mechanism": describe_mechanism(self._elastic, self._q, source.reload is not None),
             "state": state.model_dump(),
             "now": None if now is None else now.model_dump(),
+            **self._told,
             "trajectory": None
             if trajectory is None
             else {"time": trajectory.time.tolist(), "timed": trajectory.timed},
@@ -215,7 +222,7 @@ class Session:
 
     def _placed(self, state: State) -> tuple[ElasticMechanism, Array]:
         """The mechanism with the springs of a state, and its coordinates before any command."""
-        elastic = self._with_stiffness(state.stiffness)
+        elastic = self.changed(state)
         mechanism = elastic.mechanism
         q = mechanism.checked(self._q if state.q is None else state.q)
         moved = state.moved
@@ -230,14 +237,16 @@ class Session:
     def _numbers(self, result: PostureStiffness, state: State) -> dict[str, Any]:
         """Its numbers; "q" is where the sliders stand, before the drives move on."""
         q = result.q if not state.command else self._placed(state)[1]
-        return payload(result, state) | {"q": q.tolist()}
+        numbers = payload(result, state) | {"q": q.tolist()}
+        if state.gravity is not None or state.payload is not None:
+            numbers["weighed"] = weighed(result.elastic).text
+        return numbers
 
-    def _with_stiffness(self, stiffness: list[float | None] | None) -> ElasticMechanism:
-        if self._variant[0] != stiffness:
-            given = None
-            if stiffness is not None:
-                given = [np.inf if k is None else k for k in stiffness]
-            self._variant = (stiffness, self._elastic.with_springs(given))
+    def changed(self, state: State) -> ElasticMechanism:
+        """The mechanism with the springs, the payload and the gravity of a state."""
+        key = state.stiffness, state.payload, state.gravity
+        if self._variant[0] != key:
+            self._variant = (key, changed(self._elastic, *key))
         return self._variant[1]
 
     def _draw(self, result: PostureStiffness, state: State) -> dict[str, Any]:
@@ -256,10 +265,15 @@ class Session:
 
     def _drawn(self, message: Draw) -> Answer:
         """Numbers and picture of the state, or of the posture that follows a hand from there."""
-        state, followed = message.state, None
+        state, followed, mechanism = message.state, None, self._elastic.mechanism
+        q = mechanism.checked(self._q if state.q is None else state.q)
+        if message.lengths is not None:
+            if not isinstance(mechanism, Platform):
+                raise InputError("is for platforms", where="lengths", expected="towards")
+            q = mechanism.forward_kinematics(message.lengths, q)
+            state = state.model_copy(update={"q": q.tolist(), "moved": None})
         if message.towards is not None:
             pose = checked_pose(np.array(message.towards.pose), "pose", where="towards")
-            q = self._elastic.mechanism.checked(self._q if state.q is None else state.q)
             now = self._follower.follow(q, pose, message.towards.turning)
             state = state.model_copy(update={"q": now.q.tolist(), "moved": None})
             followed = {
@@ -332,7 +346,7 @@ class Session:
             rows[float(values[k])] = row
             yield
         narrow = (upper - lower) / (message.steps - 1) / _FINEST
-        for _ in range(2 * message.steps):
+        for _ in range(2 * message.steps * message.refined):
             if (middle := widest_jump(rows, narrow)) is None:
                 break
             near = min((x for x in rows if rows[x]), key=lambda x: abs(x - middle))
@@ -368,6 +382,9 @@ class Session:
 def _seen_from(state: State, T: Array) -> State:
     """The same with another frame N of the body, ``T_N_M``: numbers at N, the load where it was."""
     new: dict[str, Any] = {"point": (0.0, 0.0, 0.0)}
+    if state.payload is not None:
+        mass, *centre = state.payload
+        new["payload"] = (mass, *(T[:3, :3] @ centre + T[:3, 3]).tolist())
     if state.load is not None:
         new["load_at"] = tuple((T[:3, :3] @ state.acts_at + T[:3, 3]).tolist())
         if state.load_axes == "body":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -16,7 +16,7 @@ from cartstiff.loading.csv_file import read_rows
 from cartstiff.mechanisms.contract import SI, Units
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["Cloud", "Source", "Trajectory", "read_cloud", "read_trajectory"]
+__all__ = ["Cloud", "Source", "Trajectory", "changed", "read_cloud", "read_trajectory"]
 
 # A page draws and sends every point: more are thinned.
 _MOST_POINTS = 20_000
@@ -101,6 +101,22 @@ class Source:
     load_at: tuple[float, float, float] | None = None
     load_axes: Literal["body", "inertial"] = "body"
     command: list[float] | None = None
+
+
+def changed(
+    elastic: ElasticMechanism,
+    stiffness: Sequence[float | None] | None,
+    payload: Sequence[float] | None,
+    gravity: Sequence[float] | None,
+) -> ElasticMechanism:
+    """The mechanism with other springs, a payload and another gravity, as a state names them."""
+    if stiffness is not None:
+        elastic = elastic.with_springs([np.inf if k is None else k for k in stiffness])
+    if payload is not None and payload[0]:
+        elastic = elastic.with_payload(payload[0], payload[1:])
+        if gravity is None and elastic.gravity is None:
+            elastic = elastic.with_gravity()  # it weighs
+    return elastic if gravity is None else elastic.with_gravity(gravity)
 
 
 def read_trajectory(

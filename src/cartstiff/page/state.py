@@ -20,6 +20,7 @@ __all__ = [
     "Draw",
     "Export",
     "Frame",
+    "Living",
     "Message",
     "Numbers",
     "Response",
@@ -52,6 +53,15 @@ class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
+class Measure(_Strict):
+    """How large values are drawn, as `cartstiff.scene.scales` says it in a legend."""
+
+    kind: Literal["root", "linear", "log"]
+    value_per_length: Annotated[float, Field(gt=0.0, le=_LARGEST)] | None = None
+    zero_at: Annotated[float, Field(gt=0.0, le=_LARGEST)] | None = None
+    length_per_decade: Annotated[float, Field(gt=0.0, le=_LARGEST)] | None = None
+
+
 class State(_Strict):
     """Everything that decides what a tab shows; the default is what it shows at first.
 
@@ -75,6 +85,10 @@ class State(_Strict):
     load_at : (3,) or None
         Point in M at which the load acts; None for the reference point, and for the origin of M
         where the springs decide what the load is.
+    gravity : (3,) or None
+        Acceleration in F in m/s^2; None for the mechanism's own.
+    payload : (4,) or None
+        A mass in kg on the body, and its centre in M.
     command : list of float or None
         How far each spring's drive is told to move on from `q`; the pose that results is shown.
     ghost : list of float or None
@@ -83,6 +97,9 @@ class State(_Strict):
         What colours the points of the map.
     mode : int or None
         The mode, from 1, whose nodal axis is drawn; None for no modes at all.
+
+    measures : dict or None
+        How large the ellipsoids are drawn, by freedom; None for sizes that fit their values.
 
     The others say what the picture shows.
     """
@@ -100,10 +117,13 @@ class State(_Strict):
     load_axes: _Axes = "body"
     load_kind: Literal["dead", "follower", "conservative"] = "dead"
     load_at: _Three | None = None
+    gravity: _Three | None = None
+    payload: tuple[_NotNegative, _Number, _Number, _Number] | None = None
     command: _Vector | None = None
     ghost: _Vector | None = None
     quantity_of_map: _Short | None = None
     mode: Annotated[int, Field(ge=1, le=500)] | None = None
+    measures: dict[Literal["translation", "rotation"], Measure] | None = None
     theme: Literal["light", "dark"] = "light"
     translation: bool = True
     rotation: bool = True
@@ -135,10 +155,14 @@ class Towards(_Strict):
 
 
 class Draw(_Asked):
-    """The numbers and the picture of a state; of the posture that follows a hand, if one pulls."""
+    """The numbers and the picture of a state; of the posture that follows a hand, if one pulls.
+
+    With `lengths` that of the platform's legs, next to the state's.
+    """
 
     do: Literal["draw"]
     towards: Towards | None = None
+    lengths: _Vector | None = None
 
 
 class Numbers(_Asked):
@@ -154,11 +178,12 @@ class Result(_Asked):
 
 
 class Sweep(_Asked):
-    """Principal values while one coordinate runs through its range."""
+    """Principal values while one coordinate runs through its range; `refined` where they jump."""
 
     do: Literal["sweep"]
     coordinate: int = Field(ge=0, le=500)
     steps: int = Field(default=61, ge=2, le=201)
+    refined: bool = True
 
 
 class Series(_Asked):
@@ -188,10 +213,17 @@ class Analysis(_Asked):
 
 
 class Export(_Asked):
-    """The page at this state as one file."""
+    """The page at this state as one file; what it does not say of the page stands in `address`."""
 
     do: Literal["export"]
+    address: str | None = Field(default=None, max_length=20_000)
     frames: Annotated[int, Field(ge=2, le=101)] | None = None
+
+
+class Living(_Asked):
+    """The arithmetic of the mechanism, for the page itself."""
+
+    do: Literal["living"]
 
 
 class Frame(_Asked):
@@ -209,7 +241,8 @@ class Bounds(_Asked):
 
 Message = (
     Draw | Numbers | Result | Sweep | Series | Swing | Response | Analysis | Export | Frame | Bounds
-)
+    | Living
+)  # fmt: skip
 _MESSAGES: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="do")])
 _T = TypeVar("_T")
 

@@ -8,6 +8,8 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
+from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 from tornado.iostream import StreamClosedError
@@ -17,8 +19,9 @@ from cartstiff.errors import CartstiffError, InputError, one_line
 from cartstiff.page.answer import Answer
 from cartstiff.page.export import export_steps
 from cartstiff.page.gate import Guarded
+from cartstiff.page.living import brought
 from cartstiff.page.session import Session, refusal
-from cartstiff.page.state import Draw, Export, Message, Series, Sweep, read_message
+from cartstiff.page.state import Draw, Export, Living, Message, Series, Sweep, read_message
 
 if TYPE_CHECKING:
     from cartstiff.page.server import PageServer
@@ -55,6 +58,12 @@ class TabSocket(Guarded, WebSocketHandler):
     def open(self, *_: str) -> None:
         """Begin to answer; a tab too many is told so."""
         self.set_nodelay(True)
+        asked = self.get_query_argument("mechanism", "0")
+        known = [str(k) for k in range(1 + len(self._page.beside))]
+        if asked not in known:
+            self.close(1008, "no such mechanism")
+            return
+        self.number = known.index(asked)
         if len(self._page.tabs) >= MOST_TABS:
             full = InputError("too many tabs show this page", expected=f"at most {MOST_TABS}")
             self.write_message(refusal(full, 0).pack(), binary=True)
@@ -131,7 +140,10 @@ class TabSocket(Guarded, WebSocketHandler):
         """Answer until the socket closes: what is quick first, slices of what is long."""
         try:
             await asyncio.sleep(0)
-            self._session = Session(self._page.source, self._page.picture)
+            source = self._page.source_of(self.number)
+            names = [one.elastic.name for one in (self._page.source, *self._page.beside)]
+            told = {"mechanisms": names, "number": self.number}
+            self._session = Session(source, self._page.picture, told)
             await self._send(self._session.hello())
             while True:
                 await self._awake.wait()
@@ -171,7 +183,18 @@ class TabSocket(Guarded, WebSocketHandler):
         else:
             self._awake.clear()
             return None
+        if isinstance(message, Living):
+            return _answered(message, lambda: self._brought(session, message))
         return _answered(message, lambda: session.answer(message))
+
+    def _brought(self, session: Session, message: Living) -> Answer:
+        """The arithmetic; its script is one of the page's files from then on."""
+        answer, script = brought(session, message.id)
+        if not script:
+            return answer
+        name = f"living-{sha256(script.encode()).hexdigest()[:20]}.js"
+        self._page.files[f"/{name}"] = ("text/javascript; charset=utf-8", script.encode())
+        return replace(answer, data=answer.data | {"script": name})
 
     def _waits(self) -> bool:
         """Whether all that is asked is a file, and another tab's is being made.
@@ -220,8 +243,8 @@ class TabSocket(Guarded, WebSocketHandler):
         if not isinstance(message, Export):
             return session.work(message)
         return export_steps(
-            self._page.source, session.elastic, message.state, message.frames,
-            picture=self._page.picture, number=message.id,
+            session.source, session.elastic, message.state, message.frames,
+            picture=self._page.picture, number=message.id, address=message.address,
         )  # fmt: skip
 
 

@@ -112,8 +112,10 @@ class Label:
 
     def __init__(self, node: Node, theme: themes.Theme, colour: int | None = None) -> None:
         self.node = node
-        self._letters = theme.text if colour is None else theme.tinted(colour)
-        self._paper = theme.paper
+        shades = list(themes.THEMES.values())
+        self._letters = [t.text if colour is None else t.tinted(colour) for t in shades]
+        self._paper = [t.paper for t in shades]
+        self._shade = shades.index(theme)
         self._height = HEIGHT / node.enlarged
         self._text: str | None = None
 
@@ -122,13 +124,17 @@ class Label:
         text = printable(text)
         if text != self._text:
             self._text = text
-            png, aspect = text_png(text, self._letters, self._paper)
+            if getattr(self.node.window, "writes", False):
+                said = {"text": text, "letters": self._letters, "paper": self._paper}
+                self.node.set_object({"label": {**said, "height": self._height}})
+                return self._place(point)
+            png, aspect = text_png(text, self._letters[self._shade], self._paper[self._shade])
             label = sprite(png, aspect * self._height, self._height)
-            # What it says, for a page that writes it itself.
-            label["object"]["userData"] = {
-                "text": text, "letters": self._letters, "paper": self._paper
-            }  # fmt: skip
+            label["object"]["userData"] = {"text": text}
             self.node.set_object(label)
+        self._place(point)
+
+    def _place(self, point: Iterable[float]) -> None:
         self.node.move_to(point)
         self.node.show(True)
 

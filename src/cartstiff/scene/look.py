@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from cartstiff.analysis.screws import Screw
 from cartstiff.errors import InputError, UnknownNameError
@@ -54,6 +55,8 @@ class Look:
         Number of a mode, its frequency [Hz], and the axis in M about which the body turns in it.
     point : tuple of 3 floats
         Reference point in the frame M.
+    measures : mapping, optional
+        How large ellipsoids are drawn, by freedom, as a legend says it; default: so that they fit.
     theme : {"light", "dark"}
         Background.
     grid, frames : bool
@@ -79,6 +82,7 @@ class Look:
     ghost: tuple[float, ...] | None = None
     nodal: tuple[int, float, Screw] | None = None
     point: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    measures: Mapping[str, Mapping[str, Any]] | None = None
     theme: Literal["light", "dark"] = "light"
     grid: bool = True
     frames: bool = True

@@ -7,6 +7,7 @@ is drawn alike, whatever was drawn before. The legend says what the scale is.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from math import ceil, floor, isfinite, log10
 from typing import Any, Literal, Self
 
@@ -64,6 +65,15 @@ class _Scale(ABC):
         if not self._settled and (sizes := _sizes(values)) is not None:
             self._choose(*sizes)
 
+    def kept(self, facts: Mapping[str, Any]) -> Self:
+        """The scale that a legend says."""
+        self._keep(facts)
+        self._settled = True
+        return self
+
+    @abstractmethod
+    def _keep(self, facts: Mapping[str, Any]) -> None: ...
+
     @abstractmethod
     def _refer(self, sizes: list[float], largest: float) -> None: ...
 
@@ -95,6 +105,9 @@ class Linear(_Scale):
     kind: Literal["linear"] = "linear"
     per_length = 0.0
     _reference = 0.0
+
+    def _keep(self, facts: Mapping[str, Any]) -> None:
+        self.per_length = facts["value_per_length"] or 0.0
 
     def _refer(self, sizes: list[float], largest: float) -> None:
         self._reference = self._round(sizes, largest)
@@ -155,6 +168,10 @@ class Logarithmic(_Scale):
     zero = 0.0
     per_decade = 0.0
     _reference: tuple[float, float] | None = None  # log10 of `zero`, and `per_decade`
+
+    def _keep(self, facts: Mapping[str, Any]) -> None:
+        self.zero = facts["zero_at"] or 0.0
+        self.per_decade = facts["length_per_decade"] or 0.0
 
     def _refer(self, sizes: list[float], largest: float) -> None:
         self._reference = self._round(sizes, largest)

@@ -111,8 +111,7 @@ class Scene:
             self._build(look.theme)
         notes = list(self.notes)
         K, C, reason = matrices_at(result, look)
-        here = reference(result, look)
-        T = here.pose
+        T = (here := reference(result, look)).pose
         tension = self._mechanism.draw(result)
         self._move_ghost(ghost, look, notes)
         self._frame.set_transform(result.pose)
@@ -253,13 +252,12 @@ class Scene:
             shape = block_ellipsoid(here, look.connection, look.quantity, freedom, look.others)
         except UndefinedError as error:
             reason = str(error)
-        picture_or_none = self._ellipsoids.get(key)
         if shape is None:
-            if picture_or_none is not None:
-                picture_or_none.hide()
+            if key in self._ellipsoids:
+                self._ellipsoids[key].hide()
             return {"shown": False, "reason": reason or f"no {look.quantity} exists here"}
         picture = self._ellipsoid_of(freedom, look.quantity)
-        picture.scale = self._scale(freedom, look.quantity, look.scale)
+        picture.scale = self._scale(freedom, look.quantity, look.scale, look.measures)
         return picture.draw(
             shape, here.pose, self._unit(freedom, look.quantity), look.axes, look.labels
         )
@@ -273,9 +271,11 @@ class Scene:
             )  # fmt: skip
         return self._ellipsoids[freedom, quantity]
 
-    def _scale(self, freedom: Freedom, quantity: Quantity, kind: str) -> Scale:
+    def _scale(self, freedom: Freedom, quantity: Quantity, kind: str, kept: Any = None) -> Scale:
         """The scale of a kind of value: it has no history."""
         scale = SCALES[kind](_RADIUS * self._stage.size)
+        if kept and (measure := kept.get(freedom)) and measure["kind"] == kind:
+            return scale.kept(measure)
         scale.refer(self._usual_values(quantity, freedom))
         return scale
 

@@ -6,6 +6,7 @@ no second process, and keeps the latest object, transform and properties of ever
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
@@ -41,9 +42,15 @@ class RecordingWindow:
 
     Between two calls of `take` a later transform (object, property) of a path replaces an earlier
     one: a slow viewer gets the newest picture, not a queue.
+
+    Parameters
+    ----------
+    writes : bool
+        Whether its viewer writes words itself: labels are then commands of a kind "label", as JSON.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, writes: bool = False) -> None:
+        self.writes = writes
         self._pack = _packer()
         self._nodes: dict[str, _Node] = {}
         self._pending: dict[tuple[str, str, str], dict[str, Any]] = {}
@@ -141,4 +148,12 @@ def _packer() -> Callable[[dict[str, Any]], bytes]:
         """Meshcat's typed arrays, in the words of this packer."""
         return msgpack.ExtType(value.type, value.data)
 
-    return partial(msgpack.packb, default=arrays)
+    pack = partial(msgpack.packb, default=arrays)
+
+    def packed(command: dict[str, Any]) -> bytes:
+        label = command["object"].get("label") if "object" in command else None
+        if label is None:
+            return pack(command)
+        return json.dumps({"type": "label", "path": command["path"], **label}).encode()
+
+    return packed

@@ -70,8 +70,9 @@ export function controls(store) {
   const springSection = section("Stiffness of the springs");
   const pointSection = section("Reference point");
   left.append(loadSection.node, springSection.node, pointSection.node);
+  drivesPanel(store, springSection.node);
 
-  let load, springs, point, axes, frameSelect, given, loadAxes, loadKind, loadPlace, loadPoint;
+  let load, springs, point, axes, frameSelect, given, loadAxes, loadKind, loadPlace, loadPoint, weight;
 
   function build(hello) {
     const { mechanism } = hello;
@@ -79,6 +80,11 @@ export function controls(store) {
     const moment = `${units.force} ${units.length}`;
 
     // -- load
+    weight = {
+      gravity: fields(["gx", "gy", "gz"].map((name) => [name, "m/s²", "gravity"]), (values) => store.change({ gravity: values })),
+      payload: fields([["mass", "kg", "payload"], ...NAMES.map((name) => [name, units.length, "payload at"])],
+        (values) => store.change({ payload: values[0] > 0 ? values : null })),
+    };
     given = el("input", { type: "checkbox", onchange: () =>
       store.change({ load: given.checked ? [0, 0, 0, 0, 0, 0] : null }) });
     given.disabled = !mechanism.takes_load;
@@ -107,7 +113,10 @@ export function controls(store) {
     loadSection.node.replaceChildren(loadSection.node.firstChild,
       el("label", { class: "check" }, given, "held by a given wrench"),
       el("p", { class: "dim small" }, `Moment in ${moment}, force in ${units.force}. The springs' rest positions are chosen so that they balance it. Unticked: the load that the springs exert.`),
-      load.node, loadAxes[0], loadPlace[0], loadPoint.node, loadKind[0]);
+      load.node, loadAxes[0], loadPlace[0], loadPoint.node, loadKind[0], el("p", { class: "dim small" }, "Gravity along the room's axes in m/s²; a mass on the body in kg, and its centre in M."),
+      weight.gravity.node, weight.payload.node);
+    // A file weighs what it weighed when it was made.
+    for (const row of [weight.gravity, weight.payload]) row.disable(!store.source.live);
 
     // -- springs
     springs = mechanism.springs.length ? fields(mechanism.springs.map(({ name, unit }) => [name, unit]),
@@ -156,6 +165,8 @@ export function controls(store) {
     if (!loadPoint.node.contains(document.activeElement)) loadPoint.node.hidden = !own;
     loadPoint.set(state.load_at ?? state.point);
     loadPoint.disable(state.load === null || !store.source.moves);
+    weight.gravity.set(state.gravity ?? hello.mechanism.gravity ?? [0, 0, 0]);
+    weight.payload.set(state.payload ?? [0, 0, 0, 0]);
     loadKind[1](state.load_kind);
     load.disable(state.load === null || !store.source.moves);
     loadAxes[1](state.load_axes);
@@ -189,6 +200,52 @@ export function controls(store) {
     update();
   });
 }
+
+/** What the drives are told: how far each moves on from the posture. */
+function drivesPanel(store, before) {
+  const { node, note } = section("Commands of the drives");
+  before.before(node);
+  let rows = [];
+  store.on("hello", ({ mechanism }) => {
+    const { springs, coordinates } = mechanism;
+    node.hidden = !store.source.live || !springs.some(({ driven }) => driven);
+    const list = el("div", { class: "sliders" });
+    rows = springs.map(({ name, driven }, i) => {
+      if (!driven) return null;
+      const own = mechanism.platform ? null : coordinates[i];
+      const isLength = own ? own.is_length : true;
+      const most = isLength ? COMMAND_SHARE * (mechanism.size ?? 1) : COMMAND_TURN;
+      const tell = (x) => {
+        const command = (store.state.command ?? springs.map(() => 0)).with(i, x);
+        store.change({ command: command.some((told) => told) ? command : null });
+      };
+      const range = el("input", { type: "range", min: -most, max: most, step: "any", value: 0, "aria-label": `command of ${name}`, oninput: () => tell(Math.abs(range.valueAsNumber) < most / 200 ? 0 : range.valueAsNumber) });
+      const times = () => (isLength || store.angle === "rad" ? 1 : 180 / Math.PI);
+      const number = el("input", { type: "number", step: "any", "aria-label": `command of ${name}, value`, onchange: () => Number.isFinite(number.valueAsNumber) && tell(number.valueAsNumber / times()) });
+      list.append(el("div", { class: "slider" }, el("label", { title: name }, name), number, el("span", { class: "unit" }, isLength ? store.unit("length") : ""), el("span", { class: "limit" }), range, el("span", { class: "limit" })));
+      return { range, number, times, isLength };
+    });
+    node.replaceChildren(node.firstChild, el("p", { class: "dim small" }, "How far each drive is told to move on from the posture: the rest positions of the springs go with it, and the pose that results under the load is shown."),
+      list, el("button", { type: "button", onclick: () => store.change({ command: null }) }, "None"));
+  });
+  const set = () => {
+    const { command } = store.state;
+    note.textContent = command ? "told" : "";
+    rows.forEach((row, i) => {
+      if (!row) return;
+      const x = command?.[i] ?? 0;
+      row.range.value = x;
+      if (document.activeElement !== row.number) row.number.value = Number((x * row.times()).toPrecision(6));
+      if (!row.isLength) row.number.nextSibling.textContent = row.times() === 1 ? "rad" : "°";
+    });
+  };
+  store.on("state", set);
+  store.on("numbers", set);
+}
+
+// Ends of the slider of a command: a share of the mechanism's size, and an angle.
+const COMMAND_SHARE = 0.02;
+const COMMAND_TURN = Math.PI / 36;
 
 const TOGGLES = [
   ["translation", "Translation ellipsoid"],

@@ -15,7 +15,7 @@ function assumptions(store, moved) {
   const [m, f] = [0, 3].map((i) => Math.hypot(...(store.state.load ?? result.wrench).slice(i, i + 3)));
   const load = [[f, "force"], [m, "moment"]].filter(([x]) => x > 0).map(([x, kind]) => `${short(x, 3)} ${store.unit(kind)}`).join(", ");
   const at = moved.acts_at.some((x) => x) ? `(${moved.acts_at.map((x) => short(x, 3)).join(", ")}) ${store.unit("length")} in M` : "M";
-  return `${load} at ${at}: ${result.load.meaning}. ${store.hello.mechanism.weighed}. To first order.`;
+  return `${load} at ${at}: ${result.load.meaning}. ${store.numbers.weighed ?? store.hello.mechanism.weighed}. To first order.`;
 }
 
 export function deflectionPanel(store) {

@@ -13,20 +13,30 @@ function round(x) {
   return Number(`${[5, 2].find((step) => lead >= step * (1 - ROUNDING)) ?? 1}e${power}`);
 }
 
-/** See `cartstiff.scene.scales`: a function from a value to a length, with its legend. */
+/** Scales from what a legend says of them: a function from a value to a length, with its legend. */
+const MADE = {
+  linear: (facts) => ({ facts, per: facts.value_per_length, length: (x) => Math.abs(x) / facts.value_per_length,
+    words: (unit, length) => `radius ${few(facts.value_per_length)} ${unit} per ${length}` }),
+  root: (facts) => ({ facts, length: (x) => Math.sqrt(Math.abs(x) / facts.value_per_length),
+    words: (unit, length) => `radius 1 ${length} for ${few(facts.value_per_length)} ${unit}, by square roots` }),
+  log: (facts) => ({ facts, step: facts.length_per_decade, length: (x) => Math.log10(Math.max(Math.abs(x), facts.zero_at) / facts.zero_at) * facts.length_per_decade,
+    words: (unit, length) => `radius 0 at ${few(facts.zero_at)} ${unit}, and ${few(facts.length_per_decade)} ${length} for each factor of 10 (rings)` }),
+};
+
+/** See `cartstiff.scene.scales`. */
 const SCALES = {
   linear(values, usual, target) {
     const at = (list) => round((1.6 * largestOf(list)) / target);
     let per = largestOf(usual) ? at(usual) : at(values);
     const size = largestOf(values) / per / target;
     if (largestOf(usual) && !(size > 0.05 && size <= 2.5)) per *= 10 ** Math.ceil(Math.log10(size / 2.5));
-    return { length: (x) => Math.abs(x) / per, words: (unit, length) => `radius ${few(per)} ${unit} per ${length}`, per };
+    return MADE.linear({ kind: "linear", value_per_length: per });
   },
   root(values, usual, target) {
     let per = round((1.6 * largestOf(largestOf(usual) ? usual : values)) / target ** 2);
     const size = largestOf(values) / per / target ** 2;
     if (!(size > 0.02 && size <= 2.5)) per *= 10 ** Math.ceil(Math.log10(size / 2.5));
-    return { length: (x) => Math.sqrt(Math.abs(x) / per), words: (unit, length) => `radius 1 ${length} for ${few(per)} ${unit}, by square roots` };
+    return MADE.root({ kind: "root", value_per_length: per });
   },
   log(values, usual, target) {
     const least = (list) => Math.min(...list.map(Math.abs).filter((x) => x > ZERO * largestOf(list)));
@@ -41,9 +51,7 @@ const SCALES = {
       const low = Math.log10(least(values)) - first;
       if (low >= 0.3 && low <= 3.5 && reach >= 0.6 && reach <= 1.3) [zero, step] = [first, per];
     }
-    const start = Number(`1e${zero}`);
-    return { step, length: (x) => Math.log10(Math.max(Math.abs(x), start) / start) * step,
-      words: (unit, length) => `radius 0 at ${few(start)} ${unit}, and ${few(step)} ${length} for each factor of 10 (rings)` };
+    return MADE.log({ kind: "log", zero_at: Number(`1e${zero}`), length_per_decade: step });
   },
 };
 
@@ -86,10 +94,10 @@ export class Drawing {
   }
 
   write(path, text, point, kind) {
-    const { paper, [kind]: letters } = this.kit.letters[this.theme];
-    const key = `${text} ${letters}`;
-    if (this.texts.get(path) !== key) {
-      this.texts.set(path, key);
+    const { letters: { light, dark } } = this.kit;
+    if (this.texts.get(path) !== text) {
+      this.texts.set(path, text);
+      const [letters, paper] = [kind, "paper"].map((name) => [light[name], dark[name]]);
       this.commands.push({ type: "label", path: `${ROOT}/${path}`, text, letters, paper, height: this.kit.label });
     }
     this.put(path, [[1, 0, 0], [0, 1, 0], [0, 0, 1], point]);
@@ -101,8 +109,8 @@ export class Drawing {
   /** Everything at a solved posture; {commands, legend}. */
   draw(m, state) {
     this.commands = [];
-    this.theme = state.theme;
     const lines = [];
+    this.measures = {};
     this.mechanism("mechanism", m);
     if (m.tensions) this.tensions(m, lines);
     this.pose("M", m.pose);
@@ -110,7 +118,7 @@ export class Drawing {
     const here = inFrame(m, state.point.some((x) => x) ? motion([[1, 0, 0], [0, 1, 0], [0, 0, 1]], state.point) : null);
     const found = ["translation", "rotation"].map((freedom) => this.ellipsoid(freedom, here, state)).filter(Boolean);
     const arrows = this.arrows(m, here, state);
-    const legend = { lines: [...found, ...arrows, ...lines, ...this.scene.lines], notes: this.scene.notes };
+    const legend = { lines: [...found, ...arrows, ...lines, ...this.scene.lines], notes: this.scene.notes, measures: this.measures, per_length: this.kit.scale };
     return { commands: this.commands, legend };
   }
 
@@ -190,7 +198,9 @@ export class Drawing {
     const kind = definiteness(values);
     const solid = kind === "positive";
     const unit = kit.units[`${quantity}/${freedom}`];
-    const scale = SCALES[state.scale](values, kit.usual[`${quantity}/${freedom}`], kit.radius);
+    const kept = state.measures?.[freedom];
+    const scale = kept?.kind === state.scale ? MADE[kept.kind](kept) : SCALES[state.scale](values, kit.usual[`${quantity}/${freedom}`], kit.radius);
+    this.measures[freedom] = scale.facts;
     const [lengths, centre] = [values.map(scale.length), place(here.pose)];
     const along = (v, x, from = [0, 0, 0]) => v.map((c, i) => from[i] + x * c);
     this.show(`${at}/body`, solid);

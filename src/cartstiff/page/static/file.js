@@ -2,11 +2,13 @@
 
 /** What the sources in a file share: commands by number, one answer to each question. */
 export class FileSource {
-  constructor(data, commands, words) {
+  /** From what a file holds, or the same beside another source. */
+  constructor(data, commands, words, other = null) {
     this.data = data;
-    this.commands = expand(data.commands, commands);
+    this.commands = other ? other.commands : expand(data.commands, commands);
     this.live = false;
     this.words = words;
+    this.cannot = "an exported page cannot do that; `cartstiff view` can";
     this.onstatus = () => {};
   }
 
@@ -15,6 +17,12 @@ export class FileSource {
   }
 
   onlost() {}
+
+  beside() {
+    return new this.constructor(this.data, null, this);
+  }
+
+  close() {}
 
   listed(numbers) {
     return numbers.map((i) => this.commands[i]);
@@ -43,7 +51,7 @@ export class FileSource {
 
   answer(message) {
     const { id, state, do: what } = message;
-    if (what === "draw") return this.draw(id, state, message.towards);
+    if (what === "draw") return this.draw(id, state, message);
     const found = {
       numbers: () => ({ numbers: this.numbersOf(state) }),
       result: () => ({ result: this.result(state) }),
@@ -52,7 +60,7 @@ export class FileSource {
       series: () => ({ seconds: 0, ...this.series(state) }),
       analysis: () => this.data.analysis,
     }[what]?.();
-    if (!found) throw new Error("an exported page cannot do that; `cartstiff view` can");
+    if (!found) throw new Error(this.cannot);
     return [{ id, do: what, ...found }, []];
   }
 }

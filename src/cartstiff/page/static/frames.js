@@ -7,8 +7,8 @@ import { CLOSE, ROUNDING } from "./numerics.js";
 const LINE = "Exported page: each slider runs through computed postures; the others then stand as in the file.";
 
 export class FramesSource extends FileSource {
-  constructor(data, commands) {
-    super(data, commands, `${LINE} ${data.why ? `Why it does not compute: ${data.why}.` : ""}`);
+  constructor(data, commands, other) {
+    super(data, commands, `${LINE} ${data.why ? `Why it does not compute: ${data.why}.` : ""}`, other);
     this.moves = false;
     this.shows = Object.keys(data.parts);
   }

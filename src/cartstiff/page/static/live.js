@@ -1,5 +1,9 @@
 // Answers from a server over a websocket, with reconnection.
 
+import { el } from "./dom.js";
+import { Drawing } from "./drawing.js";
+import { LivingSource } from "./offline.js";
+
 // Close code of a tab that is one too many.
 const FULL = 4029;
 
@@ -23,6 +27,61 @@ export class LiveSource {
     this.shows = null; // everything
     this.delay = 500;
     this.onstatus = () => {};
+    this.local = null; // the page's own arithmetic, once it is there
+    this.alone = false; // whether it answers for the server
+  }
+
+  /** Have the arithmetic brought: it answers between the server's answers, and without a server. */
+  async bring(store) {
+    const { frame } = store.hello.mechanism;
+    const data = await store.ask({ do: "living" });
+    if (!data.script) return;
+    await new Promise((done, fail) => document.head.append(el("script", { src: data.script, onload: done, onerror: fail })));
+    if (store.hello.mechanism.frame !== frame) return;
+    const local = new LivingSource(data, data.packed);
+    local.cannot = "the server does not answer, and the browser cannot do that";
+    local.onanswer = (...answer) => this.onanswer(...answer);
+    this.passing = new Drawing(local.living, data.kit, data.scene);
+    this.local = local;
+  }
+
+  /** Show what is wanted while the server is still busy with an older question: places, not parts. */
+  between(store) {
+    if (!this.local || this.alone || this.waits) return;
+    this.waits = true;
+    requestAnimationFrame(() => {
+      this.waits = false;
+      if (store.busy === null || !store.wanted || !this.local) return;
+      const { state } = store;
+      let found;
+      try {
+        const m = this.local.living.solve(state);
+        found = [this.local.living.numbers(state, m), this.passing.draw(m, state).commands];
+      } catch {
+        return; // the server says what there is to say
+      }
+      store.pass(found[0], found[1].filter(({ type }) => type === "set_transform"));
+    });
+  }
+
+  /** The server has gone: the page goes on by itself, if it can. */
+  goAlone() {
+    if (!this.local || this.alone) return;
+    this.alone = true;
+    this.onalone();
+  }
+
+  /** The mechanism of another number from the same server; each has its own picture. */
+  beside(number) {
+    const address = new URL(this.url);
+    address.searchParams.set("mechanism", number);
+    return new LiveSource(address.href);
+  }
+
+  close() {
+    this.closed = true;
+    if (this.socket?.readyState === WebSocket.CONNECTING) this.socket.onopen = () => this.socket.close();
+    else this.socket?.close();
   }
 
   start() {
@@ -30,12 +89,15 @@ export class LiveSource {
     this.socket.binaryType = "arraybuffer";
     this.socket.onmessage = (event) => {
       this.delay = 500;
+      this.alone = false;
       this.onstatus("connected");
       this.onanswer(...unpack(event.data));
     };
     this.socket.onclose = async (event) => {
       this.onlost();
+      if (this.closed) return;
       if (event.code === FULL) return; // the server has said why
+      this.goAlone();
       this.onstatus("lost");
       if (await this.strange()) this.onstatus("strange");
       setTimeout(() => this.start(), this.delay);
@@ -53,6 +115,7 @@ export class LiveSource {
   }
 
   ask(message) {
+    if (this.alone) return this.local.ask(message);
     if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
     else this.onlost();
   }

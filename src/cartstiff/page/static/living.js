@@ -44,6 +44,7 @@ export class Living {
 
   /** Everything that other answers are read from. */
   solve(state) {
+    if (state.gravity || state.payload || state.command) throw new Error("other weights and commands of the drives are answered by `cartstiff view`");
     const q = state.q.map(Number);
     if (q.some((x, i) => !this.data.are_lengths[i] && Math.abs(x) > (this.data.platform ? 2 : 4) * Math.PI)) throw new Error(NOT_PLAIN);
     const inputs = { q, ...this.springs(state) };

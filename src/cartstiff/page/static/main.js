@@ -7,6 +7,7 @@ import { FramesSource } from "./frames.js";
 import { hands } from "./hands.js";
 import { shortcuts } from "./help.js";
 import { LiveSource, unpack } from "./live.js";
+import { compareCard } from "./compare.js";
 import { connectionPanel, matrixPanel } from "./matrix.js";
 import { legendBox, numbersPanel, verdictLine } from "./numbers.js";
 import { modesPanel } from "./modes.js";
@@ -18,14 +19,17 @@ import { sharing } from "./share.js";
 import { Store } from "./store.js";
 import { strip } from "./strip.js";
 
+// Time (ms) without a change after which the page asks for what it may need later.
+const AT_REST = 1200;
+
 function build(source) {
-  const store = new Store(source);
-  store.pane = new Pane();
+  const store = new Store(source, new Pane());
   verdictLine(store);
   const pose = posePanel(store);
   controls(store);
   pictureControls(store);
   deflectionPanel(store);
+  compareCard(store);
   connectionPanel(store);
   const matrix = matrixPanel(store);
   numbersPanel(store);
@@ -39,8 +43,25 @@ function build(source) {
   shortcuts(store, parts);
   parts.strip = strip(store);
   banners(store, source);
+  if (source.live) ownArithmetic(store, source);
   window.cartstiff = store; // for tests, and for the curious
   source.start();
+}
+
+/** Once the page has come to rest it gets the mechanism's arithmetic, and again for another frame. */
+function ownArithmetic(store, source) {
+  let timer = null;
+  let of = null;
+  store.on("hello", () => {
+    if (of !== store.hello.mechanism.frame) [source.local, of] = [null, null];
+  });
+  store.on("numbers", () => {
+    clearTimeout(timer);
+    if (of === null && !source.alone) timer = setTimeout(() => {
+      of = store.hello.mechanism.frame;
+      source.bring(store).catch(() => { of = null; });
+    }, AT_REST);
+  });
 }
 
 /** Errors and a lost connection, where nobody can miss them. */
@@ -54,11 +75,13 @@ function banners(store, source) {
     if (text && level === "bad") banner.append(" ", el("button", { type: "button", class: "quiet", onclick: () => show(null) }, "Dismiss"));
   };
   source.onstatus = (status) => {
-    if (status === "lost" && !lost) show("The server does not answer. The page shows the last posture and tries again by itself …", "warning");
+    if (status === "lost" && !lost) show(source.alone ? "The server does not answer: what is shown is computed in the browser. The page tries again by itself …"
+      : "The server does not answer. The page shows the last posture and tries again by itself …", "warning");
     if (status === "strange") show("The server has been started anew. Open the address that it has printed.", "warning");
     if (status === "connected" && lost) show(null);
     lost = status !== "connected";
-    document.body.classList.toggle("lost", lost);
+    document.body.classList.toggle("lost", lost && !source.alone);
+    document.body.classList.toggle("alone", lost && Boolean(source.alone));
   };
   store.on("error", (text) => show(text, "bad"));
   store.on("numbers", () => {
@@ -90,5 +113,7 @@ if (byId("frames")) {
   const address = new URL("socket", location.href); // beside the page, behind the same token
   address.protocol = "ws:";
   address.hash = "";
+  const number = new URLSearchParams(location.search).get("mechanism");
+  if (number) address.searchParams.set("mechanism", number);
   build(new LiveSource(address.href));
 }

@@ -115,7 +115,7 @@ export function modesPanel(store) {
       const answer = await store.ask({ do: "swing", share });
       if (mine !== asked) return;
       let start = 0;
-      frames = answer.counts.map((count) => answer.commands.slice(start, start += count));
+      frames = answer.counts.map((count) => answer.packed.slice(start, start += count));
       key = now;
       const turn = short((answer.turn * 180) / Math.PI, 2);
       size.title = `drawn: M goes ${short(answer.displacement, 2)} ${store.unit("length")} and turns ${turn}° to either side`;
@@ -224,7 +224,7 @@ function responseStrip(store) {
       request();
     } });
   const label = el("span", { class: "num small grow peak" });
-  const plot = svg("svg", { role: "img", class: "plot" });
+  const plot = svg("svg", { role: "img", class: "plot", "aria-label": "no curves yet" });
   const node = byId("response");
   node.append(el("div", { class: "row" }, el("span", { class: "dim", title: "Motion of the reference point per force at it, along the body's axes" }, "Over frequency"), label,
     el("label", { class: "row small" }, el("span", { class: "dim" }, "damping"), input, el("span", { class: "dim" }, "%"))), plot);

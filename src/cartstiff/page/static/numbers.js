@@ -57,7 +57,7 @@ export function numbersPanel(store) {
   const low = el("th", { scope: "col" });
   const high = el("th", { scope: "col" });
   const principal = el("table", { class: "principal" },
-    el("thead", {}, el("tr", {}, el("td"), low, el("th"), high)), body);
+    el("thead", {}, el("tr", {}, el("td"), low, el("td"), high)), body);
 
   const condition = fact("Condition number");
   const blocks = fact("… of translation, rotation");

@@ -1,6 +1,6 @@
 // Answers from recorded arithmetic in a page without a server: any posture, load, springs and point.
 
-import { angles, back, inverse, place, product, rotation, times, transposed } from "./algebra.js";
+import { angles, back, inverse, moved, place, product, rotation, times, transposed } from "./algebra.js";
 import { clamp } from "./dom.js";
 import { Drawing } from "./drawing.js";
 import { FileSource } from "./file.js";
@@ -11,10 +11,12 @@ const STEPS = 121;
 // Steps of the way to a pose, and halvings of a way that legs do not go to its end.
 const MOST_STEPS = 30;
 const HALVINGS = 14;
+// Step of a difference, over the size of what changes.
+const STEP = 1e-6;
 
 export class LivingSource extends FileSource {
-  constructor(data, commands) {
-    super(data, commands, "A file that computes: postures, loads, springs and points are answered here, without a server, wherever the formulas hold.");
+  constructor(data, commands, other) {
+    super(data, commands, "A file that computes: postures, loads, springs and points are answered here, without a server, wherever the formulas hold.", other);
     this.moves = true;
     this.shows = ["translation", "rotation", "labels", "wrench"];
     this.theme = data.hello.state.theme;
@@ -38,9 +40,9 @@ export class LivingSource extends FileSource {
     return this.drawing.bounds(this.living.place(state.q));
   }
 
-  draw(id, asked, towards) {
+  draw(id, asked, { towards, lengths }) {
     const followed = towards ? follow(this.living, asked.q, towards.pose) : null;
-    const state = followed ? { ...asked, q: followed.q, moved: null } : asked;
+    const state = followed ? { ...asked, q: followed.q, moved: null } : lengths ? { ...asked, q: stretched(this.living, asked.q, lengths), moved: null } : asked;
     const m = this.living.solve(state);
     const numbers = this.living.numbers(state, m);
     const commands = this.themed(state.theme);
@@ -82,6 +84,30 @@ function turn(R) {
 function left(from, to) {
   const T = product(back(from), to);
   return [...turn(rotation(T)), ...place(T)];
+}
+
+/** The pose of a platform at which its legs have given lengths, next to q. */
+export function stretched(living, q, lengths) {
+  const { anchors, points } = living.data;
+  const rest = (x) => {
+    const { pose } = living.place(x);
+    return points.map((point, i) => lengths[i] - Math.hypot(...moved(pose, point).map((c, k) => c - anchors[i][k])));
+  };
+  let found = q.slice();
+  for (let k = 0; k < MOST_STEPS; k++) {
+    const error = rest(found);
+    if (Math.hypot(...error) <= ROUNDING * Math.hypot(...lengths)) return found;
+    const columns = found.map((x, j) => {
+      const h = STEP * (j < 3 ? living.data.reach : 1);
+      const [back_, forth] = [-h, h].map((by) => rest(found.with(j, x + by)));
+      return back_.map((y, i) => (y - forth[i]) / (2 * h));
+    });
+    const J = transposed(columns);
+    const way = times(inverse(product(columns, J)) ?? [], times(columns, error));
+    if (way.length < 6 || !way.every(Number.isFinite)) break;
+    found = found.map((x, j) => x + way[j]);
+  }
+  throw new Error("no pose with these leg lengths found from here");
 }
 
 /** The posture that follows a hand to a pose, as near as limits let it; see `cartstiff.kinematics.following`. */

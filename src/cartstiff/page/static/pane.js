@@ -9,14 +9,18 @@ import { CLOSE } from "./numerics.js";
 const REST = 250;
 // Directions from the mechanism to the camera.
 const DIRECTIONS = { iso: [1, -1.05, 0.75], front: [1, 0, 0.12], side: [0, -1, 0.12], top: [0, -1e-3, 1] };
+// First byte of a command in JSON.
+const BRACE = 0x7b;
 // Distance of the camera over that at which the sphere around everything just fits.
 const FILLED = 0.95;
 // Boxes of words over the picture.
 const OVER = ["cameras", "show", "legend", "colour-bar"];
 
 export class Pane {
-  constructor() {
-    this.node = byId("pane");
+  /** A picture in a node; the ids are those of boxes over it, a legend among them. */
+  constructor(node = byId("pane"), over = OVER) {
+    this.node = node;
+    this.over = over;
     this.viewer = new MeshCat.Viewer(this.node);
     // The viewer takes the window's height for its own; the pane has another.
     const sized = this.viewer.set_3d_pane_size.bind(this.viewer);
@@ -34,8 +38,9 @@ export class Pane {
     this.every = false;
     this.holding = false; // whether a handle is being dragged
     new ResizeObserver(() => this.viewer.set_3d_pane_size()).observe(this.node);
-    const over = new ResizeObserver(() => this.center());
-    for (const id of OVER) over.observe(byId(id));
+    new MutationObserver(() => this.rewrite()).observe(document.documentElement, { attributeFilter: ["data-theme"] });
+    const covering = new ResizeObserver(() => this.center());
+    for (const id of over) covering.observe(byId(id));
     this.viewer.set_3d_pane_size();
     this.after = [];
     const render = this.viewer.render.bind(this.viewer);
@@ -67,9 +72,9 @@ export class Pane {
   center() {
     const { clientWidth: width, clientHeight: height } = this.node;
     // Never back: a legend that comes and goes does not shake the picture.
-    this.covered = Math.max(this.covered, byId("legend").offsetHeight);
+    if (this.over.includes("legend")) this.covered = Math.max(this.covered, byId("legend").offsetHeight);
     this.viewer.camera.setViewOffset(width, height, 0, this.covered / 2, width, height);
-    this.boxes = OVER.map((id) => box(byId(id), width, height));
+    this.boxes = this.over.map((id) => box(byId(id), width, height));
     // A view that nobody has turned is framed anew for another shape of the pane.
     if (this.framed && String(this.view) === this.framed.view) {
       const first = this.first === this.framed.view;
@@ -81,9 +86,13 @@ export class Pane {
 
   apply(commands, then) {
     for (const command of commands) {
-      if (command instanceof Uint8Array) this.viewer.handle_command_bytearray(command);
-      else if (command.type === "copy") this.copy(command);
-      else this.viewer.handle_command(command.type === "label" ? label(command) : command);
+      if (command instanceof Uint8Array && command[0] !== BRACE) this.viewer.handle_command_bytearray(command);
+      else {
+        const plain = command instanceof Uint8Array ? JSON.parse(new TextDecoder().decode(command)) : command;
+        if (plain.type === "copy") this.copy(plain);
+        else if (plain.type === "label") this.write(plain);
+        else this.viewer.handle_command(plain);
+      }
     }
     if (then) {
       this.after.push(then);
@@ -91,6 +100,45 @@ export class Pane {
       if (performance.now() - this.rendered > REST) this.viewer.render();
       else this.viewer.set_dirty();
     }
+  }
+
+  /** Move parts that there are. */
+  move(commands) {
+    for (const command of commands) {
+      let node = this.viewer.scene_tree;
+      for (const name of command.path.split("/").filter(Boolean)) node = node?.children[name];
+      if (node) this.viewer.handle_command(command);
+    }
+    this.viewer.set_dirty();
+  }
+
+  /** Put a line of text into the picture, facing the viewer. */
+  write(label) {
+    const { Sprite, SpriteMaterial, CanvasTexture, LinearFilter } = MeshCat.THREE;
+    const path = label.path.split("/").filter(Boolean);
+    let sprite = this.viewer.scene_tree.find([...path, "<object>"]).object;
+    if (sprite.userData.canvas) {
+      penned(sprite.userData.canvas, label);
+      sprite.material.map.dispose(); // of another size
+    } else {
+      const canvas = penned(document.createElement("canvas"), label);
+      const map = new CanvasTexture(canvas);
+      map.minFilter = LinearFilter;
+      sprite = new Sprite(new SpriteMaterial({ map, transparent: true, depthTest: false, sizeAttenuation: false }));
+      sprite.renderOrder = 10;
+      sprite.userData.canvas = canvas;
+      this.viewer.set_object(path, sprite);
+    }
+    sprite.userData.label = label;
+    const { width, height } = sprite.userData.canvas;
+    sprite.scale.set((label.height * width) / height, label.height, 1);
+    sprite.material.map.needsUpdate = true;
+    this.viewer.set_dirty();
+  }
+
+  /** Write every label in the colours of the theme. */
+  rewrite() {
+    this.viewer.scene.traverse((node) => { if (node.userData.label) this.write(node.userData.label); });
   }
 
   /** Pale copies of what stands at some places below a path, at the same places below another. */
@@ -158,6 +206,16 @@ export class Pane {
     this.viewer.set_dirty();
   }
 
+  /** Look as another picture does, in units that are so many times its own. */
+  seeAs({ viewer: { camera: eye, controls: aim } }, times) {
+    const { camera, controls } = this.viewer;
+    if (camera.position.equals(eye.position.clone().multiplyScalar(times)) && controls.target.equals(aim.target.clone().multiplyScalar(times))) return;
+    camera.position.copy(eye.position).multiplyScalar(times);
+    controls.target.copy(aim.target).multiplyScalar(times);
+    controls.update();
+    this.viewer.set_dirty();
+  }
+
   /** The picture as a PNG file. */
   image() {
     this.viewer.render();
@@ -171,28 +229,19 @@ function box({ offsetLeft, offsetTop, offsetWidth, offsetHeight }, width, height
     width: offsetWidth / width, height: offsetHeight / height };
 }
 
-const LINEAR_FILTER = 1006;
-
-/** The command that puts a line of text into the picture, facing the viewer. */
-function label({ path, text, letters, paper, height }) {
-  const canvas = document.createElement("canvas");
+/** A line of text on a canvas; colours are numbers, for light and dark. */
+function penned(canvas, { text, letters, paper }) {
+  const theme = Number(document.documentElement.dataset.theme === "dark");
   const pen = canvas.getContext("2d");
   const font = "26px system-ui, sans-serif";
   const colour = (number, alpha) => `rgb(${number >> 16 & 255} ${number >> 8 & 255} ${number & 255} / ${alpha})`;
   pen.font = font;
   canvas.width = Math.ceil(pen.measureText(text).width) + 12;
   canvas.height = 38;
-  pen.fillStyle = colour(paper, 0.72);
+  pen.fillStyle = colour(paper[theme], 0.72);
   pen.fillRect(0, 0, canvas.width, canvas.height);
   pen.font = font;
-  pen.fillStyle = colour(letters, 1);
+  pen.fillStyle = colour(letters[theme], 1);
   pen.fillText(text, 6, 28);
-  return {
-    type: "set_object", path, object: {
-      images: [{ uuid: "i", url: canvas.toDataURL() }],
-      textures: [{ uuid: "t", image: "i", minFilter: LINEAR_FILTER }],
-      materials: [{ uuid: "m", type: "SpriteMaterial", map: "t", transparent: true, depthTest: false, sizeAttenuation: false }],
-      object: { uuid: "o", type: "Sprite", material: "m", renderOrder: 10, scale: [height * canvas.width / canvas.height, height, 1] },
-    },
-  };
+  return canvas;
 }

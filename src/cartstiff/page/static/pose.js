@@ -6,9 +6,14 @@ import { CLOSE } from "./numerics.js";
 // From so many sliders on there is a field to find one.
 const MANY = 10;
 const DEGREES = 180 / Math.PI;
+// Range of the length of a leg without limits, and the time (ms) for which its fellows are held.
+const LEG_SHARE = 0.25;
+const HELD = 600;
 
 export function posePanel(store) {
   const rows = [];
+  let stretching = null; // lengths while one is changed by hand
+  let letGo = null;
   const list = el("div", { class: "sliders" });
   const legs = el("div", { class: "legs" });
   const filter = el("input", { type: "search", class: "filter", placeholder: "Find a joint", "aria-label": "Find a joint", hidden: true,
@@ -46,6 +51,7 @@ export function posePanel(store) {
   function build(hello) {
     rows.length = 0;
     list.replaceChildren();
+    legs.replaceChildren();
     const { coordinates, sliders, platform } = hello.mechanism;
     zero.hidden = platform || sliders.length !== coordinates.length || !store.source.moves;
     random.hidden = !store.source.moves;
@@ -81,25 +87,36 @@ export function posePanel(store) {
     if (legs.childElementCount !== found.length + 1) {
       legs.replaceChildren(el("div", { class: "leg leg-head dim small" }, el("span", {}, "leg"),
         el("span", {}, `length ${unit}`), el("span", {}, ""), el("span", {}, `tension ${store.unit("force")}`)));
-      found.forEach((_, i) => legs.append(el("div", { class: "leg" }, el("span", {}, String(i + 1)),
-        el("span", { class: "num" }), el("span", { class: "meter" }, el("i")), el("span", { class: "num" }))));
+      found.forEach((_, i) => {
+        const range = el("input", { type: "range", step: "any", "aria-label": `length of leg ${i + 1}`, oninput: () => stretch(i, range.valueAsNumber) });
+        range.disabled = !store.source.moves;
+        legs.append(el("div", { class: "leg" }, el("span", {}, String(i + 1)), el("span", { class: "num" }), range, el("span", { class: "num" })));
+      });
     }
     found.forEach((leg, i) => {
       const row = legs.children[i + 1];
-      const [, length, meter, tension] = row.children;
+      const [, length, range, tension] = row.children;
       length.textContent = short(leg.length, 5);
       tension.textContent = short(leg.tension);
       const limited = leg.lower !== null && leg.upper !== null;
       const beyond = limited && (leg.length < leg.lower || leg.length > leg.upper);
       row.classList.toggle("beyond", beyond);
-      meter.style.visibility = limited ? "visible" : "hidden";
-      if (limited) {
-        const share = clamp((leg.length - leg.lower) / (leg.upper - leg.lower), 0, 1);
-        meter.firstChild.style.left = `${100 * share}%`;
-        row.title = `leg ${i + 1}: limits ${short(leg.lower)} … ${short(leg.upper)} ${unit}` +
-          (beyond ? ": BEYOND ITS LIMIT" : "");
-      }
+      // Without limits a share of the length that it had at first.
+      const [low, high] = limited ? [leg.lower, leg.upper] : [1 - LEG_SHARE, 1 + LEG_SHARE].map((x) => x * (range.first ??= leg.length));
+      if (Number(range.min) !== low || Number(range.max) !== high) [range.min, range.max] = [low, high];
+      if (document.activeElement !== range || !stretching) range.value = leg.length;
+      row.title = limited ? `leg ${i + 1}: limits ${short(leg.lower)} … ${short(leg.upper)} ${unit}${beyond ? ": BEYOND ITS LIMIT" : ""}` : `leg ${i + 1} has no limits`;
     });
+  }
+
+  /** Another length of one leg, the others as they are: the pose follows. */
+  function stretch(i, length) {
+    stretching ??= store.numbers.legs.map((leg) => leg.length);
+    stretching[i] = length;
+    clearTimeout(letGo);
+    letGo = setTimeout(() => { stretching = null; }, HELD);
+    store.remember(`leg ${i}`);
+    store.reach({ lengths: stretching.slice() });
   }
 
   function showPinned() {
@@ -115,6 +132,10 @@ export function posePanel(store) {
   store.on("numbers", () => {
     update();
     showLegs();
+  });
+  store.on("error", () => {
+    stretching = null; // a leg that cannot be so long goes back
+    if (store.numbers) showLegs();
   });
   store.on("pinned", showPinned);
   return { setAngle };

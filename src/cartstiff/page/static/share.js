@@ -4,28 +4,36 @@ import { byId, copy, download, el, toast } from "./dom.js";
 
 // Of the state, what an address holds; the kind of each is that of the first state.
 const KEYS = ["q", "connection", "quantity", "axes", "point", "stiffness", "load", "load_axes",
-  "load_kind", "load_at", "ghost",
+  "load_kind", "load_at", "gravity", "payload", "command", "ghost",
   "scale", "translation", "rotation", "labels", "wrench", "deflection", "screws", "centres", "quantity_of_map", "mode"];
-const NUMBERS = new Set(["q", "point", "stiffness", "load", "load_at", "ghost"]);
+const NUMBERS = new Set(["q", "point", "stiffness", "load", "load_at", "gravity", "payload", "command", "ghost"]);
 // What stands for the stiffness of a rigid joint, which is null.
 const RIGID = "rigid";
 const FLAGS = new Set(["translation", "rotation", "labels", "wrench", "deflection", "screws", "centres"]);
+
+const FIXED = new Set(["gravity", "payload", "command"]);
 
 const WORDS = {
   connection: ["load", "A", "B", "K", "F", "+"], quantity: ["stiffness", "compliance"], axes: ["body", "inertial"],
   load_axes: ["body", "inertial"], load_kind: ["dead", "follower", "conservative"], scale: ["root", "linear", "log"],
 };
-const COUNTS = { point: 3, load: 6, load_at: 3 };
+const COUNTS = { point: 3, load: 6, load_at: 3, gravity: 3, payload: 4 };
 
-/** What differs from the first state, as the part of an address after #. */
-export function toHash(store) {
+/** What of a state differs from the first one. */
+function differing(state, first) {
   const parts = new URLSearchParams();
-  const first = store.hello.state;
   for (const key of KEYS) {
-    const value = store.state[key];
+    const value = state[key];
     if (value === null || value === undefined || JSON.stringify(value) === JSON.stringify(first[key])) continue;
     parts.set(key, NUMBERS.has(key) ? value.map((x) => x ?? RIGID).join(",") : String(value));
   }
+  return parts;
+}
+
+/** Everything that is shown, as the part of an address after #. */
+export function toHash(store) {
+  const parts = differing(store.state, store.hello.state);
+  for (const { letter, own, state } of store.rows) if (own) parts.set(`kept${letter}`, differing(state, store.hello.state));
   const { frame } = store.hello.mechanism;
   if (frame !== store.firstFrame) parts.set("frame", frame);
   if (store.fine) parts.set("lengths", store.fine);
@@ -43,7 +51,7 @@ export function fromHash(hash, first) {
       if (/^[1-9]\d?$/.test(text)) found.mode = Number(text);
     } else if (NUMBERS.has(key)) {
       const numbers = text.split(",").map((x) => (key === "stiffness" && x === RIGID ? null : Number(x)));
-      const count = key in COUNTS ? COUNTS[key] : key === "stiffness" ? numbers.length : first.q.length;
+      const count = key in COUNTS ? COUNTS[key] : ["stiffness", "command"].includes(key) ? numbers.length : first.q.length;
       const fits = numbers.length === count;
       if (fits && numbers.every((x) => x === null || Number.isFinite(x))) found[key] = numbers;
     } else if (FLAGS.has(key)) found[key] = text === "true";
@@ -59,7 +67,7 @@ export function sharing(store) {
     toast("Computing the frames of the page …");
     html.disabled = true;
     try {
-      const { name, text } = await store.ask({ do: "export" });
+      const { name, text } = await store.ask({ do: "export", address: toHash(store) });
       download(name, text, "text/html");
     } catch (error) {
       store.tell("error", error.message);
@@ -88,13 +96,22 @@ export function sharing(store) {
     if (applied) return;
     applied = true;
     store.firstFrame = hello.mechanism.frame;
-    const asked = new URLSearchParams(location.hash.slice(1));
+    const hash = location.hash || `#${hello.address ?? ""}`; // a file has the address that it was made at
+    const asked = new URLSearchParams(hash.slice(1));
+    const read = (text) => {
+      const found = fromHash(text, hello.state);
+      // A file weighs what it weighed when it was made, and draws some parts only.
+      const { live, shows } = store.source;
+      for (const key of Object.keys(found)) if (!live && (FIXED.has(key) || FLAGS.has(key) && !shows.includes(key))) delete found[key];
+      return found;
+    };
+    for (const [key, text] of asked) if (/^kept[ABC]$/.test(key)) store.keeps[key[4]] = { ...structuredClone(hello.state), ...read(text) };
     store.readIn(asked.get("lengths"));
     if (asked.get("angles") === "rad") store.tell("angles", "rad");
     const view = (asked.get("camera") ?? "").split(",").map(Number);
     if (view.length === 6 && view.every(Number.isFinite)) store.pane.view = view;
-    const wishes = fromHash(location.hash, hello.state);
-    const frame = new URLSearchParams(location.hash.slice(1)).get("frame");
+    const wishes = read(hash);
+    const frame = asked.get("frame");
     if (frame && frame !== hello.mechanism.frame && store.source.live) {
       store.ask({ do: "frame", name: frame }).then(() => {
         store.change(wishes);
@@ -102,7 +119,7 @@ export function sharing(store) {
       }, (error) => store.tell("error", error.message));
     } else if (Object.keys(wishes).length) {
       Object.assign(store.state, wishes);
-      store.compareWith(wishes.ghost);
+      store.compareWith(store.state.ghost);
     } else store.compareWith(hello.state.ghost);
   });
   const settle = () => {
@@ -117,6 +134,7 @@ export function sharing(store) {
     }, 500);
   };
   store.on("numbers", settle);
+  store.on("rows", () => store.numbers && settle());
   store.on("units", () => store.numbers && settle());
   window.addEventListener("hashchange", () => {
     const wishes = fromHash(location.hash, store.hello.state);

@@ -6,8 +6,12 @@ const MOST_PAST = 200;
 const TOGETHER = 800;
 
 export class Store {
-  constructor(source) {
+  constructor(source, pane = null, quiet = false) {
     this.source = source;
+    this.pane = pane;
+    this.quiet = quiet; // another store beside the page's own
+    this.rows = []; // what is compared with, see compare.js
+    this.keeps = {}; // states that an address wants kept, by letter
     this.state = null; // what is wanted, see state.py
     this.hello = null;
     this.numbers = null; // what is shown
@@ -15,17 +19,18 @@ export class Store {
     this.pinned = null; // posture A: {q, numbers}
     this.angle = "deg";
     this.error = null;
-    this.listeners = { hello: [], state: [], numbers: [], pinned: [], error: [], pose: [], units: [], angles: [] };
+    this.listeners = { hello: [], state: [], numbers: [], pinned: [], error: [], pose: [], units: [], angles: [], rows: [] };
     this.fine = null; // the unit of length in which translations are read, if not the file's
     this.busy = null;
     this.wanted = false;
     this.number = 1;
     this.waiting = new Map();
-    this.towards = null;
+    this.towards = null; // {pose, turning} of a hand, or {lengths} of legs
     this.past = [];
     this.future = [];
     source.onanswer = (data, commands) => this.receive(data, commands);
     source.onlost = () => this.lost();
+    source.onalone = () => this.alone();
   }
 
   on(event, listener) {
@@ -65,7 +70,7 @@ export class Store {
     if (JSON.stringify(ghost) !== JSON.stringify(wanted.ghost)) this.compareWith(wanted.ghost);
   }
 
-  /** Pull M towards a pose, see state.py. */
+  /** Pull M towards a pose, or legs to lengths, see state.py. */
   reach(towards) {
     this.sticky = false;
     this.towards = towards;
@@ -105,6 +110,7 @@ export class Store {
   draw() {
     if (this.busy !== null) {
       this.wanted = true;
+      if (!this.towards) this.source.between?.(this);
       return;
     }
     this.wanted = false;
@@ -112,8 +118,8 @@ export class Store {
     this.sentQ = this.state.q;
     const { towards } = this;
     this.towards = null;
-    document.dispatchEvent(new CustomEvent("cartstiff:sent", { detail: this.busy }));
-    this.source.ask({ id: this.busy, do: "draw", state: this.state, ...(towards ? { towards } : {}) });
+    this.say("sent", this.busy);
+    this.source.ask({ id: this.busy, do: "draw", state: this.state, ...(towards?.lengths ? towards : towards ? { towards } : {}) });
   }
 
   /** Ask something else; resolves with the answer, rejects with the reason in words. */
@@ -131,7 +137,7 @@ export class Store {
     const waiting = this.waiting.get(data.id);
     if (waiting) {
       this.waiting.delete(data.id);
-      if (data.do === "swing") data.commands = commands; // not to be shown at once
+      if (data.do === "swing" || data.do === "living") data.packed = commands; // not to be shown at once
       else if (commands.length) this.pane.apply(commands);
       if (data.error) waiting.reject(new Error(data.error));
       else waiting.resolve(data);
@@ -182,10 +188,29 @@ export class Store {
     }
     this.tell("numbers", data);
     if (!this.wanted) this.source.saySnapped?.(this.sentQ, before, this.state.moved);
-    document.dispatchEvent(new CustomEvent("cartstiff:table", { detail: data.id }));
+    this.say("table", data.id);
     this.beforePicture?.();
-    this.pane.apply(commands, () =>
-      document.dispatchEvent(new CustomEvent("cartstiff:rendered", { detail: data.id })));
+    this.pane.apply(commands, () => this.say("rendered", data.id));
+  }
+
+  /** Tell the document, for whoever measures. */
+  say(what, detail) {
+    if (!this.quiet) document.dispatchEvent(new CustomEvent(`cartstiff:${what}`, { detail }));
+  }
+
+  /** Numbers and places that pass: the server's answer follows. */
+  pass(numbers, commands) {
+    const { modes, weighed } = this.numbers;
+    this.numbers = { ...numbers, modes, weighed };
+    this.tell("numbers", { numbers: this.numbers, legend: this.legend, followed: null, passing: true });
+    this.pane.move(commands);
+  }
+
+  /** The server has gone, and the page answers: everything is drawn anew from what it has. */
+  alone() {
+    const { local } = this.source;
+    this.pane.reset(local.listed(local.data.start), this.hello.bounds);
+    this.draw();
   }
 
   fail(data) {
@@ -210,7 +235,7 @@ export class Store {
 
   /** Coordinates as posture A, or none. */
   compareWith(q) {
-    this.pinned = q ? { q: q.slice(), numbers: null } : null;
+    this.pinned = q ? { q: q.slice(), numbers: null, state: this.keeps.A } : null;
     this.tell("pinned", this.pinned);
     return this.refreshPinned();
   }
@@ -229,7 +254,7 @@ export class Store {
   }
 
   pin() {
-    this.pinned = this.numbers && { q: this.numbers.result.q.slice(), numbers: this.numbers };
+    this.pinned = this.numbers && { q: this.numbers.result.q.slice(), numbers: this.numbers, state: structuredClone(this.state) };
     this.change({ ghost: this.pinned ? this.pinned.q : null });
     this.tell("pinned", this.pinned);
   }
@@ -284,11 +309,12 @@ export class Store {
 }
 
 // Powers of ten.
-const METRES = { m: 0, cm: -2, mm: -3, "µm": -6 };
+export const METRES = { m: 0, cm: -2, mm: -3, "µm": -6 };
 // What changes the numbers of a posture without moving it.
 const SHOWN = new Set(["connection", "quantity", "axes", "point", "stiffness", "load", "load_axes",
-  "load_kind", "load_at"]);
+  "load_kind", "load_at", "gravity", "payload"]);
 
-const LOOKS = ({ theme, translation, rotation, scale, labels, wrench, deflection, screws, centres,
+/** Of a state what says how numbers and picture are shown. */
+export const LOOKS = ({ theme, translation, rotation, scale, labels, wrench, deflection, screws, centres,
   connection, mode }) =>
   ({ theme, translation, rotation, scale, labels, wrench, deflection, screws, centres, connection, mode });

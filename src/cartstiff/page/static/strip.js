@@ -2,6 +2,7 @@
 
 import { byId, choice, clamp, download, el, short } from "./dom.js";
 import { FINE } from "./deflection.js";
+import { heat } from "./heat.js";
 import { BLANK } from "./numerics.js";
 import { drawing, provenance, saveDrawing, table } from "./plotfiles.js";
 
@@ -9,6 +10,8 @@ const SVG = "http://www.w3.org/2000/svg";
 export const MARGIN = { left: 52, right: 12, top: 8, bottom: 18 };
 // A plot less wide than this (dots) has fewer words below.
 const NARROW = 420;
+// What of a state curves depend on, besides the posture.
+const OF = ["connection", "quantity", "point", "axes", "stiffness", "load", "load_axes", "load_kind", "load_at", "gravity", "payload", "command"];
 // A sweep that took longer than this (s) is not repeated by itself.
 const QUICK = 1;
 
@@ -20,7 +23,7 @@ export function svg(tag, attributes = {}, ...children) {
 }
 
 export function strip(store) {
-  let series = null; // {kind, coordinate, at, rows, key}
+  let series = null; // {kind, coordinate, at, rows, key, others}
   let freedom = "translation";
   let position = 0; // index into the series
   let playing = null;
@@ -28,7 +31,11 @@ export function strip(store) {
   let timer = null;
   let slow = false;
 
-  const what = el("select", { "aria-label": "Along what", onchange: () => request(true) });
+  const what = el("select", { "aria-label": "Along what", onchange: () => {
+    request(true);
+    map.show();
+    map.request();
+  } });
   const [freedoms, chooseFreedom] = choice("Values of", [
     ["translation", "translation", "Principal values of translation"],
     ["rotation", "rotation", "Principal values of rotation"],
@@ -36,8 +43,16 @@ export function strip(store) {
     freedom = value;
     chooseFreedom(value);
     draw();
+    map.draw();
   });
   chooseFreedom(freedom);
+  const map = heat(store, {
+    svg, unit: () => unitOf(), title: () => titleOf(), value: (row) => valuesOf(row)?.[0] ?? null,
+    along: () => (what.value.startsWith("sweep") && what.value !== `sweep:${map.select.value}` ? Number(what.value.slice(6)) : null),
+    key: () => OF.map((name) => store.state[name]),
+    toggle: (on) => { plot.style.display = on ? "none" : ""; },
+    read: (event, words) => tell(event, words),
+  });
   const play = el("button", { type: "button", class: "play", title: "Play or pause (p)", "aria-label": "Play", onclick: () => toggle() }, "▶");
   const time = el("input", { type: "range", id: "time", min: 0, max: 1, step: 1, value: 0, "aria-label": "Time" });
   const label = el("span", { class: "num small time-label" });
@@ -45,12 +60,12 @@ export function strip(store) {
   const save = el("select", { "aria-label": "Save the plot", class: "save", title: "The plot as a file, with what it shows", onchange: () => keep(save.value) },
     ...[["", "Save"], ["svg", "SVG"], ["csv", "CSV"], ["png1", "PNG"], ["png2", "PNG × 2"], ["png4", "PNG × 4"]].map(([value, text]) => el("option", { value }, text)));
   const reading = el("div", { class: "tip reading", role: "status", hidden: true });
-  const plot = svg("svg", { role: "img", class: "plot" });
+  const plot = svg("svg", { role: "img", class: "plot", "aria-label": "no curves yet" });
   const cursor = svg("line", { class: "cursor" });
   byId("strip").append(
-    el("div", { class: "row" }, el("span", { class: "dim" }, "Along"), what, freedoms, again,
+    el("div", { class: "row" }, el("span", { class: "dim" }, "Along"), what, map.select, freedoms, again,
       el("span", { class: "grow" }), label),
-    plot, reading,
+    el("div", { class: "plots" }, plot, map.plot), reading,
     el("div", { class: "row time-row" }, play, time, save));
 
   time.addEventListener("input", () => go(time.valueAsNumber));
@@ -73,11 +88,17 @@ export function strip(store) {
 
   /** The values under a pointer, in words. */
   function read(event) {
-    reading.hidden = !series;
-    if (!series) return;
+    if (!series) return tell(event, null);
     const k = nearest(event);
     const values = valuesOf(series.rows[k]);
-    reading.textContent = `${atText(series.at[k])}: ${values ? `${values.map((x) => short(x, 5)).join(", ")} ${unitOf()}` : "nothing exists here"}`;
+    tell(event, `${atText(series.at[k])}: ${values ? `${values.map((x) => short(x, 5)).join(", ")} ${unitOf()}` : "nothing exists here"}`);
+  }
+
+  /** Words beside a pointer, or none. */
+  function tell(event, words) {
+    reading.hidden = !words;
+    if (!words) return;
+    reading.textContent = words;
     const strip = byId("strip").getBoundingClientRect();
     reading.style.left = `${clamp(event.clientX - strip.left + 12, 4, strip.width - reading.offsetWidth - 6)}px`;
     reading.style.top = `${clamp(event.clientY - strip.top - 30, 2, strip.height - 26)}px`;
@@ -94,6 +115,7 @@ export function strip(store) {
     if (!series || !kind) return;
     const title = titleOf();
     const name = `${store.hello.mechanism.name}-${freedom}`.replaceAll(/[^\w.-]+/g, "_");
+    if (map.on()) return map.keep(kind, name);
     const lines = provenance(store, title);
     if (kind === "csv") {
       const along = series.kind === "sweep" ? `${what.selectedOptions[0].text} [${store.hello.mechanism.coordinates[series.coordinate].unit}]`
@@ -104,6 +126,7 @@ export function strip(store) {
       return download(`${name}.csv`, table(lines, names, rows), "text/csv");
     }
     const legend = freedom === "deflection" ? ["grey: nothing exists, or the load is not resisted"] : ["line: least value; dashes: middle; dots: largest; grey: nothing exists; hatched: a value is negative"];
+    if (series.others.length) legend.push(`dash-dot, with a name: least value of ${series.others.map(({ title }) => title).join(", ")}`);
     saveDrawing(kind, name, drawing(plot, lines, legend));
   }
 
@@ -171,9 +194,9 @@ export function strip(store) {
   function key() {
     const { state } = store;
     const [kind, index] = what.value.split(":");
-    const { connection, quantity, point, axes, stiffness, load, load_axes: loadAxes, load_kind: loadKind, load_at: loadAt } = state;
+    const rows = kind === "series" ? [] : store.rows.map((row) => [row.letter, row.state]);
     const others = kind === "series" ? [] : store.hello.mechanism.sliders.filter((i) => i !== Number(index)).map((i) => state.q[i]);
-    return JSON.stringify([what.value, others, connection, quantity, point, axes, stiffness, load, loadAxes, loadKind, loadAt]);
+    return JSON.stringify([what.value, rows, others, ...OF.map((name) => state[name])]);
   }
 
   function request(now = false) {
@@ -198,11 +221,17 @@ export function strip(store) {
     try {
       const answer = await store.ask(kind === "series" ? { do: "series" } : { do: "sweep", coordinate: Number(index), steps: 61 });
       if (asked !== wanted) return;
-      series = { kind, coordinate: Number(index), at: answer.at, rows: answer.rows, key: wanted };
+      series = { kind, coordinate: Number(index), at: answer.at, rows: answer.rows, key: wanted, others: [] };
       slow = answer.seconds > QUICK;
       again.hidden = true;
       time.max = series.at.length - 1;
       draw();
+      if (kind === "sweep") for (const row of store.rows) {
+        const other = await row.sweep(Number(index), 61).catch(() => null);
+        if (asked !== wanted) return;
+        if (other) series.others.push(other);
+      }
+      if (series.others.length) draw();
     } catch (error) {
       if (asked === wanted && error.message !== "newer") store.tell("error", error.message);
     } finally {
@@ -251,7 +280,9 @@ export function strip(store) {
   function draw() {
     if (!series || width < 80 || height < 40) return;
     const lines = [0, 1, 2].map((k) => series.rows.map((row) => valuesOf(row)?.[k] ?? null));
-    const positive = lines.flat().filter((x) => x !== null && x > 0);
+    // Of what is compared with the least value, dashed.
+    const overlaid = series.others.map(({ title, at, rows }) => ({ title, at, values: rows.map((row) => valuesOf(row)?.[0] ?? null) }));
+    const positive = [...lines, ...overlaid.map(({ values }) => values)].flat().filter((x) => x !== null && x > 0);
     const unit = unitOf();
     plot.replaceChildren();
     if (!positive.length) {
@@ -280,18 +311,26 @@ export function strip(store) {
       plot.append(svg("rect", { class: values ? "gap negative" : "gap", x, y: MARGIN.top,
         width: middle(i, i + 1) - x, height: height - MARGIN.top - MARGIN.bottom }));
     });
-    lines.forEach((values, k) => {
+    const line = (values, at, kind) => {
       let path = "";
       let pen = "M";
+      let last = null;
       values.forEach((x, i) => {
-        if (x === null || x <= 0) pen = "M";
+        if (x === null || x <= 0 || at[i] < series.at[0] || at[i] > series.at.at(-1)) pen = "M";
         else {
-          path += `${pen}${placeX(series.at[i], width).toFixed(1)},${clamp(placeY(x), MARGIN.top, height - MARGIN.bottom).toFixed(1)}`;
+          last = [placeX(at[i], width), clamp(placeY(x), MARGIN.top, height - MARGIN.bottom)];
+          path += `${pen}${last[0].toFixed(1)},${last[1].toFixed(1)}`;
           pen = "L";
         }
       });
-      plot.append(svg("path", { d: path, class: `curve ${freedom} curve-${k}` }));
-    });
+      plot.append(svg("path", { d: path, class: `curve ${kind}` }));
+      return last;
+    };
+    lines.forEach((values, k) => line(values, series.at, `${freedom} curve-${k}`));
+    for (const { title, at, values } of overlaid) {
+      const end = line(values, at, "other");
+      if (end) plot.append(text(end[0] - 3, end[1] - 4, title, "end", "unit"));
+    }
     plot.setAttribute("aria-label", titleOf());
     plot.append(cursor);
     showCursor();
@@ -342,7 +381,11 @@ export function strip(store) {
     plot.replaceChildren();
     request(true);
   });
-  store.on("units", draw);
+  store.on("units", () => {
+    draw();
+    map.draw();
+  });
+  store.on("rows", () => request());
   store.on("numbers", () => {
     request();
     showCursor();

@@ -1,0 +1,97 @@
+"""States and mechanisms beside what is in hand: numbers, ratios, pictures, curves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tools.screenshot import settled
+
+import cartstiff
+from cartstiff.page.run import Background
+from cartstiff.page.source import Source
+
+LOAD = [0.0, 0.0, 0.0, 0.0, 0.0, -100.0]
+
+
+@pytest.fixture(scope="module")
+def two():
+    arm = cartstiff.load("ur5")
+    soft = replace(arm.with_springs((0.5 * arm.springs.stiffness).tolist()), name="softer")
+    server = Background(Source(arm), beside=[Source(soft)])
+    yield arm, soft, server.url
+    server.close()
+
+
+def rows(page):
+    """The rows but the first: (numbers, ratios) by name."""
+    settled(page)
+    page.wait_for_function("() => window.cartstiff.rows.every((row) => row.numbers)")
+    found = {}
+    for row in page.locator(".compared tbody tr").all()[1:]:
+        cells = [cell.inner_text().split("\n") for cell in row.locator("td").all()]
+        found[row.locator("b").inner_text()] = (
+            [float(cell[0]) for cell in cells],
+            [float(cell[1].replace("× ", "")) for cell in cells],
+        )
+    return found
+
+
+def expected(elastic, q):
+    result = cartstiff.analyse(elastic, q, wrench=LOAD, load_axes="world")
+    moved = np.linalg.solve(result.tangent, result.wrench)
+    K = 0.5 * (result.tangent + result.tangent.T)
+    soft = [np.linalg.eigvalsh(K[i : i + 3, i : i + 3])[0] for i in (3, 0)]
+    return np.array([1e3 * np.linalg.norm(moved[3:]), *soft])
+
+
+def test_rows_are_states_and_mechanisms_with_their_ratios(two, pages):
+    arm, soft, url = two
+    page = pages.open(f"{url}#load=0,0,0,0,0,-100&load_axes=inertial")
+    page.keyboard.press("a")
+    settled(page)
+    first = arm.q.tolist()
+    q = [*first[:2], first[2] + 0.4, *first[3:]]
+    page.evaluate("(q) => window.cartstiff.goTo(q)", q)
+    settled(page)
+    page.click("button:has-text('Keep as B')")
+    page.evaluate("() => window.cartstiff.change({load: [0, 0, 0, 0, 0, -200]})")
+    settled(page)
+    page.evaluate("() => window.cartstiff.change({load: [0, 0, 0, 0, 0, -100]})")
+    here = expected(arm, q)
+    found = rows(page)
+    # Another mechanism with the same coordinates follows the hand; what was kept stays.
+    for name, elastic, posture in (("softer", soft, q), ("A", arm, first), ("B", arm, q)):
+        numbers, ratios = found[name]
+        other = expected(elastic, posture)
+        assert np.allclose(numbers, other, rtol=6e-4)
+        assert np.allclose(ratios, other / here, rtol=6e-3)
+    # One eye for all pictures, and radii that mean the same.
+    page.wait_for_function("() => window.cartstiff.rows.every((row) => row.store?.legend)")
+    page.evaluate("() => window.cartstiff.pane.look('top', window.cartstiff.hello.bounds)")
+    settled(page)
+    seen = page.evaluate("""() => {
+        const store = window.cartstiff;
+        return store.rows.map((row) => [row.pane.view, row.store.legend.measures]);
+    }""")
+    eye = page.evaluate("() => [window.cartstiff.pane.view, window.cartstiff.legend.measures]")
+    assert len(seen) == 3
+    for view, measures in seen:
+        assert np.allclose(view, eye[0], atol=1e-3)
+        assert measures == eye[1]
+    # Its curve lies in the same plot.
+    page.evaluate(
+        "() => document.querySelector('#strip select').dispatchEvent(new Event('change'))"
+    )
+    page.wait_for_selector("#strip .plot .curve.other")
+    # The address holds what was kept.
+    page.wait_for_function("() => window.location.hash.includes('keptB')")
+    again = pages.open(page.evaluate("() => window.location.href"))
+    again.wait_for_function("() => window.cartstiff.rows.length === 3")
+    assert {name: rows(again)[name] for name in ("A", "B")} == {n: found[n] for n in ("A", "B")}
+    page.keyboard.press("a")
+    settled(page)
+    assert "A" not in rows(page)
+    page.context.close()
+    again.context.close()
