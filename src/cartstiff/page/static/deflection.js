@@ -2,6 +2,7 @@
 
 import { byId, chop, el, short } from "./dom.js";
 import { CLOSE, ROUNDING } from "./numerics.js";
+import { sway } from "./sway.js";
 
 // Where lengths are metres, people say millimetres.
 export const FINE = { m: [1000, "mm"], mm: [1, "mm"], cm: [10, "mm"] };
@@ -26,7 +27,7 @@ export function deflectionPanel(store) {
   const example = el("button", { type: "button", title: "A force of 100 downwards in the room; then drag the arrow, or type numbers on the left",
     onclick: () => store.change({ load: [0, 0, 0, 0, 0, -EXAMPLE], load_axes: "inertial" }) });
   store.on("hello", () => { example.textContent = `Hang ${EXAMPLE} ${store.unit("force")} on it`; });
-  byId("right").append(el("div", { class: "card moved-card" }, el("h2", {}, "Under this load"), head, detail, line, bars));
+  byId("right").append(el("div", { class: "card moved-card" }, el("div", { class: "row" }, el("h2", {}, "Under this load"), el("span", { class: "grow" }), sway(store)), head, detail, line, bars));
 
   const length = (x) => {
     const [factor, unit] = FINE[store.unit("length")] ?? [1, store.unit("length")];

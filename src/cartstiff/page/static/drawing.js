@@ -122,6 +122,14 @@ export class Drawing {
     return { commands: this.commands, legend };
   }
 
+  /** Commands that put the mechanism alone at a place. */
+  places(m) {
+    this.commands = [];
+    this.mechanism("mechanism", m);
+    this.pose("M", m.pose);
+    return this.commands;
+  }
+
   mechanism(root, { pose, frames }) {
     const { kit, living } = this;
     if (living.data.platform) {

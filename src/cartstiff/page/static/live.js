@@ -43,6 +43,7 @@ export class LiveSource {
     local.onanswer = (...answer) => this.onanswer(...answer);
     this.passing = new Drawing(local.living, data.kit, data.scene);
     this.local = local;
+    store.tell("local", local);
   }
 
   /** Show what is wanted while the server is still busy with an older question: places, not parts. */

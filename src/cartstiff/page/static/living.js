@@ -249,9 +249,14 @@ export class Living {
     };
   }
 
+  /** What the load adds to the springs in the joints. */
+  coupled(m) {
+    return congruence(m.J, m.changes.load);
+  }
+
   shares(m, twist, shift, energy, point) {
     if (this.data.platform) return m.lines.map((line, i) => (energy ? (0.5 * m.stiffness[i] * dot(line, twist) ** 2) / energy : null));
-    const H = plus(m.L, congruence(m.J, m.changes.load));
+    const H = plus(m.L, this.coupled(m));
     const way = times(inverse(H, H.map((row, i) => 1 / Math.sqrt(Math.abs(row[i])))), times(transposed(m.J), m.W));
     const size = dot(shift, shift);
     return transposed(m.J).map((column, a) => {

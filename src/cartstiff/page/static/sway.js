@@ -1,0 +1,90 @@
+// The mechanism sways between its rest without the load and the posture under it, enlarged by a stated factor.
+
+import { cross, identity, inverse, motion, plus, product, times, transposed } from "./algebra.js";
+import { el, short, toast } from "./dom.js";
+import { Drawing } from "./drawing.js";
+
+// How far the point goes at most, over the mechanism's size, and the time (ms) of one way there and back.
+const WIDEST = 0.06;
+const PERIOD = 2600;
+
+/** The largest of 1, 2, 5 times a power of ten below x. */
+function roundedDown(x) {
+  const power = 10 ** Math.floor(Math.log10(x));
+  return power * ([5, 2].find((step) => x >= step * power) ?? 1);
+}
+
+/** A place on the way: `share` 0 is where the load acts, 1 the enlarged way to where it does not. */
+function along(living, m, share) {
+  const twist = times(m.C.load, m.W).map((x) => -share * x);
+  if (living.data.platform) {
+    const angle = Math.hypot(...twist.slice(0, 3));
+    const axis = twist.slice(0, 3).map((x) => (angle ? x / angle : 0));
+    const [s, c] = [Math.sin(angle), 1 - Math.cos(angle)];
+    const R = identity(3).map((row, i) => {
+      const across = cross(axis, row); // minus the row of the axis' cross product matrix
+      return row.map((x, k) => x - s * across[k] + c * (axis[i] * axis[k] - x));
+    });
+    return { pose: product(m.pose, motion(R, twist.slice(3))), frames: m.frames };
+  }
+  const H = plus(m.L, living.coupled(m));
+  const way = times(inverse(H, H.map((row, i) => 1 / Math.sqrt(Math.abs(row[i])))), times(transposed(m.J), m.W));
+  return living.place(m.q.map((x, i) => x - share * way[i]));
+}
+
+/** A button that plays it, and words that say how much is enlarged. */
+export function sway(store) {
+  const still = matchMedia("(prefers-reduced-motion: reduce)");
+  const button = el("button", { type: "button", class: "quiet", hidden: true, "aria-pressed": "false", onclick: () => (playing ? stop() : start()) }, "▶ Show it move");
+  let playing = null;
+
+  const own = () => store.source.local ?? (store.source.living ? store.source : null);
+
+  function start() {
+    const { living, data } = own();
+    const { state } = store;
+    let m;
+    try {
+      m = living.solve(state);
+    } catch ({ message }) {
+      return toast(message);
+    }
+    const size = Math.hypot(...store.numbers.moved.displacement);
+    const angle = Math.hypot(...store.numbers.moved.rotation);
+    const enlarged = roundedDown(WIDEST * Math.min(data.living.reach / Math.max(size, Number.MIN_VALUE), 4 / Math.max(angle, Number.MIN_VALUE)));
+    const drawing = new Drawing(living, data.kit, data.scene);
+    const put = (share) => store.pane.move(drawing.places(along(living, m, share * enlarged)));
+    button.textContent = `◼ enlarged ${short(enlarged, 3)} times`;
+    button.title = "From where it rests without the load to where it is under it, and back";
+    button.setAttribute("aria-pressed", "true");
+    playing = { put, from: performance.now() };
+    if (still.matches) return put(1); // no motion: where it would be without the load
+    const step = (now) => {
+      if (!playing) return;
+      put(0.5 + 0.5 * Math.cos((2 * Math.PI * (now - playing.from)) / PERIOD));
+      playing.frame = requestAnimationFrame(step);
+    };
+    playing.frame = requestAnimationFrame(step);
+  }
+
+  function stop() {
+    if (!playing) return;
+    cancelAnimationFrame(playing.frame);
+    playing.put(0);
+    playing = null;
+    button.textContent = "▶ Show it move";
+    button.setAttribute("aria-pressed", "false");
+  }
+
+  function offer() {
+    const { moved } = store.numbers ?? {};
+    button.hidden = !own() || !moved?.resisted || !moved.displacement.some((x) => x);
+  }
+  store.on("state", stop);
+  store.on("numbers", () => {
+    stop();
+    offer();
+  });
+  store.on("local", offer);
+  return button;
+}
