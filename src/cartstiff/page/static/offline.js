@@ -12,7 +12,7 @@ const STEPS = 121;
 const MOST_STEPS = 30;
 const HALVINGS = 14;
 // Step of a difference, over the size of what changes.
-const STEP = 1e-6;
+const STEP = 2 ** -20;
 
 export class LivingSource extends FileSource {
   constructor(data, commands, other) {

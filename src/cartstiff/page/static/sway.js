@@ -6,7 +6,7 @@ import { Drawing } from "./drawing.js";
 
 // How far the point goes at most, over the mechanism's size, and the time (ms) of one way there and back.
 const WIDEST = 0.06;
-const PERIOD = 2600;
+const SWAY_TIME = 2600;
 
 /** The largest of 1, 2, 5 times a power of ten below x. */
 function roundedDown(x) {
@@ -61,7 +61,7 @@ export function sway(store) {
     if (still.matches) return put(1); // no motion: where it would be without the load
     const step = (now) => {
       if (!playing) return;
-      put(0.5 + 0.5 * Math.cos((2 * Math.PI * (now - playing.from)) / PERIOD));
+      put(0.5 + 0.5 * Math.cos((2 * Math.PI * (now - playing.from)) / SWAY_TIME));
       playing.frame = requestAnimationFrame(step);
     };
     playing.frame = requestAnimationFrame(step);
