@@ -203,7 +203,7 @@ class System:
         if legs is not None:
             N, H, hardness = legs.motions, legs.stiffness, legs.terms
             g, forces, own = N.T @ g, np.abs(N.T) @ forces, np.diag(legs.terms)
-        elif N is None and self._are_apart(point.posture):
+        elif N is None and self._are_apart(point):
             hardness = point.hardness
             own = np.diag(hardness)
         else:
@@ -268,9 +268,15 @@ class System:
             return found
         return by_lengths(lines * columns, k, (balanced[2] + loads) * areas)
 
-    def _are_apart(self, posture: MechanismPosture) -> bool:
-        """Whether each coordinate has its own spring: then coordinates are motions to judge."""
-        return not (self.elastic.potentials or posture.coordinates_are_pose)
+    def _are_apart(self, point: Point) -> bool:
+        """Whether each coordinate has its own spring: then coordinates are motions to judge.
+
+        So they are where others act on them, too, if their stiffnesses differ by more than the
+        digits of eigenvectors hold.
+        """
+        if point.posture.coordinates_are_pose:
+            return False
+        return not self.elastic.potentials or point.stiffness_ratio > _FAR
 
     @staticmethod
     def _reach(posture: MechanismPosture) -> float:
