@@ -38,8 +38,8 @@ LOADS = ("none", "dead force", "dead moment", "follower", "conservative", "sprin
 MECHANISMS = ("5R", "6R", "7R", "platform", "closed chain")
 # The same formula in another order, in the digits that it has.
 SAME = 1e-8
-# How equilibria are refused where they cannot be found to the digits that differences need.
-REFUSED = ("hardly resolves", "hardly hold the mechanism")
+# How equilibria are refused near a type-2 singularity, where a load moves the mechanism far.
+REFUSED = "hardly hold the mechanism"
 # Differences over 1e-4 of what is linear; a soft motion comes to rest to some 1e-10.
 DIFFERENCES = 1e-5
 
@@ -162,7 +162,7 @@ def _codes(result):
 def _motions(acting, result, reaches):
     """d(twist)/d(added wrench) by differences, and what notes say that coordinates are unsure by.
 
-    The words of a refusal: springs too far apart, or actuators that hardly hold the mechanism.
+    The words of a refusal: actuators that hardly hold the mechanism.
     """
     pose = result.pose
     R, columns, back, unsure = pose[:3, :3], [], np.linalg.inv(pose), 0.0
@@ -177,7 +177,7 @@ def _motions(acting, result, reaches):
                     result.elastic, *acting, added, q0=result.q, limits=False, settle=False
                 )
             except ConvergenceError as error:
-                if not any(words in str(error) for words in REFUSED):
+                if REFUSED not in str(error):
                     raise
                 return str(error)
             ends.append(log_reference(back @ state.pose))
@@ -186,20 +186,6 @@ def _motions(acting, result, reaches):
                     unsure = max(unsure, note.values.get("largest", np.inf))
         columns.append((ends[0] - ends[1]) / (2 * h))
     return np.column_stack(columns), unsure
-
-
-def _are_far_apart(elastic):
-    """Whether a rounded turn of the stiffest spring exerts what differences add, 1e-4 of the load.
-
-    An equilibrium that is unstable is then not found again: the search comes to rest at another.
-    """
-    k = elastic.springs.stiffness
-    return k.max() > 1e11 * k[k > 0.0].min()
-
-
-def _is_unstable(C):
-    size = np.sqrt(np.abs(np.diag(C))) + 1e-300
-    return np.linalg.eigvalsh((C + C.T) / size / size[:, None]).min() < -numerics.LOST
 
 
 def _numbers_of_maps(elastic, q, w, settings):
@@ -394,8 +380,6 @@ def check_posture(name, load, distance, decades, seed):
     # share of its distance; there the square of what is added is taken out by half a step.
     if C is None or "type-2-singularity" in _codes(result):
         return
-    if _is_unstable(C) and _are_far_apart(elastic):
-        return
     is_type_2 = name in ("platform", "closed chain")
     told = any("type-2-singularity" in code for code in _codes(result))
     assert told or not is_type_2 or distance > 1e-3
@@ -413,7 +397,7 @@ def check_posture(name, load, distance, decades, seed):
         shares = (1.0, 0.5) if is_near else (1.0,)
         found = [_motions(acting, result, share * reach / size) for share in shares]
         if refused := [words for words in found if isinstance(words, str)]:
-            assert decades > 9 or (is_near and REFUSED[1] in refused[0])
+            assert is_near, refused[0]
             continue
         expected = found[0][0] if len(found) == 1 else (4.0 * found[1][0] - found[0][0]) / 3.0
         unsure = max(each for _, each in found) / reach

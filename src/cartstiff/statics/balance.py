@@ -111,7 +111,7 @@ def spectrum(balance: Balance, conservative: bool) -> Array:
             root = graded.root_of_compliance(balance.free, 0.5 * (stiffness + stiffness.T))
             if root is not None:
                 return graded.eigenvalues(root)
-        back = np.linalg.inv(balance.free)
+        back = np.linalg.inv(np.linalg.qr(balance.free, mode="r"))
         stiffness = back.T @ stiffness @ back
         if conservative:
             return eigenvalues(stiffness)

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.errors import ConvergenceError, InputError
 from cartstiff.geometry.se3 import Array
+from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits, limit_notes
@@ -32,6 +33,7 @@ from cartstiff.statics.balance import Balance
 from cartstiff.statics.effort import count
 from cartstiff.statics.held import Held
 from cartstiff.statics.limits import Contact, constraint, sizes
+from cartstiff.stiffness.closures import decompose
 from cartstiff.stiffness.springs_apart import ByLengths, by_lengths
 
 __all__ = ["Point", "System"]
@@ -185,17 +187,21 @@ class System:
         g = point.evaluation.gradient * columns
         H = point.evaluation.hessian * columns[:, None] * columns
         found = self.constraints(point.posture, contacts)
-        N, lam, forces = None, np.empty(0), point.forces
+        N, lam, forces, sizes, is_graded = None, np.empty(0), point.forces, point.hardness, False
         if found is not None:
             _, to_constraints, units = found
             A = to_constraints.jacobian * columns / units[:, None]
-            U, values, Vt = np.linalg.svd(A)
-            rank = int(np.sum(values > RANK * max(values.max(initial=0.0), numerics.TINY)))
-            N = Vt[rank:].T
-            carried = -(U[:, :rank] / values[:rank]) @ (Vt[:rank] @ g)
+            closed = decompose(A)
+            N, follow = closed.N, list(range(len(g)))
+            if is_graded := self._spread > _FAR:
+                # Stiff joints lead: what they exert is no force of the closures.
+                N, leading = numerics.graded_basis(N, np.abs(H).max(axis=0), closed.V)
+                follow = sorted(set(follow) - set(leading.tolist()))
+            carried = closed.forces(-g, follow)
             forces = forces + np.abs(A.T @ carried)
             lam = carried / units
-            H = H + to_constraints.curvature(lam) * columns[:, None] * columns
+            turning = to_constraints.curvature(lam) * columns[:, None] * columns
+            H, sizes = H + turning, sizes + np.abs(turning)
         reach = self._reach(point.posture)
         lines = self.elastic.line_springs_apart(point.posture)
         legs = None if found is not None else self._by_lengths(point, lines, g, reach)
@@ -203,6 +209,10 @@ class System:
         if legs is not None:
             N, H, hardness = legs.motions, legs.stiffness, legs.terms
             g, forces, own = N.T @ g, np.abs(N.T) @ forces, np.diag(legs.terms)
+        elif is_graded and N is not None:
+            own = np.diag(np.abs(N).T @ sizes @ np.abs(N))
+            g, H, forces = N.T @ g, N.T @ H @ N, np.abs(N).T @ forces
+            hardness = np.abs(H)
         elif N is None and self._are_apart(point):
             hardness = point.hardness
             own = np.diag(hardness)
@@ -222,7 +232,15 @@ class System:
         unit = ROUNDINGS * EPSILON
         rounding = unit * (hardness.sum(axis=1) * reach + float(point.forces.max(initial=0.0)))
         return Balance(
-            N, lam, g, H, forces, rounding, rounding + unit * felt, own, legs is not None
+            N,
+            lam,
+            g,
+            H,
+            forces,
+            rounding,
+            rounding + unit * felt,
+            own,
+            legs is not None or is_graded,
         )
 
     def _felt(self, posture: MechanismPosture, lines: Lines | None, N: Array) -> Array:
@@ -284,6 +302,16 @@ class System:
         if posture.coordinates_are_pose:
             return 1.0 + float(np.abs(posture.pose[:3, 3]).max()) / posture.length
         return max(1.0, float(np.abs(posture.q / posture.coordinate_lengths).max(initial=0.0)))
+
+    @cached_property
+    def _spread(self) -> float:
+        """Largest over smallest stiffness of the springs of joints, in natural units."""
+        springs = self.elastic.springs
+        if not isinstance(springs, JointSprings) or not springs.stiffness.any():
+            return 1.0
+        lengths = self.elastic.mechanism.at(self.elastic.q).coordinate_lengths
+        k = springs.stiffness * lengths**2
+        return float(k.max() / k[k > 0.0].min())
 
     def _ease(self) -> Array | float:
         """How far each coordinate moves (n,) where all are pushed alike; the softest: 1."""
