@@ -1,4 +1,7 @@
-"""Arms, and campaigns made by differences of poses: nothing here asks for a Jacobian."""
+"""Arms, and campaigns made by differences of poses: nothing here asks for a Jacobian.
+
+Besides, a loop with forty unknowns, whose campaign the program makes itself.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,11 @@ import numpy as np
 
 import cartstiff
 from cartstiff.geometry import se3
+from cartstiff.identify.candidates import candidates
+from cartstiff.identify.synthetic import simulated
+from cartstiff.identify.unknowns import unknowns_of
+from cartstiff.loading.catalogue import bundled
+from cartstiff.loading.yaml_file import read_yaml
 
 _JOINTS = {
     # name: (type, origin, axis) of each joint
@@ -120,3 +128,58 @@ def table_of(path, q, W, d, *, measured=("dx", "dy", "dz"), sd=None) -> Path:
 def load(path: Path):
     """The mechanism of a file."""
     return cartstiff.load(str(path))
+
+
+# Turns about x, y, z [N m/rad] and shifts along them [N/m] of each link of a planar 3-RRR.
+_LINK = (4.0e3, 1.0e4, 5.0e3, 1.4e7, 1.5e5, 3.5e5)
+_LINKS = ("crank", "coupler")
+_LOOP_SPREAD = {"dx": 2e-6, "dy": 2e-6, "dz": 2e-6, "drx": 2e-5, "dry": 2e-5, "drz": 2e-5}
+
+#: Forty parameters: three motors, one of them with a third power, six axes of each of six links.
+LOOP_UNKNOWNS = (
+    "joints", "leg1/motor", *(f"leg{i}/{link}:diagonal" for i in (1, 2, 3) for link in _LINKS),
+)  # fmt: skip
+
+
+def _loop(path: Path, factors: np.ndarray):
+    """The bundled 3-RRR with stiffnesses times some factors (40,)."""
+    from ruamel.yaml import YAML
+
+    own = bundled("3-rrr")
+    data, _ = read_yaml(own)
+    left = iter(factors.tolist())
+    for i, leg in enumerate(data["legs"]):
+        leg["model"] = str(own.with_name("rrr-leg.urdf"))
+        spring = {"stiffness": 2.0e4 * next(left)}
+        if i == 0:
+            spring = {"polynomial": [spring["stiffness"], 0.0, 4.0e6 * next(left)]}
+        leg["springs"] = {"motor": spring}
+        leg["flexible"] = {
+            link: {"stiffness": np.diag([k * next(left) for k in _LINK]).tolist()}
+            for link in _LINKS
+        }
+    with path.open("w", encoding="utf-8") as file:
+        YAML(typ="safe").dump(data, file)
+    return load(path)
+
+
+def bent_loop(folder: Path, rows: int):
+    """A guess of the 3-RRR, what is known of its links, the truth, and poses under large loads.
+
+    The guess is off by up to a factor of two at the motors and by a fifth at the links, whose
+    stiffness is known to that before.
+    """
+    rng = np.random.default_rng(0)
+    guess = _loop(folder / "guess.yaml", np.ones(40))
+    links = unknowns_of(guess, LOOP_UNKNOWNS[2:]).parameters
+    priors = {u.name: (1.0 / u.nominal, 0.2 / u.nominal) for u in links}
+    per_leg = [
+        (2.0 ** rng.uniform(-1, 1, n), 1 / (1 + 0.2 * rng.normal(size=12))) for n in (2, 1, 1)
+    ]
+    true = _loop(folder / "true.yaml", np.concatenate([x for pair in per_leg for x in pair]))
+    motors = {f"leg{i}/motor": true.q[true.names.index(f"leg{i}/motor")] for i in (1, 2, 3)}
+    ranges = {name: (at - 0.35, at + 0.35) for name, at in motors.items()}
+    offered = candidates(true, _LOOP_SPREAD, count=rows, force=200.0, seed=1, ranges=ranges)
+    offered.wrench[:, :3] = rng.normal(size=(rows, 3)) * 30.0
+    measured = simulated(true, offered, _LOOP_SPREAD, loaded=True, tell_deviations=True, seed=2)
+    return guess, priors, true, measured

@@ -99,7 +99,7 @@ def test_the_derivative_is_that_of_the_equilibrium():
     measured = _settings(q, W, nothing, mass=np.array([0.0, 1.0]))
     unknowns = unknowns_of(elastic, ("joints", "links"))
     linear = LinearModel(unknowns, measured)
-    model = LoadedModel(unknowns, measured, linear)
+    model = LoadedModel(unknowns, measured)
     theta = unknowns.nominal
     y, A = model.at(theta)
     for p in range(len(theta)):
@@ -109,7 +109,7 @@ def test_the_derivative_is_that_of_the_equilibrium():
         assert A[:, p] == pytest.approx(rate, rel=1e-5, abs=1e-6 * np.abs(y).max() / theta[p])
     small = _settings(q, 1e-3 * W, nothing)
     straight, B = LinearModel(unknowns, small).at(theta)
-    y, _ = LoadedModel(unknowns, small, LinearModel(unknowns, small)).at(theta)
+    y, _ = LoadedModel(unknowns, small).at(theta)
     assert y == pytest.approx(straight, rel=1e-3, abs=1e-3 * np.abs(y).max())
     linear = LinearModel(unknowns, small)
     for p in range(len(theta)):  # theorem of the unit load

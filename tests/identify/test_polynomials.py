@@ -12,9 +12,15 @@ import cartstiff
 from cartstiff.cli.main import main
 from cartstiff.errors import InputError
 from cartstiff.identify.campaign import identify
+from cartstiff.identify.candidates import candidates
 from cartstiff.identify.linear_model import BentModel
+from cartstiff.identify.loaded_model import LoadedModel
+from cartstiff.identify.measurements import Measurements
+from cartstiff.identify.plan import plan
+from cartstiff.identify.synthetic import simulated
 from cartstiff.identify.table import read_measurements
 from cartstiff.identify.unknowns import unknowns_of
+from cartstiff.potentials.loads import DeadForce
 
 TRUE = (2.5e4, 3.0e5, 4.0e8)
 # Jacobians by differences of poses; differences of predictions by the parameters.
@@ -121,25 +127,111 @@ def test_the_file_written_has_the_polynomial(tmp_path, capfd):
 
 
 def test_refusals(tmp_path):
-    path, table = _campaign(tmp_path, 1, 1e-6)
+    path, _ = _campaign(tmp_path, 1, 1e-6)
     elastic = load(path)
-    rows = read_measurements(table, elastic)
-    with pytest.raises(InputError, match="found from small displacements"):
-        identify(elastic, rows, sought=("j2",), loaded=True)
     with pytest.raises(InputError, match="unknown spring"):
         unknowns_of(elastic, ("joints",), known={"j2": 1e4})
     text = path.read_text("utf-8").replace("[2.0e4, 1.0e5", "[0, 1.0e5")
     (tmp_path / "flat.yaml").write_text(text, "utf-8")
     with pytest.raises(InputError, match="needs a first coefficient"):
         unknowns_of(load(tmp_path / "flat.yaml"), ("j2",))
+
+
+def _five_bar(folder, name, law, k):
+    """The bundled five-bar, one motor with a polynomial."""
     loop = cartstiff.load("five-bar")
-    springs = {loop.names[0]: {"polynomial": [800.0, 0, 1e4]}}
-    (tmp_path / "loop.yaml").write_text(json.dumps({
+    (folder / name).write_text(json.dumps({
         "kind": "closed-chain", "frame": "tip", "actuated": ["left_motor", "right_motor"],
         "model": str(cartstiff.loading.catalogue.bundled("five-bar").with_suffix(".urdf")),
         "closures": [{"frames": ["tip", "right_tip"], "type": "point"}],
-        "q": dict(zip(loop.names, loop.q.tolist(), strict=True)), "springs": springs,
+        "q": dict(zip(loop.names, loop.q.tolist(), strict=True)),
+        "springs": {"left_motor": {"polynomial": law}, "right_motor": {"stiffness": k}},
     }))  # fmt: skip
-    bent = load(tmp_path / "loop.yaml")
-    with pytest.raises(InputError, match="in an open chain only"):
-        unknowns_of(bent, (bent.names[0],))
+    return load(folder / name)
+
+
+def _pulled(elastic, rows, seed, force):
+    """Displacements of the loaded tip by `equilibrium`; the motors hold where they are told to."""
+    rng = np.random.default_rng(seed)
+    motors = list(elastic.mechanism.actuated)
+    q, moved, W = [], [], np.zeros((rows, 6))
+    W[:, 3:5] = rng.normal(size=(rows, 2)) * force
+    for w in W:
+        step = np.zeros(len(elastic.names))
+        step[motors] = rng.uniform(-0.25, 0.25, 2)
+        q.append(elastic.mechanism.closed(elastic.q + step).q)
+        told = elastic.with_springs(rest={elastic.names[j]: q[-1][j] for j in motors})
+        state = cartstiff.equilibrium(told, DeadForce(w[3:]), q0=q[-1], limits=False)
+        moved.append((state.pose - elastic.mechanism.at(q[-1]).pose)[:2, 3])
+    moved, nothing = np.array(moved), np.zeros(rows)
+    values = {"dx": moved[:, 0], "dy": moved[:, 1]}
+    return Measurements(np.array(q), W, nothing, nothing, "world", values,
+                        {name: np.full(rows, 1e-6) for name in values},
+                        np.full((rows, 3), np.nan), (), np.full(rows, np.nan))  # fmt: skip
+
+
+def test_a_motor_of_a_loop_that_stiffens(tmp_path):
+    """What it carries depends on how far both give, so the equilibrium is fitted unasked."""
+    true = _five_bar(tmp_path, "true.yaml", [900.0, 0.0, 2.0e4], 700.0)
+    guess = _five_bar(tmp_path, "guess.yaml", [700.0, 0.0, 1.0e4], 800.0)
+    measured = _pulled(true, 12, 5, 150.0)
+    result = identify(guess, measured, sought=("joints", "left_motor"))
+    found = {e.name: e.compliance for e in result.estimates}
+    assert found["right_motor"] == pytest.approx(1 / 700.0, rel=1e-5)
+    assert found["left_motor"] == pytest.approx(1 / 900.0, rel=1e-5)
+    assert found["left_motor x^3"] == pytest.approx(2.0e4, rel=1e-4)
+    assert result.as_dict()["model"] == "loaded equilibrium"
+    assert "equilibrium-needed" in {note.code for note in result.notes}
+    model = LoadedModel(result.unknowns, measured)
+    theta = result.unknowns.nominal
+    _, A = model.at(theta)
+    for p, size in enumerate(1e-4 * result.unknowns.sizes):
+        step = size * np.eye(len(theta))[p]
+        by_hand = (model.at(theta + step)[0] - model.at(theta - step)[0]) / (2 * size)
+        assert np.abs(A[:, p] - by_hand).max() <= 1e-5 * np.abs(by_hand).max()
+
+
+def test_a_plan_and_a_simulation_know_that_it_stiffens(tmp_path):
+    """One row of large force tells the powers apart; what is simulated is found again."""
+    bent = _five_bar(tmp_path, "bent.yaml", [900.0, 0.0, 2.0e4], 700.0)
+    sd = {"dx": 1e-5, "dy": 1e-5}
+    offered = candidates(bent, sd, count=30, force=200.0)
+    unknowns = unknowns_of(bent, ("joints", "left_motor"))
+    chosen = plan(unknowns, offered, 6)
+    assert chosen.lost == ()
+    result = identify(bent, simulated(bent, chosen.rows, sd, tell_deviations=True),
+                      sought=("joints", "left_motor"))  # fmt: skip
+    for e, c, share in zip(result.estimates, unknowns.nominal, chosen.deviations[-1], strict=True):
+        assert e.deviation == pytest.approx(abs(c) * share, rel=0.2)
+        assert abs(e.compliance - c) < 4 * e.deviation
+
+
+def test_an_arm_s_polynomial_under_large_loads(tmp_path):
+    """Forces that bend an arm far: the equilibrium under them, against `equilibrium`."""
+    path, _ = _campaign(tmp_path, 3, 0.0)
+    start = load(path)
+    text = path.read_text("utf-8").replace("[2.0e4, 1.0e5, 2.0e8]", str(list(TRUE)))
+    (tmp_path / "true.yaml").write_text(text, "utf-8")
+    true = load(tmp_path / "true.yaml")
+    rng = np.random.default_rng(2)
+    q = rng.uniform(-1.2, 1.2, (14, 6))
+    W = np.hstack([np.zeros((14, 3)), rng.normal(size=(14, 3)) * 600.0])
+    moved = []
+    for one, w in zip(q, W, strict=True):
+        state = cartstiff.equilibrium(
+            true.with_springs(rest=one), DeadForce(w[3:]), q0=one, limits=False
+        )
+        moved.append((state.pose - true.mechanism.at(one).pose)[:3, 3])
+    nothing = np.zeros(14)
+    values = dict(zip(("dx", "dy", "dz"), np.array(moved).T, strict=True))
+    measured = Measurements(q, W, nothing, nothing, "world", values,
+                            {name: np.full(14, 1e-6) for name in values},
+                            np.full((14, 3), np.nan), (), np.full(14, np.nan))  # fmt: skip
+    result = identify(start, measured, sought=("joints", "j2"), loaded=True)
+    found = {e.name: e.compliance for e in result.estimates}
+    truth = dict(zip(("j2", "j2 x^2", "j2 x^3"), (1 / TRUE[0], *TRUE[1:]), strict=True))
+    for name, value in truth.items():
+        assert found[name] == pytest.approx(value, rel=1e-4)
+    small = identify(start, measured, sought=("joints", "j2"))
+    worst = {note.code: note.values for note in small.notes}["linear-differs"]
+    assert abs(worst["loaded"] - worst["linear"]) > 1e-6

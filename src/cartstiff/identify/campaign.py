@@ -9,12 +9,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.arrays import Array
+from cartstiff.errors import CartstiffError, InputError, UnknownNameError
 from cartstiff.identify.checks import checked, contradictions, inflation_of
 from cartstiff.identify.fitting import Fit, fitted
 from cartstiff.identify.intervals import estimates
 from cartstiff.identify.least_squares import Noise
-from cartstiff.identify.linear_model import BentModel, LinearModel, Model, small_loads
+from cartstiff.identify.linear_model import LinearModel, Model, small_loads
+from cartstiff.identify.loaded_model import LoadedModel, model_of, needs_equilibrium
 from cartstiff.identify.measurements import Measurements
 from cartstiff.identify.notes import notes_of
 from cartstiff.identify.observations import base_rotation
@@ -27,8 +29,8 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 __all__ = ["FITS", "identify"]
 
 FITS = ("plain", "robust")
-# Compliances below this share of the mechanism's own are no place to begin: all but rigid.
-_RIGID = 1e-3
+# Compliances below this share of the mechanism's own, or above its inverse, are no place to begin.
+_FAR = 1e-2
 
 
 def identify(
@@ -109,7 +111,7 @@ def identify(
         told = with_profiles(told, model, unknowns, chosen, measured, offsets, level)
     result = Identification(
         elastic, unknowns, measured, len(rows), rejected, model, chosen, found, robust, tuple(told),
-        checks, level, fit, offsets, loaded, inflation,
+        checks, level, fit, offsets, isinstance(model, LoadedModel), inflation,
     )  # fmt: skip
     return replace(result, notes=tuple(notes_of(result)))
 
@@ -151,28 +153,38 @@ def _fits(
     progress: Callable[[int, float], None] | None,
 ) -> tuple[Model, Fit, Robust]:  # fmt: skip
     """The plain and the robust fit."""
-    linear = small_loads(unknowns, measured)
-    model: Model = linear
+    model = model_of(unknowns, measured, loaded)
     start = None
-    seen = linear.observations
+    seen = model.observations
     noise = Noise.of(seen.deviation, seen.is_angle)
     nuisance = nuisance_of(seen, measured, offsets).columns
     _check_count(len(seen), unknowns, nuisance.shape[1])
     if loaded:
-        if any(u.law for u in unknowns.parameters):
-            raise InputError("polynomial springs are found from small displacements",
-                             where="--loaded", expected="a fit without it")  # fmt: skip
-        from cartstiff.identify.loaded_model import LoadedModel
-
-        rigid = linear.linear if isinstance(linear, BentModel) else linear
-        model = LoadedModel(unknowns, measured, rigid)
-        if linear.is_linear:  # where it costs nothing
-            first = fitted(linear, unknowns, noise, nuisance=nuisance)
-            known = first.solved.is_determined & (first.theta > _RIGID * unknowns.nominal)
-            start = np.where(known | ~unknowns.is_bounded, first.theta, unknowns.nominal)
+        start = _near(model, unknowns, measured, noise, nuisance)
     found = fitted(model, unknowns, noise, nuisance=nuisance, start=start, progress=progress)
     robust = robust_fit(model, unknowns, noise, nuisance, found)
     return model, found, robust
+
+
+def _near(
+    model: Model, unknowns: Unknowns, measured: Measurements, noise: Noise, nuisance: Array
+) -> Array | None:
+    """Where small loads would have the parameters, if that costs little; None: no better start."""
+    if needs_equilibrium(unknowns.elements.elastic):
+        return None
+    try:
+        first = fitted(small_loads(unknowns, measured), unknowns, noise, nuisance=nuisance)
+    except CartstiffError:  # no stiffness, or a law that does not reach so far
+        return None
+    nominal = unknowns.nominal
+    share = first.theta / nominal
+    sound = ~unknowns.is_bounded | ((share > _FAR) & (share < 1.0 / _FAR))
+    start = np.where(first.solved.is_determined & sound, first.theta, nominal)
+    try:
+        model.at(start)
+    except CartstiffError:  # too soft for these loads
+        return None
+    return start
 
 
 def _check_count(numbers: int, unknowns: Unknowns, offsets: int) -> None:

@@ -1,9 +1,9 @@
-"""Least squares by SciPy's trust region; one linear step where a model is linear."""
+"""Least squares by damped steps within bounds; one linear step where a model is linear."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,12 +14,17 @@ from cartstiff.identify.least_squares import Noise, Solved, solved
 from cartstiff.identify.linear_model import Model
 from cartstiff.identify.unknowns import Unknowns
 
-__all__ = ["Fit", "fitted"]
+__all__ = ["SLACK", "Fit", "fitted"]
 
-# Evaluations of a search; searches, in which the scales of lengths and angles settle.
-_STEPS, _ROUNDS = 60, 6
-#: Relative changes of parameters and of the sum of squares that end a search; of scales.
-_SMALL, _FLAT, _SAME = numerics.CLOSE, numerics.FLAT, 1e-3
+# Steps of a search; searches, in which the scales of lengths and angles settle.
+_STEPS, _ROUNDS = 100, 6
+#: Relative change of the sum of squares that ends a search; of scales.
+_FLAT, _SAME = numerics.FLAT, 1e-3
+# Factors on the damping after a step that did at least this share of what it should, and after one
+# that was refused.
+_EASED, _TRUSTED, _HARDER = 0.1, 0.5, 5.0
+#: Sizes to which a combination of parameters must be known to be moved.
+SLACK = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +103,19 @@ def fitted(
         found, A, target = search.linear(theta)
         if np.all(np.abs(found.scales - before) <= _SAME * before):
             break
-    return Fit(found, theta, A, target, search.steps)
+    return Fit(_without_slack(found, theta, unknowns.sizes), theta, A, target, search.steps)
+
+
+def _without_slack(found: Solved, theta: Array, sizes: Array) -> Solved:
+    """The linear solution, parameters known to worse than many sizes called not determined.
+
+    Nothing is linear over such an interval, and a search has left them where they were.
+    """
+    spread = np.sqrt(np.maximum(found.covariance.diagonal(), 0.0))
+    lost = ~(spread <= SLACK * np.maximum(sizes, np.abs(theta)))
+    C = found.covariance.copy()
+    C[lost], C[:, lost] = np.nan, np.nan
+    return replace(found, covariance=C, is_determined=found.is_determined & ~lost)
 
 
 class _Search:
@@ -144,9 +161,7 @@ class _Search:
         What the rows do not determine stays where it is; nuisances are eliminated, which is exact
         since they enter linearly.
         """
-        from scipy.optimize import least_squares
-
-        free = found.is_determined.copy()
+        free = np.ones(len(theta), bool)
         if self._fixed is not None:
             free[self._fixed[0]] = False
         weight = 1.0 if self._weights is None else np.sqrt(self._weights)
@@ -185,12 +200,58 @@ class _Search:
         if not free.any():
             return theta
         lower = np.where(self._bounded[free], 0.0, -np.inf)
-        start = np.maximum(theta[free] / sizes[free], lower)
-        best = least_squares(
-            residual, start, jacobian, bounds=(lower, np.inf), xtol=_SMALL, ftol=_FLAT,
-            gtol=numerics.EPSILON, max_nfev=_STEPS, method="dogbox",
-        )  # fmt: skip
-        if not best.success:
-            raise ConvergenceError("the fit does not settle", iterations=best.nfev,
-                                   residual=float(best.optimality))  # fmt: skip
-        return whole(best.x)
+        return whole(
+            _damped(residual, jacobian, np.maximum(theta[free] / sizes[free], lower), lower)
+        )
+
+
+def _damped(
+    residual: Callable[[Array], Array], jacobian: Callable[[Array], Array], z: Array, lower: Array
+) -> Array:
+    """Parameters (P,) of the least sum of squares above bounds, from z on.
+
+    Steps of Levenberg and Marquardt, each by least squares within the bounds. The first damping
+    lets a parameter of size 1 move by 1 for as much as all residuals are now. Combinations that are
+    known to worse than many sizes stay where they are: along these a search runs to where nothing
+    comes to rest, and the others are found without.
+    """
+    from scipy.optimize import lsq_linear
+
+    r, J = residual(z), jacobian(z)
+    cost = float(r @ r)
+    damping, was_refused = cost / len(r), False
+    steps = 0
+    while np.isfinite(cost) and steps < _STEPS:
+        steps += 1
+        least = numerics.EPSILON * float((J * J).sum(axis=0).max(initial=0.0))
+        R: Array = np.asarray(np.linalg.qr(np.column_stack([J, r]), mode="r"))
+        damping = max(damping, least)
+        _, values, Vt = np.linalg.svd(R[:, :-1])
+        felt = max(np.sqrt(cost / len(r)) / SLACK, numerics.RANK * float(values[0]))
+        slack = Vt[int(np.count_nonzero(values > felt)) :]
+        A = np.vstack([R[:, :-1], np.sqrt(damping) * np.eye(len(z)), values[0] * slack])
+        target = np.append(-R[:, -1], np.zeros(len(A) - len(R)))
+        move = lsq_linear(
+            A,
+            target,
+            (lower - z, np.inf),
+            "bvls",
+            tol=numerics.LAST_DIGITS,
+            max_iter=10 * A.shape[1],
+        ).x
+        after = R[:, :-1] @ move + R[:, -1]
+        fall = cost - float(after @ after)
+        if fall <= _FLAT * cost:
+            if was_refused or damping <= least:
+                return z
+            damping *= _EASED
+            continue
+        trial = residual(np.maximum(z + move, lower))
+        reached = float(trial @ trial)
+        share = (cost - reached) / fall if np.isfinite(reached) else -1.0
+        was_refused = share <= 0.0
+        if not was_refused:
+            z, r, cost = np.maximum(z + move, lower), trial, reached
+            J = jacobian(z)
+        damping *= _EASED if share > _TRUSTED else 1.0 if share > 0.0 else _HARDER
+    raise ConvergenceError("the fit does not settle", iterations=steps, residual=cost)

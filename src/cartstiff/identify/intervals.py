@@ -34,8 +34,9 @@ class Estimate:
         Estimate and standard deviation.
     interval : tuple of float or None
         Interval of the compliance.
-    method : {"linear", "profile", "linear, not looked at"}
-        How the interval was found; the last where equilibria would take too long.
+    method : {"linear", "profile", "linear, not looked at", "profile, too long"}
+        How the interval was found; the last two where equilibria would take too long: of the last
+        it is known that a linear interval would mislead, and none is told.
     """
 
     unknown: Unknown

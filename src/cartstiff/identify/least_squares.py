@@ -259,7 +259,7 @@ class _Basis:
         lower[: self._P] = np.where(bounded, 0.0, -np.inf)
         solution = lsq_linear(
             self.kept[:, use] * self.scale[use], right, bounds=(lower[use], np.inf), method="bvls",
-            tol=numerics.LAST_DIGITS,
+            tol=numerics.LAST_DIGITS, max_iter=10 * len(use),
         )  # fmt: skip
         x = np.zeros(len(use))
         x[use] = self.scale[use] * solution.x

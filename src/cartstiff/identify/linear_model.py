@@ -38,7 +38,9 @@ from cartstiff.stiffness.influence import influence
 # Of differences, in shares of a parameter's natural size.
 _STEP = numerics.WIDE_DIFFERENCE
 
-__all__ = ["BentModel", "LinearModel", "Model", "at_rest", "derivatives", "small_loads"]
+__all__ = [
+    "BentModel", "LinearModel", "Model", "at_rest", "derivatives", "is_open_chain", "small_loads",
+]  # fmt: skip
 
 
 class Model(Protocol):
@@ -105,13 +107,9 @@ class LinearModel:
     @cached_property
     def _is_open(self) -> bool:
         """Whether the forces are the Jacobian's rows: an open chain of springs."""
-        elastic = self._rest
-        lines = any(isinstance(p, LineSprings) for p in elastic.potentials)
-        mechanism = elastic.mechanism
-        return (
-            isinstance(mechanism, Chain) and not mechanism.closures and not lines
-            and isinstance(elastic.springs, JointSprings) and not elastic.springs.laws
-        )  # fmt: skip
+        springs = self._rest.springs
+        linear = isinstance(springs, JointSprings) and not springs.laws
+        return linear and is_open_chain(self._rest)
 
     @property
     def is_linear(self) -> bool:
@@ -336,12 +334,17 @@ class BentModel:
 def small_loads(unknowns: Unknowns, measured: Measurements) -> LinearModel | BentModel:
     """The model of small loads: with nonlinear springs in open chains, linear in all else."""
     elastic = unknowns.elements.elastic
-    bent = isinstance(elastic.springs, JointSprings) and elastic.springs.laws
-    lines = any(isinstance(p, LineSprings) for p in elastic.potentials)
-    open_chain = isinstance(elastic.mechanism, Chain) and not elastic.mechanism.closures
-    if bent and open_chain and not lines:
+    laws = isinstance(elastic.springs, JointSprings) and elastic.springs.laws
+    if laws and is_open_chain(elastic):
         return BentModel(unknowns, measured)
     return LinearModel(unknowns, measured)
+
+
+def is_open_chain(elastic: ElasticMechanism) -> bool:
+    """Whether what each joint carries follows from the load alone: no loops, no lines."""
+    mechanism = elastic.mechanism
+    lines = any(isinstance(p, LineSprings) for p in elastic.potentials)
+    return isinstance(mechanism, Chain) and not mechanism.closures and not lines
 
 
 def derivatives(seen_by: Array, felt: Array, patterns: Array | Sequence[Array]) -> Array:

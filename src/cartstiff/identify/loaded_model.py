@@ -3,11 +3,13 @@ r"""Large loads and weight: the equilibrium itself, and its derivatives by each 
 In every row the joints' springs are at rest where the row says (what the motors are told). The
 arm's weight, hung masses and the wrench act; the displacement of a difference is that between two
 equilibria, with and without the load. The derivative by a compliance is that of
-`cartstiff.statics.sensitivity`, at each of the two.
+`cartstiff.statics.sensitivity`, at each of the two; by the coefficient of a nonlinear spring it is
+the motion under the force that the spring loses with it at the same deflection.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -15,10 +17,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import CartstiffError, ConvergenceError
 from cartstiff.geometry import se3
-from cartstiff.identify.linear_model import LinearModel
+from cartstiff.identify.linear_model import LinearModel, Model, is_open_chain, small_loads
 from cartstiff.identify.measurements import Measurements
 from cartstiff.identify.observations import Observations, field_of, wrenches
 from cartstiff.identify.unknowns import Unknowns
@@ -27,14 +30,20 @@ from cartstiff.mechanisms.elements import Elements
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.loads import DeadForce, DeadWrench, Load, Scaled
 from cartstiff.potentials.springs import JointSprings
-from cartstiff.statics.newton import solve
+from cartstiff.statics.equilibrium import in_stages
+from cartstiff.statics.newton import Solution, solve
 from cartstiff.statics.problem import System
-from cartstiff.statics.sensitivity import motion_by_compliance
+from cartstiff.statics.sensitivity import motion_by_compliance, motion_under_forces
 
-__all__ = ["LoadedModel"]
+__all__ = ["LoadedModel", "model_of", "needs_equilibrium"]
 
 # Changes of parameters, in their natural sizes, along which a state of rest is followed linearly.
 _NEAR = 0.5
+# Share of a compliance's natural size below which its spring would only be stiff, not seen: from
+# there on to zero the prediction is followed along its derivative.
+_STIFFEST = numerics.STIFFEST
+# Of Newton's method at each stage of a load.
+_STEPS = 40
 
 
 class _State(NamedTuple):
@@ -54,18 +63,20 @@ class LoadedModel:
         What is sought.
     measured : Measurements
         The rows.
-    linear : LinearModel
-        The linear model of the same rows: their observations.
     """
 
     unknowns: Unknowns
     measured: Measurements
-    linear: LinearModel
     #: Where each row came to rest last, how it moves with the parameters, and what these were.
     _last: dict[tuple[int, bytes], tuple[Array, Array, Array]] = field(default_factory=dict)
 
     #: Whether the prediction is linear in the parameters.
     is_linear = False
+
+    @cached_property
+    def linear(self) -> LinearModel:
+        """The linear model of the same rows: their poses and observations."""
+        return LinearModel(self.unknowns, self.measured)
 
     @property
     def observations(self) -> Observations:
@@ -95,6 +106,13 @@ class LoadedModel:
         ConvergenceError
             If a row has no equilibrium, with its number.
         """
+        least = np.where(self.unknowns.is_bounded, _STIFFEST * self.unknowns.sizes, -np.inf)
+        inside = np.maximum(theta, least)
+        y, A = self._at(inside)
+        return y + A @ (theta - inside), A
+
+    def _at(self, theta: Array) -> tuple[Array, Array]:
+        """The same for compliances that are not all but zero."""
         seen, p = self.observations, np.asarray(self.measured.point)
         bare = _bare(self.unknowns.mechanism(theta))
         first, groups = self._settings
@@ -141,15 +159,35 @@ class LoadedModel:
             if np.all(np.abs(change) <= _NEAR * self.unknowns.sizes):
                 start = start + rates @ change
         try:
-            state = solve(system, start, settle=False)
+            state = _solved(system, start, q, is_first=key not in self._last)
         except CartstiffError as error:
             raise ConvergenceError(
                 f"row {self.measured.rows[n]}: {error}", iterations=0, residual=np.nan
             ) from None
         posture, elements = state.point.posture, Elements(elastic)
         motion = motion_by_compliance(posture, state.balance, elements, self.unknowns.patterns)
+        laws = [(p, *u.law) for p, u in enumerate(self.unknowns.parameters) if u.law is not None]
+        if laws:
+            forces = _lost(elastic, posture.q, laws, P)
+            motion = motion + motion_under_forces(posture, state.balance, forces)
         self._last[key] = state.point.q, motion, theta.copy()
         return _State(posture.pose, posture.motion.jacobian @ motion)
+
+
+def _solved(system: System, start: Array, told: Array, *, is_first: bool) -> Solution:
+    """Equilibrium near where it should be, else near where the motors are told to be.
+
+    In the first search of a row the load is put on step by step if nothing else helps.
+    """
+    try:
+        return solve(system, start, settle=False)
+    except CartstiffError:
+        if is_first:
+            staged = in_stages(system, told, _STEPS, settle=False)
+            if staged is None:
+                raise
+            return staged
+        return solve(system, told, settle=False)
 
 
 def _bare(elastic: ElasticMechanism) -> ElasticMechanism:
@@ -173,6 +211,34 @@ def _told(elastic: ElasticMechanism, q: Array) -> ElasticMechanism:
         lengths = getattr(posture, "lines").lengths  # noqa: B009 - a platform's posture has lines
         return replace(elastic, springs=springs.replaced(springs.stiffness, lengths))
     return elastic
+
+
+def _lost(
+    elastic: ElasticMechanism, q: Array, laws: Sequence[tuple[int, int, int]], count: int
+) -> Array:
+    """Force (n, count) that polynomial springs lose per unit of (parameter, joint, power)."""
+    forces, springs = np.zeros((len(q), count)), elastic.springs
+    if isinstance(springs, JointSprings):
+        for p, j, power in laws:
+            x, (_, _, k) = float(q[j] - springs.rest[j]), springs.laws[j].at(0.0)
+            forces[j, p] = k**2 * x if power == 1 else -(x**power)
+    return forces
+
+
+def needs_equilibrium(elastic: ElasticMechanism) -> bool:
+    """Whether nonlinear springs stand where the load alone does not say what they carry.
+
+    In closed chains, and beside lines: what each carries depends on how far all give.
+    """
+    laws = isinstance(elastic.springs, JointSprings) and bool(elastic.springs.laws)
+    return laws and not is_open_chain(elastic)
+
+
+def model_of(unknowns: Unknowns, measured: Measurements, loaded: bool = False) -> Model:
+    """The equilibrium where that is asked for or needed, else the model of small loads."""
+    if loaded or needs_equilibrium(unknowns.elements.elastic):
+        return LoadedModel(unknowns, measured)
+    return small_loads(unknowns, measured)
 
 
 def _between(

@@ -10,8 +10,8 @@ from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import CartstiffError
 from cartstiff.identify.columns import POSITION
-from cartstiff.identify.linear_model import LinearModel
-from cartstiff.identify.loaded_model import LoadedModel
+from cartstiff.identify.linear_model import LinearModel, small_loads
+from cartstiff.identify.loaded_model import LoadedModel, needs_equilibrium
 from cartstiff.identify.observations import EARTH
 from cartstiff.identify.writing import written_values
 from cartstiff.mechanisms.elastic import Note
@@ -46,6 +46,12 @@ def _assumed(result: Identification) -> list[Note]:
             "--loaded fits the equilibrium itself"
         )
         notes.append(Note("linear-model", words))
+    if needs_equilibrium(elastic):
+        words = (
+            "nonlinear springs stand in a loop or beside lines: what each carries depends on how "
+            "far all give, so the equilibrium under load is fitted, as by --loaded"
+        )
+        notes.append(Note("equilibrium-needed", words))
     laws = [u.name for u in result.unknowns.parameters if u.law is not None]
     if laws:
         words = (
@@ -108,7 +114,8 @@ def _cables(result: Identification) -> list[Note]:
 
 def _found(result: Identification) -> list[Note]:
     notes = []
-    lost = [e.name for e in result.estimates if e.verdict == "not-identifiable"]
+    lost = [e.name for e in result.estimates if e.verdict == "not-identifiable"
+            and e.method == "linear"]  # fmt: skip
     if lost:
         words = f"not identifiable from these rows: {', '.join(lost)}"
         notes.append(Note("not-identifiable", words, {"springs": lost}))
@@ -131,6 +138,14 @@ def _found(result: Identification) -> list[Note]:
             f"take long: {', '.join(unseen)}"
         )
         notes.append(Note("profile-not-taken", words, {"springs": unseen}))
+    long = [e.name for e in result.estimates if e.method == "profile, too long"]
+    if long:
+        words = (
+            "the answer bends within the linear interval, which would mislead, and the profile "
+            f"likelihood would take long: no interval is told of {', '.join(long)} (fewer "
+            "unknowns, --prior, or rows that part them)"
+        )
+        notes.append(Note("profile-too-long", words, {"springs": long}))
     active = result.chosen.solved.active
     if active.any():
         names = [result.unknowns.names[p] for p in np.flatnonzero(active)]
@@ -157,8 +172,8 @@ def _limits(result: Identification) -> list[Note]:
     """How far the linear model reaches, and whether matrices found are stiffnesses."""
     notes = []
     values = written_values(result)
-    if not result.loaded and isinstance(result.model, LinearModel):
-        notes += _against_equilibrium(result, result.model, values)
+    if not needs_equilibrium(result.elastic):
+        notes += _against_equilibrium(result, values)
     Gamma = result.unknowns.compliance(values)
     entries = result.unknowns.parameters
     if any(not u.pattern.is_diagonal for u in entries):
@@ -172,31 +187,37 @@ def _limits(result: Identification) -> list[Note]:
     return notes
 
 
-def _against_equilibrium(result: Identification, model: LinearModel, values: Array) -> list[Note]:
-    """The equilibrium under load beside the linear displacement, in the rows that move most."""
-    seen, unknowns = model.observations, result.unknowns
-    y, _ = model.at(values)
+def _against_equilibrium(result: Identification, values: Array) -> list[Note]:
+    """The equilibrium under load beside the small displacement, in the rows that move most."""
+    seen, unknowns = result.model.observations, result.unknowns
+    try:
+        y, _ = result.model.at(values)
+    except CartstiffError:
+        return []
     size = np.abs(y) / result.chosen.solved.deviation
     worst = list(dict.fromkeys(seen.row[np.argsort(-size)].tolist()))[:_LOOKED_AT]
     keep = np.zeros(len(result.measured), bool)
     keep[worst] = True
     some = result.measured.chosen(keep)
-    linear = LinearModel(unknowns, some)
+    small = small_loads(unknowns, some)
     try:
-        bent, _ = LoadedModel(unknowns, some, linear).at(values)
+        bent, _ = LoadedModel(unknowns, some).at(values)
+        straight, _ = small.at(values)
     except CartstiffError:
         return []
-    straight, _ = linear.at(values)
     mine = np.isin(seen.row, np.flatnonzero(keep))
     deviation = result.chosen.solved.deviation[mine]
     apart = np.abs(bent - straight) / deviation
     i = int(np.argmax(apart))
-    if not apart[i] > 1.0:
+    if not (apart[i] > 1.0 or result.loaded):
         return []
-    row = int(some.rows[linear.observations.row[i]])
+    row = int(some.rows[small.observations.row[i]])
+    advice = "the fit without --loaded would do" if not apart[i] > 1.0 else (
+        "--loaded is needed" if result.loaded else "fit it with --loaded"
+    )  # fmt: skip
     words = (
         f"in row {row} the equilibrium under load differs from the linear displacement by "
-        f"{apart[i]:.3g} standard deviations: fit it with --loaded"
+        f"{apart[i]:.3g} standard deviations: {advice}"
     )
     values_ = {"row": row, "linear": float(straight[i]), "loaded": float(bent[i])}
     return [Note("linear-differs", words, values_)]

@@ -27,7 +27,7 @@ from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.identify.intervals import quantile
-from cartstiff.identify.linear_model import small_loads
+from cartstiff.identify.loaded_model import model_of
 from cartstiff.identify.measurements import Measurements
 from cartstiff.identify.unknowns import Unknowns
 
@@ -124,7 +124,7 @@ class Plan:
 
 def information(unknowns: Unknowns, measured: Measurements) -> Array:
     """G (N, P, P) of each row, of compliances in shares of their present values."""
-    model = small_loads(unknowns, measured)
+    model = model_of(unknowns, measured)
     seen = model.observations
     _, A = model.at(unknowns.nominal)
     if np.isnan(seen.deviation).any():
@@ -245,7 +245,7 @@ def _effects(unknowns: Unknowns, q: Array, wrench: Array) -> Array:
         {n: np.zeros(1) for n in ("dx", "dy", "dz")}, {n: np.ones(1) for n in ("dx", "dy", "dz")},
         np.full((1, 3), np.nan), (), np.full(1, np.nan),
     )  # fmt: skip
-    return small_loads(unknowns, one).at(unknowns.nominal)[1] * unknowns.sizes
+    return model_of(unknowns, one).at(unknowns.nominal)[1] * unknowns.sizes
 
 
 def _cost(criterion: str, effects: Array | None) -> Callable[[Array], Array]:

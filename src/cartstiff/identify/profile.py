@@ -1,21 +1,23 @@
 r"""Profile likelihood: intervals where the linear one misleads.
 
 The sum of squares of a nonlinear fit with one parameter held at ``c -+ t s``, the others moved as
-the linear fit says, should have grown by ``t^2 sigma^2``. Where it has not, within a tenth, the
-others are fitted anew along the parameter, and the interval ends where
+the linear fit says within their bounds, should have grown as it says, too. Where it has not, within
+a tenth, the others are fitted anew along the parameter, and the interval ends where
 ``S(c) - S = t^2 sigma^2`` [BatesWatts]_.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import CartstiffError
-from cartstiff.identify.fitting import Fit, fitted
+from cartstiff.identify.fitting import SLACK, Fit, fitted
 from cartstiff.identify.intervals import Estimate, quantile
 from cartstiff.identify.least_squares import Noise
 from cartstiff.identify.linear_model import Model
@@ -29,8 +31,9 @@ _TELLING = 0.1
 # Intervals of a parameter known better than this are not looked at: nothing bends within them.
 _NARROW = 0.05
 _EVALUATIONS = 12
-# Rows whose equilibria are found, in all, beyond which the intervals left stay linear.
-_BUDGET = 4000
+# Rows whose equilibria are found, in all, beyond which the intervals left stay linear: so many
+# rows times coordinates, and what a row costs besides in coordinates.
+_BUDGET, _LEAST = 100_000, 20
 
 
 class _Spent(Exception):  # noqa: N818 - no error: the budget is
@@ -58,26 +61,40 @@ def with_profiles(
 ) -> list[Estimate]:  # fmt: skip
     """Estimates with profile intervals where the model bends within the linear ones.
 
-    The widest are looked at first, as far as a budget of equilibria reaches.
+    The widest are looked at first, as far as a budget of equilibria reaches. Where the model bends
+    and no budget is left for the profile, no interval is told.
     """
     seen, found, sizes = model.observations, fit.solved, unknowns.sizes
-    model = _Counted(model, max(_BUDGET // len(measured), 4))
+    cost_of_all = len(measured) * (_LEAST + measured.q.shape[1])
+    model = _Counted(model, max(_BUDGET // cost_of_all, len(told)))
     nuisance = nuisance_of(seen, measured, offsets).columns
     fixed_noise = Noise(found.deviation, seen.is_angle.astype(np.intp), (True, True))
     t = quantile(level, found.degrees)
     prior = [(p, *u.prior) for p, u in enumerate(unknowns.parameters) if u.prior is not None]
 
-    def cost(theta: Array) -> float:
-        y, _ = model.at(theta)
-        r = (seen.target - y) / found.deviation
-        if nuisance.size:
-            N = nuisance / found.deviation[:, None]
-            r = r - N @ np.linalg.lstsq(N, r, rcond=None)[0]
-        extra = sum(((theta[p] - value) / s) ** 2 for p, value, s in prior)
-        return float(r @ r + extra)
+    N = nuisance / found.deviation[:, None]
 
-    least = cost(fit.theta)
-    answer = list(told)
+    def apart(of: Array, theta: Array) -> Array:
+        """Residuals and deviations from priors, without what nuisances explain."""
+        r = of / found.deviation
+        if N.size:
+            r = r - N @ np.linalg.lstsq(N, r, rcond=None)[0]
+        return np.append(r, [(theta[p] - value) / s for p, value, s in prior])
+
+    def cost(theta: Array) -> float:
+        r = apart(model.at(theta)[0] - seen.target, theta)
+        return float(r @ r)
+
+    start = apart(model.at(fit.theta)[0] - seen.target, fit.theta)
+    none = np.zeros(len(fit.theta))
+    rates = np.column_stack([
+        apart(column, none) - apart(np.zeros(len(seen)), none) for column in fit.regressor.T
+    ])  # fmt: skip
+    for row, (p, _, s) in enumerate(prior):
+        rates[len(seen) + row, p] = 1.0 / s
+    least = float(start @ start)
+    linear = _Linear(fit.theta, start, rates, unknowns.is_bounded, sizes)
+    answer, bent = list(told), []
     widest = sorted(range(len(told)), key=lambda p: -(told[p].deviation or 0.0) / sizes[p])
     for p in widest:
         e = told[p]
@@ -85,44 +102,78 @@ def with_profiles(
         if e.verdict not in ("determined", "at-least") or e.deviation is None or narrow:
             continue
         try:
-            answer[p] = _looked_at(
-                model, unknowns, fixed_noise, nuisance, fit, p, e, t, cost, least
-            )
+            if _bends(linear, p, t * e.deviation, t * t, cost):
+                bent.append(p)
         except _Spent:
             answer[p] = replace(e, method="linear, not looked at")
+    for p in reversed(bent):  # the narrowest take least
+        e = told[p]
+        try:
+            low, high = (
+                _end(model, unknowns, fixed_noise, nuisance, fit.theta, p, e.deviation or 0.0,
+                     side, t, cost, least) for side in (-1.0, 1.0)
+            )  # fmt: skip
+        except _Spent:
+            answer[p] = Estimate(
+                e.unknown, "not-identifiable", None, None, None, "profile, too long"
+            )
+            continue
+        verdict = e.verdict
+        if unknowns.is_bounded[p]:
+            verdict = "at-least" if low <= 0.0 else "determined"
+            low = max(low, 0.0)
+        answer[p] = replace(e, interval=(low, high), verdict=verdict, method="profile")
     return answer
 
 
-def _looked_at(
-    model: Model, unknowns: Unknowns, noise: Noise, nuisance: Array, fit: Fit, p: int, e: Estimate,
-    t: float, cost: Callable[[Array], float], least: float,
-) -> Estimate:  # fmt: skip
-    """The estimate of one parameter, with its profile's interval where the model bends."""
-    found = fit.solved
-    deviation = e.deviation or 0.0
-    slope = np.nan_to_num(found.covariance[:, p] / found.covariance[p, p])
-    bends = False
-    for side in (-1.0, 1.0):
-        theta = fit.theta + side * t * deviation * slope
-        if np.any(theta[unknowns.is_bounded] <= 0.0):
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """The linear model about a fit: residuals `start` there, and their derivatives `rates`."""
+
+    theta: Array
+    start: Array
+    rates: Array
+    bounded: NDArray[np.bool_]
+    sizes: Array
+
+    def beside(self, p: int, value: float) -> tuple[Array, float]:
+        """Parameters of the least sum of squares with one held, within bounds; that sum."""
+        from scipy.optimize import lsq_linear
+
+        others = np.arange(len(self.theta)) != p
+        scaled = self.rates * self.sizes
+        r = self.start + self.rates[:, p] * (value - self.theta[p])
+        R: Array = np.asarray(np.linalg.qr(np.column_stack([scaled[:, others], r]), mode="r"))
+        count = int(others.sum())
+        A = np.vstack([R[:, :-1], np.eye(count) / SLACK])
+        z = (self.theta / self.sizes)[others]
+        lower = np.where(self.bounded[others], np.minimum(-z, -numerics.TINY), -np.inf)
+        move = lsq_linear(A, np.append(-R[:, -1], np.zeros(count)), (lower, np.inf), "bvls",
+                          tol=numerics.LAST_DIGITS, max_iter=10 * A.shape[1]).x  # fmt: skip
+        theta = self.theta.copy()
+        theta[p] = value
+        theta[others] = np.maximum(z + move, lower + z) * self.sizes[others]
+        after = r + scaled[:, others] @ move
+        return theta, float(after @ after)
+
+
+def _bends(
+    linear: _Linear, p: int, half: float, square: float, cost: Callable[[Array], float]
+) -> bool:
+    """Whether the sum of squares grows otherwise than a linear model says, up to the interval."""
+    least = float(linear.start @ linear.start)
+    for side in (1.0, -1.0):
+        value = float(linear.theta[p]) + side * half
+        if linear.bounded[p] and value <= 0.0:
             continue
+        theta, expected = linear.beside(p, value)
         try:
-            grown = cost(theta) - least
+            found = cost(theta)
         except CartstiffError:
-            bends = True
-            continue
-        bends |= abs(grown - t * t) > _TELLING * t * t
-    if not bends:
-        return e
-    low, high = (
-        _end(model, unknowns, noise, nuisance, fit.theta, p, deviation, side, t, cost, least)
-        for side in (-1.0, 1.0)
-    )
-    verdict = e.verdict
-    if unknowns.is_bounded[p]:
-        verdict = "at-least" if low <= 0.0 else "determined"
-        low = max(low, 0.0)
-    return replace(e, interval=(low, high), verdict=verdict, method="profile")
+            return True
+        if abs(found - expected) > _TELLING * max(square, expected - least):
+            return True
+    return False
 
 
 def _end(

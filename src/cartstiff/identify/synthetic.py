@@ -10,8 +10,7 @@ import numpy as np
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError
 from cartstiff.identify.columns import MEASURED, POSITION, TURN
-from cartstiff.identify.linear_model import LinearModel, Model, small_loads
-from cartstiff.identify.loaded_model import LoadedModel
+from cartstiff.identify.loaded_model import model_of
 from cartstiff.identify.measurements import Measurements
 from cartstiff.identify.unknowns import unknowns_of
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -66,9 +65,7 @@ def simulated(
     spread = {name: np.full(N, s) for name, s in deviations.items()}
     blank = replace(settings, values=nothing, deviations=spread, session=())
     unknowns = unknowns_of(elastic, ("all",))
-    model: Model = small_loads(unknowns, blank)
-    if loaded:
-        model = LoadedModel(unknowns, blank, LinearModel(unknowns, blank))
+    model = model_of(unknowns, blank, loaded)
     y, _ = model.at(unknowns.nominal)
     seen = model.observations
     sign = np.where(rng.random(N) < 0.5, -1.0, 1.0)

@@ -11,11 +11,9 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import BEAM, CompliancePattern, Elements
 from cartstiff.potentials.beams import Beam
-from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import CoupledSprings, JointSprings, PolynomialLaw, SpringLaw
 
 __all__ = ["Unknown", "Unknowns", "unknowns_of"]
@@ -199,10 +197,11 @@ def unknowns_of(
             pattern = CompliancePattern(" = ".join(group), tuple((n, n, 1.0) for n in group))
             parameters.append(Unknown(pattern, unit, start, prior))
         else:
-            parameters += _of_link(elastic, elements, name)
+            parameters += _of_link(elastic, elements, name, priors or {})
+    able = [u for u in parameters if u.has_stiffness and not u.is_scale]
     for name in priors or {}:
-        if not any(name in u.name.split(" = ") for u in parameters):
-            raise UnknownNameError("spring", name, [u.name for u in parameters], where="--prior")
+        if not any(name in u.name.split(" = ") for u in able):
+            raise UnknownNameError("spring", name, [u.name for u in able], where="--prior")
     if not parameters:
         raise InputError("nothing is to be found", expected="a spring that is not held")
     patterns = elements.patterns([u.pattern for u in parameters])
@@ -245,16 +244,11 @@ def _of_law(
 ) -> list[Unknown]:
     """Parameters of a polynomial spring: those of its coefficients that the file has."""
     j, law = _polynomials(elastic)[name]
-    mechanism = elastic.mechanism
-    lines = any(isinstance(p, LineSprings) for p in elastic.potentials)
-    if not isinstance(mechanism, Chain) or mechanism.closures or lines:
-        raise InputError("a polynomial spring can be found in an open chain only",
-                         where="--unknown", got=name)  # fmt: skip
     if not law.coefficients[0] > 0.0:
         raise InputError("a polynomial spring that is sought needs a first coefficient",
                          where=f"--unknown {name}", expected="above zero",
                          got=law.coefficients[0])  # fmt: skip
-    unit = elastic.units.spring(mechanism.coordinates[j].is_length)
+    unit = elastic.units.spring(elastic.mechanism.coordinates[j].is_length)
     unknowns = [Unknown(CompliancePattern(name, ()), unit, 1.0 / law.coefficients[0], prior,
                      law=(j, 1))]  # fmt: skip
     for power, c in enumerate(law.coefficients[1:], start=2):
@@ -274,7 +268,10 @@ def _links(elastic: ElasticMechanism) -> dict[str, list[str]]:
     return found
 
 
-def _of_link(elastic: ElasticMechanism, elements: Elements, word: str) -> list[Unknown]:
+def _of_link(
+    elastic: ElasticMechanism, elements: Elements, word: str,
+    priors: Mapping[str, tuple[float, float]],
+) -> list[Unknown]:  # fmt: skip
     """Parameters of a link: entries of its 6x6 compliance, or a beam's share of its own."""
     name, _, form = word.partition(":")
     members = _links(elastic)[name]
@@ -308,7 +305,9 @@ def _of_link(elastic: ElasticMechanism, elements: Elements, word: str) -> list[U
             length = [bool(elements.is_length[elements.index(n)]) for n in (a, b)]
             alike, units = length[0] == length[1], elastic.units
             unit = units.spring(length[0]) if alike else units.force
-            found.append(Unknown(CompliancePattern(own, ((a, b, 1.0),)), unit, float(C[i, j])))
+            pattern = CompliancePattern(own, ((a, b, 1.0),))
+            prior = _prior((own,), priors) if i == j else None
+            found.append(Unknown(pattern, unit, float(C[i, j]), prior))
     return found
 
 

@@ -133,3 +133,7 @@ LEAST_DAMPING: Final = 1e-4
 #: Information that stands for "nothing is known" while too few rows are chosen: a thousandth of a
 #: percent of what one row tells.
 FAINT: Final = 1e-5
+
+#: Share of its natural size below which a compliance under load is followed along its derivative:
+#: its square is far below what is measured, and stiffer springs hold a search back.
+STIFFEST: Final = 1e-4

@@ -62,7 +62,8 @@ def _row(e: Estimate, robust: float) -> tuple[str, ...]:
     low, high = e.stiffness_interval
     words = {
         "determined": "" if e.method == "linear" else e.method, "at-least": "at least",
-        "not-identifiable": "not identifiable", "negative": "negative",
+        "not-identifiable": "not identifiable" if e.method == "linear" else "bends, see notes",
+        "negative": "negative",
     }[e.verdict]  # fmt: skip
     if e.verdict == "not-identifiable":
         return (e.name, "-", "-", "-", e.unknown.unit, "-", "-", "-", words)

@@ -35,7 +35,7 @@ from cartstiff.statics.sensitivity import chosen_forces
 from cartstiff.statics.verdict import state_of_rest
 from cartstiff.stiffness.applied_load import checked_load
 
-__all__ = ["Equilibrium", "Held", "Reactions", "again", "equilibrium"]
+__all__ = ["Equilibrium", "Held", "Reactions", "again", "equilibrium", "in_stages"]
 
 # Steps in which loads and displacements are put on where they cannot be put on at once.
 _STAGES = 8
@@ -133,7 +133,7 @@ def equilibrium(
         except ConvergenceError as error:
             if not loads and held is None:
                 raise
-            staged = _in_stages(system, q, iterations, settle)
+            staged = in_stages(system, q, iterations, settle)
             if staged is None:
                 staged = _along_its_curve(system, q, iterations, settle)
             if staged is None:
@@ -163,7 +163,7 @@ def again(state: Equilibrium, elastic: ElasticMechanism, start: Array) -> Equili
     return state_of_rest(system, found, state.start, 1)
 
 
-def _in_stages(system: System, q: Array, iterations: int, settle: bool) -> Solution | None:
+def in_stages(system: System, q: Array, iterations: int, settle: bool) -> Solution | None:
     """Loads and held displacements put on step by step; None if that fails too."""
     solution = None
     contacts: tuple[Contact, ...] = ()

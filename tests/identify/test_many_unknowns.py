@@ -1,0 +1,30 @@
+"""Forty nonlinear parameters of a closed chain, as in `benchmarks/identify_many_unknowns.py`."""
+
+from __future__ import annotations
+
+from scipy import stats
+from tests.identify.campaigns import LOOP_UNKNOWNS, bent_loop
+
+from cartstiff.identify.campaign import identify
+from cartstiff.identify.unknowns import unknowns_of
+
+
+def test_the_fit_of_a_loop_with_forty_unknowns_ends(tmp_path):
+    """What the rows hardly feel holds up nothing; what they determine comes back."""
+    guess, priors, true, measured = bent_loop(tmp_path, 16)
+    steps = []
+    result = identify(guess, measured, sought=LOOP_UNKNOWNS, priors=priors, loaded=True,
+                      progress=lambda step, size: steps.append((step, size)))  # fmt: skip
+    truth = unknowns_of(true, LOOP_UNKNOWNS).nominal
+    assert len(truth) == 40
+    assert steps[-1][1] < steps[0][1]
+    chi, freedom = result.checks.chi_squared, result.checks.freedom
+    assert stats.chi2.sf(chi, freedom) > 1e-3
+    far = [abs(e.compliance - c) / e.deviation for e, c in zip(result.estimates, truth, strict=True)
+           if e.verdict == "determined"]  # fmt: skip
+    assert len(far) >= 12
+    assert max(far) < 4.0
+    # Of what bends within its linear interval none is told without a profile.
+    untold = [e for e in result.estimates if e.method == "profile, too long"]
+    assert all(e.interval is None and e.verdict == "not-identifiable" for e in untold)
+    assert ("profile-too-long" in {note.code for note in result.notes}) == bool(untold)
