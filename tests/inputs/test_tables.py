@@ -149,6 +149,17 @@ def test_a_seam_in_four_commands(big_arm):
     assert answer["summary"]["after"]["translation_max"] < 1e-9
     from cartstiff.page.source import read_trajectory
 
+    heads = c.read_text().splitlines()[0].split(",")
+    assert {"before_rx [rad]", "before_z [m]", "after_y [m]"} <= set(heads)
+    # The loads of a path are along the tool's axes: measured there, they give the springs back.
+    m = folder / "m.csv"
+    seen = [word for axis in "xyz" for word in ("--sd", f"d{axis}=1e-6mm")]
+    seen += [word for axis in "xyz" for word in ("--sd", f"dr{axis}=1e-6mrad")]
+    run("identify", *robot[:3], "--simulate", 1, p, *seen, "--csv", m)
+    found = json.loads(run("identify", *tool, m, *seen, "--json"))["parameters"]
+    for entry in found:
+        assert not entry["identifiable"] or abs(entry["stiffness"] / 1e4 - 1) < 1e-2, entry
+    assert sum(entry["identifiable"] for entry in found) >= 3
     shown = read_trajectory(c, tuple(f"a{i}" for i in range(1, 7)))
     assert np.allclose(shown.q, read_rows(p, "rows").values[:, :6], atol=1e-12)
     assert "40 commands that compensate" in run("poses", *tool, c, "--for", "kuka", "-o", k)

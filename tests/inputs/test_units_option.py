@@ -81,6 +81,15 @@ def test_path_and_what_reads_it(run, tmp_path):
     run("equilibrium", "ur5", "--path", tmp_path / "b.csv", "--csv", moved, "--units", "deg")
     head = moved.read_text(encoding="utf-8").split("\n")[0]
     assert head.startswith("command_shoulder_pan_joint [deg]")
+    assert "before_rx [deg]" in head
+    names, first = (line.split(",") for line in moved.read_text().split("\n")[:2])
+    answer = json.loads(run("equilibrium", "ur5", "--path", tmp_path / "b.csv", "--json"))
+    turned = float(first[names.index("before_rx [deg]")])
+    assert np.isclose(np.radians(turned), answer["error_before"][0][0], rtol=1e-9)
+    curve = tmp_path / "curve.csv"
+    run("equilibrium", "ur5", *load, "--curve", "1", "--csv", curve, "--units", "mm,deg")
+    names = curve.read_text().split("\n")[0].split(",")
+    assert {"elbow_joint [deg]", "rx [deg]", "z [mm]", "linear_z [mm]"} <= set(names)
     assert "kuka" not in run("poses", "ur5", moved, "--for", "kuka")
 
 

@@ -182,7 +182,7 @@ def test_curves_as_text():
     assert len(data["factor"]) == len(data["displacement"]) == len(curve.factors)
     assert data["critical"][0]["kind"] == "bifurcation"
     lines = curve.as_csv().splitlines()
-    assert lines[0].startswith("factor,joint1,joint2,rx")
+    assert lines[0].startswith("factor,joint1 [rad],joint2 [rad],rx [rad]")
     assert np.allclose(np.loadtxt(lines[1:], delimiter=",")[:, 0], curve.factors, rtol=0, atol=0)
 
 

@@ -18,7 +18,7 @@ from cartstiff.cli.requests.identify import (
     ties_of,
     units_of,
 )
-from cartstiff.cli.requests.plan import PlanRequest
+from cartstiff.cli.requests.plan import PlanRequest, say_read
 from cartstiff.cli.types import (
     PICTURE,
     POINT,
@@ -56,8 +56,9 @@ _about_the_table = option_group(
            help="Point of the body, in its frame, that was measured; default its origin."),
     option("--load-at", type=POINT,
            help="Point of the body, in its frame, at which loads act; default the measured one."),
-    click.option("--axes", type=click.Choice(["base", "body", "world"]), default="base",
-                 show_default=True, help="Axes of the columns mx,my,mz,fx,fy,fz."),
+    click.option("--axes", type=click.Choice(["base", "body", "world"]),
+                 help="Axes of the columns mx,my,mz,fx,fy,fz; default base, and body in a table "
+                 "of `cartstiff path`."),
     option("--units", metavar="UNITS", help="Units of columns without one in their head, such as "
            "mm,deg; SI otherwise."),
     click.option("--sd", metavar="COLUMN=VALUE[UNIT]", multiple=True,
@@ -122,7 +123,7 @@ class _Request:
 
     point: list[float] | None
     load_at: list[float] | None
-    axes: str
+    axes: str | None
     units: str | None
     sd: tuple[str, ...]
     unknown: tuple[str, ...]
@@ -231,6 +232,7 @@ def command(
     from cartstiff.identify.table import read_measurements
 
     measured = read_measurements(Path(table), elastic, **of_table)
+    say_read(table, measured, request.axes)
     with np.errstate(all="ignore"):
         result = identify(elastic, measured, **of_unknowns, **of_fit, progress=_progress)
     _write(result, robot, Path(table), output, plot)

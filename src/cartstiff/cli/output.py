@@ -74,12 +74,12 @@ class Progress:
         self._begun = done
 
 
-def say_unused(path: Path, names: Sequence[str]) -> None:
-    """On standard error, that columns of a table play no part.
+def say_unused(path: Path, names: Sequence[str], more: str = "") -> None:
+    """On standard error, that columns of a table play no part, and `more`.
 
     It is said right before the answer: a table may yet be refused, and a refusal is one line.
     """
     if names:
         words = one_line(", ".join(names), 300)
-        remark = printable(f"cartstiff: {one_line(str(path))}: not needed here: {words}")
+        remark = printable(f"cartstiff: {one_line(str(path))}: not needed here: {words}{more}")
         click.get_current_context().meta.setdefault(_WAITING, []).append(remark)

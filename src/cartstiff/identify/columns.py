@@ -5,15 +5,17 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 from math import pi
 from typing import Final
 
 from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.loading.csv_file import Cells
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["DISPLACEMENT", "LOAD", "MEASURED", "POSITION", "ROTATION", "TURN", "UNITS", "Column",
-           "column_of", "kinds_of", "posture_columns"]  # fmt: skip
+__all__ = ["DISPLACEMENT", "LOAD", "MEASURED", "OF_PATH", "POSITION", "ROTATION", "TURN", "UNITS",
+           "Column", "column_of", "kinds_of", "posture_columns", "without_paths"]  # fmt: skip
 
 #: Factors to SI, by kind of quantity.
 UNITS: Final[Mapping[str, Mapping[str, float]]] = {
@@ -43,6 +45,8 @@ _OTHERS: Final[Mapping[str, str]] = {
     "mass0": "mass", **dict.fromkeys(("nx", "ny", "nz"), "number"), "session": "text",
     "time": "time", "comment": "text",
 }  # fmt: skip
+#: A column that only tables of `cartstiff path` have; their wrenches are along the body's axes.
+OF_PATH: Final = "singular_ratio"
 _HEAD = re.compile(r"\s*([^\[\]]*?)\s*(?:\[([^\[\]]*)\])?\s*")
 
 
@@ -90,6 +94,31 @@ def kinds_of(elastic: ElasticMechanism) -> dict[str, str]:
     """Every column that a table for this mechanism may have, and its kind."""
     own = {**posture_columns(elastic), **_OTHERS, **MEASURED}
     return own | {f"sd_{name}": kind for name, kind in MEASURED.items()}
+
+
+def without_paths(cells: Cells, kinds: Mapping[str, str]) -> tuple[Cells, tuple[str, ...]]:
+    """A table of `cartstiff path` or `equilibrium --path` without what only they know, and that.
+
+    Other tables stay as they are: an unknown column of theirs is a slip, and so is a name that is
+    nearly one of `kinds`.
+    """
+    names = [head.split("[")[0].strip() for head in cells.names]
+    of_path, of_commands = OF_PATH in names, any(name.startswith("command_") for name in names)
+    unused = [
+        i
+        for i, name in enumerate(names)
+        if name not in kinds
+        and (
+            (of_commands and name.startswith(("command_", "before_", "after_")))
+            or (of_path and not get_close_matches(name, kinds))
+        )
+    ]
+    if not unused:
+        return cells, ()
+    kept = [i for i in range(len(names)) if i not in unused]
+    rows = [[row[i] for i in kept] for row in cells.rows]
+    left = cells._replace(names=tuple(cells.names[i] for i in kept), rows=rows)
+    return left, tuple(names[i] for i in unused)
 
 
 def column_of(

@@ -44,6 +44,8 @@ class Measurements:
         Point of the body, in M, that was measured; and at which the loads act.
     rows : ndarray of int (N,)
         Numbers of the rows in their table, from 1.
+    unused : tuple of str
+        Columns of the table that other commands wrote and that play no part.
     """
 
     q: Array
@@ -59,6 +61,7 @@ class Measurements:
     point: tuple[float, float, float] = (0.0, 0.0, 0.0)
     load_at: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rows: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))
+    unused: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.rows.size:

@@ -15,14 +15,17 @@ from cartstiff.identify.columns import (
     DISPLACEMENT,
     LOAD,
     MEASURED,
+    OF_PATH,
     POSITION,
     ROTATION,
     TURN,
     Column,
     column_of,
     kinds_of,
+    without_paths,
 )
 from cartstiff.identify.measurements import Measurements
+from cartstiff.identify.observations import base_rotation
 from cartstiff.loading.csv_file import Cells, read_cells
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import SI, convert_length
@@ -45,7 +48,7 @@ def read_measurements(
     path: Path,
     elastic: ElasticMechanism,
     *,
-    axes: str = "base",
+    axes: str | None = None,
     units: Mapping[str, str] | None = None,
     deviations: Mapping[str, float] | None = None,
     point: tuple[float, float, float] = (0.0, 0.0, 0.0),
@@ -60,8 +63,9 @@ def read_measurements(
         CSV with a line of column names; see the how-to "Which joint stiffness do I enter?".
     elastic : ElasticMechanism
         What was measured.
-    axes : {"base", "body", "world"}
-        Along which the wrench columns are.
+    axes : {"base", "body", "world"}, optional
+        Along which the wrench columns are; default those of the base. A table that
+        `cartstiff path` wrote has them along the body's; they are turned into those of the base.
     units : mapping of str to str, optional
         Units by kind ("length": "mm") of columns without one in their head; SI otherwise.
     deviations : mapping of str to float, optional
@@ -78,6 +82,7 @@ def read_measurements(
     """
     cells = read_cells(path, "measurements", _LARGEST_FILE)
     kinds = kinds_of(elastic)
+    cells, unused = without_paths(cells, kinds)
     columns = [
         column_of(head, kinds, units or {}, f"{cells.place}, column {i + 1}")
         for i, head in enumerate(cells.names)
@@ -111,9 +116,13 @@ def read_measurements(
         row = int(np.flatnonzero((mass < 0) | (mass0 < 0))[0])
         raise InputError("mass cannot be used", where=cells.places[row], expected="zero or more",
                          got=f"{min(mass[row], mass0[row]):g}")  # fmt: skip
+    if axes is None and OF_PATH in unused and wrench.any():
+        wrench = _in_base(elastic, q, wrench)
     found = Measurements(
-        q, wrench, mass, mass0, axes, values, sds, _directions(table, cells, values), session,
-        table.get("time", np.full(count, np.nan)), point, point if load_at is None else load_at,
+        q, wrench, mass, mass0, axes or "base", values, sds,
+        _directions(table, cells, values), session, table.get("time", np.full(count, np.nan)),
+        point, point if load_at is None else load_at,
+        unused=unused,
     )  # fmt: skip
     _check_loads(found, elastic, cells)
     return found
@@ -137,6 +146,13 @@ def _numbers(cells: Cells, i: int, column: Column) -> Array:
             )  # fmt: skip
         found[n] = value * column.factor
     return found
+
+
+def _in_base(elastic: ElasticMechanism, q: Array, wrench: Array) -> Array:
+    """Wrenches (N, 6) along the body's axes in those of the base."""
+    R = base_rotation(elastic).T @ np.array([elastic.mechanism.at(row).pose[:3, :3] for row in q])
+    turned: Array = np.einsum("nij,nkj->nki", R, wrench.reshape(-1, 2, 3)).reshape(-1, 6)
+    return turned
 
 
 def _loads(table: Mapping[str, Array], name: str, count: int) -> Array:

@@ -195,8 +195,10 @@ def describe_path(path: CompensatedPath) -> str:
     are_joints = path.elastic.spring_names == path.elastic.names
     for i, (name, value) in enumerate(zip(path.elastic.spring_names, largest, strict=True)):
         is_length = not are_joints or coordinates[i].is_length
-        size = length if is_length else turn
-        lines.append(f"  {name:<28} {wide_row([value], size)} {units.coordinate(is_length)}")
+        size, unit = (length, units.length) if is_length else (turn, units.shown_angle)
+        if not is_length and unit == "deg":
+            value, size = np.degrees(value), np.degrees(size)
+        lines.append(f"  {name:<28} {wide_row([value], size)} {unit}")
     lines.append("(--csv FILE.csv writes the commands.)")
     return joined([*lines, *_of_points(path.notes)])
 

@@ -38,8 +38,12 @@ def describe_optimised_path(result: OptimisedPath) -> str:
     titles = ("", "worst", "mean", "choice")
     rows = [("optimised", number(facts["worst"]), number(facts["mean"]), "varies")]
     if (constant := facts["constant"]) is not None and result.constant is not None:
-        words = {"angle": "rad", "position": result.joint or ""}
-        choice = ", ".join(f"{v:.4g} {words[k]}" for k, v in result.constant.choice.items())
+        words = {"angle": units.shown_angle, "position": result.joint or ""}
+        size = 180 / np.pi if units.shown_angle == "deg" else 1.0
+        choice = ", ".join(
+            f"{v * (size if k == 'angle' else 1.0):.4g} {words[k]}"
+            for k, v in result.constant.choice.items()
+        )
         rows.append(("best constant", number(constant["worst"]), number(constant["mean"]), choice))
     lines += table(titles, rows if len(rows) > 1 else [(*rows[0][:3], "")])
     if result.constant is None and result.angles is not None:

@@ -12,7 +12,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.other_units import shown
 from cartstiff.mechanisms.weighed import Weighed
-from cartstiff.statics.held import COMPONENTS
+from cartstiff.statics.held import shown_displacements
 from cartstiff.stiffness.compute import SCHEMA
 
 __all__ = ["CompensatedPath"]
@@ -110,13 +110,12 @@ class CompensatedPath:
         heads = [f"{name} [{elastic.units.length}]" for name in elastic.spring_names]
         if elastic.spring_names == elastic.names:
             heads, commands = elastic.names_with_units, shown(elastic, commands)
-        names = [
-            *(f"command_{name}" for name in heads),
-            *(f"{when}_{c}" for when in ("before", "after") for c in COMPONENTS),
-            *self.elastic.names_with_units,
-        ]
-        columns = [commands, self.before, self.after, shown(self.elastic, self.q)]
+        names, columns = [f"command_{name}" for name in heads], [commands]
+        for when, values in (("before_", self.before), ("after_", self.after)):
+            heads, values = shown_displacements(elastic.units, values, when)
+            names, columns = [*names, *heads], [*columns, values]
+        names, columns = [*names, *elastic.names_with_units], [*columns, shown(elastic, self.q)]
         if self.deviation is not None:
-            columns.append(self.deviation)
-            names += [f"after_sd_{c}" for c in COMPONENTS]
+            heads, values = shown_displacements(elastic.units, self.deviation, "after_sd_")
+            names, columns = [*names, *heads], [*columns, values]
         return csv_text(np.column_stack(columns), names)

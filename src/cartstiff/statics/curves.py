@@ -13,9 +13,10 @@ from cartstiff.arrays import csv_text
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.limits import Limits
+from cartstiff.mechanisms.other_units import shown
 from cartstiff.mechanisms.weighed import Weighed, weighed
 from cartstiff.statics.critical import CriticalPoint
-from cartstiff.statics.held import COMPONENTS
+from cartstiff.statics.held import shown_displacements
 from cartstiff.statics.path import LoadPath
 from cartstiff.stiffness.compute import SCHEMA
 
@@ -138,11 +139,8 @@ class LoadCurve:
 
     def as_csv(self) -> str:
         """Factor, coordinates, displacement, linear prediction, eigenvalue: one line a point."""
-        names = [
-            "factor", *self.elastic.names, *COMPONENTS, *(f"linear_{c}" for c in COMPONENTS),
-            "eigenvalue",
-        ]  # fmt: skip
-        table = np.column_stack(
-            [self.factors, self.q, self.displacement, self.linear, self.eigenvalue]
-        )
-        return csv_text(table, names)
+        heads, moved = shown_displacements(self.elastic.units, self.displacement, "")
+        linear_heads, linear = shown_displacements(self.elastic.units, self.linear, "linear_")
+        names = ["factor", *self.elastic.names_with_units, *heads, *linear_heads, "eigenvalue"]
+        q = shown(self.elastic, self.q)
+        return csv_text(np.column_stack([self.factors, q, moved, linear, self.eigenvalue]), names)

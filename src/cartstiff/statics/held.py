@@ -19,10 +19,10 @@ from cartstiff.arrays import checked_number, is_pose, real_array
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.contract import MechanismPosture
+from cartstiff.mechanisms.contract import MechanismPosture, Units
 from cartstiff.potentials.contract import Map
 
-__all__ = ["COMPONENTS", "Held", "displacement_between"]
+__all__ = ["COMPONENTS", "Held", "displacement_between", "shown_displacements"]
 
 #: Names of the components, rotations first.
 COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
@@ -31,6 +31,13 @@ COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
 # neglected term is then below 1e-16 of the sum.
 _BERNOULLI = (1 / 6, 1 / 30, 1 / 42, 1 / 30, 5 / 66, 691 / 2730, 7 / 6, 3617 / 510, 43867 / 798)
 _SERIES = [b / factorial(2 * k) for k, b in enumerate((*_BERNOULLI, 174611 / 330), start=1)]
+
+
+def shown_displacements(units: Units, D: Array, before: str) -> tuple[list[str], Array]:
+    """Heads and columns (N, 6) of displacements of the body, rotations first, for people."""
+    of_each = np.repeat([units.shown_angle, units.length], 3)
+    heads = [f"{before}{c} [{u}]" for c, u in zip(COMPONENTS, of_each, strict=True)]
+    return heads, np.hstack([np.degrees(D[:, :3]), D[:, 3:]]) if units.shown_angle == "deg" else D
 
 
 @dataclass(frozen=True)

@@ -152,12 +152,11 @@ class OptimisedPath:
         """What is known of flips from one configuration to another, in words."""
         largest = np.abs(self.steps).max(axis=0, initial=0.0)
         j = int(np.argmax(largest))
-        unit = "rad"
-        if self.elastic.mechanism.coordinates[j].is_length:
-            unit = self.elastic.units.length
-        words = (
-            f"largest step from point to point {largest[j]:.3g} {unit} ({self.elastic.names[j]})"
+        step, units = shown(self.elastic, largest)[j], self.elastic.units
+        unit = (
+            units.length if self.elastic.mechanism.coordinates[j].is_length else units.shown_angle
         )
+        words = f"largest step from point to point {step:.3g} {unit} ({self.elastic.names[j]})"
         if self.off_singular:
             words += "; the configuration is kept: no step passes through a singularity"
         elif self.off_singular is None:
@@ -236,8 +235,9 @@ class OptimisedPath:
             columns.append(W)
             names += [f"{c} [{u}]" for c, u in zip(AXES["wrench"], units.wrench, strict=True)]
         if self.angles is not None:
-            columns.append(self.angles[:, None])
-            names.append("free_angle [rad]")
+            angle = units.shown_angle
+            columns.append(self.angles[:, None] * (180.0 / np.pi if angle == "deg" else 1.0))
+            names.append(f"free_angle [{angle}]")
         columns.append(np.column_stack([self.values, self.ratios]))
         names += [self.criterion.name, "singular_ratio"]
         if self.constant is not None:

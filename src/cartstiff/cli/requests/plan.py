@@ -7,12 +7,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from cartstiff.cli.output import say_unused
 from cartstiff.cli.types import Values
 from cartstiff.errors import InputError
 
 __all__ = ["PlanRequest"]
 
 _Answer = tuple[dict[str, Any], Callable[[], str]]
+
+
+def say_read(table: str, measured: Any, axes: str | None) -> None:
+    """On standard error, what of a table plays no part, and along which axes its loads are."""
+    words = "" if axes else "; its loads, if any, are along the body's axes"
+    say_unused(Path(table), measured.unused, words)
 
 
 @dataclass(frozen=True)
@@ -113,6 +120,7 @@ class PlanRequest:
                              expected="--csv FILE.csv")  # fmt: skip
         given = {**of_table, "deviations": None}
         settings = read_measurements(Path(table), elastic, **given, open_cells=True)
+        say_read(table, settings, of_table["axes"])
         if self.outliers is not None and self.outliers > len(settings):
             raise InputError("more outliers than rows", where="--outliers",
                              expected=f"at most {len(settings)}", got=self.outliers)  # fmt: skip
