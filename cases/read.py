@@ -15,15 +15,11 @@ def cases(folder=Path(__file__).parent):
 def met(asked, value):
     """Whether a value is the printed one, to the printed digit."""
     printed = np.array(asked["printed"], float)
-    if "tolerance" in asked:
-        allowed = float(asked["tolerance"]) + 0 * printed
-    elif "last_digit" in asked:
-        allowed = asked["last_digit"] / 2 + 0 * printed
-    else:
-        size = np.where(printed == 0, 1, abs(printed))
-        allowed = 0.5 * 10.0 ** (np.floor(np.log10(size)) + 1 - asked["digits"])
-    if "zero" in asked and "tolerance" not in asked:
-        allowed = np.where(printed == 0, asked["zero"], allowed)
+    size = np.where(printed == 0, 1, abs(printed))
+    allowed = 0.5 * 10.0 ** (np.floor(np.log10(size)) + 1 - asked.get("digits", 1))
+    allowed = np.full(printed.shape, asked["last_digit"] / 2) if "last_digit" in asked else allowed
+    allowed = np.where(printed == 0, asked["zero"], allowed) if "zero" in asked else allowed
+    allowed = asked.get("tolerance", allowed)
     return bool(np.all(abs(np.asarray(value) - printed) <= allowed * (1 + 1e-9)))
 
 

@@ -351,6 +351,9 @@ class PublishedCases(_Text):
             link = f" `{source.link} <{source.link}>`__" if source.link else ""
             where = f"{source.work}; {source.place}. Seen: {source.looked_up}.{link}"
             yield from ("", f"Source: {where}", "")
+            if not case.asked:
+                yield from (f"Missing: {case.inputs['missing']}", "")
+                continue
             yield from (
                 ".. list-table::",
                 "   :header-rows: 1",

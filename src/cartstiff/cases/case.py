@@ -140,6 +140,8 @@ class Case(_Entry):
     def _fits(self) -> Case:
         if not self.asked and self.verdict != "inputs incomplete":
             raise ValueError("nothing is asked")
+        if not self.asked and not isinstance(self.inputs.get("missing"), str):
+            raise ValueError("say under `inputs: missing:` what would be needed")
         differing = [a.name for a in self.asked if not a.agrees]
         if self.verdict == "reproduced" and differing:
             raise ValueError(f"is called reproduced, but not {', '.join(differing)}")

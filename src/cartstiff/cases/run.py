@@ -152,7 +152,8 @@ def table(cases: Iterable[tuple[Path, Case]], outcomes: Iterable[Outcome]) -> st
         for name, words in by_case.get(folder.name, {}).items():
             lines.append(["  " + name, *(words.get(tool, "-") for tool in tools)])
     widths = [
-        max(len(line[k]) for line in lines if len(line) > max(k, 1)) for k in range(len(tools) + 1)
+        max((len(line[k]) for line in lines if len(line) > max(k, 1)), default=0)
+        for k in range(len(tools) + 1)
     ]
     return "\n".join(
         "  ".join(

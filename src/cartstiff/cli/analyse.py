@@ -55,7 +55,7 @@ _options = option_group(
     ),
     click.option(
         "--relax", is_flag=True,
-        help="Where no wrench balances the posture: let the self-motion settle, the body held.",
+        help="If no wrench can balance the posture, move the joints until one can; the body stays.",
     ),
     click.option(
         "--order", type=click.Choice(ORDERS),

@@ -75,8 +75,8 @@ _options = option_group(
         "commands that put the loaded body there.",
     ),
     sensitivities_option,
-    tolerance_option("what they leave of pose, stiffness and frequencies, with the main "
-                     "contributors; rest lengths and angles are uncertain, too"),
+    tolerance_option("the deviations of pose, stiffness and frequencies that follow, and what "
+                     "contributes most. Rest lengths and angles deviate, too"),
     option("--csv", type=OutputFile("FILE.csv", ".csv"), help="Write the curve or path."),
     option("--plot", type=PICTURE, help="Draw the curve or path."),
     json_option,
@@ -108,9 +108,9 @@ def command(
 ) -> None:
     """Where MECHANISM comes to rest under load, how stable it is, and how stiff there.
 
-    Springs without a rest position carry gravity at the posture, where the mechanism is at rest
-    without the load. Loads of constant direction and moments that do not turn with the body are
-    dead loads; a moment has no potential.
+    Without the load the mechanism rests at the posture: springs without a rest position carry its
+    weight there. A dead load keeps its direction in the room while the body moves. A dead moment
+    has no energy; whether the rest is stable then depends on the masses.
     """
     if follower:
         source = click.get_current_context().get_parameter_source("load_kind")

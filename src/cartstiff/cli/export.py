@@ -30,7 +30,7 @@ Examples:
 )  # fmt: skip
 @click.option(
     "--frames", type=click.IntRange(2, 201),
-    help="A file that holds this many postures along each coordinate (closed chains: 25).",
+    help="Store this many postures along each coordinate instead (closed chains do so: 25).",
 )  # fmt: skip
 def command(output: Path, frames: int | None, **texts: Any) -> None:
     """Write the page of `cartstiff view` as one HTML file that opens anywhere, without a network.

@@ -52,15 +52,16 @@ Examples:
 _options = option_group(
     option(
         "--compare", metavar="NAMES",
-        help="What 6x6 matrices at the tip make of the frequencies: some of A,B,K,F,load,energy.",
+        help="Also print the frequencies that a 6x6 stiffness and a mass at the tip would give: "
+        "some of A,B,K,F,load,energy.",
     ),
     sensitivities_option,
-    tolerance_option("an interval for each frequency, as measured springs do by themselves, and "
-                     "its main contributors"),
+    tolerance_option("an interval for each frequency (measured springs give one without this "
+                     "option) and what contributes most to it"),
     option(
         "--response", metavar="LOW:HIGH[:COUNT]",
-        help="Response of the body to a force at it between two frequencies [Hz], 400 by default "
-        "in equal ratios (in equal steps from 0).",
+        help="Response of the body to a force on it at COUNT frequencies [Hz], 400 by default: in "
+        "equal ratios, or in equal steps if LOW is 0.",
     ),
     click.option(
         "--kind", type=click.Choice(KINDS), default="receptance", show_default=True,

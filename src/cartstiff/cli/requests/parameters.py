@@ -19,8 +19,8 @@ __all__ = ["add_accuracy", "add_sensitivities", "checked_tolerance", "sensitivit
 
 sensitivities_option = click.option(
     "--sensitivities", is_flag=True,
-    help="Derivatives by each stiffness, mass and length and by each parameter of the file, of the "
-    "stiffness and of the frequencies, and of the pose where the mechanism finds its rest.",
+    help="Also print the derivatives of the stiffness, of the frequencies and of the pose at rest, "
+    "by each stiffness, mass, length and parameter of the file.",
 )  # fmt: skip
 
 
@@ -29,7 +29,7 @@ def tolerance_option(gives: str) -> Any:
     return option(
         "--tolerance", type=Numbers("REL[,LENGTH[,ANGLE]]", 1, 2, 3),
         help="Standard deviations: relative of every spring stiffness, absolute of every length "
-        f"and rotation (rad) of the geometry; gives {gives}.",
+        f"and rotation (rad) of the geometry. The answer has {gives}.",
     )  # fmt: skip
 
 
