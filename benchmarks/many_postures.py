@@ -27,12 +27,13 @@ from typing import Any
 import many_postures_peers as peers
 import numpy as np
 import pinocchio as pin
-from machine_limits import Machine, cache_size
+from machine_limits import cache_size
 
 import cartstiff
 from cartstiff.loading.catalogue import example_robot
 from cartstiff.many.plans import plan, program_for
 from cartstiff.many.postures import analyse_many
+from cartstiff.many.work import Machine
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree_building import plain_tree

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,13 +21,22 @@ from cartstiff.cli.options import (
 from cartstiff.cli.output import json_text, say
 from cartstiff.cli.requests.analysis import AnalysisRequest, analysis_options
 from cartstiff.cli.requests.parameters import add_sensitivities, sensitivities_option
-from cartstiff.cli.types import OutputFile, Values, json_option, option, option_group
+from cartstiff.cli.types import (
+    OutputFile,
+    Values,
+    explain_option,
+    json_option,
+    option,
+    option_group,
+)
 
 if TYPE_CHECKING:
     from cartstiff.stiffness.compute import PostureStiffness
 
 __all__ = ["command"]
 
+#: One posture by itself: machine code serves those who ask again and again.
+ENGINE = "engine, one posture (with its first use)"
 _EPILOG = """\b
 Examples:
   cartstiff analyse stewart-gough --json
@@ -66,6 +76,7 @@ _options = option_group(
         help="Also the matrices along these axes, about the body frame's origin.",
     ),
     sensitivities_option,
+    explain_option,
     click.option("--strict", is_flag=True, help="Exit with code 3 if a quantity does not exist."),
 )  # fmt: skip
 
@@ -89,6 +100,7 @@ def command(
     order: str | None,
     axes: str | None,
     sensitivities: bool,
+    explain: bool,
     strict: bool,
     analysis: AnalysisRequest,
 ) -> None:
@@ -100,7 +112,9 @@ def command(
     wrench = request.balanced_wrench
     analysis = replace(analysis, world=applied.world)
     applied.check_world(load=wrench, deflect=analysis.deflect, direction=analysis.direction)
+    steps = Steps()
     elastic, q = request.load()
+    steps.end("reading the mechanism")
 
     import numpy as np
 
@@ -121,6 +135,7 @@ def command(
 
             result = analyse(elastic, relaxed(elastic, result.q), **load)
         data = result.as_dict()
+        steps.end(ENGINE, 1)
         if order is not None or axes is not None:
             data["as_controller"] = _as_controller(result, order or ORDERS[0], axes or "body")
         by_parameters = add_sensitivities(result, request, data) if sensitivities else []
@@ -128,6 +143,10 @@ def command(
     if analysis.level != "none":
         shows_springs = as_json or output is not None or analysis.level == "full"
         data["analysis"] = analysis.run(result, shows_springs)
+        steps.end("analysis of the matrix")
+        text = json_text(data, request.mechanism)
+    how = steps.explain(data) if explain else []
+    if explain:
         text = json_text(data, request.mechanism)
     if output is not None:
         from cartstiff.report.output import write_result
@@ -145,7 +164,7 @@ def command(
             shown = summary_text(data["analysis"], elastic.units, analysis.level)
         if "as_controller" in data:
             shown = "\n".join([*_matrices_text(data["as_controller"]), shown])
-        say("\n".join([describe(result, shown), *by_parameters]))
+        say("\n".join([describe(result, shown), *by_parameters, *how]))
         if not relax and any(note.code == "unbalanced" for note in result.notes):
             say("  --relax lets the self-motion settle, with the body held where it is")
     missing = [name for name, K in data["stiffness"].items() if K is None]
@@ -155,6 +174,29 @@ def command(
         say(f"cartstiff: {names} does not exist here ({reasons})", error=True)
         sys.stdout.flush()
         raise click.exceptions.Exit(3)
+
+
+class Steps:
+    """Processor time of what follows each other, for --explain."""
+
+    def __init__(self) -> None:
+        self._wall, self._begun = time.perf_counter(), time.process_time()
+        self._last, self._done = self._begun, list[tuple[str, int, float]]()
+
+    def end(self, what: str, postures: int = 0) -> None:
+        """Something has been done."""
+        now = time.process_time()
+        self._done.append((what, postures, now - self._last))
+        self._last = now
+
+    def explain(self, data: dict[str, Any]) -> list[str]:
+        """Adds them to the JSON object, and gives them as lines."""
+        from cartstiff.many.work import Share, Work, describe, explained
+
+        work = Work({what: Share(postures, spent) for what, postures, spent in self._done})
+        wall = time.perf_counter() - self._wall
+        data["explained"] = explained(work, wall, self._last - self._begun)
+        return describe(data["explained"])
 
 
 def _as_controller(result: PostureStiffness, order: Any, axes: Any) -> dict[str, Any]:

@@ -27,6 +27,7 @@ from cartstiff.cli.types import (
     Amount,
     Number,
     Pairs,
+    explain_option,
     json_option,
     option,
     option_group,
@@ -167,6 +168,7 @@ _options = option_group(
     ),
     json_option,
     progress_option,
+    explain_option,
     click.option(
         "--threads", type=click.IntRange(1, 1024), metavar="N",
         help="In this process; default all.",
@@ -220,6 +222,7 @@ def command(
     threads: int | None,
     workers: int | None,
     scheduler: str | None,
+    explain: bool,
     **where: Any,
 ) -> None:
     """Quantities of the stiffness of MECHANISM at many postures, in a file and in pictures.
@@ -228,6 +231,9 @@ def command(
     """
     if workers is not None and scheduler is not None:
         raise InputError("give --workers or --scheduler, not both")
+    if explain and (workers is not None or scheduler is not None):
+        raise InputError("what other processes do is not counted", where="--explain",
+                         expected="neither --workers nor --scheduler")  # fmt: skip
     if not quantities:
         raise InputError("no --quantity was given", expected="a name of --list-quantities")
     if deflect_at is not None and deflect is None:
@@ -254,6 +260,7 @@ def command(
         raise InputError("is for --cartesian with several branches", where="--single-branch")
     level = level_of(below or above, "--below" if below else "--above", quantities[0], elastic)
 
+    from cartstiff.many.work import describe, explained, watched
     from cartstiff.maps.opening import open_map
     from cartstiff.maps.prepare import prepare_map
     from cartstiff.maps.reading import places_of, slice_map
@@ -263,12 +270,13 @@ def command(
         elastic, sampling, quantities, output, connection=connection, single=single, chunk=chunk,
         command=shlex.join(context.meta["words"]), **asked,
     )  # fmt: skip
-    start = time.perf_counter()
+    start, spent = time.perf_counter(), time.process_time()
     try:
-        computed, damaged = run_map(
-            job, file, threads=threads, workers=workers or 0, scheduler=scheduler,
-            progress=progress,
-        )  # fmt: skip
+        with watched() as work:
+            computed, damaged = run_map(
+                job, file, threads=threads, workers=workers or 0, scheduler=scheduler,
+                progress=progress,
+            )  # fmt: skip
     except KeyboardInterrupt:
         say(
             f"cartstiff: interrupted: {len(file.done())} of {len(file.boxes)} parts are in "
@@ -277,6 +285,7 @@ def command(
         )
         raise click.exceptions.Exit(130) from None
     seconds = time.perf_counter() - start
+    told = explained(work, seconds, time.process_time() - spent) if explain else None
     if damaged:
         say(
             f"cartstiff: {one_line(str(output))}: {len(damaged)} of its files were damaged and "
@@ -291,8 +300,10 @@ def command(
         dataset = one_branch(whole, quantities[0], level, above is None)
     answer = _answer(dataset, file, output, computed, seconds) | {"slice": places_of(whole, cuts)}
     lists = {"best": best, "worst": worst}
+    from cartstiff.report.maps import describe_map, ranked
+
     answer |= {
-        which: {name: _ranked(dataset, name, which, count) for name in quantities}
+        which: {name: ranked(dataset, name, which, count) for name in quantities}
         for which, count in lists.items()
         if count is not None
     }
@@ -316,12 +327,13 @@ def command(
 
         shown = {"by": by, "level": level, "angle": elastic.units.shown_angle}
         save_figure(draw_map(dataset, quantities[0], kind, **shown), picture)
+    if told is not None:
+        answer["explained"] = told
     if as_json:
         say(json.dumps(answer, allow_nan=False))
     else:
-        from cartstiff.report.maps import describe_map
-
-        say(describe_map(answer, elastic.names_with_units))
+        lines = [describe_map(answer, elastic.names_with_units)]
+        say("\n".join([*lines, *(describe(told) if told else [])]))
 
 
 def _check_picture(
@@ -375,25 +387,3 @@ def _answer(dataset: Any, file: Any, output: Path, computed: int, seconds: float
         **{key: dataset.attrs.get(key) for key in ("intervals", "told")},
         **summary(dataset),
     }
-
-
-def _ranked(dataset: Any, name: str, which: str, count: int) -> list[dict[str, Any]]:
-    """Rows of a table of postures, for JSON."""
-    from cartstiff.analysis.plain import plain
-    from cartstiff.maps.intervals import half_width_name
-    from cartstiff.maps.reading import best, state_names, worst
-
-    width = half_width_name(name)
-    rows = (best if which == "best" else worst)(dataset, name, count)
-    names = state_names(dataset)
-    joints = [str(j) for j in dataset["joint"].values]
-    return [
-        {
-            "value": plain(rows[name].values[i]),
-            **({"half_width": plain(rows[width].values[i])} if width in rows else {}),
-            "q": dict(zip(joints, plain(rows["q"].values[i]), strict=True)),
-            "position": plain(rows["position"].values[i]),
-            "state": names[int(rows["state"].values[i])],
-        }
-        for i in range(rows.sizes["rank"])
-    ]

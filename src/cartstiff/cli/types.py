@@ -32,6 +32,7 @@ __all__ = [
     "Pairs",
     "UnitList",
     "Values",
+    "explain_option",
     "gathered",
     "json_option",
     "only_with",
@@ -324,6 +325,11 @@ def gathered(options: Callable[[Any], Any], keyword: str, kind: type[Any]) -> Ca
     return decorate
 
 
+explain_option = click.option(
+    "--explain", is_flag=True,
+    help="Also what computed the answer, how long each part took, and what limits it on this "
+    "machine.",
+)  # fmt: skip
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 progress_option = click.option(
     "--progress/--no-progress", default=None,

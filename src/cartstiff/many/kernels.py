@@ -19,6 +19,7 @@ from cartstiff.many.arithmetic import ENGINE
 from cartstiff.many.chains.closing import close
 from cartstiff.many.plans import CLOSING, Case, Plan, plan, program_for
 from cartstiff.many.reading_arithmetic import Readings
+from cartstiff.many.work import MAKING, timed
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
 __all__ = ["PATHS", "WORTH_READING", "WORTH_RECORDING", "Path", "assembled", "chosen", "kernel_for",
@@ -60,7 +61,8 @@ def _compiled_kernel(case: Case, names: tuple[str, ...], readings: Readings | No
 
     key = (case, names, readings)
     with _lock:
-        kernel = _compiled.pop(key, None) or CompiledKernel(program_for(*key))
+        with timed(MAKING):
+            kernel = _compiled.pop(key, None) or CompiledKernel(program_for(*key))
         _keep(key, kernel)
     return kernel
 
@@ -184,9 +186,24 @@ def run(
     Coordinates of closed chains are replaced by those that close them; where none are found they
     stay, and the engine decides.
     """
+    if len(q):
+        with timed(_way(taken, kernel), len(q), kernel.program):
+            _run(taken, kernel, q, loads, arrays, verdicts, threads, size)
+
+
+def _way(taken: Plan, kernel: Any) -> str:
+    """What a kernel is, in words."""
+    is_portable = isinstance(kernel, portable.PortableKernel)
+    way = "recorded arithmetic over NumPy's arrays" if is_portable else "machine code"
+    way += ", quantities read at once" * ("readings" in kernel.program.outputs)
+    return way + ", chains closed by it too" * taken.is_closed
+
+
+def _run(
+    taken: Plan, kernel: Any, q: Array, loads: Array | None, arrays: Mapping[str, Array],
+    verdicts: NDArray[np.uint8], threads: int, size: int | None,
+) -> None:  # fmt: skip
     count = len(q)
-    if not count:
-        return
     exists = {n: len(s) for n, s in kernel.program.outputs.items() if n != "verdict"}
     for name, array in arrays.items():
         if name not in exists:
@@ -197,6 +214,8 @@ def run(
 
         length = size or COMPILED_CHUNK
         options = {"stream": sum(arrays[name].nbytes for name in exists) > STREAMED}
+        with timed(MAKING):
+            kernel.entry(options["stream"])
     if taken.has_derivatives:
         length = min(length, EVALUATED_CHUNK)
     closing = None

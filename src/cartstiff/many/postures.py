@@ -36,6 +36,7 @@ from cartstiff.many.kernels import PATHS, Path, chosen, run
 from cartstiff.many.one_by_one import REGULAR, fill
 from cartstiff.many.portable import PortableKernel
 from cartstiff.many.singular import lost_ranks
+from cartstiff.many.work import BY_ENGINE, timed
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.stiffness.applied_load import LoadKind, checked_load, wrench_in_body
 from cartstiff.stiffness.labelled import AXES, labelled
@@ -356,13 +357,14 @@ def _by_engine(
 ) -> None:  # fmt: skip
     """Fill some postures one by one; `q` takes the coordinates of assembled chains."""
     assembled = _is_assembled(elastic)
-    for i in which.tolist():
-        load = loads if loads is None or loads.ndim == 1 else loads[i]
-        rows = {name: array[i : i + 1] for name, array in arrays.items()}
-        code, found = fill(elastic, q[i], load, rows, kind, axes)
-        if assembled:
-            q[i] = found
-        state[i] = _index(codes, code)
+    with timed(BY_ENGINE, len(which)):
+        for i in which.tolist():
+            load = loads if loads is None or loads.ndim == 1 else loads[i]
+            rows = {name: array[i : i + 1] for name, array in arrays.items()}
+            code, found = fill(elastic, q[i], load, rows, kind, axes)
+            if assembled:
+                q[i] = found
+            state[i] = _index(codes, code)
 
 
 def _index(codes: list[str], code: str) -> int:

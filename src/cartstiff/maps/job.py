@@ -20,6 +20,7 @@ from cartstiff.many.one_by_one import NOT_ASSEMBLED, REGULAR
 from cartstiff.many.postures import Postures, analyse_many
 from cartstiff.many.read_many import Reader
 from cartstiff.many.reading_arithmetic import READINGS, Readings
+from cartstiff.many.work import timed
 from cartstiff.maps.cartesian import PLACES, CartesianGrid
 from cartstiff.maps.intervals import half_width_name, half_widths, intervals_of, why_none
 from cartstiff.maps.quantities import choose_quantities, evaluate
@@ -283,8 +284,9 @@ class MapJob:
 
     def _values(self, result: Postures, quantities: Sequence[Quantity]) -> dict[str, Array]:
         """Quantities (N,) by name."""
-        return evaluate(quantities, result.arrays, self.settings, self._lengths,
-                        self._vibrations(result.q, result.arrays))  # fmt: skip
+        vibrations = self._vibrations(result.q, result.arrays)
+        with timed("quantities read from stored matrices", len(result)):
+            return evaluate(quantities, result.arrays, self.settings, self._lengths, vibrations)
 
     def _with_springs(self, other: ElasticMechanism, q: Array) -> dict[str, Array]:
         """The quantities that have intervals, of the mechanism with other springs."""
@@ -377,18 +379,19 @@ class MapJob:
             # The map leads passive joints: the actuators follow.
             hold = sorted({*own, *mechanism.held} - {*(mechanism.actuated or ())} | {*own})
         done, is_closed = there.copy(), np.zeros(len(q), bool)
-        if hold == sorted(mechanism.held):
-            q[there], is_closed[there] = assembled(self.elastic, q[there], self.path)
-        for i in np.flatnonzero(there & ~is_closed):
-            try:
-                closed = mechanism.closed(q[i], hold=hold).q
-            except ConvergenceError:
-                done[i] = False
-                continue
-            if hold and np.abs(closed - q[i])[hold].max() > _MOVED:
-                done[i] = False
-                continue
-            q[i] = closed
+        with timed("closing of chains", int(there.sum())):
+            if hold == sorted(mechanism.held):
+                q[there], is_closed[there] = assembled(self.elastic, q[there], self.path)
+            for i in np.flatnonzero(there & ~is_closed):
+                try:
+                    closed = mechanism.closed(q[i], hold=hold).q
+                except ConvergenceError:
+                    done[i] = False
+                    continue
+                if hold and np.abs(closed - q[i])[hold].max() > _MOVED:
+                    done[i] = False
+                    continue
+                q[i] = closed
         return done
 
 

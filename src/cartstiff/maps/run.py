@@ -8,12 +8,13 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from os import cpu_count
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cartstiff.errors import InputError, imported
+from cartstiff.many.work import timed
 from cartstiff.maps.job import MapJob
 from cartstiff.maps.opening import open_map
 from cartstiff.maps.prepare import prepare_map
@@ -197,9 +198,14 @@ def _run_here(
             arrays = job.compute(file.boxes[chunk], threads, advance, solved)
             if writing is not None:
                 writing.result()
-            writing = pool.submit(file.write, chunk, arrays)
+            writing = pool.submit(_write, file, chunk, arrays)
         if writing is not None:
             writing.result()
+
+
+def _write(file: MapFile, chunk: int, arrays: Mapping[str, NDArray[Any]]) -> None:
+    with timed("writing the file"):
+        file.write(chunk, arrays)
 
 
 def _bar(

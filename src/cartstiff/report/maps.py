@@ -16,7 +16,7 @@ from cartstiff.maps.reading import quantities_of, quantity_of, summary
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.report.layout import number, table
 
-__all__ = ["describe_comparison", "describe_map", "map_section"]
+__all__ = ["describe_comparison", "describe_map", "map_section", "ranked"]
 
 
 def describe_map(answer: Mapping[str, Any], coordinates: Sequence[str]) -> str:
@@ -64,6 +64,28 @@ def describe_map(answer: Mapping[str, Any], coordinates: Sequence[str]) -> str:
             lines += ["", f"{which.capitalize()} of {name} [{unit}]"]
             lines += _postures(rows, units, coordinates)
     return joined(lines)
+
+
+def ranked(dataset: Any, name: str, which: str, count: int) -> list[dict[str, Any]]:
+    """Rows of a table of postures, for JSON."""
+    from cartstiff.analysis.plain import plain
+    from cartstiff.maps.intervals import half_width_name
+    from cartstiff.maps.reading import best, state_names, worst
+
+    width = half_width_name(name)
+    rows = (best if which == "best" else worst)(dataset, name, count)
+    names = state_names(dataset)
+    joints = [str(j) for j in dataset["joint"].values]
+    return [
+        {
+            "value": plain(rows[name].values[i]),
+            **({"half_width": plain(rows[width].values[i])} if width in rows else {}),
+            "q": dict(zip(joints, plain(rows["q"].values[i]), strict=True)),
+            "position": plain(rows["position"].values[i]),
+            "state": names[int(rows["state"].values[i])],
+        }
+        for i in range(rows.sizes["rank"])
+    ]
 
 
 def _searched(branches: Mapping[str, int] | None) -> list[str]:

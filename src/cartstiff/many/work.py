@@ -1,0 +1,268 @@
+"""What computed postures, how long that took, and what this machine can do at most."""
+
+from __future__ import annotations
+
+import ctypes
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from cartstiff.many.arguments import aligned_empty
+from cartstiff.many.compiled import _binding, lanes
+from cartstiff.many.tape import Program
+
+__all__ = [
+    "BY_ENGINE", "MAKING", "Machine", "Share", "Work", "describe", "explained", "timed", "watched",
+]  # fmt: skip
+
+#: The engine's share, by its name.
+BY_ENGINE = "engine, one posture after the other"
+#: Recording and compiling, once for a mechanism and what is asked of it.
+MAKING = "making of machine code"
+_CHAINS = 12
+# The machine may be busy: the best of so many measurements counts.
+_TRIES = 4
+_watching: list[Work] = []
+_lock, _thread = threading.Lock(), threading.local()
+
+
+@dataclass
+class Share:
+    """What one way of computing has done.
+
+    Attributes
+    ----------
+    postures : int
+        How many, 0 for what is no posture.
+    seconds : float
+        Processor time of the threads that did it.
+    operations, bytes : int
+        Of recorded arithmetic, a posture: operations, and bytes written.
+    """
+
+    postures: int = 0
+    seconds: float = 0.0
+    operations: int = 0
+    bytes: int = 0
+
+
+@dataclass
+class Work:
+    """Shares by what did them, in the order of their first use."""
+
+    shares: dict[str, Share] = field(default_factory=dict)
+
+
+@contextmanager
+def watched() -> Iterator[Work]:
+    """Everything that is computed in this process meanwhile."""
+    work = Work()
+    _watching.append(work)
+    try:
+        yield work
+    finally:
+        _watching.remove(work)
+
+
+@contextmanager
+def timed(what: str, postures: int = 0, program: Program | None = None) -> Iterator[None]:
+    """Counts what is done inside, where somebody watches; what is timed there has its own share."""
+    if not _watching:
+        yield
+        return
+    outer, _thread.inside = getattr(_thread, "inside", 0.0), 0.0
+    start = time.thread_time()
+    try:
+        yield
+    finally:
+        seconds = time.thread_time() - start
+        with _lock:
+            for work in _watching:
+                share = work.shares.setdefault(what, Share())
+                share.postures += postures
+                share.seconds += seconds - _thread.inside
+                if program is not None and not share.operations:
+                    share.operations = program.size
+                    share.bytes = 8 * sum(map(len, program.outputs.values()))
+        _thread.inside = outer + seconds
+
+
+def explained(work: Work, seconds: float, spent: float) -> dict[str, Any]:
+    """The shares beside the limits of this machine, measured now, as plain data.
+
+    Parameters
+    ----------
+    work : Work
+        What was watched.
+    seconds, spent : float
+        Wall time, and processor time of the process.
+
+    Returns
+    -------
+    dict
+        "seconds", "processor_seconds", "processor", "lanes", "machine" (operations and bytes
+        written a second by one thread, null without llvmlite), "shares" (with the least time that
+        operations and bytes take on this machine, "arithmetic" and "writing"), "limit".
+    """
+    machine: dict[str, float] | None = None
+    told: dict[str, Any] = {"processor": None, "lanes": None}
+    try:
+        limits = Machine(1 << 22)
+    except ImportError:
+        pass
+    else:
+        measured = limits.flops, limits.bytes_written
+        rates = (max(rate(1) for _ in range(_TRIES)) for rate in measured)
+        machine = dict(zip(("operations", "bytes_written"), rates, strict=True))
+        told = {"processor": _binding().get_host_cpu_name(), "lanes": limits.width}
+    shares = []
+    for what, share in work.shares.items():
+        row: dict[str, Any] = {"what": what, **vars(share), "arithmetic": None, "writing": None}
+        if machine is not None and share.operations:
+            row["arithmetic"] = share.postures * share.operations / machine["operations"]
+            row["writing"] = share.postures * share.bytes / machine["bytes_written"]
+        shares.append(row)
+    known = sum(share.seconds for share in work.shares.values())
+    shares.append({"what": "all else", **vars(Share(0, max(spent - known, 0.0))),
+                   "arithmetic": None, "writing": None})  # fmt: skip
+    largest = max(shares, key=lambda row: row["seconds"])
+    return {"seconds": seconds, "processor_seconds": spent, **told, "machine": machine,
+            "shares": shares, "limit": _limit(largest)}  # fmt: skip
+
+
+def _limit(largest: dict[str, Any]) -> str:
+    """What takes longest, in words."""
+    what, seconds = largest["what"], largest["seconds"]
+    if largest["arithmetic"] is None or not seconds:
+        return str(what)
+    kind = max(("arithmetic", "writing"), key=lambda name: largest[name])
+    return f"{what}: {kind}, which alone takes {100.0 * largest[kind] / seconds:.0f} % of its time"
+
+
+def describe(told: dict[str, Any]) -> list[str]:
+    """The same as lines."""
+    lines = ["", f"How it was computed: {told['seconds']:.3g} s, "
+             f"{told['processor_seconds']:.3g} s of processor time"]  # fmt: skip
+    for row in told["shares"]:
+        line = f"  {row['what']}: {row['seconds']:.3g} s"
+        if row["postures"]:
+            each = 10**6 * row["seconds"] / row["postures"]
+            line += f", {row['postures']} postures, {each:.3g} us each"
+        if row["arithmetic"] is not None:
+            line += (
+                f"; {row['operations']} operations and {row['bytes']} bytes a posture take "
+                f"{row['arithmetic']:.2g} s and {row['writing']:.2g} s at least"
+            )
+        lines.append(line)
+    if (machine := told["machine"]) is not None:
+        flops, written = (machine[key] / 10**9 for key in ("operations", "bytes_written"))
+        lines.append(
+            f"  this machine ({told['processor']}, vectors of {told['lanes']}): "
+            f"{flops:.3g} Gflop/s, {written:.3g} GB/s written, on one thread"
+        )
+    return [*lines, f"  what limits: {told['limit']}"]
+
+
+def _code(width: int) -> str:
+    v = f"<{width} x double>"
+    one = [
+        "define void @arithmetic(i64 %n, ptr %p) {",
+        "entry:",
+        *(f"  %a{i} = load {v}, ptr %p" for i in range(_CHAINS)),
+        "  br label %again",
+        "again:",
+        "  %k = phi i64 [0, %entry], [%next, %again]",
+        *(f"  %x{i} = phi {v} [%a{i}, %entry], [%y{i}, %again]" for i in range(_CHAINS)),
+        *(
+            f"  %y{i} = call {v} @llvm.fma.v{width}f64({v} %x{i}, {v} %a0, {v} %a1)"
+            for i in range(_CHAINS)
+        ),
+        "  %next = add i64 %k, 1",
+        "  %more = icmp ult i64 %next, %n",
+        "  br i1 %more, label %again, label %end",
+        "end:",
+        *(f"  store volatile {v} %y{i}, ptr %p" for i in range(_CHAINS)),
+        "  ret void",
+        "}",
+        f"declare {v} @llvm.fma.v{width}f64({v}, {v}, {v})",
+    ]
+    two = [
+        "define void @write(i64 %n, ptr %p) {",
+        "entry:",
+        f"  %x = load {v}, ptr %p",
+        "  br label %again",
+        "again:",
+        "  %k = phi i64 [0, %entry], [%next, %again]",
+        f"  %a = getelementptr {v}, ptr %p, i64 %k",
+        f"  store {v} %x, ptr %a, align {8 * width}, !nontemporal !0",
+        "  %next = add i64 %k, 1",
+        "  %more = icmp ult i64 %next, %n",
+        "  br i1 %more, label %again, label %end",
+        "end:",
+        "  ret void",
+        "}",
+        "!0 = !{i32 1}",
+    ]
+    return "\n".join([*one, *two])
+
+
+class Machine:
+    """What the machine can do at most: multiply-adds, and bytes written past the cache, a second.
+
+    Some processors write lines of zeros at more than twice the speed of any other data (an AMD
+    EPYC, Zen 4: 70 and 28 GB/s). The limit is therefore measured with numbers that are not zero.
+
+    Parameters
+    ----------
+    size : int
+        Numbers that each thread writes.
+    """
+
+    def __init__(self, size: int = 1 << 24) -> None:
+        self._size = size
+        llvm = _binding()
+        machine = llvm.Target.from_default_triple().create_target_machine(
+            cpu=llvm.get_host_cpu_name(),
+            features=llvm.get_host_cpu_features().flatten(),
+            opt=2,
+        )
+        self.width = lanes()
+        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(_code(self.width)), machine)
+        self._engine.finalize_object()
+        kind = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_void_p)
+        self._arithmetic = kind(self._engine.get_function_address("arithmetic"))
+        self._write = kind(self._engine.get_function_address("write"))
+        self._memory = [aligned_empty(size) for _ in range(2)]
+        self._fill(zeros=False)
+
+    def _fill(self, zeros: bool) -> None:
+        values = np.random.default_rng(0).uniform(size=self.width)
+        for block in self._memory:
+            block.reshape(-1, self.width)[:] = 0.0 if zeros else values
+
+    def _rate(self, function: Any, count: int, threads: int) -> float:
+        """Calls of the inner loop per second."""
+        workers = [
+            threading.Thread(target=function, args=(count, self._memory[i].ctypes.data))
+            for i in range(threads)
+        ]
+        start = time.perf_counter()
+        for worker in workers:
+            worker.start()
+        for worker in workers:
+            worker.join()
+        return threads * count / (time.perf_counter() - start)
+
+    def flops(self, threads: int) -> float:
+        """Floating-point operations per second, a multiply-add being two."""
+        return self._rate(self._arithmetic, 2_000_000, threads) * _CHAINS * self.width * 2
+
+    def bytes_written(self, threads: int, zeros: bool = False) -> float:
+        """Bytes per second; the same few numbers again and again, or zeros."""
+        self._fill(zeros)
+        return self._rate(self._write, self._size // self.width, threads) * self.width * 8
