@@ -142,6 +142,24 @@ def test_boundaries_of_bodies_on_legs_agree_with_analyse(machines, name, axes):
     assert found.axes[2] in describe_workspace(found)
 
 
+def test_turns_of_joints_are_limits_everywhere():
+    """Angles of joints that are not driven, one by one."""
+    legs = PUS | {"turns": {"u1": [-0.2, 0.2], "s2": [-1.0, 1.0]}}
+    elastic = cartstiff.parallel(legs, [0, 0, 0.55, 0, 0, 0])
+    q, _ = cartstiff.at_pose(elastic, [0.0, 0.12, 0.55, 0, 0, 0])
+    turned = {name: x for name, x in zip(elastic.names, q, strict=True) if name.endswith("u1")}
+    beyond = {name for name, x in turned.items() if abs(x) > 0.2}
+    (note,) = (n for n in cartstiff.analyse(elastic, q).notes if n.code == "beyond-limits")
+    assert set(note.values) == beyond
+    found = cartstiff.workspace(elastic, directions=8, scan=8, fits=False)
+    free = cartstiff.workspace(cartstiff.parallel(PUS, [0, 0, 0.55, 0, 0, 0]), directions=8, scan=8)
+    assert any("/u1, " in name for name in found.positions.shares())
+    assert found.volume < free.volume
+    for wrong, match in (({"slide": [0, 1]}, "unknown joint"), ({"u1": [1, 0]}, "wrong way")):
+        with pytest.raises(InputError, match=match):
+            cartstiff.parallel(PUS | {"turns": wrong}, [0, 0, 0.55, 0, 0, 0])
+
+
 def test_volume_of_a_body_on_rails_is_that_of_a_grid(machines):
     """Slides by Pythagoras, the side of singular poses by the lines of the rods."""
     elastic = machines["6-pus"]

@@ -104,28 +104,30 @@ def boundary_csv(reached: Workspace) -> str:
 
 
 def draw_workspace(reached: Workspace) -> Any:
-    """The boundary seen along three axes, coloured by the limit that cuts, as a figure."""
+    """The boundary in space and along three axes, coloured by the limit that cuts, as a figure."""
     from cartstiff.figures import new_figure
 
-    figure = new_figure(11.0, 4.2)
+    figure = new_figure(11.0, 8.0)
     from matplotlib import colormaps
 
     unit, places = reached.elastic.units.length, reached.boundary
     names = [] if reached.positions is None else [edge[3] for edge in reached.positions.edges]
     kinds = sorted(set(names))
-    axes, colours = figure.subplots(1, 3), colormaps["tab20"].colors  # type: ignore[attr-defined]
-    for axis, (i, j) in zip(axes, ((0, 1), (0, 2), (1, 2)), strict=True):
+    colours = colormaps["tab20"].colors  # type: ignore[attr-defined]
+    labels = [f"{name} [{unit if name in 'xyz' else 'rad'}]" for name in reached.axes]
+    is_place = reached.axes == ("x", "y", "z")
+    for position, shown in enumerate(((0, 1, 2), (0, 1), (0, 2), (1, 2)), start=1):
+        axis = figure.add_subplot(2, 2, position, projection="3d" if len(shown) == 3 else None)
         for k, kind in enumerate(kinds):
             own = np.array([name == kind for name in names])
-            axis.scatter(places[own, i], places[own, j], s=4, color=colours[k % 20], label=kind)
-        labels = [f"{name} [{unit if name in 'xyz' else 'rad'}]" for name in reached.axes]
-        axis.set_xlabel(labels[i])
-        axis.set_ylabel(labels[j])
-        axis.set_aspect("equal", adjustable="datalim")
+            axis.scatter(*places[own][:, shown].T, s=4, color=colours[k % 20], label=kind)
+        for i, name in zip(shown, "xyz", strict=False):
+            getattr(axis, f"set_{name}label")(labels[i])
+        if is_place:
+            axis.set_aspect("equal", adjustable="datalim" if len(shown) == 2 else "box")
     if kinds:
-        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4,
+        figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=4,
                       fontsize=7, markerscale=3)  # fmt: skip
-    figure.suptitle(
-        f"{reached.elastic.name}: boundary with one orientation, and the limit that cuts"
-    )
+    words = "boundary with one orientation" if is_place else "boundary"
+    figure.suptitle(f"{reached.elastic.name}: {words}, and the limit that cuts")
     return figure

@@ -104,6 +104,11 @@ class NamedLegsModel(FileModel):
     limits: Pair | list[Pair] | None = Field(
         default=None, description="[least, most] of the slide or crank"
     )
+    turns: dict[Text, Pair] = Field(
+        default={},
+        description="[least, most] rad of other joints by name (u1, s2, ...), zero at home; "
+        "a ball is limited about each of its three axes",
+    )
 
     @model_validator(mode="after")
     def _fits(self) -> NamedLegsModel:

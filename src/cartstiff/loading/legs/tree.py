@@ -166,18 +166,24 @@ def _legs(entry: NamedLegs, T_F_P: Array, where: str) -> list[tuple[LegModel, li
         model, names = leg_model(shape)
         main = "crank" if shape.family == "crank" else "slide"
         actuated = [main] if entry.actuated is None else entry.actuated
-        for key, given in (("actuated", actuated), ("springs", entry.springs)):
+        others = [name for name in names if name != main]
+        for key, given, known in (
+            ("actuated", actuated, names), ("springs", entry.springs, names),
+            ("turns", entry.turns, others),
+        ):  # fmt: skip
             for name in given:
-                if name not in names:
-                    raise UnknownNameError("joint", name, names, where=f"{where}, key legs.{key}")
+                if name not in known:
+                    raise UnknownNameError("joint", name, known, where=f"{where}, key legs.{key}")
+        limited = {name: ("turns", pair) for name, pair in entry.turns.items()}
         if limit is not None:
-            if limit[0] > limit[1]:
+            limited[main] = "limits", limit
+        lower, upper = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
+        for name, (key, pair) in limited.items():
+            if pair[0] > pair[1]:
                 raise InputError("limits are the wrong way round", expected="[least, most]",
-                                 where=f"{where}, key legs.limits", got=limit)  # fmt: skip
-            j = names.index(main)
-            lower, upper = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
-            lower[j], upper[j] = limit
-            model.lowerPositionLimit, model.upperPositionLimit = lower, upper
+                                 where=f"{where}, key legs.{key}", got=pair)  # fmt: skip
+            lower[names.index(name)], upper[names.index(name)] = pair
+        model.lowerPositionLimit, model.upperPositionLimit = lower, upper
         springs = dict(entry.springs)
         for name in actuated:
             if k is not None:
