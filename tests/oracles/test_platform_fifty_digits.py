@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 
 import mpmath as mp
 import numpy as np
@@ -14,6 +15,7 @@ from cartstiff.analysis.posture import analyse_posture
 from cartstiff.many.postures import analyse_many
 from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
 from cartstiff.potentials.loads import DeadForce
+from cartstiff.statics.equilibrium import equilibrium
 
 CORNERS = np.repeat(2 * np.pi / 3 * np.arange(3), 2)
 
@@ -130,3 +132,22 @@ def test_weight_beside_stiff_legs():
         C = np.array(mp.inverse(K).tolist(), float)
     found = result.compliances["B"]
     assert np.abs(found - C).max() <= max(1e-9, promised(result)) * np.abs(C).max()
+
+
+def test_stiffness_where_stiff_legs_come_to_rest():
+    """Their tensions are those that balance the load, not what their rounded lengths say."""
+    for seed in range(3):
+        elastic = hexagons(np.random.default_rng(seed), 0.5, 15)
+        load = DeadForce([1e-6, 5e-7, -2e-6], [0.01, 0.0, 0.05])
+        state = equilibrium(elastic, load, limits=False, settle=False)
+        pushed = load.evaluate(state.posture)
+        tensions = np.linalg.solve(state.posture.lines.lines.T, -pushed.gradient)
+        with mp.workdps(80):
+            moved = replace(state.elastic, q=state.q)
+            K = exact(moved, tensions) + mp.matrix(pushed.hessian.tolist())
+            C = np.array(mp.inverse(K).tolist(), float)
+        found = state.stiffness.compliances["B"]
+        assert np.abs(found - C).max() <= 1e-10 * np.abs(C).max()
+        assert state.elastic_stiffness.wrench == pytest.approx(
+            -pushed.gradient, rel=1e-9, abs=1e-18
+        )

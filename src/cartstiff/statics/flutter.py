@@ -25,7 +25,7 @@ from cartstiff.mechanisms.elastic import Note
 from cartstiff.numerics import IDLE
 from cartstiff.potentials.contract import Potential
 from cartstiff.statics.balance import Balance
-from cartstiff.statics.problem import Point
+from cartstiff.statics.point import Point
 from cartstiff.statics.small_motions import COMPLEX, kinetic_matrix, spectrum_of
 
 __all__ = ["MASSLESS", "UNDAMPED", "Vibrations", "vibrations"]

@@ -21,7 +21,8 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.statics.balance import Balance
 from cartstiff.statics.effort import ExhaustedError, bounded
 from cartstiff.statics.limits import Contact, bound, sizes
-from cartstiff.statics.problem import Point, System
+from cartstiff.statics.point import Point
+from cartstiff.statics.problem import System
 from cartstiff.stiffness.posture_notes import near_type_2
 
 __all__ = ["Solution", "solve"]
@@ -38,9 +39,7 @@ _PATIENCE = 40
 # from which on they hold back the soft ones: elsewhere such steps may lead to another equilibrium.
 _FOLLOWED, _STIFF = 3, numerics.STIFF
 _CAP, _LARGEST_CAP, _LARGEST_TURN = 0.3, 1e18, 1.0
-_SUFFICIENT = numerics.SUFFICIENT
-# The energy's fall is trusted down to this share of the energies added up.
-_ROUNDING = numerics.TRUSTED
+_SUFFICIENT, _ROUNDING = numerics.SUFFICIENT, numerics.TRUSTED
 # Shares of a motion's hardness: the least stiffness of a step, and a saddle's least slope away.
 _SOFTEST, _SADDLE = numerics.SOFTEST, numerics.SADDLE
 

@@ -26,7 +26,8 @@ from cartstiff.statics.balance import Balance, spectrum
 from cartstiff.statics.flutter import Vibrations, vibrations
 from cartstiff.statics.held import Held
 from cartstiff.statics.newton import ENOUGH, SHARP
-from cartstiff.statics.problem import Point, System
+from cartstiff.statics.point import Point
+from cartstiff.statics.problem import System
 
 __all__ = ["LoadPath", "State"]
 

@@ -14,7 +14,7 @@ radians and distances in the characteristic length, so that g_N and H_N are ener
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,15 +28,17 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits, limit_notes
 from cartstiff.numerics import EPSILON, IDLE, RANK
 from cartstiff.potentials.contract import Evaluation, Map, Potential
+from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.balance import Balance
 from cartstiff.statics.effort import count
 from cartstiff.statics.held import Held
 from cartstiff.statics.limits import Contact, constraint, sizes
+from cartstiff.statics.point import Point
 from cartstiff.stiffness.closures import decompose
 from cartstiff.stiffness.springs_apart import ByLengths, by_lengths
 
-__all__ = ["Point", "System"]
+__all__ = ["System"]
 
 #: Lines g (m, 6) that hold a body, their stiffnesses (m,), the rest of the Hessian.
 Lines = tuple[Array, Array, Array]
@@ -50,44 +52,6 @@ _PULL, _PULLS = 0.2, 100
 _FAR = numerics.FAR
 # Stiff joints still move by this share of what soft ones do, so that ranks stay visible.
 _LEAST_EASE = numerics.LEAST_EASE
-
-
-@dataclass(slots=True, eq=False)
-class Point:
-    """The mechanism at coordinates q, with all forces that act there.
-
-    Attributes
-    ----------
-    energies : float
-        Sum of the terms' absolute energies.
-    forces : ndarray (n,)
-        Sum of the terms' absolute generalised forces, in natural units.
-    hardness : ndarray (n, n)
-        Sum of the terms' absolute stiffnesses, in natural units.
-    """
-
-    q: Array
-    posture: MechanismPosture
-    evaluation: Evaluation
-    energies: float
-    forces: Array
-    hardness: Array
-    limited: Array
-
-    @property
-    def stiffness_ratio(self) -> float:
-        """Largest over smallest stiffness of the coordinates that feel one."""
-        stiff = np.diag(self.hardness)
-        return float(stiff.max(initial=0.0)) / float(stiff.min(initial=np.inf, where=stiff > 0.0))
-
-    def add(self, term: Evaluation) -> None:
-        """One more term that acts here."""
-        e, g, h = self.evaluation
-        self.evaluation = Evaluation(e + term.energy, g + term.gradient, h + term.hessian)
-        columns = self.posture.coordinate_lengths
-        self.energies += abs(term.energy)
-        self.forces += np.abs(term.gradient * columns)
-        self.hardness += np.abs(term.hessian * columns[:, None] * columns)
 
 
 class System:
@@ -264,8 +228,25 @@ class System:
         The tension of a stiff line is known to the rounding of its length, and so would be what it
         adds to the stiffness of soft motions; there it is the one that balances.
         """
-        if parts is None:
+        found = None if parts is None else self._more_tension(point, parts, gradient, reach)
+        if parts is None or found is None:
             return None
+        more, areas, loads = found
+        if (balanced := self.elastic.line_springs_apart(point.posture, more)) is None:
+            return None
+        return by_lengths(
+            parts[0] * point.posture.coordinate_lengths, parts[1], (balanced[2] + loads) * areas
+        )
+
+    def _more_tension(
+        self, point: Point, parts: Lines, gradient: Array, reach: float, is_at_rest: bool = False
+    ) -> tuple[Array, Array, Array] | None:
+        """What the tensions (m,) of stiff lines lack that balance, within their rounding.
+
+        At rest all that is left is rounding. Also the sizes of the Hessian's entries, and the
+        loads' part of it. None where no line is much stiffer than another, or they do not lead the
+        body's motions.
+        """
         lines, k, rest = parts
         least = float(k.min())
         if not 0.0 < least * _FAR < float(k.max()):
@@ -281,10 +262,26 @@ class System:
         missed = found.motions.T @ gradient
         more = np.zeros(len(k))
         blurred = ROUNDINGS * EPSILON * k[found.leading] * reach * point.posture.length
-        more[found.leading] = np.where(np.abs(missed) <= blurred, -missed, 0.0)
-        if (balanced := self.elastic.line_springs_apart(point.posture, more)) is None:
-            return found
-        return by_lengths(lines * columns, k, (balanced[2] + loads) * areas)
+        is_rounding = (np.abs(missed) <= blurred) | is_at_rest
+        more[found.leading] = np.where(is_rounding, -missed, 0.0)
+        return more, areas, loads
+
+    def at_rest(self, point: Point) -> ElasticMechanism:
+        """The mechanism in an equilibrium, its stiff legs with the tensions that balance.
+
+        Through their lengths these would come back rounded, and turn soft motions.
+        """
+        elastic, posture = self.elastic, point.posture
+        parts, springs = elastic.line_springs_apart(posture), elastic.springs
+        if parts is None or type(springs) is not LineSprings or self.held is not None:
+            return elastic
+        gradient = point.evaluation.gradient * posture.coordinate_lengths
+        found = self._more_tension(point, parts, gradient, self._reach(posture), True)
+        if found is None:
+            return elastic
+        lengths = springs.geometry(posture).lengths
+        tensions = springs.tensions(lengths) + found[0][: len(lengths)]
+        return replace(elastic, springs=replace(springs, balanced_at=(lengths, tensions)))
 
     def _are_apart(self, point: Point) -> bool:
         """Whether each coordinate has its own spring: then coordinates are motions to judge.

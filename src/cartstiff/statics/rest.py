@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.posture_notes import near_constraint
 from cartstiff.stiffness.reduction import reduce_to
 from cartstiff.stiffness.showing import codes_of, numbers_text
+from cartstiff.stiffness.springs_apart import springs_apart
 from cartstiff.stiffness.tensor import StiffnessTensor
 
 __all__ = ["Equilibrium", "Reactions"]
@@ -164,12 +165,18 @@ class Equilibrium(ShownInLines):
         Where all loads have a potential and nothing is held, W = 0 and all connections agree.
         Touched limits are rigid.
         """
-        return self._stiffness(self.elastic.with_potential(*self.loads))
+        return self._stiffness(self._at_rest.with_potential(*self.loads))
 
     @cached_property
     def elastic_stiffness(self) -> PostureStiffness:
         """Stiffness of the mechanism without the added loads, which show as its wrench W."""
-        return self._stiffness(self.elastic, self._load_on_body)
+        return self._stiffness(self._at_rest, self._load_on_body)
+
+    @cached_property
+    def _at_rest(self) -> ElasticMechanism:
+        if self._solution.contacts:
+            return self.elastic
+        return self._system.at_rest(self._solution.point)
 
     @property
     def meaning_of_elastic_wrench(self) -> str:
@@ -221,6 +228,9 @@ class Equilibrium(ShownInLines):
             posture.length,
             posture.coordinate_lengths,
             force=force,
+            apart=partial(springs_apart, elastic, posture)
+            if posture.coordinates_are_pose
+            else None,
         )
         states = (Note(*state) for state in reduction.states)
         notes = (*self.notes, *states, *near_constraint(reduction))

@@ -16,7 +16,8 @@ from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.balance import Balance, spectrum
 from cartstiff.statics.flutter import MASSLESS, UNDAMPED, vibrations
 from cartstiff.statics.newton import Solution
-from cartstiff.statics.problem import Point, System
+from cartstiff.statics.point import Point
+from cartstiff.statics.problem import System
 from cartstiff.statics.rest import Equilibrium, Reactions
 
 __all__ = ["state_of_rest"]
