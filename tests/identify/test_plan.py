@@ -130,6 +130,32 @@ def test_gross_errors_are_named_and_do_not_bend_the_robust_fit(offered):
             assert e.interval[0] <= other.compliance <= e.interval[1]
 
 
+def test_a_gross_error_in_a_row_that_bears_much_is_named(offered):
+    """A dial gauge, 12 rows for 6 springs: the error makes the scale larger that hides it.
+
+    Compared with the scale of the other rows, left out one by one, it shows.
+    """
+    elastic, _, _ = offered
+    rows = candidates(elastic, {"d": 1.0}, count=12, seed=214, force=100.0)
+    rng = np.random.default_rng(214)
+    assert int(rng.integers(12, 61)) == 12
+    bad = rng.choice(12, 1, replace=False).tolist()
+    spoilt = simulated(elastic, rows, {"d": 3.1e-5}, seed=214, outliers=bad)
+    found = identify(elastic, spoilt, fit="robust")
+    assert found.suspects == [n + 1 for n in bad]
+    apart = []
+    for n in range(12):
+        others = identify(elastic, spoilt.chosen(np.arange(12) != n))
+        y, A = found.model.at(others.chosen.theta)
+        C = others.chosen.solved.covariance
+        s = others.chosen.solved.scales[0]
+        i = int(np.flatnonzero(found.model.observations.row == n)[0])
+        left = found.model.observations.target[i] - y[i]
+        apart.append(abs(left) / np.sqrt(s**2 + A[i] @ C @ A[i]))
+    assert int(np.argmax(apart)) == bad[0]
+    assert max(apart) > stats.t.ppf(1 - 0.005 / 12, 5)
+
+
 def test_from_a_plan_to_a_file_by_the_command_line(tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     arm("elbow", tmp_path)

@@ -3,7 +3,9 @@ r"""A fit that gross errors do not bend, and the rows that it suspects.
 SciPy's least squares with Cauchy's loss ``log(1 + (r / 2.385 s)^2)`` [Huber]_, begun at a smoothed
 least sum of absolute residuals, with s from the median absolute residual. A number is suspect if
 its residual over ``s sqrt(1 - h)`` is beyond what one of all numbers reaches once in a hundred
-campaigns. The robust estimates are then least squares without the suspect rows.
+campaigns. The robust estimates are then least squares without the suspect rows. Where few rows
+bear much, a gross error hides in the scale that it makes larger itself: of the rows left, the one
+that departs most is compared with the scale without it, too.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.identify.fitting import Fit
 from cartstiff.identify.intervals import quantile
-from cartstiff.identify.least_squares import Noise, solved
+from cartstiff.identify.least_squares import Noise, Solved, solved
 from cartstiff.identify.linear_model import Model
 from cartstiff.identify.measurements import Measurements
 from cartstiff.identify.observations import Observations
@@ -27,9 +29,9 @@ __all__ = ["Robust", "robust_fit"]
 
 #: Tuning constants for 95 % efficiency, and sd over median absolute deviation, of the normal law.
 _CAUCHY, _MAD = 2.385, 1.4826
-#: A campaign without gross errors names a suspect with this probability.
+#: A campaign without gross errors names a suspect with this probability, by each of two tests.
 _FALSE_ALARM = 0.01
-_ROUNDS = 3
+_ROUNDS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,9 +95,11 @@ def robust_fit(
     limit = quantile(1.0 - _FALSE_ALARM / m, max(m - rank, 1))
     bad = np.zeros(m, bool)
     fit = plain.solved
-    for _ in range(_ROUNDS):
+    for round_ in range(_ROUNDS):
         size = np.abs(residual) / scales[noise.group]
         flagged = size > limit
+        if round_:
+            flagged |= _hidden(size, fit, noise, bad)
         rows = np.unique(seen.row[flagged])
         new = np.isin(seen.row, rows)
         if int(np.sum(~new)) < rank + 1:  # nothing would be left to fit
@@ -112,12 +116,31 @@ def robust_fit(
         scales = np.array(fit.scales)
         same = bool(np.all(new == bad))
         bad = new
-        if same:
+        if same and round_:
             break
     standardised = residual / scales[noise.group]
     suspects = np.unique(seen.row[bad])
     whole_fit = Fit(fit, fit.theta, A, target, plain.steps) if bad.any() else plain
     return Robust(whole_fit, standardised, limit, ~bad, suspects, seen.row)
+
+
+def _hidden(size: Array, fit: Solved, noise: Noise, bad: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The number (m,) that departs most from the others, if they would not produce that by chance.
+
+    ``t = z sqrt((f - 1) / (f - z^2))`` for a residual z over the scale of f degrees of freedom in
+    which it has a part itself: Student's t of f - 1 degrees.
+    """
+    flagged, kept = np.zeros(len(size), bool), ~bad
+    for g in np.flatnonzero(~np.array(noise.is_known)):
+        mine = np.flatnonzero(kept & (noise.group == g))
+        f = float(np.sum(1.0 - fit.leverage[mine]))
+        if not mine.size or f < 2.0:
+            continue
+        z = size[mine]
+        t = z * np.sqrt((f - 1.0) / np.maximum(f - z**2, numerics.TINY))
+        if t.max() > quantile(1.0 - _FALSE_ALARM / mine.size, f - 1.0):
+            flagged[mine[np.argmax(t)]] = True
+    return flagged
 
 
 def _starting_units(noise: Noise, plain: Fit) -> tuple[Array, Array]:
