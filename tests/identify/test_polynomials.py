@@ -10,7 +10,7 @@ from tests.identify.campaigns import SPRINGS, arm, jacobian, load, table_of
 
 import cartstiff
 from cartstiff.cli.main import main
-from cartstiff.errors import InputError
+from cartstiff.errors import ConvergenceError, InputError
 from cartstiff.identify.campaign import identify
 from cartstiff.identify.candidates import candidates
 from cartstiff.identify.linear_model import BentModel
@@ -204,6 +204,24 @@ def test_a_plan_and_a_simulation_know_that_it_stiffens(tmp_path):
     for e, c, share in zip(result.estimates, unknowns.nominal, chosen.deviations[-1], strict=True):
         assert e.deviation == pytest.approx(abs(c) * share, rel=0.2)
         assert abs(e.compliance - c) < 4 * e.deviation
+
+
+def test_a_guess_that_is_too_soft_for_the_loads_is_begun_stiffer(tmp_path, monkeypatch):
+    true = _five_bar(tmp_path, "true.yaml", [900.0, 0.0, 2.0e4], 700.0)
+    soft = _five_bar(tmp_path, "soft.yaml", [150.0, 0.0, 1.0e3], 100.0)
+    measured, at, tried = _pulled(true, 10, 5, 150.0), LoadedModel.at, []
+
+    def carries(model, theta):
+        tried.append(theta[0])
+        if theta[0] > 1 / 300:
+            raise ConvergenceError("row 1: no equilibrium found", iterations=0, residual=np.nan)
+        return at(model, theta)
+
+    monkeypatch.setattr(LoadedModel, "at", carries)
+    result = identify(soft, measured, sought=("joints", "left_motor"))
+    assert tried[0] == pytest.approx(1 / 100)
+    found = {e.name: e.compliance for e in result.estimates}
+    assert found["left_motor"] == pytest.approx(1 / 900.0, rel=1e-5)
 
 
 def test_an_arm_s_polynomial_under_large_loads(tmp_path):

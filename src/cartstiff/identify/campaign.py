@@ -31,6 +31,8 @@ __all__ = ["FITS", "identify"]
 FITS = ("plain", "robust")
 # Compliances below this share of the mechanism's own, or above its inverse, are no place to begin.
 _FAR = 1e-2
+# Shares of the compliances with which a search begins where they are too soft for the loads.
+_STIFFER = (0.5, 0.25, 0.1)
 
 
 def identify(
@@ -159,32 +161,38 @@ def _fits(
     noise = Noise.of(seen.deviation, seen.is_angle)
     nuisance = nuisance_of(seen, measured, offsets).columns
     _check_count(len(seen), unknowns, nuisance.shape[1])
-    if loaded:
-        start = _near(model, unknowns, measured, noise, nuisance)
+    if isinstance(model, LoadedModel):
+        start = _at_rest(model, unknowns, _near(unknowns, measured, noise, nuisance))
     found = fitted(model, unknowns, noise, nuisance=nuisance, start=start, progress=progress)
     robust = robust_fit(model, unknowns, noise, nuisance, found)
     return model, found, robust
 
 
-def _near(
-    model: Model, unknowns: Unknowns, measured: Measurements, noise: Noise, nuisance: Array
-) -> Array | None:
-    """Where small loads would have the parameters, if that costs little; None: no better start."""
+def _at_rest(model: LoadedModel, unknowns: Unknowns, near: Array) -> Array:
+    """Where every row comes to rest: near, else at the file's own, else at stiffer parameters."""
+    own = unknowns.nominal
+    stiffer = [np.where(unknowns.is_bounded, share * own, own) for share in _STIFFER]
+    for start in (near, own, *stiffer):
+        try:
+            model.at(start)
+        except CartstiffError:
+            continue
+        return start
+    return own  # and the fit says which row does not
+
+
+def _near(unknowns: Unknowns, measured: Measurements, noise: Noise, nuisance: Array) -> Array:
+    """Where small loads would have the parameters, if that costs little, else the file's own."""
     if needs_equilibrium(unknowns.elements.elastic):
-        return None
+        return unknowns.nominal
     try:
         first = fitted(small_loads(unknowns, measured), unknowns, noise, nuisance=nuisance)
     except CartstiffError:  # no stiffness, or a law that does not reach so far
-        return None
+        return unknowns.nominal
     nominal = unknowns.nominal
     share = first.theta / nominal
     sound = ~unknowns.is_bounded | ((share > _FAR) & (share < 1.0 / _FAR))
-    start = np.where(first.solved.is_determined & sound, first.theta, nominal)
-    try:
-        model.at(start)
-    except CartstiffError:  # too soft for these loads
-        return None
-    return start
+    return np.where(first.solved.is_determined & sound, first.theta, nominal)
 
 
 def _check_count(numbers: int, unknowns: Unknowns, offsets: int) -> None:
