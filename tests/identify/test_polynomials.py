@@ -208,18 +208,18 @@ def test_a_plan_and_a_simulation_know_that_it_stiffens(tmp_path):
 
 def test_a_guess_that_is_too_soft_for_the_loads_is_begun_stiffer(tmp_path, monkeypatch):
     true = _five_bar(tmp_path, "true.yaml", [900.0, 0.0, 2.0e4], 700.0)
-    soft = _five_bar(tmp_path, "soft.yaml", [150.0, 0.0, 1.0e3], 100.0)
+    soft = _five_bar(tmp_path, "soft.yaml", [500.0, 0.0, 1.5e4], 400.0)
     measured, at, tried = _pulled(true, 10, 5, 150.0), LoadedModel.at, []
 
     def carries(model, theta):
         tried.append(theta[0])
-        if theta[0] > 1 / 300:
+        if theta[0] > 1 / 500:
             raise ConvergenceError("row 1: no equilibrium found", iterations=0, residual=np.nan)
         return at(model, theta)
 
     monkeypatch.setattr(LoadedModel, "at", carries)
     result = identify(soft, measured, sought=("joints", "left_motor"))
-    assert tried[0] == pytest.approx(1 / 100)
+    assert tried[0] == pytest.approx(1 / 400)
     found = {e.name: e.compliance for e in result.estimates}
     assert found["left_motor"] == pytest.approx(1 / 900.0, rel=1e-5)
 
