@@ -202,7 +202,7 @@ def test_a_curve_with_its_files(run: Run, answer: Any, workplace: Path) -> None:
     data = answer(*push)
     header, table = _table("curve.csv")
     assert header[0] == "factor"
-    assert header[1:5] == list(cartstiff.load("five-bar").names)
+    assert header[1:5] == [f"{name} [rad]" for name in cartstiff.load("five-bar").names]
     assert header[-1] == "eigenvalue"
     np.testing.assert_array_equal(table[:, 0], data["factor"])
     np.testing.assert_array_equal(table[:, 5:11], data["displacement"])
