@@ -11,9 +11,10 @@ differential equation of a beam under an axial force N (tension positive) is sol
     y = m coth m ,  z = (y - 1) / 4m^2 ,  4 m^2 = N b h^2 / EI ,
 
 with b = 1 - N / GA_s and f = EI / (GA_s h^2) for a section that yields to shear (b = 1, f = 0 for
-one that does not). What is maximised is concave in N; at the maximum elongation and bowing
-together make up u. So the energy is one of the relative pose of the ends, and the axial force, the
-end moments and the tangent stiffness are its derivatives.
+one that does not). Of a section that yields, the slant is no small turn: it enters by its sine and
+cosine (`cartstiff.potentials.segment_shapes.sheared`). What is maximised is concave in N; at the
+maximum elongation and bowing together make up u. So the energy is one of the relative pose of the
+ends, and the axial force, the end moments and the tangent stiffness are its derivatives.
 """
 
 from __future__ import annotations
@@ -26,9 +27,15 @@ from typing import NamedTuple
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.geometry.jets import Jet, stacked, variables
+from cartstiff.geometry.jets import variables
 from cartstiff.geometry.se3 import Array, read_only
 from cartstiff.potentials.contract import Evaluation, Posture, Potential, Remark
+from cartstiff.potentials.segment_shapes import (
+    deformations,
+    power_series,
+    sheared,
+    with_derivatives,
+)
 
 __all__ = ["Beam", "Section", "stability_functions"]
 
@@ -36,9 +43,6 @@ __all__ = ["Beam", "Section", "stability_functions"]
 # 4 pi^2); above it the closed forms, and their derivatives by recursion, lose hardly a digit.
 _SERIES = 4.0
 _TERMS = 20
-# Below this w, 0.6 rad, the series of asin(sqrt w) / sqrt(w (1 - w)) is exact to rounding.
-_SMALL_TURN = 0.09
-_TURN_TERMS = np.cumprod([1.0, *((2 * k + 2) / (2 * k + 3) for k in range(18))])
 # Share of its clamped buckling load (under tension: of the shear stiffness) up to which a segment
 # follows its axial force; beyond it the force stays, as that of a buckled bar does. Forces nearer
 # to a bound than _NEAR stand on it: bisection has brought them there.
@@ -54,25 +58,10 @@ def _series() -> Array:
     c = [1 / 12]
     for k in range(1, _TERMS):
         c.append(-sum(c[i] * c[k - 1 - i] for i in range(k)) / (2 * k + 3))
-    return _with_derivatives(np.array(c))
-
-
-def _with_derivatives(c: Array) -> Array:
-    """Coefficients (terms, 3) of a power series and its first two derivatives."""
-    k = np.arange(c.size)
-    columns = np.zeros((c.size, 3))
-    columns[:, 0], columns[:-1, 1], columns[:-2, 2] = c, (k * c)[1:], (k * (k - 1) * c)[2:]
-    return columns
-
-
-def _sum(coefficients: Array, x: Array) -> list[Array]:
-    """The three power series at x."""
-    values = x[..., None] ** np.arange(len(coefficients)) @ coefficients
-    return [values[..., k] for k in range(3)]
+    return with_derivatives(np.array(c))
 
 
 _Z = _series()
-_STRETCH = _with_derivatives(_TURN_TERMS)
 
 
 def stability_functions(x: Array) -> tuple[Array, Array, Array]:
@@ -81,7 +70,7 @@ def stability_functions(x: Array) -> tuple[Array, Array, Array]:
     x = N h^2 / EI is positive under tension, and above -4 pi^2, where a clamped segment buckles.
     """
     small = np.abs(x) < _SERIES
-    z, z1, z2 = _sum(_Z, np.where(small, x, 0.0))
+    z, z1, z2 = power_series(_Z, np.where(small, x, 0.0))
     if small.all():
         return z, z1, z2
     far = np.where(small, _SERIES, x)
@@ -253,8 +242,13 @@ class Beam(Potential):
 
     def _evaluated(self, x: Array) -> _Segments:
         h = self.length
-        phi, turns = _deformations(x)
-        u, theta = x[:, 2], turns.value
+        f = np.array(self.section.bending) / (np.array(self.section.shear) * h * h)
+        ratios = f / (1 / 12 + f)
+        phi, turns = deformations(x, ratios)
+        stretch = variables(x)[2]
+        if ratios.any():
+            stretch, turns = sheared(stretch, turns, h, ratios)
+        u, theta = stretch.value, turns.value
         N, s, s1, s2 = self._axial_force(u, theta)
         squares = theta * theta
         torsion = self.section.torsion / h
@@ -265,9 +259,9 @@ class Beam(Potential):
             phi.gradient[:, :, None] * phi.gradient[:, None, :]
             + phi.value[:, None, None] * phi.hessian
         )
-        mixed = np.zeros(x.shape)  # d^2 U / dN dx
-        mixed[:, 2] = 1.0
-        gradient[:, 2] += N
+        mixed = stretch.gradient.copy()  # d^2 U / dN dx
+        gradient += N[:, None] * stretch.gradient
+        hessian += N[:, None, None] * stretch.hessian
         G, moments = turns.gradient, 2 * s * theta
         gradient += (moments[:, None] @ G)[:, 0]
         mixed += ((2 * s1 * theta)[:, None] @ G)[:, 0]
@@ -324,67 +318,3 @@ class Beam(Potential):
         pairs = ((bow * y, double * a), (bow * y1, double * a1), (bow * y2, double * a2))
         s, s1, s2 = (np.concatenate(pair, axis=-1) for pair in pairs)
         return s, s1, s2
-
-
-# Which of the six coordinates turn about y and z at the near and at the far end, as selections.
-_TURNS = np.array([[0, 1], [5, 4]])
-_OF_ENDS = np.eye(6)[_TURNS][:, None]
-# From (y, z) of the near and far vectors, each times (cos, sin) of half the twist, to the bows
-# about y and z and the S about y and z: the rotations against the chord are -near and far.
-_ONE_Y, _ONE_Z = [-1, 0, 0, -1, 0, 0, 0, 0], [0, 1, -1, 0, 0, 0, 0, 0]
-_TWO_Y, _TWO_Z = [0, 0, 0, 0, 1, 0, 0, -1], [0, 0, 0, 0, 0, 1, 1, 0]
-_SECTIONS = np.array([_ONE_Y, _ONE_Z, _TWO_Y, _TWO_Z], float)
-_BOW_AND_S = 0.5 * np.block([[np.eye(2), -np.eye(2)], [np.eye(2), np.eye(2)]]) @ _SECTIONS
-
-
-def _deformations(x: Array) -> tuple[Jet, Jet]:
-    """Twist (m,), and bow about y and z and S about y and z (m, 4), at coordinates x (m, 6)."""
-    ends = _swing(x[:, _TURNS]).among(_OF_ENDS)  # (m, 2, 3): y, z, twist of the near and far end
-    along = variables(x)[3]
-    phi = along + ends[:, 0, 2] - ends[:, 1, 2]
-    # Each turned by half the twist, so that they stand on the axes of the section half way.
-    half = stacked([(0.5 * phi).cos(), (0.5 * phi).sin()])
-    turned = ends[:, :, :2, None] * half[:, None, None, :]
-    count = len(x)
-    turns = Jet(
-        turned.value.reshape(count, 8),
-        turned.gradient.reshape(count, 8, 6),
-        turned.hessian.reshape(count, 8, 6, 6),
-    ).combined(_BOW_AND_S)
-    # A line that bends in two planes winds: so much of the turn is no strain.
-    winding = turns[:, 2:] * turns[:, 1::-1]
-    return phi - winding[:, 0] + winding[:, 1], turns
-
-
-def _swing(angles: Array) -> Jet:
-    """Ry(b) Rz(g) as (y, z, twist): a rotation vector (0, y, z), after or before a turn about e_x.
-
-    The angle of the vector is acos(cos b cos g); the twist is 2 atan(tan(b/2) tan(g/2)).
-    Angles (..., 2), found (..., 3) in these two variables.
-    """
-    both = stacked(variables(angles))
-    sine, cosine = np.sin(angles), np.cos(angles)
-    squares = both.apply(np.sin(0.5 * angles) ** 2, 0.5 * sine, 0.5 * cosine)
-    p, q = squares[..., 0], squares[..., 1]
-    w = p + q - 2 * (p * q)
-    stretch = w.apply(*_turn(w.value))
-    sines, about_z = both.apply(sine, cosine, -sine), angles[..., 1]
-    cosine_z = both[..., 1].apply(np.cos(about_z), -sine[..., 1], -np.cos(about_z))
-    y = stretch * (sines[..., 0] * cosine_z)
-    z = stretch * sines[..., 1]
-    tangents = (0.5 * both).tan()
-    return stacked([y, z, 2 * (tangents[..., 0] * tangents[..., 1]).atan()])
-
-
-def _turn(w: Array) -> tuple[Array, Array, Array]:
-    """Angle over sine of an angle, by w = sin^2 of its half, with two derivatives."""
-    small = w < _SMALL_TURN
-    h, h1, h2 = _sum(_STRETCH, np.where(small, w, 0.0))
-    if small.all():
-        return h, h1, h2
-    v = np.where(small, 0.5, w)
-    r = 2 * v * (1 - v)
-    f = np.arcsin(np.sqrt(v)) / np.sqrt(v * (1 - v))
-    f1 = (1 - (1 - 2 * v) * f) / r
-    f2 = (2 * f - 3 * (1 - 2 * v) * f1) / r
-    return np.where(small, h, f), np.where(small, h1, f1), np.where(small, h2, f2)

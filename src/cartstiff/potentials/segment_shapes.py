@@ -1,0 +1,136 @@
+"""How a segment of a beam is deformed, from its six coordinates: bow, S, twist and slant.
+
+All of it with first and second derivatives (`cartstiff.geometry.jets`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cartstiff.geometry.jets import Jet, stacked, variables
+from cartstiff.geometry.se3 import Array
+
+__all__ = ["deformations", "power_series", "sheared", "with_derivatives"]
+
+# Below this w, 0.6 rad, the series of asin(sqrt w) / sqrt(w (1 - w)) is exact to rounding.
+_SMALL_TURN = 0.09
+_TURN_TERMS = np.cumprod([1.0, *((2 * k + 2) / (2 * k + 3) for k in range(18))])
+# Of the sine and cosine of a slant.
+_TERMS = 20
+
+
+def with_derivatives(c: Array) -> Array:
+    """Coefficients (terms, 3) of a power series and its first two derivatives."""
+    k = np.arange(c.size)
+    columns = np.zeros((c.size, 3))
+    columns[:, 0], columns[:-1, 1], columns[:-2, 2] = c, (k * c)[1:], (k * (k - 1) * c)[2:]
+    return columns
+
+
+def power_series(coefficients: Array, x: Array) -> list[Array]:
+    """The three power series at x."""
+    values = x[..., None] ** np.arange(len(coefficients)) @ coefficients
+    return [values[..., k] for k in range(3)]
+
+
+_STRETCH = with_derivatives(_TURN_TERMS)
+# Of sin(a) / a and cos(a) by a^2; a segment's turns stay below pi.
+_FACTORIALS = np.cumprod(np.concatenate([[1.0], np.arange(1.0, 2 * _TERMS + 2)]))
+_SIGNS = (-1.0) ** np.arange(_TERMS)
+_SINE_RATIO = with_derivatives(_SIGNS / _FACTORIALS[1 : 2 * _TERMS : 2])
+_COSINE = with_derivatives(_SIGNS / _FACTORIALS[: 2 * _TERMS : 2])
+
+
+# Which of the six coordinates turn about y and z at the near and at the far end, as selections.
+_TURNS = np.array([[0, 1], [5, 4]])
+_OF_ENDS = np.eye(6)[_TURNS][:, None]
+# From (y, z) of the near and far vectors, each times (cos, sin) of half the twist, to the bows
+# about y and z and the S about y and z: the rotations against the chord are -near and far.
+_ONE_Y, _ONE_Z = [-1, 0, 0, -1, 0, 0, 0, 0], [0, 1, -1, 0, 0, 0, 0, 0]
+_TWO_Y, _TWO_Z = [0, 0, 0, 0, 1, 0, 0, -1], [0, 0, 0, 0, 0, 1, 1, 0]
+_SECTIONS = np.array([_ONE_Y, _ONE_Z, _TWO_Y, _TWO_Z], float)
+_ONLY_S = np.eye(4)[:, 2:]
+_BOW_AND_S = 0.5 * np.block([[np.eye(2), -np.eye(2)], [np.eye(2), np.eye(2)]]) @ _SECTIONS
+
+
+def deformations(x: Array, ratios: Array) -> tuple[Jet, Jet]:
+    """Twist (m,), and bow about y and z and S about y and z (m, 4), at coordinates x (m, 6).
+
+    `ratios` (2,) says which part of the S about y and about z is slant, the rest being bending.
+    """
+    ends = _swing(x[:, _TURNS]).among(_OF_ENDS)  # (m, 2, 3): y, z, twist of the near and far end
+    along = variables(x)[3]
+    phi = along + ends[:, 0, 2] - ends[:, 1, 2]
+    # Each turned by half the twist, so that they stand on the axes of the section half way.
+    half = stacked([(0.5 * phi).cos(), (0.5 * phi).sin()])
+    turned = ends[:, :, :2, None] * half[:, None, None, :]
+    count = len(x)
+    turns = Jet(
+        turned.value.reshape(count, 8),
+        turned.gradient.reshape(count, 8, 6),
+        turned.hessian.reshape(count, 8, 6, 6),
+    ).combined(_BOW_AND_S)
+    # A line that bends in two planes winds: so much of the turn is no strain. Sections that slant
+    # turn about the chord, not about themselves: so much is missing.
+    winding = turns[:, 2:] * (1 - 2 * ratios) * turns[:, 1::-1]
+    return phi - winding[:, 0] + winding[:, 1], turns
+
+
+def sheared(stretch: Jet, turns: Jet, h: float, ratios: Array) -> tuple[Jet, Jet]:
+    """Elongation and turns of a segment whose section yields to shear, by the exact strains.
+
+    The slant is the part of the S that shear makes up; it does not shrink with h:
+
+        gamma = r theta_a ,  r = f / (1/12 + f)  (`ratios`, of the S about y and z) .
+
+    Seen from the section half way, the chord of length h + u is h + e along it and h S across it:
+
+        S = (1 + u/h) sin|gamma| gamma / |gamma| ,  e = (h + u) cos|gamma| - h .
+
+    With theta_a + S - gamma in place of theta_a, and e + h S^2 / 2 in place of u, the energy of
+    short segments is EA (e/h)^2 / 2 + GA_s S^2 / 2 a length: E. Reissner, On one-dimensional
+    finite-strain beam theory: the plane problem, J. Appl. Math. Phys. 23, 1972.
+    """
+    slant = turns[:, 2:] * ratios
+    squares = slant * slant
+    w = squares[:, 0] + squares[:, 1]
+    longer = 1.0 + (1 / h) * stretch
+    across = slant * stacked([longer * w.apply(*power_series(_SINE_RATIO, w.value))] * 2)
+    lengths = across * across
+    bent = 0.5 * (lengths[:, 0] + lengths[:, 1])
+    along = h * (longer * w.apply(*power_series(_COSINE, w.value)) + bent - 1.0)
+    return along, turns + (across - slant).combined(_ONLY_S)
+
+
+def _swing(angles: Array) -> Jet:
+    """Ry(b) Rz(g) as (y, z, twist): a rotation vector (0, y, z), after or before a turn about e_x.
+
+    The angle of the vector is acos(cos b cos g); the twist is 2 atan(tan(b/2) tan(g/2)).
+    Angles (..., 2), found (..., 3) in these two variables.
+    """
+    both = stacked(variables(angles))
+    sine, cosine = np.sin(angles), np.cos(angles)
+    squares = both.apply(np.sin(0.5 * angles) ** 2, 0.5 * sine, 0.5 * cosine)
+    p, q = squares[..., 0], squares[..., 1]
+    w = p + q - 2 * (p * q)
+    stretch = w.apply(*_turn(w.value))
+    sines, about_z = both.apply(sine, cosine, -sine), angles[..., 1]
+    cosine_z = both[..., 1].apply(np.cos(about_z), -sine[..., 1], -np.cos(about_z))
+    y = stretch * (sines[..., 0] * cosine_z)
+    z = stretch * sines[..., 1]
+    tangents = (0.5 * both).tan()
+    return stacked([y, z, 2 * (tangents[..., 0] * tangents[..., 1]).atan()])
+
+
+def _turn(w: Array) -> tuple[Array, Array, Array]:
+    """Angle over sine of an angle, by w = sin^2 of its half, with two derivatives."""
+    small = w < _SMALL_TURN
+    h, h1, h2 = power_series(_STRETCH, np.where(small, w, 0.0))
+    if small.all():
+        return h, h1, h2
+    v = np.where(small, 0.5, w)
+    r = 2 * v * (1 - v)
+    f = np.arcsin(np.sqrt(v)) / np.sqrt(v * (1 - v))
+    f1 = (1 - (1 - 2 * v) * f) / r
+    f2 = (2 * f - 3 * (1 - 2 * v) * f1) / r
+    return np.where(small, h, f), np.where(small, h1, f1), np.where(small, h2, f2)
