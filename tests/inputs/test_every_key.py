@@ -220,7 +220,7 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
     **{
         f"StrutModel.{key}": (PLATFORM, ("legs", "strut", key), value, {"legs": {"strut": STRUT}})
         for key, value in (
-            ("axial", 2e5), ("lower", STRUT["upper"]), ("upper", STRUT["lower"]),
+            ("axial", 2e5), ("lower", STRUT["upper"]), ("upper", STRUT["lower"]), ("mass", STRUTS),
         )
     },
     **{
@@ -288,6 +288,7 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
             "frame": {"xyz": [0, 0, 0.1]},
             "legs": {"stiffness": 2e5},
             "body": BODY,
+            "flexible": {"platform": {"stiffness": K6.tolist()}},
         }.items()
     },
     **{

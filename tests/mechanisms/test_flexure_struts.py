@@ -160,6 +160,32 @@ def test_a_strut_buckles_at_its_load():
         assert caught.value.code == "strut-buckled"
 
 
+def test_a_buckled_strut_is_a_state_wherever_postures_are_read(tmp_path):
+    flexure = {"axial": 1.2e8, "shear": 1e5, "bending": 33.0, "torsion": 236.0}
+    strut = {"axial": AXIAL, "lower": flexure, "upper": flexure}
+    keys = {"kind": "stewart-gough", "layout": LAYOUT}
+    legs = {"strut": strut, "limits": [0.07, 0.12]}
+    elastic = load(write_file(tmp_path, "weak", **keys, legs=legs))
+    made, k = elastic.springs.made, elastic.springs.stiffness
+    found = analyse(elastic.with_springs(rest=made + np.eye(6)[2] * 1.2e4 / k))
+    assert found.matrices["B"] is None
+    states = {note.code: note.values for note in found.notes}
+    assert states["strut-buckled"] == {"strut": 3}
+    assert found.as_dict()["energy"] is None
+    with pytest.raises(UndefinedError, match="strut 3 has buckled"):
+        analyse(found.elastic.with_springs(rest=found.elastic.springs.rest), strict=True)
+    held = elastic.with_springs(rest=made)
+    many = cartstiff.analyse_many(held, held.q + np.array([[0.0] * 6, [0, 0, -5e-3, 0, 0, 0]]))
+    assert many.counts() == {"regular": 1, "strut-buckled": 1}
+    reached = cartstiff.workspace(held, directions=8, scan=8, fits=False)
+    limits = [edge[3] for edge in reached.positions.edges]
+    assert "flexures" in limits
+    last = reached.boundary[limits.index("flexures")] - reached.centre
+    for share, stands in ((0.999, True), (1.001, False)):
+        at = held.mechanism.coordinates_of(se3.pose(translation=share * last) @ reached.pose)
+        assert (analyse(held, at).matrices["B"] is not None) == stands
+
+
 def test_without_bending_it_is_a_line(tmp_path):
     free = {"bending": 0.0, "torsion": 0.0}
     strut = {"axial": AXIAL, "lower": {**free, "torsion": "rigid"}, "upper": free}

@@ -337,7 +337,8 @@ def hexapod(
     name : str
         For people.
     **keys
-        Any other key of the file: ``units``, ``frame``, ``body``, ``payload``, ``gravity``.
+        Any other key of the file: ``units``, ``frame``, ``body``, ``flexible``, ``payload``,
+        ``gravity``.
 
     Returns
     -------

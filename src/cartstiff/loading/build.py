@@ -22,6 +22,7 @@ from cartstiff.loading.parts import (
     put_together,
     tree_to,
 )
+from cartstiff.loading.platforms.flexible import on_springs
 from cartstiff.loading.platforms.leg_limits import leg_limits_of, pair_per_leg
 from cartstiff.loading.plausible import stretched
 from cartstiff.loading.robot_description import RobotDescription
@@ -196,6 +197,8 @@ def _legs(
         springs = FlexureStruts.between(
             platform.anchors, platform.points, T_F_M, stiffness, lower, upper, rests
         )
+    if file.flexible:
+        springs = on_springs(springs, file, T_F_M, where)
     if preload is None:
         return springs
     return springs.replaced(springs.stiffness, lengths - preload / springs.stiffness)
@@ -233,7 +236,8 @@ def _body(file: PlatformFile | SpringsFile, T_P_M: Array, where: str) -> tuple[f
 
 def _struts(file: PlatformFile | SpringsFile, m: int, where: str) -> Struts | None:
     """Masses of the legs, checked."""
-    given = file.legs.mass
+    strut = file.legs.strut
+    given = file.legs.mass if strut is None or strut.mass is None else strut.mass
     if given is None:
         return None
     keys = ("fixed", "moving", "fixed_com", "moving_com", "radius")

@@ -103,6 +103,11 @@ class PlatformFile(_File):
     frame: PoseModel = Field(default=PoseModel(), description="M in P")
     body: BodyModel | None = None
     legs: LinesLegs
+    flexible: dict[Literal["base", "platform"], FlexibleModel] = Field(
+        default={},
+        description="what gives between the ground and the feet of the legs (place of the spring "
+        "in F), and between their heads and the body (in P)",
+    )
 
     @model_validator(mode="after")
     def _has_points(self) -> PlatformFile:
@@ -123,6 +128,9 @@ class SpringsFile(_File):
     frame: PoseModel = Field(default=PoseModel(), description="M in P")
     body: BodyModel | None = None
     legs: LinesLegs
+    flexible: dict[Literal["base", "platform"], FlexibleModel] = Field(
+        default={}, description="as of kind stewart-gough"
+    )
     unilateral: Flag = Field(default=False, description="cables: they cannot push")
 
     @model_validator(mode="after")

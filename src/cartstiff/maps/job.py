@@ -45,7 +45,7 @@ STATES = (
     REGULAR, "deficient", "serial-singularity", "type-2-singularity", "singular-stiffness",
     "unbalanced", "buckled", "idle-self-motion", "constraint-singularity",
     "non-regular-redundancy", "wrench-ignored", NOT_ASSEMBLED, UNREACHABLE, "other", BEYOND,
-    "lost-digits", NO_REST,
+    "lost-digits", NO_REST, "strut-buckled", "strut-not-found",
 )  # fmt: skip
 
 # Postures at once: as few as are worth compiling for, so that their matrices stay in the cache.

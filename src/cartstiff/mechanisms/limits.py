@@ -17,7 +17,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.potentials.line_springs import LineSprings, line_geometry
+from cartstiff.potentials.line_springs import LineSprings
 
 __all__ = ["Limits", "finite", "force_notes", "limit_notes", "tensions_of"]
 
@@ -202,8 +202,7 @@ def tensions_of(elastic: ElasticMechanism, posture: _Placed) -> Array | None:
     springs = elastic.springs
     if not isinstance(springs, LineSprings) or not isinstance(elastic.mechanism, Platform):
         return None
-    lengths = line_geometry(posture.pose, springs.anchors, springs.points).lengths
-    return springs.tensions(lengths)
+    return springs.tensions(springs.lengths_at(posture.pose))
 
 
 def force_notes(elastic: ElasticMechanism, posture: _Placed) -> list[Note]:

@@ -21,6 +21,7 @@ from cartstiff.analysis.plain import Notes, plain
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.limits import tensions_of
 from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.page.state import State
 from cartstiff.page.verdict import asymmetry, verdict
@@ -246,8 +247,7 @@ def _legs(result: PostureStiffness) -> list[dict[str, Any]] | None:
     if not isinstance(posture, PlatformPosture):
         return None
     lengths = posture.lines.lengths
-    springs = result.elastic.springs
-    tensions = springs.tensions(lengths) if isinstance(springs, LineSprings) else None
+    tensions = tensions_of(result.elastic, posture)
     limits = getattr(mechanism, "limits", None)
     return [
         {

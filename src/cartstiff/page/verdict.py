@@ -23,6 +23,8 @@ _NO_MATRIX: tuple[tuple[str, Level, str], ...] = (
     ("non-regular-redundancy", "bad", "The closures lose rank and block the motion"),
     ("unbalanced", "bad", "Unbalanced: the arm would move by itself, no wrench holds it"),
     ("buckled", "bad", "Buckled: the energy has no minimum along the self-motion"),
+    ("strut-buckled", "bad", "A strut has buckled between its flexures"),
+    ("strut-not-found", "bad", "The flexures are bent too far: no balance of a strut was found"),
     ("serial-singularity", "bad", "Singular posture: a motion of the end-effector is impossible"),
     ("idle-self-motion", "bad", "A self-motion costs no energy, yet moves the end-effector"),
     ("deficient", "warning", "Fewer than six free motions: only the compliance exists"),

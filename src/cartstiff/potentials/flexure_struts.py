@@ -30,7 +30,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import Evaluation, PosePotential, Posture
 from cartstiff.potentials.line_springs import LineSprings
 
-__all__ = ["Flexure", "FlexureStruts", "Struck", "ideal_joints_only"]
+__all__ = ["Flexure", "FlexureStruts", "Struck", "ideal_joints_only", "solved", "turned"]
 
 _SLIDE = 6
 _STEPS = 40
@@ -227,7 +227,7 @@ class FlexureStruts(LineSprings):
             if np.all(settled | ~np.isfinite(now)):
                 break
             missed = np.fmin(missed, now)
-            steps = _solved(M, np.stack([right, told], axis=-1))
+            steps = solved(M, np.stack([right, told], axis=-1))
             if gradient is not None:
                 G = (back @ (steps[..., n:, 1] * W_size)[..., None])[..., 0][:, free]
                 W_next = W + steps[..., n:, 0] * W_size
@@ -241,7 +241,7 @@ class FlexureStruts(LineSprings):
             step = np.where(settled[..., None], 0.0, steps[..., 0])
             q[..., free_q] += step[..., :n] * x_size
             W += step[..., n:] * W_size
-        inverse = _solved(M, np.broadcast_to(np.eye(n + 6), M.shape))
+        inverse = solved(M, np.broadcast_to(np.eye(n + 6), M.shape))
         K = inverse[..., n:, n:] * W_size[:, :, None] * W_size[:, None, :]
         # Beside springs alone only what the load does by turning can be negative.
         stable = (np.linalg.norm(turning, axis=(-1, -2)) < 0.5) & np.all(k[:, free_q] > 0.0)
@@ -328,7 +328,7 @@ def ideal_joints_only(springs: object, what: str) -> None:
                          expected="legs with a stiffness", got="struts with flexures")  # fmt: skip
 
 
-def _solved(M: Array, right: Array) -> Array:
+def solved(M: Array, right: Array) -> Array:
     """Solutions of a stack of systems; NaN where one of them has none."""
     try:
         return np.linalg.solve(M, right)
@@ -338,7 +338,7 @@ def _solved(M: Array, right: Array) -> Array:
         return np.where(regular[..., None, None], np.linalg.solve(safe, right), np.nan)
 
 
-def _turned(angles: Array) -> tuple[Array, Array]:
+def turned(angles: Array) -> tuple[Array, Array]:
     """Rotations by hinges about x, y, z in a row (..., 3, 3), and their axes at the far end."""
     (sx, sy, sz), (cx, cy, cz) = (np.moveaxis(f(angles), -1, 0) for f in (np.sin, np.cos))
     R = np.stack([
@@ -353,7 +353,7 @@ def _turned(angles: Array) -> tuple[Array, Array]:
 def _chain(q: Array, bars: Array) -> tuple[Array, Array]:
     """Poses (..., 4, 4) of struts' far ends and their body Jacobians (..., 6, 13)."""
     J = np.zeros((*q.shape[:-1], 6, 13))
-    (R1, axes1), (R2, axes2) = _turned(q[..., 3:6]), _turned(q[..., 10:13])
+    (R1, axes1), (R2, axes2) = turned(q[..., 3:6]), turned(q[..., 10:13])
     upper = se3.pose(R2, q[..., 7:10])
     bar = np.zeros((*q.shape[:-1], 3))
     bar[..., 2] = bars + q[..., _SLIDE]

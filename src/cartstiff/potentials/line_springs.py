@@ -161,6 +161,10 @@ class LineSprings(PosePotential):
             t = self.balanced_at[1] + self.stiffness * (lengths - self.balanced_at[0])
         return np.maximum(t, 0.0) if self.unilateral else t
 
+    def lengths_at(self, T_a_b: Array) -> Array:
+        """Length of each line at a pose."""
+        return line_geometry(T_a_b, self.anchors, self.points).lengths
+
     def is_taut(self, lengths: Array) -> Array:
         """Which lines carry force: all of them, or the cables longer than their rest length."""
         return (lengths >= self.rest_length) | (not self.unilateral)

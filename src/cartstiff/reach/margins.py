@@ -24,7 +24,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.potentials.flexure_struts import ideal_joints_only
+from cartstiff.potentials.flexure_struts import FlexureStruts, ideal_joints_only
 from cartstiff.potentials.line_springs import LineSprings, lines_of_many
 
 __all__ = ["Margins", "lines_at", "wrench_margins"]
@@ -124,6 +124,8 @@ class Margins:
             names += [f"force of leg{i + 1}, most" for i in range(m)]
         if sign and m == 6:
             names.append("singularity")
+        if isinstance(springs, FlexureStruts):
+            names.append("flexures")
         self.names = tuple(names)
 
     def at(self, poses: Array) -> Array:
@@ -146,7 +148,30 @@ class Margins:
                 parts += [t - least, most - t]
         if self.sign and lines.shape[1] == 6:
             parts.append(self.sign * np.linalg.det(lines)[:, None])
+        if isinstance(self.springs, FlexureStruts):
+            parts.append(self._standing(poses, np.concatenate(parts, axis=1), self.springs))
         return np.concatenate(parts, axis=1)
+
+    @staticmethod
+    def _standing(poses: Array, others: Array, struts: FlexureStruts) -> Array:
+        """1 where all struts stand, -1 where one has buckled or finds no balance (N, 1).
+
+        Asked only where all `others` are kept; infinity elsewhere.
+        """
+        found = np.full((len(poses), 1), np.inf)
+        for rows in np.array_split(
+            np.flatnonzero((others >= 0.0).all(axis=1)), len(poses) // 500 + 1
+        ):
+            at = struts.many(poses[rows])
+            stands = (at.is_found & at.is_stable).all(axis=1)
+            found[rows, 0] = np.where(stands, 1.0, -1.0)
+        return found
+
+    @property
+    def is_slow(self) -> bool:
+        """Whether a pose costs more than a few products."""
+        spread = self.forces is not None and self.is_spread
+        return spread or isinstance(self.springs, FlexureStruts)
 
     def inside(self, poses: Array) -> NDArray[np.bool_]:
         """Which poses (N,) are within all limits."""

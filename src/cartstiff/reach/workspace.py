@@ -207,7 +207,7 @@ def workspace(
         counts where forces or tensions are limited, as the body's weight does under gravity.
     directions : int, optional
         About how many rays, and columns; 1000, or 200 for cables, for more than six legs with
-        limited forces, and for legs made of joints.
+        limited forces, for struts with flexures, and for legs made of joints.
     scan : int
         Poses along each ray before boundaries are bisected: gaps and parts thinner than
         ``reach / scan`` may be missed.
@@ -250,7 +250,7 @@ def workspace(
         if isinstance(found, Workspace):
             return found
         margins, pose = found
-        count = directions or (200 if margins.forces is not None and margins.is_spread else 1000)
+        count = directions or (200 if margins.is_slow else 1000)
         most = _reach(margins.platform, pose, radius)
     axes, scales, moved = _followed(margins, pose, most)
     here = Workspace(elastic, pose, axes=axes, scales=scales, notes=tuple(notes))

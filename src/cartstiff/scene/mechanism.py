@@ -137,7 +137,8 @@ class MechanismPicture:
             and isinstance(springs, LineSprings)
             and isinstance(posture, PlatformPosture)
         ):
-            legs = self._platform.paint(springs, posture.lines.lengths, self._scales[0])
+            lengths = springs.lengths_at(posture.pose)
+            legs = self._platform.paint(springs, lengths, self._scales[0])
             answer = {"unit": unit, **legs}
         groups = []
         terms = _lines(result.elastic, posture)

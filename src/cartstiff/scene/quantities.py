@@ -75,7 +75,8 @@ def block_ellipsoid(
 #: Notes that say why a stiffness does not exist.
 _STATES = {
     "deficient", "serial-singularity", "type-2-singularity", "constraint-singularity",
-    "non-regular-redundancy", "unbalanced", "buckled", "no-chart",
+    "non-regular-redundancy", "unbalanced", "buckled", "strut-buckled",
+    "strut-not-found", "no-chart",
 }  # fmt: skip
 
 

@@ -6,15 +6,17 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Literal
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.arrays import checked_flag, checked_vector, fixed
-from cartstiff.errors import InputError
-from cartstiff.mechanisms.contract import named_values
+from cartstiff.errors import InputError, UndefinedError
+from cartstiff.mechanisms.contract import MechanismPosture, named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.stiffness.applied_load import checked_load, wrench_in_body
+from cartstiff.potentials.contract import Evaluation
+from cartstiff.stiffness.applied_load import LoadKind, checked_load, wrench_in_body
 from cartstiff.stiffness.posture import DEAD_AT_ORIGIN, SCHEMA, PostureStiffness
-from cartstiff.stiffness.reduction import reduce_to
+from cartstiff.stiffness.reduction import Reduction, State, reduce_to, scaled_values
 from cartstiff.stiffness.settled_links import settled
 from cartstiff.stiffness.springs_apart import springs_apart
 
@@ -98,7 +100,12 @@ def analyse(
     if given is not None:
         posture = settled(elastic, posture, given, kind.at, load_axes)
         given = wrench_in_body(given, posture.pose, kind.at, load_axes)
-    elastic, energy = elastic._balanced_with_evaluation(posture, given)
+    try:
+        elastic, energy = elastic._balanced_with_evaluation(posture, given)
+    except UndefinedError as error:
+        if strict or not error.code.startswith("strut-"):
+            raise
+        return _without_energy(elastic, posture, error, kind)
     reduction = reduce_to(
         posture.motion,
         energy,
@@ -115,3 +122,15 @@ def analyse(
     if strict and reduction.stiffness is None:
         raise reduction.undefined()
     return result
+
+
+def _without_energy(
+    elastic: ElasticMechanism, posture: MechanismPosture, error: UndefinedError, load: LoadKind
+) -> PostureStiffness:
+    """A posture in which a part of the mechanism does not stand, so that no energy is known."""
+    n = posture.motion.jacobian.shape[1]
+    nothing = Evaluation(np.nan, np.full(n, np.nan), np.full((n, n), np.nan))
+    state = State(error.code, str(error), dict(error.values))
+    values = scaled_values(posture)
+    reduction = Reduction(None, None, np.zeros(0), values, len(values), n, states=[state])
+    return PostureStiffness(elastic, fixed(posture.q), posture, nothing, reduction, load=load)

@@ -97,6 +97,7 @@ class StrutModel(FileModel):
     )
     lower: FlexureModel = Field(description="at the base")
     upper: FlexureModel = Field(description="at the platform")
+    mass: LegMassModel | None = Field(default=None, description="in place of mass in legs")
 
     @model_validator(mode="after")
     def _stands(self) -> StrutModel:
@@ -143,4 +144,6 @@ class LinesLegs(FileModel):
             raise ValueError("key 'stiffness' is missing: give stiffness, or strut")
         only_one(self, "stiffness", "strut")
         only_one(self, "rest_length", "preload", needed=False)
+        if self.strut is not None and None not in (self.strut.mass, self.mass):
+            raise ValueError("give mass in legs or in strut, not both")
         return self

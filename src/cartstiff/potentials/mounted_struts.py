@@ -1,0 +1,226 @@
+r"""Struts between a base and a platform that give: springs 6x6 in a row with all struts together.
+
+From the ground to the body: the spring of the base, the struts side by side, the spring of the
+platform. A spring is three slides and three hinges about x, y, z in a row, as a link's that gives;
+the struts are six coordinates more, for their pose T' as a whole, whose Hessian is their K^B. With
+x of the base, y of the platform, J the body Jacobian of all three at M and W what the body takes,
+
+    K_b x = J_x^T W,    W_s(T') = J_s^T W,    K_p y = J_y^T W,    D_b(x) T' D_p(y) = T,
+
+and K^B is the Schur complement of `cartstiff.potentials.flexure_struts`, its equation (2), without
+terms of S_W within T'.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cartstiff import numerics
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.lazily import cached_property
+from cartstiff.potentials.flexure_struts import FlexureStruts, Struck, solved, turned
+
+__all__ = ["Mount", "MountedStruts"]
+
+_STEPS = 40
+_ROUNDINGS = 64.0
+
+
+class Mount(NamedTuple):
+    """A spring 6x6 between the ground and the base, or between the platform and the body.
+
+    Attributes
+    ----------
+    place : ndarray (4, 4)
+        Of the spring: in F, or in M.
+    stiffness : ndarray (6, 6)
+        Symmetric and positive definite, of slides along x, y, z and hinges about x, y, z.
+    """
+
+    place: Array
+    stiffness: Array
+
+    def scaled(self, a: float) -> Mount:
+        """The same with all lengths times `a`."""
+        place, sizes = np.array(self.place), np.repeat([a, 1.0], 3)
+        place[:3, 3] *= a
+        return Mount(place, self.stiffness * a / np.outer(sizes, sizes))
+
+    def moved(self, x: Array) -> tuple[Array, Array]:
+        """Motion (N, 4, 4) of what is beyond for coordinates x (N, 6), and its body Jacobian."""
+        R, axes = turned(x[:, 3:])
+        J = np.zeros((len(x), 6, 6))
+        J[:, :3, 3:], J[:, 3:, :3] = axes, R.swapaxes(-1, -2)
+        motion = self.place @ se3.pose(R, x[:, :3]) @ se3.inverse(self.place)
+        return motion, se3.adjoint(self.place) @ J
+
+
+@dataclass(frozen=True, kw_only=True)
+class MountedStruts(FlexureStruts):
+    """Struts whose feet stand on a base that gives, or whose heads bear a platform that gives.
+
+    Attributes
+    ----------
+    base, tip : Mount or None
+        None is rigid.
+    """
+
+    base: Mount | None = None
+    tip: Mount | None = None
+
+    @staticmethod
+    def of(struts: FlexureStruts, base: Mount | None, tip: Mount | None) -> MountedStruts:
+        """The same struts between springs."""
+        own = {field.name: getattr(struts, field.name) for field in fields(FlexureStruts)}
+        return MountedStruts(**own, base=base, tip=tip)
+
+    def scaled(self, a: float) -> MountedStruts:
+        """The same with all lengths times `a`."""
+        base, tip = (None if end is None else end.scaled(a) for end in (self.base, self.tip))
+        return MountedStruts.of(super().scaled(a), base, tip)
+
+    def lengths_at(self, T_a_b: Array) -> Array:
+        """Distances (m,) of the struts' ends at a pose of M, base and platform having given way."""
+        if not self.is_complete:
+            return super().lengths_at(T_a_b)
+        return super().lengths_at(self._at_rest_in(T_a_b[None], self.rest_length[None]).T[0])
+
+    @np.errstate(over="ignore", invalid="ignore")
+    def at_poses(
+        self, T_a_b: Array, rest_length: Array, gradient: Array | None = None, free: Any = None
+    ) -> Struck:
+        """As of struts alone; of the springs' energy and of K^B each strut tells an equal share."""
+        if gradient is None:
+            at = self._at_rest_in(T_a_b, rest_length)
+            own = super().at_poses(at.T, rest_length)
+        else:
+            at = self._bearing(T_a_b, np.broadcast_to(gradient, (len(T_a_b), 6)))
+            own = super().at_poses(at.T, rest_length, _pulled(at.J[..., self._struts], at.W), free)
+        M, sizes = self._matrix(at, own.stiffness.sum(axis=1))
+        n, m = len(sizes) - 6, len(self.made)
+        inverse = solved(M, np.broadcast_to(np.eye(n + 6), M.shape))
+        K = inverse[:, n:, n:] * np.outer(sizes[n:], sizes[n:]) / m
+        M[:, :n, n:] *= -1.0
+        stable = (np.linalg.eigvalsh(np.nan_to_num(M)) > 0.0).sum(axis=-1) == n
+        energy = 0.5 * (at.q * (at.q @ self._springs)).sum(axis=-1)
+        to_end = np.linalg.inv(at.J[..., self._struts]).swapaxes(-1, -2)
+        return Struck(
+            own.energy + energy[:, None] / m,
+            (to_end[:, None] @ own.wrench[..., None])[..., 0],
+            np.repeat(0.5 * (K + K.swapaxes(-1, -2))[:, None], m, axis=1),
+            own.rest_length, own.is_found & at.is_found[:, None], own.is_stable & stable[:, None],
+        )  # fmt: skip
+
+    @np.errstate(over="ignore", invalid="ignore")
+    def _bearing(self, T: Array, W: Array) -> _Row:
+        """What bears W (N, 6) at M's poses T: each spring follows from W alone, step by step."""
+        q = np.zeros((len(T), len(self._springs)))
+        sprung = np.delete(np.arange(q.shape[1]), self._struts)
+        compliance = np.zeros_like(self._springs)
+        own = np.ix_(sprung, sprung)
+        compliance[own] = np.linalg.inv(self._springs[own])
+        found = np.zeros(len(T), bool)
+        for _ in range(_STEPS):
+            told = _pulled(self._row(T, q, W).J, W) @ compliance
+            found = np.abs(told - q).max(axis=1) <= numerics.ROUNDING * np.abs(told).max(axis=1)
+            q = told
+            if found.all() or not np.isfinite(q).all():
+                break
+        return self._row(T, q, W)._replace(is_found=found)
+
+    @np.errstate(over="ignore", invalid="ignore")  # a search that runs away has found nothing
+    def _at_rest_in(self, T: Array, rest_length: Array) -> _Row:
+        """What is at rest at M's poses T, by Newton's method for coordinates, T' and W together."""
+        N, struts = len(T), self._struts
+        at = self._row(T, np.zeros((N, len(self._springs))), np.zeros((N, 6)))
+        settled, missed = np.zeros(N, bool), np.full(N, np.inf)
+        whole = float((np.sqrt(self.slides) * self.made).max())
+        for _ in range(_STEPS):
+            own = super().at_poses(at.T, rest_length)
+            M, sizes = self._matrix(at, own.stiffness.sum(axis=1))
+            pull = _pulled(at.J, at.W) - at.q @ self._springs
+            pull[:, struts] -= own.wrench.sum(axis=1)
+            gap = se3.log(se3.inverse(at.base @ at.T @ at.tip) @ T)
+            right = np.hstack([pull, gap]) * sizes
+            now = np.abs(right).max(axis=-1)
+            settled |= (now >= 0.5 * missed) & (now <= numerics.ROUNDING * whole)
+            settled |= now <= _ROUNDINGS * numerics.EPSILON * whole
+            if np.all(settled | ~np.isfinite(now)):
+                break
+            missed = np.fmin(missed, now)
+            step = solved(M, right[..., None])[..., 0] * sizes
+            step = np.where(settled[:, None], 0.0, step)
+            pose = at.T @ se3.exp(step[:, struts])
+            step[:, struts] = 0.0
+            at = self._row(T, at.q + step[:, :-6], at.W + step[:, -6:], pose)
+        return at._replace(is_found=settled)
+
+    @property
+    def _struts(self) -> slice:
+        """Where the struts' pose stands among the coordinates."""
+        first = 0 if self.base is None else 6
+        return slice(first, first + 6)
+
+    @cached_property
+    def _springs(self) -> Array:
+        """Stiffnesses (n, n) of the springs at base and tip; of the struts' pose none."""
+        n = self._struts.stop + 6 * (self.tip is not None)
+        K = np.zeros((n, n))
+        if self.base is not None:
+            K[:6, :6] = self.base.stiffness
+        if self.tip is not None:
+            K[-6:, -6:] = self.tip.stiffness
+        return K
+
+    def _row(self, T: Array, q: Array, W: Array, struts: Array | None = None) -> _Row:
+        """The chain at coordinates q, the struts at a pose, or where the springs leave them."""
+        base = tip = np.broadcast_to(np.eye(4), (len(T), 4, 4))
+        parts = []
+        if self.base is not None:
+            base, J = self.base.moved(q[:, :6])
+            parts.append(J)
+        if self.tip is not None:
+            tip, J_tip = self.tip.moved(q[:, -6:])
+        if struts is None:
+            struts = se3.inverse(base) @ T @ se3.inverse(tip)
+        parts = [se3.adjoint_of_inverse(struts @ tip) @ J for J in parts]
+        parts.append(se3.adjoint_of_inverse(tip))
+        if self.tip is not None:
+            parts.append(J_tip)
+        J = np.concatenate(parts, axis=-1)
+        return _Row(struts, q, W, base, tip, J, np.ones(len(T), bool))
+
+    def _matrix(self, at: _Row, K: Array) -> tuple[Array, Array]:
+        """``[[H, -J^T], [J, 0]]`` (N, n + 6, n + 6) by sizes, and these."""
+        n, own = len(self._springs), self._struts
+        H = -se3.chain_curvature(at.J, at.W)
+        H[:, own, own] = K
+        H += self._springs
+        made, k = float(self.made.mean()), float(np.sqrt(self.stiffness).mean())
+        sizes = np.zeros(n + 6)
+        sizes[:n] = 1.0 / np.sqrt(np.maximum(np.diag(self._springs), numerics.TINY))
+        sizes[own], sizes[n:] = np.repeat([1 / made, 1.0], 3) / k, np.repeat([made, 1.0], 3) * k
+        M = np.zeros((len(K), n + 6, n + 6))
+        M[:, :n, :n], M[:, :n, n:], M[:, n:, :n] = H, -at.J.swapaxes(-1, -2), at.J
+        return M * np.outer(sizes, sizes), sizes
+
+
+class _Row(NamedTuple):
+    """The chain at N poses: T', coordinates q (N, n), W, J (N, 6, n) at M; what the springs do."""
+
+    T: Array
+    q: Array
+    W: Array
+    base: Array
+    tip: Array
+    J: Array
+    is_found: Any
+
+
+def _pulled(J: Array, W: Array) -> Array:
+    """``J^T W`` (N, n)."""
+    return np.asarray((J.swapaxes(-1, -2) @ W[..., None])[..., 0])
