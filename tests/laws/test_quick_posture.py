@@ -93,6 +93,27 @@ def test_every_answer_is_the_engines(name, wrench, spread, quick):
     assert found >= quick
 
 
+def test_postures_that_would_not_stay_are_answered_alike():
+    """Springs far from their rest positions: a Hessian of both signs, factorised as it stands."""
+    elastic = cartstiff.load("ur5")
+    elastic = elastic.with_springs(rest=elastic.q)
+    asked_often(elastic)
+    rng = np.random.default_rng(4)
+    quick = 0
+    for q in elastic.q + rng.uniform(-0.8, 0.8, (60, 6)):
+        ours, engine = cartstiff.analyse(elastic, q), compute.analyse(elastic, q)
+        is_unstable = np.linalg.eigvalsh(engine.matrices["B"])[0] < 0
+        quick += is_unstable and isinstance(ours, single.QuickPosture)
+        for c in "ABKF":
+            K, C = engine.matrices[c], engine.compliances[c]
+            scaled = K * np.outer([2, 2, 2, 1, 1, 1], [2, 2, 2, 1, 1, 1])  # lengths in 0.5 m
+            assert_same(ours.matrices[c], K)
+            assert np.abs(ours.compliances[c] - C).max() <= (
+                1e-13 * np.linalg.cond(scaled) * np.abs(C).max()
+            )
+    assert quick > 30
+
+
 @pytest.fixture(scope="module")
 def arm():
     elastic = cartstiff.load("ur5")

@@ -34,7 +34,7 @@ from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import CoupledSprings
 from cartstiff.stiffness import compute
 from cartstiff.stiffness.posture import DEAD_AT_ORIGIN, PostureStiffness
-from cartstiff.stiffness.posture_notes import near_serial, near_type_2
+from cartstiff.stiffness.posture_notes import hardly_held, near_serial, near_type_2
 from cartstiff.stiffness.reduction import Reduction, scaled_values
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ Ask = TypeVar("Ask", bound=Callable[..., PostureStiffness])
 _OFTEN = 200
 _NAMES = ("pose", "jacobian", "wrench", "energy",
           *(f"{kind}_{c}" for kind in ("stiffness", "compliance") for c in "ABKF"),
-          "verdict", "noteworthy")  # fmt: skip
+          "actuation", "verdict", "noteworthy")  # fmt: skip
 
 
 class QuickPosture(PostureStiffness):
@@ -165,13 +165,12 @@ class QuickPosture(PostureStiffness):
     @cached_property
     def notes_on_posture(self) -> tuple[Note, ...]:
         """The `notes` without those on matrices."""
-        mechanism, near = self._asked.mechanism, list[Note]()
+        mechanism = self._asked.mechanism
+        near: list[Note] = []
         if not self._record[self._code.near] < 1.0:
             if self._code.is_closed:
                 return self._engine.notes_on_posture
-            near = near_type_2(self.posture)
-            if not self.posture.coordinates_are_pose:
-                near += near_serial(self.posture, scaled_values(self.posture))
+            near = self._code.near_notes(self)
         return (
             *self._asked.notes, *near, *limit_notes(mechanism, self), *self._forces,
             *self._code.notes_on_weight,
@@ -235,9 +234,11 @@ class _Code:
         )
         self.energy, self._verdict = at["energy"].start, at["verdict"].start
         self.near, self.digits = at["noteworthy"].start, at["noteworthy"].start + 1
+        self._actuation, here = at.get("actuation"), elastic.mechanism.at(elastic.q)
+        self._sizes = here.coordinate_lengths, here.length
         self.is_closed = taken.is_closed
         self.is_inner = not elastic.parted_terms()[1]
-        chart = elastic.mechanism.at(elastic.q).chart()
+        chart = here.chart()
         self.notes_on_chart = (Note("no-chart", chart),) if isinstance(chart, str) else ()
         self.notes_on_weight = tuple(weighed(elastic).notes)
 
@@ -248,6 +249,14 @@ class _Code:
             return None
         record = self._answer.record(at, wrench)
         return (at, record) if record[self._verdict] == 0.0 else None
+
+    def near_notes(self, found: QuickPosture) -> list[Note]:
+        """Notes on near singularities; the sizes of a platform are the same everywhere."""
+        if self._actuation is not None:
+            lines = found._record[self._actuation].reshape(-1, 6)
+            return hardly_held(lines, *self._sizes)
+        values = scaled_values(found.posture)
+        return [*near_type_2(found.posture), *near_serial(found.posture, values)]
 
     @staticmethod
     def _closed(closing: _Recorded, q: Array) -> Array | None:

@@ -17,9 +17,14 @@ from cartstiff.stiffness.reduction import Reduction
 from cartstiff.stiffness.rounding import norm, without_cancelled
 
 __all__ = [
-    "error_of_chosen_forces", "error_of_soft_directions", "near_constraint", "near_serial",
+    "error_of_chosen_forces",
+    "error_of_soft_directions",
+    "hardly_held",
+    "near_constraint",
+    "near_serial",
     "near_type_2",
-    "notes_on_digits", "notes_on_posture",
+    "notes_on_digits",
+    "notes_on_posture",
 ]  # fmt: skip
 
 
@@ -201,30 +206,33 @@ def near_type_2(posture: MechanismPosture, free: Array | None = None) -> list[No
     """A warning where the actuators do not hold the free motions (n, f), or hardly."""
     if posture.actuation is None:
         return []
-    rates = posture.actuation * posture.coordinate_lengths
+    return hardly_held(posture.actuation, posture.coordinate_lengths, posture.length, free)
+
+
+def hardly_held(
+    actuation: Array, coordinate_lengths: Array, length: float, free: Array | None = None
+) -> list[Note]:
+    """`near_type_2` of rates of the actuators by the coordinates, (m, n)."""
+    rates = actuation * coordinate_lengths
     if free is not None:
         rates = rates @ free
-    values = numerics.singular_values(rates)
-    if not values.size or len(values) < rates.shape[1]:
-        return []
-    if not values[-1] < numerics.NEAR * values[0]:
+    each = numerics.singular_values(rates).tolist()
+    if not each or len(each) < rates.shape[1] or not each[-1] < numerics.NEAR * each[0]:
         return []
     motions = numerics.singular_directions(rates)
     if free is not None:
         motions = motions @ free.T
-    each = values.tolist()
     lost = sum(value <= numerics.RANK * each[0] for value in each)
     weak = lost or sum(value < numerics.NEAR * each[0] for value in each)
     return [
         Note(
             "type-2-singularity" if lost else "near-type-2-singularity",
             f"the actuators {'do not' if lost else 'hardly'} hold the mechanism in {weak} "
-            f"direction(s): smallest over largest singular value "
-            f"{values[-1] / values[0]:.2g}",
+            f"direction(s): smallest over largest singular value {each[-1] / each[0]:.2g}",
             {
-                "singular_values": values.tolist(),
-                "characteristic_length": posture.length,
-                "directions": (motions[-weak:] * posture.coordinate_lengths).tolist(),
+                "singular_values": each,
+                "characteristic_length": length,
+                "directions": (motions[-weak:] * coordinate_lengths).tolist(),
             },
         )
     ]

@@ -51,13 +51,15 @@ from cartstiff.many.arithmetic import (
 )
 from cartstiff.many.chains.chain_numbers import ChainCase, ChainNumbers, against, curvature_of
 from cartstiff.many.chains.chain_twists import ChainConstants
-from cartstiff.many.tape import Scalar, Tape, larger, pick, square_root
+from cartstiff.many.tape import Scalar, Tape, absolute, larger, pick, square_root
 from cartstiff.numerics import BALANCE, ROUNDING
 
 __all__ = ["arrays_of", "chain_arrays", "chain_motion"]
 
 #: Least pivot of the Hessian, as a share of its diagonal entry: what is lost is four digits.
 _SHARE = numerics.LOST
+#: Most that factors of mixed signs may exceed the entries of their row.
+_GROWTH = 100.0
 #: Least pivot of the self-motion's stiffness, and least size of what it leaves, as shares of the
 #: largest entry, that are trusted.
 _PIVOT = numerics.LOST
@@ -187,12 +189,15 @@ def _compliances(
     if not names:
         return verdict
     unloaded = all(is_zero(w) for w in W)
-    C, verdict = _softness(chain, chain.hessian if unloaded else chain.lagrangian(W))
+    # Six coordinates leave no self-motion whose balance hangs on a sign.
+    signed = chain.n == 6 and not chain.is_closed and chain.has_chart
+    H = chain.hessian if unloaded else chain.lagrangian(W)
+    C, verdict = _softness(chain, H, signed)
     for name in names:
         if name == "F":
             if not chain.has_chart:
                 continue
-            C_F, doubt = (C, PLAIN) if unloaded else _softness(chain, chain.hessian)
+            C_F, doubt = (C, PLAIN) if unloaded else _softness(chain, chain.hessian, signed)
             found["compliance_F"], verdict = C_F, larger(verdict, doubt)
         elif name == "B" or unloaded:
             found[f"compliance_{name}"] = C
@@ -203,12 +208,23 @@ def _compliances(
     return verdict
 
 
-def _softness(chain: ChainNumbers, H: Array) -> tuple[Array, Scalar]:
-    """``J H^-1 J^T`` and the verdict on it."""
+def _softness(chain: ChainNumbers, H: Array, signed: bool = False) -> tuple[Array, Scalar]:
+    """``J H^-1 J^T`` and the verdict on it; `signed` admits pivots of either sign.
+
+    Of a positive H the sum over k of ``L_ak^2 d_k`` is its diagonal entry; where signs are mixed,
+    that of their sizes says what the factors can lose. It is compared with the row's largest entry.
+    """
     L, inverses, pivots = positive_factor(H)
+    sizes = np.array([absolute(pivot) for pivot in pivots], object)
+    scaled = H * chain.columns / chain.columns[:, None] if signed else H
     verdict: Scalar = PLAIN
     for a, pivot in enumerate(pivots):
-        verdict = larger(verdict, pick(H[a, a] * _SHARE, pivot, PLAIN, ENGINE))
+        if signed:
+            grown = sizes[: a + 1] @ (L[a, : a + 1] * L[a, : a + 1])
+            verdict = larger(verdict, pick(grown, largest(scaled[a]) * _GROWTH, PLAIN, ENGINE))
+            verdict = larger(verdict, pick(grown * _SHARE, sizes[a], PLAIN, ENGINE))
+        else:
+            verdict = larger(verdict, pick(H[a, a] * _SHARE, pivot, PLAIN, ENGINE))
     return congruence(below(L, chain.J.T), np.diag(inverses)), verdict
 
 
