@@ -116,3 +116,107 @@ def test_two_coordinates_are_a_map_of_colours(serve, pages):
         1e3 * np.linalg.norm(moved), rel=1e-4
     )
     page.context.close()
+
+
+# Places on the screen, from -1 to 1, around the ring of that radius; null where it is not shown.
+AROUND = """(radius) => {
+    const { viewer } = window.cartstiff.pane;
+    viewer.scene.updateMatrixWorld(true);
+    let ring = null;
+    viewer.scene.traverseVisible((node) => {
+        if (node.geometry?.parameters?.radius === radius && node.renderOrder) ring ??= node;
+    });
+    return ring && [1, 2, 3, 4, 5].map((eighth) => {
+        const [x, y] = [Math.cos, Math.sin].map((f) => radius * f((eighth * Math.PI) / 4));
+        const at = viewer.camera.position.clone().set(x, y, 0).applyMatrix4(ring.matrixWorld);
+        at.project(viewer.camera);
+        return [at.x, at.y];
+    });
+}"""
+
+
+def test_the_moment_is_turned_by_its_ring(serve, pages):
+    page = pages.open(serve("ur5").url + "#load=0,0,0,0,0,-100&load_axes=inertial")
+    page.keyboard.press("g")
+    settled(page)
+    box = page.locator("#pane canvas").bounding_box()
+
+    def turned():
+        places = [
+            (box["x"] + box["width"] * (1 + x) / 2, box["y"] + box["height"] * (1 - y) / 2)
+            for x, y in page.evaluate(AROUND, 0.46)
+        ]
+        page.mouse.move(*places[0])
+        settled(page)
+        page.mouse.down()
+        for place in places[1:]:
+            page.mouse.move(*place)
+            settled(page)
+        said = page.inner_text(".tip:not([hidden])")
+        page.mouse.up()
+        settled(page)
+        return said, page.evaluate("() => window.cartstiff.state.load")
+
+    # Half a turn about the force's line: a tenth of the size as its lever.
+    arm = cartstiff.load("ur5")
+    lever = 0.1 * arm.mechanism.at(arm.q).length
+    said, load = turned()
+    assert load[:2] == [0, 0]
+    assert load[3:] == [0, 0, -100]
+    assert load[2] == pytest.approx(-100 * lever, rel=0.06)  # two digits, and dots of the screen
+    assert said.startswith(f"{-load[2]:g} N m (0, 0, \u2212{-load[2]:g}) room axes")
+    # From there half a turn makes it twice as large, about the same line.
+    twice = turned()[1]
+    assert twice[:2] == [0, 0]
+    assert twice[2] == pytest.approx(2 * load[2], rel=0.06)
+    page.keyboard.press("u")
+    settled(page)
+    assert page.evaluate("() => window.cartstiff.state.load") == load
+    page.context.close()
+
+
+# Rings at the ends of ranges that are shown: where the middle is in the mechanism, and the colour.
+ENDS = """() => {
+    const { viewer } = window.cartstiff.pane;
+    const { object } = viewer.scene_tree.find(["meshcat", "cartstiff"]);
+    const root = object.matrixWorld.clone().invert();
+    const found = [];
+    viewer.scene.traverseVisible((node) => {
+        if (node.geometry?.parameters?.radius !== 0.62) return;
+        const at = viewer.camera.position.clone().setFromMatrixPosition(node.matrixWorld);
+        const axis = at.clone().setFromMatrixColumn(node.matrixWorld, 2);
+        axis.transformDirection(root);
+        found.push([at.applyMatrix4(root).toArray(), axis.toArray(), node.material.color.getHex()]);
+    });
+    return found;
+}"""
+
+
+def test_ends_of_ranges_are_rings_while_the_tool_is_held(serve, pages):
+    page = pages.open(serve("ur5").url)
+    arm = cartstiff.load("ur5")
+    near = [0.3, -1.1, np.pi - 0.1, -0.7, 0.9, 0.2]
+    changed(page, q=near, moved=None)
+    box = page.locator("#pane canvas").bounding_box()
+    x, y = page.evaluate(TOOL)
+    x, y = box["x"] + box["width"] * (1 + x) / 2, box["y"] + box["height"] * (1 - y) / 2
+    assert page.evaluate(ENDS) == []
+    page.mouse.move(x, y)
+    settled(page)
+    page.mouse.down()
+    page.mouse.move(x + 2, y)
+    settled(page)
+    q = page.evaluate("() => window.cartstiff.numbers.result.q")
+    ((place, axis, colour),) = page.evaluate(ENDS)
+    # About the elbow, whose column of the Jacobian in F is (axis, place x axis).
+    result = cartstiff.analyse(arm, q)
+    R, p = result.pose[:3, :3], result.pose[:3, 3]
+    turn = R @ result.jacobian[:3, 2]
+    way = R @ result.jacobian[3:, 2]
+    assert np.abs(turn @ axis) == pytest.approx(1, abs=1e-6)
+    assert np.allclose(np.cross(turn, p - place), way, atol=1e-6)
+    assert colour == 0xE08A00
+    page.mouse.up()
+    settled(page)
+    assert page.evaluate(ENDS) == []
+    page.context.close()

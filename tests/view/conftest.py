@@ -86,7 +86,13 @@ class Tab:
         """The next answer's object; None if the socket has been closed."""
 
         async def next_message() -> Any:
-            return await asyncio.wait_for(self.socket.read_message(), 20)
+            message = await asyncio.wait_for(self.socket.read_message(), 20)
+            if not isinstance(message, str):
+                return message
+            pieces = b""  # a large answer comes in pieces, behind its size
+            while len(pieces) < int(message):
+                pieces += await asyncio.wait_for(self.socket.read_message(), 20)
+            return pieces
 
         message = self.loop.run_until_complete(next_message())
         return None if message is None else unpacked(message)[0]

@@ -68,6 +68,7 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array, frames: bool = True)
         "units": units.as_dict(),
         "coordinates": coordinates,
         "joints": _joints(elastic),
+        "axes": _axes(elastic),
         "sliders": slider_coordinates(elastic),
         "springs": [
             {"name": name, "stiffness": plain(k), "unit": unit, "driven": name in driven}
@@ -105,6 +106,15 @@ def _joints(elastic: ElasticMechanism) -> list[int]:
     if mimic is None:
         return list(range(len(mechanism.coordinates)))
     return np.abs(mimic).argmax(axis=1).tolist()
+
+
+def _axes(elastic: ElasticMechanism) -> list[list[float]]:
+    """The line along or about which each joint of the tree moves, in the joint's own frame."""
+    mechanism = elastic.mechanism
+    if not isinstance(mechanism, Chain):
+        return []
+    screws = mechanism.tree.screws()
+    return [(s[:3] if s[:3].any() else s[3:]).tolist() for s in screws]
 
 
 def slider_coordinates(elastic: ElasticMechanism) -> list[int]:

@@ -40,6 +40,9 @@ _SLICE = 0.004
 _PATIENCE = 0.05
 # Close code of a socket that is one too many; the page knows it.
 _FULL = 4029
+# Bytes in a message: an answer that is larger comes in pieces behind its size, and the page shows
+# how much of it has come.
+_PIECE = 65_536
 
 _ID = re.compile(r'"id": ?(\d{1,15})\b')
 
@@ -167,7 +170,10 @@ class TabSocket(Guarded, WebSocketHandler):
             packed = answer.pack()
         except InputError as error:
             packed = refusal(error, answer.data.get("id", 0), answer.data.get("do")).pack()
-        await self.write_message(packed, binary=True)
+        if len(packed) > _PIECE:
+            await self.write_message(str(len(packed)))
+        for start in range(0, len(packed), _PIECE):
+            await self.write_message(packed[start : start + _PIECE], binary=True)
 
     def _next(self, session: Session) -> Answer | None:
         """The next answer, or None after a slice of a long one, or if nothing is asked."""

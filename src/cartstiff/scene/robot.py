@@ -61,15 +61,14 @@ class ChainPicture:
         self._chain, self._size, self._theme, self._ghost = chain, size, look, ghost
         self._node = node
         self._boxes: list[tuple[Placement, Array]] = []
-        pieces, self.notes = visuals(chain)
-        self._missing: list[tuple[str, str]] = []  # links and what is wrong with their meshes
+        pieces, self._missing = visuals(chain)
         self._joints: dict[int, tuple[Node, Placement]] = {}
         # Lengths of a robot description are metres, as are those of its mechanism.
         shown = [self._piece(i, visual) for i, visual in enumerate(pieces)]
+        self.notes: list[str] = []
         if self._missing:
-            link, error = self._missing[0]
-            others = f" (and {n} more links)" if (n := len(self._missing) - 1) else ""
-            self.notes.append(f"link {link}: {error}{others}")
+            others = f" (and {n} more like it)" if (n := len(self._missing) - 1) else ""
+            self.notes.append(self._missing[0] + others)
         self._sliders: list[tuple[Node, Placement, Array, Placement]] = []
         if self.notes or not any(shown):
             self._sticks(skeleton(chain, lines))
@@ -115,7 +114,7 @@ class ChainPicture:
         try:
             mesh = read_mesh(visual.shape.path) if isinstance(visual.shape, MeshFile) else None
         except InputError as error:
-            self._missing.append((visual.link, str(error)))
+            self._missing.append(f"link {visual.link}: {error}")
             return False
         if mesh is not None and not len(mesh.faces):
             return False

@@ -16,6 +16,13 @@ export function el(tag, attributes = {}, ...children) {
 
 export const byId = (id) => document.getElementById(id);
 
+/** How much of the page has come, from 0 to 1; then the bar goes. */
+export function loaded(share) {
+  const bar = byId("loading");
+  if (share < 1 && bar) bar.value = Math.max(bar.value, share);
+  else bar?.remove();
+}
+
 const MINUS = "\u2212";
 
 /** A number for reading, in few characters: 4 digits, powers of ten where it is large or small. */

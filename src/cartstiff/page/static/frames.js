@@ -47,8 +47,9 @@ export class FramesSource extends FileSource {
   /** Say once that other coordinates have gone back: the file holds one sweep of each. */
   saySnapped(wanted, got, moved) {
     if (this.said || moved === null) return;
-    const { sliders } = this.data.hello.mechanism;
-    if (!sliders.some((i) => i !== moved && Math.abs(wanted[i] - got[i]) > CLOSE)) return;
+    const { mechanism: { sliders }, state: { q } } = this.data.hello;
+    const went = (i) => i !== moved && Math.abs(wanted[i] - q[i]) > CLOSE && Math.abs(wanted[i] - got[i]) > CLOSE;
+    if (!sliders.some(went)) return;
     this.said = true;
     toast("This file holds a sweep of each slider alone: the others have gone back");
   }

@@ -3,6 +3,7 @@
 /* global MeshCat */
 import { byId, chop, el, short } from "./dom.js";
 import { CLOSE } from "./numerics.js";
+import { limitRings } from "./rings.js";
 
 // Length of the handles' arms on the screen (dots), and how near (dots) a pointer brings them out.
 const ARM = 84;
@@ -13,6 +14,12 @@ const EDGE_ON = 0.2;
 const SNAP = 12;
 const AXIS_NAMES = ["x", "y", "z"];
 const HUES = [0xcc3311, 0x44aa66, 0x2255cc];
+// Without a moment, half a turn of its ring gives the force (or this one) at this share of the size.
+const FIRST_FORCE = 100;
+const LEVER = 0.1;
+// What is held of the tool, and of the load.
+const TOOL = ["ball", "arm", "ring"];
+const LOAD = ["force", "moment", "twirl"];
 // Turn of the camera (rad) and share of its distance for a key.
 const TURN = Math.PI / 36;
 const ZOOM = 1.1;
@@ -71,6 +78,13 @@ export function hands(store) {
     add(pull, new THREE.SphereGeometry(0.14, 10, 8), 0, { kind }, false);
     return pull;
   });
+  // The moment's ring: turned about its own line, the moment grows or shrinks.
+  const twirl = new THREE.Group();
+  world.add(twirl);
+  add(twirl, new THREE.TorusGeometry(0.46, 0.02, 8, 60), 0x0b5cad, null);
+  add(twirl, new THREE.SphereGeometry(0.07, 16, 12).translate(0.46, 0, 0), 0x0b5cad, null);
+  add(twirl, new THREE.TorusGeometry(0.46, 0.07, 6, 40), 0, { kind: "twirl" }, false);
+  const rings = limitRings(store, world, size);
 
   // -- where the handles are
 
@@ -95,7 +109,15 @@ export function hands(store) {
       M.matrixWorld.decompose(tool.position, tool.quaternion, vector());
       if (store.state.axes === "inertial") node().getWorldQuaternion(tool.quaternion);
       size(tool);
-      arms.visible = near || pinned || (hold !== null && ["ball", "arm", "ring"].includes(hold.kind));
+      arms.visible = near || pinned || TOOL.includes(hold?.kind);
+    }
+    rings(live && TOOL.includes(hold?.kind), hold?.names ?? []);
+    twirl.visible = live && store.state.load !== null && store.state.wrench && Boolean(store.numbers.wrench) && (near || pinned || hold?.kind === "twirl");
+    if (twirl.visible) {
+      twirl.position.setFromMatrixPosition(reference());
+      twirl.quaternion.setFromUnitVectors(vector(0, 0, 1), hold?.kind === "twirl" ? hold.along : line());
+      if (hold?.kind === "twirl") twirl.rotateZ(hold.angle - hold.from);
+      size(twirl);
     }
     ["force", "moment"].forEach((kind, i) => {
       const vectorOf = arrow(kind);
@@ -112,6 +134,21 @@ export function hands(store) {
   }
   pane.before.push(place);
 
+  /** The frame of the shown wrench, in the world. */
+  function reference() {
+    const M = node("M").matrixWorld.clone();
+    const { frame } = store.numbers;
+    return frame ? M.multiply(new THREE.Matrix4().set(...frame.flat())) : M;
+  }
+
+  /** The line of the moment; of the force where there is no moment, and upwards where there is neither. */
+  function line() {
+    const { wrench } = store.numbers;
+    const found = [wrench.slice(0, 3), wrench.slice(3)].find((v) => Math.hypot(...v) > CLOSE * Math.hypot(...wrench));
+    const axes = found ? reference() : node().matrixWorld;
+    return vector(...(found ?? [0, 0, 1])).transformDirection(axes);
+  }
+
   // -- taking hold
 
   function rayAt(event) {
@@ -126,7 +163,7 @@ export function hands(store) {
     const found = grips.filter(({ mesh }) => shown(mesh)).flatMap((grip) =>
       ray.intersectObject(grip.mesh, false).map(({ distance }) => ({ ...grip, distance })));
     // A ball in the middle is meant before a ring behind which it lies.
-    const order = { force: 0, moment: 0, ball: 1, arm: 2, ring: 3 };
+    const order = { force: 0, moment: 0, ball: 1, arm: 2, twirl: 3, ring: 4 };
     return found.sort((a, b) => order[a.kind] - order[b.kind] || a.distance - b.distance)[0] ?? null;
   }
 
@@ -157,24 +194,29 @@ export function hands(store) {
   }
 
   function begin(event, grip) {
-    const origin = grip.kind in { force: 1, moment: 1 } ? pulls[Number(grip.kind === "moment")].position.clone() : tool.position.clone();
+    const origin = { force: pulls[0], moment: pulls[1], twirl }[grip.kind]?.position.clone() ?? tool.position.clone();
     const toF = node().matrixWorld.clone().invert();
     hold = { ...grip, pointer: event.pointerId, origin, at: origin.clone(), toF, normal: sight(), moved: false,
       pose: store.numbers.result.pose.map((row) => row.slice()), state: structuredClone(store.state) };
     if (grip.axis !== undefined) hold.along = vector(grip.axis === 0, grip.axis === 1, grip.axis === 2).applyQuaternion(tool.quaternion);
     const ray = rayAt(event);
     if (grip.kind === "arm") hold.from = onLine(ray, origin, hold.along);
-    else if (grip.kind === "ring") {
+    else if (grip.kind === "ring" || grip.kind === "twirl") {
+      if (grip.kind === "twirl") hold.along = line();
       if (Math.abs(hold.along.dot(hold.normal)) < EDGE_ON) hold.along = hold.normal.clone().multiplyScalar(Math.sign(hold.along.dot(hold.normal)) || 1);
       const met = onPlane(ray, origin, hold.along);
       hold.from = met ? angleIn(met, origin, hold.along) : 0;
+      hold.angle = hold.from;
     } else hold.from = onPlane(ray, origin, hold.normal);
-    if (grip.kind in { force: 1, moment: 1 }) {
-      const place = arrow(grip.kind).matrixWorld;
-      hold.base = vector().setFromMatrixPosition(place);
+    if (LOAD.includes(grip.kind)) {
+      hold.base = vector().setFromMatrixPosition(reference());
       const { wrench } = store.numbers;
       hold.vector = grip.kind === "force" ? wrench.slice(3) : wrench.slice(0, 3);
-      hold.per = Math.hypot(...hold.vector) / toRoom(origin.clone().sub(hold.base), toF).length();
+      const size = Math.hypot(...hold.vector);
+      if (grip.kind === "twirl") {
+        const first = (Math.hypot(...wrench.slice(3)) || FIRST_FORCE) * store.hello.mechanism.size * LEVER;
+        Object.assign(hold, { direction: toRoom(line(), toF).normalize(), size, half: size > CLOSE * first ? size : first });
+      } else hold.per = size / toRoom(origin.clone().sub(hold.base), toF).length();
     }
     pane.holding = true;
     viewer.controls.enabled = false;
@@ -190,6 +232,13 @@ export function hands(store) {
     if (hold.kind === "ring") {
       const met = onPlane(ray, hold.origin, hold.along);
       if (met) turn(angleIn(met, hold.origin, hold.along) - hold.from, event);
+    } else if (hold.kind === "twirl") {
+      const met = onPlane(ray, hold.origin, hold.along);
+      if (!met) return;
+      // Further round than half a turn goes on.
+      const step = angleIn(met, hold.origin, hold.along) - hold.angle;
+      hold.angle += step - 2 * Math.PI * Math.round(step / (2 * Math.PI));
+      load(hold.direction.clone().multiplyScalar(hold.size + (hold.half * (hold.angle - hold.from)) / Math.PI).toArray(), event);
     } else if (hold.kind === "arm") shift(hold.along.clone().multiplyScalar(onLine(ray, hold.origin, hold.along) - hold.from));
     else {
       const met = onPlane(ray, hold.origin, hold.normal);
@@ -220,21 +269,27 @@ export function hands(store) {
   function pull(way, event) {
     const head = (event.altKey ? null : onGuide(event)) ?? hold.origin.clone().add(way);
     hold.at.copy(head);
+    load(toRoom(head.sub(hold.base), hold.toF).multiplyScalar(hold.per).toArray(), event);
+  }
+
+  /** The load with another force or moment, given along the room's axes. */
+  function load(room, event) {
     const { state } = hold;
     const R = hold.pose.slice(0, 3).map((row) => row.slice(0, 3));
     const toBody = (v) => [0, 1, 2].map((j) => R[0][j] * v[0] + R[1][j] * v[1] + R[2][j] * v[2]);
     const toF = (v) => R.map((row) => row[0] * v[0] + row[1] * v[1] + row[2] * v[2]);
-    const room = toRoom(head.sub(hold.base), hold.toF).multiplyScalar(hold.per).toArray();
     const own = state.load_axes === "body";
     let found = own ? toBody(room) : room;
     if (!event.altKey) found = rounded(found);
     // The arrows are along the axes of the numbers; a change is the same along any axes.
     const before = state.axes === "body" ? (own ? hold.vector : toF(hold.vector)) : own ? toBody(hold.vector) : hold.vector;
-    const load = state.load.slice();
+    const wanted = state.load.slice();
+    const kind = hold.kind === "force" ? "force" : "moment";
     const first = hold.kind === "force" ? 3 : 0;
-    for (let i = 0; i < 3; i++) load[first + i] = hold.kind === "force" ? found[i] : load[i] + found[i] - before[i];
-    hold.words = `${short(Math.hypot(...found), 3)} ${store.unit(hold.kind)} (${found.map((x) => short(x, 3)).join(", ")}) ${own ? "tool" : "room"} axes`;
-    store.change({ load });
+    const part = kind === "force" ? found : chop(found.map((x, i) => wanted[i] + x - before[i]), Math.max(...before.map(Math.abs)));
+    wanted.splice(first, 3, ...part.map((x) => Number(x.toPrecision(12))));
+    hold.words = `${short(Math.hypot(...found), 3)} ${store.unit(kind)} (${found.map((x) => short(x, 3)).join(", ")}) ${own ? "tool" : "room"} axes`;
+    store.change({ load: wanted });
   }
 
   /** The point under a pointer on the arrow's own line or on an axis, if it passes one. */
@@ -307,7 +362,7 @@ export function hands(store) {
     const length = store.unit("length");
     const p = store.numbers.position.map((x) => short(x, 4)).join(", ");
     const said = { ball: p, arm: `${AXIS_NAMES[hold.axis]}: ${p}`, ring: `about ${AXIS_NAMES[hold.axis]}` }[hold.kind];
-    tip.textContent = hold.kind === "ring" ? said : hold.words ?? (hold.kind in { force: 1, moment: 1 } ? `pull: ${hold.kind}` : `${said} ${length}`);
+    tip.textContent = hold.kind === "ring" ? said : hold.words ?? (LOAD.includes(hold.kind) ? `${hold.kind === "twirl" ? "turn: moment" : `pull: ${hold.kind}`}` : `${said} ${length}`);
     if (hold.stopped) tip.textContent += ` · ${hold.stopped}`;
     tip.classList.toggle("stopped", Boolean(hold.stopped));
     tip.hidden = false;
@@ -322,6 +377,7 @@ export function hands(store) {
     coordinates.forEach(({ name }, i) => byId(`slider-${i}`)?.closest(".slider").classList.toggle("stopped", stopped.includes(name)));
     [...document.querySelectorAll(".leg:not(.leg-head)")].forEach((row, i) =>
       row.classList.toggle("stopped", stopped.includes(`leg${i + 1}`)));
+    if (hold) hold.names = stopped;
     const away = followed && !followed.reached;
     ball.material.color.set(away ? 0xb3261e : 0x0b5cad);
     if (!hold) return;

@@ -1,11 +1,13 @@
 // Answers from a server over a websocket, with reconnection.
 
-import { el } from "./dom.js";
+import { el, loaded } from "./dom.js";
 import { Drawing } from "./drawing.js";
 import { LivingSource } from "./offline.js";
 
 // Close code of a tab that is one too many.
 const FULL = 4029;
+// Shares of the loading bar at which the page's own files, and the first answer, have come.
+const [FILES, PICTURE] = [0.4, 0.95];
 
 /** Split a message into its JSON object and the viewer's commands. */
 export function unpack(buffer) {
@@ -88,11 +90,22 @@ export class LiveSource {
   start() {
     this.socket = new WebSocket(this.url);
     this.socket.binaryType = "arraybuffer";
-    this.socket.onmessage = (event) => {
+    let whole = null; // of a large answer what has come, behind its size
+    loaded(FILES);
+    this.socket.onmessage = ({ data }) => {
       this.delay = 500;
       this.alone = false;
       this.onstatus("connected");
-      this.onanswer(...unpack(event.data));
+      if (typeof data === "string") whole = { bytes: new Uint8Array(Number(data)), filled: 0 };
+      else if (whole) {
+        whole.bytes.set(new Uint8Array(data), whole.filled);
+        whole.filled += data.byteLength;
+        loaded(FILES + ((PICTURE - FILES) * whole.filled) / whole.bytes.length);
+      }
+      if (whole && whole.filled < whole.bytes.length) return;
+      const answer = whole ? whole.bytes.buffer : data;
+      whole = null;
+      this.onanswer(...unpack(answer));
     };
     this.socket.onclose = async (event) => {
       this.onlost();

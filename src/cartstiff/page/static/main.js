@@ -1,7 +1,7 @@
 // The page: from a server, or from the data that an exported file holds.
 
 import { controls, pictureControls, toolPanel } from "./controls.js";
-import { byId, el } from "./dom.js";
+import { byId, el, loaded } from "./dom.js";
 import { deflectionPanel } from "./deflection.js";
 import { FramesSource } from "./frames.js";
 import { hands } from "./hands.js";
@@ -43,6 +43,7 @@ function build(source) {
   shortcuts(store, parts);
   parts.strip = strip(store);
   banners(store, source);
+  for (const event of ["numbers", "error"]) store.on(event, () => loaded(1));
   if (source.live) ownArithmetic(store, source);
   window.cartstiff = store; // for tests, and for the curious
   source.start();
@@ -101,6 +102,7 @@ async function fromFile() {
   const script = el("script");
   script.textContent = new TextDecoder().decode(await inflate("viewer"));
   document.head.append(script);
+  loaded(0.5);
   const [data, commands] = unpack(await inflate("frames"));
   build(new (data.living ? LivingSource : FramesSource)(data, commands));
 }

@@ -125,7 +125,7 @@ export class Pane {
       const map = new CanvasTexture(canvas);
       map.minFilter = LinearFilter;
       sprite = new Sprite(new SpriteMaterial({ map, transparent: true, depthTest: false, sizeAttenuation: false }));
-      sprite.renderOrder = 10;
+      sprite.renderOrder = 30; // over the handles
       sprite.userData.canvas = canvas;
       this.viewer.set_object(path, sprite);
     }

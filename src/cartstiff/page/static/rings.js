@@ -1,0 +1,84 @@
+// While the tool is held: a ring about each joint, or around each leg, that is near an end of its
+// range; an arc from one end to the other, and a ball where it stands.
+
+/* global MeshCat */
+import { CLOSE } from "./numerics.js";
+
+// A coordinate is near its end within this share of its range, and an angle within this (rad).
+const NEAR_END = 0.1;
+const NEAR_ANGLE = Math.PI / 12;
+const [NEAR_HUE, STOP_HUE] = [0xe08a00, 0xb3261e];
+
+/** Returns what shows the rings of a held tool: called with whether it is held, and with the names of what stops it. */
+export function limitRings(store, world, size) {
+  const { viewer } = store.pane;
+  const { THREE } = MeshCat;
+  let rings = new Map(); // by joint of the tree, or by leg
+
+  /** A part of the picture, if there is one. */
+  function part(...names) {
+    let node = viewer.scene_tree;
+    for (const name of ["meshcat", "cartstiff", "mechanism", ...names]) node = node?.children[name];
+    return node?.object ?? null;
+  }
+
+  function made(range) {
+    const paint = (opacity) => new THREE.MeshBasicMaterial({ color: NEAR_HUE, transparent: true, opacity, depthTest: false });
+    const ring = new THREE.Group();
+    ring.add(new THREE.Mesh(new THREE.TorusGeometry(0.62, 0.028, 8, 64, Math.min(range, 2 * Math.PI)), paint(0.75)));
+    ring.add(new THREE.Mesh(new THREE.SphereGeometry(0.075, 14, 10).translate(0.62, 0, 0), paint(1)));
+    for (const mesh of ring.children) {
+      mesh.renderOrder = 19;
+      mesh.userData.twin = false;
+    }
+    world.add(ring);
+    return ring;
+  }
+
+  /** Where each limited coordinate stands: {key, x, lower, upper, angle, name, at, axis}. */
+  function* limited() {
+    const { mechanism } = store.hello;
+    const { legs, result } = store.numbers;
+    const seen = new Set();
+    for (const [j, i] of mechanism.joints.entries()) {
+      const { lower, upper, limited: has, is_length: isLength, name } = mechanism.coordinates[i];
+      const at = has && !seen.has(i) && part(`joint ${j + 1}`);
+      if (!at) continue;
+      seen.add(i);
+      yield { key: `joint ${j}`, x: result.q[i], lower, upper, angle: !isLength, name, at, axis: mechanism.axes[j], along: 0 };
+    }
+    for (const [i, { length, lower, upper }] of (legs ?? []).entries()) {
+      const at = lower !== null && upper !== null && part("legs", `line ${i + 1}`, "rod");
+      if (at) yield { key: `leg ${i}`, x: length, lower, upper, angle: false, name: `leg${i + 1}`, at, axis: [1, 0, 0], along: 0.5 };
+    }
+  }
+
+  function place(held, stopped) {
+    for (const ring of rings.values()) ring.visible = false;
+    if (!held) return;
+    for (const { key, x, lower, upper, angle, name, at, axis, along } of limited()) {
+      const near = Math.min((upper - lower) * NEAR_END, angle ? NEAR_ANGLE : Infinity);
+      const stops = stopped.includes(name) || Math.min(x - lower, upper - x) <= CLOSE;
+      if (!stops && Math.min(x - lower, upper - x) > near) continue;
+      if (!rings.has(key)) rings.set(key, made(angle ? upper - lower : 2 * Math.PI));
+      const ring = rings.get(key);
+      const [arc, ball] = ring.children;
+      ring.visible = true;
+      at.updateWorldMatrix(true, false);
+      const turned = new THREE.Quaternion().setFromRotationMatrix(new THREE.Matrix4().extractRotation(at.matrixWorld));
+      ring.position.set(along, 0, 0).applyMatrix4(at.matrixWorld);
+      ring.quaternion.copy(turned).multiply(new THREE.Quaternion().setFromUnitVectors(new THREE.Vector3(0, 0, 1), new THREE.Vector3(...axis).normalize()));
+      // The joint's own frame turns with it: its lower end lies behind.
+      arc.rotation.z = angle ? lower - x : 0;
+      ball.visible = angle;
+      for (const { material } of ring.children) material.color.set(stops ? STOP_HUE : NEAR_HUE);
+      size(ring);
+    }
+  }
+
+  store.on("hello", () => {
+    for (const ring of rings.values()) world.remove(ring);
+    rings = new Map();
+  });
+  return place;
+}

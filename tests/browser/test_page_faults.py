@@ -1,0 +1,140 @@
+"""Faults that the page once had: what is said, what stays, what does what its name says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.browser.test_page_state import TOOL, changed
+from tools.screenshot import settled
+
+import cartstiff
+from cartstiff.page.export import export_page
+from cartstiff.page.source import Cloud, Source
+
+
+def test_zero_is_zero_where_limits_allow_it(serve, pages):
+    page = pages.shared(serve("panda").url)
+    page.click("button:has-text('Zero')")
+    settled(page)
+    zeros = [min(max(0.0, c.lower), c.upper) for c in cartstiff.load("panda").mechanism.coordinates]
+    assert page.evaluate("() => window.cartstiff.state.q") == pytest.approx(zeros, abs=1e-12)
+    assert page.evaluate("() => window.cartstiff.numbers.result.q") == pytest.approx(zeros)
+
+
+def test_a_file_of_frames_says_why_and_that_sliders_go_back(tmp_path, pages):
+    file = tmp_path / "five-bar.html"
+    chain = cartstiff.load("five-bar")
+    file.write_text(export_page(Source(chain)), encoding="utf-8")
+    page = pages.open(file.as_uri(), offline=True)
+    said = page.inner_text("#left")
+    assert (
+        "each slider runs through computed postures; the others then stand as in the file" in said
+    )
+    assert "Why it does not compute: a closed chain is assembled posture by posture" in said
+    first, second = page.evaluate("() => window.cartstiff.hello.mechanism.sliders")
+    for slider in (first, second):
+        assert page.locator(".toast").count() == 0
+        page.focus(f"#slider-{slider}")
+        page.keyboard.press("ArrowRight")
+        settled(page)
+        q = page.evaluate("() => window.cartstiff.state.q")
+        assert page.evaluate("() => window.cartstiff.numbers.result.q") == q
+    assert "the others have gone back" in page.inner_text(".toast")
+    assert q[first] == pytest.approx(chain.q[first])
+    page.context.close()
+
+
+def test_a_logarithmic_colour_bar_says_so(serve, pages):
+    places = np.array([[0.1 * k, 0.2, 0.3] for k in range(5)])
+    values = {"wide": 10.0 ** np.arange(5), "narrow": np.arange(1.0, 6.0)}
+    cloud = Cloud(places, values, {"wide": "N/m", "narrow": "N/m"}, 1)
+    page = pages.open(serve("ur5", cloud=cloud).url)
+    bar = page.locator("#colour-bar")
+    assert bar.inner_text().split("\n")[0] == "wide, N/m, logarithmic"
+    assert bar.locator(".ends").inner_text().split() == ["1", "10000"]
+    changed(page, quantity_of_map="narrow")
+    assert bar.inner_text().split("\n")[0] == "narrow, N/m"
+    page.context.close()
+
+
+LINK = """<link name="l{k}"><visual><geometry><mesh filename="gone{k}.stl"/></geometry></visual>
+<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
+</link>
+<joint name="j{k}" type="revolute"><parent link="{parent}"/><child link="l{k}"/>
+<origin xyz="0.1 0 0.2" rpy="{roll} 0 0"/><axis xyz="0 0 1"/>
+<limit lower="-3" upper="3" effort="1" velocity="1"/></joint>"""
+
+
+def test_missing_meshes_are_one_line_and_leave_the_picture_free(serve, pages, tmp_path):
+    links = [LINK.format(k=k, parent=f"l{k - 1}" if k else "base", roll=1.2 * (k % 2))
+             for k in range(11)]  # fmt: skip
+    text = f'<robot name="r"><link name="base"/>{"".join(links)}</robot>'
+    (tmp_path / "r.urdf").write_text(text, encoding="utf-8")
+    page = pages.open(serve(str(tmp_path / "r.urdf")).url)
+    lines = page.evaluate("() => window.cartstiff.legend.lines")
+    notes = [line["text"] for line in lines if line["mark"] == "note"]
+    assert len([text for text in notes if "gone" in text]) == 1
+    assert "and 10 more like it" in notes[0]
+    legend, pane = page.locator("#legend").bounding_box(), page.locator("#pane").bounding_box()
+    assert legend["height"] < 0.5 * pane["height"]
+    assert np.abs(page.evaluate(TOOL)).max() < 0.95
+    page.context.close()
+
+
+def test_assumed_springs_are_said_beside_the_verdict(serve, pages):
+    page = pages.open(serve("ur5").url)
+    words = "stiffness of all joints taken as 1e4"
+    note = {"code": "stiffness-assumed", "message": words, "values": {}}
+    assert page.inner_text("header .chip") == "stiffness illustrative"
+    page.evaluate(
+        """(note) => {
+            const store = window.cartstiff;
+            store.numbers.result.notes.push(note);
+            store.tell("numbers", { numbers: store.numbers });
+        }""",
+        note,
+    )
+    assert page.inner_text("header .chip") == "stiffness assumed"
+    assert page.get_attribute("header .chip", "title") == words
+    page.context.close()
+
+
+def test_a_sweep_is_followed_between_its_samples(serve, pages):
+    page = pages.shared(serve("cable-robot").url)
+    load = [0, 0, 0, 102, 490, -119]
+    at = page.evaluate(
+        """(load) => {
+            const store = window.cartstiff;
+            const state = { ...store.state, load, load_axes: "inertial" };
+            return store.ask({ do: "sweep", coordinate: 3, steps: 61, state }).then(({ at }) => at);
+        }""",
+        load,
+    )
+    assert len(at) > 61
+    assert np.diff(at).min() < (at[-1] - at[0]) / 60 / 16
+
+
+# Controls that can be seen and not be pressed: something else lies over their middle.
+COVERED = """() => {
+    const controls = [...document.querySelectorAll("button, select, input, summary")];
+    return controls.flatMap((node) => {
+        if (!node.checkVisibility({ visibilityProperty: true, opacityProperty: true })) return [];
+        node.scrollIntoView({ block: "nearest" });
+        const { left, top, width, height } = node.getBoundingClientRect();
+        const there = document.elementFromPoint(left + width / 2, top + height / 2);
+        if (there && (node.contains(there) || there.contains(node))) return [];
+        return [`${node.outerHTML.slice(0, 90)} under ${there?.outerHTML.slice(0, 60)}`];
+    });
+}"""
+
+
+@pytest.mark.parametrize("size", [(1024, 768), (390, 844)])
+def test_no_control_lies_under_another(serve, pages, size):
+    page = pages.open(serve("ur5").url, viewport={"width": size[0], "height": size[1]})
+    page.evaluate(
+        "() => document.querySelectorAll('details').forEach((one) => { one.open = true; })"
+    )
+    settled(page)
+    page.click("summary:has-text('Show')")  # its list lies over the picture, as it should
+    assert page.evaluate(COVERED) == []
+    page.context.close()
