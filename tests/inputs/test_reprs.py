@@ -21,7 +21,8 @@ def arm():
 def test_what_is_read_cannot_be_written_to(name):
     result = cartstiff.analyse(cartstiff.load(name))
     before = json.dumps(result.as_dict())
-    arrays = [result.q, result.pose, result.wrench, result.jacobian]
+    arrays = [result.q, result.pose, result.wrench, result.jacobian, result.change_by_load]
+    arrays += [result.tangent, result.tangent_compliance, result.closure_forces]
     arrays += [*result.matrices.values(), *result.compliances.values()]
     for array in (a for a in arrays if a is not None):
         with pytest.raises(ValueError, match="read-only"):
@@ -29,6 +30,24 @@ def test_what_is_read_cannot_be_written_to(name):
     with pytest.raises(TypeError, match="does not support item assignment"):
         result.matrices["A"] = np.zeros((6, 6))
     assert json.dumps(result.as_dict()) == before
+
+
+def test_rest_states_modes_and_curves_cannot_be_written_to(arm):
+    state = cartstiff.equilibrium(arm, wrench=[0, 0, 0, 0, 0, -50])
+    curve = cartstiff.load_curve(arm, wrench=[0, 0, 0, 0, 0, -50])
+    found = cartstiff.modes(arm)
+    arrays = [state.q, state.pose, state.eigenvalues, curve.q, curve.factors, curve.displacement]
+    for array in [*arrays, found.mass, found.stiffness, found.basis]:
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 0.0
+
+
+def test_rounding_shows_as_zero():
+    """Symmetric legs move straight down: nothing but rounding is left in the other coordinates."""
+    state = cartstiff.equilibrium(cartstiff.load("cubic"), DeadForce([0.0, 0.0, -100.0]))
+    moved = repr(state).splitlines()[2].split()
+    assert moved[:3] == ["moved", "0,", "0,"]
+    assert float(moved[3]) == pytest.approx(state.pose[2, 3], rel=1e-3)
 
 
 def test_default_posture_is_not_written_to_through_a_result(arm):

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.arrays import csv_text
+from cartstiff.arrays import Result, csv_text
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.limits import Limits
@@ -27,7 +27,7 @@ Reason = Literal["factor-reached", "factor-left", "points-reached", "limit-conta
 
 
 @dataclass(frozen=True, eq=False)
-class LoadCurve:
+class LoadCurve(Result):
     """Equilibria along a growing (and perhaps falling) load.
 
     Attributes

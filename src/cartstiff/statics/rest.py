@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cartstiff.arrays import read_only
+from cartstiff.arrays import Result, fixed, read_only
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
@@ -58,7 +58,7 @@ class Reactions:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Equilibrium(ShownInLines):
+class Equilibrium(Result, ShownInLines):
     """A state in which all forces balance.
 
     Attributes
@@ -124,7 +124,7 @@ class Equilibrium(ShownInLines):
     @property
     def pose(self) -> Array:
         """``T_F_M`` (4, 4)."""
-        return self.posture.pose
+        return fixed(self.posture.pose)
 
     @property
     def K(self) -> StiffnessTensor:  # noqa: N802

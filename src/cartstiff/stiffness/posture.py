@@ -137,7 +137,7 @@ class PostureStiffness(ShownInLines):
     @property
     def closure_forces(self) -> Array:
         """Forces lam (m,) of the closures on the mechanism, in the order of its residual."""
-        return self.reduction.multipliers
+        return fixed(self.reduction.multipliers)
 
     @cached_property
     def matrices(self) -> Mapping[str, Array | None]:
@@ -238,7 +238,7 @@ class PostureStiffness(ShownInLines):
     @property
     def change_by_load(self) -> Array:
         """``K^load - K^B`` (6, 6), zero without a load: exists where no stiffness does, too."""
-        return self._changes[2]
+        return fixed(self._changes[2])
 
     @property
     def tangent(self) -> Array | None:
@@ -253,7 +253,8 @@ class PostureStiffness(ShownInLines):
     @cached_property
     def tangent_compliance(self) -> Array | None:
         """Inverse of `tangent`, found as `compliances`; exists at kinematic singularities too."""
-        return inverses.compliance_under(self.reduction, self.change_by_load)
+        C = inverses.compliance_under(self.reduction, self.change_by_load)
+        return None if C is None else fixed(C)
 
     @property
     def compliance(self) -> Compliance:

@@ -33,8 +33,9 @@ BlockUnits = tuple[tuple[str, str], tuple[str, str]]
 
 
 def numbers_text(values: Array) -> str:
-    """A few numbers on one line, to four digits."""
-    return ", ".join(f"{x:.4g}" for x in values.tolist())
+    """A few numbers on one line, to four digits; what is rounding of the largest is 0."""
+    least = numerics.BLANK * np.abs(values).max(initial=0.0)
+    return ", ".join(f"{x if abs(x) > least else 0.0:.4g}" for x in values.tolist())
 
 
 def posture_lines(result: PostureStiffness) -> list[str]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.analysis.screws import Screw, screw_of_twist
-from cartstiff.arrays import fixed
+from cartstiff.arrays import Result, fixed
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture, Units, convert_length
@@ -31,7 +31,7 @@ MODES_SCHEMA = "cartstiff-modes/1"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Modes(ShownInLines):
+class Modes(Result, ShownInLines):
     """Small vibrations about a rest state.
 
     Attributes

@@ -26,6 +26,7 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.analysis.tolerances import Parameters, Tolerances
+from cartstiff.arrays import Result
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, one_line
 from cartstiff.geometry.differences import derivative_with_error
 from cartstiff.geometry.se3 import Array
@@ -53,7 +54,7 @@ MATRICES = ("A", "B", "K", "F")
 
 
 @dataclass(frozen=True, eq=False)
-class Sensitivities:
+class Sensitivities(Result):
     """Derivatives by all parameters.
 
     Attributes

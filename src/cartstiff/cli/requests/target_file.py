@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,6 +25,9 @@ __all__ = ["Target", "read_target"]
 _EXCHANGED = 5.0
 # Bytes of a file with 36 numbers in it, generously.
 _LARGEST = 1 << 20
+# What a .json may say beside its matrix, and what a saved `StiffnessTensor` says besides.
+_SAID = ("order", "units", "frame")
+_SAVED = ("connection", "wrench", "pose")
 
 
 @dataclass(frozen=True)
@@ -83,9 +87,11 @@ class Target:
         if self.order_from == "default" and turn > 0 and move > 0:
             exchanged = np.trace(K[3:, 3:]), np.trace(K[:3, :3]) * result.posture.length**2
             if _unlike(turn, move) > _EXCHANGED * _unlike(*exchanged):
+                units = f"{mechanism.units.length} and {mechanism.units.force}"
                 raise InputError(
                     "the matrix looks as if translation came before rotation", where=self.where,
-                    expected=f"--target-order {ORDERS[1]}, or {ORDERS[0]} if it is meant so",
+                    expected=f"--target-order {ORDERS[1]}, or {ORDERS[0]} if it is meant so; other "
+                    f"units than {units} are named in a .json",
                 )  # fmt: skip
         return K
 
@@ -116,6 +122,11 @@ def read_target(path: Path, order: str | None) -> Target:
     if path.suffix not in (".json", ".csv", ".npy"):
         raise InputError("unknown file ending", where=where, expected=".json, .csv or .npy")
     said: dict[str, Any] = {}
+    unusable = (ValueError, TypeError, RecursionError, MemoryError)
+
+    def none_held(error: BaseException) -> InputError:
+        return InputError("does not hold a matrix", where=where, expected=expected, got=str(error))
+
     try:
         data = read_bytes(path, _LARGEST)
     except InputError as error:
@@ -131,13 +142,15 @@ def read_target(path: Path, order: str | None) -> Target:
             found = np.loadtxt(text.splitlines(), delimiter=",", ndmin=2)
         else:
             found = json.loads(data)
-            if isinstance(found, dict):
-                said, found = found, found.get("matrix")
+    except unusable as error:
+        raise none_held(error) from None
+    if isinstance(found, dict):
+        _check_keys(found, where)
+        said, found = found, found["matrix"]
+    try:
         matrix = checked_array(found, (6, 6), "matrix")
-    except (ValueError, TypeError, RecursionError, MemoryError) as error:
-        raise InputError(
-            "does not hold a matrix", where=where, expected=expected, got=str(error)
-        ) from None
+    except unusable as error:
+        raise none_held(error) from None
     if np.abs(matrix).max() > LARGEST:
         raise InputError("number is too large", where=where, expected=f"at most {LARGEST:g}",
                          got=f"{np.abs(matrix).max():g}")  # fmt: skip
@@ -159,6 +172,19 @@ def read_target(path: Path, order: str | None) -> Target:
         _frame(said.get("frame"), where),
         where,
     )
+
+
+def _check_keys(said: dict[str, Any], where: str) -> None:
+    if "matrix" not in said:
+        raise InputError("there is no key matrix", where=where, expected='{"matrix": [6 rows]}',
+                         got=_listed(said) or "no key")  # fmt: skip
+    if strange := said.keys() - {"matrix", *_SAID, *_SAVED}:
+        raise InputError(f"unknown key {_listed(strange)}", where=where,
+                         expected=f"matrix, {', '.join(_SAID)}")  # fmt: skip
+
+
+def _listed(keys: Iterable[str]) -> str:
+    return ", ".join(one_line(key, 30) for key in sorted(keys)[:6])
 
 
 def _units(units: Any, where: str) -> tuple[str, str] | None:
