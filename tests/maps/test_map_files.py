@@ -249,6 +249,21 @@ def test_single_precision_halves_the_numbers(elastic, tmp_path):
     np.testing.assert_allclose(single[QUANTITY], double[QUANTITY], rtol=1e-6)
 
 
+@pytest.mark.parametrize("single", [False, True])
+def test_what_is_known_of_written_parts_is_what_would_be_read(elastic, tmp_path, single):
+    file = tmp_path / "m.zarr"
+    job, map_file = prepare_map(
+        elastic, _grid(elastic), [QUANTITY], file, chunk=5, length=0.3, single=single
+    )
+    map_file.write(1, job.compute(map_file.boxes[1]))
+    facts = {}
+    run_map(job, map_file, facts=facts)
+    assert set(facts) == set(range(len(map_file.boxes))) - {1}
+    assert summary(open_map(file), facts) == summary(open_map(file))
+    facts[0][QUANTITY] = (-1.0, 1.0, 0.0, 1)
+    assert summary(open_map(file), facts) != summary(open_map(file))
+
+
 def test_nothing_is_computed_twice(elastic, tmp_path):
     file = tmp_path / "m.zarr"
     options = {"chunk": 5, "length": 0.3}

@@ -270,12 +270,13 @@ def command(
         elastic, sampling, quantities, output, connection=connection, single=single, chunk=chunk,
         command=shlex.join(context.meta["words"]), **asked,
     )  # fmt: skip
+    facts: dict[int, dict[str, Any]] = {}
     start, spent = time.perf_counter(), time.process_time()
     try:
         with watched() as work:
             computed, damaged = run_map(
                 job, file, threads=threads, workers=workers or 0, scheduler=scheduler,
-                progress=progress,
+                progress=progress, facts=facts,
             )  # fmt: skip
     except KeyboardInterrupt:
         say(
@@ -298,7 +299,9 @@ def command(
         from cartstiff.maps.across.configurations import single_branch as one_branch
 
         dataset = one_branch(whole, quantities[0], level, above is None)
-    answer = _answer(dataset, file, output, computed, seconds) | {"slice": places_of(whole, cuts)}
+    known = None if cuts or single_branch else facts
+    answer = _answer(dataset, file, output, computed, seconds, known)
+    answer |= {"slice": places_of(whole, cuts)}
     lists = {"best": best, "worst": worst}
     from cartstiff.report.maps import describe_map, ranked
 
@@ -363,7 +366,9 @@ def _check_ranked(quantities: tuple[str, ...]) -> None:
                              expected="other quantities")  # fmt: skip
 
 
-def _answer(dataset: Any, file: Any, output: Path, computed: int, seconds: float) -> dict[str, Any]:
+def _answer(
+    dataset: Any, file: Any, output: Path, computed: int, seconds: float, known: Any
+) -> dict[str, Any]:
     from cartstiff.maps.reading import branches_found, summary
 
     branches, total = branches_found(dataset), math.prod(file.shape)
@@ -385,5 +390,5 @@ def _answer(dataset: Any, file: Any, output: Path, computed: int, seconds: float
         "seconds": round(seconds, 3),
         **({} if branches is None else {"branches": branches}),
         **{key: dataset.attrs.get(key) for key in ("intervals", "told")},
-        **summary(dataset),
+        **summary(dataset, known),
     }

@@ -220,17 +220,17 @@ class MapJob:
             part[~closed] = np.nan
             there = closed
         if there.any():
-            whole = bool(there.all())
-            present = part if whole else part[there]
-            answer = self._answer(present)
-            state[there] = answer.state
+            at: slice | Array = slice(None) if there.all() else there
+            answer = self._answer(part[at])
+            state[at] = answer.state
             beyond = self._beyond(answer.q, answer.poses)
-            state[np.flatnonzero(there)[beyond]] = STATES.index(BEYOND)
             if self.moves:
-                part[there] = answer.q
+                part[at] = answer.q
+            if some := bool(beyond.any()):
+                state[np.flatnonzero(there)[beyond]] = STATES.index(BEYOND)
             for name, value in answer.values.items():
-                arrays[name][rows][there] = np.where(beyond, np.nan, value)
-            arrays["position"][rows][there] = answer.poses[:, :3, 3]
+                arrays[name][rows][at] = np.where(beyond, np.nan, value) if some else value
+            arrays["position"][rows][at] = answer.poses[:, :3, 3]
         arrays["state"][rows] = state
 
     def _answer(self, q: Array) -> Answer:
@@ -315,7 +315,7 @@ class MapJob:
 
     def _beyond(self, q: Array, poses: Array) -> Array:
         """Which postures (N,) are beyond limits."""
-        beyond = np.asarray(self._limits.side(self._limits.values(q, poses)).any(axis=-1))
+        beyond = self._limits.exceeded(self._limits.values(q, poses))
         legs = getattr(self.elastic.mechanism, "leg_limits", None)
         if legs is not None and legs.forces is not None:  # they depend on the load as well
             for i in np.flatnonzero(~beyond):

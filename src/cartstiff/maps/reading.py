@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     import xarray
 
 _T = TypeVar("_T")
+#: Variables of a map that are no quantities.
+_OTHERS = ("state", "position", "q", "branches")
 
 __all__ = [
     "best",
@@ -24,6 +26,7 @@ __all__ = [
     "blocks",
     "branches_found",
     "each_block",
+    "facts_of",
     "finite_range",
     "places_of",
     "share_within",
@@ -42,23 +45,39 @@ def state_names(dataset: xarray.Dataset) -> dict[int, str]:
 
 
 def each_block(
-    dataset: xarray.Dataset, names: Iterable[str], function: Callable[[Array], _T]
+    dataset: xarray.Dataset,
+    names: Iterable[str],
+    function: Callable[[Array], _T],
+    known: Mapping[int, Mapping[str, _T]] | None = None,
 ) -> list[list[_T]]:
     """What a function makes of the parts of some arrays, in the order of `blocks`.
 
     A few parts are read at a time, and one plan serves all: to plan each part for itself would take
-    longer than to read it.
+    longer than to read it. What is `known` of a part, by its number and the array's name, is not
+    read again.
     """
-    arrays = [dataset[name] for name in names]
-    if any(array.chunks is None for array in arrays):
-        return [[function(array.values)] for array in arrays]
+    arrays = {name: dataset[name] for name in names}
+    if any(array.chunks is None for array in arrays.values()):
+        return [[function(array.values)] for array in arrays.values()]
     from dask.base import compute
     from dask.delayed import delayed
 
-    parts = [[delayed(function)(part) for part in array.data.to_delayed().ravel()]
-             for array in arrays]  # fmt: skip
+    known = known or {}
+    parts = [[known[i][name] if i in known else delayed(function)(part)
+              for i, part in enumerate(array.data.to_delayed().ravel())]
+             for name, array in arrays.items()]  # fmt: skip
     found: list[list[_T]] = list(compute(*parts))  # type: ignore[no-untyped-call]
     return found
+
+
+def facts_of(arrays: Mapping[str, Array]) -> dict[str, Any]:
+    """Of the arrays of a part what its `summary` needs."""
+    facts = {name: finite_range(a) for name, a in arrays.items() if name not in _OTHERS}
+    return facts | {"state": _counts(arrays["state"])}
+
+
+def _counts(states: Array) -> Array:
+    return np.bincount(np.ravel(states), minlength=256)
 
 
 def blocks(array: xarray.DataArray) -> Iterator[dict[str, slice]]:
@@ -88,11 +107,20 @@ def quantity_of(dataset: xarray.Dataset, name: str) -> xarray.DataArray:
 
 def quantities_of(dataset: xarray.Dataset) -> list[str]:
     """Names of the quantities of a map."""
-    return [str(v) for v in dataset.data_vars if v not in ("state", "position", "q", "branches")]
+    return [str(v) for v in dataset.data_vars if v not in _OTHERS]
 
 
-def summary(dataset: xarray.Dataset) -> dict[str, Any]:
+def summary(
+    dataset: xarray.Dataset, known: Mapping[int, Mapping[str, Any]] | None = None
+) -> dict[str, Any]:
     """Number of postures in each state, and the range of every quantity.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        A whole map, or a part of one.
+    known : mapping, optional
+        For a whole map: `facts_of` the arrays of parts that need not be read, by their number.
 
     Returns
     -------
@@ -102,14 +130,15 @@ def summary(dataset: xarray.Dataset) -> dict[str, Any]:
     """
     names = state_names(dataset)
     counts: dict[str, int] = {}
-    (states,) = each_block(dataset, ["state"], lambda a: np.bincount(np.ravel(a), minlength=256))
+    (states,) = each_block(dataset, ["state"], _counts, known)
     every = np.sum(states, axis=0)
     for code in np.flatnonzero(every).tolist():
         name = names.get(code, str(code))
         counts[name] = counts.get(name, 0) + int(every[code])
     ranges = {}
     quantities = quantities_of(dataset)
-    for name, found in zip(quantities, each_block(dataset, quantities, finite_range), strict=True):
+    ranges_found = each_block(dataset, quantities, finite_range, known)
+    for name, found in zip(quantities, ranges_found, strict=True):
         array = dataset[name]
         lows, highs, totals, numbers = zip(*found, strict=True)
         low, high, total, number = min(lows), max(highs), sum(totals), sum(numbers)

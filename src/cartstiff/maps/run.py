@@ -18,6 +18,7 @@ from cartstiff.many.work import timed
 from cartstiff.maps.job import MapJob
 from cartstiff.maps.opening import open_map
 from cartstiff.maps.prepare import prepare_map
+from cartstiff.maps.reading import facts_of
 from cartstiff.maps.sampling import Sampling
 from cartstiff.maps.store import MapFile
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
@@ -154,10 +155,12 @@ def run_map(
     workers: int = 0,
     scheduler: str | None = None,
     progress: bool | None = False,
+    facts: dict[int, dict[str, Any]] | None = None,
 ) -> Run:
     """Compute the chunks that are missing or damaged.
 
-    Arguments as in `compute_map`.
+    Arguments as in `compute_map`; into `facts` goes, for `cartstiff.maps.reading.summary`, what
+    this process knows of the chunks that it has written.
     """
     if workers < 0 or (threads is not None and threads < 1):
         raise InputError("number of workers or threads cannot be used", got=(workers, threads))
@@ -182,30 +185,38 @@ def run_map(
 
                 run_in_processes(job, file, todo, advance, workers)
             else:
-                _run_here(job, file, todo, threads or cpu_count() or 1, advance)
-    return Run(len(todo), tuple(damaged.values()) + tuple(f"axis {name}" for name in axes))
+                written = _run_here(job, file, todo, threads or cpu_count() or 1, advance)
+                if facts is not None:
+                    facts |= written
+    mended = tuple(damaged.values()) + tuple(f"axis {name}" for name in axes)
+    return Run(len(todo), mended)
 
 
 def _run_here(
     job: MapJob, file: MapFile, todo: Sequence[int], threads: int,
     advance: Callable[[int], None],
-) -> None:  # fmt: skip
+) -> dict[int, dict[str, Any]]:  # fmt: skip
     """In this process: while a chunk is written, which mostly waits, the next one is computed."""
-    boxes = [file.boxes[chunk] for chunk in todo]
+    boxes, facts = [file.boxes[chunk] for chunk in todo], dict[int, dict[str, Any]]()
     with ThreadPoolExecutor(1) as pool:
         writing: Future[None] | None = None
         for chunk, solved in zip(todo, job.solved(boxes), strict=True):
             arrays = job.compute(file.boxes[chunk], threads, advance, solved)
             if writing is not None:
                 writing.result()
-            writing = pool.submit(_write, file, chunk, arrays)
+            writing = pool.submit(_write, file, chunk, arrays, facts)
         if writing is not None:
             writing.result()
+    return facts
 
 
-def _write(file: MapFile, chunk: int, arrays: Mapping[str, NDArray[Any]]) -> None:
+def _write(
+    file: MapFile, chunk: int, arrays: Mapping[str, NDArray[Any]], facts: dict[int, dict[str, Any]]
+) -> None:
     with timed("writing the file"):
         file.write(chunk, arrays)
+    facts[chunk] = facts_of({n: a.astype(file.arrays[n].dtype, copy=False)
+                             for n, a in arrays.items()})  # fmt: skip
 
 
 def _bar(

@@ -117,6 +117,14 @@ class Limits:
         below, above = values < self.lower - slack, values > self.upper + slack
         return np.where(below, -1, np.where(above, 1, 0))
 
+    def exceeded(self, values: Array) -> Array:
+        """Where one of the quantities (..., m) is beyond its limits: `side` is not 0."""
+        within: Array = ((values >= self.lower) & (values <= self.upper)).all(axis=-1)
+        beyond = ~within
+        if beyond.any():  # or a last digit, or no number, is the reason
+            beyond[beyond] = self.side(values[beyond]).any(axis=-1)
+        return beyond
+
     def excess(self, values: Array) -> Array:
         """How far quantities (..., m) are beyond their limits; 0 within."""
         beyond = np.maximum(self.lower - values, values - self.upper)
