@@ -220,11 +220,11 @@ def close_absolute(shown: np.ndarray, expected: np.ndarray) -> bool:
     return bool(np.all(np.abs(shown - expected) <= SHOWN * np.abs(expected).max()))
 
 
-def test_a_cell_says_all_its_digits(ur5):
+def test_a_cell_says_nine_digits(ur5):
     ur5.hover('.cell[data-row="3"][data-column="1"]')
     K = cartstiff.analyse(cartstiff.load("ur5")).matrices["K"]
     words = ur5.inner_text(".readout").replace("\u2212", "-")
-    assert float(words.split(" ")[0]) == pytest.approx(K[3, 1], rel=1e-12)
+    assert abs(float(words.split(" ")[0]) - K[3, 1]) < 1e-8 * np.abs(K).max()
     assert words.endswith("N/rad force along x per rotation about y")
     ur5.focus('.cell[data-row="0"][data-column="0"]')
     ur5.keyboard.press("ArrowDown")

@@ -43,6 +43,16 @@ export function short(x, digits = 4, large = 1e6) {
 /** A number with every digit that it has. */
 export const full = (x) => (x === null || x === undefined ? "–" : String(x).replace("-", MINUS));
 
+// Digits of the largest of several numbers in which each way of computing them agrees.
+const SURE = 9;
+
+/** A number to the digits that page, file and command share, beside the largest of its fellows. */
+export function sure(x, most = Math.abs(x)) {
+  if (!x || !Number.isFinite(x)) return full(x);
+  const digits = SURE + Math.floor(Math.log10(Math.abs(x))) - Math.floor(Math.log10(most));
+  return full(digits < 1 ? 0 : Number(x.toPrecision(digits)));
+}
+
 /** Numbers with those that are only rounding, beside the largest or a size, set to 0. */
 export const chop = (list, size = 0) => {
   const noise = BLANK * Math.max(size, ...list.map(Math.abs));

@@ -1,6 +1,6 @@
 // The 6x6 matrix as a heat map with units, and the choice of connection.
 
-import { byId, choice, copy, el, full, short } from "./dom.js";
+import { byId, choice, copy, el, sure, short } from "./dom.js";
 import { UNCOUPLED } from "./numerics.js";
 
 const WRENCH = ["mx", "my", "mz", "fx", "fy", "fz"];
@@ -148,7 +148,7 @@ export function matrixPanel(store) {
     const unit = store.blockUnits()[i < 3 ? 0 : 1][j < 3 ? 0 : 1];
     const stiff = store.state.quantity === "stiffness";
     const words = stiff ? `${WRENCH_WORDS[i]} per ${MOTION_WORDS[j]}` : `${MOTION_WORDS[i]} per ${WRENCH_WORDS[j]}`;
-    readout.replaceChildren(el("b", {}, `${full(shown[i][j])} ${unit}`), ` ${words}`);
+    readout.replaceChildren(el("b", {}, `${sure(shown[i][j], Math.max(...shown.flat().map(Math.abs)))} ${unit}`), ` ${words}`);
     readout.title = words;
   }
   const scaleWords = "colour: sign and size within blocks of one unit";

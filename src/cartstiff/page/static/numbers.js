@@ -1,6 +1,6 @@
 // Verdict, principal values, condition, distance to singularities, notes.
 
-import { byId, chop, clamp, el, full, short } from "./dom.js";
+import { byId, chop, clamp, el, sure, short } from "./dom.js";
 import { BLANK, NEAR, RANK } from "./numerics.js";
 
 const ICONS = { good: "✓", warning: "!", bad: "✕", none: "…" };
@@ -97,7 +97,7 @@ export function numbersPanel(store) {
         cell.textContent = x !== null && Math.abs(x) < BLANK * size ? "0" : short(x, 5);
         cell.classList.toggle("negative", x !== null && x < -BLANK * size);
         cell.title = x === null ? "does not exist here"
-          : `${full(x)} ${unit}\nalong (${found.axes[i].map((c) => short(c, 3)).join(", ")})${x < 0 ? "\nNEGATIVE: pushes away" : ""}`;
+          : `${sure(x, size)} ${unit}\nalong (${found.axes[i].map((c) => short(c, 3)).join(", ")})${x < 0 ? "\nNEGATIVE: pushes away" : ""}`;
       });
       compare.hidden = !store.pinned;
       if (store.pinned) ratios.forEach((cell, i) => {

@@ -1,7 +1,7 @@
 // Point at a part of the picture: what it is and its number; click: its row is lit.
 
 /* global MeshCat */
-import { byId, el, full, short } from "./dom.js";
+import { byId, el, sure, short } from "./dom.js";
 import { pathOf } from "./labels.js";
 
 // A press that moved less than this (dots) is a click.
@@ -121,7 +121,7 @@ export function words(store, what) {
     const name = mechanism.springs[what.index]?.name ?? `leg ${what.index + 1}`;
     return leg ? `${name}: ${short(leg.length, 5)} ${store.unit("length")}, tension ${short(leg.tension)} ${store.unit("force")}${share(name)}` : name;
   }
-  if (what.kind === "deflection") return `moved by ${full(Math.hypot(...(numbers.moved?.displacement ?? [0])))} ${store.unit("length")} under the load`;
+  if (what.kind === "deflection") return `moved by ${sure(Math.hypot(...(numbers.moved?.displacement ?? [0])))} ${store.unit("length")} under the load`;
   const part = what.kind === "moment" ? numbers.wrench?.slice(0, 3) : numbers.wrench?.slice(3);
   return part ? `load: ${short(Math.hypot(...part))} ${store.unit(what.kind === "moment" ? "moment" : "force")} (${part.map((x) => short(x, 3)).join(", ")})` : "load";
 }
