@@ -275,3 +275,18 @@ def test_a_search_that_runs_away_is_refused_in_words(tmp_path, recwarn):
     with pytest.raises(InputError, match="no rest lengths of the struts balance"):
         analyse(elastic, [-3e-7, 1e-7, 0.74, 0.1, 3.1, 0.4])
     assert not recwarn.list
+
+
+def test_assembly_modes_of_struts_are_those_at_rest(tmp_path):
+    elastic = _short(tmp_path, limits=[0.08, 0.12])
+    lengths = elastic.mechanism.leg_lengths(elastic.q) + np.eye(6)[1] * 1e-4
+    found = cartstiff.assemble(elastic, lengths)
+    told = after_command(elastic, {"leg2": 1e-4})
+    assert np.abs(found[0].pose - told.pose).max() <= 1e-10
+    assert relative_error(found[0].result.B.matrix, told.stiffness.B.matrix) <= 1e-8
+    assert found[0].stable
+    # Where ideal joints would let it, flexures are bent by more than they stand.
+    assert len(found) == 8
+    for mode in found.modes[1:]:
+        assert mode.stable is None
+        assert mode.notes[0].code == "no-rest"

@@ -9,7 +9,8 @@ from dataclasses import replace
 import jsonschema
 import numpy as np
 import pytest
-from scipy.optimize import linprog
+from scipy.optimize import linprog, minimize
+from scipy.spatial.transform import Rotation
 from tests.inputs.test_every_key import PLATFORM
 from tests.mechanisms.machines import write_file
 from tests.mechanisms.test_assembly_modes import FICHTER, MA_ANGELES
@@ -81,14 +82,29 @@ def test_boundary_poses_agree_with_analyse(machine, found):
             place = centre + (distance + step) * found.positions.directions[ray]
             q = np.append(place, machine.q[3:])
             notes = {n.code: n for n in cartstiff.analyse(machine, q).notes}
-            if limit == "singularity":
-                continue
             assert ("beyond-limits" not in notes) == inside
             if not inside:
                 name, _, _ = limit.rpartition(", ")
                 assert name in notes["beyond-limits"].values
     assert len(seen) > 3
     assert np.isclose(sum(found.positions.shares().values()), 1.0)
+
+
+def test_singular_boundaries_agree_with_analyse(tmp_path):
+    """Beside them `analyse` calls the pose nearly singular, and the lines' handedness changes."""
+    legs = {"stiffness": 1e5, "limits": [0.3, 3.0]}
+    machine = cartstiff.load(write_file(tmp_path, **(PLATFORM | {"legs": legs})))
+    found = cartstiff.workspace(machine, directions=50, scan=24, fits=False)
+    home = np.linalg.det(machine.mechanism.at(machine.q).actuation)
+    edges = [edge for edge in found.positions.edges if edge[3] == "singularity"]
+    assert len(edges) >= 8
+    for ray, distance, enters, _ in edges[::2]:
+        for step, inside in ((0.0, True), (-1e-5 if enters else 1e-5, False)):
+            place = found.centre + (distance + step) * found.positions.directions[ray]
+            result = cartstiff.analyse(machine, np.append(place, machine.q[3:]))
+            codes = {note.code for note in result.notes}
+            assert codes & {"near-type-2-singularity", "type-2-singularity"}
+            assert (np.linalg.det(result.posture.actuation) * home > 0) == inside
 
 
 PUS = {
@@ -123,9 +139,12 @@ def test_boundaries_of_bodies_on_legs_agree_with_analyse(machines, name, axes):
             pose = home.copy()
             offset = (distance + step) * found.positions.directions[ray]
             pose[columns] += found.scales * offset
-            if limit == "singularity" and not inside:
-                continue
-            if limit.startswith("reach") and not inside:
+            if limit == "singularity":
+                q = cartstiff.at_pose(elastic, pose)[0]
+                notes = {n.code for n in cartstiff.analyse(elastic, q).notes}
+                # With fewer than six drives it is the stiffness that tells.
+                assert notes & {"near-type-2-singularity", "type-2-singularity", "lost-digits"}
+            elif limit.startswith("reach") and not inside:
                 with pytest.raises(InputError, match="cannot be reached"):
                     cartstiff.at_pose(elastic, pose)
             else:
@@ -137,6 +156,9 @@ def test_boundaries_of_bodies_on_legs_agree_with_analyse(machines, name, axes):
             seen.add(limit)
     assert len(seen) > 1
     assert found.volume > 0
+    if name == "delta":
+        noted = cartstiff.workspace(elastic, directions=8, scan=4).notes[-1]
+        assert noted.code == "no-fits"
     json_text = json.dumps(found.as_dict(), allow_nan=False)
     jsonschema.validate(json.loads(json_text), json_schema("workspace"))
     assert found.axes[2] in describe_workspace(found)
@@ -186,6 +208,44 @@ def test_volume_of_a_body_on_rails_is_that_of_a_grid(machines):
     assert abs(found.volume - volume) < 0.01 * volume
     assert abs(found.volume - volume) < found.volume_error
     assert found.columns.poses + found.positions.poses < 0.1 * n**3
+
+
+def test_the_nearest_singular_pose_is_that_of_a_general_optimiser():
+    """Least squares under a constraint, by another method, from many starts."""
+    machine = cartstiff.load("hexapod")
+    platform, rng = machine.mechanism, np.random.default_rng(0)
+    L, pose = platform.length, platform.pose_of(machine.q)
+    found = cartstiff.workspace(machine, directions=8, scan=8, fits=False).singular
+
+    def determinant(x):  # x: turn, shift over L
+        turn = Rotation.from_rotvec(x[..., :3]).as_matrix()
+        arms = platform.points @ np.swapaxes(pose[:3, :3] @ turn, -1, -2)
+        ends = pose[:3, 3] + L * x[..., None, 3:] + arms
+        along = ends - platform.anchors
+        along /= np.linalg.norm(along, axis=-1, keepdims=True)
+
+        return np.linalg.det(np.concatenate([np.cross(arms / L, along), along], axis=-1))
+
+    home = determinant(np.zeros(6))
+    best = np.inf
+    for start in rng.normal(size=(8, 6)):
+        ends = minimize(
+            lambda x: x @ x, start, jac=lambda x: 2.0 * x, method="SLSQP",
+            constraints={"type": "eq", "fun": lambda x: float(determinant(x)) / home},
+            options={"maxiter": 300, "ftol": 1e-14},
+        )  # fmt: skip
+        if ends.success and abs(determinant(ends.x)) < 1e-9 * abs(home):
+            best = min(best, L * np.sqrt(ends.fun))
+    assert np.isclose(found.distance, best, rtol=1e-8)
+    assert abs(np.linalg.det(lines_at(platform, found.pose[None])[1])[0]) < 1e-9 * abs(home)
+    inner = rng.normal(size=(20_000, 6))
+    inner *= 0.999 * found.distance / L / np.linalg.norm(inner, axis=1, keepdims=True)
+    assert (determinant(inner) * home > 0).all()
+    assert found.shift >= found.distance
+    for offset in found.surface[::7]:
+        T = pose.copy()
+        T[:3, 3] = offset
+        assert abs(np.linalg.det(lines_at(platform, T[None])[1])[0]) < 1e-6 * abs(home)
 
 
 def test_what_fits_inside_is_inside(machine, found):

@@ -29,6 +29,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, Note, checked_elastic
 from cartstiff.mechanisms.limits import limit_notes
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notebook import ShownInLines
+from cartstiff.reach.struts_at_rest import at_rest_with
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 from cartstiff.vibration.modes import modes
 
@@ -53,17 +54,25 @@ class AssemblyMode(ShownInLines):
     multiplicity : int
         1; more at a singular pose in which several solutions meet, and which is known to a root
         of the digits.
+    more_notes : tuple of Note
+        Beside those of the result: that struts with flexures are not at rest here.
     """
 
     result: PostureStiffness
     residual: float
     multiplicity: int = 1
+    more_notes: tuple[Note, ...] = ()
 
     def _lines(self) -> list[str]:
         return [
             f"AssemblyMode at q = {np.array2string(self.q, precision=5)}",
             f"  smallest eigenvalue {self.eigenvalue}, stable {self.stable}",
         ]
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """All that must be known of this mode."""
+        return (*self.more_notes, *self.result.notes)
 
     @property
     def q(self) -> Array:
@@ -94,8 +103,8 @@ class AssemblyMode(ShownInLines):
 
         That is at singular poses, and where neither stiffness nor compliance exists.
         """
-        codes = {note.code for note in self.result.notes}
-        if self.multiplicity > 1 or codes & {"type-2-singularity", "singular-stiffness"}:
+        undecided = {"type-2-singularity", "singular-stiffness", "no-rest"}
+        if self.multiplicity > 1 or undecided & {note.code for note in self.notes}:
             return None
         if self.eigenvalue is not None:
             return self.eigenvalue > 0.0
@@ -148,7 +157,7 @@ class AssemblyMode(ShownInLines):
     def _own_notes(self) -> list[Note]:
         """Those that are not of loading."""
         general = {note.code for note in self.result.elastic.notes}
-        return [note for note in self.result.notes if note.code not in general]
+        return [note for note in self.notes if note.code not in general]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -319,8 +328,9 @@ def _of_platform(
     listed = []
     for i in order:
         at = platform.coordinates_of(poses[i])
-        missed = float(np.abs(platform.leg_lengths(at) - wanted).max())
-        listed.append(AssemblyMode(analyse(elastic, at), missed, int(counts[i])))
+        result, more = at_rest_with(elastic, q, wanted, at)
+        missed = float(np.abs(platform.leg_lengths(result.q) - wanted).max())
+        listed.append(AssemblyMode(result, missed, int(counts[i]), more))
     if search.moving:
         message = (
             f"{search.moving} of {sum((search.single, search.multiple, search.moving))} solutions "

@@ -70,6 +70,8 @@ class LegMargins:
             names.append("singularity")
         self.names = tuple(names)
 
+    is_slow = True
+
     def coordinates(self, poses: Array) -> Array:
         """x, y, z, roll, pitch, yaw (N, 6) of poses (N, 4, 4)."""
         return np.hstack([poses[:, :3, 3], se3.roll_pitch_yaw(poses)])
@@ -113,6 +115,14 @@ class LegMargins:
         if self.sign and rows.size and (rates := self.rates(q[rows])) is not None:
             found[rows] = self.sign * np.linalg.det(rates) >= 0.0
         return np.asarray(found)
+
+    def determinants(self, poses: Array) -> Array:
+        """Of `rates` (N,); NaN where the legs do not reach."""
+        q, _ = at_poses(self.elastic, self.coordinates(poses))
+        found, known = np.full(len(q), np.nan), np.isfinite(q).all(axis=1)
+        if known.any() and (rates := self.rates(q[known])) is not None:
+            found[known] = np.linalg.det(rates)
+        return found
 
     def ratios(self, poses: Array) -> Array | None:
         """Smallest over largest singular value of `rates` (N,); None where these do not exist."""

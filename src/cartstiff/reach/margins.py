@@ -95,7 +95,7 @@ class Margins:
             raise InputError("workspaces are found for platforms and bodies on cables",
                              got=elastic.mechanism.kind)  # fmt: skip
         self.platform, self.springs, self.sign = platform, springs, sign
-        self.limits = Limits(platform)
+        self.limits, self.length = Limits(platform), platform.length
         self.wrench, self.weight = wrench, np.zeros(3)
         if elastic.gravity is not None:
             self.weight = platform.weight(elastic.gravity)
@@ -166,6 +166,16 @@ class Margins:
             stands = (at.is_found & at.is_stable).all(axis=1)
             found[rows, 0] = np.where(stands, 1.0, -1.0)
         return found
+
+    def determinants(self, poses: Array) -> Array:
+        """Of six legs' lines (N,), moments over the body's length."""
+        return np.asarray(np.linalg.det(lines_at(self.platform, poses)[1]))
+
+    def ratios(self, poses: Array) -> Array | None:
+        """Smallest over largest singular value of six legs' lines (N,)."""
+        lines = lines_at(self.platform, poses)[1]
+        values = np.linalg.svd(lines, compute_uv=False)
+        return values[:, -1] / values[:, 0] if lines.shape[1] == 6 else None
 
     @property
     def is_slow(self) -> bool:

@@ -30,7 +30,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, Note, checked_elastic
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notebook import ShownInLines
 from cartstiff.reach.leg_margins import LegMargins
-from cartstiff.reach.margins import Margins, lines_at
+from cartstiff.reach.margins import Margins
 from cartstiff.reach.regions import (
     Columns,
     Moved,
@@ -41,6 +41,7 @@ from cartstiff.reach.regions import (
     rays_to_boundaries,
     shifted,
 )
+from cartstiff.reach.singularities import Singular, least_ratio, singular_around
 
 __all__ = ["WORKSPACE_SCHEMA", "Workspace", "workspace"]
 
@@ -67,6 +68,8 @@ class Workspace(ShownInLines):
     singularity : tuple of (ratio, position) or None
         Least ratio of singular values of six legs' lines, moments over the body's length, on the
         poses inside, and where it is.
+    singular : Singular or None
+        Where the determinant of six legs changes its sign, and how far the nearest such pose is.
     margin : float
         Least margin at the centre: negative where it is outside.
     axes : tuple of str
@@ -86,6 +89,7 @@ class Workspace(ShownInLines):
     sphere: tuple[Array, float] | None = None
     cube: tuple[Array, float] | None = None
     singularity: tuple[float, Array] | None = None
+    singular: Singular | None = None
     margin: float | None = None
     axes: tuple[str, ...] = ("x", "y", "z")
     scales: Array = field(default_factory=lambda: np.ones(3))
@@ -173,6 +177,7 @@ class Workspace(ShownInLines):
             },
             "singularity": None if near is None
             else {"least_ratio": near[0], "position": near[1].tolist()},
+            "singular": None if self.singular is None else self.singular.as_dict(),
             "boundary": self.boundary.tolist(),
             "limits": [] if self.positions is None else [e[3] for e in self.positions.edges],
             "notes": [note.as_dict() for note in self.notes],
@@ -279,12 +284,23 @@ def workspace(
         notes.append(Note("centre-outside", message, {"limit": worst}))
     sphere = cube = None
     quick = isinstance(margins, Margins) or margins.chain.legs
-    if fits and quick and at_centre.min() >= 0.0 and axes == ("x", "y", "z"):
-        sphere, cube = inscribed(margins, moved, here.centre, positions)
-    near = _nearest(margins, moved, here, positions)
+    if fits and at_centre.min() >= 0.0 and axes == ("x", "y", "z"):
+        if quick:
+            sphere, cube = inscribed(margins, moved, here.centre, positions)
+        else:
+            message = (
+                "the largest sphere and cube are not looked for: these legs' joints follow from a "
+                "pose by iterations alone"
+            )
+            notes.append(Note("no-fits", message, {}))
+    near = least_ratio(margins, moved, positions)
+    near = None if near is None else (near[0], here.centre + here.scales * near[1])
+    singular = singular_around(margins, pose, moved, positions, scan)
+    if singular is not None:
+        singular = replace(singular, surface=singular.surface * scales + here.centre)
     return replace(
         here, positions=positions, turns=turns, columns=columns, sphere=sphere, cube=cube,
-        singularity=near, margin=float(at_centre.min()), notes=tuple(notes),
+        singularity=near, singular=singular, margin=float(at_centre.min()), notes=tuple(notes),
     )  # fmt: skip
 
 
@@ -309,7 +325,7 @@ def _margins(
         raise InputError("no limits: every pose is within them",
                          expected="limits, base_joints, diameter or force in legs")  # fmt: skip
     if len(platform.points) == 6 and not through and not bare.springs.unilateral:
-        sign = float(np.sign(np.linalg.det(lines_at(platform, pose[None])[1])[0]))
+        sign = float(np.sign(bare.determinants(pose[None])[0]))
     return Margins(elastic, load, sign), pose
 
 
@@ -376,21 +392,3 @@ def _reach(platform: Platform, pose: Array, radius: float | None) -> float:
         raise InputError("the lengths of the legs have no upper limit, so that the workspace has "
                          "no bound", expected="legs.limits, or a radius")  # fmt: skip
     return farthest
-
-
-def _nearest(
-    margins: Margins | LegMargins, moved: Moved, here: Workspace, rays: Rays
-) -> tuple[float, Array] | None:
-    """The least ratio of singular values on the part of each ray that hangs on the centre."""
-    shares = np.linspace(0.0, 1.0, 9)
-    offsets = (shares[:, None, None] * rays.first[:, None] * rays.directions).reshape(-1, 3)
-    if isinstance(margins, LegMargins):
-        ratio = margins.ratios(moved(offsets))
-    else:
-        lines = lines_at(margins.platform, moved(offsets))[1]
-        values = np.linalg.svd(lines, compute_uv=False)
-        ratio = values[:, -1] / values[:, 0] if lines.shape[1] == 6 else None
-    if ratio is None:
-        return None
-    k = int(ratio.argmin())
-    return float(ratio[k]), here.centre + here.scales * offsets[k]

@@ -45,7 +45,7 @@ def describe_assembly(modes: AssemblyModes) -> str:
         ]
         if isinstance(elastic.mechanism, Platform):
             lines.append("det: of the legs' lines, moments over that length")
-        own = {note.code: note for mode in modes for note in mode.result.notes}
+        own = {note.code: note for mode in modes for note in mode.notes}
         known = {note.code for note in modes.notes}
         states = [
             Note(code, f"modes {_with(modes, code)}: {note.message}", note.values)
@@ -58,9 +58,7 @@ def describe_assembly(modes: AssemblyModes) -> str:
 
 def _with(modes: AssemblyModes, code: str) -> str:
     return ", ".join(
-        str(i + 1)
-        for i, mode in enumerate(modes)
-        if any(note.code == code for note in mode.result.notes)
+        str(i + 1) for i, mode in enumerate(modes) if any(note.code == code for note in mode.notes)
     )
 
 

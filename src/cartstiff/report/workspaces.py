@@ -78,6 +78,12 @@ def describe_workspace(reached: Workspace) -> str:
             f"  ({over} over the body's length {number(elastic.mechanism.at(elastic.q).length)} "
             f"{unit}; 0 is singular)",
         ]
+    if (near := reached.singular) is not None and near.distance is not None:
+        lines += [
+            f"Nearest singular pose found: {number(near.distance, 4)} {unit} away, by "
+            f"sqrt(distance^2 + ({number(near.length)} {unit} x angle)^2)"
+            + (f"; {number(near.shift, 4)} {unit} without turning" if near.shift else "")
+        ]
     return joined([*lines, *note_lines(reached.notes)])
 
 
@@ -121,6 +127,8 @@ def draw_workspace(reached: Workspace) -> Any:
         for k, kind in enumerate(kinds):
             own = np.array([name == kind for name in names])
             axis.scatter(*places[own][:, shown].T, s=4, color=colours[k % 20], label=kind)
+        if len(shown) == 3 and reached.singular is not None and len(reached.singular.surface):
+            axis.scatter(*reached.singular.surface.T, s=1, color="0.6", label="singular surface")
         for i, name in zip(shown, "xyz", strict=False):
             getattr(axis, f"set_{name}label")(labels[i])
         if is_place:

@@ -129,6 +129,23 @@ def workspace_schema(parts: dict[str, Any]) -> dict[str, Any]:
                 "the nearest to one that was met; moments over the body's length",
                 null=True,
             ),
+            "singular": js.object_with(
+                {
+                    "metric": {
+                        "type": "string",
+                        "description": "distances and angles in one number",
+                    },
+                    "length": js.number("of the metric: the body's"),
+                    "distance": js.number("to the nearest singular pose found", null=True),
+                    "pose": {"type": ["array", "null"], "description": "4x4, that pose of M"},
+                    "shift": js.number("to the nearest with the orientation kept", null=True),
+                    "surface": js.list_of(
+                        js.numbers("along the axes"), "changes of sign on the rays"
+                    ),
+                },
+                "where the determinant changes its sign, with or without limits",
+                null=True,
+            ),
             "boundary": js.list_of(
                 js.numbers("along the axes"), "boundaries: last ones within the limits"
             ),
