@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 
 import numpy as np
@@ -12,6 +13,7 @@ from tests.support import relative_error
 import cartstiff
 from cartstiff.cli.main import main
 from cartstiff.errors import InputError, UndefinedError
+from cartstiff.mechanisms.contract import SI, convert_length
 from cartstiff.report.output import write_result
 
 ORDER = [3, 4, 5, 0, 1, 2]
@@ -156,3 +158,94 @@ def test_the_command_writes_it(tmp_path, capfd):
     assert left.value.code in (0, None)
     assert "DMIG" in (tmp_path / "K.nas").read_text()
     capfd.readouterr()
+
+
+@pytest.mark.parametrize(
+    "name", ["stewart-gough", "stewart-simscape", "6-pus", "tricept", "five-bar", "hexaglide"]
+)
+def test_a_tree_with_closures_is_the_same_machine(tmp_path, name):
+    """Pinocchio reads the tree, the closures stand beside it; also from centimetres."""
+    elastic = cartstiff.load(name)
+    found = cartstiff.analyse(elastic)
+    write_result(found, tmp_path / "machine.urdf")
+    other = cartstiff.load(tmp_path / "machine.yaml")
+    again = cartstiff.analyse(other)
+    metres, newtons = convert_length(elastic.units, SI)
+    sizes = np.repeat([metres, 1.0], 3)
+    which = "matrices" if found.matrices["B"] is not None else "compliances"
+    K, K_again = getattr(found, which)["B"], getattr(again, which)["B"]
+    scale = newtons / metres if which == "matrices" else metres / newtons
+    K = K * scale * (np.outer(sizes, sizes) if which == "matrices" else 1 / np.outer(sizes, sizes))
+    assert relative_error(K_again, K) <= 1e-12
+    assert np.allclose(again.pose[:3, 3], metres * found.pose[:3, 3], atol=1e-14)
+    if name == "stewart-simscape":  # with the masses of its legs, and a preload
+        one, two = cartstiff.modes(elastic), cartstiff.modes(other)
+        assert np.allclose(one.frequencies, two.frequencies, rtol=1e-9)
+    if elastic.mechanism.kind == "stewart-gough":
+        given = elastic.with_springs(rest=0.99 * elastic.mechanism.leg_lengths(elastic.q))
+        write_result(cartstiff.analyse(given), tmp_path / "machine.urdf")
+        W = cartstiff.analyse(cartstiff.load(tmp_path / "machine.yaml")).wrench
+        sizes = np.repeat([metres, 1.0], 3) * newtons
+        assert relative_error(W, cartstiff.analyse(given).wrench * sizes) <= 1e-10
+
+
+def test_a_tree_holds_no_beams_and_no_cables(tmp_path):
+    for name, words in (
+        ("delta", "Beam"),
+        ("cable-robot", "LineSprings"),
+        ("flexure-hexapod", "Flex"),
+    ):
+        with pytest.raises(InputError, match=f"got {words}"):
+            write_result(cartstiff.analyse(cartstiff.load(name)), tmp_path / "machine.urdf")
+        assert not list(tmp_path.iterdir())
+
+
+def test_springs_of_nastran_add_up_to_the_stiffness(tmp_path):
+    """The cards are read by their columns and assembled with the rigid element's motions."""
+    elastic = cartstiff.load("hexapod")
+    result = cartstiff.analyse(elastic, elastic.q + np.array([0.01, 0, 0.02, 0.1, -0.2, 0.1]))
+    write_result(result, tmp_path / "legs.dat")
+    cards = (tmp_path / "legs.dat").read_text().splitlines()
+
+    def number(text):
+        return float(re.sub(r"(?<=\d)([+-]\d+)$", r"E\1", text.strip()))
+
+    grid, k, ends = {}, {}, []
+    for card, more in zip(cards, [*cards[1:], ""], strict=True):
+        if card.startswith("GRID*"):
+            x, y, z = number(card[40:56]), number(card[56:72]), number(more[8:24])
+            grid[int(card[8:24])] = np.array([x, y, z])
+            assert (more[40:56].strip() == "123456") == (int(card[8:24]) <= 6)
+        elif card.startswith("PBUSH*"):
+            k[int(card[8:24])] = number(card[40:56])
+        elif card.startswith("CBUSH"):
+            ends.append([int(card[8 * i : 8 * i + 8]) for i in (2, 3, 4)])
+    rigid = "".join(c[8:] for c in cards[cards.index(next(c for c in cards if "RBE2" in c)) :])
+    assert rigid.split()[:9] == ["7", "13", "123456", "7", "8", "9", "10", "11", "12"]
+    K = np.zeros((6, 6))
+    for spring, a, b in ends:
+        u = (grid[b] - grid[a]) / np.linalg.norm(grid[b] - grid[a])
+        g = np.append(np.cross(grid[b] - grid[13], u), u)
+        K += k[spring] * np.outer(g, g)
+    turned = np.kron(np.eye(2), result.pose[:3, :3])
+    assert relative_error(turned.T @ K @ turned, result.B.matrix) <= 1e-9
+
+
+def test_a_table_of_geometry_places_legs_and_joints(tmp_path):
+    elastic = cartstiff.load("stewart-simscape")
+    write_result(cartstiff.analyse(elastic), tmp_path / "legs.csv")
+    rows = list(csv.DictReader((tmp_path / "legs.csv").read_text().splitlines()))
+    for row in rows:
+        ends = [np.array([float(row[f"{e}_{a} [m]"]) for a in "xyz"]) for e in ("foot", "head")]
+        assert np.isclose(np.linalg.norm(ends[1] - ends[0]), float(row["length [m]"]), rtol=1e-12)
+    arm = cartstiff.load("ur5")
+    write_result(cartstiff.analyse(arm), tmp_path / "joints.csv")
+    rows = list(csv.DictReader((tmp_path / "joints.csv").read_text().splitlines()))
+    # The Jacobian of the last point follows from axes and places.
+    result, columns = cartstiff.analyse(arm), []
+    for row in rows:
+        place = np.array([float(row[f"{a} [m]"]) for a in "xyz"])
+        axis = np.array([float(row[f"axis_{a}"]) for a in "xyz"])
+        columns.append(np.append(axis, np.cross(axis, result.pose[:3, 3] - place)))
+    J = np.kron(np.eye(2), result.pose[:3, :3]).T @ np.array(columns).T
+    assert relative_error(J, result.jacobian) <= 1e-12

@@ -15,6 +15,7 @@ import numpy as np
 from cartstiff.errors import InputError, one_line
 from cartstiff.figures import figure_content
 from cartstiff.report.exchange.files import EXCHANGE, exchanged
+from cartstiff.report.exchange.geometry import urdf_with_closures
 from cartstiff.stiffness.compute import PostureStiffness
 
 __all__ = ["save_figure", "write_files", "write_result", "write_whole"]
@@ -52,12 +53,18 @@ def write_result(
 ) -> None:
     """Write a result as JSON (.json), NumPy arrays (.npz, with the JSON inside), or for others.
 
-    Nastran (.nas, .bdf), Abaqus (.inp), Matlab (.mat), LaTeX (.tex), MuJoCo (.xml, platforms on
-    lines): `cartstiff.report.exchange`. `data` is the JSON object, if it holds more than
-    ``result.as_dict()``.
+    Nastran (.nas, .bdf; legs as springs: .dat), Abaqus (.inp), Matlab (.mat), LaTeX (.tex), MuJoCo
+    (.xml, platforms on lines), the geometry as a table (.csv) or a tree (.urdf, with a mechanism
+    file of the same name that closes its loops): `cartstiff.report.exchange`. `data` is the
+    JSON object, if it holds more than ``result.as_dict()``.
     """
     if path.suffix.lower() in EXCHANGE:
         write_whole(path, exchanged(result, path.suffix.lower()))
+        return
+    if path.suffix.lower() == ".urdf":
+        tree, closures = urdf_with_closures(result, path.name)
+        write_whole(path, tree)
+        write_whole(path.with_suffix(".yaml"), closures)
         return
     text = json.dumps(result.as_dict() if data is None else data, allow_nan=False, indent=1)
     if path.suffix.lower() == ".json":
@@ -65,7 +72,7 @@ def write_result(
         return
     if path.suffix.lower() != ".npz":
         raise InputError("unknown file ending", got=path.name,
-                         expected=" or ".join([".json", ".npz", *EXCHANGE]))  # fmt: skip
+                         expected=" or ".join([".json", ".npz", ".urdf", *EXCHANGE]))  # fmt: skip
     arrays = {"q": result.q, "pose": result.pose, "description": np.array(text)}
     arrays |= {f"K_{name}": K for name, K in result.matrices.items() if K is not None}
     arrays |= {f"C_{name}": C for name, C in result.compliances.items() if C is not None}

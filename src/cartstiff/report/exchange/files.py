@@ -21,6 +21,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.mechanisms.platform import Platform, PlatformPosture
 from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.report.exchange.geometry import geometry_csv, large_field, legs_of_nastran
 from cartstiff.stiffness.posture import PostureStiffness
 
 __all__ = ["EXCHANGE", "exchanged"]
@@ -86,27 +87,17 @@ def _said(result: PostureStiffness) -> list[str]:
 def _nastran(result: PostureStiffness) -> bytes:
     """A grid point with its matrices as direct input (DMIG), in large fields."""
 
-    def field(x: float) -> str:
-        # Sixteen characters: the exponent without its letter leaves one digit more.
-        for digits in range(12, 5, -1):
-            text = f"{x:.{digits}E}"
-            mantissa, exponent = text.split("E")
-            short = f"{mantissa}{int(exponent):+d}"
-            if len(short) <= 16:
-                return f"{short:>16}"
-        return f"{x:16.6E}"
-
     def matrix(name: str, K: Array) -> list[str]:
         lines = [f"DMIG    {name:<8}{0:>8}{6:>8}{2:>8}{0:>8}"]
         for j in range(6):
             entries = [(i + 1, float(K[i, j])) for i in range(j, 6) if K[i, j] != 0.0]
             if entries:
                 lines.append(f"{'DMIG*':<8}{name:<16}{1:>16}{j + 1:>16}{'':16}")
-                lines += [f"{'*':<8}{1:>16}{i:>16}{field(x)}{'':16}" for i, x in entries]
+                lines += [f"{'*':<8}{1:>16}{i:>16}{large_field(x)}{'':16}" for i, x in entries]
         return lines
 
     mass = _mass(result)
-    x, y, z = map(field, result.pose[:3, 3])
+    x, y, z = map(large_field, result.pose[:3, 3])
     lines = [
         *[f"$ {line}" for line in _said(result)],
         "$ in case control: K2GG=KBODY" + ("" if mass is None else ", M2GG=MBODY"),
@@ -242,5 +233,5 @@ def _quaternion(R: Array) -> Array:
 #: By the ending of the file.
 EXCHANGE: dict[str, Callable[[PostureStiffness], bytes]] = {
     ".nas": _nastran, ".bdf": _nastran, ".inp": _abaqus, ".mat": _matlab, ".tex": _latex,
-    ".xml": _mujoco,
+    ".xml": _mujoco, ".dat": legs_of_nastran, ".csv": geometry_csv,
 }  # fmt: skip

@@ -1,0 +1,326 @@
+r"""A mechanism's geometry for other programs: URDF with closures beside it, Nastran springs, CSV.
+
+URDF knows trees alone. What closes its loops stands in a mechanism file of the same name beside it:
+closures, drives, springs and the posture, as `cartstiff.load` reads them. Both are in SI units.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from cartstiff.arrays import csv_rows
+from cartstiff.errors import InputError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.contract import SI, convert_length
+from cartstiff.mechanisms.platform import Platform, PlatformPosture
+from cartstiff.mechanisms.struts import Struts
+from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.potentials.springs import JointSprings
+from cartstiff.stiffness.posture import PostureStiffness
+
+__all__ = ["geometry_csv", "large_field", "legs_of_nastran", "urdf_with_closures"]
+
+_X, _Y, _Z = np.eye(3)
+# Of slides without limits: URDF wants some.
+_FAR = 1e6
+
+
+@dataclass
+class _Link:
+    """A link of a tree with the joint that moves it against its parent; fixed without an axis."""
+
+    name: str
+    parent: str
+    T: Array
+    axis: Array | None = None
+    slides: bool = False
+    limits: tuple[float, float] = (-np.inf, np.inf)
+    joint: str = ""
+    body: tuple[float, Array, Array] = (0.0, np.zeros(3), np.zeros((3, 3)))
+
+    def xml(self) -> str:
+        """Link and joint."""
+
+        def words(values: Array) -> str:
+            return '"' + " ".join(repr(float(x)) for x in values) + '"'
+
+        name, (mass, centre, I) = quoteattr(self.name), self.body  # noqa: E741
+        link = f"  <link name={name}/>"
+        if mass > 0.0:
+            moments = " ".join(
+                f'i{a}{b}="{float(I[i, j])!r}"'
+                for (i, a), (j, b) in ((p, q) for p in enumerate("xyz") for q in enumerate("xyz"))
+                if i <= j
+            )
+            link = (
+                f"  <link name={name}><inertial><origin xyz={words(centre)}/>"
+                f'<mass value="{mass!r}"/><inertia {moments}/></inertial></link>'
+            )
+        kind, more = "fixed", ""
+        if self.axis is not None:
+            low, high = np.clip(self.limits, -_FAR, _FAR).tolist()
+            kind = "prismatic" if self.slides else "revolute"
+            more = f'<axis xyz={words(self.axis)}/><limit lower="{low!r}" upper="{high!r}" ' \
+                   'effort="0" velocity="0"/>'  # fmt: skip
+            if not self.slides and not np.isfinite(self.limits).all():
+                kind, more = "continuous", more.partition("<limit")[0]
+        at = f"xyz={words(self.T[:3, 3])} rpy={words(se3.roll_pitch_yaw(self.T))}"
+        return (
+            f'{link}\n  <joint name={quoteattr(self.joint or "to " + self.name)} type="{kind}">'
+            f"<parent link={quoteattr(self.parent)}/><child link={name}/><origin {at}/>{more}"
+            "</joint>"
+        )
+
+
+def urdf_with_closures(result: PostureStiffness, name: str) -> tuple[bytes, bytes]:
+    """A URDF file, and the mechanism file beside it that names it `name` and closes its loops.
+
+    Raises
+    ------
+    InputError
+        For what these files cannot say: cables, legs that bend, links that give, other laws.
+    """
+    elastic = result.elastic
+    refused = [type(p).__name__ for p in elastic.potentials]
+    springs = elastic.springs
+    if type(springs) is LineSprings and not springs.unilateral and not refused:
+        links, closures, keys = _of_platform(result, springs)
+    elif isinstance(springs, JointSprings) and not springs.laws and not refused:
+        links, closures, keys = _of_chain(result, springs)
+    else:
+        what = refused or [type(springs).__name__]
+        raise InputError(
+            "URDF with closures holds linear springs in joints alone, or straight legs that push "
+            "and pull", where=elastic.name, got=", ".join(what),
+        )  # fmt: skip
+    if elastic.gravity is not None:
+        keys["gravity"] = np.asarray(elastic.gravity).tolist()
+    kind = "closed-chain" if closures else "serial"
+    if not closures:
+        keys.pop("actuated", None)
+    head = {"kind": kind, "name": elastic.name, "model": name, "frame": "M"}
+    rows = [f"{key}: {json.dumps(value)}" for key, value in (head | keys).items()]
+    rows += ["closures:"] * bool(closures) + [f"  - {json.dumps(c)}" for c in closures]
+    xml = [
+        '<?xml version="1.0"?>', f"<robot name={quoteattr(elastic.name)}>", '  <link name="base"/>',
+        *(link.xml() for link in links), "</robot>",
+    ]  # fmt: skip
+    return ("\n".join(xml) + "\n").encode(), ("\n".join(rows) + "\n").encode()
+
+
+_Parts = tuple[list[_Link], list[dict[str, object]], dict[str, object]]
+
+
+def _of_platform(result: PostureStiffness, springs: LineSprings) -> _Parts:
+    """Legs of two hinges and a slide; the platform hangs on the first and is tied to the others."""
+    posture, platform = result.posture, result.elastic.mechanism
+    if not isinstance(platform, Platform) or not isinstance(posture, PlatformPosture):
+        raise TypeError("a platform")
+    length, force = convert_length(result.elastic.units, SI)
+    T = np.array(posture.pose)
+    T[:3, 3] *= length
+    lines = posture.lines
+    links: list[_Link] = []
+    closures: list[dict[str, object]] = []
+    limits = np.tile([0.0, np.inf], (len(lines.lengths), 1))
+    if platform.limits is not None:
+        limits = platform.limits
+    named: dict[str, dict[str, float]] = {}
+    for i, L in enumerate((length * lines.lengths).tolist()):
+        z = T[:3, :3] @ lines.directions[i]
+        x = np.linalg.svd(z[None])[2][1]
+        foot = se3.pose(np.column_stack([x, np.cross(z, x), z]), length * platform.anchors[i])
+        leg = f"leg{i + 1}"
+        low, high = (length * limits[i] - L).tolist()
+        links += [
+            _Link(f"{leg} cross", "base", foot, _X, joint=f"{leg}_u1"),
+            _Link(f"{leg} tube", f"{leg} cross", np.eye(4), _Y, joint=f"{leg}_u2",
+                  body=_bar(platform.struts, i, length, fixed=True)),
+            _Link(f"{leg} rod", f"{leg} tube", se3.pose(translation=[0, 0, L]), _Z, True,
+                  (low, high), leg, _bar(platform.struts, i, length, fixed=False)),
+        ]  # fmt: skip
+        named[leg] = {"stiffness": float(springs.stiffness[i] * force / length)}
+        if springs.is_complete:
+            rest = lines.lengths[i] - springs.tensions(lines.lengths)[i] / springs.stiffness[i]
+            named[leg]["rest"] = float(rest * length - L)
+        head = se3.pose(translation=length * platform.points[i])
+        if i == 0:
+            end = se3.pose(foot[:3, :3], T[:3, :3] @ head[:3, 3] + T[:3, 3])
+            about = platform.body_inertia[:3, :3]
+            arm = se3.skew(platform.mass_centre)
+            own = length**2 * (about + platform.mass * arm @ arm)
+            body = (platform.mass, length * platform.mass_centre, own)
+            links += [
+                _Link("ball x", f"{leg} rod", np.eye(4), _X, joint="ball_x"),
+                _Link("ball y", "ball x", np.eye(4), _Y, joint="ball_y"),
+                _Link("ball z", "ball y", np.eye(4), _Z, joint="ball_z"),
+                _Link("M", "ball z", se3.inverse(end) @ T, body=body),
+            ]
+        else:
+            points = [head[:3, 3].tolist(), [0.0, 0.0, 0.0]]
+            closures.append({"frames": ["M", f"{leg} rod"], "type": "point", "points": points})
+    return links, closures, {"actuated": list(named), "springs": named}
+
+
+def _bar(struts: Struts | None, i: int, length: float, fixed: bool) -> tuple[float, Array, Array]:
+    """A bar of leg i: mass, centre on the leg's axis z, inertia, with none about z."""
+    if struts is None:
+        return 0.0, np.zeros(3), np.zeros((3, 3))
+    mass, com = (struts.fixed, struts.fixed_com) if fixed else (struts.moving, -struts.moving_com)
+    about = length**2 * float(mass[i] * (com[i] ** 2 / 3 + struts.radius[i] ** 2 / 4))
+    return float(mass[i]), length * com[i] * _Z, about * np.diag([1.0, 1.0, 0.0])
+
+
+def _of_chain(result: PostureStiffness, springs: JointSprings) -> _Parts:
+    """The tree of a chain, joint by joint, with a link for each end of a closure."""
+    elastic, chain = result.elastic, result.elastic.mechanism
+    if not isinstance(chain, Chain):
+        raise TypeError("a chain")
+    tree, odd = chain.tree, [c.name for c in chain.coordinates if c.type == "helical"]
+    if tree.mimic is not None or odd or len(chain.coordinates) != tree.model.nv:
+        raise InputError("screws, and joints that follow others, are not written",
+                         where=elastic.name, got=", ".join(odd) or "mimic joints")  # fmt: skip
+    length, force = convert_length(elastic.units, SI)
+
+    def scaled(T: Array) -> Array:
+        other = np.array(T)
+        other[:3, 3] *= length
+        return other
+
+    names = ["base", *(f"link {i}" for i in range(1, tree.model.njoints))]
+    links, screws = [], tree.screws()
+    bodies = list(tree.model.inertias)
+    sizes = np.where(chain.is_length, length, 1.0)
+    for i, (c, T) in enumerate(zip(chain.coordinates, tree.placements(), strict=True)):
+        axis = screws[i, 3:] if c.is_length else screws[i, :3]
+        own = bodies[i + 1]
+        body = (float(own.mass), length * own.lever, length**2 * own.inertia)
+        limits = (c.lower * sizes[i], c.upper * sizes[i])
+        links.append(_Link(names[i + 1], names[int(tree.model.parents[i + 1])], scaled(T), axis,
+                           c.is_length, limits, c.name, body))  # fmt: skip
+
+    def fixed(name: str, frame: str) -> str:
+        at = chain.placement(frame)
+        links.append(_Link(name, names[at.joint], scaled(at.T_j_f)))
+        return name
+
+    closures: list[dict[str, object]] = []
+    for k, tie in enumerate(chain.closures):
+        ends = [fixed(f"tie {k + 1}{s}", f) for s, f in (("a", tie.frame_a), ("b", tie.frame_b))]
+        closures.append({"frames": ends, "type": tie.type})
+    links.append(_Link("M", names[chain.body.joint], scaled(chain.body.T_j_f)))
+    named: dict[str, dict[str, object]] = {}
+    stiff: str | float
+    for j, (c, k) in enumerate(zip(chain.coordinates, springs.stiffness.tolist(), strict=True)):
+        if k > 0.0:
+            stiff = "rigid" if np.isinf(k) else float(k * force * length / sizes[j] ** 2)
+            named[c.name] = {"stiffness": stiff}
+            if np.isfinite(springs.rest[j]) and np.isfinite(k):
+                named[c.name]["rest"] = float(springs.rest[j] * sizes[j])
+    q = {c.name: float(x) for c, x in zip(chain.coordinates, result.q * sizes, strict=True)}
+    passive = [c.name for c in chain.coordinates if c.name not in named]
+    drives = [chain.coordinates[j].name for j in chain.actuated or ()]
+    return links, closures, {"q": q, "actuated": drives, "springs": named, "passive": passive}
+
+
+def legs_of_nastran(result: PostureStiffness) -> bytes:
+    """Legs of a platform as springs (CBUSH) between grid points, the body rigid (RBE2), no load.
+
+    Raises
+    ------
+    InputError
+        For other mechanisms, cables, and legs that bend.
+    """
+    platform, springs, posture = result.elastic.mechanism, result.elastic.springs, result.posture
+    if (
+        not isinstance(platform, Platform) or not isinstance(posture, PlatformPosture)
+        or type(springs) is not LineSprings or springs.unilateral
+    ):  # fmt: skip
+        raise InputError("springs of Nastran are written of straight legs that push and pull",
+                         where=result.elastic.name, got=f"kind {platform.kind}")  # fmt: skip
+    m, units = len(springs.stiffness), result.elastic.units
+    ends = posture.pose[:3, 3] + platform.points @ posture.pose[:3, :3].T
+    heads = ", ".join(str(i) for i in range(m + 1, 2 * m + 1))
+    lines = [
+        f"$ legs of a platform as springs, without what their tensions add: {units.force}, "
+        f"{units.length}",
+        f"$ grid points 1 to {m} on the ground, {m + 1} to {2 * m} on the body, {2 * m + 1} is M",
+        "BEGIN BULK",
+    ]
+    places = np.vstack([platform.anchors, ends, posture.pose[:3, 3]])
+    for i, place in enumerate(places.tolist()):
+        x, y, z = (large_field(v) for v in place)
+        held = "123456" if i < m else ""
+        lines += [f"GRID*   {i + 1:>16}{'':16}{x}{y}", f"*       {z}{'':16}{held:>16}"]
+    for i, k in enumerate(springs.stiffness):
+        lines += [
+            f"PBUSH*  {i + 1:>16}{'K':<16}{large_field(k)}", "*",
+            f"CBUSH   {i + 1:>8}{i + 1:>8}{i + 1:>8}{m + i + 1:>8}",
+        ]  # fmt: skip
+    return ("\n".join([*lines, *_rigid(m, heads), "ENDDATA"]) + "\n").encode()
+
+
+def _rigid(m: int, heads: str) -> Iterator[str]:
+    """An RBE2 from M to the legs' heads; eight fields a line."""
+    fields = [str(m + 1), str(2 * m + 1), "123456", *heads.split(", ")]
+    for first in range(0, len(fields), 8):
+        name = "RBE2    " if first == 0 else "        "
+        yield name + "".join(f"{f:>8}" for f in fields[first : first + 8])
+
+
+def large_field(x: float) -> str:
+    """A number in sixteen characters, with as many digits as they hold."""
+    for digits in range(12, 5, -1):
+        mantissa, exponent = f"{x:.{digits}E}".split("E")
+        short = f"{mantissa}{int(exponent):+d}"
+        if len(short) <= 16:
+            break
+    return f"{short:>16}"
+
+
+def geometry_csv(result: PostureStiffness) -> bytes:
+    """A row a leg, or a joint: where it is at the posture, in F, its stiffness and its limits."""
+    elastic, posture = result.elastic, result.posture
+    unit, force = elastic.units.length, elastic.units.force
+    if isinstance(posture, PlatformPosture):
+        platform = elastic.mechanism
+        if not isinstance(platform, Platform) or not isinstance(elastic.springs, LineSprings):
+            raise TypeError("a platform on lines")
+        heads = posture.pose[:3, 3] + platform.points @ posture.pose[:3, :3].T
+        limits = np.tile([np.nan, np.nan], (len(heads), 1))
+        if platform.limits is not None:
+            limits = platform.limits
+        names = [f"{end}_{a} [{unit}]" for end in ("foot", "head", "head_in_M") for a in "xyz"]
+        names = ["leg", *names, f"length [{unit}]", f"stiffness [{force}/{unit}]"]
+        names += [f"shortest [{unit}]", f"longest [{unit}]"]
+        rows = np.column_stack([platform.anchors, heads, platform.points, posture.lines.lengths,
+                                elastic.springs.stiffness, limits])  # fmt: skip
+        told = ([f"leg{i + 1}", *_known(row)] for i, row in enumerate(rows))
+        return csv_rows(names, told).encode()
+    chain, springs = elastic.mechanism, elastic.springs
+    if not isinstance(chain, Chain):
+        raise InputError("a table of geometry is of platforms and of joints", got=chain.kind)
+    places = chain.tree.at(posture.q).joint_poses(list(range(1, chain.tree.model.njoints)))
+    screws = chain.tree.screws()
+    k = springs.stiffness if isinstance(springs, JointSprings) else np.full(len(posture.q), np.nan)
+    names = ["joint", "type", *(f"{a} [{unit}]" for a in "xyz"), *(f"axis_{a}" for a in "xyz")]
+    names += [f"position [rad or {unit}]", f"lower [rad or {unit}]", f"upper [rad or {unit}]",
+              f"stiffness [{force} {unit}/rad or {force}/{unit}]"]  # fmt: skip
+    table = []
+    for i, c in enumerate(chain.coordinates[: len(places)]):
+        axis = places[i][:3, :3] @ (screws[i, 3:] if c.is_length else screws[i, :3])
+        row = [*places[i][:3, 3], *axis, posture.q[i], c.lower, c.upper, k[i]]
+        table.append([c.name, c.type, *_known(np.array(row))])
+    return csv_rows(names, table).encode()
+
+
+def _known(row: Array) -> list[float | None]:
+    """Numbers, and nothing where there is none."""
+    return [float(x) if np.isfinite(x) else None for x in row]
