@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final, Literal, get_args
 
-__all__ = ["LEVELS", "LOAD_KINDS", "ORDERS", "RESPONSES", "Order"]
+__all__ = ["LEVELS", "LOAD_KINDS", "ORDERS", "RESPONSES", "TENSIONS", "Distribution", "Order"]
 
 #: What a load does while the body moves, in words.
 LOAD_KINDS: Final = {
@@ -14,6 +14,9 @@ LOAD_KINDS: Final = {
 }
 Order = Literal["angular-linear", "linear-angular"]
 ORDERS: Final[tuple[Order, ...]] = get_args(Order)
+#: Which tensions of cables count: any within their limits, or those of a stated distribution.
+Distribution = Literal["any", "closed-form"]
+TENSIONS: Final[tuple[Distribution, ...]] = get_args(Distribution)
 #: How much of the analysis is printed.
 LEVELS: Final = ("full", "short", "none")
 #: Responses to a force, and how often the displacement is differentiated for each.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import jsonschema
 import numpy as np
@@ -292,6 +293,33 @@ def test_tensions_that_carry_a_wrench_are_those_of_a_linear_programme():
     ]
     assert (margins > 0).tolist() == feasible
     assert 4 < sum(feasible) < 36
+
+
+def test_tensions_nearest_to_the_middle_of_their_limits(tmp_path):
+    """Against a constrained least-squares solver; their workspace is the smaller one."""
+    text = (Path(__file__).parents[2] / "robots/cable-robot.yaml").read_text("utf-8")
+    (tmp_path / "cables.yaml").write_text(text + "  force: [5, 120]\n")
+    robot = cartstiff.load(tmp_path / "cables.yaml")
+    wrench = np.array([0.0, 0, 0, 3.0, 0, -40.0])
+    asked = {"wrench": wrench, "directions": 18, "scan": 12, "radius": 2.0, "fits": False}
+    every = cartstiff.workspace(robot, **asked)
+    middle = cartstiff.workspace(robot, **asked, tensions="closed-form")
+    assert 0.0 < middle.volume < every.volume
+    assert {name[:5] for name in middle.positions.shares()} == {"force"}
+    lines = robot.mechanism.at(robot.q).lines.lines
+    best = minimize(
+        lambda t: ((t - 62.5) ** 2).sum(), np.full(8, 62.5), jac=lambda t: 2 * (t - 62.5),
+        constraints={"type": "eq", "fun": lambda t: lines.T @ t - wrench, "jac": lambda _: lines.T},
+        method="SLSQP", options={"ftol": 1e-14},
+    )  # fmt: skip
+    assert np.allclose(middle.distribution["at_centre"], best.x, atol=1e-6)
+    assert every.distribution["at_centre"] == middle.distribution["at_centre"]
+    assert "nearest to the middle" in describe_workspace(middle)
+    jsonschema.validate(json.loads(json.dumps(middle.as_dict())), json_schema("workspace"))
+    with pytest.raises(InputError, match="middle of the limits"):
+        cartstiff.workspace(cartstiff.load("cable-robot"), tensions="closed-form", radius=2.0)
+    with pytest.raises(InputError, match="unknown distribution"):
+        cartstiff.workspace(robot, tensions="least")
 
 
 def test_cables_without_upper_limit_close_around_the_middle():

@@ -11,9 +11,12 @@ body moves though all drives are held. Beyond it the determinant has the other s
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
+from cartstiff.arrays import checked_length
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -115,6 +118,25 @@ class LegMargins:
         if self.sign and rows.size and (rates := self.rates(q[rows])) is not None:
             found[rows] = self.sign * np.linalg.det(rates) >= 0.0
         return np.asarray(found)
+
+    def distribution(self, pose: Array) -> dict[str, Any]:  # noqa: ARG002
+        """Nothing: legs made of joints have no limits of forces."""
+        return {}
+
+    def reach(self, radius: float | None) -> float:
+        """How far the body can be: as all links of a leg in a row, its slides at their ends."""
+        if radius is not None:
+            return checked_length(radius, "radius")
+        chain, lengths = self.chain, []
+        bounds = np.array([[c.lower, c.upper] for c in chain.coordinates])
+        for leg in self.legs:
+            links = [np.linalg.norm(T[:3, 3]) for T in leg.chain.tree.placements()]
+            slides = [j for j in leg.columns if chain.is_length[j] and j not in chain.virtual]
+            lengths.append(sum(links) + np.abs(bounds[slides].T - self.elastic.q[slides]).sum())
+        if not np.isfinite(min(lengths)):
+            raise InputError("the slides have no limits, so that the workspace has no bound",
+                             expected="legs.limits, or a radius")  # fmt: skip
+        return 2.0 * float(min(lengths))
 
     def determinants(self, poses: Array) -> Array:
         """Of `rates` (N,); NaN where the legs do not reach."""

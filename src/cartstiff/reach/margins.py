@@ -9,16 +9,25 @@ zonotope, whose facets are normal to n with n . g = 0 for five of the lines each
 
 and the least of these differences, over \|n\|, is the margin: the wrench (moments over the body's
 length) that may be added in any direction.
+
+Of all distributions of tensions one is told in closed form, the nearest to the middle t_m of the
+limits:
+
+    t = t_m + A^+ (W - A t_m),    A = (g_1, ..., g_m).
+
+It leaves the limits somewhat before the last distribution does.
 """
 
 from __future__ import annotations
 
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff import numerics
+from cartstiff.choices import TENSIONS, Distribution
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -89,7 +98,10 @@ class Margins:
         What is limited, and at which side.
     """
 
-    def __init__(self, elastic: ElasticMechanism, wrench: Array, sign: float = 0.0) -> None:
+    def __init__(
+        self, elastic: ElasticMechanism, wrench: Array, sign: float = 0.0,
+        tensions: Distribution = "any",
+    ) -> None:  # fmt: skip
         platform, springs = elastic.mechanism, elastic.springs
         if not isinstance(platform, Platform) or not isinstance(springs, LineSprings):
             raise InputError("workspaces are found for platforms and bodies on cables",
@@ -117,7 +129,18 @@ class Margins:
         self._lower = self._lower[~zero]  # lengths and angles are not below zero
         names = [f"{self.limits.names[i]}, least" for i in self._lower]
         names += [f"{self.limits.names[i]}, most" for i in self._upper]
-        if self.forces is not None and self.is_spread:
+        self.tensions = tensions
+        if tensions not in TENSIONS:
+            raise InputError("unknown distribution of tensions", expected=" or ".join(TENSIONS),
+                             got=tensions)  # fmt: skip
+        if tensions != "any" and (
+            self.forces is None or not self.is_spread or not np.isfinite(self.forces).all()
+        ):
+            raise InputError(
+                "the middle of the limits exists for cables, or more than six legs, with least and "
+                "largest tensions", where="tensions", expected="legs.force", got=tensions,
+            )  # fmt: skip
+        if self.forces is not None and self.is_spread and tensions == "any":
             names.append("tensions")
         elif self.forces is not None:
             names += [f"force of leg{i + 1}, least" for i in range(m)]
@@ -139,12 +162,16 @@ class Margins:
         if self.forces is not None:
             asked = self._asked(poses)
             least, most = self.forces.T
-            if self.is_spread:
+            if self.is_spread and self.tensions == "any":
                 found = wrench_margins(lines, asked, least, most)
                 # On the edge itself nothing more can be carried, as by cables without tension.
                 parts.append(np.where(found > 0.0, found, np.minimum(found, -1.0))[:, None])
             else:
-                t = self._tensions(lengths, lines, asked)
+                t = (
+                    self.middle_tensions(lines, asked)
+                    if self.is_spread
+                    else self._tensions(lengths, lines, asked)
+                )
                 parts += [t - least, most - t]
         if self.sign and lines.shape[1] == 6:
             parts.append(self.sign * np.linalg.det(lines)[:, None])
@@ -166,6 +193,28 @@ class Margins:
             stands = (at.is_found & at.is_stable).all(axis=1)
             found[rows, 0] = np.where(stands, 1.0, -1.0)
         return found
+
+    def middle_tensions(self, lines: Array, asked: Array) -> Array:
+        """The tensions (N, m) nearest to the middle of the limits that carry wrenches (N, 6)."""
+        middle = np.mean(self.forces, axis=1)  # type: ignore[arg-type]
+        A = lines.swapaxes(1, 2)
+        missing = asked - A @ middle
+        change = (np.linalg.pinv(A, rcond=numerics.RANK) @ missing[..., None])[..., 0]
+        left = np.abs((A @ change[..., None])[..., 0] - missing).max(axis=1)
+        size = np.abs(missing).max(axis=1) + np.abs(A @ middle).max(axis=1)
+        carried = left <= numerics.BALANCE * size
+        return np.where(carried[:, None], middle + change, np.inf)
+
+    def distribution(self, pose: Array) -> dict[str, Any]:
+        """Name of the distribution, and the nearest to the middle of the limits at a pose."""
+        if self.forces is None or not self.is_spread:
+            return {}
+        told: dict[str, Any] = {"distribution": self.tensions, "at_centre": None}
+        if np.isfinite(self.forces).all():
+            lines = lines_at(self.platform, pose[None])[1]
+            t = self.middle_tensions(lines, self._asked(pose[None]))
+            told["at_centre"] = t[0].tolist() if np.isfinite(t).all() else None
+        return told
 
     def determinants(self, poses: Array) -> Array:
         """Of six legs' lines (N,), moments over the body's length."""

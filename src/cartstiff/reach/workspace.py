@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.arrays import checked_flag, checked_length, checked_vector
+from cartstiff.choices import Distribution
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -72,6 +73,9 @@ class Workspace(ShownInLines):
         Where the determinant of six legs changes its sign, and how far the nearest such pose is.
     margin : float
         Least margin at the centre: negative where it is outside.
+    distribution : dict
+        Name of the "distribution" of tensions and those "at_centre" (m,); empty where no tensions
+        are limited.
     axes : tuple of str
         Coordinates of the pose that are followed: x, y, z, or those that a body with fewer freedoms
         takes. Rays and columns count angles as lengths, a quarter of a turn as the reach.
@@ -91,6 +95,7 @@ class Workspace(ShownInLines):
     singularity: tuple[float, Array] | None = None
     singular: Singular | None = None
     margin: float | None = None
+    distribution: dict[str, Any] = field(default_factory=dict)
     axes: tuple[str, ...] = ("x", "y", "z")
     scales: Array = field(default_factory=lambda: np.ones(3))
     notes: tuple[Note, ...] = ()
@@ -178,6 +183,7 @@ class Workspace(ShownInLines):
             "singularity": None if near is None
             else {"least_ratio": near[0], "position": near[1].tolist()},
             "singular": None if self.singular is None else self.singular.as_dict(),
+            "tensions": self.distribution or None,
             "boundary": self.boundary.tolist(),
             "limits": [] if self.positions is None else [e[3] for e in self.positions.edges],
             "notes": [note.as_dict() for note in self.notes],
@@ -193,6 +199,7 @@ def workspace(
     scan: int = 48,
     radius: float | None = None,
     through_singularities: bool = False,
+    tensions: Distribution = "any",
     fits: bool = True,
     progress: Progress | None = None,
 ) -> Workspace:
@@ -220,6 +227,9 @@ def workspace(
         How far positions are followed; default where the longest lengths end.
     through_singularities : bool
         Count poses beyond singular ones, where the determinant of six legs has the other sign.
+    tensions : {"any", "closed-form"}
+        Of cables, and of more than six legs with limited forces: a pose counts where any tensions
+        within the limits carry the load, or where those nearest to the middle of the limits do.
     fits : bool
         Look for the largest sphere and cube inside.
     progress : callable, optional
@@ -243,15 +253,15 @@ def workspace(
         raise InputError("too few poses", expected="scan from 2, directions from 8")
     notes = list(elastic.notes)
     if isinstance(elastic.mechanism, Chain):
-        if load.any():
+        if load.any() or tensions != "any":
             raise InputError("is for limits of forces, which legs made of joints do not have",
-                             where="wrench", expected="no wrench")  # fmt: skip
+                             where="wrench or tensions", expected="neither")  # fmt: skip
         pose = elastic.mechanism.closed(values).pose
         on_legs = LegMargins(elastic, pose, through)
         margins: Margins | LegMargins = on_legs
-        count, most = directions or 200, _reach_of_legs(elastic, on_legs, radius)
+        count, most = directions or 200, on_legs.reach(radius)
     else:
-        found = _margins(elastic, values, load, through)
+        found = _margins(elastic, values, load, through, tensions)
         if isinstance(found, Workspace):
             return found
         margins, pose = found
@@ -301,6 +311,7 @@ def workspace(
     return replace(
         here, positions=positions, turns=turns, columns=columns, sphere=sphere, cube=cube,
         singularity=near, singular=singular, margin=float(at_centre.min()), notes=tuple(notes),
+        distribution=margins.distribution(pose),
     )  # fmt: skip
 
 
@@ -310,10 +321,10 @@ def _places(rays: Rays) -> Array:
 
 
 def _margins(
-    elastic: ElasticMechanism, values: Array, load: Array, through: bool
+    elastic: ElasticMechanism, values: Array, load: Array, through: bool, tensions: Distribution
 ) -> tuple[Margins, Array] | Workspace:
     """Margins of a platform and its pose; or all that there is, where it is singular everywhere."""
-    bare, platform = Margins(elastic, load), elastic.mechanism
+    bare, platform = Margins(elastic, load, tensions=tensions), elastic.mechanism
     if not isinstance(platform, Platform):
         raise TypeError("a platform")
     pose, sign = platform.pose_of(np.asarray(values, float)), 0.0
@@ -326,7 +337,7 @@ def _margins(
                          expected="limits, base_joints, diameter or force in legs")  # fmt: skip
     if len(platform.points) == 6 and not through and not bare.springs.unilateral:
         sign = float(np.sign(bare.determinants(pose[None])[0]))
-    return Margins(elastic, load, sign), pose
+    return Margins(elastic, load, sign, tensions), pose
 
 
 def _followed(
@@ -348,22 +359,6 @@ def _followed(
         return np.asarray(se3.from_roll_pitch_yaw(at[:, :3], at[:, 3:]))
 
     return tuple(COORDINATES[i] for i in axes), scales, moved
-
-
-def _reach_of_legs(elastic: ElasticMechanism, margins: LegMargins, radius: float | None) -> float:
-    """How far the body can be: as all links of a leg in a row, and its slides at their ends."""
-    if radius is not None:
-        return checked_length(radius, "radius")
-    chain, lengths = margins.chain, []
-    bounds = np.array([[c.lower, c.upper] for c in chain.coordinates])
-    for leg in margins.legs:
-        links = [np.linalg.norm(T[:3, 3]) for T in leg.chain.tree.placements()]
-        slides = [j for j in leg.columns if chain.is_length[j] and j not in chain.virtual]
-        lengths.append(sum(links) + np.abs(bounds[slides].T - elastic.q[slides]).sum())
-    if not np.isfinite(min(lengths)):
-        raise InputError("the slides have no limits, so that the workspace has no bound",
-                         expected="legs.limits, or a radius")  # fmt: skip
-    return 2.0 * float(min(lengths))
 
 
 def _singular(platform: Platform, pose: Array, margins: Margins) -> Note | None:

@@ -67,6 +67,14 @@ def describe_workspace(reached: Workspace) -> str:
                 f"Largest {words} found inside: {size} {number(fits[1], 4)} {unit} at "
                 f"{vector(fits[0], 4)}"
             )
+    if reached.distribution:
+        t, how = reached.distribution["at_centre"], reached.distribution["distribution"]
+        words = "any within the limits" if how == "any" else "nearest to the middle of the limits"
+        lines.append(f"Tensions that count: {words}" + (
+            "" if t is None
+            else f"; nearest to the middle at the position: {vector(np.array(t), 5)} "
+            f"{elastic.units.force}"
+        ))  # fmt: skip
     if reached.singularity is not None:
         ratio, place = reached.singularity
         of, over = "legs' lines", "moments"

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from cartstiff.choices import TENSIONS, Distribution
 from cartstiff.cli.options import MechanismRequest, mechanism_options
 from cartstiff.cli.output import Progress, tell
 from cartstiff.cli.types import (
@@ -44,6 +45,9 @@ _options = option_group(
                  help="Poses along each ray; parts that are thinner than a step may be missed."),
     option("--radius", type=Number("LENGTH", above_zero=True),
            help="Farthest position that is tried; default as far as the longest lengths allow."),
+    click.option("--tensions", type=click.Choice(TENSIONS), default="any", show_default=True,
+                 help="Which tensions of cables count: any within their limits, or those in closed "
+                 "form that are nearest to the middle of the limits."),
     click.option("--through-singularities", is_flag=True,
                  help="Count poses beyond singular ones as well."),
     option("--csv", type=OutputFile("FILE.csv", ".csv"),
@@ -65,6 +69,7 @@ def command(
     directions: int | None,
     scan: int,
     radius: float | None,
+    tensions: Distribution,
     through_singularities: bool,
     csv: Path | None,
     plot: Path | None,
@@ -89,7 +94,7 @@ def command(
     with Progress("poses", progress) as bar:
         reached = workspace(
             elastic, q, wrench=request.wrench, directions=directions, scan=scan, radius=radius,
-            through_singularities=through_singularities, progress=bar,
+            through_singularities=through_singularities, tensions=tensions, progress=bar,
         )  # fmt: skip
     write_files((csv, lambda: boundary_csv(reached)), (plot, lambda: draw_workspace(reached)))
     tell(as_json, reached.as_dict(), request.mechanism, lambda: describe_workspace(reached))

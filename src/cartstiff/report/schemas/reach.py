@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from cartstiff.choices import TENSIONS
 from cartstiff.reach.assembly import ASSEMBLE_SCHEMA
 from cartstiff.reach.workspace import WORKSPACE_SCHEMA
 from cartstiff.report.schemas import words as js
@@ -144,6 +145,18 @@ def workspace_schema(parts: dict[str, Any]) -> dict[str, Any]:
                     ),
                 },
                 "where the determinant changes its sign, with or without limits",
+                null=True,
+            ),
+            "tensions": js.object_with(
+                {
+                    "distribution": js.one_of(*TENSIONS),
+                    "at_centre": js.numbers(
+                        "nearest to the middle of the limits; null without an upper limit, or "
+                        "where none carry the load",
+                        null=True,
+                    ),
+                },
+                "which tensions count, where they are limited",
                 null=True,
             ),
             "boundary": js.list_of(
