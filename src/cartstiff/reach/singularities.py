@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.reach.leg_margins import LegMargins
@@ -28,7 +29,7 @@ __all__ = ["Singular", "crossings", "least_ratio", "nearest_singular", "singular
 Determinant = Callable[[Array], Array]
 _HALVINGS, _STEPS, _STARTS = 40, 60, 48
 # Of the determinant's change over a length, for its slope.
-_STEP = 1e-5
+_STEP = numerics.DIFFERENCE
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +123,7 @@ def crossings(
     if len(found):
         low, high = (np.abs(signed(moved(x[:, None] * directions[ray]))) for x in (near, far))
         there = np.abs(signed(moved(steps[step][:, None] * directions[ray])))
-        found = found[np.maximum(low, high) <= 1e-3 * there]
+        found = found[np.maximum(low, high) <= numerics.LOST * there]
     return found
 
 
@@ -165,7 +166,7 @@ def nearest_singular(
         size = np.linalg.norm(step, axis=1)
         x = x + step * np.minimum(1.0, 0.2 * length / np.maximum(size, h))[:, None]
         best = np.where((size <= h)[:, None], x, best)
-        if (size <= 1e-9 * length).all():
+        if (size <= numerics.TELLING * length).all():
             break
     found, ends = np.zeros(6), []
     for size, b in zip(np.linalg.norm(best, axis=1), best, strict=True):
