@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import cartstiff
 from cartstiff.analysis.asymmetry import asymmetry, compare_connections
 from cartstiff.analysis.centres import (
     centre_of_compliance,
@@ -38,9 +39,11 @@ from cartstiff.analysis.normal_forms import (
     decoupling_frame,
     normal_form,
 )
+from cartstiff.analysis.posture import analyse_posture
 from cartstiff.analysis.screws import SWAP_FORM, eigenscrews
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import BI_INVARIANT, CARTAN_MINUS, CARTAN_PLUS, KINEMATIC
+from cartstiff.mechanisms.other_units import in_units
 
 # Condition numbers of the samples stay below 1e4: sixteen digits less four, less a factor for
 # the chain of operations.
@@ -458,3 +461,28 @@ def test_ellipsoids_name_their_definiteness() -> None:
     K = np.diag([1.0, 1.0, 1.0, -1.0, 2.0, 3.0])
     assert stiffness_ellipsoid(K, "translation", "free").definiteness == "indefinite"
     assert ellipsoid([[1, 1, 0], [0, 1, 0], [0, 0, 1]]).asymmetry == 0.5
+
+
+@pytest.mark.parametrize("name", ["orthoglide", "tricept", "3-rps", "4-rrr", "6-rus", "grasp"])
+def test_no_answer_on_closed_chains_hangs_on_the_unit_of_length(name: str) -> None:
+    """Ranks, rotations that are forbidden, principal values: in metres as in micrometres."""
+    machine = cartstiff.load(name)
+    found = []
+    for length, factor in (("m", 1.0), ("um", 1e6)):
+        result = cartstiff.analyse(in_units(machine, length))
+        units = {"translation": factor, "rotation": 1 / factor}
+        shapes = {
+            (a, b): e
+            for a, both in analyse_posture(result)["ellipsoids"]["compliance"].items()
+            for b, e in both.items()
+            if e is not None
+        }
+        values = [np.array(e["eigenvalues"]) / units[a] for (a, _), e in shapes.items()]
+        signs = {key: e["definiteness"] for key, e in shapes.items()}
+        closures = result.reduction.closures
+        found.append((values, signs, closures, [note.code for note in result.notes]))
+    (values, signs, closures, codes), other = found
+    assert (signs, codes) == (other[1], other[3])
+    for ours, theirs in zip(values, other[0], strict=True):
+        assert theirs == pytest.approx(ours, rel=1e-9, abs=1e-9 * np.abs(ours).max())
+    assert other[2] == pytest.approx(closures, rel=1e-9, abs=1e-12 * closures.max())

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
-from functools import partial
 from math import sqrt
 from pathlib import Path
 
@@ -22,7 +21,7 @@ from cartstiff.errors import ConvergenceError, InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
-from cartstiff.mechanisms.closures import LONGEST_STEP, Closure, TiedState, Ties, closure_curvature
+from cartstiff.mechanisms.closures import LONGEST_STEP, Closure, TiedState, Ties, held_map
 from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.shapes import Piece
@@ -162,11 +161,7 @@ class ChainPosture(MechanismPosture):
         tied, rigid = self._tied, sorted(self._chain.rigid)
         if tied is None and not rigid:
             return None
-        held = np.eye(self.q.size)[rigid]
-        loops = held[:0] if tied is None else tied.jacobian()
-        # Not by way of this object: in a circle it would stay until circles are looked for.
-        curvature = partial(closure_curvature, tied, self.q.size)
-        return Map(np.concatenate([loops, held]) if rigid else loops, curvature)
+        return held_map(tied, rigid, self.coordinate_lengths, self.length)
 
     @property
     def actuation(self) -> Array | None:  # type: ignore[override]

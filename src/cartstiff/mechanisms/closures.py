@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -17,8 +18,15 @@ from cartstiff import numerics
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.tree import KinematicTree, Placement, TreeState
+from cartstiff.potentials.contract import Map
 
-__all__ = ["LONGEST_STEP", "Closure", "TiedState", "Ties", "closure_curvature"]
+__all__ = [
+    "LONGEST_STEP",
+    "Closure",
+    "TiedState",
+    "Ties",
+    "held_map",
+]
 
 #: A step towards closure changes no coordinate by more (rad, or characteristic lengths).
 LONGEST_STEP = 0.2
@@ -98,10 +106,12 @@ class TiedState:
     ----------
     residual : ndarray (m,)
         Lengths and angles mixed.
+    rows : ndarray of bool (c, 6)
+        Which components of the relative twists it has.
     """
 
     def __init__(self, ties: Ties, state: TreeState) -> None:
-        self._ties, self._mimic = ties, state.tree.mimic
+        self._ties, self._mimic, self.rows = ties, state.tree.mimic, ties.rows
         count = len(ties.rows)
         poses = state.joint_poses(ties.joints) @ ties.local
         T_F_b = poses[count:]
@@ -140,7 +150,32 @@ class TiedState:
         return S if self._mimic is None else self._mimic.T @ S @ self._mimic
 
 
-def closure_curvature(tied: TiedState | None, n: int, multipliers: Array) -> Array:
+def held_map(tied: TiedState | None, rigid: list[int], sizes: Array, length: float) -> Map:
+    """Map to the residual of closures and, after them, to coordinates that stand still.
+
+    Parameters
+    ----------
+    tied : TiedState or None
+        The closures.
+    rigid : list of int
+        Coordinates that are held.
+    sizes : ndarray (n,)
+        Natural sizes of all coordinates.
+    length : float
+        That of distances.
+    """
+    held, own = np.eye(len(sizes))[rigid], sizes[rigid]
+    # Not by way of a posture: in a circle it would stay until circles are looked for.
+    curvature = partial(_curvature, tied, len(sizes))
+    if tied is None:
+        return Map(held, curvature, own)
+    of_loops = np.broadcast_to(np.repeat([1.0, length], 3), tied.rows.shape)[tied.rows]
+    if not rigid:
+        return Map(tied.jacobian(), curvature, of_loops)
+    return Map(np.concatenate([tied.jacobian(), held]), curvature, np.concatenate([of_loops, own]))
+
+
+def _curvature(tied: TiedState | None, n: int, multipliers: Array) -> Array:
     """Curvature (n, n) of all that is held: closures first, then coordinates, which have none."""
     if tied is None or not any(multipliers.tolist()):
         return np.zeros((n, n))

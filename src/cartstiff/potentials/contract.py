@@ -34,10 +34,14 @@ class Map:
         ``curvature(w)`` is the (n, n) symmetric matrix sum_k w_k Hess(component k). For a map to
         poses the components are exponential coordinates at the posture, which gives
         ``S[a, b] = 1/2 w . [J_a, J_b]`` for joint a before joint b.
+    sizes : ndarray, shape (m,), or None
+        Of the residual of closures: 1 for an angle, the characteristic length for a distance. With
+        it no answer hangs on the unit of length; None: 1 each.
     """
 
     jacobian: Array
     curvature: Callable[[Array], Array]
+    sizes: Array | None = None
 
 
 def _flat(_: Array) -> Array:

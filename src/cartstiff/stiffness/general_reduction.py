@@ -59,14 +59,14 @@ def reduce_any(
 
     # N: all motions (n, f), led by the coordinates `leading`; orthonormal for singular values.
     closures, orthonormal = None, np.eye(n)
-    N, leading, lam = orthonormal, np.arange(n), np.zeros(0)
+    N, leading, lam, closed = orthonormal, np.arange(n), np.zeros(0), np.zeros(0)
     if closure is not None:
-        closures = decompose(closure.jacobian * columns)
+        closed = np.ones(len(closure.jacobian)) if closure.sizes is None else closure.sizes
+        closures = decompose(closure.jacobian * columns / closed[:, None])
         orthonormal, lam = closures.N, np.zeros(len(closure.jacobian))
         if closures.rank < len(lam):
-            found = irregular(
-                closure, closures.values, closures.rank, closures.lost, orthonormal, columns
-            )
+            lost = closures.lost / closed[:, None]
+            found = irregular(closure, closures.values, closures.rank, lost, orthonormal, columns)
             if found is not None:
                 return Reduction(
                     None, None, lam, closures.values, 0, orthonormal.shape[1],
@@ -128,7 +128,7 @@ def reduce_any(
     parts, follow = [H, -output.curvature(w * rows) * columns[:, None] * columns], list[int]()
     if closure is not None and closures is not None:
         follow = _without(leading, n)
-        lam = closures.forces(J.T @ w - g, follow)
+        lam = closures.forces(J.T @ w - g, follow) / closed
         parts.append(closure.curvature(lam) * columns[:, None] * columns)
     H_L = sum(parts[1:], H)
 
@@ -136,7 +136,8 @@ def reduce_any(
     def terms() -> Array:
         outward = np.abs(U) @ (np.abs(to_output.T) @ (np.abs(Y.T) @ doubt))
         inward = lam.size * doubt[follow].max(initial=0.0)
-        least = numerics.EPSILON * (np.abs(w).sum() + np.abs(lam).sum()) + outward.sum() + inward
+        carried = np.abs(w).sum() + np.abs(lam * closed).sum()
+        least = numerics.EPSILON * carried + outward.sum() + inward
         return np.asarray(sum(map(np.abs, parts)) + float(least) / numerics.IDLE)
 
     if rank < len(rows):
