@@ -334,13 +334,6 @@ def test_axes_keep_their_sides() -> None:
         assert np.array_equal(turned_back[name], plain_numbers[name])
 
 
-def test_overconstrained_closures_keep_their_geometry() -> None:
-    result = cartstiff.analyse(cartstiff.load("five-bar"))
-    parameters = Parameters(result, Tolerances(0.1, 1e-3))
-    assert all(name.startswith("stiffness.") for name in parameters.named)
-    assert "geometry is not varied" in parameters.left_out
-
-
 # -- refusals --------------------------------------------------------------------------------------
 
 

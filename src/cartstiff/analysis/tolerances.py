@@ -3,9 +3,13 @@ r"""Parameters of an elastic mechanism with their tolerances.
 Parameters: the stiffness of every spring and line, a factor on that of every link that gives
 (nominally 1), or, where springs were measured, their compliances with
 the covariance of that measurement; the masses; for chains the placement of each joint on its
-predecessor and of the body frame on the last joint (translations, and rotations about the
-placement's own axes); for platforms the points of base and platform; what the mechanism's file
-calls its parameters; and where a mechanism finds its rest by itself, rest lengths and angles.
+predecessor (not of the virtual joints within a link), of the body frame on the last joint, and of
+the frames that close loops (translations, and rotations about the placement's own axes); for
+platforms the points of base and platform; what the mechanism's file calls its parameters; and where
+a mechanism finds its rest by itself, rest lengths and angles.
+
+Where closures hold more than they need, most changes of the geometry let no posture close: those
+have no derivative and are told by name. The others are parameters as anywhere.
 
 A mechanism with other parameters is looked at in the same posture (that of its file, if it is at
 this one) and under the same load: the rest positions follow, as in a robot whose controller holds
@@ -24,9 +28,9 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.analysis.uncertainty import Tolerance, Tolerances
 from cartstiff.errors import UndefinedError
-from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.chain import Chain
+from cartstiff.kinematics.placements import Placements
+from cartstiff.mechanisms.chain import Chain, ChainPosture
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import (
@@ -35,15 +39,19 @@ from cartstiff.mechanisms.elements import (
     with_stiffnesses_beside,
 )
 from cartstiff.mechanisms.platform import Platform, PlatformPosture
-from cartstiff.potentials.flexure_struts import FlexureStruts, ideal_joints_only
+from cartstiff.potentials.flexure_struts import FlexureStruts
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
-from cartstiff.stiffness.compute import PostureStiffness, analyse
+from cartstiff.potentials.strut_numbers import (
+    strut_numbers,
+    with_strut_numbers,
+    with_strut_points,
+)
+from cartstiff.stiffness.compute import PostureStiffness, analyse, analyse_at
 
 __all__ = ["Parameters", "Tolerances"]
 
 _XYZ = ("x", "y", "z")
-_RXYZ = ("rx", "ry", "rz")
 #: Begins the names of what the mechanism's file calls its parameters.
 _FILE = "parameter."
 
@@ -79,14 +87,18 @@ class Parameters:
         "parameter.<name>".
         """
         elastic = self.result.elastic
-        given = {f"mass.{name}": m for name, m in self._masses.items()}
-        if not isinstance(elastic.springs, FlexureStruts):
-            springs = self._stiffnesses | stiffnesses_beside(elastic)
-            given = {f"stiffness.{name}": k for name, k in springs.items()} | given
-            given |= self._geometry | self._rests
+        springs = self._stiffnesses | stiffnesses_beside(elastic)
+        given = {f"stiffness.{name}": k for name, k in springs.items()}
+        given |= {f"mass.{name}": m for name, m in self._masses.items()}
+        given |= self._geometry | self._rests
         if self.reread is not None:
             given |= {f"{_FILE}{name}": float(x) for name, x in elastic.parameters.items()}
         return given
+
+    def value(self, name: str) -> float:
+        """Nominal value of a parameter of `nominal` or of `named`."""
+        given = self.nominal.get(name)
+        return float(self.named[name].nominal) if given is None else given
 
     def size(self, name: str) -> float:
         """Natural size of a parameter's changes, in its unit."""
@@ -95,6 +107,8 @@ class Parameters:
             return abs(self.nominal[name])
         if group == "parameter":
             return abs(self.nominal[name]) or 1.0
+        if group == "compliance":
+            return abs(self.value(name)) or self.named[name].deviation
         return 1.0 if self.is_angle(name) else self.result.posture.length
 
     def is_angle(self, name: str) -> bool:
@@ -105,7 +119,7 @@ class Parameters:
             if not isinstance(elastic.springs, JointSprings):
                 return False
             return not elastic.mechanism.coordinates[elastic.names.index(rest)].is_length
-        return group in ("placement", "frame") and name.rsplit(".", 1)[1] in _RXYZ
+        return Placements.is_angle(name)
 
     @cached_property
     def _stiffnesses(self) -> dict[str, float]:
@@ -113,11 +127,21 @@ class Parameters:
         elastic = self.result.elastic
         if elastic.springs is None:
             return {}
+        if isinstance(elastic.springs, FlexureStruts):
+            return {n.removeprefix("stiffness."): k for n, k in self._of_struts.items()
+                    if n.startswith("stiffness.") and k > 0.0}  # fmt: skip
         laws = elastic.springs.laws if isinstance(elastic.springs, JointSprings) else {}
         each = zip(elastic.spring_names, elastic.springs.stiffness.tolist(), strict=True)
         return {
             name: k for i, (name, k) in enumerate(each) if 0.0 < k < np.inf and i not in laws
         }  # fmt: skip
+
+    @cached_property
+    def _of_struts(self) -> dict[str, float]:
+        elastic = self.result.elastic
+        if not isinstance(elastic.springs, FlexureStruts):
+            return {}
+        return strut_numbers(elastic.springs, elastic.spring_names)
 
     @cached_property
     def _rests(self) -> dict[str, float]:
@@ -142,11 +166,11 @@ class Parameters:
         """Nominal value and deviation by name.
 
         "stiffness.<spring>", or "compliance.<spring>" where they were measured;
-        "placement.<joint>.x" to ".rz" and "frame.x" to ".rz" for chains; "base.<leg>.x" and
-        "platform.<leg>.x" to ".z" for platforms; "rest.<spring>". Rotations are nominally zero.
+        "placement.<joint>.x" to ".rz", "frame.x" to ".rz" and "closure.<frame>.x" to ".rz" for
+        chains; "base.<leg>.x" and "platform.<leg>.x" to ".z" for platforms; "rest.<spring>".
+        Rotations are nominally zero.
         """
         elastic, t = self.result.elastic, self.tolerances
-        ideal_joints_only(elastic.springs, "tolerances")
         given: dict[str, Tolerance] = {}
         if t.stiffness > 0:
             for name, k in (self._stiffnesses | stiffnesses_beside(elastic)).items():
@@ -211,75 +235,44 @@ class Parameters:
     def _geometry(self) -> dict[str, float]:
         mechanism = self.result.elastic.mechanism
         if isinstance(mechanism, Platform):
+            offsets = {n: x for n, x in self._of_struts.items() if n.startswith("offset.")}
             return {
                 f"{body}.leg{i + 1}.{axis}": float(x)
                 for body, points in (("base", mechanism.anchors), ("platform", mechanism.points_P))
                 for i, point in enumerate(points)
                 for axis, x in zip(_XYZ, point, strict=True)
-            }
-        if not isinstance(mechanism, Chain) or self._is_overconstrained:
-            return {}
-        return {
-            f"{name}.{axis}": float(x)
-            for name, T in self._placed.items()
-            for axis, x in zip((*_XYZ, *_RXYZ), (*T[:3, 3], 0.0, 0.0, 0.0), strict=True)
-        }
+            } | offsets
+        return {} if self._placements is None else self._placements.numbers
 
     @cached_property
-    def left_out(self) -> str | None:
-        """Why no geometry is varied, where it was asked for."""
-        if isinstance(self.result.elastic.springs, FlexureStruts):
-            return "of struts with flexures only masses and the file's parameters are varied"
-        asked = self.tolerances.length > 0 or self.tolerances.angle > 0
-        if asked and self._is_overconstrained:
-            return (
-                "geometry is not varied: the closures hold more than they need, and links of "
-                "other lengths would not fit without clearance"
-            )
-        return None
-
-    @cached_property
-    def _is_overconstrained(self) -> bool:
-        closure = self.result.posture.closure
-        if closure is None:
-            return False
-        C = closure.jacobian * self.result.posture.coordinate_lengths
-        values = np.linalg.svd(C, compute_uv=False)
-        return len(values) < len(C) or not values[-1] > numerics.RANK * values[0]
-
-    @cached_property
-    def _joints(self) -> dict[str, int]:
-        """Names of the joints whose placement matters, with their indices."""
-        elastic = self.result.elastic
+    def _placements(self) -> Placements | None:
+        elastic, posture = self.result.elastic, self.result.posture
         chain = elastic.mechanism
-        if not isinstance(chain, Chain):
-            return {}
-        tree = chain.tree
-        joints = range(1, tree.model.njoints)
-        if not chain.closures:
-            joints = tree.support(chain.body.joint)  # type: ignore[assignment]
-            if elastic.gravity is None and not elastic.potentials:
-                joints = joints[1:]  # the mechanism does not feel where its base stands
-        return {f"placement.{tree.model.names[j]}": j for j in joints}
+        if not isinstance(chain, Chain) or not isinstance(posture, ChainPosture):
+            return None
+        stands = elastic.gravity is not None or bool(elastic.potentials)
+        return Placements(chain, posture, stands)
 
-    @cached_property
-    def _placed(self) -> dict[str, Array]:
-        chain = self.result.elastic.mechanism
-        if not isinstance(chain, Chain):
-            return {}
-        placements = chain.tree.placements()
-        places = {name: placements[j - 1] for name, j in self._joints.items()}
-        return {**places, "frame": np.asarray(chain.body.T_j_f)}
+    @property
+    def left_out(self) -> str | None:
+        """Which numbers of the geometry are not varied, where it was asked for, and why."""
+        asked = self.tolerances.length > 0 or self.tolerances.angle > 0
+        return self._placements.words if asked and self._placements is not None else None
 
-    def at(self, values: Mapping[str, float]) -> PostureStiffness:
+    def at(
+        self, values: Mapping[str, float], start: Array | None = None, by_all: bool = False
+    ) -> PostureStiffness:
         """Stiffness of the mechanism with other parameters (those not named: nominal).
+
+        Loops are closed from coordinates `start`, by default from where they are, and by all
+        coordinates, if it is known that what is driven cannot stay.
 
         Raises
         ------
         CartstiffError
             Where those parameters make no mechanism, or the chain cannot be closed.
         """
-        return replace(self._analysed(values), load=self.result.load)
+        return replace(self._analysed(values, start, by_all), load=self.result.load)
 
     def mechanism(self, values: Mapping[str, float]) -> ElasticMechanism:
         """The mechanism with other parameters (those not named: nominal).
@@ -291,7 +284,12 @@ class Parameters:
         told = {n.removeprefix(_FILE): x for n, x in values.items() if n.startswith(_FILE)}
         if told and self.reread is not None:
             elastic = self.reread(told)
-        if elastic.springs is not None:
+        if isinstance(elastic.springs, FlexureStruts):
+            struts = with_strut_numbers(elastic.springs, elastic.spring_names, values)
+            rest = np.array([values.get(f"rest.{name}", x) for name, x in zip(
+                elastic.spring_names, struts.rest_length, strict=True)])  # fmt: skip
+            elastic = replace(elastic, springs=struts.replaced(struts.stiffness, rest))
+        elif elastic.springs is not None:
             k, rest = np.array(elastic.springs.stiffness), np.array(elastic.springs.rest)
             for i, name in enumerate(elastic.spring_names):
                 k[i] = values.get(f"stiffness.{name}", k[i])
@@ -311,13 +309,21 @@ class Parameters:
         q = self.result.q if q is None else q
         return elastic.q if np.array_equal(q, self.result.elastic.q) else q
 
-    def _analysed(self, values: Mapping[str, float]) -> PostureStiffness:
+    def _analysed(
+        self, values: Mapping[str, float], start: Array | None, by_all: bool
+    ) -> PostureStiffness:
         there, nominal = self.result.posture, self.result.elastic.springs
         elastic = self.mechanism(values)
-        posture, springs = elastic.mechanism.closed(self.posture_of(elastic)), elastic.springs
+        q = self.posture_of(elastic)
+        q = start if start is not None and np.array_equal(elastic.q, self.result.elastic.q) else q
+        mechanism, springs = elastic.mechanism, elastic.springs
+        if by_all and isinstance(mechanism, Chain):
+            posture: MechanismPosture = mechanism.closed(q, hold=())
+        else:
+            posture = mechanism.closed(q)
         if isinstance(springs, FlexureStruts):
             W = self.result.wrench
-            return analyse(elastic, posture.q, wrench=W if np.any(W) else None)
+            return analyse(elastic, posture.q, wrench=np.zeros(6) if W is None else W)
         if isinstance(springs, JointSprings) and isinstance(nominal, JointSprings):
             if posture.closure is None:
                 return analyse(elastic, posture.q, wrench=self.result.wrench)
@@ -342,9 +348,8 @@ class Parameters:
         forces = forces + self._change(elastic, posture, rows, forces, active)
         rest = nominal.rest + x - before
         rest[active] = x[active] - forces[active] / springs.stiffness[active]
-        return analyse(
-            replace(elastic, springs=springs.replaced(springs.stiffness, rest)), posture.q
-        )
+        springs = springs.replaced(springs.stiffness, rest)
+        return analyse_at(replace(elastic, springs=springs), posture)
 
     def _change(
         self, elastic: ElasticMechanism, posture: MechanismPosture, rows: Array, forces: Array,
@@ -359,8 +364,8 @@ class Parameters:
         missing = posture.motion.jacobian.T @ W - (0.0 if others is None else others.gradient)
         missing = columns * missing - rows.T @ forces
         if posture.closure is not None:
-            C = posture.closure.jacobian * columns
-            N = np.linalg.svd(C)[2][np.linalg.matrix_rank(C, rtol=numerics.RANK) :]
+            _, sizes, N = np.linalg.svd(posture.closure.jacobian * columns)
+            N = N[int((sizes > numerics.RANK * sizes[0]).sum()) :]
             missing, rows = N @ missing, rows @ N.T
         change = np.zeros_like(forces)
         change[active] = np.linalg.lstsq(rows[active].T, missing, rcond=numerics.ROUNDING)[0]
@@ -375,21 +380,17 @@ class Parameters:
             return elastic
         mechanism = elastic.mechanism
         if isinstance(mechanism, Platform):
-            moved = [values.get(name, x) for name, x in geometry.items()]
+            moved = [values.get(n, x) for n, x in geometry.items() if not n.startswith("offset.")]
             platform = mechanism.with_points(*np.array(moved).reshape(2, -1, 3))
             elastic = replace(elastic, mechanism=platform)
-            if isinstance(elastic.springs, LineSprings):
-                springs = replace(elastic.springs, anchors=platform.anchors, points=platform.points)
-                elastic = replace(elastic, springs=springs)
+            springs, ends = elastic.springs, (platform.anchors, platform.points)
+            if isinstance(springs, FlexureStruts):
+                elastic = replace(elastic, springs=with_strut_points(springs, *ends))
+            elif isinstance(springs, LineSprings):
+                elastic = replace(
+                    elastic, springs=replace(springs, anchors=ends[0], points=ends[1])
+                )
             return elastic
-        if not isinstance(mechanism, Chain):
+        if self._placements is None:
             return elastic
-        poses = {}
-        for name in dict.fromkeys(name.rpartition(".")[0] for name in values if name in geometry):
-            T = self._placed[name]
-            x = [values.get(key := f"{name}.{a}", geometry[key]) for a in (*_RXYZ, *_XYZ)]
-            rotation = se3.exp(np.array([*x[:3], 0.0, 0.0, 0.0]))[:3, :3]
-            poses[name] = se3.pose(T[:3, :3] @ rotation, np.array(x[3:]))
-        frame = poses.pop("frame", mechanism.body.T_j_f)
-        placements = {self._joints[name]: T for name, T in poses.items()}
-        return replace(elastic, mechanism=mechanism.with_placements(placements, frame))
+        return replace(elastic, mechanism=self._placements.moved(values))

@@ -108,6 +108,11 @@ class Tolerances:
                     f"tolerance of the {name} cannot be used", expected="zero or more", got=value
                 )
 
+    @property
+    def any(self) -> bool:
+        """Whether one of them is above zero."""
+        return max(self.stiffness, self.length, self.angle) > 0.0
+
 
 @dataclass(frozen=True, eq=False)
 class Propagation:

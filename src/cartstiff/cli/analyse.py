@@ -139,7 +139,7 @@ def command(
         steps.end(ENGINE, 1)
         if order is not None or axes is not None:
             data["as_controller"] = _as_controller(result, order or ORDERS[0], axes or "body")
-        by_parameters = add_sensitivities(result, request, data) if sensitivities else []
+        by_parameters = add_sensitivities(result, request, data)[0] if sensitivities else []
     text = json_text(data, request.mechanism)
     if analysis.level != "none":
         shows_springs = as_json or output is not None or analysis.level == "full"

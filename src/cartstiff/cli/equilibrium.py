@@ -177,15 +177,16 @@ def command(
         from cartstiff.statics.equilibrium import equilibrium
 
         state = equilibrium(elastic, *loads, q0=q, held=held, limits=not no_limits)
-        data, more = state.as_dict(), []
+        data, known = state.as_dict(), None
+        more: list[str] = []
         if sensitivities:
-            more += add_sensitivities(
+            more, known = add_sensitivities(
                 state, bare, data,
                 lambda e: weighing(e) if told is None
                 else commanded(weighing(e), request.command(told, e), q)[0],
             )  # fmt: skip
         if tolerance is not None:
-            more += add_accuracy(state, tolerance, data)
+            more += add_accuracy(state, tolerance, data, known)
         tell(as_json, data, elastic.name, lambda: "\n".join([describe_equilibrium(state), *more]))
         return
     if not loads:

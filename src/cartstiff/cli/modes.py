@@ -14,6 +14,7 @@ from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, m
 from cartstiff.cli.output import tell
 from cartstiff.cli.requests.parameters import (
     add_accuracy,
+    add_intervals,
     add_sensitivities,
     checked_tolerance,
     sensitivities_option,
@@ -199,10 +200,7 @@ def _more(
     wanted: bool, tolerance: list[float] | None,
 ) -> list[str]:  # fmt: skip
     """Adds what was asked for to the JSON object, and gives it as lines."""
-    from cartstiff.report.modes import (
-        describe_comparison,
-        describe_intervals,
-    )
+    from cartstiff.report.modes import describe_comparison
 
     lines: list[str] = []
     if compare is not None:
@@ -215,16 +213,13 @@ def _more(
             raise error.at("--compare") from None
         data["compare"] = [shortcut.as_dict() for shortcut in shortcuts]
         lines += describe_comparison(shortcuts)
-    measured = modes.elastic.identified is not None
+    known = None
     if wanted:
-        lines += add_sensitivities(modes, request, data)
-    if tolerance is not None or measured:
-        from cartstiff.analysis.tolerances import Tolerances
-        from cartstiff.vibration.accuracy import intervals
-
-        band = intervals(modes, Tolerances(*(tolerance or ())))
-        data["intervals"] = band.as_dict()
-        lines += describe_intervals(modes, band)
-        if tolerance is not None:
-            lines += add_accuracy(modes, tolerance, data)
+        told, known = add_sensitivities(modes, request, data)
+        lines += told
+    if tolerance is not None or modes.elastic.identified is not None:
+        told, known = add_intervals(modes, tolerance, data, known)
+        lines += told
+    if tolerance is not None:
+        lines += add_accuracy(modes, tolerance, data, known)
     return lines

@@ -171,9 +171,8 @@ class ChainPosture(MechanismPosture):
     def chart(self) -> Map | str:
         """The joint coordinates, or the actuated ones of a closed chain, if they are six."""
         chain = self._chain
-        actuated = chain.actuated
+        actuated, n = chain.actuated, self.q.size
         if actuated is None:
-            n = self.q.size
             if n == 6 and not chain.closures:
                 return IDENTITY
             if chain.closures:
@@ -182,7 +181,7 @@ class ChainPosture(MechanismPosture):
         select = self.actuation
         if select is None or len(actuated) != 6:
             return f"K^F needs six actuated coordinates: this mechanism has {len(actuated)}"
-        return Map(select, lambda _: np.zeros((self.q.size, self.q.size)))
+        return Map(select, lambda _: np.zeros((n, n)))
 
 
 # Three and more times what holds all that `MOST_COORDINATES` can move, at six each.
@@ -279,13 +278,15 @@ class Chain(Mechanism):
         except UnknownNameError:
             raise UnknownNameError("frame", name, ["world", "body", *self.tree.frames]) from None
 
-    def with_placements(self, placements: Mapping[int, Array], T_j_M: ArrayLike) -> Chain:
-        """The same chain with joints, and the body frame on its last joint, placed elsewhere."""
+    def with_placements(
+        self, placements: Mapping[int, Array], T_j_M: ArrayLike,
+        frames: Mapping[str, Placement] | None = None,
+    ) -> Chain:  # fmt: skip
+        """The same chain with joints, the body frame on its last joint, and frames elsewhere."""
         other = copy(self)
-        other.tree = self.tree.changed(placements)
-        other.body = Placement(self.body.joint, np.array(T_j_M, float))
+        other.tree = self.tree.changed(placements, frames=frames)
+        other.body, other.legs = Placement(self.body.joint, np.array(T_j_M, float)), ()
         vars(other).pop("ties", None)
-        other.legs = ()
         return other
 
     def with_mass(self, mass: float, centre: Array) -> Chain:
@@ -293,8 +294,8 @@ class Chain(Mechanism):
         other = copy(self)
         other.tree = self.tree.with_mass(self.body, mass, centre)
         if self.body.joint > 0:
-            bare = float(self.tree.model.inertias[self.body.joint].mass)
-            hung, bare = (0.0, bare) if self.payload is None else self.payload
+            own = float(self.tree.model.inertias[self.body.joint].mass)
+            hung, bare = self.payload or (0.0, own)
             other.payload = hung + mass, bare
         return other
 
@@ -314,8 +315,8 @@ class Chain(Mechanism):
         own, _ = self.tree.masses()
         # A model put together by hand may have masses on joints without a frame.
         joints = {int(j) + 1: str(self.tree.model.names[int(j) + 1]) for j in np.flatnonzero(own)}
-        links = joints | self.tree.links()
-        found = {name: float(own[j - 1]) for j, name in sorted(links.items())}
+        links = sorted({**joints, **self.tree.links()}.items())
+        found = {name: float(own[j - 1]) for j, name in links}
         if self.payload is None:
             return found
         hung, bare = self.payload
@@ -353,9 +354,8 @@ class Chain(Mechanism):
         posture = self.at(q_start)
         if not self.closures:
             return posture
-        held = list(self.held if hold is None else hold)
         movable = np.ones(posture.q.size, bool)
-        if held:
+        if held := list(self.held if hold is None else hold):
             movable[held] = False
             if (found := self._close(posture, movable, tolerance)[0]) is not None:
                 return found

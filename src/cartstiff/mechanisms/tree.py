@@ -197,8 +197,11 @@ class KinematicTree:
     def changed(
         self, placements: Mapping[int, Array] | None = None,
         masses: Mapping[int, float] | None = None,
+        frames: Mapping[str, Placement] | None = None,
     ) -> KinematicTree:  # fmt: skip
         """The same tree with other poses ``T_parent_joint`` or masses [kg] of joints, from 1.
+
+        Named frames may stand elsewhere, too.
 
         Centres of mass stay where they are, and the moments of inertia about them.
         """
@@ -208,7 +211,9 @@ class KinematicTree:
         for joint, mass in (masses or {}).items():
             body = model.inertias[joint]
             model.inertias[joint] = pin.Inertia(mass, body.lever, body.inertia)
-        return self._with_model(model)
+        other = self._with_model(model)
+        other.frames = {**self.frames, **(frames or {})}
+        return other
 
     def with_mass(self, at: Placement, mass: float, point: Array) -> KinematicTree:
         """The same tree with a point mass [kg] at a point (3,) of a frame."""

@@ -107,6 +107,9 @@ DIFFERENCE: Final = 1e-5
 WIDE_DIFFERENCE: Final = 1e-4
 #: Steps of those of eighth order in natural sizes, tried until two orders agree.
 EIGHTH_ORDER: Final = (5e-3, 5e-4, 5e-5)
+#: and the widest one, where a natural size changes nothing by more than a slight share.
+WIDEST: Final = 3e-2
+SLIGHT: Final = 1e-4
 #: Two differentiations, with the full and with half the step, agree to this share.
 AGREEING: Final = 1e-6
 #: A sum of squares that falls by less than this share has reached its minimum.

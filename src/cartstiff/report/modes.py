@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.arrays import csv_text
-from cartstiff.errors import joined
+from cartstiff.errors import joined, one_line
 from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.report.layout import note_lines, number, percent, table, vector
 from cartstiff.stiffness.tensor import format_matrix
@@ -180,6 +180,8 @@ def _worst(errors: np.ndarray | None) -> str:
 
 #: Rows of sensitivities that are shown, those that matter most.
 _ROWS = 20
+#: Characters of what is said about parameters that are left out; the JSON has all of them.
+_LEFT_OUT = 400
 
 
 def describe_sensitivities(known: Sensitivities, units: Units) -> list[str]:
@@ -210,7 +212,7 @@ def describe_sensitivities(known: Sensitivities, units: Units) -> list[str]:
     if len(rows) > _ROWS:
         lines.append(f"  {len(rows) - _ROWS} more, which matter less, with --json")
     if known.left_out:
-        lines.append(f"  {known.left_out}")
+        lines.append(f"  {one_line(known.left_out, _LEFT_OUT)}")
     return lines
 
 
@@ -236,7 +238,9 @@ def describe_accuracy(known: Accuracy, units: Units) -> list[str]:
             main = ", ".join(f"{who} {percent(x)}" for who, x in known.main(quantity, at))
             rows.append([name, unit[i], number(nominal[at]), number(sd[at], 3), main])
     lines += table(["", "unit", "nominal", "deviation", "contributors"], rows)
-    return lines if known.left_out is None else [*lines, f"  {known.left_out}"]
+    if known.left_out:
+        lines.append(f"  {one_line(known.left_out, _LEFT_OUT)}")
+    return lines
 
 
 def describe_intervals(modes: Modes, band: FrequencyInterval) -> list[str]:

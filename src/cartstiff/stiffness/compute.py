@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff.arrays import checked_flag, checked_vector, fixed
 from cartstiff.errors import InputError, UndefinedError
+from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture, named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.potentials.contract import Evaluation
@@ -20,7 +21,7 @@ from cartstiff.stiffness.reduction import Reduction, State, reduce_to, scaled_va
 from cartstiff.stiffness.settled_links import settled
 from cartstiff.stiffness.springs_apart import springs_apart
 
-__all__ = ["SCHEMA", "PostureStiffness", "analyse"]
+__all__ = ["SCHEMA", "PostureStiffness", "analyse", "analyse_at"]
 
 
 def analyse(
@@ -101,11 +102,22 @@ def analyse(
         posture = settled(elastic, posture, given, kind.at, load_axes)
         given = wrench_in_body(given, posture.pose, kind.at, load_axes)
     try:
-        elastic, energy = elastic._balanced_with_evaluation(posture, given)
+        result = analyse_at(elastic, posture, given, kind)
     except UndefinedError as error:
         if strict or not error.code.startswith("strut-"):
             raise
         return _without_energy(elastic, posture, error, kind)
+    if strict and result.reduction.stiffness is None:
+        raise result.reduction.undefined()
+    return result
+
+
+def analyse_at(
+    elastic: ElasticMechanism, posture: MechanismPosture, given: Array | None = None,
+    kind: LoadKind = DEAD_AT_ORIGIN,
+) -> PostureStiffness:  # fmt: skip
+    """`analyse` at a posture whose closures are shut; `given` (6,) is the wrench in M, if any."""
+    elastic, energy = elastic._balanced_with_evaluation(posture, given)
     reduction = reduce_to(
         posture.motion,
         energy,
@@ -115,13 +127,10 @@ def analyse(
         force=given,
         apart=partial(springs_apart, elastic, posture) if posture.coordinates_are_pose else None,
     )
-    result = PostureStiffness(
+    return PostureStiffness(
         elastic, fixed(posture.q), posture, energy, reduction, load=kind,
         _load_is_given=given is not None and any(given.tolist()),
     )  # fmt: skip
-    if strict and reduction.stiffness is None:
-        raise reduction.undefined()
-    return result
 
 
 def _without_energy(

@@ -10,7 +10,7 @@ the main contributors are.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from statistics import NormalDist
 from typing import Any
@@ -26,16 +26,9 @@ from cartstiff.mechanisms.elements import CompliancePattern, Elements
 from cartstiff.mechanisms.identified import Identified
 from cartstiff.statics.rest import Equilibrium
 from cartstiff.stiffness.compute import PostureStiffness
+from cartstiff.vibration.changes import MATRICES, Home, change_of_squares
 from cartstiff.vibration.mode_set import Modes
-from cartstiff.vibration.sensitivities import (
-    MATRICES,
-    Home,
-    Sensitivities,
-    change_of_squares,
-    in_hertz,
-    modes_of,
-    sensitivities,
-)
+from cartstiff.vibration.sensitivities import Sensitivities, in_hertz, modes_of, sensitivities
 
 __all__ = ["Accuracy", "FrequencyInterval", "accuracy", "intervals"]
 
@@ -108,6 +101,8 @@ def accuracy(
     tolerances: Tolerances | None = None,
     *,
     level: float | None = None,
+    given: Sensitivities | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Accuracy:
     """Pose, stiffness and frequencies with what tolerances leave of them, to first order.
 
@@ -121,6 +116,10 @@ def accuracy(
         stiffness measured springs bring theirs.
     level : float, optional
         Probability between 0 and 1; default that of the measured springs, else 0.95.
+    given : Sensitivities, optional
+        Those of `subject`, where they are known.
+    progress : callable, optional
+        Called with how many parameters are done, and of how many.
 
     Raises
     ------
@@ -152,8 +151,11 @@ def accuracy(
     missing = [] if (told := home.parameters.left_out) is None else [told]
     varied = np.zeros(len(named), bool)
     for i, (name, t) in enumerate(named.items()):
+        if progress is not None:
+            progress(i + 1, len(named))
         try:
-            row = home.row(name, float(t.nominal), found)
+            row = None if given is None else given.row(name)
+            row = home.row(name, found) if row is None else row
         except CartstiffError as error:
             missing.append(f"{name} is not varied: {one_line(str(error), 200)}")
             continue
@@ -201,6 +203,8 @@ def accuracy(
 
 def _by_compliance(found: Modes, measured: Identified) -> Array:
     """d(omega^2) (P, k) for a standard deviation along each axis of the compliances' covariance."""
+    if not measured.patterns:
+        return np.zeros((0, found.frequencies.size))
     elements = Elements(found.elastic)
     forces = elements.stiffness @ elements.rows(found.posture)
     variances, axes = np.linalg.eigh(measured.covariance)
@@ -287,19 +291,21 @@ def intervals(
     if not 0.0 < measured.level < 1.0:
         raise InputError("level cannot be used", expected="between 0 and 1", got=measured.level)
     t = tolerances or Tolerances()
-    known = sensitivities(found, geometry=bool(t.length or t.angle)) if given is None else given
+    if given is None and t.any:
+        given = sensitivities(found, geometry=bool(t.length or t.angle))
     variance = (in_hertz(found, _by_compliance(found, measured)) ** 2).sum(axis=0)
     found_out = {name for p in measured.patterns for a, b, _ in p.entries for name in (a, b)}
-    each = zip(known.names, known.values, known.frequencies, known.angles, strict=True)
-    for name, value, row, is_angle in each:
-        group = name.partition(".")[0]
-        if group == "stiffness":
-            deviation = 0.0 if name.partition(".")[2] in found_out else t.stiffness * value
-        elif group in ("mass", "parameter"):
-            deviation = 0.0
-        else:
-            deviation = t.angle if is_angle else t.length
-        variance += (row * deviation) ** 2
+    if given is not None and t.any:
+        each = zip(given.names, given.values, given.frequencies, given.angles, strict=True)
+        for name, value, row, is_angle in each:
+            group, _, spring = name.partition(".")
+            if group == "stiffness":
+                deviation = 0.0 if spring in found_out else t.stiffness * value
+            elif group in ("mass", "parameter"):
+                deviation = 0.0
+            else:
+                deviation = t.angle if is_angle else t.length
+            variance += (row * deviation) ** 2
     for alike in found.groups:
         variance[alike] = variance[alike].sum()
     deviations = np.sqrt(variance)

@@ -8,14 +8,19 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from cartstiff.cli.output import Progress
 from cartstiff.cli.types import Numbers, option
 from cartstiff.errors import InputError
 
 if TYPE_CHECKING:
     from cartstiff.cli.options import MechanismRequest
+    from cartstiff.vibration.mode_set import Modes
+    from cartstiff.vibration.sensitivities import Sensitivities
 
-__all__ = ["add_accuracy", "add_sensitivities", "checked_tolerance", "sensitivities_option",
-           "tolerance_option"]  # fmt: skip
+__all__ = ["add_accuracy", "add_intervals", "add_sensitivities", "checked_tolerance",
+           "sensitivities_option", "tolerance_option"]  # fmt: skip
+
+_LABEL = "parameters"
 
 sensitivities_option = click.option(
     "--sensitivities", is_flag=True,
@@ -43,8 +48,8 @@ def checked_tolerance(numbers: list[float] | None) -> None:
 def add_sensitivities(
     subject: Any, request: MechanismRequest, data: dict[str, Any],
     finish: Callable[[Any], Any] = lambda elastic: elastic,
-) -> list[str]:  # fmt: skip
-    """Adds the derivatives to the JSON object, and gives them as lines.
+) -> tuple[list[str], Sensitivities]:  # fmt: skip
+    """Adds the derivatives to the JSON object, and gives them as lines and as they are.
 
     `finish` is what becomes of the mechanism after its file was read.
     """
@@ -56,17 +61,44 @@ def add_sensitivities(
         return finish(replace(request, parameters=told).load()[0])
 
     elastic = subject.elastic
-    known = sensitivities(subject, reread=reread if elastic.parameters else None)
+    with Progress(_LABEL) as bar:
+        known = sensitivities(
+            subject, reread=reread if elastic.parameters else None, progress=bar
+        )  # fmt: skip
     data["sensitivities"] = known.as_dict()
-    return describe_sensitivities(known, elastic.units)
+    return describe_sensitivities(known, elastic.units), known
 
 
-def add_accuracy(subject: Any, numbers: list[float], data: dict[str, Any]) -> list[str]:
+def add_accuracy(
+    subject: Any, numbers: list[float], data: dict[str, Any], given: Sensitivities | None = None
+) -> list[str]:
     """Adds what the tolerances leave to the JSON object, and gives it as lines."""
     from cartstiff.analysis.tolerances import Tolerances
     from cartstiff.report.modes import describe_accuracy
     from cartstiff.vibration.accuracy import accuracy
 
-    known = accuracy(subject, Tolerances(*numbers))
+    with Progress(_LABEL) as bar:
+        known = accuracy(subject, Tolerances(*numbers), given=given, progress=bar)
     data["accuracy"] = known.as_dict()
     return describe_accuracy(known, subject.elastic.units)
+
+
+def add_intervals(
+    modes: Modes, numbers: list[float] | None, data: dict[str, Any], given: Sensitivities | None
+) -> tuple[list[str], Sensitivities | None]:
+    """Adds the intervals of the frequencies to the JSON object.
+
+    Gives them as lines, and the derivatives that they took.
+    """
+    from cartstiff.analysis.tolerances import Tolerances
+    from cartstiff.report.modes import describe_intervals
+    from cartstiff.vibration.accuracy import intervals
+    from cartstiff.vibration.sensitivities import sensitivities
+
+    t = Tolerances(*(numbers or ()))
+    if given is None and t.any:
+        with Progress(_LABEL) as bar:
+            given = sensitivities(modes, geometry=bool(t.length or t.angle), progress=bar)
+    band = intervals(modes, t, given=given)
+    data["intervals"] = band.as_dict()
+    return describe_intervals(modes, band), given

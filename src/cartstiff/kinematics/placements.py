@@ -1,0 +1,156 @@
+"""The geometry of a chain as numbers: where its joints stand, its body frame, its closures' frames.
+
+A placement is six numbers: three coordinates, and three rotations about its own axes, nominally
+zero. Those of joints are against their predecessors; virtual joints stand within a link and have
+none. Of frames that share a point in a closure the rotations do not matter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from cartstiff import numerics
+from cartstiff.arrays import Array
+from cartstiff.geometry import se3
+from cartstiff.mechanisms.chain import Chain, ChainPosture
+from cartstiff.mechanisms.tree import Placement
+
+__all__ = ["PLACED", "Placements"]
+
+#: Begin the names of placements.
+PLACED = ("placement", "frame", "closure")
+_XYZ, _RXYZ = ("x", "y", "z"), ("rx", "ry", "rz")
+
+
+@dataclass(frozen=True, eq=False)
+class Placements:
+    """Placements of a chain near a posture.
+
+    Attributes
+    ----------
+    chain : Chain
+        As it is; never modified.
+    posture : ChainPosture
+        Where it is.
+    stands : bool
+        Whether it matters where the base stands.
+    """
+
+    chain: Chain
+    posture: ChainPosture
+    stands: bool
+
+    @cached_property
+    def numbers(self) -> dict[str, float]:
+        """Names and values, without `misfits`.
+
+        "placement.<joint>.x" to ".rz", "frame.x" to ".rz", "closure.<frame>.x" to ".rz".
+        """
+        return {name: x for name, x in self._all.items() if name not in self.misfits}
+
+    @staticmethod
+    def is_angle(name: str) -> bool:
+        """Whether a number is an angle."""
+        return name.partition(".")[0] in PLACED and name.rpartition(".")[2] in _RXYZ
+
+    @cached_property
+    def misfits(self) -> tuple[str, ...]:
+        """Numbers with which, changed, no posture near closes: nothing has a derivative by them.
+
+        To first order: their change of the closures' residual is none that coordinates can make.
+        None where closures do not hold more than they need.
+        """
+        closure, length = self.posture.closure, self.posture.length
+        if closure is None:
+            return ()
+        U, values, _ = np.linalg.svd(closure.jacobian * self.posture.coordinate_lengths)
+        held = U[:, int((values > numerics.RANK * values[0]).sum()) :].T
+        if not len(held):
+            return ()
+        found = []
+        for name, x in self._all.items():
+            step = numerics.DIFFERENCE * (1.0 if self.is_angle(name) else length)
+            more, less = (
+                held @ self.moved({name: x + s}).at(self.posture.q).residual for s in (step, -step)
+            )
+            parted = np.abs(more - less).max() / (2.0 * numerics.DIFFERENCE)
+            if parted > numerics.SETTLED * max(1.0, length):
+                found.append(name)
+        return tuple(found)
+
+    @property
+    def words(self) -> str | None:
+        """What is said of `misfits`; None without any."""
+        if not self.misfits:
+            return None
+        return (
+            f"{len(self.misfits)} of {len(self._all)} numbers of the geometry have no derivative: "
+            "the closures hold more than they need, and with such a number changed no posture "
+            f"closes. They are {', '.join(self.misfits)}"
+        )
+
+    def moved(self, values: Mapping[str, float]) -> Chain:
+        """The chain with other numbers; others than its own names are passed over."""
+        poses = {}
+        for name in dict.fromkeys(key.rpartition(".")[0] for key in values if key in self._all):
+            T = self._places[name]
+            turn = [values.get(f"{name}.{axis}", 0.0) for axis in _RXYZ]
+            at = [values.get(f"{name}.{axis}", x) for axis, x in zip(_XYZ, T[:3, 3], strict=True)]
+            R = se3.exp(np.array([*turn, 0.0, 0.0, 0.0]))[:3, :3]
+            poses[name] = se3.pose(T[:3, :3] @ R, np.array(at))
+        frame = poses.pop("frame", self.chain.body.T_j_f)
+        ends = {
+            name.removeprefix("closure."): Placement(at.joint, poses.pop(name))
+            for name, at in self._ends.items() if name in poses
+        }  # fmt: skip
+        joints = {self._joints[name]: T for name, T in poses.items()}
+        return self.chain.with_placements(joints, frame, ends)
+
+    @cached_property
+    def _all(self) -> dict[str, float]:
+        return {
+            f"{name}.{axis}": float(x)
+            for name, T in self._places.items()
+            for axis, x in zip((*_XYZ, *_RXYZ), (*T[:3, 3], 0.0, 0.0, 0.0), strict=True)
+            if axis in _XYZ or name not in self._points
+        }
+
+    @cached_property
+    def _joints(self) -> dict[str, int]:
+        """Joints whose placement matters."""
+        chain, tree = self.chain, self.chain.tree
+        joints = list(range(1, tree.model.njoints))
+        if not chain.closures:
+            joints = tree.support(chain.body.joint)[0 if self.stands else 1 :]
+        within = {chain.coordinates[i].name for i in chain.virtual}
+        names = tree.model.names
+        return {f"placement.{names[j]}": j for j in joints if names[j] not in within}
+
+    @cached_property
+    def _ends(self) -> dict[str, Placement]:
+        """Frames of the closures."""
+        names = (name for c in self.chain.closures for name in (c.frame_a, c.frame_b))
+        return {
+            f"closure.{name}": self.chain.placement(name)
+            for name in names if name not in ("body", "world")
+        }  # fmt: skip
+
+    @cached_property
+    def _points(self) -> set[str]:
+        closures = self.chain.closures
+        points, welds = (
+            {f"closure.{n}" for c in closures if c.type == kind for n in (c.frame_a, c.frame_b)}
+            for kind in ("point", "weld")
+        )
+        return points - welds
+
+    @cached_property
+    def _places(self) -> dict[str, Array]:
+        placements = self.chain.tree.placements()
+        joints = {name: placements[j - 1] for name, j in self._joints.items()}
+        ends = {name: np.asarray(at.T_j_f) for name, at in self._ends.items()}
+        return {**joints, "frame": np.asarray(self.chain.body.T_j_f), **ends}
