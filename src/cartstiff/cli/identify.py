@@ -104,7 +104,8 @@ _about_a_plan = option_group(
     repeated_option("--within", type=Axes("AXIS=LOW:HIGH"), help="Volume of the measured point in "
                     "the plan: x, y, z in F; z keeps it off the floor."),
     option("--candidates", type=click.IntRange(1, 100_000), metavar="N",
-           help="Random postures that the plan chooses from; default 1000."),
+           help="Random postures that the plan chooses from; default 10000 for the widest interval "
+           "of an open arm, else 1000."),
     option("--have", type=click.Path(path_type=Path), metavar="FILE.csv",
            help="Rows that are measured already; the plan adds to them."),
     option("--simulate", type=click.IntRange(min=0), metavar="SEED",

@@ -9,9 +9,11 @@ their present values. Three criteria:
 * posture: the smallest error of the deflection at the user's own posture under the user's own load,
   ``tr(L M^-1 L^T)`` (test-pose criterion, [KlimchikTestPose]_).
 
-The rows are chosen greedily, then each is exchanged for any candidate as long as that helps. How
-good that is, two numbers tell: the widest interval of as many rows drawn at random, and a bound
-that no choice from the same candidates can beat.
+The rows are chosen greedily, then each is exchanged for any candidate as long as that helps. The
+widest interval alone is a poor guide, since most exchanges leave it as it is: norms of all
+intervals that weigh the wide ones more and more lead there. How good that is, two numbers tell: the
+widest interval of as many rows drawn at random, and a bound that no choice from the same candidates
+can beat.
 """
 
 from __future__ import annotations
@@ -39,6 +41,11 @@ _PASSES = 20
 #: percent of what one row tells.
 _FAINT = numerics.FAINT
 _DRAWS, _BOUND_STEPS = 1000, 300
+#: Norms of the variances on the way to the largest; candidates that are tried for the widest
+#: interval: those that would help the best mixture of candidates most, in all and by parameter.
+_NORMS, _TRIED = (1, 2, 4, 8, 16, 32), 500
+#: Rows that are disturbed in all, a plan at a time, to leave a poor optimum.
+_DISTURBED = 300
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,9 +203,15 @@ def plan(
         if not effects.any():
             raise InputError("the load of the test posture moves nothing", where="--load")
     cost = _cost(criterion, effects)
-    chosen = _greedy(G, start + faint, count, cost)
-    order = list(chosen)
-    chosen = _exchanged(G, start + faint, chosen, cost)
+    bound, helps = _bound(G, start + faint, count)
+    tried = np.arange(len(G))
+    ways = [cost]
+    if criterion == "worst":
+        tried = _most_helpful(helps, max(_TRIED, count))
+        ways = [*(_cost(criterion, None, norm) for norm in _NORMS), cost]
+    order = _greedy(G[tried], start + faint, count, cost)
+    chosen = _searched(G[tried], start + faint, order, ways)
+    order, chosen = tried[order].tolist(), tried[chosen].tolist()
     P = len(unknowns.parameters)
     counts, spreads = [], []
     for n in range(1, count + 1):
@@ -215,7 +228,7 @@ def plan(
     return Plan(
         unknowns, rows, criterion, np.array(counts), np.array(spreads),
         np.array([quantile(level, d) for d in degrees]), names, level,
-        _by_chance(G, start, count), _bound(G, start + faint, count),
+        _by_chance(G, start, count), bound,
     )  # fmt: skip
 
 
@@ -248,7 +261,7 @@ def _effects(unknowns: Unknowns, q: Array, wrench: Array) -> Array:
     return model_of(unknowns, one).at(unknowns.nominal)[1] * unknowns.sizes
 
 
-def _cost(criterion: str, effects: Array | None) -> Callable[[Array], Array]:
+def _cost(criterion: str, effects: Array | None, norm: float = np.inf) -> Callable[[Array], Array]:
     """Cost (k,) of informations (k, P, P); infinite for singular ones."""
 
     def of(M: Array) -> Array:
@@ -258,7 +271,7 @@ def _cost(criterion: str, effects: Array | None) -> Callable[[Array], Array]:
         inverse = np.linalg.inv(M)
         if effects is not None:
             return np.einsum("ip,kpr,ir->k", effects, inverse, effects)
-        return inverse.diagonal(0, 1, 2).max(axis=1)
+        return np.asarray(np.linalg.norm(inverse.diagonal(0, 1, 2), norm, axis=1))
 
     return of
 
@@ -302,6 +315,26 @@ def _exchanged(
     return chosen
 
 
+def _searched(
+    G: Array, start: Array, chosen: list[int], ways: list[Callable[[Array], Array]]
+) -> list[int]:
+    """Exchanged by one cost after the other; then again after a quarter of the rows was drawn."""
+
+    def through(rows: list[int], ways: list[Callable[[Array], Array]]) -> tuple[float, list[int]]:
+        for way in ways:
+            rows = _exchanged(G, start, rows, way)
+        return float(ways[-1]((start + G[rows].sum(axis=0))[None])[0]), rows
+
+    best, rng = through(chosen, ways), np.random.default_rng(0)
+    for _ in range(_DISTURBED // len(chosen) if len(ways) > 1 else 0):
+        rows = np.array(best[1])
+        others = np.setdiff1d(np.arange(len(G)), rows)
+        some = rng.permutation(len(rows))[: min(-(-len(rows) // 4), len(others))]
+        rows[some] = rng.permutation(others)[: len(some)]
+        best = min(best, through(rows.tolist(), ways[-2:]))
+    return best[1]
+
+
 def _by_chance(G: Array, start: Array, count: int) -> float:
     """Largest standard deviation of candidates drawn at random: the median of many draws."""
     rng = np.random.default_rng(0)
@@ -311,8 +344,10 @@ def _by_chance(G: Array, start: Array, count: int) -> float:
     return float(np.median(worst))
 
 
-def _bound(G: Array, start: Array, count: int) -> float:
+def _bound(G: Array, start: Array, count: int) -> tuple[float, Array]:
     r"""What no choice of `count` candidates can beat: a lower bound of the largest deviation.
+
+    Besides, how much each candidate helps the best mixture, by parameter (N, P).
 
     For shares mu of the parameters that add up to one, ``f = tr(diag(mu) M^-1)`` is at most
     ``max_j (M^-1)_jj``, and convex: with ``X = M^-1 diag(mu) M^-1`` at any M every choice has at
@@ -331,7 +366,18 @@ def _bound(G: Array, start: Array, count: int) -> float:
         shares /= shares.sum()
         mu = mu * np.sqrt(variances)
         mu /= mu.sum()
-    return float(np.sqrt(best))
+    parts = mu * np.einsum("jp,ijk,kp->ip", inverse, G, inverse, optimize=True)
+    return float(np.sqrt(best)), parts
+
+
+def _most_helpful(helps: Array, count: int) -> NDArray[np.intp]:
+    """Candidates that help most, half of them in all, half of them one of the parameters each.
+
+    Where many candidates help alike, the first alone might leave a parameter out.
+    """
+    places = np.argsort(-np.column_stack([helps.sum(axis=1), helps]), axis=0, kind="stable")
+    each = -(-count // (2 * helps.shape[1]))
+    return np.unique(np.append(places[: count // 2, 0], places[:each, 1:]))
 
 
 def _spread(M: Array) -> Array:

@@ -92,8 +92,8 @@ def robust_fit(
     rank = int(np.count_nonzero(plain.solved.is_determined)) + nuisance.shape[1]
     residual, scales = _residuals(divided, right, noise, rank)
     m = len(seen)
-    limit = quantile(1.0 - _FALSE_ALARM / m, max(m - rank, 1))
     bad = np.zeros(m, bool)
+    limit = _limit(bad, rank)
     fit = plain.solved
     for round_ in range(_ROUNDS):
         size = np.abs(residual) / scales[noise.group]
@@ -116,12 +116,19 @@ def robust_fit(
         scales = np.array(fit.scales)
         same = bool(np.all(new == bad))
         bad = new
+        limit = _limit(bad, rank)
         if same and round_:
             break
     standardised = residual / scales[noise.group]
     suspects = np.unique(seen.row[bad])
     whole_fit = Fit(fit, fit.theta, A, target, plain.steps) if bad.any() else plain
     return Robust(whole_fit, standardised, limit, ~bad, suspects, seen.row)
+
+
+def _limit(bad: NDArray[np.bool_], rank: int) -> float:
+    """What one of all residuals reaches by chance, over a scale from those that are left."""
+    left = int(np.count_nonzero(~bad)) - rank
+    return quantile(1.0 - _FALSE_ALARM / len(bad), max(left, 1))
 
 
 def _hidden(size: Array, fit: Solved, noise: Noise, bad: NDArray[np.bool_]) -> NDArray[np.bool_]:

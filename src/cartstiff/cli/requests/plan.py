@@ -81,10 +81,11 @@ class PlanRequest:
         spreads = _deviations(of_table["deviations"], elastic)
         unknowns = unknowns_of(elastic, **of_unknowns)
         point = of_table["point"]
+        quick = elastic.mechanism.kind == "serial" and self.criterion in (None, "worst")
         offered = candidates(
-            elastic, spreads, count=self.candidates or 1000, mass=self.mass or 0.0,
-            force=(self.force or 0.0) / elastic.units.newtons, ranges=self.ranges,
-            within=self.within, point=point, load_at=of_table["load_at"],
+            elastic, spreads, count=self.candidates or (10_000 if quick else 1000),
+            mass=self.mass or 0.0, force=(self.force or 0.0) / elastic.units.newtons,
+            ranges=self.ranges, within=self.within, point=point, load_at=of_table["load_at"],
         )  # fmt: skip
         have = None
         if self.have is not None:
