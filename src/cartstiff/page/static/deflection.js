@@ -61,12 +61,15 @@ export function deflectionPanel(store) {
       head.className = "moved-head bad";
       return;
     }
+    // A turn that is rounding beside the way is none.
+    const [way, turn] = [moved.displacement, moved.rotation].map((v) => Math.hypot(...v));
+    const turned = turn * store.hello.mechanism.size > CLOSE * way ? turn : 0;
     const what = store.state.point.some((x) => x) ? "the point" : "M";
     const half = moved.half_width; // where the springs were measured
     const level = half ? `${short(100 * half.level, 3)} % intervals from the measured springs` : "";
     const within = (text) => (half ? ` \u00b1 ${text}` : "");
-    head.replaceChildren(`${what} moves `, el("b", {}, length(Math.hypot(...moved.displacement)) + within(half && length(half.length))),
-      ` and turns `, el("b", {}, `${short(1000 * Math.hypot(...moved.rotation), 3)}${within(half && short(1000 * half.angle, 2))} mrad`));
+    head.replaceChildren(`${what} moves `, el("b", {}, length(way) + within(half && length(half.length))),
+      ` and turns `, el("b", {}, `${short(1000 * turned, 3)}${within(half && short(1000 * half.angle, 2))} mrad`));
     head.title = `To first order, from where the springs rest without this load${half ? `; ${level}` : ""}`;
     const row = (name, value, title) => el("div", { title }, el("span", { class: "dim" }, name), el("span", { class: "num" }, value));
     detail.append(
