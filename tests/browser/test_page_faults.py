@@ -122,7 +122,7 @@ COVERED = """() => {
         node.scrollIntoView({ block: "nearest" });
         const { left, top, width, height } = node.getBoundingClientRect();
         const there = document.elementFromPoint(left + width / 2, top + height / 2);
-        if (there && (node.contains(there) || there.contains(node))) return [];
+        if (there && (node.contains(there) || there.closest("label")?.contains(node))) return [];
         return [`${node.outerHTML.slice(0, 90)} under ${there?.outerHTML.slice(0, 60)}`];
     });
 }"""
