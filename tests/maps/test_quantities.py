@@ -378,3 +378,16 @@ def test_manipulability_depends_on_no_length_that_is_chosen():
             (value,) = evaluate((quantity,), arrays, settings)["manipulability"]
             found.setdefault(name, set()).add((float(value), quantity.unit))
     assert all(len(values) == 1 for values in found.values())
+
+
+@pytest.mark.parametrize("name", ["stewart-simscape", "6-pus"])
+def test_what_is_read_of_bodies_with_mass_needs_no_frequencies(name, tmp_path):
+    """The compliance alone is in the arrays, without the wrench."""
+    elastic = cartstiff.load(name)
+    q = elastic.q[None]
+    found = cartstiff.compute_map(
+        elastic, cartstiff.Trajectory(q), ["condition"], tmp_path / "m.zarr"
+    )
+    length = found.attrs["characteristic_length"]
+    expected = indices(cartstiff.analyse(elastic, q[0]).matrices["B"], length).condition_number
+    assert float(found["condition"][0]) == pytest.approx(expected, rel=1e-9)
