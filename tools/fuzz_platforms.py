@@ -84,7 +84,7 @@ _ASKED = [
     ["assemble", "m.yaml", "--starts", "3"],
     ["assemble", "m.yaml", "--all", "--units", "mm,deg"],
     ["workspace", "m.yaml", "--directions", "20", "--scan", "6"],
-    ["workspace", "m.yaml", "--directions", "20", "--scan", "4", "--wrench", "0,0,0,0,0,-5"],
+    ["workspace", "m.yaml", "--directions", "20", "--scan", "4", "--load", "0,0,0,0,0,-5"],
     ["frames", "m.yaml"],
     ["modes", "m.yaml"],
 ]

@@ -7,8 +7,17 @@ from pathlib import Path
 
 import click
 
+from cartstiff.cli.options import LoadRequest, load_options, tool_options, units_option
 from cartstiff.cli.output import Progress, say, tell
-from cartstiff.cli.types import PICTURE, OutputFile, json_option, option, progress_option
+from cartstiff.cli.types import (
+    PICTURE,
+    WRENCH,
+    OutputFile,
+    json_option,
+    option,
+    option_group,
+    progress_option,
+)
 
 __all__ = ["command"]
 
@@ -24,6 +33,7 @@ Example: study.yaml holds
 
 \b
   cartstiff design study.yaml
+  cartstiff design study.yaml --tcp 0,0,50 --load 0,0,0,0,0,-100 --units mm,deg
   cartstiff design study.yaml -o designs.jsonl --csv designs.csv --plot front.png --workers 2
 
 Interrupted or killed, the same command with the same -o goes on where it stopped.
@@ -32,6 +42,18 @@ Interrupted or killed, the same command with the same -o goes on where it stoppe
 
 @click.command(name="design", epilog=_EPILOG)
 @click.argument("study", metavar="STUDY.yaml", type=click.Path(path_type=Path))
+@option_group(
+    tool_options,
+    units_option,
+    option(
+        "--load",
+        "wrench",
+        type=WRENCH,
+        help="Wrench on the body in its own frame, which every design carries: in all cases of "
+        "the study, instead of theirs.",
+    ),
+)
+@load_options("--load")
 @option("-o", "--output", type=OutputFile("FILE.jsonl", ".jsonl"),
         help="Keep every finished design here; go on with a file that exists.")  # fmt: skip
 @option("--csv", "table", type=OutputFile("FILE.csv", ".csv"),
@@ -44,21 +66,29 @@ Interrupted or killed, the same command with the same -o goes on where it stoppe
 @progress_option
 @json_option
 def command(
-    study: Path, output: Path | None, table: Path | None, plot: Path | None, best: int,
+    study: Path, tcp: list[float] | None, gravity: list[float] | None,
+    payload: list[float] | None, units: dict[str, str] | None, wrench: list[float] | None,
+    applied: LoadRequest, output: Path | None, table: Path | None, plot: Path | None, best: int,
     workers: int, progress: bool | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Sweep or optimise the parameters of a mechanism file, as STUDY.yaml says.
 
     Every design is evaluated at all its poses and judged by quantities of maps (see `cartstiff map
     --list-quantities`). A design that is singular at one of them, or cannot be assembled, counts
-    as failed; the answer gives the reason.
+    as failed; the answer gives the reason. Tool, weight, load and units may be given instead of the
+    study's.
     """
+    applied.check_load(wrench is not None)
+    applied.check_world(load=wrench)
+    load = None if wrench is None else {"wrench": wrench, **applied.keywords(wrench)}
+    given = {"tcp": tcp, "gravity": gravity, "payload": payload, "units": units, "load": load}
+
     from cartstiff.designs.run import design
     from cartstiff.report.output import write_files
 
     try:
         with Progress("designs", progress) as bar:
-            designs = design(study, output=output, workers=workers, progress=bar)
+            designs = design(study, given=given, output=output, workers=workers, progress=bar)
     except KeyboardInterrupt:
         kept = "" if output is None else f"; what is done is in {output}"
         say(f"cartstiff: interrupted{kept}", error=True)

@@ -291,7 +291,7 @@ file_options = option_group(
     click.option("--package-path", type=click.Path(path_type=Path), metavar="FOLDER",
                  multiple=True, help="Folder in or under which ROS packages are looked for."),
 )  # fmt: skip
-_units_option = option("--units", type=UnitList("UNITS"),
+units_option = option("--units", type=UnitList("UNITS"),
        help="Units of numbers given and shown, such as mm,deg. Lengths in m, cm, mm, um or in: "
        "with mm, moments are in N mm, stiffnesses in N mm/rad and N/mm. The head of a CSV file "
        "may name others. deg is for joints, roll, pitch, yaw, and tables of postures. JSON "
@@ -300,25 +300,26 @@ _units_option = option("--units", type=UnitList("UNITS"),
 robot_options = option_group(
     frame_option,
     tool_options,
-    _units_option,
+    units_option,
     file_options,
     stiffness_option,
 )  # fmt: skip
 
 
 def mechanism_options(
-    load_help: str = _BALANCED, *, placed: bool = True, gives: bool = True
+    load_help: str = _BALANCED, *, placed: bool = True, gives: bool = True, loaded: bool = False
 ) -> Callable[..., Callable[..., Any]]:
     """Argument MECHANISM and the options that place and load it.
 
     The command gets a `MechanismRequest` as its keyword ``request``; without `placed` there are
-    only those that say which robot it is, its posture among them; without `gives` neither its
-    posture nor what it weighs nor its springs.
+    only those that say which robot it is, its posture among them, and `loaded` adds its load;
+    without `gives` neither its posture nor what it weighs nor its springs.
     """
     posture = option(
         "--q", type=JointValues(),
         help="Posture: numbers in joint order or name=value pairs, rad and m.",
     )  # fmt: skip
+    load = option("--load", "wrench", type=WRENCH, help=load_help)
     options = option_group(
         click.argument("mechanism"),
         posture,
@@ -330,10 +331,10 @@ def mechanism_options(
         robot_options,
         option("--rest", type=JointValues(),
                help="Rest positions of the joints (rest lengths of legs), as for --q."),
-        option("--load", "wrench", type=WRENCH, help=load_help),
+        load,
     ) if placed else option_group(
         click.argument("mechanism"), *([posture, robot_options] if gives else
-        [frame_option, _tcp_option, _units_option, file_options]),
+        [frame_option, _tcp_option, units_option, file_options]), *([load] if loaded else []),
     )  # fmt: skip
     return gathered(options, "request", MechanismRequest)
 

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from cartstiff.designs.reading import check_names
-from cartstiff.designs.study import Case, Measure, Study
+from cartstiff.designs.study import Case, Measure, Study, StudyUnits
 from cartstiff.errors import (
     CartstiffError,
     InputError,
@@ -23,7 +23,7 @@ from cartstiff.expressions import Expression
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.at_pose import COORDINATES
-from cartstiff.loading import file_reader
+from cartstiff.loading import file_reader, tool_of
 from cartstiff.many.kernels import lasting_path
 from cartstiff.maps.cartesian import AtPoses
 from cartstiff.maps.job import STATES, MapJob
@@ -31,8 +31,11 @@ from cartstiff.maps.prepare import map_job
 from cartstiff.maps.quantities import QUANTITIES
 from cartstiff.maps.sampling import Axis, Grid, RandomPostures, Sampling, Trajectory
 from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.other_units import in_units, shown_factors
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.mechanisms.weighed import under_earth
 
 __all__ = ["Design", "Evaluation"]
 
@@ -109,7 +112,8 @@ class Evaluation:
             raise InputError("a study needs the parameters of a mechanism file", where="mechanism",
                              expected="a .yaml file", got=one_line(study.mechanism))  # fmt: skip
         self._read: Callable[[dict[str, Any]], ElasticMechanism] = read
-        self.home = self._read({})
+        self._tool, self._length = self._in_file_units(read({}).units)
+        self.home = self._made({})
         check_names(study, self.home.parameters)
         self._formulas = {
             name: Expression(measure.value[1:], name)
@@ -132,7 +136,26 @@ class Evaluation:
 
     def mechanism(self, parameters: Mapping[str, float]) -> ElasticMechanism:
         """The mechanism of a design."""
-        return self._read({"parameters": {**self.study.set, **parameters}})
+        return self._made({"parameters": {**self.study.set, **parameters}})
+
+    def _made(self, given: dict[str, Any]) -> ElasticMechanism:
+        elastic, units = self._read({**self._tool, **given}), self.study.units
+        if self.study.payload is not None and self.study.gravity is None:
+            elastic = under_earth(elastic, self.study.payload[0])
+        return elastic if units is None else in_units(elastic, self._length, units.angle)
+
+    def _in_file_units(self, own: Units) -> tuple[dict[str, Any], str]:
+        """Tool and weight in the units of the mechanism's file, and the study's unit of length."""
+        units = self.study.units or StudyUnits()
+        length = units.length or own.length
+        factor, _ = convert_length(Units(length), own)
+        tcp, payload = self.study.tcp, self.study.payload
+        turn = np.pi / 180.0 if units.angle == "deg" else 1.0
+        return tool_of(
+            tcp and [*(x * factor for x in tcp[:3]), *(x * turn for x in tcp[3:])],
+            self.study.gravity,
+            payload and [payload[0], *(x * factor for x in payload[1:])],
+        ), length
 
     def __call__(self, parameters: Mapping[str, float]) -> Design:
         """Evaluate one design; what it lacks is its reason, and no error."""
@@ -194,10 +217,18 @@ class Evaluation:
             T = elastic.mechanism.at(home).pose
             home = np.concatenate([T[:3, 3], se3.roll_pitch_yaw(T)])
         shift = dict(zip(names, home.tolist(), strict=True)) if poses.about_home else {}
+        angles = shown_factors(elastic)
+        if of_body and elastic.units.shown_angle == "deg":
+            angles = dict.fromkeys(COORDINATES[3:], np.pi / 180.0)
+
+        def ends(name: str, low: float, high: float) -> tuple[float, float]:
+            size, start = angles.get(name, 1.0), shift.get(name, 0.0)
+            return low * size + start, high * size + start
+
         sampling: Sampling
         if poses.grid is not None:
             axes = {
-                name: Axis(low + shift.get(name, 0.0), high + shift.get(name, 0.0), int(count))
+                name: Axis(*ends(name, low, high), int(count))
                 for name, (low, high, count) in poses.grid.items()
             }
             sampling = Grid(axes, names, home)
@@ -206,7 +237,7 @@ class Evaluation:
             for name, (low, high) in poses.random.ranges.items():
                 if name not in ranges:
                     raise UnknownNameError("coordinate", name, names)
-                ranges[name] = (low + shift.get(name, 0.0), high + shift.get(name, 0.0))
+                ranges[name] = ends(name, low, high)
             drawn = poses.random
             sampling = RandomPostures(drawn.count, drawn.seed, *np.transpose([*ranges.values()]))
         else:

@@ -17,8 +17,18 @@ from cartstiff.loading.yaml_file import Lines, read_yaml
 __all__ = ["check_names", "read_study"]
 
 
-def read_study(source: str | Path | Mapping[str, Any]) -> tuple[Study, Path]:
+def read_study(
+    source: str | Path | Mapping[str, Any], given: Mapping[str, Any] | None = None
+) -> tuple[Study, Path]:
     """A study and the folder that its mechanism's path is relative to.
+
+    Parameters
+    ----------
+    source : str, Path or mapping
+        Its file, or what would stand there.
+    given : mapping, optional
+        What is said instead of the file's `tcp`, `gravity`, `payload` and `units`; keys of `Case`
+        under "load" replace those of every case.
 
     Raises
     ------
@@ -34,6 +44,7 @@ def read_study(source: str | Path | Mapping[str, Any]) -> tuple[Study, Path]:
     else:
         raise InputError("not a study", expected="a file's path or a mapping",
                          got=type(source).__name__)  # fmt: skip
+    data = _with(data, given or {})
     try:
         study = Study.model_validate(data)
     except ValidationError as error:
@@ -46,6 +57,17 @@ def read_study(source: str | Path | Mapping[str, Any]) -> tuple[Study, Path]:
         raise InputError("too many designs", where=one_line(str(path)), expected=f"{MOST_POSES}",
                          got=study.size)  # fmt: skip
     return study, path.parent
+
+
+def _with(data: dict[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """A study's data, and what is said beside it."""
+    load = given.get("load")
+    own = {key: value for key, value in given.items() if key != "load" and value is not None}
+    if load:
+        cases = data.get("cases") or {"load": {}}
+        if isinstance(cases, dict) and all(isinstance(case, dict) for case in cases.values()):
+            own["cases"] = {name: {**case, **load} for name, case in cases.items()}
+    return {**data, **own}
 
 
 def _keys() -> set[str]:

@@ -31,6 +31,7 @@ def digest_of(study: Study, folder: Path) -> str:
         file = path.parent / model
         digest.update(file.read_bytes() if file.is_file() else model.encode())
     data = study.model_dump(mode="json", exclude={"method", "description", "mechanism"})
+    data = {key: value for key, value in data.items() if value is not None}
     # Ends of a range do not change the numbers of a design within it.
     data["variables"] = sorted(data["variables"])
     digest.update(json.dumps(data, sort_keys=True).encode())

@@ -16,6 +16,7 @@ from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.notes import Note
+from cartstiff.mechanisms.weighed import Weighed
 from cartstiff.notebook import ShownInLines
 
 __all__ = ["DESIGN_SCHEMA", "Designs"]
@@ -40,6 +41,8 @@ class Designs(ShownInLines):
         "largest" or "smallest" for each objective.
     units : mapping of str to str
         Of objectives and constraints.
+    weighed : Weighed
+        What weighs in the mechanism with its file's own parameters.
     damaged : int
         Lines of the output that could not be read again.
     """
@@ -49,6 +52,7 @@ class Designs(ShownInLines):
     designs: tuple[Design, ...]
     better: Mapping[str, str]
     units: Mapping[str, str]
+    weighed: Weighed
     damaged: int = 0
 
     def _lines(self) -> list[str]:
@@ -146,6 +150,7 @@ class Designs(ShownInLines):
             "variables": list(study.variables),
             "set": dict(study.set),
             "poses": study.poses.count,
+            **self.weighed.as_dict(),
             "objectives": [
                 {"name": name, "of": m.words, "case": m.case, "goal": self.better[name],
                  "unit": self.units[name]} for name, m in study.objectives.items()

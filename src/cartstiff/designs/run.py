@@ -18,6 +18,7 @@ from cartstiff.designs.record import Record, digest_of
 from cartstiff.designs.results import Designs
 from cartstiff.designs.search import search
 from cartstiff.errors import CartstiffError, InputError
+from cartstiff.mechanisms.weighed import weighed
 
 __all__ = ["design"]
 
@@ -27,6 +28,7 @@ _HERE: dict[str, Evaluation] = {}
 def design(
     study: str | Path | Mapping[str, Any],
     *,
+    given: Mapping[str, Any] | None = None,
     output: str | Path | None = None,
     workers: int = 1,
     progress: Callable[[int, int], None] | None = None,
@@ -37,6 +39,9 @@ def design(
     ----------
     study : str, Path or mapping
         A study's file, or what would stand in it.
+    given : mapping, optional
+        Tool, weight, load and units instead of the study's: "tcp", "gravity", "payload", "units",
+        and under "load" keys that replace those of every case.
     output : path, optional
         File of JSON lines that keeps every finished design; one that exists is gone on with.
     workers : int
@@ -64,7 +69,7 @@ def design(
     >>> found.best("stiffness").parameters
     {'sz': 0.577}
     """
-    asked, folder = read_study(study)
+    asked, folder = read_study(study, given)
     count = int(checked_number(workers, "number of workers"))
     if count < 1:
         raise InputError("number of workers cannot be used", expected="1 or more", got=count)
@@ -76,7 +81,7 @@ def design(
     with ExitStack() as stack:
         pool = None
         if count > 1 and asked.method.kind != "local":
-            pool = stack.enter_context(_pool(study, min(count, asked.size)))
+            pool = stack.enter_context(_pool(study, given, min(count, asked.size)))
 
         def evaluate(points: Sequence[Mapping[str, float]]) -> list[Design]:
             nonlocal done
@@ -96,7 +101,7 @@ def design(
     return Designs(
         asked, evaluation.home.name, designs, better,
         {name: evaluation.unit(measure) for name, measure in asked.measures.items()},
-        record.damaged,
+        weighed(evaluation.home), record.damaged,
     )  # fmt: skip
 
 
@@ -116,18 +121,18 @@ def _evaluated(
         ) from None
 
 
-def _pool(study: Any, workers: int) -> ProcessPoolExecutor:
+def _pool(study: Any, given: Any, workers: int) -> ProcessPoolExecutor:
     context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(workers, context, _begin, (study,))
+    return ProcessPoolExecutor(workers, context, _begin, (study, given))
 
 
-def _begin(study: Any) -> None:
+def _begin(study: Any, given: Any) -> None:
     """In a process of the pool."""
     from threadpoolctl import threadpool_limits
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends the pool
     threadpool_limits(1)
-    _HERE["evaluation"] = Evaluation(*read_study(study))
+    _HERE["evaluation"] = Evaluation(*read_study(study, given))
 
 
 def _one(parameters: Mapping[str, float]) -> Design:

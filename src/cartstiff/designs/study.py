@@ -158,6 +158,13 @@ class Case(StudyModel):
     world: _Flag = Field(default=False, description="direction and deflect in the axes of F")
     damping: Number = Field(default=0.0, ge=0.0, description="modal damping ratio")
 
+    @property
+    def words(self) -> str:
+        """Its load, for people."""
+        W = ", ".join(f"{x:g}" for x in self.wrench or [])
+        at = ", ".join(f"{x:g}" for x in self.load_at)
+        return f"{self.load_kind}, ({W}) along the axes of the {self.load_axes} at ({at})"
+
     def keywords(self) -> dict[str, Any]:
         """Arguments of `cartstiff.maps.prepare.map_job`."""
         return self.model_dump()
@@ -269,12 +276,31 @@ class Method(StudyModel):
         return self
 
 
+class StudyUnits(StudyModel):
+    """Units of a study's numbers, and of what is told; default the mechanism file's."""
+
+    length: Literal["m", "dm", "cm", "mm", "um", "in", "ft"] | None = None
+    angle: Literal["rad", "deg"] = "rad"
+
+
 class Study(StudyModel):
     """What is varied, where it is judged, and by what."""
 
     mechanism: Text = Field(description="a mechanism file, or the name of a bundled one")
     description: Text | None = Field(default=None, description="for readers")
     set: dict[Text, Number] = Field(default={}, description="parameters that stay")
+    tcp: Annotated[list[Number], Field(min_length=3, max_length=6)] | None = Field(
+        default=None, description="M in the frame of every design: x, y, z and roll, pitch, yaw"
+    )
+    gravity: Vector | None = Field(default=None, description="instead of the file's [m/s^2]")
+    payload: Annotated[list[Number], Field(min_length=1, max_length=4)] | None = Field(
+        default=None, description="a mass [kg] on the body and its centre in M"
+    )
+    units: StudyUnits | None = Field(
+        default=None,
+        description="of the study's numbers and answers; parameters, `set` and "
+        "arithmetic over them stay in the mechanism file's",
+    )
     variables: dict[Text, Variable] = Field(min_length=1, max_length=50)
     poses: Poses = Poses()
     cases: dict[Text, Case] = Field(default={}, description="default one without a load")

@@ -90,7 +90,7 @@ def load(
     """
     if frame is not None and not isinstance(frame, str):
         raise InputError("frame is not a name", expected="text", got=frame)
-    given = {"frame": frame, "locked": _positions(locked), **_tool(tcp, gravity, payload)}
+    given = {"frame": frame, "locked": _positions(locked), **tool_of(tcp, gravity, payload)}
     if isinstance(source, (str, Path)):
         if of_model:
             raise InputError(
@@ -133,7 +133,7 @@ def _positions(locked: Any) -> dict[str, float]:
     return {name: checked_number(x, f"position of locked {name!r}") for name, x in named.items()}
 
 
-def _tool(tcp: Any, gravity: Any, payload: Any) -> dict[str, Any]:
+def tool_of(tcp: Any, gravity: Any, payload: Any) -> dict[str, Any]:
     """What hangs on the robot and pulls at it, checked; as `build.with_given` takes it."""
     from cartstiff.arrays import checked_pose, checked_vector
     from cartstiff.geometry import se3

@@ -6,17 +6,17 @@ closed chain those that a number of starts lead to.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from functools import partial
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.arrays import checked_flag, checked_vector
-from cartstiff.errors import ConvergenceError, InputError, UndefinedError
+from cartstiff.errors import ConvergenceError, InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.architecture import architecture_of
@@ -28,136 +28,20 @@ from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note, checked_elastic
 from cartstiff.mechanisms.limits import limit_notes
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.mechanisms.weighed import weighed
 from cartstiff.notebook import ShownInLines
+from cartstiff.potentials.flexure_struts import FlexureStruts
+from cartstiff.reach.assembly_mode import AssemblyMode
 from cartstiff.reach.struts_at_rest import at_rest_with
 from cartstiff.stiffness.compute import PostureStiffness, analyse
-from cartstiff.vibration.modes import modes
 
 __all__ = ["ASSEMBLE_SCHEMA", "AssemblyMode", "AssemblyModes", "assemble"]
 
 #: Name and version of the form of `AssemblyModes.as_dict`.
 ASSEMBLE_SCHEMA = "cartstiff-assemble/1"
+_Stiffness = Callable[[Array], PostureStiffness]
 # Random starts of closed chains, where none are said.
 _STARTS = 64
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class AssemblyMode(ShownInLines):
-    """One pose in which the actuator positions hold the mechanism.
-
-    Attributes
-    ----------
-    result : PostureStiffness
-        What `cartstiff.analyse` finds there; ``result.q`` and ``result.pose`` say where it is.
-    residual : float
-        Largest difference from the lengths wanted, or gap of the closures.
-    multiplicity : int
-        1; more at a singular pose in which several solutions meet, and which is known to a root
-        of the digits.
-    more_notes : tuple of Note
-        Beside those of the result: that struts with flexures are not at rest here.
-    """
-
-    result: PostureStiffness
-    residual: float
-    multiplicity: int = 1
-    more_notes: tuple[Note, ...] = ()
-
-    def _lines(self) -> list[str]:
-        return [
-            f"AssemblyMode at q = {np.array2string(self.q, precision=5)}",
-            f"  smallest eigenvalue {self.eigenvalue}, stable {self.stable}",
-        ]
-
-    @property
-    def notes(self) -> tuple[Note, ...]:
-        """All that must be known of this mode."""
-        return (*self.more_notes, *self.result.notes)
-
-    @property
-    def q(self) -> Array:
-        """Coordinates (n,); of a platform x, y, z, roll, pitch, yaw."""
-        return self.result.q
-
-    @property
-    def pose(self) -> Array:
-        """``T_F_M`` (4, 4)."""
-        return self.result.pose
-
-    @cached_property
-    def eigenvalue(self) -> float | None:
-        """Smallest eigenvalue of the tangent stiffness, force per length.
-
-        Symmetric part; angles times the characteristic length. None where no K exists.
-        """
-        K = self.result.tangent
-        if K is None:
-            return None
-        scale = np.repeat([1.0 / self.result.posture.length, 1.0], 3)
-        scaled = 0.5 * (K + K.T) * np.outer(scale, scale)
-        return float(numerics.eigenvalues(scaled)[0])
-
-    @cached_property
-    def stable(self) -> bool | None:
-        """Whether every motion meets a restoring force; None where that is not decided.
-
-        That is at singular poses, and where neither stiffness nor compliance exists.
-        """
-        undecided = {"type-2-singularity", "singular-stiffness", "no-rest"}
-        if self.multiplicity > 1 or undecided & {note.code for note in self.notes}:
-            return None
-        if self.eigenvalue is not None:
-            return self.eigenvalue > 0.0
-        C = self.result.tangent_compliance  # of what has fewer than six free motions
-        if C is None:
-            return None
-        scale = np.repeat([self.result.posture.length, 1.0], 3)
-        values = numerics.eigenvalues(0.5 * (C + C.T) * np.outer(scale, scale))
-        return bool(values[0] >= -numerics.ZERO * max(values[-1], 0.0))
-
-    @cached_property
-    def determinant(self) -> float | None:
-        """Of the six legs' lines, moments over the characteristic length; None of chains.
-
-        Its sign is that of the region between singularities.
-        """
-        lines = self.result.posture.actuation
-        if not self.result.posture.coordinates_are_pose or lines is None or len(lines) != 6:
-            return None
-        return float(np.linalg.det(lines / np.repeat([self.result.posture.length, 1.0], 3)))
-
-    @cached_property
-    def frequencies(self) -> Array | None:
-        """Natural frequencies [Hz] in this pose; None without masses or where there are none."""
-        elastic = self.result.elastic
-        if not sum(elastic.masses.values()) > 0.0:
-            return None
-        try:
-            return modes(self.result).frequencies
-        except UndefinedError:
-            return None
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        frequencies = self.frequencies
-        return {
-            "q": self.q.tolist(),
-            "pose": self.pose.tolist(),
-            "residual": self.residual,
-            "multiplicity": self.multiplicity,
-            "smallest_eigenvalue": self.eigenvalue,
-            "stable": self.stable,
-            "determinant": self.determinant,
-            "frequencies": None if frequencies is None
-            else [float(f) if np.isfinite(f) else None for f in frequencies],
-            "notes": [note.as_dict() for note in self._own_notes],
-        }  # fmt: skip
-
-    @cached_property
-    def _own_notes(self) -> list[Note]:
-        """Those that are not of loading."""
-        general = {note.code for note in self.result.elastic.notes}
-        return [note for note in self.notes if note.code not in general]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -233,6 +117,7 @@ class AssemblyModes(ShownInLines):
             "frame": elastic.mechanism.frame,
             "units": {"length": units.length, "force": units.force, "angle": "rad"},
             "given": dict(self.given),
+            **weighed(elastic).as_dict(),
             "search": told,
             "modes": [mode.as_dict() for mode in self.modes],
             "notes": [note.as_dict() for note in self.notes],
@@ -247,6 +132,10 @@ def assemble(
     starts: int | None = None,
     seed: int | None = None,
     every: bool = True,
+    wrench: ArrayLike | None = None,
+    load_kind: Literal["dead", "follower", "conservative"] = "dead",
+    load_at: ArrayLike = (0.0, 0.0, 0.0),
+    load_axes: Literal["body", "world"] = "body",
 ) -> AssemblyModes:
     """All assembly modes of a mechanism, with the stiffness in each.
 
@@ -267,6 +156,9 @@ def assemble(
         Of closed chains alone: how many random starts, default 64, and their seed, default 0.
     every : bool
         List all modes; else only the one nearest to `q`.
+    wrench, load_kind, load_at, load_axes : optional
+        The load under which the stiffness of every mode is taken, as in `cartstiff.analyse`: the
+        held actuators carry it in each.
 
     Returns
     -------
@@ -290,22 +182,32 @@ def assemble(
     every = checked_flag(every, "every")
     values = elastic.q if q is None else named_values(q, elastic.names, elastic.q, "q")
     mechanism = elastic.mechanism
+    stiffness = partial(analyse, elastic, wrench=wrench, load_kind=load_kind, load_at=load_at,
+                        load_axes=load_axes)  # fmt: skip
     if isinstance(mechanism, Platform):
+        if wrench is not None and isinstance(elastic.springs, FlexureStruts):
+            raise InputError("struts with flexures leave the mode under a load", where="wrench",
+                             expected="`equilibrium` from a mode found without it")  # fmt: skip
         if starts is not None or seed is not None:
             raise InputError("random starts are for closed chains", got=mechanism.kind,
                              expected="neither starts nor seed: a platform needs none")  # fmt: skip
-        return _of_platform(elastic, mechanism, lengths, values, every)
+        return _of_platform(elastic, mechanism, lengths, values, every, stiffness)
     if lengths is not None:
         raise InputError("leg lengths are for platforms", got=mechanism.kind)
     if not isinstance(mechanism, Chain) or not mechanism.closures:
         raise InputError("assembly modes exist for closed chains and platforms", got=mechanism.kind,
                          expected="for an arm, inverse_kinematics")  # fmt: skip
     starts = _STARTS if starts is None else starts
-    return _of_chain(elastic, mechanism, values, starts, seed or 0, every)
+    return _of_chain(elastic, mechanism, values, starts, seed or 0, every, stiffness)
 
 
 def _of_platform(
-    elastic: ElasticMechanism, platform: Platform, lengths: ArrayLike | None, q: Array, every: bool
+    elastic: ElasticMechanism,
+    platform: Platform,
+    lengths: ArrayLike | None,
+    q: Array,
+    every: bool,
+    stiffness: _Stiffness,
 ) -> AssemblyModes:
     if platform.kind != "stewart-gough" and getattr(elastic.springs, "unilateral", False):
         raise InputError("cables do not hold a body by their lengths alone",
@@ -328,7 +230,7 @@ def _of_platform(
     listed = []
     for i in order:
         at = platform.coordinates_of(poses[i])
-        result, more = at_rest_with(elastic, q, wanted, at)
+        result, more = at_rest_with(elastic, q, wanted, at, stiffness)
         missed = float(np.abs(platform.leg_lengths(result.q) - wanted).max())
         listed.append(AssemblyMode(result, missed, int(counts[i]), more))
     if search.moving:
@@ -354,7 +256,13 @@ def _of_platform(
 
 
 def _of_chain(
-    elastic: ElasticMechanism, chain: Chain, q: Array, starts: int, seed: int, every: bool
+    elastic: ElasticMechanism,
+    chain: Chain,
+    q: Array,
+    starts: int,
+    seed: int,
+    every: bool,
+    stiffness: _Stiffness,
 ) -> AssemblyModes:
     if not chain.actuated:
         raise InputError("the mechanism names no actuated joints, so that nothing is held",
@@ -386,7 +294,7 @@ def _of_chain(
     order = sorted(range(len(closed)), key=lambda i: float(np.linalg.norm(places[i] - places[0])))
     listed = tuple(
         AssemblyMode(result, _gap(result))
-        for result in (analyse(elastic, closed[i]) for i in order[: None if every else 1])
+        for result in (stiffness(closed[i]) for i in order[: None if every else 1])
     )
     given = {elastic.names[j]: float(q[j]) for j in held}
     search = Search(len(begin), (), len(closed), len(listed))

@@ -20,6 +20,7 @@ It leaves the limits somewhat before the last distribution does.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import combinations
 from typing import Any
 
@@ -36,7 +37,10 @@ from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.flexure_struts import FlexureStruts, ideal_joints_only
 from cartstiff.potentials.line_springs import LineSprings, lines_of_many
 
-__all__ = ["Margins", "lines_at", "wrench_margins"]
+__all__ = ["LoadAt", "Margins", "lines_at", "wrench_margins"]
+
+#: The load at poses (N, 4, 4): (N, 6) about M's origin in its axes.
+LoadAt = Callable[[Array], Array]
 
 
 def lines_at(platform: Platform, poses: Array) -> tuple[Array, Array]:
@@ -85,9 +89,10 @@ class Margins:
     ----------
     elastic : ElasticMechanism
         A platform, or a body on cables.
-    wrench : ndarray (6,)
-        Load in the axes of F at M's origin, (moment, force), that the legs carry where their
-        forces are limited; the body's weight is added where there is gravity.
+    load : callable, optional
+        Of poses (N, 4, 4) the load (N, 6) about M's origin in its axes, (moment, force), that the
+        legs carry where their forces are limited; the body's weight is added where there is
+        gravity.
     sign : float
         Of the determinant of six legs' lines; poses of the other sign count as beyond the limit
         "singularity". 0: it does not count.
@@ -99,7 +104,7 @@ class Margins:
     """
 
     def __init__(
-        self, elastic: ElasticMechanism, wrench: Array, sign: float = 0.0,
+        self, elastic: ElasticMechanism, load: LoadAt | None = None, sign: float = 0.0,
         tensions: Distribution = "any",
     ) -> None:  # fmt: skip
         platform, springs = elastic.mechanism, elastic.springs
@@ -108,7 +113,7 @@ class Margins:
                              got=elastic.mechanism.kind)  # fmt: skip
         self.platform, self.springs, self.sign = platform, springs, sign
         self.limits, self.length = Limits(platform), platform.length
-        self.wrench, self.weight = wrench, np.zeros(3)
+        self.load, self.weight = load, np.zeros(3)
         if elastic.gravity is not None:
             self.weight = platform.weight(elastic.gravity)
         m = len(platform.points)
@@ -238,15 +243,16 @@ class Margins:
 
     def _asked(self, poses: Array) -> Array:
         """What the legs carry (N, 6), in M, moments over the body's length."""
-        R = poses[:, :3, :3]
-        force = (self.wrench[3:] - self.weight) @ R
-        weight = -self.weight @ R
-        moment = self.wrench[:3] @ R + np.cross(self.platform.mass_centre, weight)
-        return np.concatenate([moment / self.platform.length, force], axis=1)
+        weight = -self.weight @ poses[:, :3, :3]
+        moment = np.cross(self.platform.mass_centre, weight)
+        asked = np.concatenate([moment, weight], axis=1)
+        if self.load is not None:
+            asked = asked + self.load(poses)
+        return asked / np.repeat([self.platform.length, 1.0], 3)
 
     def _tensions(self, lengths: Array, lines: Array, asked: Array) -> Array:
         """Tensions (N, 6): of given rest lengths, or those that balance what is asked."""
-        if self.springs.is_complete and not self.wrench.any():
+        if self.springs.is_complete and self.load is None:
             return self.springs.tensions(lengths)
         with np.errstate(all="ignore"):
             matrix = lines.swapaxes(1, 2)

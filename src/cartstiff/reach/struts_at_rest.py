@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from cartstiff.errors import ConvergenceError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
@@ -16,16 +18,21 @@ _STEPS = 20
 
 
 def at_rest_with(
-    elastic: ElasticMechanism, home: Array, lengths: Array, q: Array
+    elastic: ElasticMechanism,
+    home: Array,
+    lengths: Array,
+    q: Array,
+    stiffness: Callable[[Array], PostureStiffness],
 ) -> tuple[PostureStiffness, tuple[Note, ...]]:
     """The stiffness of a platform with actuators at leg lengths (m,), at or near a pose q (6,).
 
     Of legs between ideal joints at q itself. Struts with flexures hold at `home`, where they were
     made, with the actuators where these need no load; from there they are told the lengths. They
-    come to rest beside q; where no rest is found, the answer is that at q, with a note.
+    come to rest beside q; where no rest is found, the answer is that at q, with a note. `stiffness` is
+    `analyse` at a pose, under the load that is asked for.
     """
     if not isinstance(elastic.springs, FlexureStruts):
-        return analyse(elastic, q), ()
+        return stiffness(q), ()
     if not elastic.springs.is_complete:
         at_home = elastic.balanced(home).springs
         moved = lengths - elastic.mechanism.at(home).lines.lengths  # type: ignore[attr-defined]

@@ -11,27 +11,28 @@ an axis takes ``(theta - sin theta) / pi`` of all rotations in that direction.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_flag, checked_length, checked_vector
+from cartstiff.arrays import checked_flag, checked_vector
 from cartstiff.choices import Distribution
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.kinematics.architecture import architecture_of, orientation_rank
 from cartstiff.kinematics.at_pose import COORDINATES
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note, checked_elastic
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.mechanisms.weighed import weighed
 from cartstiff.notebook import ShownInLines
 from cartstiff.reach.leg_margins import LegMargins
-from cartstiff.reach.margins import Margins
+from cartstiff.reach.margins import LoadAt, Margins
 from cartstiff.reach.regions import (
     Columns,
     Moved,
@@ -43,6 +44,8 @@ from cartstiff.reach.regions import (
     shifted,
 )
 from cartstiff.reach.singularities import Singular, least_ratio, singular_around
+from cartstiff.reach.start import carried, reach_of_lines, singular_note
+from cartstiff.stiffness.applied_load import checked_load
 
 __all__ = ["WORKSPACE_SCHEMA", "Workspace", "workspace"]
 
@@ -81,6 +84,8 @@ class Workspace(ShownInLines):
         takes. Rays and columns count angles as lengths, a quarter of a turn as the reach.
     scales : ndarray (3,)
         What makes them coordinates again.
+    load : mapping, optional
+        The wrench that is carried, its kind, point and axes.
     notes : tuple of Note
         What was assumed, and what does not exist.
     """
@@ -98,6 +103,7 @@ class Workspace(ShownInLines):
     distribution: dict[str, Any] = field(default_factory=dict)
     axes: tuple[str, ...] = ("x", "y", "z")
     scales: Array = field(default_factory=lambda: np.ones(3))
+    load: Mapping[str, Any] | None = None
     notes: tuple[Note, ...] = ()
 
     @property
@@ -165,6 +171,8 @@ class Workspace(ShownInLines):
             "frame": elastic.mechanism.frame,
             "units": {"length": units.length, "force": units.force, "angle": "rad"},
             "pose": self.pose.tolist(),
+            **weighed(elastic).as_dict(),
+            "load": None if self.load is None else dict(self.load),
             "volume": self.volume,
             "volume_error": self.volume_error,
             "cut_by": {} if self.positions is None else self.positions.shares(),
@@ -195,6 +203,9 @@ def workspace(
     q: ArrayLike | None = None,
     *,
     wrench: ArrayLike | None = None,
+    load_kind: Literal["dead", "follower"] = "dead",
+    load_at: ArrayLike = (0.0, 0.0, 0.0),
+    load_axes: Literal["body", "world"] = "body",
     directions: int | None = None,
     scan: int = 48,
     radius: float | None = None,
@@ -215,8 +226,14 @@ def workspace(
         Pose whose orientation is kept, and around whose position rotations are tried; rays start
         there. Default the file's pose.
     wrench : array_like (6,), optional
-        Load W (moment, force) that the environment applies at M's origin, in the axes of F; it
-        counts where forces or tensions are limited, as the body's weight does under gravity.
+        Load W (moment, force) that the environment applies to the body at `load_at`; it counts
+        where forces or tensions are limited, as the body's weight does under gravity.
+    load_kind : {"dead", "follower"}
+        Whether it keeps its direction in the room while the body turns, or turns with it.
+    load_at : array_like (3,)
+        The point of the body, in M, about which its moment is and at which its force acts.
+    load_axes : {"body", "world"}
+        Whose axes its components are along: those of M at the pose the rays start from, or F's.
     directions : int, optional
         About how many rays, and columns; 1000, or 200 for cables, for more than six legs with
         limited forces, for struts with flexures, and for legs made of joints.
@@ -248,12 +265,12 @@ def workspace(
     checked_elastic(elastic)
     through = checked_flag(through_singularities, "through_singularities")
     values = elastic.q if q is None else named_values(q, elastic.names, elastic.q, "q")
-    load = np.zeros(6) if wrench is None else checked_vector(wrench, 6, "wrench")
+    kind = checked_load(load_kind, load_at, load_axes, wrench is not None)
     if scan < 2 or (directions is not None and directions < 8):
         raise InputError("too few poses", expected="scan from 2, directions from 8")
     notes = list(elastic.notes)
     if isinstance(elastic.mechanism, Chain):
-        if load.any() or tensions != "any":
+        if wrench is not None or tensions != "any":
             raise InputError("is for limits of forces, which legs made of joints do not have",
                              where="wrench or tensions", expected="neither")  # fmt: skip
         pose = elastic.mechanism.closed(values).pose
@@ -261,14 +278,20 @@ def workspace(
         margins: Margins | LegMargins = on_legs
         count, most = directions or 200, on_legs.reach(radius)
     else:
+        W = None if wrench is None else checked_vector(wrench, 6, "wrench")
+        load = None if W is None else partial(carried, kind, W, load_axes)
         found = _margins(elastic, values, load, through, tensions)
         if isinstance(found, Workspace):
             return found
         margins, pose = found
         count = directions or (200 if margins.is_slow else 1000)
-        most = _reach(margins.platform, pose, radius)
+        most = reach_of_lines(margins.platform, pose, radius)
     axes, scales, moved = _followed(margins, pose, most)
-    here = Workspace(elastic, pose, axes=axes, scales=scales, notes=tuple(notes))
+    told = None if wrench is None else {
+        "wrench": np.asarray(wrench, float).tolist(), "kind": kind.kind, "at": list(kind.at),
+        "axes": load_axes,
+    }  # fmt: skip
+    here = Workspace(elastic, pose, axes=axes, scales=scales, load=told, notes=tuple(notes))
 
     def turned(vectors: Array) -> Array:
         poses = np.tile(pose, (len(vectors), 1, 1))
@@ -321,15 +344,20 @@ def _places(rays: Rays) -> Array:
 
 
 def _margins(
-    elastic: ElasticMechanism, values: Array, load: Array, through: bool, tensions: Distribution
-) -> tuple[Margins, Array] | Workspace:
+    elastic: ElasticMechanism, values: Array, loaded: Callable[[Array], LoadAt] | None,
+    through: bool, tensions: Distribution,
+) -> tuple[Margins, Array] | Workspace:  # fmt: skip
     """Margins of a platform and its pose; or all that there is, where it is singular everywhere."""
-    bare, platform = Margins(elastic, load, tensions=tensions), elastic.mechanism
+    bare, platform = Margins(elastic, tensions=tensions), elastic.mechanism
     if not isinstance(platform, Platform):
         raise TypeError("a platform")
+    if loaded is not None and bare.forces is None:
+        raise InputError("nothing limits forces, so that a load cuts nothing", where="wrench",
+                         expected="legs.force or cables")  # fmt: skip
     pose, sign = platform.pose_of(np.asarray(values, float)), 0.0
+    load = None if loaded is None else loaded(pose)
     if len(platform.points) >= 6:
-        singular = _singular(platform, pose, bare)
+        singular = singular_note(platform, pose, bare)
         if singular is not None:
             return Workspace(elastic, pose, notes=(*elastic.notes, singular))
     if not bare.names:
@@ -359,31 +387,3 @@ def _followed(
         return np.asarray(se3.from_roll_pitch_yaw(at[:, :3], at[:, 3:]))
 
     return tuple(COORDINATES[i] for i in axes), scales, moved
-
-
-def _singular(platform: Platform, pose: Array, margins: Margins) -> Note | None:
-    """The note on an architecture, or an orientation, that is singular everywhere."""
-    note = architecture_of(platform).note()
-    if note is not None or margins.is_spread:
-        return note
-    rank = orientation_rank(platform, pose[:3, :3])
-    if rank == 6:
-        return None
-    message = (
-        f"with this orientation the legs' lines have rank {rank} at every position, though the "
-        "architecture is regular (as Fichter's platform turned by a right angle)"
-    )
-    return Note("orientation-singularity", message, {"rank": rank})
-
-
-def _reach(platform: Platform, pose: Array, radius: float | None) -> float:
-    """How far from the centre any position can be: where the legs' longest lengths end."""
-    if radius is not None:
-        return checked_length(radius, "radius")
-    longest = np.inf if platform.limits is None else platform.limits[:, 1]
-    ends = platform.points @ pose[:3, :3].T + pose[:3, 3] - platform.anchors
-    farthest = float(np.min(np.linalg.norm(ends, axis=1) + longest))
-    if not np.isfinite(farthest):
-        raise InputError("the lengths of the legs have no upper limit, so that the workspace has "
-                         "no bound", expected="legs.limits, or a radius")  # fmt: skip
-    return farthest

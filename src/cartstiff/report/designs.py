@@ -37,6 +37,12 @@ def describe_designs(designs: Designs, best: int = 10) -> str:
         f"{designs.mechanism}: {len(designs)} designs by {study.method.kind}, "
         f"{study.poses.count} pose(s) each",
         ", ".join(f"{n} {state}" for state, n in counts.items()),
+        *(
+            f"Load{f' of {name}' * (name != 'load')}: {case.words}"
+            for name, case in study.cases.items()
+            if case.wrench is not None
+        ),
+        designs.weighed.text,
         "",
         "Objectives and constraints",
         *table(("name", "what", "unit", "wanted", "from", "to"), _asked(designs)),

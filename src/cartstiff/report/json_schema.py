@@ -303,7 +303,7 @@ def json_schema(command: str = "analyse") -> dict[str, Any]:
         case "workspace":
             return workspace_schema(_ANALYSIS)
         case "design":
-            return design_schema(_ANALYSIS["notes"])
+            return design_schema(_ANALYSIS)
         case "identify":
             return identify_schema(_ANALYSIS["notes"], _ANALYSIS["mechanism"], _ANALYSIS["units"])
         case "analysis":

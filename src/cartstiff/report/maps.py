@@ -19,8 +19,8 @@ from cartstiff.report.layout import number, table
 __all__ = ["describe_comparison", "describe_map", "map_section", "ranked"]
 
 
-def describe_map(answer: Mapping[str, Any], coordinates: Sequence[str]) -> str:
-    """The answer of ``cartstiff map``, for reading, with the coordinates' names and units."""
+def describe_map(answer: Mapping[str, Any], coordinates: Sequence[str], weighed: str = "") -> str:
+    """The answer of ``cartstiff map``, for reading, with coordinates and what was weighed."""
     parts, units = answer["parts"], answer["units"]
     lines = [
         f"{answer['mechanism']}: {answer['postures']} postures, body frame {answer['frame']!r}, "
@@ -31,6 +31,7 @@ def describe_map(answer: Mapping[str, Any], coordinates: Sequence[str]) -> str:
         *_slice(answer),
         *_searched(answer.get("branches")),
         *_load(answer),
+        *([weighed] if weighed else []),
         *([f"drives are told to move on: {answer['told']}"] if answer.get("told") else []),
         *([answer["intervals"]] if answer.get("intervals") else []),
         "",

@@ -49,7 +49,7 @@ def describe(result: PostureStiffness, analysis: str = "", at_rest: bool = False
         f"  roll, pitch, yaw  {wide_row(np.degrees(angles), np.degrees(1.0))} deg",
         "",
     ]
-    lines += _load(result, at_rest)
+    lines += load_lines(result, at_rest)
     lines.append(weighed(elastic).text)
     if np.isfinite(result.stored_energy):
         lines.append(f"  energy stored in the springs {result.stored_energy:.6g} {units.moment}")
@@ -99,7 +99,7 @@ def _outside(result: PostureStiffness) -> float:
     return 0.0 if abs(found) <= numerics.BLANK * works else found
 
 
-def _load(result: PostureStiffness, at_rest: bool) -> list[str]:
+def load_lines(result: PostureStiffness, at_rest: bool = False) -> list[str]:
     """The wrench, and what it does while the body moves."""
     if result.wrench is None:
         return []

@@ -12,8 +12,10 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.other_units import shown
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.mechanisms.weighed import weighed
 from cartstiff.reach.assembly import AssemblyMode, AssemblyModes
 from cartstiff.report.layout import note_lines, number, numbers, table
+from cartstiff.report.posture import load_lines
 
 __all__ = ["assembly_csv", "describe_assembly"]
 
@@ -28,6 +30,8 @@ def describe_assembly(modes: AssemblyModes) -> str:
     lines = [
         f"{elastic.name}: {elastic.mechanism.kind}, body frame {elastic.mechanism.frame!r}",
         f"Held: {given}",
+        *(load_lines(modes[0].result) if count and modes[0].result.is_loaded else []),
+        weighed(elastic).text,
         f"Assembly modes: {count}; searched: {modes.search or 'not, see the notes'}",
     ]
     if modes.search is not None:

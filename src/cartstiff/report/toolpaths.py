@@ -8,6 +8,7 @@ import numpy as np
 
 from cartstiff.errors import joined
 from cartstiff.mechanisms.other_units import shown
+from cartstiff.mechanisms.weighed import weighed
 from cartstiff.report.layout import number, table
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ def describe_optimised_path(result: OptimisedPath) -> str:
         f"{result.criterion.description} [{result.unit}], {result.criterion.better} is better; "
         f"K^{result.connection} {under}",
         f"free: {_free(result)}",
+        weighed(result.elastic).text,
         "",
     ]
     titles = ("", "worst", "mean", "choice")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import degrees
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from cartstiff.arrays import csv_rows
 from cartstiff.errors import joined
+from cartstiff.mechanisms.weighed import weighed
 from cartstiff.reach.workspace import Workspace
 from cartstiff.report.layout import note_lines, number, percent, table, vector
 
@@ -37,6 +38,8 @@ def describe_workspace(reached: Workspace) -> str:
         f"Orientation of M kept; position {vector(reached.pose[:3, 3], 5)} {unit}"
         if is_place
         else f"The body takes {', '.join(reached.axes)}; the rest of its pose follows",
+        *([f"Load: {_load(reached.load)}"] if reached.load else []),
+        weighed(elastic).text,
     ]
     if reached.positions is None or reached.columns is None:
         return joined([*lines, "No workspace: singular everywhere", *note_lines(reached.notes)])
@@ -93,6 +96,14 @@ def describe_workspace(reached: Workspace) -> str:
             + (f"; {number(near.shift, 4)} {unit} without turning" if near.shift else "")
         ]
     return joined([*lines, *note_lines(reached.notes)])
+
+
+def _load(load: Mapping[str, Any]) -> str:
+    """What is carried, in words."""
+    of = "M at the start" if load["axes"] == "body" else "F"
+    W = load["wrench"]
+    return (f"{load['kind']}, moment {vector(W[:3], 6)}, force {vector(W[3:], 6)} along the "
+            f"axes of {of}, at {vector(load['at'], 6)} of the body")  # fmt: skip
 
 
 def _product(units: Sequence[str]) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from cartstiff.cli.options import MechanismRequest, mechanism_options
+from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import tell
 from cartstiff.cli.types import Numbers, OutputFile, json_option, option, option_group
 from cartstiff.errors import InputError, UndefinedError
@@ -18,6 +18,7 @@ _EPILOG = """\b
 Examples:
   cartstiff assemble hexapod --all
   cartstiff assemble stewart-simscape --all --lengths 0.085,0.085,0.085,0.085,0.085,0.086 --json
+  cartstiff assemble hexapod --all --load 0,0,0,0,0,-500 --world
   cartstiff assemble five-bar --all --csv modes.csv
 """
 
@@ -40,10 +41,17 @@ _options = option_group(
 
 
 @click.command(name="assemble", epilog=_EPILOG)
-@mechanism_options(placed=False)
+@mechanism_options(
+    "Wrench on the body in its own frame, which the held legs or actuators carry in every mode; "
+    "the stiffness is that under it.",
+    placed=False,
+    loaded=True,
+)
+@load_options("--load")
 @_options
 def command(
     request: MechanismRequest,
+    applied: LoadRequest,
     every: bool,
     starts: int | None,
     seed: int | None,
@@ -57,6 +65,8 @@ def command(
     are followed to those of this one, and the answer says where each of them ended. For a closed
     chain the actuated joints stay where --q puts them, and the chain is closed from random starts.
     """
+    applied.check_load(request.wrench is not None)
+    applied.check_world(load=request.wrench)
     lengths = request.lengths
     elastic, q = replace(request, lengths=None).load()
     from cartstiff.mechanisms.platform import Platform
@@ -66,7 +76,8 @@ def command(
 
     if lengths is not None and not isinstance(elastic.mechanism, Platform):
         raise InputError("is for platforms", where="--lengths", expected="--q")
-    modes = assemble(elastic, lengths, q=q, starts=starts, seed=seed, every=every)
+    modes = assemble(elastic, lengths, q=q, starts=starts, seed=seed, every=every,
+                     wrench=request.wrench, **applied.keywords(request.wrench))  # fmt: skip
     if csv is not None:
         write_whole(csv, assembly_csv(modes).encode())
     tell(as_json, modes.as_dict(), request.mechanism, lambda: describe_assembly(modes))

@@ -7,11 +7,10 @@ from pathlib import Path
 import click
 
 from cartstiff.choices import TENSIONS, Distribution
-from cartstiff.cli.options import MechanismRequest, mechanism_options
+from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import Progress, tell
 from cartstiff.cli.types import (
     PICTURE,
-    WRENCH,
     Number,
     Numbers,
     OutputFile,
@@ -28,16 +27,13 @@ _EPILOG = """\b
 Examples:
   cartstiff workspace hexapod
   cartstiff workspace hexapod --pose 0,0,0.7,0.1,0,0 --plot workspace.png --csv boundary.csv
-  cartstiff workspace cable-robot --radius 2 --wrench 0,0,0,0,0,-50 --json
+  cartstiff workspace cable-robot --radius 2 --load 0,0,0,0,0,-50 --world --json
 """
 
 _options = option_group(
     option("--pose", type=Numbers("X,Y,Z,R,P,Y", 6),
            help="Orientation that is kept, and position around which rotations are tried: "
            "position and roll, pitch, yaw about fixed axes; default the file's."),
-    option("--wrench", type=WRENCH,
-           help="Load on the body at M's origin in the axes of F, where forces or tensions are "
-           "limited."),
     click.option("--directions", type=click.IntRange(8, 1_000_000),
                  help="About how many rays, and columns; default 1000, 200 for tensions and "
                  "for legs made of joints."),
@@ -62,10 +58,17 @@ _options = option_group(
 
 
 @click.command(name="workspace", epilog=_EPILOG)
-@mechanism_options(placed=False)
+@mechanism_options(
+    "Wrench on the body in its own frame at the pose the rays start from, where forces or "
+    "tensions are limited.",
+    placed=False,
+    loaded=True,
+)
+@load_options("--load")
 @_options
 def command(
     request: MechanismRequest,
+    applied: LoadRequest,
     directions: int | None,
     scan: int,
     radius: float | None,
@@ -85,6 +88,8 @@ def command(
     if request.stiffness is not None:
         raise InputError("stiffness does not bear on where a body can be", where="--stiffness",
                          expected="no stiffness")  # fmt: skip
+    applied.check_load(request.wrench is not None)
+    applied.check_world(load=request.wrench)
     elastic, q = request.load()
 
     from cartstiff.reach.workspace import workspace
@@ -93,7 +98,8 @@ def command(
 
     with Progress("poses", progress) as bar:
         reached = workspace(
-            elastic, q, wrench=request.wrench, directions=directions, scan=scan, radius=radius,
+            elastic, q, wrench=request.wrench, **applied.keywords(request.wrench),
+            directions=directions, scan=scan, radius=radius,
             through_singularities=through_singularities, tensions=tensions, progress=bar,
         )  # fmt: skip
     write_files((csv, lambda: boundary_csv(reached)), (plot, lambda: draw_workspace(reached)))

@@ -10,7 +10,7 @@ from cartstiff.report.schemas import words as js
 __all__ = ["design_schema"]
 
 
-def design_schema(notes: dict[str, Any]) -> dict[str, Any]:
+def design_schema(parts: dict[str, Any]) -> dict[str, Any]:
     """JSON Schema of what ``cartstiff design --json`` prints (draft 2020-12)."""
     by_name = {"type": "object", "additionalProperties": js.number(null=True)}
     measure = {
@@ -28,6 +28,8 @@ def design_schema(notes: dict[str, Any]) -> dict[str, Any]:
             "variables": js.strings("parameters that vary"),
             "set": by_name | {"description": "parameters that do not, where the study gives them"},
             "poses": js.integer("poses of each design"),
+            "gravity": parts["gravity"],
+            "weighed": parts["weighed"],
             "objectives": js.list_of(
                 js.object_with(measure | {"goal": js.one_of("largest", "smallest")}),
                 "what is wanted",
@@ -61,7 +63,7 @@ def design_schema(notes: dict[str, Any]) -> dict[str, Any]:
                 ),
                 "in the order in which they were chosen",
             ),
-            "notes": notes,
+            "notes": parts["notes"],
         },
         "design",
     )

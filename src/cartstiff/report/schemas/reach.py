@@ -61,6 +61,8 @@ def assemble_schema(parts: dict[str, Any]) -> dict[str, Any]:
             "frame": parts["frame"],
             "units": parts["units"],
             "given": {"type": "object", "description": "leg lengths, or actuated joints, by name"},
+            "gravity": parts["gravity"],
+            "weighed": parts["weighed"],
             "search": search,
             "modes": js.list_of(mode, "the nearest to the default posture first"),
             "notes": parts["notes"],
@@ -80,6 +82,18 @@ def workspace_schema(parts: dict[str, Any]) -> dict[str, Any]:
             "frame": parts["frame"],
             "units": parts["units"],
             "pose": {"type": "array", "description": "4x4, M in F: its orientation is kept"},
+            "gravity": parts["gravity"],
+            "weighed": parts["weighed"],
+            "load": js.object_with(
+                {
+                    "wrench": js.numbers("moment, force", 6),
+                    "kind": js.one_of("dead", "follower"),
+                    "at": js.numbers("point of the body, in M", 3),
+                    "axes": js.one_of("body", "world"),
+                },
+                "what is carried besides the weight; null: nothing",
+                null=True,
+            ),
             "axes": js.strings(
                 "coordinates of the pose that are followed; x, y, z if it takes them"
             ),

@@ -1,0 +1,158 @@
+"""Tool, weight, load and units on the commands that judge many poses: each acts."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from importlib import import_module
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.optimize import linprog
+
+import cartstiff
+from cartstiff.cli.main import _COMMANDS
+from cartstiff.cli.main import command as cartstiff_command
+from cartstiff.errors import InputError
+from cartstiff.geometry import se3
+from cartstiff.mechanisms.leg_limits import LegLimits
+from cartstiff.reach.margins import lines_at
+
+TOOL = {"--tcp", "--gravity", "--payload", "--units"}
+LOAD = {"--load", "--load-at", "--world", "--load-kind"}
+#: What has no meaning, and why, stands in docs/howto/urdf.md.
+LACKS = {
+    "models": TOOL | LOAD,
+    "compare": TOOL | LOAD,
+    "frames": LOAD,
+    "poses": LOAD | {"--gravity", "--payload"},
+    "identify": {"--world", "--load-kind"},
+}
+
+
+def run(*words: str) -> str:
+    done = CliRunner().invoke(cartstiff_command, list(words), catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+@pytest.mark.parametrize("name", list(_COMMANDS))
+def test_the_same_options_on_every_command(name):
+    command = import_module(_COMMANDS[name][0]).command
+    options = {word for parameter in command.params for word in parameter.opts}
+    assert (TOOL | LOAD) - options == LACKS.get(name, set())
+
+
+def test_assembly_modes_under_a_load():
+    """K of each mode is that of `analyse` there under the same load."""
+    elastic = cartstiff.load("hexapod", payload=3.0)
+    load = {"wrench": [10, 0, 5, 100, 0, -9e4], "load_at": [0.1, 0, 0.2], "load_axes": "world"}
+    modes = cartstiff.assemble(elastic, **load, load_kind="follower")
+    assert len(modes) > 1
+    for mode in modes:
+        expected = cartstiff.analyse(elastic, mode.q, **load, load_kind="follower")
+        assert np.array_equal(mode.result.tangent, expected.tangent)
+    bare = cartstiff.assemble(elastic)
+    assert abs(modes[0].eigenvalue / bare[0].eigenvalue - 1) > 1e-3
+    told = json.loads(run("assemble", "hexapod", "--payload", "3", "--load", "10,0,5,100,0,-9e4",
+                          "--load-at", "0.1,0,0.2", "--world", "--load-kind", "follower", "--all",
+                          "--json"))  # fmt: skip
+    assert told["modes"][0]["smallest_eigenvalue"] == modes[0].eigenvalue
+    assert told["weighed"] == [{"name": "platform", "mass": 3.0}]
+
+
+@pytest.mark.parametrize("kind", ["dead", "follower"])
+def test_a_workspace_under_a_load_is_that_of_linprog(kind):
+    """Boundaries of cables: tensions within limits carry the load just inside, and not outside."""
+    elastic = cartstiff.load("cable-robot")
+    tensions, platform = (1.0, 100.0), elastic.mechanism
+    with_limits = platform.as_one_of_many()
+    with_limits.leg_limits = LegLimits(forces=np.tile(tensions, (len(platform.points), 1)))
+    elastic = replace(elastic, mechanism=with_limits)
+    q = [0.1, 0.0, 0.6, 0.0, 0.05, 0.02]
+    W, at = np.array([0.5, 0.0, 0.2, 10.0, 0.0, -30.0]), np.array([0.1, 0.05, 0.0])
+    found = cartstiff.workspace(elastic, q, wrench=W, load_at=at, load_kind=kind, directions=24,
+                                scan=16, radius=1.5, fits=False)  # fmt: skip
+    start = with_limits.pose_of(np.array(q))
+
+    def carries(T):
+        R = np.eye(3) if kind == "follower" else T[:3, :3].T @ start[:3, :3]
+        m, f = R @ W[:3], R @ W[3:]
+        asked = np.concatenate([m + np.cross(at, f), f])
+        _, lines = lines_at(with_limits, T[None])
+        A = lines[0].T * np.repeat([with_limits.length, 1.0], 3)[:, None]
+        return linprog(np.zeros(A.shape[1]), A_eq=A, b_eq=asked, bounds=[tensions] * A.shape[1],
+                       method="highs").status == 0  # fmt: skip
+
+    checked = 0
+    for rays, turning in ((found.positions, False), (found.turns, True)):
+        for r, x, *_, name in rays.edges:
+            if name != "tensions" or (turning and x > 3.14):  # a half turn is no boundary
+                continue
+            sides = []
+            for share in (0.999, 1.001):
+                T = start.copy()
+                if turning:
+                    step = share * x * rays.directions[r]
+                    T[:3, :3] = T[:3, :3] @ se3.exp(np.append(step, np.zeros(3)))[:3, :3]
+                else:
+                    T[:3, 3] += share * x * rays.directions[r]
+                sides.append(carries(T))
+            assert sides[0] != sides[1]
+            checked += 1
+    assert checked > 20
+
+
+def test_a_load_where_nothing_limits_forces_is_refused():
+    with pytest.raises(InputError, match="nothing limits forces"):
+        cartstiff.workspace(cartstiff.load("hexapod"), wrench=[0, 0, 0, 0, 0, -1])
+    with pytest.raises(InputError, match="expected dead or follower"):
+        cartstiff.workspace(cartstiff.load("cable-robot"), wrench=[0, 0, 1, 0, 0, -1], radius=1.0,
+                            load_kind="conservative")  # fmt: skip
+
+
+STUDY = {
+    "mechanism": "inclined-hexapod",
+    "variables": {"sz": {"values": [0.5, 0.8]}},
+    "objectives": {"moves": {"quantity": "deflection"}},
+}
+
+
+def test_designs_carry_tool_weight_and_load(tmp_path):
+    """Each design's number is that of its mechanism by `load` and `analyse`; in mm, a thousand."""
+    path = tmp_path / "study.yaml"
+    path.write_text(json.dumps(STUDY))
+    words = ("--tcp", "0,0,0.1,0.2,0,0", "--payload", "400,0,0,0.2", "--load", "0,0,0,50,0,-9000",
+             "--world", "--load-at", "0,0.1,0")  # fmt: skip
+    told = json.loads(run("design", str(path), *words, "--json"))
+    assert told["weighed"] == [{"name": "platform", "mass": 400.0}]
+    for one in told["designs"]:
+        elastic = cartstiff.load("inclined-hexapod", parameters=one["parameters"],
+                                 tcp=[0, 0, 0.1, 0.2, 0, 0], payload=[400, 0, 0, 0.2])  # fmt: skip
+        result = cartstiff.analyse(elastic, wrench=[0, 0, 0, 50, 0, -9000], load_axes="world",
+                                   load_at=[0, 0.1, 0])  # fmt: skip
+        at = np.eye(4)
+        at[:3, 3] = [0, 0.1, 0]
+        R = result.pose[:3, :3].T
+        force = R @ [50, 0, -9000]
+        W = np.append(np.cross([0, 0.1, 0], force), force)
+        moved = (result.tangent_compliance @ W)[3:]
+        assert one["values"]["moves"] == pytest.approx(np.linalg.norm(moved), rel=1e-9)
+    in_mm = (
+        "--tcp",
+        f"0,0,100,{np.degrees(0.2)},0,0",
+        "--payload",
+        "400,0,0,200",
+        "--load",
+        "0,0,0,50,0,-9000",
+        "--world",
+        "--load-at",
+        "0,100,0",
+        "--units",
+        "mm,deg",
+    )
+    other = json.loads(run("design", str(path), *in_mm, "--json"))
+    for one, two in zip(told["designs"], other["designs"], strict=True):
+        assert two["values"]["moves"] == pytest.approx(1e3 * one["values"]["moves"], rel=1e-9)
+    assert other["objectives"][0]["unit"] == "mm"
