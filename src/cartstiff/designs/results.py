@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -41,10 +41,10 @@ class Designs(ShownInLines):
         "largest" or "smallest" for each objective.
     units : mapping of str to str
         Of objectives and constraints.
-    weighed : Weighed
-        What weighs in the mechanism with its file's own parameters.
     damaged : int
         Lines of the output that could not be read again.
+    weighed : Weighed
+        What weighs in the mechanism with its file's own parameters.
     """
 
     study: Study
@@ -52,8 +52,8 @@ class Designs(ShownInLines):
     designs: tuple[Design, ...]
     better: Mapping[str, str]
     units: Mapping[str, str]
-    weighed: Weighed
     damaged: int = 0
+    weighed: Weighed = field(default_factory=lambda: Weighed(None, {}, (), 0.0, 0.0, "N"))
 
     def _lines(self) -> list[str]:
         counts = ", ".join(f"{n} {state}" for state, n in self.counts().items())

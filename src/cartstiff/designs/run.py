@@ -101,7 +101,7 @@ def design(
     return Designs(
         asked, evaluation.home.name, designs, better,
         {name: evaluation.unit(measure) for name, measure in asked.measures.items()},
-        weighed(evaluation.home), record.damaged,
+        record.damaged, weighed(evaluation.home),
     )  # fmt: skip
 
 

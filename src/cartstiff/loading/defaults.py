@@ -110,10 +110,9 @@ def chosen_frame(
             raise error.at(where) from None
         notes.append(Note("default-frame", f"{who}{words}", {"frame": frame}))
         return frame
-    known = [f.name for f in model.frames]
-    if frame not in known:
-        raise UnknownNameError("frame", frame, known, where=where)
     named = [f for f in model.frames if f.name == frame]
+    if not named:
+        raise UnknownNameError("frame", frame, [f.name for f in model.frames], where=where)
     taken = find_frame(model, frame)
     for other in named:
         apart = not other.placement.isApprox(taken.placement)

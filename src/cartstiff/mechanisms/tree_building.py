@@ -7,6 +7,7 @@ locked joints become links, flexible links get six virtual joints.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -50,10 +51,19 @@ def find_frame(model: pin.Model, name: str) -> Any:
     UnknownNameError
         With the names that exist.
     """
-    named = [f for f in model.frames if f.name == name]
+    return model.frames[_index_of_frame(model, name)]
+
+
+def _index_of_frame(model: pin.Model, name: str) -> int:
+    for kind in _FIRST:  # Pinocchio finds a name sooner, if only one frame of the kind has it
+        with suppress(ValueError):
+            if model.existFrame(name, kind):
+                return int(model.getFrameId(name, kind))
+    every = [f.name for f in model.frames]
+    named = [i for i, other in enumerate(every) if other == name]
     if not named:
-        raise UnknownNameError("frame", name, [f.name for f in model.frames])
-    return min(named, key=lambda f: _precedence(f.type))
+        raise UnknownNameError("frame", name, every)
+    return min(named, key=lambda i: _precedence(model.frames[i].type))
 
 
 _FIRST = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
@@ -100,7 +110,11 @@ def plain_tree(
     fixed_q = pin.neutral(model)
     for index, value in locked.items():
         set_position(model, index, value, fixed_q)
-    every = list(model.frames)
+    still = [i for i in range(1, model.njoints) if i not in kept]
+    if still and not flexible:  # Pinocchio joins links faster than the loop below
+        with suppress(ValueError):  # which it cannot where several frames have one name
+            model = pin.buildReducedModel(model, still, fixed_q)
+            kept, locked = set(range(1, model.njoints)), {}
     # Each look into one of Pinocchio's lists costs as much as the arithmetic.
     parents, names = model.parents.tolist(), list(model.names)
     placements = [T.homogeneous for T in model.jointPlacements]
@@ -161,7 +175,9 @@ def plain_tree(
     soften(0)
     frame_of: dict[int, int] = {}
     if beyond or springs:
-        frame_of = {f.parentJoint: k for k, f in enumerate(every) if f.type == pin.FrameType.JOINT}
+        frame_of = {
+            f.parentJoint: k for k, f in enumerate(model.frames) if f.type == pin.FrameType.JOINT
+        }
     for i in range(1, model.njoints):
         parent, T_p = side(frame_of.get(i, UNFRAMED), parents[i])
         if i not in kept:
@@ -184,17 +200,21 @@ def plain_tree(
             near[i] = (parent, T)
         soften(i)
 
-    def placed(k: int) -> Placement:
-        joint, T_j = side(k, every[k].parentJoint)
-        return Placement(joint, T_j @ every[k].placement.homogeneous)
+    def placed(k: int, frame: Any) -> Placement:
+        joint, T_j = side(k, frame.parentJoint)
+        return Placement(joint, T_j @ frame.placement.homogeneous)
 
     def frames(name: str | None = None) -> dict[str, Placement]:
-        kinds = {
-            k: _precedence(f.type) for k, f in enumerate(every) if name is None or f.name == name
-        }
         places_of = {"world": WORLD}
+        if name is not None:
+            with suppress(UnknownNameError):
+                k = _index_of_frame(model, name)
+                places_of.setdefault(name, placed(k, model.frames[k]))
+            return places_of
+        every = list(model.frames)
+        kinds = {k: _precedence(f.type) for k, f in enumerate(every)}
         for k in sorted(kinds, key=kinds.__getitem__):
-            places_of.setdefault(every[k].name, placed(k))
+            places_of.setdefault(every[k].name, placed(k, every[k]))
         return places_of
 
     n = len(coordinates)
