@@ -79,7 +79,9 @@ def serial_of(
     """
     notes, facts = [*said], description.facts
     frame = chosen_frame(description, file.frame, where, notes)
-    tree = tree_to(description, [frame], file.locked, where, notes, file.flexible)
+    held_by = [f for line in file.lines for f in line.frames if f != "world"]
+    ends = [frame, *(f for f in held_by if description.model.existFrame(f))]
+    tree = tree_to(description, ends, file.locked, where, notes, file.flexible)
     if tree.n == 0:
         raise InputError(
             f"no joint moves frame {frame!r}", where=where, expected="a frame on a moving link"
