@@ -115,9 +115,11 @@ def test_a_world_brings_its_gravity():
         ("<parent>world</parent>", "<parent>wall</parent>", "not in the model, or itself.*wall"),
         ('attached_to="slide"', 'attached_to="tool"', "not in the model, or itself.*tool"),
         ('relative_to="base"', 'relative_to="rail"', "not in the model, or itself"),
-        ('type="prismatic"', 'type="ball"', "'rail' has a type that is not supported"),
+        ('type="prismatic"', 'type="ball"', "'rail' has 1 axes; expected 0 for ball"),
+        ('type="prismatic"', 'type="universal"', "'rail' has 1 axes; expected 2 for universal"),
+        ('type="prismatic"', 'type="gearbox"', "'rail' has a type that is not supported"),
         ('type="prismatic"', 'type="screw"', "expected revolute, .*got screw"),
-        ("<child>slide</child>", "<child>upper</child>", "loops is not supported"),
+        ("<child>slide</child>", "<child>world</child>", "the world is no child of a joint"),
         ("<parent>upper</parent>", "", "<joint name='rail'> is not usable SDF.*parent"),
         ("<mass>2</mass>", "<mass>two</mass>", "<link name='base'> is not usable SDF.*'two'$"),
         ("<damping>0.5", "<damping>soft", "'shoulder'> is not usable SDF, got.*float: 'soft'"),
@@ -132,7 +134,8 @@ def test_a_world_brings_its_gravity():
         ('<frame name="tool"', '<model name="hand"/><frame name="tool"', "a model within"),
         ('<pose degrees="true">', '<pose rotation_format="quat_xyzw">',
          "rotation is not supported; expected euler_rpy"),
-        ("</axis></joint>\n  <link", "</axis><axis2/></joint>\n  <link", "axis2 in SDF"),
+        ("</axis></joint>\n  <link", "</axis><axis2/></joint>\n  <link",
+         "<joint name='shoulder'> is not usable SDF"),
         ("</model>", '</model><model name="b"/>', "holds one robot; expected one <model>, got 2"),
     ],
 )  # fmt: skip
@@ -149,3 +152,82 @@ def test_without_rod_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "rod", None)
     with pytest.raises(CartstiffError, match=r"SDF file needs the package rod.*cartstiff\[sdf\]"):
         cartstiff.load(ARM)
+
+
+def test_balls_and_joints_with_two_axes(tmp_path):
+    """They turn about one axis after the other; balls are passive, springs stand on their axes."""
+    axes = (
+        "<axis><xyz>0 1 0</xyz><dynamics><spring_stiffness>70</spring_stiffness></dynamics></axis>"
+        '<axis2><xyz expressed_in="base">0 0 1</xyz><limit><lower>-1</lower><upper>2</upper>'
+        "</limit></axis2>"
+    )
+    rail = ARM[ARM.index('<axis><xyz expressed_in="base"') : ARM.index("</joint>\n  <frame")]
+    two = ARM.replace(rail, axes).replace('type="prismatic"', 'type="universal"')
+    arm = cartstiff.load(two)
+    assert arm.names == ("shoulder", "rail.1", "rail.2")
+    assert arm.springs.stiffness[1] == 70.0
+    assert arm.limits["rail.2"] == (-1.0, 2.0)
+    shoulder = at(0.5, 0, 0, 0, 0, 0.25) @ at(0, 0, 0.1, 0.2)
+    rail_at = shoulder @ at(0, 0, 0.2, 0, 0.5, 0.3) @ at(0.3, 0, 0.1, 0, np.pi / 2, 0)
+    second = rail_at[:3, :3].T @ at(0, 0, 0, 0, 0, 0.25)[:3, 2]  # the base's z at zero
+    q, tool = (0.0, 0.6, -0.4), at(0, 0, 0.2, np.pi / 2)
+    turn = np.eye(4)
+    turn[:3, :3] = (
+        Rotation.from_rotvec([0, q[1], 0]) * Rotation.from_rotvec(q[2] * second)
+    ).as_matrix()
+    assert np.abs(arm.mechanism.at(q).pose - rail_at @ turn @ tool).max() < 1e-14
+
+    arm = cartstiff.load(ARM.replace(rail, "").replace('type="prismatic"', 'type="ball"'))
+    assert arm.names == ("shoulder", "rail.x", "rail.y", "rail.z")
+    assert arm.springs.stiffness.tolist() == [1000.0, 0.0, 0.0, 0.0]
+    turn[:3, :3] = Rotation.from_euler("XYZ", [0.3, -0.5, 0.7]).as_matrix()
+    assert np.abs(arm.mechanism.at([0, 0.3, -0.5, 0.7]).pose - rail_at @ turn @ tool).max() < 1e-14
+
+
+FOUR_BAR = """<sdf version="1.9"><model name="four"><link name="base"/>
+<joint name="foot" type="fixed"><parent>world</parent><child>base</child></joint>
+<link name="a"/><link name="b"><pose>0.1 0 1 0 0 0</pose></link>
+<link name="c"><pose>1.2 0 0 0 0 0</pose></link>
+<joint name="j1" type="revolute"><parent>base</parent><child>a</child><axis><xyz>0 1 0</xyz>
+<dynamics><spring_stiffness>1000</spring_stiffness></dynamics></axis></joint>
+<joint name="j2" type="revolute"><parent>a</parent><child>b</child><axis><xyz>0 1 0</xyz></axis>
+</joint>
+<joint name="j3" type="revolute"><parent>base</parent><child>c</child><axis><xyz>0 1 0</xyz></axis>
+</joint>
+<joint name="j4" type="revolute"><pose relative_to="c">0.2 0 0.7 0 0 0</pose><parent>c</parent>
+<child>b</child><axis><xyz>0 1 0</xyz></axis></joint>
+<frame name="tool" attached_to="b"><pose>0.5 0 0.3 0 0 0</pose></frame></model></sdf>"""
+
+
+def test_a_link_on_two_joints_closes_a_loop():
+    """A four-bar: the compliance at the tool from circles that meet, by differences."""
+    from scipy.optimize import brentq
+
+    four = cartstiff.load(FOUR_BAR)
+    assert four.names == ("j1", "j2", "j3", "j4")
+    assert four.springs.stiffness.tolist() == [1000.0, 0.0, 0.0, 0.0]
+    A, B = np.array([0.1, 1.0]), np.array([1.4, 0.7])  # x and z of the pins
+    O, coupler = np.array([1.2, 0.0]), B - A  # noqa: E741
+
+    def spun(x, z, angle):  # about y
+        return np.array(
+            [np.cos(angle) * x + np.sin(angle) * z, np.cos(angle) * z - np.sin(angle) * x]
+        )
+
+    def tool(angle):
+        at_a = spun(*A, angle)
+
+        def gap(turn):
+            return np.linalg.norm(at_a + spun(*coupler, turn) - O) - np.linalg.norm(B - O)
+
+        turn = brentq(gap, -0.3, 0.3, xtol=1e-15)
+        return np.append(turn, at_a + spun(0.5, 0.3, turn))
+
+    h = 1e-4
+    turn, x, z = (tool(h) - tool(-h)) / (2 * h)
+    result = cartstiff.analyse(four)
+    J = np.array([0, turn, 0, x, 0, z])
+    assert np.allclose(result.compliances["B"], np.outer(J, J) / 1000, rtol=0, atol=1e-10)
+    spring = "<dynamics><spring_stiffness>1000</spring_stiffness></dynamics>"
+    assumed = cartstiff.load(FOUR_BAR.replace(spring, ""))
+    assert assumed.springs.stiffness.tolist() == [1e4, 1e4, 1e4, 0.0]

@@ -3,6 +3,9 @@
 Every joint of an SDF file may stand anywhere in its child link. In the URDF that is made of it a
 joint moves a link of its own name at its frame, where that is not the child link's, and the child
 link is fixed to it. So every link, joint and frame of the file stands where the file has it.
+
+A ball joint becomes three that turn about x, y and z, one with two axes becomes two. A joint whose
+child another joint carries already carries a link of its own, which is tied to that child: a loop.
 """
 
 from __future__ import annotations
@@ -16,14 +19,15 @@ import numpy as np
 from cartstiff.errors import InputError, imported, one_line
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.mjcf.facts import MjcfFacts, MjcfSpring
+from cartstiff.loading.mjcf.facts import MjcfClosure, MjcfFacts, MjcfSpring
 
 __all__ = ["read_sdf"]
 
-_TYPES = ("revolute", "continuous", "prismatic", "fixed")
+_TYPES = ("revolute", "continuous", "prismatic", "fixed", "ball", "universal", "revolute2")
+_TWO_AXES = ("universal", "revolute2")
 # What rod leaves out without a word, or what says where things are in ways of old versions.
 _REFUSED = {
-    "include": "an <include>", "model/model": "a model within the model", "joint/axis2": "axis2",
+    "include": "an <include>", "model/model": "a model within the model",
     "joint/axis/mimic": "a joint that mimics another", "link/pose[@frame]": "<pose frame=...>",
 }  # fmt: skip
 # What SDF takes where a file says nothing, and rod asks for.
@@ -72,16 +76,21 @@ def read_sdf(root: ET.Element, where: str) -> tuple[str, MjcfFacts]:
         ):
             raise InputError(f"{words} in SDF is not supported", where=where,
                              expected="links, joints and frames of one model")  # fmt: skip
-    for axis in models[0].iterfind("joint/axis"):
-        _complete(axis)
+    axes: dict[str, list[Any]] = {}
+    for joint in models[0].iterfind("joint"):
+        given = [part for tag in ("axis", "axis2") if (part := joint.find(tag)) is not None]
+        for axis in given:
+            _complete(axis)
+        name = joint.get("name", "")
+        axes[name] = [_element(rod, "Axis", axis, where, name) for axis in given]
     parts = {
         tag: [_element(rod, kind, part, where) for part in models[0].findall(tag)]
         for tag, kind in (("link", "Link"), ("joint", "Joint"), ("frame", "Frame"))
     }
     pose = models[0].find("pose")
     stands = None if pose is None else _element(rod, "Pose", pose, where)
-    model = _Model(models[0].get("name", "robot"), stands, parts, where)
-    return model.as_urdf(), _facts(parts["joint"], root, where)
+    model = _Model(models[0].get("name", "robot"), stands, parts, axes, where)
+    return model.as_urdf(), _facts(model, root, where)
 
 
 def _complete(axis: ET.Element) -> None:
@@ -95,13 +104,15 @@ def _complete(axis: ET.Element) -> None:
         xyz.set("expressed_in", "__model__")
 
 
-def _element(rod: Any, kind: str, part: ET.Element, where: str) -> Any:
+def _element(rod: Any, kind: str, part: ET.Element, where: str, of: str = "") -> Any:
     """An element as rod reads it. By itself: in a list rod drops what it cannot read."""
     import xmltodict
 
     try:
-        name = f"<{part.tag} name={part.attrib['name']!r}>" if kind != "Pose" else "<pose>"
-        return getattr(rod, kind).from_dict(xmltodict.parse(ET.tostring(part))[part.tag])
+        name = {"Pose": "<pose>", "Axis": f"<joint name={of!r}>"}.get(kind)
+        name = name or f"<{part.tag} name={part.attrib['name']!r}>"
+        kinds = rod.sdf.joint if kind == "Axis" else rod
+        return getattr(kinds, kind).from_dict(xmltodict.parse(ET.tostring(part))[part.tag])
     except Exception as error:  # in the words of rod's own reader
         if isinstance(error, KeyError):
             name, error = f"<{part.tag}>", ValueError("it has no name")
@@ -113,16 +124,21 @@ def _element(rod: Any, kind: str, part: ET.Element, where: str) -> Any:
         raise InputError(f"{name} is not usable SDF", where=where, got=words) from None
 
 
-def _facts(joints: Sequence[Any], root: ET.Element, where: str) -> MjcfFacts:
+def _facts(model: _Model, root: ET.Element, where: str) -> MjcfFacts:
     springs = {}
-    for joint in joints:
-        dynamics = None if joint.axis is None else joint.axis.dynamics
+    for name, axis in model.moving.items():
+        dynamics = None if axis is None else axis.dynamics
         if dynamics is not None and float(dynamics.spring_stiffness or 0.0):
             reference = float(dynamics.spring_reference or 0.0)
-            springs[joint.name] = MjcfSpring((float(dynamics.spring_stiffness),), reference)
+            springs[name] = MjcfSpring((float(dynamics.spring_stiffness),), reference)
+    # Balls and joints that close a loop have no motor; in a loop with springs nothing else has.
+    sprung = [tie.joints for tie in model.closures if tie.joints & springs.keys()]
+    free = {name for joint in model.closing for name in joint}.union(*sprung)
+    free |= {name for name, axis in model.moving.items() if axis is None}
+    passive = tuple(name for name in model.moving if name in free - springs.keys())
     gravity = root.findtext("world/gravity")
     acts = None if gravity is None else np.array(_floats(gravity, 3, where, "world/gravity"))
-    return MjcfFacts(springs=springs, gravity=acts)
+    return MjcfFacts(springs=springs, gravity=acts, passive=passive, closures=tuple(model.closures))
 
 
 def _floats(text: str, count: int, where: str, what: str) -> list[float]:
@@ -137,12 +153,20 @@ def _floats(text: str, count: int, where: str, what: str) -> list[float]:
 
 
 class _Model:
-    """The elements of a model by their names, and where each stands in the model."""
+    """The elements of a model by their names, and where each stands in the model.
+
+    `as_urdf` finds its coordinates with their axes (None: of a ball), those of joints that close a
+    loop, and what these tie.
+    """
 
     def __init__(
-        self, name: str, pose: Any, parts: Mapping[str, Sequence[Any]], where: str
-    ) -> None:
-        self.name, self.where = name, where
+        self, name: str, pose: Any, parts: Mapping[str, Sequence[Any]],
+        axes: Mapping[str, Sequence[Any]], where: str,
+    ) -> None:  # fmt: skip
+        self.name, self.where, self.axes = name, where, axes
+        self.moving: dict[str, Any] = {}
+        self.closing: list[tuple[str, ...]] = []
+        self.closures: list[MjcfClosure] = []
         named = [part.name for of_kind in parts.values() for part in of_kind]
         if again := [name for name in named if named.count(name) > 1]:
             raise InputError("two elements have one name", where=where, got=again[0])
@@ -192,14 +216,35 @@ class _Model:
         ET.SubElement(robot, "link", name="world")
         for name, link in self.links.items():
             self._add_link(robot, name, link)
-        carried: dict[str, str] = {}
+        carried: dict[str, tuple[str, list[str]]] = {}
+        loops = []
         for name, joint in self.joints.items():
-            child = self.link_of(joint.child)
-            if child in carried or child == "world":
-                raise InputError("an SDF model with loops is not supported", where=self.where,
-                                 expected="one joint to each link", got=name)  # fmt: skip
-            carried[child] = name
-            self._add_joint(robot, name, joint, child)
+            child, parent = self.link_of(joint.child), self.link_of(joint.parent)
+            if child == "world":
+                raise InputError("the world is no child of a joint", where=self.where,
+                                 expected="the world as <parent>", got=name)  # fmt: skip
+            end = child
+            if child in carried:
+                end = f"{child} of {name}"
+                ET.SubElement(robot, "link", name=end)
+            moves = self._add_joint(robot, name, joint, child, end)
+            if child in carried:
+                loops.append((parent, child, end, moves))
+            else:
+                carried[child] = parent, moves
+
+        def way(link: str) -> set[str]:
+            seen, found = set[str](), set[str]()
+            while link in carried and link not in seen:
+                seen.add(link)
+                link, moves = carried[link]
+                found.update(moves)
+            return found
+
+        for parent, child, end, moves in loops:
+            joints = frozenset((way(parent) ^ way(child)) | set(moves))
+            self.closing.append(tuple(moves))
+            self.closures.append(MjcfClosure("weld", child, end, np.eye(4), np.eye(4), joints))
         for name in self.links.keys() - carried.keys():
             _fixed(robot, f"world to {name}", "world", name, self.pose(name))
         for name in self.frames:
@@ -209,38 +254,68 @@ class _Model:
             _fixed(robot, f"{on} to {name}", on, name, T)
         return ET.tostring(robot, encoding="unicode")
 
-    def _add_joint(self, robot: ET.Element, name: str, joint: Any, child: str) -> None:
+    def _add_joint(
+        self, robot: ET.Element, name: str, joint: Any, child: str, end: str
+    ) -> list[str]:
+        """Add a joint that carries `end`, where the child stands; the names of its coordinates."""
         if joint.type not in _TYPES:
             raise InputError(f"joint {name!r} has a type that is not supported", where=self.where,
                              expected=", ".join(_TYPES), got=joint.type)  # fmt: skip
         parent, T = self.link_of(joint.parent), self.pose(name)
-        T_j_c, carrier = se3.inverse(T) @ self.pose(child), child
+        T_j_c, carrier = se3.inverse(T) @ self.pose(child), end
         if not np.array_equal(np.round(T_j_c, 12), np.eye(4)):
             carrier = name
             ET.SubElement(robot, "link", name=name)
-            _fixed(robot, f"{name} to {child}", name, child, T_j_c)
-        made = _fixed(robot, name, parent, carrier, se3.inverse(self.pose(parent)) @ T)
+            _fixed(robot, f"{name} to {end}", name, end, T_j_c)
+        start = se3.inverse(self.pose(parent)) @ T
         if joint.type == "fixed":
-            return
-        axis = joint.axis
-        if axis is None:
-            raise InputError(f"joint {name!r} has no axis", where=self.where)
+            _fixed(robot, name, parent, carrier, start)
+            return []
+        axes = self.axes[name]
+        wanted = {"ball": 0, **dict.fromkeys(_TWO_AXES, 2)}.get(joint.type, 1)
+        if len(axes) != wanted:
+            raise InputError(f"joint {name!r} has {len(axes)} axes", where=self.where,
+                             expected=f"{wanted} for {joint.type}")  # fmt: skip
+        steps = [(f".{x}", "revolute", e, None) for x, e in zip("xyz", np.eye(3), strict=True)]
+        if axes:
+            kind = "revolute" if wanted == 2 else joint.type
+            suffixes = (".1", ".2") if wanted == 2 else ("",)
+            steps = [
+                (suffix, kind, self._along(axis, T), axis)
+                for suffix, axis in zip(suffixes, axes, strict=True)
+            ]
+        for i, (suffix, kind, along, axis) in enumerate(steps, start=1):
+            on = carrier if i == len(steps) else f"{name}{suffix} link"
+            if on != carrier:
+                ET.SubElement(robot, "link", name=on)
+            self._move(_fixed(robot, name + suffix, parent, on, start), kind, along, axis)
+            self.moving[name + suffix] = axis
+            parent, start = on, np.eye(4)
+        return [name + suffix for suffix, *_ in steps]
+
+    def _along(self, axis: Any, T: Array) -> Array:
+        """Direction of an axis in the frame of its joint."""
         given = axis.xyz.expressed_in
         R = np.eye(3) if not given else (se3.inverse(T) @ self.pose(given))[:3, :3]
-        ET.SubElement(made, "axis", xyz=_numbers(R @ np.array(axis.xyz.xyz, float)))
+        return np.asarray(R @ np.array(axis.xyz.xyz, float))
+
+    def _move(self, made: ET.Element, kind: str, along: Array, axis: Any) -> None:
+        """Let a joint of the URDF move about or along an axis, within its limits."""
+        ET.SubElement(made, "axis", xyz=_numbers(along))
         bounds = {
             key: repr(float(value))
             for key in ("lower", "upper")
-            if axis.limit is not None
+            if axis is not None
+            and axis.limit is not None
             and (value := getattr(axis.limit, key)) is not None
             and abs(float(value)) < _NO_LIMIT
         }
-        turns_on = joint.type == "continuous" or (joint.type == "revolute" and not bounds)
-        made.set("type", "continuous" if turns_on else joint.type)
+        turns_on = kind == "continuous" or (kind == "revolute" and not bounds)
+        made.set("type", "continuous" if turns_on else kind)
         if bounds and not turns_on:
             rest = {"lower": "-1e9", "upper": "1e9", "effort": "0", "velocity": "0"}
             ET.SubElement(made, "limit", rest | bounds)
-        if axis.dynamics is not None and axis.dynamics.damping is not None:
+        if axis is not None and axis.dynamics is not None and axis.dynamics.damping is not None:
             ET.SubElement(made, "dynamics", damping=repr(float(axis.dynamics.damping)))
 
     def _add_link(self, robot: ET.Element, name: str, link: Any) -> None:
