@@ -260,7 +260,9 @@ class _Search:
         for point, cost in enumerate(costs):
             if not np.isfinite(cost).any():
                 pose, ratios = self.path.poses[point], judged[point].ratio
-                raise impossible(self.solver, point, pose, self.grid, ratios, self.singular)
+                raise impossible(
+                    self.cost.elastic, self.solver, point, pose, self.grid, ratios, self.singular
+                )
         costs = self._free_of_collisions(q, costs)
         self.price = self.smoothness * float(np.mean([cost.min() for cost in costs]))
         sides = [j.side for j in judged]

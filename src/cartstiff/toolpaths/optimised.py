@@ -239,11 +239,12 @@ class OptimisedPath:
             columns.append(self.angles[:, None] * (180.0 / np.pi if angle == "deg" else 1.0))
             names.append(f"free_angle [{angle}]")
         columns.append(np.column_stack([self.values, self.ratios]))
-        names += [self.criterion.name, "singular_ratio"]
+        unit = f" [{self.unit}]" if self.unit not in ("", "1") else ""
+        names += [f"{self.criterion.name}{unit}", "singular_ratio"]
         if self.constant is not None:
             columns.append(self.constant.values[:, None])
-            names.append(f"{self.criterion.name}_constant")
+            names.append(f"{self.criterion.name}_constant{unit}")
         if self.half_widths is not None:
             columns.append(self.half_widths[:, None])
-            names.append(half_width_name(self.criterion.name))
+            names.append(f"{half_width_name(self.criterion.name)}{unit}")
         return csv_text(np.hstack(columns), names)

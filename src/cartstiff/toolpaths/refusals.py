@@ -9,6 +9,8 @@ import numpy as np
 
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.other_units import shown_factors
 from cartstiff.toolpaths.choices import Choices, PathSolver
 from cartstiff.toolpaths.dynamic_programming import Steps, best_way
 
@@ -29,7 +31,13 @@ def colliding(point: int, count: int) -> UndefinedError:
 
 
 def impossible(
-    solver: PathSolver, point: int, pose: Array, grid: Choices, ratios: Array, singular: float
+    elastic: ElasticMechanism,
+    solver: PathSolver,
+    point: int,
+    pose: Array,
+    grid: Choices,
+    ratios: Array,
+    singular: float,
 ) -> UndefinedError:
     """The error for a point (counted from 0) without any usable candidate."""
     values: dict[str, Any] = {"point": point + 1, "candidates": len(ratios)}
@@ -44,8 +52,11 @@ def impossible(
                 f"{here} is out of reach{words}", code="path-unreachable", values=values
             )
         name, amount = excess
+        size = shown_factors(elastic).get(name, 1.0)
+        units = dict(zip(elastic.names, elastic.names_with_units, strict=True))
+        label = units.get(name, f"{name} [{elastic.units.length}]")
         return UndefinedError(
-            f"{here} is reached only beyond the limits: {name} by {amount:.3g}",
+            f"{here} is reached only beyond the limits: {label} by {amount / size:.3g}",
             code="path-beyond-limits",
             values={**values, "limit_of": name, "beyond": amount},
         )
