@@ -28,8 +28,8 @@ def at_rest_with(
 
     Of legs between ideal joints at q itself. Struts with flexures hold at `home`, where they were
     made, with the actuators where these need no load; from there they are told the lengths. They
-    come to rest beside q; where no rest is found, the answer is that at q, with a note. `stiffness` is
-    `analyse` at a pose, under the load that is asked for.
+    come to rest beside q; where no rest is found, the answer is that at q, with a note. `stiffness`
+    is `analyse` at a pose, under the load that is asked for.
     """
     if not isinstance(elastic.springs, FlexureStruts):
         return stiffness(q), ()
