@@ -90,7 +90,8 @@ class Result:
         """Copy the arrays."""
         for name, value in vars(self).items():
             if isinstance(value, np.ndarray):
-                object.__setattr__(self, name, read_only(value))
+                own = fixed(value.copy()) if np.iscomplexobj(value) else read_only(value)
+                object.__setattr__(self, name, own)
 
 
 class NamedArrays(Mapping[str, Array | None]):
