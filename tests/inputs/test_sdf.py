@@ -124,6 +124,7 @@ def test_a_world_brings_its_gravity():
         ("<mass>2</mass>", "<mass>two</mass>", "<link name='base'> is not usable SDF.*'two'$"),
         ("<damping>0.5", "<damping>soft", "'shoulder'> is not usable SDF, got.*float: 'soft'"),
         ("<mass>2</mass>", "<mass>-2</mass>", "mass"),
+        ("0.5 0 0 0 0 0.25", "0.5 0 0 0 0 inf", "pose is not finite; expected 6 finite"),
         ("<xyz>0 0 1</xyz>", "<xyz>0 0 0</xyz>", "axis"),
         ("<xyz>0 0 1</xyz>", "", "<joint name='shoulder'> is not usable SDF"),
         ('<frame name="tool"', "<frame", "<frame> is not usable SDF.*it has no name"),

@@ -372,6 +372,8 @@ def _matrix(pose: Any) -> Array:
         raise InputError("a pose's rotation is not supported", expected="euler_rpy",
                          got=pose.rotation_format)  # fmt: skip
     numbers = np.array(pose.pose, float)
+    if not np.isfinite(numbers).all():
+        raise InputError("a pose is not finite", expected="6 finite numbers", got=pose.pose)
     if str(pose.degrees).lower() in ("true", "1"):
         numbers[3:] = np.deg2rad(numbers[3:])
     return se3.from_roll_pitch_yaw(numbers[:3], numbers[3:])
