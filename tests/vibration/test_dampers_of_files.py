@@ -67,3 +67,22 @@ def test_an_mjcf_s_dampers_act_unless_it_switches_them_off(tmp_path, flag, wante
     file.write_text(MJCF.replace("<worldbody>", option + "<worldbody>"))
     elastic = cartstiff.load(file)
     assert elastic.damping is None if wanted is None else elastic.damping == pytest.approx(wanted)
+
+
+def test_an_mjcf_s_balls_are_damped_about_each_turn(tmp_path):
+    """A ball on springs, in the file's orientation: MuJoCo damps all turns alike."""
+    pytest.importorskip("mujoco")
+    (tmp_path / "a.xml").write_text(
+        MJCF.replace('type="hinge" axis="0 0 1"\nstiffness="500" damping="2.5"',
+                     'type="ball" damping="0.5"')
+    )  # fmt: skip
+    names = cartstiff.load(tmp_path / "a.xml").names
+    assert len(names) == 3
+    springs = ", ".join(f"{name}: {{stiffness: 80}}" for name in names)
+    file = tmp_path / "a.yaml"
+    file.write_text(f"kind: serial\nmodel: a.xml\nframe: c\nsprings: {{{springs}}}\n")
+    elastic = cartstiff.load(file)
+    assert elastic.damping == pytest.approx([0.5] * 3)
+    found = cartstiff.modes(elastic)
+    wanted = 0.5 / (2 * np.sqrt(80 * np.diag(found.full_mass)))
+    assert np.sort(poles(found, Damping())[1]) == pytest.approx(np.sort(wanted))

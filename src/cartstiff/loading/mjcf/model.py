@@ -41,13 +41,15 @@ def mjcf_model(compiled: Compiled) -> pin.Model:
         model.addFrame(
             pin.Frame(compiled.bodies[b], joint, pin.SE3(T), pin.FrameType.BODY, inertia)
         )
-    # Of a ball or free body they would not stay diagonal in turns about successive axes.
-    for j, own in enumerate(compiled.coordinates):
-        if len(own) == 1:
-            joint = model.getJointId(own[0])
-            model.armature[model.idx_vs[joint]] = data["dof_armature"][data["jnt_dofadr"][j]]
-            if not compiled.is_off("DAMPER", "PASSIVE"):
-                model.damping[model.idx_vs[joint]] = data["dof_damping"][data["jnt_dofadr"][j]]
+    damped = not compiled.is_off("DAMPER", "PASSIVE")
+    for own, start in zip(compiled.coordinates, data["jnt_dofadr"], strict=True):
+        for i, name in enumerate(own):
+            at_v = model.idx_vs[model.getJointId(name)]
+            # Of a ball or free body it would not stay diagonal in turns about successive axes.
+            if len(own) == 1:
+                model.armature[at_v] = data["dof_armature"][start]
+            if damped:
+                model.damping[at_v] = data["dof_damping"][start + i]
     model.lowerPositionLimit = np.array(lower)
     model.upperPositionLimit = np.array(upper)
     taken = {*compiled.bodies, "world"}

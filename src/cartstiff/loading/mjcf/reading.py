@@ -211,7 +211,10 @@ def _ignored(compiled: Compiled) -> list[str]:
     balls = [name for name, own, limited in parts if limited and len(own) > 1]
     if balls:
         ignored.append(f"ranges of ball joints ({_listed(balls)})")
-    for what in ("armature", "damping"):
+    for what, words in (
+        ("armature", "armature"), ("damping", "how turns away from the file's orientation couple "
+                                   "the dampers"),
+    ):  # fmt: skip
         named = [
             name
             for name, own, start in zip(
@@ -220,7 +223,7 @@ def _ignored(compiled: Compiled) -> list[str]:
             if len(own) > 1 and data[f"dof_{what}"][start]
         ]
         if named:
-            ignored.append(f"{what} of ball and free joints ({_listed(named)})")
+            ignored.append(f"{words} of ball and free joints ({_listed(named)})")
     if any(data["opt.wind"]) and (data["opt.density"] or data["opt.viscosity"]):
         ignored.append("wind")
     if compiled.is_off("SPRING", "PASSIVE") and any(data["jnt_stiffness"]):
