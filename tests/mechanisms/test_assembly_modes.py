@@ -196,6 +196,24 @@ def test_assembly_modes_of_a_closed_chain():
     assert all(mode.stable for mode in found)
 
 
+@pytest.mark.parametrize("name", ["five-bar", "delta"])
+def test_starts_closed_at_once_end_where_the_engine_ends(name, monkeypatch):
+    """Where recorded steps close a start, the mode is one of those found one by one."""
+    from cartstiff.reach import starts
+
+    elastic, seen = cartstiff.load(name), []
+    monkeypatch.setattr(starts, "_BY_ENGINE", 0)
+    quick = cartstiff.assemble(elastic, starts=25, progress=lambda *far: seen.append(far))
+    assert (seen[0], seen[-1]) == ((1, 26), (26, 26))
+    monkeypatch.setattr(starts, "assembled", lambda _, q, __: (q, np.zeros(len(q), bool)))
+    slow = cartstiff.assemble(elastic, starts=25)
+    assert 2 <= len(quick) <= len(slow)
+    for mode in quick:
+        assert mode.residual < 1e-9
+        assert np.abs(slow.poses - mode.pose).max(axis=(1, 2)).min() < 1e-7
+    np.testing.assert_allclose(quick[0].q, slow[0].q, atol=1e-9)
+
+
 def test_lengths_that_are_too_short_and_one_mode_alone():
     hexapod = cartstiff.load("hexapod")
     assert len(cartstiff.assemble(hexapod, np.full(6, 0.05))) == 0

@@ -188,9 +188,9 @@ def test_a_search_in_vain_ends_after_so_many_postures(monkeypatch):
     monkeypatch.setattr(System, "at", counted)
     monkeypatch.setattr(effort, "_FEWEST", 0)
     taken = []
-    for most in (4_500, 9_000):
+    for most in (70 * effort.cost(elastic), 140 * effort.cost(elastic)):
         monkeypatch.setattr(effort, "_MOST", most)
-        bound = most // (20 + len(elastic.q))
+        bound = most // effort.cost(elastic)
         seen[0] = 0
         with pytest.raises(ConvergenceError, match=f"given up after {bound} postures") as caught:
             equilibrium(elastic, load)

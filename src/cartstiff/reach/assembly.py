@@ -14,14 +14,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff import numerics
 from cartstiff.arrays import checked_flag, checked_vector
-from cartstiff.errors import ConvergenceError, InputError
+from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.architecture import architecture_of
 from cartstiff.kinematics.branches import Search
-from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.kinematics.platform_assembly import PathCount, poses_of_lengths
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
@@ -32,6 +30,7 @@ from cartstiff.mechanisms.weighed import weighed
 from cartstiff.notebook import ShownInLines
 from cartstiff.potentials.flexure_struts import FlexureStruts
 from cartstiff.reach.assembly_mode import AssemblyMode
+from cartstiff.reach.starts import closed_from
 from cartstiff.reach.struts_at_rest import at_rest_with
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 
@@ -136,6 +135,7 @@ def assemble(
     load_kind: Literal["dead", "follower", "conservative"] = "dead",
     load_at: ArrayLike = (0.0, 0.0, 0.0),
     load_axes: Literal["body", "world"] = "body",
+    progress: Callable[[int, int], None] | None = None,
 ) -> AssemblyModes:
     """All assembly modes of a mechanism, with the stiffness in each.
 
@@ -154,11 +154,14 @@ def assemble(
         meant, and modes near it come first.
     starts, seed : int, optional
         Of closed chains alone: how many random starts, default 64, and their seed, default 0.
+        Of more than 100 those are given up that 40 steps of Newton do not close.
     every : bool
         List all modes; else only the one nearest to `q`.
     wrench, load_kind, load_at, load_axes : optional
         The load under which the stiffness of every mode is taken, as in `cartstiff.analyse`: the
         held actuators carry it in each.
+    progress : callable, optional
+        Called with how many starts are done, and of how many.
 
     Returns
     -------
@@ -198,7 +201,7 @@ def assemble(
         raise InputError("assembly modes exist for closed chains and platforms", got=mechanism.kind,
                          expected="for an arm, inverse_kinematics")  # fmt: skip
     starts = _STARTS if starts is None else starts
-    return _of_chain(elastic, mechanism, values, starts, seed or 0, every, stiffness)
+    return _of_chain(elastic, mechanism, values, starts, seed or 0, every, stiffness, progress)
 
 
 def _of_platform(
@@ -256,14 +259,9 @@ def _of_platform(
 
 
 def _of_chain(
-    elastic: ElasticMechanism,
-    chain: Chain,
-    q: Array,
-    starts: int,
-    seed: int,
-    every: bool,
-    stiffness: _Stiffness,
-) -> AssemblyModes:
+    elastic: ElasticMechanism, chain: Chain, q: Array, starts: int, seed: int, every: bool,
+    stiffness: _Stiffness, progress: Callable[[int, int], None] | None,
+) -> AssemblyModes:  # fmt: skip
     if not chain.actuated:
         raise InputError("the mechanism names no actuated joints, so that nothing is held",
                          expected="actuated: [...] in its file")  # fmt: skip
@@ -271,33 +269,14 @@ def _of_chain(
         raise InputError("number of starts cannot be used", expected="0 or more", got=starts)
     held = list(chain.actuated)
     q = chain.assembled(q)
-    solver = JointPoses(elastic, limits=False)
-    begin = solver.random_starts(int(starts), np.random.default_rng(seed))
-    begin = np.vstack([q, begin])
-    begin[:, chain.held] = q[chain.held]
-    fixed = chain.with_rigid(chain.rigid | frozenset(chain.held))
-    closed: list[Array] = []
-    places: list[Array] = []
-    for row in begin:
-        try:
-            posture = fixed.closed(row, hold=())
-        except ConvergenceError:
-            continue
-        if np.abs(posture.q[held] - q[held]).max() > numerics.NEARBY:
-            continue  # closed only by leaving the actuators' positions
-        place = chain.tree.at(posture.q).joint_poses(list(range(1, chain.tree.model.njoints)))
-        where = np.append(place[:, :3, 3].ravel(), posture.pose[:3].ravel())
-        unit = numerics.NEARBY * max(1.0, posture.length)
-        if all(np.abs(where - other).max() > unit for other in places):
-            places.append(where)
-            closed.append(np.array(posture.q))
+    closed, places = closed_from(elastic, chain, q, int(starts), seed, progress)
     order = sorted(range(len(closed)), key=lambda i: float(np.linalg.norm(places[i] - places[0])))
     listed = tuple(
         AssemblyMode(result, _gap(result))
         for result in (stiffness(closed[i]) for i in order[: None if every else 1])
     )
     given = {elastic.names[j]: float(q[j]) for j in held}
-    search = Search(len(begin), (), len(closed), len(listed))
+    search = Search(int(starts) + 1, (), len(closed), len(listed))
     return AssemblyModes(elastic, given, listed, search, tuple(elastic.notes))
 
 

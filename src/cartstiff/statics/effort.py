@@ -9,13 +9,17 @@ from dataclasses import dataclass
 from math import inf
 
 from cartstiff.errors import ConvergenceError
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.potentials.beams import Beam
+from cartstiff.potentials.flexure_struts import FlexureStruts
 
-__all__ = ["ExhaustedError", "bounded", "count"]
+__all__ = ["ExhaustedError", "bounded", "cost", "count"]
 
-# What a search may cost, and what a posture costs at least: in postures of one coordinate.
-_MOST, _LEAST = 150_000, 20
+# What a search may cost, and what a posture costs at least, in postures of one coordinate; and what
+# each beam or strut adds, which comes to rest in every posture anew.
+_MOST, _LEAST, _BEAM, _STRUT = 150_000, 20, 16, 64
 # Postures that every search may take. Those that succeed take some hundred at most.
-_FEWEST = 200
+_FEWEST = 300
 
 
 class ExhaustedError(Exception):
@@ -31,8 +35,16 @@ class _Effort:
 _effort: ContextVar[_Effort | None] = ContextVar("effort", default=None)
 
 
+def cost(elastic: ElasticMechanism) -> int:
+    """What a posture costs, in postures of one coordinate."""
+    springs = elastic.springs
+    beams = sum(isinstance(potential, Beam) for potential in elastic.potentials)
+    struts = len(springs.stiffness) if isinstance(springs, FlexureStruts) else 0
+    return _LEAST + len(elastic.names) + _BEAM * beams + _STRUT * struts
+
+
 @contextmanager
-def bounded(coordinates: int) -> Iterator[None]:
+def bounded(elastic: ElasticMechanism) -> Iterator[None]:
     """Bound what is searched within; all searches within share the bound of the outermost.
 
     Raises
@@ -43,7 +55,7 @@ def bounded(coordinates: int) -> Iterator[None]:
     if _effort.get() is not None:
         yield
         return
-    token = _effort.set(_Effort(max(_MOST // (_LEAST + coordinates), _FEWEST)))
+    token = _effort.set(_Effort(max(_MOST // cost(elastic), _FEWEST)))
     try:
         yield
     except ExhaustedError as error:

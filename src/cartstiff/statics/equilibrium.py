@@ -127,7 +127,7 @@ def equilibrium(
         elastic, loads, held, Limits(elastic.mechanism, ignore=not limits, contacts=True)
     )
     stages = 1
-    with bounded(len(q)):
+    with bounded(elastic):
         try:
             solution = solve(system, q, iterations=iterations, settle=settle)
         except ConvergenceError as error:

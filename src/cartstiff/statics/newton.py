@@ -83,7 +83,7 @@ def solve(
     ConvergenceError
         If the constraints cannot be met, or no equilibrium is reached.
     """
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"), bounded(len(q)):
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"), bounded(system.elastic):
         return _Iteration(system, q, contacts, settle).run(iterations)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
-from cartstiff.cli.output import tell
+from cartstiff.cli.output import Progress, tell
 from cartstiff.cli.types import Numbers, OutputFile, json_option, option, option_group
 from cartstiff.errors import InputError, UndefinedError
 
@@ -76,8 +76,9 @@ def command(
 
     if lengths is not None and not isinstance(elastic.mechanism, Platform):
         raise InputError("is for platforms", where="--lengths", expected="--q")
-    modes = assemble(elastic, lengths, q=q, starts=starts, seed=seed, every=every,
-                     wrench=request.wrench, **applied.keywords(request.wrench))  # fmt: skip
+    with Progress("starts") as bar:
+        modes = assemble(elastic, lengths, q=q, starts=starts, seed=seed, every=every, progress=bar,
+                         wrench=request.wrench, **applied.keywords(request.wrench))  # fmt: skip
     if csv is not None:
         write_whole(csv, assembly_csv(modes).encode())
     tell(as_json, modes.as_dict(), request.mechanism, lambda: describe_assembly(modes))
