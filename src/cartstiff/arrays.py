@@ -170,7 +170,8 @@ def real_array(
     if isinstance(values, (list, tuple)) and _holds_truth(values):
         kind = "b"
     if kind == "f" or kind in "iu":
-        with np.errstate(over="ignore"):  # beyond doubles: infinity, which is no finite number
+        # Beyond doubles: infinity, which is no finite number; nor are NaNs that signal.
+        with np.errstate(over="ignore", invalid="ignore"):
             return np.asarray(array, float)
     raise refused("is not numeric", values if kind == "O" else _NAMES.get(kind, kind))
 
