@@ -194,3 +194,11 @@ def test_odd_arguments_are_refused_in_one_line(what):
 def test_the_default_posture_cannot_be_written_to():
     with pytest.raises(ValueError, match="read-only"):
         cartstiff.load("ur5").q[0] = 1.0
+
+
+@pytest.mark.filterwarnings("error")
+def test_signalling_numbers_are_refused_without_a_warning():
+    """Their conversion to doubles warns in NumPy."""
+    values = np.full(6, 0x7F800001, np.uint32).view(np.float32)
+    with pytest.raises(InputError, match="finite"):
+        checked_array(values, (6,), "values")
