@@ -142,12 +142,17 @@ def test_depth_along_a_path():
     assert depths[0] != depths[1]
 
 
+def test_a_slot_may_be_typed_with_four_decimals():
+    assert Milling(KT, 0.3, 4, 0.0, 3.1416) == Milling(KT, 0.3, 4, 0.0, np.pi)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         ({"tangential": 0.0}, "cutting coefficient"),
         ({"teeth": 0}, "number of teeth"),
         ({"entry": 2.0, "exit": 1.0}, "immersion"),
+        ({"exit": 3.142}, "immersion"),
         ({"normal": (1.0, 0.0, 0.0)}, "right angles"),
     ],
 )

@@ -155,6 +155,7 @@ class LobesRequest:
         data["lobes"] = {
             **curve.as_dict(),
             "semi_discretisation": [x if np.isfinite(x) else None for x in fine],
+            "searched": curve.searched if np.isfinite(curve.searched) else None,
             "milling": asdict(milling),
             "unit": modes.elastic.units.length,
         }

@@ -275,12 +275,14 @@ def lobes_csv(curve: Lobes, fine: Sequence[float], unit: str) -> str:
 
 def describe_lobes(curve: Lobes, fine: Sequence[float], units: Units) -> list[str]:
     """Limiting depths of cut by both theories, a row for each speed."""
-
-    def depth(x: float) -> str:
-        return number(x, 4) if np.isfinite(x) else "above"
-
+    above = f"> {number(curve.searched, 4)}" if np.isfinite(curve.searched) else "no limit"
     rows = [
-        [f"{n:.6g}", depth(a), "" if np.isnan(f) else f"{f:.5g}", depth(b)]
+        [
+            f"{n:.6g}",
+            number(a, 4) if np.isfinite(a) else "no limit",
+            "" if np.isnan(f) else f"{f:.5g}",
+            number(b, 4) if np.isfinite(b) else above,
+        ]
         for n, a, f, b in zip(curve.speeds, curve.depths, curve.chatter, fine, strict=True)
     ]
     unit = units.length

@@ -43,6 +43,10 @@ __all__ = ["Lobes", "depth_by_semi_discretisation", "limiting_depth",
 _BELOW, _ABOVE, _COUNT = 0.5, 1.8, 4000
 
 
+#: How far beyond the depth that is stable at every speed another is sought.
+_BEYOND_LEAST = 10.0
+
+
 @dataclass(frozen=True, eq=False)
 class Lobes:
     """Limits of stability over the spindle's speed.
@@ -63,6 +67,11 @@ class Lobes:
     depths: Array
     chatter: Array
     least: float
+
+    @property
+    def searched(self) -> float:
+        """Depth up to which semi-discretisation looks by default."""
+        return _BEYOND_LEAST * self.least
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data."""
@@ -276,7 +285,7 @@ def depth_by_semi_discretisation(
     """
     cut = _Cut.of(found, milling, damping)
     if most is None:
-        most = 10.0 * limiting_depth(found, milling, damping)
+        most = _BEYOND_LEAST * limiting_depth(found, milling, damping)
     if not np.isfinite(most):
         return float("inf")
     # The first unstable one of a ladder, then bisection below it.

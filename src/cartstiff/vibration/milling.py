@@ -14,6 +14,10 @@ from cartstiff.geometry.se3 import Array
 __all__ = ["Milling"]
 
 
+#: Decimals of pi as people type it.
+_DIGITS = 4
+
+
 @dataclass(frozen=True)
 class Milling:
     """A cutter and its force law.
@@ -29,7 +33,7 @@ class Milling:
     entry, exit : float
         Angles [rad] at which a tooth enters and leaves, from the normal in the direction of the
         cutter's turn, ``0 <= entry < exit <= pi``. Half immersion: 0 to pi/2 up-milling, pi/2 to pi
-        down-milling; a slot: 0 to pi.
+        down-milling; a slot: 0 to pi, which may be typed as 3.1416.
     feed, normal : tuple of float
         Directions of the feed and of the normal to it, in M; at right angles.
     at : tuple of float
@@ -58,7 +62,9 @@ class Milling:
         if not (self.teeth == int(self.teeth) and self.teeth >= 1):
             raise InputError("number of teeth cannot be used", expected="a whole number from 1",
                              got=self.teeth)  # fmt: skip
-        if not 0.0 <= self.entry < self.exit <= np.pi + numerics.ROUNDING:
+        if np.pi < self.exit <= round(np.pi, _DIGITS):
+            object.__setattr__(self, "exit", np.pi)
+        if not 0.0 <= self.entry < self.exit <= np.pi:
             raise InputError("immersion cannot be used", expected="0 <= entry < exit <= pi",
                              got=[self.entry, self.exit])  # fmt: skip
         u, v = checked_unit(self.feed, "feed"), checked_unit(self.normal, "normal")
