@@ -108,7 +108,7 @@ def test_a_path_writes_half_widths(known, tmp_path, capfd):
     for q, half in zip(shown["q"], shown["half_widths"], strict=True):
         assert half == pytest.approx(_by_hand(elastic, q)[2], rel=1e-5)
     head = (tmp_path / "out.csv").read_text().splitlines()[0]
-    assert head.endswith("deflection_half_width")
+    assert head.endswith("deflection_half_width [m]")
 
 
 def test_the_page_tells_the_interval_under_the_load(known):

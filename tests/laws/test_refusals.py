@@ -544,7 +544,7 @@ def test_files(tmp_path):
         _tensor().save(tmp_path / "K.txt")
     result = analyse(paper_platform())
     with pytest.raises(InputError, match=r"unknown file ending; expected \.json or \.npz or"):
-        write_result(result, tmp_path / "K.csv")
+        write_result(result, tmp_path / "K.xyz")
     with pytest.raises(InputError, match=r"file cannot be written.*No such file"):
         write_result(result, tmp_path / "nowhere" / "K.json")
     (tmp_path / "taken").mkdir()

@@ -74,6 +74,11 @@ def _precedence(kind: Any) -> int:
     return _FIRST.index(kind) if kind in _FIRST else len(_FIRST)
 
 
+def _have_frames(model: pin.Model) -> bool:
+    """Whether every joint has a frame of its own, as joints that are read from files have."""
+    return all(model.existFrame(name, pin.JOINT) for name in list(model.names)[1:])
+
+
 def plain_tree(
     model: pin.Model,
     keep: Collection[int] | None = None,
@@ -111,8 +116,10 @@ def plain_tree(
     for index, value in locked.items():
         set_position(model, index, value, fixed_q)
     still = [i for i in range(1, model.njoints) if i not in kept]
-    if still and not flexible:  # Pinocchio joins links faster than the loop below
-        with suppress(ValueError):  # which it cannot where several frames have one name
+    # Pinocchio joins links faster than the loop below. It dies where a joint has no frame of its
+    # own, and refuses where several frames have one name.
+    if still and not flexible and _have_frames(model):
+        with suppress(ValueError):
             model = pin.buildReducedModel(model, still, fixed_q)
             kept, locked = set(range(1, model.njoints)), {}
     # Each look into one of Pinocchio's lists costs as much as the arithmetic.

@@ -96,6 +96,9 @@ class Margins:
     sign : float
         Of the determinant of six legs' lines; poses of the other sign count as beyond the limit
         "singularity". 0: it does not count.
+    tensions : {"any", "closed-form"}
+        Whether any tensions within their limits may carry the load, or those nearest to the middle
+        of the limits must.
 
     Attributes
     ----------
