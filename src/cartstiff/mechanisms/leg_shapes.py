@@ -22,6 +22,7 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
+from cartstiff.lazily import cached_property
 
 __all__ = ["Family", "LegShape", "PlacedLeg", "frame_along", "turns"]
 
@@ -124,7 +125,7 @@ class LegShape:
                 across = (d * d).sum(axis=1) - along * along
                 s = along + mode * np.sqrt(self.rod**2 - across)
                 return s, self.anchor + s[:, None] * self.along
-            side = np.cross(self.axis, self.along)
+            side = self.side
             a, b = d @ self.along, d @ side
             c = ((d * d).sum(axis=1) + self.crank**2 - self.rod**2) / (2.0 * self.crank)
             t = np.arctan2(b, a) + mode * np.arccos(c / np.hypot(a, b))
@@ -187,7 +188,7 @@ class LegShape:
             rod = carrier @ turns(self.axis, u) @ turns(b, w)
             columns += [u, w]
         else:
-            side = np.cross(self.axis, n0)
+            side = self.across
             u = np.arctan2(own @ side, own @ n0 - (own @ self.axis) * (n0 @ self.axis))
             rod = carrier @ turns(self.axis, u)
             columns.append(u)
@@ -216,24 +217,33 @@ class LegShape:
         columns = [*columns, driven, *spin] if strut else [driven, *columns]
         return np.stack([*columns, *columns_end], axis=1), missed, gap
 
-    @property
+    @cached_property
     def line(self) -> Array:
         """Unit vector of the rod at home."""
         d = self.end_home[:3, 3] - self.centre
         return np.asarray(d / np.linalg.norm(d))
 
-    @property
+    @cached_property
     def centre(self) -> Array:
         """C at home."""
         if self.family == "strut":
             return self.anchor
         if self.family == "rail":
             return self.anchor + self.home * self.along
-        side = np.cross(self.axis, self.along)
-        return self.anchor + self.crank * (np.cos(self.home) * self.along
-                                           + np.sin(self.home) * side)  # fmt: skip
+        arm = np.cos(self.home) * self.along + np.sin(self.home) * self.side
+        return np.asarray(self.anchor + self.crank * arm)
 
-    @property
+    @cached_property
+    def side(self) -> Array:
+        """Across a crank's axis and where it points at zero."""
+        return np.cross(self.axis, self.along)
+
+    @cached_property
+    def across(self) -> Array:
+        """Across a leg's first axis and the rod at home."""
+        return np.cross(self.axis, self.line)
+
+    @cached_property
     def universal(self) -> tuple[Array, Array]:
         """What a universal joint at C has across its first axis at home: near the rod; second axis.
 
@@ -244,12 +254,12 @@ class LegShape:
         """
         return _across(self.axis, self.line)
 
-    @property
+    @cached_property
     def end_inner(self) -> Array:
         """Axis that the rod carries of a universal joint at B, at home; errors as `universal`."""
         return _across(self.end_axis, self.line)[1]
 
-    @property
+    @cached_property
     def rod_frame(self) -> Array:
         """Rotation of the rod's frame at home: x along it, y along what turns it there."""
         if self.middle == "U":

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
+from cartstiff.reach.brackets import narrowed
 
 __all__ = [
     "Columns",
@@ -131,11 +132,12 @@ def rays_to_boundaries(
     ray, step = np.nonzero(inside[:, 1:] != inside[:, :-1])
     near, far = steps[step].copy(), steps[step + 1].copy()
     enters = inside[ray, step + 1]
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (near + far)
-        within = margins.inside(pose_at(middle[:, None] * directions[ray]))
-        stays = within == ~enters
-        near, far = np.where(stays, middle, near), np.where(stays, far, middle)
+
+    def stays(rows: NDArray[np.intp], places: Array) -> NDArray[np.bool_]:
+        within = margins.inside(pose_at(places[:, None] * directions[ray[rows]]))
+        return np.asarray(within != enters[rows])
+
+    near, far, tried = narrowed(stays, near, far, _HALVINGS)
     outside = np.where(enters, near, far)
     cuts = margins.at(pose_at(outside[:, None] * directions[ray])).argmin(axis=1)
     names = np.array(margins.names)[cuts]
@@ -150,7 +152,7 @@ def rays_to_boundaries(
         (int(r), float(x), bool(e), str(n))
         for r, x, e, n in zip(ray, edge, enters, names, strict=True)
     ]
-    return Rays(directions, weights, first, edges, reach, d * (scan + 1) + _HALVINGS * len(ray))
+    return Rays(directions, weights, first, edges, reach, d * (scan + 1) + tried)
 
 
 class Columns(NamedTuple):
@@ -239,11 +241,11 @@ def columns_inside(
     row, step = np.nonzero(inside[:, 1:] != inside[:, :-1])
     enters = inside[row, step + 1]
     a, b = z[step].copy(), z[step + 1].copy()
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (a + b)
-        places = np.column_stack([xy[row], middle])
-        stays = within(places) == ~enters
-        a, b = np.where(stays, middle, a), np.where(stays, b, middle)
+
+    def stays(rows: NDArray[np.intp], places: Array) -> NDArray[np.bool_]:
+        return np.asarray(within(np.column_stack([xy[row[rows]], places])) != enters[rows])
+
+    a, b, tried = narrowed(stays, a, b, _HALVINGS)
     edge = 0.5 * (a + b)
     area = float(np.prod((high - low)[:2]) / count**2)
     ends = np.column_stack([edge[enters], edge[~enters]])
@@ -252,7 +254,7 @@ def columns_inside(
     coarse = [grid[i::2, j::2].mean() * grid.size * area for i in (0, 1) for j in (0, 1)]
     error = 1.5 * float(np.std(coarse, ddof=1))
     volume = area * float(heights.sum())
-    return Columns(volume, xy[row[enters]], ends, area, poses + _HALVINGS * len(row), error)
+    return Columns(volume, xy[row[enters]], ends, area, poses + tried, error)
 
 
 def inscribed(
@@ -265,25 +267,27 @@ def inscribed(
     corners = np.array([c for c in product((-1.0, 0.0, 1.0), repeat=3) if any(c)])
     corners /= np.linalg.norm(corners, axis=1)[:, None]
     few, many = (np.vstack([corners, sphere_rule(n)[0]]) for n in (_DIRECTIONS, _CHECKED))
-    steps = np.linspace(0.0, reach, scan + 1)[1:]
+    steps = np.linspace(0.0, reach, scan + 1)
 
-    def exits(place: Array, directions: Array) -> Array:
-        """Distances (d,) to the first boundary from a place."""
+    def exits(place: Array, directions: Array) -> Array | None:
+        """Distances (d,) to the first boundary from a place; None where it is outside."""
         offsets = place + (directions[:, None] * steps[:, None]).reshape(-1, 3)
         inside = margins.inside(pose_at(offsets)).reshape(len(directions), -1)
-        k = np.where(inside.all(axis=1), scan - 1, np.argmin(inside, axis=1))
-        near, far = np.where(k > 0, steps[k - 1], 0.0), steps[k]
-        for _ in range(_HALVINGS // 2):
-            middle = 0.5 * (near + far)
-            within = margins.inside(pose_at(place + middle[:, None] * directions))
-            near, far = np.where(within, middle, near), np.where(within, far, middle)
-        return near
+        if not inside[0, 0]:
+            return None
+        k = np.where(inside.all(axis=1), scan, np.argmin(inside, axis=1))
+
+        def stays(rows: NDArray[np.intp], distances: Array) -> NDArray[np.bool_]:
+            return margins.inside(pose_at(place + distances[:, None] * directions[rows]))
+
+        return narrowed(stays, steps[k - 1], steps[k], _HALVINGS // 2)[0]
 
     def largest(size: Callable[[Array], Array]) -> tuple[Array, float]:
         def less(place: Array) -> float:
-            if not margins.inside(pose_at(place[None]))[0]:
+            ends = exits(place, few)
+            if ends is None:
                 return float(np.linalg.norm(place))
-            return -float((exits(place, few) * size(few)).min())
+            return -float((ends * size(few)).min())
 
         inner = positions.first.min() or 0.1 * reach
         simplex = np.vstack([np.zeros(3), np.eye(3) * max(inner, 0.02 * reach)])
@@ -294,7 +298,8 @@ def inscribed(
             "fatol": 0.0,
         }
         best = minimize(less, np.zeros(3), method="Nelder-Mead", options=options)
-        return centre + best.x, float((exits(best.x, many) * size(many)).min())
+        ends = exits(best.x, many)
+        return centre + best.x, 0.0 if ends is None else float((ends * size(many)).min())
 
     sphere = largest(lambda directions: np.ones(len(directions)))
     cube = largest(lambda directions: np.abs(directions).max(axis=1))

@@ -15,10 +15,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.reach.brackets import narrowed
 from cartstiff.reach.leg_margins import LegMargins
 from cartstiff.reach.margins import Margins
 from cartstiff.reach.regions import Moved, Rays
@@ -105,24 +107,24 @@ def least_ratio(
 
 
 def crossings(
-    signed: Determinant, moved: Moved, directions: Array, reach: float, scan: int
+    signed: Determinant, moved: Moved, directions: Array, reach: float | Array, scan: int
 ) -> Array:
-    """Offsets (k, d) along rays, up to `reach`, at which a determinant changes its sign."""
-    steps = np.linspace(0.0, reach, scan + 1)
-    offsets = (directions[:, None] * steps[:, None]).reshape(-1, directions.shape[1])
+    """Offsets (k, d) along rays, up to `reach` (of each), where a determinant changes its sign."""
+    steps = np.linspace(np.zeros(len(directions)), reach, scan + 1, axis=-1)
+    offsets = (directions[:, None] * steps[:, :, None]).reshape(-1, directions.shape[1])
     sign = np.sign(signed(moved(offsets))).reshape(len(directions), -1)
     ray, step = np.nonzero(sign[:, 1:] * sign[:, :-1] < 0.0)
-    near, far = steps[step], steps[step + 1]
-    before = sign[ray, step]
-    for _ in range(_HALVINGS if len(ray) else 0):
-        middle = 0.5 * (near + far)
-        stays = np.sign(signed(moved(middle[:, None] * directions[ray]))) == before
-        near, far = np.where(stays, middle, near), np.where(stays, far, middle)
+
+    def stays(rows: NDArray[np.intp], places: Array) -> NDArray[np.bool_]:
+        values = signed(moved(places[:, None] * directions[ray[rows]]))
+        return np.asarray(np.sign(values) == sign[ray[rows], step[rows]])
+
+    near, far, _ = narrowed(stays, steps[ray, step], steps[ray, step + 1], _HALVINGS)
     found: Array = near[:, None] * directions[ray]
     # Where a determinant jumps it has no root: legs fold over, or change their branch.
     if len(found):
         low, high = (np.abs(signed(moved(x[:, None] * directions[ray]))) for x in (near, far))
-        there = np.abs(signed(moved(steps[step][:, None] * directions[ray])))
+        there = np.abs(signed(moved(steps[ray, step][:, None] * directions[ray])))
         found = found[np.maximum(low, high) <= numerics.LOST * there]
     return found
 
@@ -152,12 +154,9 @@ def nearest_singular(
     x = starts[np.argsort(np.linalg.norm(starts, axis=1))[:_STARTS]]
     best, h = x.copy(), _STEP * length
     for _ in range(_STEPS):
-        steps = h * np.eye(n)
-        ahead, behind = (
-            signed(at((x[:, None] + s * steps).reshape(-1, n))).reshape(len(x), n) for s in (1, -1)
-        )
-        g = (ahead - behind) / (2.0 * h)
-        value = signed(at(x))
+        tried = x[:, None] + h * np.vstack([np.zeros((1, n)), np.eye(n), -np.eye(n)])
+        values = signed(at(tried.reshape(-1, n))).reshape(len(x), -1)
+        value, g = values[:, 0], (values[:, 1 : n + 1] - values[:, n + 1 :]) / (2.0 * h)
         with np.errstate(all="ignore"):
             new = g * ((g * x).sum(axis=1) - value)[:, None] / (g * g).sum(axis=1)[:, None]
         known = np.isfinite(new).all(axis=1)
@@ -168,13 +167,12 @@ def nearest_singular(
         best = np.where((size <= h)[:, None], x, best)
         if (size <= numerics.TELLING * length).all():
             break
-    found, ends = np.zeros(6), []
-    for size, b in zip(np.linalg.norm(best, axis=1), best, strict=True):
-        ends.append(crossings(signed, at, b[None] / size, 1.05 * float(size), 64))
-    first = [min(e, key=np.linalg.norm) for e in ends if len(e)]
-    if not first:
+    size = np.linalg.norm(best, axis=1)
+    ends = crossings(signed, at, best / size[:, None], 1.05 * size, 64)
+    if not len(ends):
         return None
-    found[list(axes)] = min(first, key=np.linalg.norm)
+    found = np.zeros(6)
+    found[list(axes)] = min(ends, key=np.linalg.norm)
     return found
 
 
