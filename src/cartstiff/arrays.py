@@ -21,28 +21,6 @@ from numpy.typing import ArrayLike, NDArray
 from cartstiff import numerics
 from cartstiff.errors import InputError, one_line, printable
 
-__all__ = [
-    "Array",
-    "NamedArrays",
-    "Result",
-    "checked_array",
-    "checked_flag",
-    "checked_length",
-    "checked_matrix",
-    "checked_number",
-    "checked_pose",
-    "checked_unit",
-    "checked_vector",
-    "csv_rows",
-    "csv_text",
-    "fixed",
-    "is_pose",
-    "overlap",
-    "plain",
-    "read_only",
-    "real_array",
-]
-
 #: Any NumPy array; the stubs cannot follow dtypes through linear algebra.
 Array = NDArray[Any]
 Shape = tuple[int | str, ...]

@@ -16,8 +16,6 @@ from typing import Any
 
 from cartstiff.errors import InputError
 
-__all__ = ["answer_of"]
-
 # Seconds until a process that does not even use the processor is given up.
 _LONGEST = 120.0
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Final, Literal, get_args
 
-__all__ = ["LEVELS", "LOAD_KINDS", "ORDERS", "RESPONSES", "TENSIONS", "Distribution", "Order"]
-
 #: What a load does while the body moves, in words.
 LOAD_KINDS: Final = {
     "dead": "its force and moment keep their direction in the room",

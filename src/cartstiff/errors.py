@@ -8,19 +8,6 @@ from importlib import import_module
 from typing import Any
 from unicodedata import category
 
-__all__ = [
-    "CartstiffError",
-    "ConvergenceError",
-    "InputError",
-    "MissingDependencyError",
-    "UndefinedError",
-    "UnknownNameError",
-    "imported",
-    "joined",
-    "one_line",
-    "printable",
-]
-
 _LONGEST_SHOWN = 120
 
 

@@ -10,8 +10,6 @@ from collections.abc import Callable, Mapping
 
 from cartstiff.errors import InputError, UnknownNameError, one_line
 
-__all__ = ["Expression", "is_name"]
-
 #: Longer texts are no arithmetic that a person would check.
 LONGEST = 400
 _CONSTANTS = {"pi": math.pi}

@@ -7,8 +7,6 @@ from typing import Any
 
 from cartstiff.errors import InputError, imported, printable
 
-__all__ = ["figure_content", "new_figure"]
-
 
 def new_figure(width: float = 6.4, height: float = 4.2) -> Any:
     """A matplotlib figure of a size in inches.

@@ -22,8 +22,6 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.numerics import Array
 
-__all__ = ["eigenpairs", "eigenvalues", "extremes", "held", "root_of_compliance"]
-
 # Of LAPACK's DGEJSV: rows and columns may both be graded; nothing is cut off as rounding.
 _GRADED, _VECTORS, _NO_VECTORS, _WHOLE_RANGE, _NOTHING_SMALL = 2, 0, 3, 0, 0
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final, Literal, get_args
 
-__all__ = ["LETTERS", "MATRICES", "OF_MANY", "Letter", "MatrixName"]
-
 #: "load" is the tangent under the load; the others are connections, by their letters.
 Letter = Literal["load", "A", "B", "K", "F", "+"]
 LETTERS: Final[tuple[str, ...]] = get_args(Letter)

@@ -6,8 +6,6 @@ from collections.abc import Iterable, Sequence
 
 from cartstiff.errors import joined, printable
 
-__all__ = ["ShownInLines", "html_table"]
-
 
 class ShownInLines:
     """What shows itself as the lines of `_lines`; a dataclass that inherits takes `repr=False`."""

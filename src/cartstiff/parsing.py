@@ -6,8 +6,6 @@ import math
 
 from cartstiff.errors import InputError
 
-__all__ = ["LARGEST", "parse_numbers"]
-
 #: As in mechanism files: beyond this the products leave the range of double precision.
 LARGEST = 1e30
 

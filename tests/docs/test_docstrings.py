@@ -22,8 +22,8 @@ SECTIONS = [
     "Parameters", "Attributes", "Returns", "Yields", "Raises", "Warns", "See Also", "Notes",
     "References", "Examples",
 ]  # fmt: skip
-ERRORS = set(cartstiff.errors.__all__) | {"DamageError"} | {  # that of cartstiff.maps.damage
-    name for name, value in vars(builtins).items()
+ERRORS = {"DamageError"} | {  # that of cartstiff.maps.damage
+    name for module in (builtins, cartstiff.errors) for name, value in vars(module).items()
     if isinstance(value, type) and issubclass(value, BaseException)
 }  # fmt: skip
 

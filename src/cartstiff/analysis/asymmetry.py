@@ -26,15 +26,6 @@ from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 
-__all__ = [
-    "THRESHOLD",
-    "Asymmetry",
-    "ConnectionDifference",
-    "ConnectionTable",
-    "asymmetry",
-    "compare_connections",
-]
-
 #: Below this relative change of stiffness the choice of connection is said not to matter.
 THRESHOLD = 0.01
 

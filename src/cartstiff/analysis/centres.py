@@ -26,15 +26,6 @@ from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 
-__all__ = [
-    "Centres",
-    "centre_of_compliance",
-    "centre_of_elasticity",
-    "centre_of_stiffness",
-    "centres",
-    "point_of_least_coupling",
-]
-
 
 def _symmetrising_point(coupling: Array, diagonal: Array, name: str, block: str) -> Array:
     """Point p with ``coupling - [p]x diagonal`` symmetric: (tr D 1 - D) p = 2 unskew(B)."""

@@ -29,12 +29,6 @@ from cartstiff.arrays import Result
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 
-__all__ = [
-    "CompliantAxis",
-    "twist_compliant_axes",
-    "wrench_compliant_axes",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class CompliantAxis(Result):

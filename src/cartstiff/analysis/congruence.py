@@ -38,8 +38,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import Evaluation, Map
 from cartstiff.stiffness.reduction import reduce_to
 
-__all__ = ["JointStiffness", "cartesian_stiffness", "joint_stiffness"]
-
 
 def cartesian_stiffness(jacobian: ArrayLike, joint_matrix: ArrayLike, wrench: ArrayLike) -> Array:
     """Stiffness K^B (6, 6) of a serial chain: ``(J (Kq - S_W)^-1 J^T)^-1``.

@@ -18,16 +18,6 @@ from cartstiff.arrays import Result, checked_array, checked_matrix, checked_vect
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 
-__all__ = [
-    "Deflection",
-    "JointShares",
-    "SpringShares",
-    "compliance_deflection",
-    "displacement_of_point",
-    "joint_shares",
-    "spring_shares",
-]
-
 
 def displacement_of_point(twist: ArrayLike, point: ArrayLike) -> Array:
     """Small displacement (3,) of a body point: ``v + omega x p``."""

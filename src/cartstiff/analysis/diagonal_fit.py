@@ -26,8 +26,6 @@ from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["DiagonalFit", "fit_diagonal"]
-
 # Joint compliances below this share of the largest are called zero: the joint is best locked.
 _LOCKED = numerics.ROUNDING
 

@@ -39,19 +39,6 @@ from cartstiff.errors import UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 
-__all__ = [
-    "Ellipsoid",
-    "Freedom",
-    "Others",
-    "compliance_block",
-    "compliance_ellipsoid",
-    "ellipsoid",
-    "stiffness_about",
-    "stiffness_along",
-    "stiffness_block",
-    "stiffness_ellipsoid",
-]
-
 Freedom = Literal["translation", "rotation"]
 Others = Literal["free", "held"]
 

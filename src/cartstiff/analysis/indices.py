@@ -28,15 +28,6 @@ from cartstiff.arrays import Result, checked_array, checked_length, real_array
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 
-__all__ = [
-    "Indices",
-    "best_conditioned_length",
-    "condition",
-    "condition_numbers",
-    "indices",
-    "isotropy",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class Indices(Result):

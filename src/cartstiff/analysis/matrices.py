@@ -31,33 +31,6 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Units
 
-__all__ = [
-    "BY_BLOCK",
-    "BY_SOFT_BLOCK",
-    "PURE",
-    "ROTATION",
-    "TRANSLATION",
-    "UNITS",
-    "Definiteness",
-    "as_symmetric",
-    "balancing_length",
-    "block_scales",
-    "definiteness",
-    "eliminate",
-    "frame_along",
-    "invert",
-    "loss_of_elimination",
-    "lost_digits",
-    "move_compliance",
-    "move_stiffness",
-    "reach",
-    "require_full_rank",
-    "scale_jacobian",
-    "scale_lengths",
-    "stiffness_of_motion",
-    "symmetric_part",
-]
-
 #: Units with the names of the units of length and force left open.
 UNITS = Units("{length}", "{force}")
 #: Of a pure number, and of the entries of a stiffness and of a compliance.

@@ -37,8 +37,6 @@ from cartstiff.potentials.springs import CoupledSprings, JointSprings
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.influence import influence
 
-__all__ = ["change_from_symmetric", "deflection_half_width", "deflection_section", "target_section"]
-
 
 def change_from_symmetric(r: PostureStiffness, name: str) -> Array:
     """K^X - K^B: what the connection adds under the load; zero without one."""

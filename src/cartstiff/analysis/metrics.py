@@ -37,17 +37,6 @@ from cartstiff.geometry.se3 import Array
 #: Share of the largest eigenvalue above which a stiffness alone has digits enough.
 _PLAIN = numerics.PLAIN
 
-__all__ = [
-    "CharacteristicLength",
-    "MetricModes",
-    "characteristic_length",
-    "inertia_metric",
-    "length_from_inertia",
-    "length_metric",
-    "modes",
-    "natural_length",
-]
-
 
 @dataclass(frozen=True)
 class CharacteristicLength:

@@ -27,13 +27,6 @@ from cartstiff.arrays import Result
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 
-__all__ = [
-    "DecouplingFrame",
-    "NormalForm",
-    "decoupling_frame",
-    "normal_form",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class NormalForm(Result):

@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 
 from cartstiff.analysis.matrices import BY_BLOCK, BY_SOFT_BLOCK, UNITS
-from cartstiff.arrays import plain
+from cartstiff.arrays import plain as plain
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
-
-__all__ = ["Notes", "numbers", "plain", "schema", "section", "unit_of", "varying"]
 
 
 class Notes:

@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from cartstiff.analysis.tolerances import Parameters, Tolerances
     from cartstiff.analysis.uncertainty import Propagation
 
-__all__ = ["analyse_posture"]
-
 
 def analyse_posture(
     result: PostureStiffness,

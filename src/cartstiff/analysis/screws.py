@@ -25,16 +25,6 @@ from cartstiff.analysis.matrices import (
 from cartstiff.arrays import Result, checked_length, checked_vector
 from cartstiff.geometry.se3 import Array
 
-__all__ = [
-    "SWAP_FORM",
-    "Eigenscrew",
-    "Eigenscrews",
-    "Screw",
-    "eigenscrews",
-    "screw_of_twist",
-    "screw_of_wrench",
-]
-
 #: The matrix Delta that takes a twist (omega, v) to the wrench (v, omega) on the same screw.
 SWAP_FORM: Final[Array] = np.kron(np.array([[0.0, 1.0], [1.0, 0.0]]), np.eye(3))
 SWAP_FORM.flags.writeable = False

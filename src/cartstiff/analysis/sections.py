@@ -14,8 +14,6 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from cartstiff.analysis.matrices import BY_BLOCK, BY_SOFT_BLOCK, PURE, UNITS, Definiteness
 
-__all__ = ["Analysis"]
-
 _2, _3, _4, _6 = (Field(min_length=n, max_length=n) for n in (2, 3, 4, 6))
 Number = float | None
 Pair = Annotated[list[Number], _2]

@@ -16,8 +16,6 @@ import numpy as np
 from cartstiff.arrays import Result
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["Spring", "parallel_stiffness"]
-
 
 @dataclass(frozen=True, eq=False)
 class Spring(Result):

@@ -47,8 +47,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.stiffness.in_frame import inverse_pair
 from cartstiff.stiffness.posture_notes import error_of_soft_directions
 
-__all__ = ["summarise"]
-
 _PREFERRED = ("B", "K", "F", "A", "+")
 _FREEDOMS = ("translation", "rotation")
 _POINTS = ("stiffness", "compliance", "elasticity", "least_coupling")

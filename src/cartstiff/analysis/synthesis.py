@@ -38,8 +38,6 @@ from cartstiff.arrays import Result
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["Realisability", "Realisation", "realisability", "realise"]
-
 # A column counts as torsional when its force is below this share of its length-scaled moment.
 _TORSIONAL = numerics.CLOSE
 # Eigenvalues dropped from the factor: far below what `ZERO` calls zero, so that the springs

@@ -26,7 +26,8 @@ from functools import cached_property
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.analysis.uncertainty import Tolerance, Tolerances
+from cartstiff.analysis.uncertainty import Tolerance
+from cartstiff.analysis.uncertainty import Tolerances as Tolerances
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.placements import Placements
@@ -48,8 +49,6 @@ from cartstiff.potentials.strut_numbers import (
     with_strut_points,
 )
 from cartstiff.stiffness.compute import PostureStiffness, analyse, analyse_at
-
-__all__ = ["Parameters", "Tolerances"]
 
 _XYZ = ("x", "y", "z")
 #: Begins the names of what the mechanism's file calls its parameters.

@@ -19,15 +19,6 @@ from cartstiff.arrays import checked_array, checked_number, read_only
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 
-__all__ = [
-    "Propagation",
-    "Results",
-    "Tolerance",
-    "Tolerances",
-    "propagate_first_order",
-    "propagate_monte_carlo",
-]
-
 Results = Mapping[str, ArrayLike] | ArrayLike
 
 # Step of the differences, in standard deviations: far enough for rounding not to matter.

@@ -16,8 +16,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.loading.keys.words import Number, Positive, Text, only_one
 from cartstiff.loading.yaml_file import read_yaml
 
-__all__ = ["Asked", "Case", "json_schema", "read_case", "read_cases"]
-
 #: How close to a stored value its own tool must come, relative to the largest entry.
 SAME = numerics.CLOSE
 

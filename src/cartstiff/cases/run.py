@@ -11,8 +11,6 @@ from typing import Any
 from cartstiff.cases.case import Asked, Case
 from cartstiff.errors import InputError, one_line
 
-__all__ = ["Outcome", "own_tools", "run_case", "table", "tool"]
-
 #: Name of an asked value to what the tool gives for it; what it does not offer is left out.
 Tool = Callable[[dict[str, Any], Path], Mapping[str, Any]]
 

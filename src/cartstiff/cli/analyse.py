@@ -33,8 +33,6 @@ from cartstiff.cli.types import (
 if TYPE_CHECKING:
     from cartstiff.stiffness.compute import PostureStiffness
 
-__all__ = ["command"]
-
 #: One posture by itself: machine code serves those who ask again and again.
 ENGINE = "engine, one posture (with its first use)"
 _EPILOG = """\b

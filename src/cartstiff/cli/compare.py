@@ -10,8 +10,6 @@ import click
 from cartstiff.cli.output import say
 from cartstiff.cli.types import PICTURE, Pairs, json_option, option, repeated_option
 
-__all__ = ["command"]
-
 _EPILOG = """\b
 Examples:
   cartstiff compare wall.zarr ceiling.zarr --picture ratio.png

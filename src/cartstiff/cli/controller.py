@@ -14,8 +14,6 @@ from cartstiff.errors import InputError
 if TYPE_CHECKING:
     from cartstiff.vibration.mode_set import Modes
 
-__all__ = ["ControllerRequest"]
-
 
 @dataclass(frozen=True)
 class ControllerRequest:

@@ -19,8 +19,6 @@ from cartstiff.cli.types import (
     progress_option,
 )
 
-__all__ = ["command"]
-
 _EPILOG = """\b
 Example: study.yaml holds
   mechanism: inclined-hexapod

@@ -37,8 +37,6 @@ from cartstiff.cli.types import (
 )
 from cartstiff.errors import InputError
 
-__all__ = ["command"]
-
 _COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
 
 _EPILOG = """\b

@@ -12,8 +12,6 @@ from cartstiff.cli.requests.view import needs_view, page_options, source_from_op
 from cartstiff.cli.types import OutputFile
 from cartstiff.errors import one_line
 
-__all__ = ["command"]
-
 _EPILOG = """\b
 Examples:
   cartstiff export ur5 -o ur5.html

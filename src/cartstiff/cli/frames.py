@@ -8,8 +8,6 @@ from cartstiff.cli.options import MechanismRequest, mechanism_options
 from cartstiff.cli.output import tell
 from cartstiff.cli.types import json_option
 
-__all__ = ["command"]
-
 
 @click.command(
     name="frames",

@@ -35,8 +35,6 @@ from cartstiff.cli.types import (
 )
 from cartstiff.errors import InputError, one_line
 
-__all__ = ["command"]
-
 #: Probability of the intervals.
 _LEVEL = 0.95
 

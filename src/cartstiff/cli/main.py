@@ -13,8 +13,6 @@ from cartstiff.cli.output import say
 from cartstiff.errors import CartstiffError, UndefinedError, one_line
 from cartstiff.version import __version__
 
-__all__ = ["command", "main"]
-
 EXIT_INPUT = 2
 EXIT_UNDEFINED = 3
 EXIT_INTERNAL = 70

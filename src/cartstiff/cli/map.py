@@ -37,8 +37,6 @@ from cartstiff.cli.types import (
 from cartstiff.errors import InputError, UnknownNameError, one_line
 from cartstiff.matrix_names import OF_MANY
 
-__all__ = ["command"]
-
 _EPILOG = """\b
 Examples:
   cartstiff map ur5 --grid shoulder_lift_joint=-2:0:41 --grid elbow_joint=-2.5:2.5:41 \\

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from cartstiff.vibration.milling import Milling
     from cartstiff.vibration.mode_set import Modes
 
-__all__ = ["LobesRequest", "cutting_options", "damping_of", "vibration_options"]
-
 cutting_options = option_group(
     option(
         "--milling", type=Numbers("KT,KR,TEETH,ENTRY,EXIT", 5),

@@ -9,8 +9,6 @@ import click
 from cartstiff.cli.output import say
 from cartstiff.cli.types import json_option
 
-__all__ = ["command"]
-
 
 @click.command(name="models", epilog="\b\nExample:\n  cartstiff models\n  cartstiff models --json")
 @json_option

@@ -35,8 +35,6 @@ from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 if TYPE_CHECKING:
     from cartstiff.vibration.mode_set import Modes
 
-__all__ = ["command"]
-
 _EPILOG = """\b
 Examples:
   cartstiff modes stewart-simscape

@@ -29,8 +29,6 @@ from cartstiff.cli.types import (
 from cartstiff.errors import InputError, one_line
 from cartstiff.parsing import LARGEST
 
-__all__ = ["LoadRequest", "MechanismRequest", "load_options", "mechanism_options"]
-
 _BALANCED = (
     "Wrench on the body in its own frame; rest positions are chosen so that the springs balance it."
 )

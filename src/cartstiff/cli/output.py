@@ -13,8 +13,6 @@ import click
 
 from cartstiff.errors import InputError, one_line, printable
 
-__all__ = ["Progress", "json_text", "say", "say_unused", "tell"]
-
 
 def json_text(data: Mapping[str, Any], mechanism: str) -> str:
     """One JSON object; refused where a number has left the range of double precision."""

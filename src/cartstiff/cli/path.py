@@ -28,8 +28,6 @@ from cartstiff.cli.types import (
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.matrix_names import OF_MANY
 
-__all__ = ["command"]
-
 _EPILOG = """\b
 Examples:
   cartstiff path ur5 seam.csv --free-axis x --load 0,0,0,-120,0,30

@@ -10,8 +10,6 @@ from cartstiff.cli.options import MechanismRequest, mechanism_options
 from cartstiff.cli.output import say, say_unused
 from cartstiff.cli.types import OutputFile, option
 
-__all__ = ["command"]
-
 _EPILOG = """\b
 Examples:
   cartstiff poses ur5 commands.csv --for kuka

@@ -13,8 +13,6 @@ from cartstiff.cli.output import say
 from cartstiff.cli.types import OutputFile, option
 from cartstiff.errors import InputError, one_line
 
-__all__ = ["command"]
-
 _EPILOG = """\b
 Examples:
   cartstiff report ur5 --load 0,0,0,0,0,-100 --world -o ur5.html

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from cartstiff.vibration.damping import Damping
     from cartstiff.vibration.mode_set import Modes
 
-__all__ = ["KINDS", "ResponseRequest"]
-
 #: Responses that can be asked for: to a force, and to a motion of the base.
 KINDS = (*RESPONSES, "transmissibility")
 

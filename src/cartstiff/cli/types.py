@@ -17,31 +17,6 @@ import click
 from cartstiff.errors import InputError, UnknownNameError, one_line
 from cartstiff.parsing import parse_numbers
 
-__all__ = [
-    "PAYLOAD",
-    "PICTURE",
-    "POINT",
-    "WRENCH",
-    "Amount",
-    "Arguments",
-    "Axes",
-    "JointValues",
-    "Number",
-    "Numbers",
-    "OutputFile",
-    "Pairs",
-    "UnitList",
-    "Values",
-    "explain_option",
-    "gathered",
-    "json_option",
-    "only_with",
-    "option",
-    "option_group",
-    "progress_option",
-    "repeated_option",
-]
-
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 # No axis of a map has more values: it would take years.
 _MOST = 10**12

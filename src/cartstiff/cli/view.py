@@ -11,8 +11,6 @@ from cartstiff.cli.output import say
 from cartstiff.cli.requests.view import needs_view, page_options, source_from_options
 from cartstiff.errors import InputError, joined
 
-__all__ = ["command"]
-
 _MOST_OTHERS = 3
 
 _EPILOG = """\b

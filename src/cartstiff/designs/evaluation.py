@@ -37,8 +37,6 @@ from cartstiff.mechanisms.other_units import in_units, shown_factors
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.weighed import under_earth
 
-__all__ = ["Design", "Evaluation"]
-
 #: Poses of a design that are looked at one by one where the fast arithmetic cannot decide them.
 ONE_BY_ONE = 8
 #: Poses of a mechanism without fast arithmetic that are looked at before all the others.

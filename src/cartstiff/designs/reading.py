@@ -14,8 +14,6 @@ from cartstiff.expressions import Expression
 from cartstiff.loading.mechanism_file import first_error, place_of
 from cartstiff.loading.yaml_file import Lines, read_yaml
 
-__all__ = ["check_names", "read_study"]
-
 
 def read_study(
     source: str | Path | Mapping[str, Any], given: Mapping[str, Any] | None = None

@@ -15,8 +15,6 @@ from cartstiff.errors import InputError, one_line
 from cartstiff.loading.catalogue import bundled
 from cartstiff.loading.yaml_file import read_yaml
 
-__all__ = ["Record", "digest_of"]
-
 SCHEMA = "cartstiff-designs/1"
 #: Bytes of the file: ten million designs.
 LARGEST = 1 << 32

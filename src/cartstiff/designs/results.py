@@ -19,8 +19,6 @@ from cartstiff.mechanisms.notes import Note
 from cartstiff.mechanisms.weighed import Weighed
 from cartstiff.notebook import ShownInLines
 
-__all__ = ["DESIGN_SCHEMA", "Designs"]
-
 #: Name and version of the form of the JSON output.
 DESIGN_SCHEMA = "cartstiff-design/1"
 

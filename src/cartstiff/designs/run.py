@@ -20,8 +20,6 @@ from cartstiff.designs.search import search
 from cartstiff.errors import CartstiffError, InputError
 from cartstiff.mechanisms.weighed import weighed
 
-__all__ = ["design"]
-
 _HERE: dict[str, Evaluation] = {}
 
 

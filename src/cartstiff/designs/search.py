@@ -15,8 +15,6 @@ from cartstiff.designs.study import Study
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["search"]
-
 Many = Callable[[Sequence[Mapping[str, float]]], list[Design]]
 #: Where merits of feasible, infeasible and failed designs stand, one above the other.
 _INFEASIBLE, _FAILED = 2.0, 4.0

@@ -10,8 +10,6 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 from cartstiff.expressions import is_name
 from cartstiff.loading.keys.words import Number, Pair, Positive, Text, Vector, only_one
 
-__all__ = ["MOST_POSES", "Case", "Measure", "Objective", "Study", "StudyModel"]
-
 #: Poses of one design: more belong in a map.
 MOST_POSES = 10**7
 _Count = Annotated[int, Field(strict=True, ge=1, le=10**7)]

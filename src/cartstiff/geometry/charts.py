@@ -21,8 +21,6 @@ from cartstiff.geometry.connections import Connection, flat
 from cartstiff.geometry.differences import jacobian
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["Chart", "exponential", "from_pose_function", "paper", "product_of_exponentials"]
-
 # A chart is called singular where the basis matrix has lost ten digits: what would be computed
 # through it then has six digits at best.
 _SINGULAR = numerics.RANK

@@ -28,22 +28,6 @@ from cartstiff.geometry.differences import STEP, derivative
 from cartstiff.geometry.se3 import Array
 from cartstiff.matrix_names import MATRICES
 
-__all__ = [
-    "BI_INVARIANT",
-    "CARTAN_MINUS",
-    "CARTAN_PLUS",
-    "KINEMATIC",
-    "NAMED",
-    "Connection",
-    "Field",
-    "covariant_derivative",
-    "covariant_derivative_of_form",
-    "flat",
-    "from_bilinear_map",
-    "from_symbols",
-    "levi_civita",
-]
-
 # Laws are judged on the symbols' own scale; 1e-12 leaves four digits for rounding.
 _LAW_TOLERANCE = numerics.ROUNDING
 

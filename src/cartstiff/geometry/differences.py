@@ -9,8 +9,6 @@ from numpy.typing import ArrayLike
 
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["STEP", "derivative", "derivative_with_error", "gradient_and_hessian", "jacobian"]
-
 # Eighth-order central differences: with a step of 2e-2 of the argument's natural unit the
 # truncation (step^8 times a ninth derivative over 630) and the rounding are both near 1e-14.
 STEP = 2e-2

@@ -9,8 +9,6 @@ import numpy as np
 
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["Jet", "stacked", "variables"]
-
 
 class Jet:
     """Values (...,) of a function of n variables, with gradients (..., n), Hessians (..., n, n).

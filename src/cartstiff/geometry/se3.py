@@ -16,38 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import Array, is_pose, read_only, real_array
-
-__all__ = [
-    "ANGULAR_LINEAR",
-    "LINEAR_ANGULAR",
-    "STRUCTURE_CONSTANTS",
-    "Array",
-    "ad",
-    "adjoint",
-    "adjoint_of_inverse",
-    "basis_twist",
-    "bracket",
-    "bracket_form",
-    "chain_curvature",
-    "exp",
-    "from_roll_pitch_yaw",
-    "hat",
-    "inverse",
-    "is_pose",
-    "log",
-    "pose",
-    "read_only",
-    "right_jacobian",
-    "right_jacobian_inverse",
-    "roll_pitch_yaw",
-    "skew",
-    "to_linear_angular",
-    "transport_twist",
-    "transport_wrench",
-    "unskew",
-    "vee",
-]
+from cartstiff.arrays import Array as Array
+from cartstiff.arrays import is_pose as is_pose
+from cartstiff.arrays import read_only as read_only
+from cartstiff.arrays import real_array
 
 ANGULAR_LINEAR: Final = "angular-linear"
 LINEAR_ANGULAR: Final = "linear-angular"

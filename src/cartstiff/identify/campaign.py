@@ -26,8 +26,6 @@ from cartstiff.identify.sessions import OFFSETS, aligned, nuisance_of
 from cartstiff.identify.unknowns import Unknowns, unknowns_of
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["FITS", "identify"]
-
 FITS = ("plain", "robust")
 # Compliances below this share of the mechanism's own, or above its inverse, are no place to begin.
 _FAR = 1e-2

@@ -16,8 +16,6 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 
-__all__ = ["candidates"]
-
 # Of a joint without limits, and of a platform about its file's pose [rad; shares of its size].
 _RANGE, _TILT, _SHIFT = pi, 0.3, 0.2
 _TRIES = 20

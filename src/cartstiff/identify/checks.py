@@ -25,8 +25,6 @@ from cartstiff.identify.linear_model import LinearModel, Model
 from cartstiff.identify.measurements import Measurements
 from cartstiff.identify.unknowns import Unknowns
 
-__all__ = ["Checks", "Pattern", "checked", "contradictions", "inflation_of"]
-
 #: A test speaks where its probability under the model is below this.
 _SIGNIFICANT = 0.01
 # Repeats further apart than this many standard deviations, or this share of all that was measured.

@@ -14,9 +14,6 @@ from cartstiff.loading.csv_file import Cells
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["DISPLACEMENT", "LOAD", "MEASURED", "OF_PATH", "POSITION", "ROTATION", "TURN", "UNITS",
-           "Column", "column_of", "kinds_of", "posture_columns", "without_paths"]  # fmt: skip
-
 #: Factors to SI, by kind of quantity.
 UNITS: Final[Mapping[str, Mapping[str, float]]] = {
     "angle": {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": pi / 180.0, "arcmin": pi / 10800.0,

@@ -14,8 +14,6 @@ from cartstiff.identify.least_squares import Noise, Solved, solved
 from cartstiff.identify.linear_model import Model
 from cartstiff.identify.unknowns import Unknowns
 
-__all__ = ["SLACK", "Fit", "fitted"]
-
 # Steps of a search; searches, in which the scales of lengths and angles settle.
 _STEPS, _ROUNDS = 100, 6
 #: Relative change of the sum of squares that ends a search; of scales.

@@ -14,8 +14,6 @@ import numpy as np
 from cartstiff.identify.least_squares import Solved
 from cartstiff.identify.unknowns import Unknown, Unknowns
 
-__all__ = ["Estimate", "Verdict", "estimates", "quantile"]
-
 Verdict = Literal["determined", "at-least", "not-identifiable", "negative"]
 
 

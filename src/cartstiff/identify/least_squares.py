@@ -18,8 +18,6 @@ from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError
 
-__all__ = ["Noise", "Solved", "solved"]
-
 # Share of a direction that no row sees, from which on a parameter is not determined.
 _UNSEEN = numerics.ROUNDING**0.5
 _ROUNDS = 60

@@ -38,10 +38,6 @@ from cartstiff.stiffness.influence import influence
 # Of differences, in shares of a parameter's natural size.
 _STEP = numerics.WIDE_DIFFERENCE
 
-__all__ = [
-    "BentModel", "LinearModel", "Model", "at_rest", "derivatives", "is_open_chain", "small_loads",
-]  # fmt: skip
-
 
 class Model(Protocol):
     """What a fit asks of a mechanism."""

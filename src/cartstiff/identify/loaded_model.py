@@ -35,8 +35,6 @@ from cartstiff.statics.newton import Solution, solve
 from cartstiff.statics.problem import System
 from cartstiff.statics.sensitivity import motion_by_compliance, motion_under_forces
 
-__all__ = ["LoadedModel", "model_of", "needs_equilibrium"]
-
 # Changes of parameters, in their natural sizes, along which a state of rest is followed linearly.
 _NEAR = 0.5
 # Share of a compliance's natural size below which its spring would only be stiff, not seen: from

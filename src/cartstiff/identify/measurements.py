@@ -15,8 +15,6 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import SI, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["Measurements", "table_text"]
-
 
 @dataclass(frozen=True, eq=False)
 class Measurements:

@@ -20,8 +20,6 @@ from cartstiff.potentials.line_springs import LineSprings
 if TYPE_CHECKING:
     from cartstiff.identify.result import Identification
 
-__all__ = ["notes_of"]
-
 _FEW = 5.0
 # Rows whose equilibrium is looked at: those that move most.
 _LOOKED_AT = 3

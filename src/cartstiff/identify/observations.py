@@ -20,8 +20,6 @@ from cartstiff.identify.measurements import Measurements
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["EARTH", "Observations", "base_rotation", "field_of", "observe", "wrenches"]
-
 #: m/s^2, where the mechanism names no gravity: that a hung mass pulls with.
 EARTH: Final = (0.0, 0.0, -9.81)
 

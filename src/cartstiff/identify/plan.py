@@ -33,8 +33,6 @@ from cartstiff.identify.loaded_model import model_of
 from cartstiff.identify.measurements import Measurements
 from cartstiff.identify.unknowns import Unknowns
 
-__all__ = ["CRITERIA", "Plan", "information", "plan"]
-
 CRITERIA = ("worst", "all", "posture")
 _PASSES = 20
 #: Information that stands for "nothing is known" while too few rows are chosen: a thousandth of a

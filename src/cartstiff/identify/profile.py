@@ -25,8 +25,6 @@ from cartstiff.identify.measurements import Measurements
 from cartstiff.identify.sessions import nuisance_of
 from cartstiff.identify.unknowns import Unknowns
 
-__all__ = ["with_profiles"]
-
 _TELLING = 0.1
 # Intervals of a parameter known better than this are not looked at: nothing bends within them.
 _NARROW = 0.05

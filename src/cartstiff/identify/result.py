@@ -18,8 +18,6 @@ from cartstiff.identify.robust import Robust
 from cartstiff.identify.unknowns import Unknowns
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 
-__all__ = ["IDENTIFY_SCHEMA", "Identification", "Rejected"]
-
 IDENTIFY_SCHEMA = "cartstiff-identify/1"
 
 

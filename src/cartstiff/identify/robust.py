@@ -25,8 +25,6 @@ from cartstiff.identify.measurements import Measurements
 from cartstiff.identify.observations import Observations
 from cartstiff.identify.unknowns import Unknowns
 
-__all__ = ["Robust", "robust_fit"]
-
 #: Tuning constants for 95 % efficiency, and sd over median absolute deviation, of the normal law.
 _CAUCHY, _MAD = 2.385, 1.4826
 #: A campaign without gross errors names a suspect with this probability, by each of two tests.

@@ -19,8 +19,6 @@ from cartstiff.identify.columns import POSITION, TURN
 from cartstiff.identify.measurements import Measurements
 from cartstiff.identify.observations import Observations
 
-__all__ = ["OFFSETS", "Offsets", "aligned", "nuisance_of"]
-
 #: What is unknown of a session's frame.
 OFFSETS = ("none", "translation", "rigid")
 

@@ -15,8 +15,6 @@ from cartstiff.identify.measurements import Measurements
 from cartstiff.identify.unknowns import unknowns_of
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["simulated"]
-
 
 def simulated(
     elastic: ElasticMechanism,

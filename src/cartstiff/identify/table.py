@@ -33,8 +33,6 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.parsing import LARGEST
 
-__all__ = ["AXES", "read_measurements"]
-
 AXES = ("base", "body", "world")
 _LARGEST_FILE = 1 << 27
 # What motors may be off [rad, length] where a table is rounded.

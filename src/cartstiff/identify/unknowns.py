@@ -16,8 +16,6 @@ from cartstiff.mechanisms.elements import BEAM, CompliancePattern, Elements
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.springs import CoupledSprings, JointSprings, PolynomialLaw, SpringLaw
 
-__all__ = ["Unknown", "Unknowns", "unknowns_of"]
-
 #: Groups that can be asked for, besides single springs by name.
 _GROUPS = ("joints", "links", "lines", "all")
 

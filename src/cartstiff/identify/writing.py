@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from cartstiff.identify.result import Identification
     from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["mechanism_file", "with_result", "written_values"]
-
 _ROBOTS = (".urdf", ".xml", ".mjcf")
 
 

@@ -18,8 +18,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import Note
 from cartstiff.mechanisms.platform import Platform
 
-__all__ = ["Architecture", "architecture_of", "orientation_rank"]
-
 # General poses that the rank is asked of, and their seed: chance hits no singular surface twice.
 _POSES = 4
 _SEED = 6

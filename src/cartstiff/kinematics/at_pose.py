@@ -25,8 +25,6 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, Note, checked_elastic
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.platform import Platform
 
-__all__ = ["COORDINATES", "at_pose", "at_poses"]
-
 #: What a pose is given by: the position, and angles about fixed axes.
 COORDINATES = ("x", "y", "z", "roll", "pitch", "yaw")
 

@@ -9,8 +9,6 @@ import numpy as np
 
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["Branches", "Search"]
-
 
 @dataclass(frozen=True)
 class Search:

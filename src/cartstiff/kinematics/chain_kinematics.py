@@ -23,8 +23,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Mechanism
 
-__all__ = ["Kinematics", "ManyPoses"]
-
 
 class ManyPoses(NamedTuple):
     """Kinematics of N postures: pose (N, 4, 4), body Jacobian (N, 6, n), closures (N, m) and rates.

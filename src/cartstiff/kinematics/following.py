@@ -18,8 +18,6 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.platform import Platform
 
-__all__ = ["Followed", "Follower"]
-
 # Halvings of the way to a pose that a platform's legs do not reach.
 _HALVINGS = 12
 

@@ -15,11 +15,10 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.branches import Branches, Search
 from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.kinematics.legs import legs_of, searched, working_modes
-from cartstiff.kinematics.platform_poses import Free, PlatformPoses
+from cartstiff.kinematics.platform_poses import Free as Free
+from cartstiff.kinematics.platform_poses import PlatformPoses
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.platform import Platform
-
-__all__ = ["Free", "inverse_kinematics"]
 
 #: Combinations of the legs' solutions that are listed, the nearest to the first start.
 MOST_LISTED = 4096

@@ -29,8 +29,6 @@ from cartstiff.kinematics.platform_poses import Free
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["LONGEST_STEP", "SAME", "JointPoses", "distinct", "pose_errors"]
-
 _ITERATIONS = 40
 #: A step turns no joint further than this (rad, or characteristic lengths).
 LONGEST_STEP = 0.7

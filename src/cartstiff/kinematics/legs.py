@@ -32,8 +32,6 @@ from cartstiff.mechanisms.tree import Placement
 from cartstiff.mechanisms.tree_building import part_of
 from cartstiff.potentials.springs import JointSprings
 
-__all__ = ["Leg", "legs_of", "searched", "working_modes"]
-
 # Postures that are settled at once: the cost is asked for at all of them and around each.
 _ROWS = 5000
 # Members of one family that settle at the same posture differ by this.

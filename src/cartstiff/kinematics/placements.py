@@ -19,8 +19,6 @@ from cartstiff.geometry import se3
 from cartstiff.mechanisms.chain import Chain, ChainPosture
 from cartstiff.mechanisms.tree import Placement
 
-__all__ = ["PLACED", "Placements"]
-
 #: Begin the names of placements.
 PLACED = ("placement", "frame", "closure")
 _XYZ, _RXYZ = ("x", "y", "z"), ("rx", "ry", "rz")

@@ -15,8 +15,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics import study
 from cartstiff.mechanisms.platform import Platform
 
-__all__ = ["PathCount", "Poses", "poses_of_lengths"]
-
 Complex = NDArray[np.complex128]
 
 # Where a path is lost, or comes to lie on another, all are followed again another way: the start's

@@ -15,8 +15,6 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.platform import Platform
 
-__all__ = ["Free", "PlatformPoses"]
-
 #: What of the body's rotation is left free: nothing, the turn about one of its axes, or all of it.
 Free = Literal["none", "x", "y", "z", "rotation"]
 

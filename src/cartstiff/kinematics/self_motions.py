@@ -17,8 +17,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.kinematics.platform_poses import Free
 
-__all__ = ["settled"]
-
 # Motions along a self-motion, in the natural sizes of the coordinates: the first that is tried,
 # the longest, and the one at which a posture counts as settled; how often, at most.
 _FIRST_STEP, _LONGEST_STEP, _SETTLED, _SETTLING = 0.2, 0.5, numerics.SETTLED, 200

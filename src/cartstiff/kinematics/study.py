@@ -25,18 +25,6 @@ from numpy.typing import NDArray
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 
-__all__ = [
-    "PATHS",
-    "Ends",
-    "follow",
-    "general_platform",
-    "jacobians",
-    "pose_of_study",
-    "quadrics",
-    "rotation_share",
-    "values",
-]
-
 Complex = NDArray[np.complex128]
 
 #: Solutions of a general platform.

@@ -24,8 +24,6 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 if TYPE_CHECKING:
     from cartstiff.loading.yaml_file import Lines
 
-__all__ = ["file_reader", "hexapod", "load"]
-
 # What a robot description alone may be given, whether it has loops or none.
 _SHARED = ("model", "frame", "locked", "offset", "gravity", "payload", "xacro", "package_path")
 

@@ -13,8 +13,6 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree import KinematicTree
 
-__all__ = ["leg_at_pose"]
-
 # Starts of a leg besides the file's posture, and the seed that makes them the same every time.
 _STARTS, _SEED = 16, 0
 

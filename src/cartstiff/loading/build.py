@@ -39,8 +39,6 @@ from cartstiff.potentials.line_springs import LineSprings, line_geometry
 if TYPE_CHECKING:
     from cartstiff.loading.schema import PlatformFile, SerialFile, SpringsFile
 
-__all__ = ["build_platform", "build_serial", "serial_of", "with_given"]
-
 
 #: Kinds of files with joints, and with lines from the ground to a body.
 _OF_JOINTS, _OF_LINES = ("serial", "closed-chain"), ("stewart-gough", "springs")

@@ -35,8 +35,6 @@ if TYPE_CHECKING:
     from cartstiff.loading.keys.springs import JointSpringModel
     from cartstiff.loading.schema import ClosedChainFile, ClosureModel, LegModel, ParallelFile
 
-__all__ = ["build_closed_chain", "build_parallel", "closed_chain_of"]
-
 _CONTACTS = {
     "rigid": (),
     "soft-finger": (("contact.z", "RZ"),),

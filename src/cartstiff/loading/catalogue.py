@@ -10,10 +10,6 @@ from pathlib import Path
 
 from cartstiff.errors import InputError, MissingDependencyError, UnknownNameError
 
-__all__ = [
-    "ExampleRobot", "bundled", "bundled_files", "bundled_folder", "example_robot", "example_robots",
-]  # fmt: skip
-
 
 @cache
 def bundled_folder() -> Path:

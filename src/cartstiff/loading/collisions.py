@@ -21,8 +21,6 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Shape, Sphere
 
-__all__ = ["NOT_CHECKED", "Collisions"]
-
 #: What is said where nobody asked for collisions.
 NOT_CHECKED = "collisions are not checked: neither of links with each other nor with anything else"
 

@@ -17,8 +17,6 @@ from cartstiff.loading.yaml_file import LARGEST, read_text
 from cartstiff.mechanisms.contract import FORCES, LENGTHS, SI, Units, convert_length
 from cartstiff.parsing import parse_numbers
 
-__all__ = ["Cells", "Rows", "read_cells", "read_rows"]
-
 
 class Rows(NamedTuple):
     """What such a file holds.

@@ -21,9 +21,6 @@ from cartstiff.mechanisms.tree import KinematicTree
 from cartstiff.mechanisms.tree_building import find_frame
 from cartstiff.numerics import NEAR, is_regular
 
-__all__ = ["chosen_frame", "default_frame", "default_posture", "regular_posture"]
-
-
 # Last parts of the names that tools' frames have, the surest first.
 _TOOLS = tuple(
     re.compile(rf"(^|[^a-z0-9])({words})$", re.IGNORECASE)

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from cartstiff.loading.keys.identified import IdentifiedModel
     from cartstiff.loading.shorthand.parameters import Parameters
 
-__all__ = ["mechanism_of", "with_findings"]
-
 # Values of the file and its springs agree to this share; a person may round them.
 _AGREE = 1e-3
 

@@ -20,8 +20,6 @@ from cartstiff.loading.shorthand.layout import LayoutModel, laid_out
 from cartstiff.loading.shorthand.parameters import Parameters, with_parameters
 from cartstiff.loading.yaml_file import Lines
 
-__all__ = ["checked_file", "first_error", "located", "place_of"]
-
 
 def checked_file(
     data: dict[str, Any], lines: Lines, path: Path, given: Mapping[str, Any] | None = None

@@ -36,16 +36,6 @@ if TYPE_CHECKING:
     from cartstiff.loading.keys.springs import FlexibleModel, JointSpringModel, LineModel
     from cartstiff.loading.schema import ClosedChainFile, LegModel, ParallelFile, SerialFile
 
-__all__ = [
-    "add_payload",
-    "described",
-    "description_notes",
-    "gravity_left_out",
-    "joints_that_move",
-    "put_together",
-    "tree_to",
-]
-
 
 def described(
     file: SerialFile | LegModel | ClosedChainFile, beside: Path | None, floating: bool = False

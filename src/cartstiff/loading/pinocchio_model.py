@@ -27,8 +27,6 @@ from cartstiff.loading.visuals import geometry_pieces
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.joint_kinds import expansion, standing
 
-__all__ = ["from_pinocchio", "is_pinocchio"]
-
 _TYPES = {pin.ContactType.CONTACT_3D: "point", pin.ContactType.CONTACT_6D: "weld"}
 #: Reference configurations that are taken for the posture where none is given, in this order.
 _HOMES = ("home", "half_sitting", "standing", "default")

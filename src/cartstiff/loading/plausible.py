@@ -12,8 +12,6 @@ from cartstiff.mechanisms.elastic import Note
 if TYPE_CHECKING:
     from cartstiff.loading.schema import PlatformFile, SpringsFile
 
-__all__ = ["file_notes", "large_lengths", "stretched", "turned"]
-
 #: rad; a rotation that is written as more than a turn looks like degrees.
 _TURN = 2.0 * math.pi
 #: m; a length of a robot beyond this looks like millimetres.

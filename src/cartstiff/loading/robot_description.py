@@ -29,9 +29,6 @@ from cartstiff.mechanisms.chain import Description
 if TYPE_CHECKING:
     from cartstiff.mechanisms.shapes import Piece
 
-__all__ = ["RobotDescription", "described_text", "parse_text", "parse_xml", "quiet",
-           "read_robot_description"]  # fmt: skip
-
 _LARGEST = 64 * 1024 * 1024
 
 

@@ -13,15 +13,6 @@ from pathlib import Path
 from cartstiff.errors import InputError, MissingDependencyError, UnknownNameError, one_line
 from cartstiff.loading import ros_worker
 
-__all__ = [
-    "ROBOT_FILES",
-    "Ros",
-    "described_robot",
-    "expanded_xacro",
-    "is_description_name",
-    "is_xacro",
-]
-
 #: Endings of robot descriptions.
 ROBOT_FILES = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
 _SPACE = re.compile(r"""xmlns:\w+\s*=\s*["'][^"']*xacro/?["']""")

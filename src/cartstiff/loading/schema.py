@@ -32,19 +32,6 @@ from cartstiff.loading.keys.words import (
 from cartstiff.loading.legs.model import NamedLegsModel
 from cartstiff.loading.shorthand.layout import LayoutModel
 
-__all__ = [
-    "ClosedChainFile",
-    "ClosureModel",
-    "LegModel",
-    "MechanismFile",
-    "NamedLegs",
-    "ParallelFile",
-    "PlatformFile",
-    "SerialFile",
-    "SpringsFile",
-    "json_schema",
-]
-
 
 class _File(FileModel):
     name: Text | None = Field(default=None, description="name shown to people")

@@ -38,16 +38,6 @@ if TYPE_CHECKING:
         LineModel,
     )
 
-__all__ = [
-    "ASSUMED_STIFFNESS",
-    "extra_lines",
-    "give_of",
-    "link_springs",
-    "negative_links",
-    "springs_of",
-    "virtual_joints",
-]
-
 
 #: N m/rad (N/m) taken where nobody gave a joint stiffness; said in the notes.
 ASSUMED_STIFFNESS = 1.0e4

@@ -22,8 +22,6 @@ from cartstiff.loading.urdf_words import INERTIA, numbers_of, understood
 from cartstiff.loading.yaml_file import LARGEST_NUMBER
 from cartstiff.mechanisms.elastic import Note
 
-__all__ = ["MOST_MOVING", "Mimic", "UrdfFacts", "prepare_urdf"]
-
 _MOST_JOINTS = 2000
 #: Pinocchio's workspace takes a second to set up for 200 joints in a row, an hour for 2000.
 MOST_MOVING = 200

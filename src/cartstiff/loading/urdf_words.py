@@ -16,9 +16,6 @@ from cartstiff.geometry import se3
 from cartstiff.loading.yaml_file import LARGEST_NUMBER
 from cartstiff.mechanisms.elastic import Note
 
-__all__ = ["INERTIA", "numbers_of", "understood"]
-
-
 _VERSIONS = ("1.0", "1.1", "1.2")
 
 

@@ -24,8 +24,6 @@ from cartstiff.mechanisms.contract import SI, convert_length
 from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Piece, Shape, Sphere
 from cartstiff.mechanisms.tree import Placement
 
-__all__ = ["Visual", "geometry_pieces", "visuals"]
-
 Kind = Literal["visual", "collision"]
 _TYPES: dict[Kind, Any] = {"visual": pin.GeometryType.VISUAL,
                            "collision": pin.GeometryType.COLLISION}  # fmt: skip

@@ -10,8 +10,6 @@ from typing import Any
 
 from cartstiff.errors import InputError, one_line
 
-__all__ = ["LARGEST_NUMBER", "Lines", "read_bytes", "read_text", "read_yaml"]
-
 #: Line of each value, by its path of keys and indices.
 Lines = dict[tuple[str | int, ...], int]
 

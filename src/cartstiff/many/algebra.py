@@ -16,11 +16,6 @@ import numpy as np
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.tape import Number, Scalar, absolute, copysign, larger, pick, square_root
 
-__all__ = ["Reflections", "below", "congruence", "cross", "eliminated", "inverse", "is_zero",
-           "largest", "norm_squared", "positive_factor", "product", "reflections",
-           "rotation_vector", "skew", "solution", "symmetric_product", "upper_inverse",
-           "zeros"]  # fmt: skip
-
 
 def zeros(*shape: int) -> Array:
     """Array of zeros that can hold numbers of a tape."""

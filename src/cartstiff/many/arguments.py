@@ -15,10 +15,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["OUTPUTS", "aligned_empty", "arrays_for", "checked_count",
-           "checked_names", "checked_q", "checked_wrench", "full_name", "recorded",
-           "without_digits"]  # fmt: skip
-
 #: Whose matrices can be asked for; "load" is the tangent under the load.
 #: Doubles in a line of the cache, and in a mebibyte.
 _LINE, _MEBIBYTE = 8, 1 << 17

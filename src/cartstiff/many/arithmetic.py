@@ -17,10 +17,6 @@ from cartstiff.many.algebra import below, inverse, norm_squared, positive_factor
 from cartstiff.many.tape import Scalar, absolute, larger, pick
 from cartstiff.numerics import EPSILON, NEAR, TELLING
 
-__all__ = ["ENGINE", "PLAIN", "UNBALANCED", "add_compliances", "changed_compliance",
-           "connections", "holds_soft_directions", "limited", "noteworthy", "scaled_inverse",
-           "shared_inputs", "unsymmetric_part"]  # fmt: skip
-
 #: Verdicts on a posture: the numbers stand; the engine decides; no wrench balances it.
 PLAIN, ENGINE, UNBALANCED = 0.0, 1.0, 2.0
 

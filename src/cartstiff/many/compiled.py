@@ -17,8 +17,6 @@ from cartstiff.many.arguments import address_of, aligned_empty
 from cartstiff.many.tape import Program
 from cartstiff.many.vector_code import LONGEST, input_arrays, scratch_size, vector_code
 
-__all__ = ["CompiledKernel", "lanes"]
-
 #: Bytes of output beyond which writing past the cache pays.
 STREAMED = 1 << 23
 

@@ -19,8 +19,6 @@ from cartstiff.many.algebra import is_zero, norm_squared
 from cartstiff.many.arithmetic import ENGINE, PLAIN, limited
 from cartstiff.many.tape import Scalar, absolute, copysign, larger, pick, square_root
 
-__all__ = ["ascending", "eigenvalues", "largest_eigenvalue", "principal_values"]
-
 #: Sweeps after which nearly every matrix of a size is diagonal.
 _SWEEPS = {2: 1, 3: 4, 6: 6}
 #: Steps of Laguerre's iteration after which it stands still nearly always.

@@ -22,9 +22,6 @@ from cartstiff.many.reading_arithmetic import Readings
 from cartstiff.many.work import MAKING, timed
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["PATHS", "WORTH_READING", "WORTH_RECORDING", "Path", "assembled", "chosen", "kernel_for",
-           "lasting_path", "reading_kernel", "run"]  # fmt: skip
-
 Path = Literal["auto", "compiled", "portable", "engine"]
 PATHS = ("auto", "compiled", "portable", "engine")
 

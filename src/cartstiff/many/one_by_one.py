@@ -14,8 +14,6 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 
-__all__ = ["NOT_ASSEMBLED", "REGULAR", "fill", "state_of"]
-
 REGULAR, NOT_ASSEMBLED = "regular", "not-assembled"
 
 

@@ -34,8 +34,6 @@ from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.loads import DeadForce
 from cartstiff.potentials.springs import CoupledSprings, JointSprings, SpringLaw
 
-__all__ = ["CLOSING", "Case", "Plan", "plan", "program_for"]
-
 Case = ChainCase | PlatformCase
 #: The output that stands for steps towards closure.
 CLOSING = ("next", "left")

@@ -44,8 +44,6 @@ from cartstiff.many.arithmetic import (
 )
 from cartstiff.many.tape import Scalar, Tape, cosine, larger, pick, sine, square_root
 
-__all__ = ["PlatformCase", "platform_arrays"]
-
 #: Shortest line that is trusted, as a share of the platform's size; the engine names none shorter.
 _SHORT = numerics.SHORTEST
 #: Product of the condition numbers of lines and stiffness up to which a compliance has its digits,

@@ -18,8 +18,6 @@ import numpy as np
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.tape import Program
 
-__all__ = ["CHUNK", "HELPERS", "PortableKernel", "javascript"]
-
 #: Postures per chunk: long enough to hide the cost of a call, short enough for the cache.
 CHUNK = 768
 

@@ -21,7 +21,9 @@ from cartstiff import numerics
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.arguments import (
-    OUTPUTS,
+    OUTPUTS as OUTPUTS,
+)
+from cartstiff.many.arguments import (
     arrays_for,
     checked_count,
     checked_names,
@@ -40,8 +42,6 @@ from cartstiff.many.work import BY_ENGINE, timed
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.stiffness.applied_load import LoadKind, checked_load, wrench_in_body
 from cartstiff.stiffness.labelled import AXES, labelled
-
-__all__ = ["OUTPUTS", "UNDECIDED", "Postures", "analyse_many", "loads_in_body"]
 
 #: State of postures that nobody has looked at one by one.
 UNDECIDED = "undecided"

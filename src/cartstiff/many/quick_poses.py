@@ -22,8 +22,6 @@ from cartstiff.many.tape import Program, Scalar, Tape, absolute, larger, pick
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["QuickPoses"]
-
 
 class QuickPoses(JointPoses):
     """`JointPoses` with errors and steps by machine code, where a chain of any joints has them.

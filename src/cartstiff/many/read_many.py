@@ -15,8 +15,6 @@ from cartstiff.many.postures import loads_in_body
 from cartstiff.many.reading_arithmetic import READINGS, Readings
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["Reader", "Values"]
-
 
 class Values(NamedTuple):
     """What was read.

@@ -35,8 +35,6 @@ from cartstiff.many.eigenvalues import ascending, eigenvalues, largest_eigenvalu
 from cartstiff.many.tape import Scalar, absolute, larger, pick, square_root
 from cartstiff.stiffness.applied_load import LoadKind
 
-__all__ = ["READINGS", "Readings", "read"]
-
 #: Less what two ways to find a condition number may differ by.
 _PAIRED = 0.99 * numerics.PAIRED
 #: Least pivot of a positive matrix of such a condition number, as a share of its diagonal entry,

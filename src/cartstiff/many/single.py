@@ -41,8 +41,6 @@ if TYPE_CHECKING:
     from cartstiff.many.plans import Plan
     from cartstiff.many.tape import Program
 
-__all__ = ["QuickPosture", "analyse"]
-
 Ask = TypeVar("Ask", bound=Callable[..., PostureStiffness])
 
 #: Questions to a mechanism from which on machine code is made: as long as some 2000 of them takes

@@ -22,8 +22,6 @@ from cartstiff.many.kernels import WORTH_RECORDING, kernel_for, run
 from cartstiff.many.plans import Plan
 from cartstiff.numerics import BALANCE, RANK, ROUNDING
 
-__all__ = ["lost_ranks"]
-
 #: How far from a limit there is no doubt.
 _MARGIN = 10.0
 

@@ -19,9 +19,6 @@ import numpy as np
 
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["Input", "Number", "Operation", "Program", "Tape", "absolute", "copysign", "cosine",
-           "larger", "pick", "sine", "square_root"]  # fmt: skip
-
 
 class Operation(NamedTuple):
     """One step: its name and the steps it reads; "constant" and "input" have their own data."""

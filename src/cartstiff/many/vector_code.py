@@ -17,8 +17,6 @@ from cartstiff.many.tape import Program
 from cartstiff.many.vector_loop import in_blocks, kernel
 from cartstiff.many.vector_writer import Writer, kept_table
 
-__all__ = ["LONGEST", "input_arrays", "scratch_size", "vector_code"]
-
 #: Operations that are still compiled as one function.
 LONGEST = 6000
 #: Angles whose sines and cosines are found side by side.

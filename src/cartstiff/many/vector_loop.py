@@ -9,8 +9,6 @@ import numpy as np
 from cartstiff.many.tape import Program
 from cartstiff.many.vector_writer import Key, Writer
 
-__all__ = ["in_blocks", "kernel"]
-
 #: Lines per basic block where each cut makes values wait in memory.
 _BLOCK = 1500
 #: Postures that a thread takes at a time, and how often it looks whether the others are done.

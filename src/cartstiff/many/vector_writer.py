@@ -6,8 +6,6 @@ import struct
 
 from cartstiff.many.tape import Input, Program
 
-__all__ = ["Key", "Writer", "kept_table"]
-
 # Sine and cosine as in fdlibm: pi/2 in three parts of which the first two have 33 digits, so that
 # their products with a whole number below 2^20 are exact, and the minimax polynomials.
 _TWO_OVER_PI = 6.36619772367581382433e-01

@@ -16,10 +16,6 @@ from cartstiff.many.arguments import aligned_empty
 from cartstiff.many.compiled import _binding, lanes
 from cartstiff.many.tape import Program
 
-__all__ = [
-    "BY_ENGINE", "MAKING", "Machine", "Share", "Work", "describe", "explained", "timed", "watched",
-]  # fmt: skip
-
 #: The engine's share, by its name.
 BY_ENGINE = "engine, one posture after the other"
 #: Recording and compiling, once for a mechanism and what is asked of it.

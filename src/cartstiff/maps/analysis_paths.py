@@ -13,8 +13,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.maps.quantity import Quantity, Stacks
 from cartstiff.matrix_names import OF_MANY
 
-__all__ = ["path_quantity"]
-
 
 def path_quantity(path: str) -> Quantity:
     """The quantity of a dotted path: keys and, in lists, positions counted from 0.

@@ -22,8 +22,6 @@ from cartstiff.maps.sampling import Axis, RandomPostures, Sampling, as_axis, gri
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["PLACES", "AtPoses", "CartesianGrid", "Redundancy"]
-
 #: Which posture of a self-motion is taken: the one nearest to the base posture, or the one at which
 #: the map's first quantity is best.
 Redundancy = Literal["nearest", "best"]

@@ -24,8 +24,6 @@ from cartstiff.maps.processes import packed
 from cartstiff.maps.store import MapFile
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["run_on_cluster"]
-
 # Chunks that are handed out for each thread of the cluster before one of them comes back.
 _AHEAD = 3
 # Seconds after which workers are counted again: some may have come.

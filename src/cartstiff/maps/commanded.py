@@ -19,8 +19,6 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import force_notes
 from cartstiff.statics.command import analyse_commanded, checked_command, drives
 
-__all__ = ["CommandGrid", "CommandedJob"]
-
 
 class CommandGrid(Sampling):
     """All combinations of what some drives are told, from one posture.

@@ -17,17 +17,6 @@ from typing import Any
 
 from cartstiff.errors import InputError, imported, one_line
 
-__all__ = [
-    "CHECKSUM",
-    "DamageError",
-    "checked_file",
-    "checksum_of",
-    "crc32c",
-    "described",
-    "description_checksum",
-    "require_plain_files",
-]
-
 #: Attribute of the folder that holds the checksum of its descriptions.
 CHECKSUM = "description_checksum"
 # Larger than the description of any map; what is larger is not read.

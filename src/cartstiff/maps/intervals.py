@@ -15,8 +15,6 @@ from cartstiff.maps.quantity import Quantity
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.identified import neighbours
 
-__all__ = ["half_width_name", "half_widths", "intervals_of", "why_none"]
-
 
 def half_width_name(name: str) -> str:
     """Name of the array that holds the half width of a quantity's interval."""

@@ -32,8 +32,6 @@ from cartstiff.mechanisms.limits import Limits, force_notes
 from cartstiff.stiffness.compute import analyse
 from cartstiff.vibration.many_modes import ManyModes, moves_as_body, unloaded_compliances
 
-__all__ = ["BEYOND", "NO_REST", "STATES", "UNREACHABLE", "MapJob"]
-
 #: State of a place that no posture reaches.
 UNREACHABLE = "unreachable"
 #: State of a posture that joints or legs cannot take.

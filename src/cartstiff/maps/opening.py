@@ -20,8 +20,6 @@ from cartstiff.maps.store import MapFile
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["open_map"]
-
 
 class _Lazy(ABC):
     """An array of which boxes are made when they are asked for."""

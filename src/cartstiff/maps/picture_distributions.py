@@ -23,8 +23,6 @@ from cartstiff.maps.sampling import dimension_name
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["histogram", "points", "violin"]
-
 # Violins and points show this many postures at most, evenly spread over the map.
 _MOST = 100_000
 

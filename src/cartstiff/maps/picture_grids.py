@@ -23,8 +23,6 @@ from cartstiff.maps.reading import best_branch
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["heat_map", "line", "slices"]
-
 
 def squeezed(dataset: xarray.Dataset, quantity: str, count: int, kind: str) -> xarray.Dataset:
     """One branch, and exactly `count` dimensions."""

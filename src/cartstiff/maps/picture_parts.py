@@ -13,17 +13,6 @@ from cartstiff.maps.reading import state_names, unit_label
 if TYPE_CHECKING:
     import xarray
 
-__all__ = [
-    "COLOURS",
-    "DECADES",
-    "add_legend",
-    "colour_norm",
-    "reasons_of",
-    "style_of",
-    "title_of",
-    "wrapped",
-]
-
 #: Readable without colour vision.
 COLOURS = "cividis"
 #: A logarithmic scale from this ratio on.

@@ -19,8 +19,6 @@ from cartstiff.maps.reading import quantity_of
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["KINDS", "draw_map", "heat_map", "histogram", "line", "points", "slices", "violin"]
-
 
 def draw_map(
     dataset: xarray.Dataset, quantity: str, kind: str = "auto", *, by: str | None = None,

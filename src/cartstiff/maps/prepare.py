@@ -36,8 +36,6 @@ from cartstiff.version import __version__
 from cartstiff.vibration.damping import Damping
 from cartstiff.vibration.milling import Milling
 
-__all__ = ["default_connection", "default_length", "map_job", "prepare_map"]
-
 # Numbers that tell one mechanism from another agree to this, whatever the processor.
 _SAME = numerics.PORTABLE
 

@@ -22,8 +22,6 @@ from cartstiff.errors import CartstiffError, InputError
 from cartstiff.maps.job import MapJob
 from cartstiff.maps.store import MapFile
 
-__all__ = ["packed", "run_in_processes"]
-
 # Chunks in the hands of each process: one that is computed, and one that waits.
 _AHEAD = 2
 _HERE: dict[str, Any] = {}

@@ -30,13 +30,13 @@ from cartstiff.analysis.matrices import ROTATION, TRANSLATION, UNITS, stiffness_
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps import row_by_row
-from cartstiff.maps.quantity import Quantity, Settings, Stacks
+from cartstiff.maps.quantity import Quantity as Quantity
+from cartstiff.maps.quantity import Settings as Settings
+from cartstiff.maps.quantity import Stacks
 from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.vibration.many_modes import ManyModes
-
-__all__ = ["QUANTITIES", "Quantity", "Settings", "Stacks", "choose_quantities", "evaluate"]
 
 _K, _C, _FREE = ("stiffness_{matrix}",), ("inverse",), ("free",)
 _DEFLECT = ("compliance_{connection}", "pose", "wrench")

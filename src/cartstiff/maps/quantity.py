@@ -20,8 +20,6 @@ from cartstiff.vibration.damping import Damping
 from cartstiff.vibration.many_modes import ManyModes
 from cartstiff.vibration.milling import Milling
 
-__all__ = ["Answer", "Quantity", "Settings", "Stacks", "needed_outputs"]
-
 #: Connections whose matrix may be asymmetric.
 ASYMMETRIC = ("A", "load")
 

@@ -20,22 +20,6 @@ _T = TypeVar("_T")
 #: Variables of a map that are no quantities.
 _OTHERS = ("state", "position", "q", "branches")
 
-__all__ = [
-    "best",
-    "best_branch",
-    "blocks",
-    "branches_found",
-    "each_block",
-    "facts_of",
-    "finite_range",
-    "places_of",
-    "share_within",
-    "slice_map",
-    "state_names",
-    "summary",
-    "worst",
-]
-
 
 def state_names(dataset: xarray.Dataset) -> dict[int, str]:
     """Names of the numbers in ``state``."""

@@ -14,20 +14,6 @@ from cartstiff import graded, numerics
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 
-__all__ = [
-    "block_norms",
-    "block_values",
-    "condition",
-    "determinant",
-    "eigenvalues",
-    "isotropy",
-    "on_finite",
-    "principal",
-    "scale_lengths",
-    "signs",
-    "symmetric_part",
-]
-
 
 def on_finite(function: Callable[..., Array], *stacks: Array, shape: tuple[int, ...] = ()) -> Array:
     """Apply a function of stacks to the rows in which all are finite; NaN (N, *shape) elsewhere."""

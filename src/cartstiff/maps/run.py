@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 from cartstiff.vibration.damping import Damping
 from cartstiff.vibration.milling import Milling
 
-__all__ = ["Run", "compute_map", "run_map"]
-
 
 class Run(NamedTuple):
     """What was done for a map.

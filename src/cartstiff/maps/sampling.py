@@ -22,8 +22,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["Axis", "Grid", "RandomPostures", "Sampling", "Trajectory", "chunk_shape", "from_dict"]
-
 # Random postures are drawn in blocks of this size, each from its own seed.
 _BLOCK = 1024
 # Values of an axis are held in memory, all of them.

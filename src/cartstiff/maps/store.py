@@ -36,8 +36,6 @@ from cartstiff.maps.damage import (
 )
 from cartstiff.maps.sampling import Axis, Sampling, chunk_shape
 
-__all__ = ["NOT_COMPUTED", "SCHEMA", "MapFile"]
-
 SCHEMA = "cartstiff-map/3"
 
 #: Value of ``state`` where nothing has been computed yet.

@@ -21,15 +21,14 @@ from cartstiff.errors import ConvergenceError, InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
-from cartstiff.mechanisms.closures import LONGEST_STEP, Closure, TiedState, Ties, held_map
+from cartstiff.mechanisms.closures import LONGEST_STEP, TiedState, Ties, held_map
+from cartstiff.mechanisms.closures import Closure as Closure
 from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.shapes import Piece
 from cartstiff.mechanisms.tree import WORLD, KinematicTree, Placement, TreeState
 from cartstiff.numerics import CLOSE, FINEST, LEAST_EFFORT, ROUNDING, STILL
 from cartstiff.potentials.contract import IDENTITY, Evaluation, Map
-
-__all__ = ["Chain", "ChainPosture", "Closure", "Description"]
 
 
 @dataclass(frozen=True)

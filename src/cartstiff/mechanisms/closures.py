@@ -20,14 +20,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.tree import KinematicTree, Placement, TreeState
 from cartstiff.potentials.contract import Map
 
-__all__ = [
-    "LONGEST_STEP",
-    "Closure",
-    "TiedState",
-    "Ties",
-    "held_map",
-]
-
 #: A step towards closure changes no coordinate by more (rad, or characteristic lengths).
 LONGEST_STEP = 0.2
 

@@ -14,22 +14,6 @@ from cartstiff.arrays import Array, checked_number, checked_vector, fixed
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.potentials.contract import Evaluation, LineGeometry, Map, Remark
 
-__all__ = [
-    "EARTH",
-    "FORCES",
-    "LENGTHS",
-    "SI",
-    "Coordinate",
-    "Mechanism",
-    "MechanismPosture",
-    "Units",
-    "checked_gravity",
-    "convert_length",
-    "named_values",
-    "rest_of_turns",
-]
-
-
 #: Units of length in m, of force in N.
 LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 FORCES = {"N": 1.0, "kN": 1e3, "mN": 1e-3, "daN": 10.0, "lbf": 4.4482216152605, "kgf": 9.80665}

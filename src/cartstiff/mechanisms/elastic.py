@@ -20,7 +20,8 @@ from cartstiff.mechanisms.contract import (
     checked_gravity,
     rest_of_turns,
 )
-from cartstiff.mechanisms.notes import Note, still_assumed
+from cartstiff.mechanisms.notes import Note as Note
+from cartstiff.mechanisms.notes import still_assumed
 from cartstiff.mechanisms.spring_values import borne_by_springs, with_values
 from cartstiff.notebook import ShownInLines, html_table
 from cartstiff.potentials.contract import Evaluation, Potential
@@ -31,8 +32,6 @@ from cartstiff.potentials.springs import JointSprings
 
 if TYPE_CHECKING:
     from cartstiff.mechanisms.identified import Identified
-
-__all__ = ["ElasticMechanism", "Note", "checked_elastic"]
 
 
 @dataclass(frozen=True, repr=False)

@@ -25,12 +25,6 @@ from cartstiff.potentials.flexure_struts import ideal_joints_only
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
 from cartstiff.potentials.springs import CoupledSprings, JointSprings
 
-__all__ = [
-    "BEAM", "LINK", "CompliancePattern", "Elements", "stiffnesses_beside",
-    "with_stiffnesses_beside",
-]  # fmt: skip
-
-
 #: Ends the names of parameters that are shares of a beam's own compliance.
 BEAM = " (beam)"
 #: Ends the names of factors on the stiffness of links that give.

@@ -17,18 +17,6 @@ from cartstiff.mechanisms.joint_kinds import primitive
 if TYPE_CHECKING:
     from cartstiff.mechanisms.superelement import SuperelementMass
 
-__all__ = [
-    "SEGMENT",
-    "UNFRAMED",
-    "VIRTUAL",
-    "Follower",
-    "Give",
-    "LinkSpring",
-    "Place",
-    "masses_by_side",
-    "springs_by_joint",
-]
-
 #: Virtual joints of a link with a spring, in order: name suffix and kind.
 VIRTUAL = (("px", "PX"), ("py", "PY"), ("pz", "PZ"), ("rx", "RX"), ("ry", "RY"), ("rz", "RZ"))
 #: Those of a beam's segment: section to chord, along and about the chord, chord to section.

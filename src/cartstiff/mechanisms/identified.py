@@ -15,8 +15,6 @@ from cartstiff.errors import InputError
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import CompliancePattern, Elements
 
-__all__ = ["Identified", "Neighbours", "neighbours"]
-
 # Relative change of the compliances between which differences are taken.
 _STEP = 1e-3
 

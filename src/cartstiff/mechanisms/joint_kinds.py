@@ -11,18 +11,6 @@ from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 
-__all__ = [
-    "MOST_COORDINATES",
-    "PLAIN",
-    "check_coordinates",
-    "expansion",
-    "limits_of",
-    "planar",
-    "primitive",
-    "set_position",
-    "standing",
-]
-
 #: Of a tree. Pinocchio's workspace grows with their cube: 200 take 0.3 GB, 600 take 7 GB.
 MOST_COORDINATES = 200
 

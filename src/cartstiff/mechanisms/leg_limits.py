@@ -10,8 +10,6 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["LegLimits", "distances_of_segments"]
-
 
 @dataclass(frozen=True, eq=False)
 class LegLimits:

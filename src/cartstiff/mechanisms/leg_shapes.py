@@ -24,8 +24,6 @@ from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 
-__all__ = ["Family", "LegShape", "PlacedLeg", "frame_along", "turns"]
-
 Family = Literal["strut", "rail", "crank"]
 
 

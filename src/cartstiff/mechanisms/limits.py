@@ -19,8 +19,6 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.line_springs import LineSprings
 
-__all__ = ["Limits", "finite", "force_notes", "limit_notes", "tensions_of"]
-
 #: A limit is kept to within this share of the quantity, or of its natural size: rounding.
 _SLACK = numerics.LIMIT_SLACK
 # Angles beyond their limits by this much, or beyond twice this where there is no limit, look like

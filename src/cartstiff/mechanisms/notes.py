@@ -8,8 +8,6 @@ from typing import Any
 
 from cartstiff.arrays import plain
 
-__all__ = ["Note", "assumed_stiffness", "still_assumed"]
-
 
 @dataclass(frozen=True)
 class Note:

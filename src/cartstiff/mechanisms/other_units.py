@@ -32,8 +32,6 @@ from cartstiff.potentials.springs import (
     TabulatedLaw,
 )
 
-__all__ = ["in_units", "shown", "shown_factors"]
-
 
 def in_units(elastic: ElasticMechanism, length: str, shown_angle: str = "rad") -> ElasticMechanism:
     """The same mechanism with its numbers in another unit of length.

@@ -32,8 +32,6 @@ from cartstiff.potentials.contract import IDENTITY, Evaluation, Map
 from cartstiff.potentials.line_springs import LineGeometry, line_geometry, second_derivative
 from cartstiff.potentials.loads import DeadForce
 
-__all__ = ["Platform", "PlatformPosture"]
-
 _POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 
 

@@ -7,8 +7,6 @@ from pathlib import Path
 
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["Box", "Capsule", "Cylinder", "MeshFile", "Piece", "Shape", "Sphere"]
-
 
 @dataclass(frozen=True)
 class MeshFile:

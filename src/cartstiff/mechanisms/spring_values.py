@@ -15,8 +15,6 @@ from cartstiff.mechanisms.contract import MechanismPosture, named_values
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
 
-__all__ = ["borne_by_springs", "with_values"]
-
 
 def with_values(
     springs: JointSprings | LineSprings,

@@ -28,8 +28,6 @@ from cartstiff.potentials.loads import DeadForce
 if TYPE_CHECKING:
     from cartstiff.mechanisms.platform import PlatformPosture
 
-__all__ = ["Struts"]
-
 
 @dataclass(frozen=True, eq=False)
 class Struts:

@@ -14,8 +14,6 @@ from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["SuperelementMass", "superelement_mass", "superelement_spring"]
-
 
 @dataclass(frozen=True, eq=False)
 class SuperelementMass:

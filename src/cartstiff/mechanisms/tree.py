@@ -26,8 +26,6 @@ from cartstiff.mechanisms.contract import Coordinate
 from cartstiff.mechanisms.joint_kinds import check_coordinates
 from cartstiff.potentials.contract import Evaluation, Map
 
-__all__ = ["WORLD", "KinematicTree", "Path", "Placement", "TreeState"]
-
 
 @dataclass(frozen=True)
 class Placement:

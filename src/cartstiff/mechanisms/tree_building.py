@@ -40,8 +40,6 @@ from cartstiff.mechanisms.joint_kinds import (
 )
 from cartstiff.mechanisms.tree import WORLD, KinematicTree, Placement
 
-__all__ = ["extended", "find_frame", "merged", "part_of", "plain_tree"]
-
 
 def find_frame(model: pin.Model, name: str) -> Any:
     """Pinocchio's frame of a name: a link before a site before a joint of the same name.

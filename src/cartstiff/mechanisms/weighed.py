@@ -13,8 +13,6 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import DeadForce
 
-__all__ = ["Weighed", "under_earth", "weighed"]
-
 
 @dataclass(frozen=True)
 class Weighed:

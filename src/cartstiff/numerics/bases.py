@@ -9,11 +9,6 @@ from numpy.typing import NDArray
 
 from cartstiff.numerics.policy import RANK, Array
 
-__all__ = [
-    "first_independent",
-    "graded_basis",
-]
-
 
 def graded_basis(
     motions: Array, stiffness: Array, across: Array | None = None

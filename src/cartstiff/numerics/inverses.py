@@ -18,17 +18,6 @@ from cartstiff.numerics.policy import (
 )
 from cartstiff.numerics.small import inverted
 
-__all__ = [
-    "Inverse",
-    "equilibration",
-    "error_of_inverting",
-    "inverse_of_sum",
-    "inverses_of_sums",
-    "invert",
-    "invert_each",
-    "plain_inverses",
-]
-
 # Entries that are one or two digits larger than the diagonal cost no more digits than that.
 _EVEN = 10.0
 

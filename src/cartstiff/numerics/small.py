@@ -12,8 +12,6 @@ import numpy as np
 
 from cartstiff.numerics.policy import Array
 
-__all__ = ["inverted", "singular_directions", "singular_values", "solved"]
-
 
 def _routine(name: str) -> Any:
     return getattr(getattr(np.linalg, "_umath_linalg", None), name, None)

@@ -7,13 +7,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from cartstiff.numerics.policy import EPSILON, LOST, ZERO, Array
 
-__all__ = [
-    "condition",
-    "eigenpairs",
-    "eigenvalues",
-    "pair_conditions",
-]
-
 
 def eigenvalues(
     matrix: ArrayLike,

@@ -8,8 +8,6 @@ from contextlib import contextmanager
 from threading import Lock
 from typing import Any
 
-__all__ = ["one_thread"]
-
 #: Below so many rows BLAS takes one thread by itself; from so many on, several are worth it.
 _FROM, _TO = 16, 300
 

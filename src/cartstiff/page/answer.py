@@ -10,9 +10,6 @@ from typing import Any
 
 from cartstiff.errors import InputError, printable
 
-__all__ = ["Answer"]
-
-
 # Characters as JSON writes them: in two halves, as \uXXXX, behind a backslash.
 _UNSEEN = re.compile(r"\\ud[89ab]..\\ud[c-f]..|\\u([0-9a-f]{4})|\\.|\x7f")
 

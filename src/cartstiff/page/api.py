@@ -15,8 +15,6 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.page.source import Source, Trajectory
 from cartstiff.stiffness.compute import analyse
 
-__all__ = ["Page", "StaticPage", "show"]
-
 
 class Page:
     """A page that is served by this process; in a notebook it shows itself in a cell.

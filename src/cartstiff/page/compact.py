@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 from cartstiff.errors import imported
 from cartstiff.page.recording import Key
 
-__all__ = ["compacted"]
-
 _MATRIX = struct.Struct(">" + "Bd" * 16)
 # Columns of T without their last entries, which are 0, 0, 0, 1.
 _KEPT = [0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14]

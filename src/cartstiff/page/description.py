@@ -17,8 +17,6 @@ from cartstiff.mechanisms.weighed import weighed
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.statics.command import drives
 
-__all__ = ["describe_mechanism", "slider_coordinates", "slider_ranges"]
-
 # Half-ranges of coordinates without limits: angles of a platform, angles of a joint, and lengths
 # as a share of the mechanism's size.
 _TILT = np.pi / 6

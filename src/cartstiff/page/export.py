@@ -37,8 +37,6 @@ from cartstiff.report.analysis import summary_text
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.version import __version__
 
-__all__ = ["export_page", "export_steps"]
-
 #: Parts that an exported page can hide and show.
 _PARTS = ("translation", "rotation", "labels", "wrench")
 # Parts that a file which computes does not draw.

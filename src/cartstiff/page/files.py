@@ -13,9 +13,6 @@ from pathlib import Path
 from cartstiff.errors import MissingDependencyError, printable
 from cartstiff.version import __version__
 
-__all__ = ["page_document", "page_files", "page_html", "page_script", "page_style",
-           "viewer_script"]  # fmt: skip
-
 _PAGE = Path(__file__).parent / "static"
 _KINDS = {
     ".html": "text/html; charset=utf-8",

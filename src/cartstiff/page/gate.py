@@ -16,8 +16,6 @@ from tornado.httpserver import HTTPServer
 from tornado.httputil import HTTPServerRequest
 from tornado.web import Application, RequestHandler
 
-__all__ = ["Gate", "GatedServer", "Guarded", "is_local_name"]
-
 #: Connections that are open at once; beyond it the one that has been quiet longest goes.
 MOST_CONNECTIONS = 256
 #: Seconds without a request after which a connection is closed.

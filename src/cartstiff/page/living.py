@@ -32,8 +32,6 @@ from cartstiff.page.verdict import DEFINITE, NEAR
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.stiffness.compute import PostureStiffness
 
-__all__ = ["Tapes", "brought", "computing", "tapes"]
-
 _NAMES = ("pose", "jacobian", "wrench", "energy", "stiffness_B", "stiffness_F", "hessian",
           "lagrangian", "length", "frames", "tensions")  # fmt: skip
 

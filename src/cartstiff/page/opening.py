@@ -13,8 +13,6 @@ import webbrowser
 from html import escape
 from pathlib import Path
 
-__all__ = ["open_page"]
-
 
 def open_page(url: str) -> None:
     """Have the user's browser open a page; nothing is said where there is none."""

@@ -31,8 +31,6 @@ from cartstiff.stiffness.compute import analyse
 from cartstiff.stiffness.posture import PostureStiffness
 from cartstiff.version import __version__
 
-__all__ = ["report_page"]
-
 # Values along the sweep of a coordinate, and how far it goes: rad, or characteristic lengths.
 _COUNT, _REACH = 21, 0.5
 _COLOURS = ("#2060c0", "#c04020", "#208040", "#8040a0", "#b08000", "#008090", "#c0307a", "#606060")

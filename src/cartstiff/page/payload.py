@@ -32,15 +32,6 @@ from cartstiff.stiffness.in_frame import StiffnessInFrame
 from cartstiff.vibration.modes import modes
 from cartstiff.vibration.response import frequency_response
 
-__all__ = [
-    "distance_to_singularity",
-    "modes_part",
-    "payload",
-    "reference_frame",
-    "response_curves",
-    "series_row",
-]
-
 _Matrices = Mapping[str, Array | None]
 
 

@@ -18,8 +18,6 @@ from cartstiff.scene.window import RecordingWindow
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.vibration.modes import modes
 
-__all__ = ["Picture"]
-
 
 class Picture:
     """Draws postures; hands over what has changed, or everything."""

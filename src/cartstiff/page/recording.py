@@ -9,8 +9,6 @@ import numpy as np
 from cartstiff.scene.canvas import Node
 from cartstiff.scene.window import RecordingWindow
 
-__all__ = ["Key", "Pictures", "common_part", "complete", "in_order"]
-
 #: Kind of a command, path, property.
 Key = tuple[str, str, str]
 

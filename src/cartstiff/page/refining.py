@@ -7,8 +7,6 @@ from itertools import pairwise
 from math import log10
 from typing import Any
 
-__all__ = ["widest_jump"]
-
 # A curve that changes by less than this factor from one posture to the next is drawn well enough.
 _DECADES = 0.1
 # What breaks off, or starts, counts as a change of this many decades.

@@ -11,8 +11,6 @@ from typing import Any
 from cartstiff.page.server import PageServer
 from cartstiff.page.source import Source
 
-__all__ = ["Background", "serve"]
-
 
 def serve(
     source: Source,

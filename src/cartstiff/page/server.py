@@ -25,8 +25,6 @@ from cartstiff.page.gate import Gate, GatedServer, Guarded
 from cartstiff.page.source import Source
 from cartstiff.page.tab import TabSocket
 
-__all__ = ["PageServer"]
-
 # Beyond this a socket is closed; between `LARGEST_MESSAGE` and this the message is refused.
 _LARGEST_FRAME = 1024 * 1024
 # A notebook shows the page in a frame; nothing on it can do harm by a click.

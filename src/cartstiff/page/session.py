@@ -50,8 +50,6 @@ from cartstiff.stiffness.compute import PostureStiffness, analyse
 from cartstiff.version import __version__
 from cartstiff.vibration.modes import modes
 
-__all__ = ["Session", "refusal"]
-
 _Work = Generator[None, None, Answer]
 # A sweep is refined to this share of its first step.
 _FINEST = 64

@@ -16,8 +16,6 @@ from cartstiff.loading.csv_file import read_rows
 from cartstiff.mechanisms.contract import SI, Units
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["Cloud", "Source", "Trajectory", "changed", "read_cloud", "read_trajectory"]
-
 # A page draws and sends every point: more are thinned.
 _MOST_POINTS = 20_000
 _MOST_POSTURES = 5_000

@@ -13,26 +13,6 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from cartstiff.errors import InputError, one_line
 from cartstiff.matrix_names import Letter
 
-__all__ = [
-    "LARGEST_MESSAGE",
-    "Analysis",
-    "Bounds",
-    "Draw",
-    "Export",
-    "Frame",
-    "Living",
-    "Message",
-    "Numbers",
-    "Response",
-    "Result",
-    "Series",
-    "State",
-    "Sweep",
-    "Swing",
-    "Towards",
-    "read_message",
-]
-
 #: Bytes of a message that are read; a longer one is refused.
 LARGEST_MESSAGE = 64 * 1024
 

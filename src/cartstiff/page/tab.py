@@ -26,8 +26,6 @@ from cartstiff.page.state import Draw, Export, Living, Message, Series, Sweep, r
 if TYPE_CHECKING:
     from cartstiff.page.server import PageServer
 
-__all__ = ["TabSocket"]
-
 #: Sockets that may be open at once; further tabs are told so.
 MOST_TABS = 24
 #: Messages per second and tab; what exceeds it is dropped.

@@ -10,8 +10,6 @@ from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.stiffness.compute import PostureStiffness
 
-__all__ = ["DEFINITE", "NEAR", "Level", "asymmetry", "verdict"]
-
 Level = Literal["good", "warning", "bad"]
 
 # Asymmetry below this share of the largest entry is rounding.

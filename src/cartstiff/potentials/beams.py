@@ -37,8 +37,6 @@ from cartstiff.potentials.segment_shapes import (
     with_derivatives,
 )
 
-__all__ = ["Beam", "Section", "stability_functions"]
-
 # Below this |x| the series of z(x) is exact to rounding with the terms kept (it converges up to
 # 4 pi^2); above it the closed forms, and their derivatives by recursion, lose hardly a digit.
 _SERIES = 4.0

@@ -16,11 +16,6 @@ import numpy as np
 
 from cartstiff.geometry.se3 import Array
 
-__all__ = [
-    "IDENTITY", "Evaluation", "LineGeometry", "Map", "PosePotential", "Posture", "Potential",
-    "Remark", "pulled_back",
-]  # fmt: skip
-
 
 @dataclass(frozen=True, slots=True)
 class Map:

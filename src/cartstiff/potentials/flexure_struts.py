@@ -30,8 +30,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import Evaluation, PosePotential, Posture
 from cartstiff.potentials.line_springs import LineSprings
 
-__all__ = ["Flexure", "FlexureStruts", "Struck", "ideal_joints_only", "solved", "turned"]
-
 _SLIDE = 6
 _STEPS = 40
 #: Residuals are sums of a few dozen products.

@@ -17,8 +17,6 @@ from cartstiff.geometry.differences import STEP, gradient_and_hessian
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import Evaluation, PosePotential, Posture, Potential
 
-__all__ = ["JointFunction", "PoseFunction", "TaylorCheck", "taylor_check"]
-
 # Two differentiations, with the full and with half the step, must agree to this much of the
 # Hessian's scale; smooth functions of unit curvature reach 1e-10.
 _AGREEMENT = numerics.AGREEING

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import Evaluation, Posture, Potential
 
-__all__ = ["Gravity"]
-
 
 @dataclass(frozen=True)
 class Gravity(Potential):

@@ -21,15 +21,14 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import (
     Evaluation,
-    LineGeometry,
     PosePotential,
     Posture,
     Remark,
     pulled_back,
 )
-
-__all__ = ["LineGeometry", "LineSprings", "line_geometry", "lines_of_many"]
-
+from cartstiff.potentials.contract import (
+    LineGeometry as LineGeometry,
+)
 
 # ``outer(b, u).ravel() @ _CROSSED == cross(b, u)``, (9, 3).
 _CROSSED = -se3.skew(np.eye(3)).reshape(3, 9).T

@@ -25,9 +25,6 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import Evaluation, Posture, Potential
 
-__all__ = ["DeadForce", "DeadWrench", "FollowerWrench", "Load", "Scaled", "SemitangentialWrench",
-           "payload"]  # fmt: skip
-
 
 def _keep(load: Load, **sizes: int) -> None:
     """Check the vectors of a load, and keep copies that nothing changes."""

@@ -24,8 +24,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.potentials.flexure_struts import FlexureStruts, Struck, solved, turned
 
-__all__ = ["Mount", "MountedStruts"]
-
 _STEPS = 40
 _ROUNDINGS = 64.0
 

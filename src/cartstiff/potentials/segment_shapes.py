@@ -10,8 +10,6 @@ import numpy as np
 from cartstiff.geometry.jets import Jet, stacked, variables
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["deformations", "power_series", "sheared", "with_derivatives"]
-
 # Below this w, 0.6 rad, the series of asin(sqrt w) / sqrt(w (1 - w)) is exact to rounding.
 _SMALL_TURN = 0.09
 _TURN_TERMS = np.cumprod([1.0, *((2 * k + 2) / (2 * k + 3) for k in range(18))])

@@ -20,15 +20,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.potentials.contract import Evaluation, Posture, Potential, Remark
 
-__all__ = [
-    "CoupledSprings",
-    "JointSprings",
-    "PolynomialLaw",
-    "SpringLaw",
-    "TabulatedLaw",
-]
-
-
 # Share of a link's Euler load from which on a note says that a 6x6 spring does not feel it: the
 # deflection is then too small by about as much.
 _FELT = 0.05

@@ -19,8 +19,6 @@ from cartstiff.geometry import se3
 from cartstiff.potentials.flexure_struts import Flexure, FlexureStruts
 from cartstiff.potentials.mounted_struts import Mount, MountedStruts
 
-__all__ = ["strut_numbers", "with_strut_numbers", "with_strut_points"]
-
 _ENDS = ("lower", "upper")
 
 

@@ -29,12 +29,10 @@ from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.weighed import weighed
 from cartstiff.notebook import ShownInLines
 from cartstiff.potentials.flexure_struts import FlexureStruts
-from cartstiff.reach.assembly_mode import AssemblyMode
+from cartstiff.reach.assembly_mode import AssemblyMode as AssemblyMode
 from cartstiff.reach.starts import closed_from
 from cartstiff.reach.struts_at_rest import at_rest_with
 from cartstiff.stiffness.compute import PostureStiffness, analyse
-
-__all__ = ["ASSEMBLE_SCHEMA", "AssemblyMode", "AssemblyModes", "assemble"]
 
 #: Name and version of the form of `AssemblyModes.as_dict`.
 ASSEMBLE_SCHEMA = "cartstiff-assemble/1"

@@ -16,8 +16,6 @@ from cartstiff.notebook import ShownInLines
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.vibration.modes import modes
 
-__all__ = ["AssemblyMode"]
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class AssemblyMode(ShownInLines):

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["narrowed"]
-
 # A call with few poses costs as much as one with so many: few brackets are cut into more parts.
 _AT_ONCE, _MOST = 512, 4
 

@@ -26,8 +26,6 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits
 
-__all__ = ["LegMargins"]
-
 
 class LegMargins:
     """Margins of the limits of a body on legs.

@@ -37,8 +37,6 @@ from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.flexure_struts import FlexureStruts, ideal_joints_only
 from cartstiff.potentials.line_springs import LineSprings, lines_of_many
 
-__all__ = ["LoadAt", "Margins", "lines_at", "wrench_margins"]
-
 #: The load at poses (N, 4, 4): (N, 6) about M's origin in its axes.
 LoadAt = Callable[[Array], Array]
 

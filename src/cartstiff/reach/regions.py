@@ -14,19 +14,6 @@ from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.reach.brackets import narrowed
 
-__all__ = [
-    "Columns",
-    "Inside",
-    "Moved",
-    "Progress",
-    "Rays",
-    "columns_inside",
-    "inscribed",
-    "rays_to_boundaries",
-    "shifted",
-    "sphere_rule",
-]
-
 # Bisections of each boundary: of a scan's step 1e-6 is left.
 _HALVINGS = 20
 _ROWS = 20_000

@@ -25,8 +25,6 @@ from cartstiff.reach.leg_margins import LegMargins
 from cartstiff.reach.margins import Margins
 from cartstiff.reach.regions import Moved, Rays
 
-__all__ = ["Singular", "crossings", "least_ratio", "nearest_singular", "singular_around"]
-
 #: Determinants (N,) at poses (N, 4, 4), NaN where there is none.
 Determinant = Callable[[Array], Array]
 _HALVINGS, _STEPS, _STARTS = 40, 60, 48

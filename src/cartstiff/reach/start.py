@@ -15,8 +15,6 @@ from cartstiff.mechanisms.platform import Platform
 from cartstiff.reach.margins import LoadAt, Margins
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 
-__all__ = ["carried", "reach_of_lines", "singular_note"]
-
 
 def carried(kind: LoadKind, wrench: Array, axes: Literal["body", "world"], start: Array) -> LoadAt:
     """The load at other poses, of which the components are known at the start."""

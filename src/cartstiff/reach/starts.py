@@ -14,8 +14,6 @@ from cartstiff.many.kernels import assembled
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["closed_from"]
-
 # Starts that the engine tries one by one; more are given up where recorded steps leave them open.
 _BY_ENGINE = 100
 

@@ -11,8 +11,6 @@ from cartstiff.potentials.flexure_struts import FlexureStruts
 from cartstiff.statics.equilibrium import equilibrium
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 
-__all__ = ["at_rest_with"]
-
 # Steps of a search that leads to a rest at all are fewer.
 _STEPS = 20
 

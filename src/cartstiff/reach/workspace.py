@@ -47,8 +47,6 @@ from cartstiff.reach.singularities import Singular, least_ratio, singular_around
 from cartstiff.reach.start import carried, reach_of_lines, singular_note
 from cartstiff.stiffness.applied_load import checked_load
 
-__all__ = ["WORKSPACE_SCHEMA", "Workspace", "workspace"]
-
 #: Name and version of the form of `Workspace.as_dict`.
 WORKSPACE_SCHEMA = "cartstiff-workspace/1"
 

@@ -19,9 +19,6 @@ from cartstiff.report.analysis_mechanism import (
 from cartstiff.report.analysis_screws import mode_lines, screw_lines, synthesis_lines
 from cartstiff.report.layout import number, numbers, percent, row, share, table, vector
 
-__all__ = ["summary_text"]
-
-
 _FREEDOMS = {"translation": "rotation", "rotation": "translation"}
 _OF_FREE = '  "free" comes from the symmetric part of its inverse: motion along a force'
 _DEFINITE = {"positive": "positive definite", "negative": "negative definite"}

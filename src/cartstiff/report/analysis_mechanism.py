@@ -12,8 +12,6 @@ from cartstiff.analysis.plain import unit_of
 from cartstiff.mechanisms.contract import Units
 from cartstiff.report.layout import number, numbers, percent, row, table, vector
 
-__all__ = ["deflection_lines", "target_lines", "uncertainty_lines"]
-
 Section = Mapping[str, Any] | None
 
 #: Smaller shares are not listed among the largest.

@@ -9,8 +9,6 @@ from cartstiff import numerics
 from cartstiff.mechanisms.contract import Units
 from cartstiff.report.layout import number, row, table
 
-__all__ = ["mode_lines", "screw_lines", "synthesis_lines"]
-
 
 def _line(a: Mapping[str, Any], size: float) -> list[str]:
     pitch = a["pitch"]

@@ -14,8 +14,6 @@ from cartstiff.figures import new_figure
 from cartstiff.geometry.se3 import Array
 from cartstiff.report.layout import note_lines, number, table
 
-__all__ = ["describe_designs", "draw_designs"]
-
 #: Reasons that are listed.
 _REASONS = 5
 #: Panels of a picture: pairs of four objectives.

@@ -10,8 +10,6 @@ from cartstiff.errors import printable
 from cartstiff.figures import new_figure
 from cartstiff.identify.result import Identification
 
-__all__ = ["draw_residuals"]
-
 _SUSPECT = "tab:red"
 
 

@@ -13,8 +13,6 @@ from cartstiff.vibration.chatter import Lobes
 from cartstiff.vibration.mode_set import Modes
 from cartstiff.vibration.response import FrequencyResponse
 
-__all__ = ["draw_lobes", "draw_response"]
-
 
 def draw_response(
     response: FrequencyResponse, direction: ArrayLike | None = None, modes: Modes | None = None

@@ -11,8 +11,6 @@ from cartstiff.figures import new_figure
 from cartstiff.statics.compensation import CompensatedPath
 from cartstiff.statics.curves import LoadCurve
 
-__all__ = ["draw_error_along_path", "draw_load_curve"]
-
 
 def draw_load_curve(curve: LoadCurve, *, rotation: bool = False) -> Any:
     """Load factor over displacement, unstable parts dashed, critical loads and linear prediction.

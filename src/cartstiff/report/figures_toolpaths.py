@@ -10,8 +10,6 @@ from cartstiff.figures import new_figure
 from cartstiff.toolpaths.optimised import OptimisedPath
 from cartstiff.toolpaths.placement import Placement
 
-__all__ = ["draw_path", "draw_placement"]
-
 
 def draw_path(result: OptimisedPath) -> Any:
     """Criterion along the path, optimised and with the best constant choice; the free choice below.

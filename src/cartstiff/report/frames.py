@@ -17,8 +17,6 @@ from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.report.layout import vector
 
-__all__ = ["FRAMES_SCHEMA", "describe_frames", "frames_of"]
-
 #: Name and version of the form of `frames_of`.
 FRAMES_SCHEMA = "cartstiff-frames/1"
 

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from cartstiff.identify.plan import Plan
     from cartstiff.identify.result import Identification
 
-__all__ = ["describe_identification", "describe_plan"]
-
 
 def describe_identification(result: Identification) -> str:
     """Stiffnesses with their intervals, noise, checks, notes."""

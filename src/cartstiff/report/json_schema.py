@@ -15,8 +15,6 @@ from cartstiff.report.schemas.reach import assemble_schema, workspace_schema
 from cartstiff.stiffness.compute import SCHEMA
 from cartstiff.vibration.mode_set import MODES_SCHEMA
 
-__all__ = ["json_schema"]
-
 _ABSENT = "where it does not exist"
 
 

@@ -8,18 +8,6 @@ from collections.abc import Iterable, Sequence
 from cartstiff import numerics
 from cartstiff.mechanisms.notes import Note
 
-__all__ = [
-    "note_lines",
-    "number",
-    "numbers",
-    "percent",
-    "row",
-    "share",
-    "table",
-    "vector",
-    "wide_row",
-]
-
 
 def note_lines(notes: Iterable[Note]) -> list[str]:
     """Notes under their title, after an empty line; nothing without any."""

@@ -16,8 +16,6 @@ from cartstiff.maps.reading import quantities_of, quantity_of, summary
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.report.layout import number, table
 
-__all__ = ["describe_comparison", "describe_map", "map_section", "ranked"]
-
 
 def describe_map(answer: Mapping[str, Any], coordinates: Sequence[str], weighed: str = "") -> str:
     """The answer of ``cartstiff map``, for reading, with coordinates and what was weighed."""

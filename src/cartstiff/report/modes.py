@@ -21,18 +21,6 @@ from cartstiff.vibration.mode_set import Modes
 from cartstiff.vibration.response import FrequencyResponse
 from cartstiff.vibration.sensitivities import Sensitivities
 
-__all__ = [
-    "describe_accuracy",
-    "describe_comparison",
-    "describe_impedance",
-    "describe_intervals",
-    "describe_lobes",
-    "describe_modes",
-    "describe_response",
-    "describe_sensitivities",
-    "lobes_csv",
-]
-
 
 def describe_modes(modes: Modes, unloaded: Modes | None = None, extra: Sequence[str] = ()) -> str:
     """Frequencies with their load, shapes, masses, nodal axes and notes.

@@ -18,8 +18,6 @@ from cartstiff.report.exchange.files import EXCHANGE, exchanged
 from cartstiff.report.exchange.geometry import urdf_with_closures
 from cartstiff.stiffness.compute import PostureStiffness
 
-__all__ = ["save_figure", "write_files", "write_result", "write_whole"]
-
 
 def write_whole(path: Path, data: bytes) -> None:
     """Write a file so that readers see the old one or the new one, never half of it.

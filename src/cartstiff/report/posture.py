@@ -13,8 +13,6 @@ from cartstiff.report.layout import wide_row
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.tensor import format_matrix
 
-__all__ = ["describe"]
-
 _SAME = "they are the same here"
 
 

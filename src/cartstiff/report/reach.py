@@ -17,8 +17,6 @@ from cartstiff.reach.assembly import AssemblyMode, AssemblyModes
 from cartstiff.report.layout import note_lines, number, numbers, table
 from cartstiff.report.posture import load_lines
 
-__all__ = ["assembly_csv", "describe_assembly"]
-
 _STABLE = {True: "yes", False: "NO", None: "-"}
 
 

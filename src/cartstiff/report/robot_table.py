@@ -12,8 +12,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["CONTROLLERS", "orientation_of", "robot_table"]
-
 #: How controllers write a pose; the first three are millimetres along the base's axes.
 CONTROLLERS = {
     "kuka": ("X [mm]", "Y [mm]", "Z [mm]", "A [deg]", "B [deg]", "C [deg]"),

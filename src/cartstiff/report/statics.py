@@ -16,8 +16,6 @@ from cartstiff.statics.compensation import CompensatedPath
 from cartstiff.statics.curves import LoadCurve
 from cartstiff.statics.rest import Equilibrium
 
-__all__ = ["describe_curve", "describe_equilibrium", "describe_path"]
-
 _STABLE = {
     True: "stable",
     False: "UNSTABLE",

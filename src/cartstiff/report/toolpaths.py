@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from cartstiff.toolpaths.optimised import OptimisedPath
     from cartstiff.toolpaths.placement import Placement
 
-__all__ = ["describe_optimised_path", "describe_placement"]
-
 # Points and places that are listed one by one.
 _MOST = 24
 

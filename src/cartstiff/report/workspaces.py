@@ -14,8 +14,6 @@ from cartstiff.mechanisms.weighed import weighed
 from cartstiff.reach.workspace import Workspace
 from cartstiff.report.layout import note_lines, number, percent, table, vector
 
-__all__ = ["boundary_csv", "describe_workspace", "draw_workspace"]
-
 # Limits that are listed; the rest is one line.
 _MOST = 12
 

@@ -17,9 +17,6 @@ from cartstiff.scene.canvas import Node
 from cartstiff.scene.labels import Label, number
 from cartstiff.scene.scales import Linear, round_number
 
-__all__ = ["Arrow", "DeflectionPicture", "WrenchPicture", "add_wrench"]
-
-
 #: Length of an arrow, about, over the size of the mechanism.
 LONGEST_ARROW = 0.22
 

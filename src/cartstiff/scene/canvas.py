@@ -14,8 +14,6 @@ import numpy as np
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["Node"]
-
 
 class _Lowered:
     """A command that is plain already."""

@@ -24,8 +24,6 @@ from cartstiff.scene.canvas import Node
 from cartstiff.scene.labels import Label, number
 from cartstiff.scene.scales import SCALES, Logarithmic, Scale
 
-__all__ = ["EllipsoidPicture", "add_ellipsoid"]
-
 # Decades that have a ring.
 MOST_RINGS = 6
 # Half the thickness of a disc or a rod, over the size of the mechanism.

@@ -19,8 +19,6 @@ from cartstiff.scene import theme as themes
 from cartstiff.scene.canvas import Node
 from cartstiff.scene.objects import sprite
 
-__all__ = ["Label", "number", "text_png"]
-
 #: Height of a letter's box in dots, and of a label on the screen at unit distance.
 _DOTS = 30
 HEIGHT = 0.023

@@ -12,8 +12,6 @@ from cartstiff.matrix_names import LETTERS
 from cartstiff.scene.scales import SCALES
 from cartstiff.scene.theme import THEMES
 
-__all__ = ["Look"]
-
 
 @dataclass(frozen=True)
 class Look:

@@ -20,8 +20,6 @@ from cartstiff.scene.robot import ChainPicture
 from cartstiff.scene.scales import Tension
 from cartstiff.stiffness.compute import PostureStiffness
 
-__all__ = ["MechanismPicture", "extent"]
-
 
 def extent(elastic: ElasticMechanism, posture: MechanismPosture) -> Array:
     """Points (n, 3) in F that a picture has to hold: origins of joints, anchors, the body frame."""

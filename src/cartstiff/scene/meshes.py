@@ -22,8 +22,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.loading.yaml_file import read_bytes
 from cartstiff.scene import objects
 
-__all__ = ["Mesh", "corner_normals", "read_mesh"]
-
 # Edges sharper than this stay sharp; the surface is smooth across the others.
 _SMOOTH = np.cos(np.radians(35.0))
 _GREY = (200, 200, 200, 255)

@@ -15,21 +15,6 @@ from numpy.typing import NDArray
 from cartstiff.errors import imported
 from cartstiff.geometry.se3 import Array
 
-__all__ = [
-    "arrays",
-    "box",
-    "cone",
-    "cylinder",
-    "lines",
-    "mesh",
-    "points",
-    "solid",
-    "sphere",
-    "sprite",
-    "surface",
-    "torus",
-]
-
 Object = dict[str, Any]
 #: Typed arrays of the browser: name and MessagePack extension code.
 _TYPES = {

@@ -14,8 +14,6 @@ from cartstiff.scene import objects, shapes, theme
 from cartstiff.scene.canvas import Node
 from cartstiff.scene.scales import Tension
 
-__all__ = ["LinesPicture", "PlatformPicture"]
-
 
 class LinesPicture:
     """Straight springs between points: one rod each, coloured by tension.

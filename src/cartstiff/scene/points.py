@@ -13,8 +13,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.scene import objects, theme
 from cartstiff.scene.canvas import Node
 
-__all__ = ["add_path", "add_points", "colours_of"]
-
 # Values over more than this ratio, all of one sign, are coloured by their logarithm.
 _WIDE = 50.0
 

@@ -19,8 +19,6 @@ from cartstiff.scene.look import Look
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.in_frame import StiffnessInFrame
 
-__all__ = ["block_ellipsoid", "load_at", "matrices_at", "reference"]
-
 
 def reference(result: PostureStiffness, look: Look) -> StiffnessInFrame:
     """The stiffness at the reference point, along the axes of M."""

@@ -19,8 +19,6 @@ from cartstiff.scene.meshes import Mesh, read_mesh
 from cartstiff.scene.shapes import Y_TO_Z
 from cartstiff.scene.skeleton import Skeleton, skeleton
 
-__all__ = ["ChainPicture"]
-
 _UNPAINTED = 0xC8CCD0
 
 

@@ -17,8 +17,6 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["SCALES", "Linear", "Logarithmic", "Root", "Scale", "Tension", "round_number"]
-
 
 def round_number(x: float) -> float:
     """The largest of 1, 2, 5 times a power of ten that does not exceed x > 0."""

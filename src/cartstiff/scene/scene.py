@@ -22,7 +22,7 @@ from cartstiff.scene import theme
 from cartstiff.scene.arrows import LONGEST_ARROW, DeflectionPicture, WrenchPicture
 from cartstiff.scene.canvas import Node
 from cartstiff.scene.ellipsoids import FLAT, MOST_RINGS, EllipsoidPicture
-from cartstiff.scene.look import Look
+from cartstiff.scene.look import Look as Look
 from cartstiff.scene.mechanism import MechanismPicture, extent
 from cartstiff.scene.points import add_path, add_points
 from cartstiff.scene.quantities import block_ellipsoid, load_at, matrices_at, reference
@@ -37,8 +37,6 @@ from cartstiff.scene.screws import (
 from cartstiff.scene.stage import Stage
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 from cartstiff.stiffness.in_frame import StiffnessInFrame
-
-__all__ = ["Look", "Scene"]
 
 Quantity = Literal["stiffness", "compliance"]
 _QUANTITIES: tuple[Quantity, Quantity] = ("stiffness", "compliance")

@@ -20,8 +20,6 @@ from cartstiff.scene import objects, shapes, theme
 from cartstiff.scene.canvas import Node
 from cartstiff.scene.labels import Label, number
 
-__all__ = ["AxesPicture", "CentresPicture", "add_screw", "compliant_lines", "eigenscrew_lines"]
-
 # Farther than this many sizes of the mechanism is outside of the picture.
 _OUTSIDE = 2.5
 

@@ -11,19 +11,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.scene import objects, theme
 from cartstiff.scene.canvas import Node
 
-__all__ = [
-    "Y_TO_X",
-    "Y_TO_Z",
-    "arrow",
-    "dashed_rod",
-    "frame",
-    "plate",
-    "rod",
-    "rotation_to",
-    "segment",
-    "turning_arrow",
-]
-
 #: three.js draws cylinders along y: turned along x or z.
 Y_TO_X = np.array([[0.0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
 Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])

@@ -16,8 +16,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.potentials.line_springs import LineSprings
 
-__all__ = ["Bone", "Knuckle", "Plate", "Skeleton", "Slider", "skeleton"]
-
 # Parts of a free joint: they are no links.
 _FREE = (".x", ".y", ".z", ".rx", ".ry", ".rz")
 

@@ -14,8 +14,6 @@ from cartstiff.scene.canvas import Node
 from cartstiff.scene.labels import HEIGHT, Label
 from cartstiff.scene.scales import round_number
 
-__all__ = ["PRESETS", "Stage", "scene_units"]
-
 #: Directions from the mechanism to the camera.
 PRESETS = {
     "iso": (1.0, -1.05, 0.75),

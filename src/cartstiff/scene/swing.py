@@ -14,8 +14,6 @@ from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.scene.mechanism import extent
 from cartstiff.vibration.mode_set import Modes
 
-__all__ = ["Swing", "swing"]
-
 # Largest turn (rad) of a joint that is drawn, and the step (natural units) of the first guess.
 _TURN, _STEP = 0.5, numerics.WIDE_DIFFERENCE
 

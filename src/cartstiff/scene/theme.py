@@ -15,8 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 from cartstiff.arrays import real_array
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["DARK", "DIVERGING", "LIGHT", "THEMES", "Theme", "diverging", "hex_of", "sequential"]
-
 ORANGE, SKY, GREEN, YELLOW = 0xE69F00, 0x56B4E9, 0x009E73, 0xF0E442
 BLUE, VERMILION, PURPLE, BLACK = 0x0072B2, 0xD55E00, 0xCC79A7, 0x000000
 

@@ -14,8 +14,6 @@ from typing import Any, Protocol
 
 from cartstiff.errors import InputError, imported
 
-__all__ = ["Command", "RecordingWindow"]
-
 #: What the viewer makes by itself: hidden or moved, but never deleted.
 _OWN_PARTS = {"Cameras", "Lights", "Background", "Grid", "Axes", "Animations"}
 _KINDS = ("set_object", "set_transform", "set_property", "set_animation", "delete")

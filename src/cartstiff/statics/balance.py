@@ -10,8 +10,6 @@ from cartstiff import graded
 from cartstiff.geometry.se3 import Array
 from cartstiff.numerics import eigenvalues, invert
 
-__all__ = ["Balance", "spectrum"]
-
 
 @dataclass(slots=True, eq=False)
 class Balance:

@@ -22,8 +22,6 @@ from cartstiff.statics.rest import Equilibrium
 from cartstiff.stiffness.applied_load import checked_load
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 
-__all__ = ["after_command", "analyse_commanded", "checked_command", "commanded", "drives"]
-
 
 def commanded(
     elastic: ElasticMechanism,

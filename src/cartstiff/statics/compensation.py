@@ -15,8 +15,6 @@ from cartstiff.mechanisms.weighed import Weighed
 from cartstiff.statics.held import shown_displacements
 from cartstiff.stiffness.compute import SCHEMA
 
-__all__ = ["CompensatedPath"]
-
 
 @dataclass(frozen=True, eq=False)
 class CompensatedPath:

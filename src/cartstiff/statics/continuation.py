@@ -31,8 +31,6 @@ from cartstiff.statics.path import LoadPath, State
 from cartstiff.statics.problem import System
 from cartstiff.stiffness.applied_load import checked_load
 
-__all__ = ["LoadCurve", "branch", "load_curve"]
-
 _SMALLEST = numerics.SETTLED
 _START = "at the start: "
 # Neighbouring directions must agree to this cosine, or the step is halved.

@@ -13,8 +13,6 @@ from cartstiff.errors import ConvergenceError
 from cartstiff.geometry.se3 import Array
 from cartstiff.statics.path import LoadPath, State
 
-__all__ = ["CriticalPoint", "crossings"]
-
 # Share of f_N along the mode below which the load does not excite it: then curves cross.
 _UNFELT = numerics.UNFELT
 _BISECTIONS = 100

@@ -20,8 +20,6 @@ from cartstiff.statics.held import shown_displacements
 from cartstiff.statics.path import LoadPath
 from cartstiff.stiffness.compute import SCHEMA
 
-__all__ = ["LoadCurve", "Reason"]
-
 #: Why a curve ends.
 Reason = Literal["factor-reached", "factor-left", "points-reached", "limit-contact", "lost"]
 

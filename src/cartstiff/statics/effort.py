@@ -13,8 +13,6 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.flexure_struts import FlexureStruts
 
-__all__ = ["ExhaustedError", "bounded", "cost", "count"]
-
 # What a search may cost, and what a posture costs at least, in postures of one coordinate; and what
 # each beam or strut adds, which comes to rest in every posture anew.
 _MOST, _LEAST, _BEAM, _STRUT = 150_000, 20, 16, 64

@@ -26,16 +26,15 @@ from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import Scaled
 from cartstiff.statics.continuation import load_curve
 from cartstiff.statics.effort import ExhaustedError, bounded
-from cartstiff.statics.held import Held
+from cartstiff.statics.held import Held as Held
 from cartstiff.statics.limits import Contact
 from cartstiff.statics.newton import Solution, solve
 from cartstiff.statics.problem import System
-from cartstiff.statics.rest import Equilibrium, Reactions
+from cartstiff.statics.rest import Equilibrium as Equilibrium
+from cartstiff.statics.rest import Reactions as Reactions
 from cartstiff.statics.sensitivity import chosen_forces
 from cartstiff.statics.verdict import state_of_rest
 from cartstiff.stiffness.applied_load import checked_load
-
-__all__ = ["Equilibrium", "Held", "Reactions", "again", "equilibrium", "in_stages"]
 
 # Steps in which loads and displacements are put on where they cannot be put on at once.
 _STAGES = 8

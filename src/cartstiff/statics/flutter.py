@@ -28,8 +28,6 @@ from cartstiff.statics.balance import Balance
 from cartstiff.statics.point import Point
 from cartstiff.statics.small_motions import COMPLEX, kinetic_matrix, spectrum_of
 
-__all__ = ["MASSLESS", "UNDAMPED", "Vibrations", "vibrations"]
-
 #: Why there is no statement.
 MASSLESS = Note(
     "masses-missing",

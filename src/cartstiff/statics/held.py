@@ -22,8 +22,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture, Units
 from cartstiff.potentials.contract import Map
 
-__all__ = ["COMPONENTS", "Held", "displacement_between", "shown_displacements"]
-
 #: Names of the components, rotations first.
 COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
 

@@ -14,8 +14,6 @@ from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.potentials.contract import Map
 from cartstiff.potentials.line_springs import second_derivative
 
-__all__ = ["Contact", "bound", "constraint", "sizes"]
-
 
 class Contact(NamedTuple):
     """A limit that is touched: which quantity, and on which side (-1 lower, +1 upper)."""

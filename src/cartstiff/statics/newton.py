@@ -25,8 +25,6 @@ from cartstiff.statics.point import Point
 from cartstiff.statics.problem import System
 from cartstiff.stiffness.posture_notes import near_type_2
 
-__all__ = ["Solution", "solve"]
-
 #: Residual that ends the iteration at once, and the one that is accepted once it falls no more.
 SHARP, ENOUGH = numerics.SHARP, numerics.ENOUGH
 # Ratio of stiffnesses up to which a failure is not laid to rounding.

@@ -29,8 +29,6 @@ from cartstiff.statics.newton import ENOUGH, SHARP
 from cartstiff.statics.point import Point
 from cartstiff.statics.problem import System
 
-__all__ = ["LoadPath", "State"]
-
 _CORRECTIONS = 25
 _LARGEST = 0.5
 

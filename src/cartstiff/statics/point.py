@@ -10,8 +10,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.potentials.contract import Evaluation
 
-__all__ = ["Point"]
-
 
 @dataclass(slots=True, eq=False)
 class Point:

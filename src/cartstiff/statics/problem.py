@@ -38,8 +38,6 @@ from cartstiff.statics.point import Point
 from cartstiff.stiffness.closures import decompose
 from cartstiff.stiffness.springs_apart import ByLengths, by_lengths
 
-__all__ = ["System"]
-
 #: Lines g (m, 6) that hold a body, their stiffnesses (m,), the rest of the Hessian.
 Lines = tuple[Array, Array, Array]
 

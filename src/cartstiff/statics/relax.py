@@ -9,8 +9,6 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.statics.equilibrium import equilibrium
 from cartstiff.statics.held import Held
 
-__all__ = ["relaxed"]
-
 
 def relaxed(elastic: ElasticMechanism, q: ArrayLike | None = None) -> Array:
     """Coordinates to which the self-motion settles while the end-effector stays at its pose.

@@ -27,8 +27,6 @@ from cartstiff.stiffness.showing import codes_of, numbers_text
 from cartstiff.stiffness.springs_apart import springs_apart
 from cartstiff.stiffness.tensor import StiffnessTensor
 
-__all__ = ["Equilibrium", "Reactions"]
-
 
 @dataclass(frozen=True, eq=False)
 class Reactions:

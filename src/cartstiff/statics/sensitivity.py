@@ -21,8 +21,6 @@ from cartstiff.mechanisms.elements import Elements
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.balance import Balance
 
-__all__ = ["chosen_forces", "motion_by_compliance", "motion_under_forces"]
-
 
 def motion_under_forces(posture: MechanismPosture, balance: Balance, forces: Array) -> Array:
     """Motion (n, k) of the coordinates at rest under small generalised forces (n, k)."""

@@ -18,8 +18,6 @@ from cartstiff.mechanisms.contract import MechanismPosture, Units
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import DeadForce, Scaled
 
-__all__ = ["COMPLEX", "Spectrum", "kinetic_matrix", "spectrum_of"]
-
 #: Imaginary part of omega^2 over its size above which a pair is complex: where two meet their
 #: difference goes with the root of the load, so that the rounding there is 1e-8, and this share is
 #: met at 1e-12 of the load.

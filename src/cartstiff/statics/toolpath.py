@@ -34,8 +34,6 @@ from cartstiff.statics.problem import System
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.posture import DEAD_AT_ORIGIN
 
-__all__ = ["CompensatedPath", "compensate"]
-
 # What springs cannot balance, as a share of what acts, above which a posture is refused.
 _UNBALANCED = numerics.TELLING
 # Where the check of a command starts, as a share of the way that the mechanism gave.

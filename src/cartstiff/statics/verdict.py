@@ -20,8 +20,6 @@ from cartstiff.statics.point import Point
 from cartstiff.statics.problem import System
 from cartstiff.statics.rest import Equilibrium, Reactions
 
-__all__ = ["state_of_rest"]
-
 # A force that is unsure by more than this share of the largest one is named.
 _COUNTS = numerics.UNFELT
 _NEUTRAL = (

@@ -32,8 +32,6 @@ from cartstiff.geometry.connections import CARTAN_MINUS, KINEMATIC, Connection, 
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.loads import DeadWrench, FollowerWrench, Load, SemitangentialWrench
 
-__all__ = ["LoadKind", "checked_load", "wrench_in_body"]
-
 _AXES = ("body", "world")
 
 

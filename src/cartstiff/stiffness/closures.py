@@ -13,8 +13,6 @@ from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import Map
 
-__all__ = ["Closures", "State", "decompose", "irregular"]
-
 #: Forms below this share of the largest vanish: they are sums of products of closures that are met
 #: to about 1e-14, and of motions found from these.
 _VANISHING = numerics.VANISHING

@@ -16,12 +16,12 @@ from cartstiff.mechanisms.contract import MechanismPosture, named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.potentials.contract import Evaluation
 from cartstiff.stiffness.applied_load import LoadKind, checked_load, wrench_in_body
-from cartstiff.stiffness.posture import DEAD_AT_ORIGIN, SCHEMA, PostureStiffness
+from cartstiff.stiffness.posture import DEAD_AT_ORIGIN
+from cartstiff.stiffness.posture import SCHEMA as SCHEMA
+from cartstiff.stiffness.posture import PostureStiffness as PostureStiffness
 from cartstiff.stiffness.reduction import Reduction, State, reduce_to, scaled_values
 from cartstiff.stiffness.settled_links import settled
 from cartstiff.stiffness.springs_apart import springs_apart
-
-__all__ = ["SCHEMA", "PostureStiffness", "analyse", "analyse_at"]
 
 
 def analyse(

@@ -21,8 +21,6 @@ from cartstiff.mechanisms.elastic import Note
 from cartstiff.potentials.contract import IDENTITY, Evaluation, Map
 from cartstiff.stiffness.reduction import Reduction
 
-__all__ = ["FlatChart", "flat_chart", "flat_connection", "pose_by_chart"]
-
 
 @dataclass(frozen=True, eq=False)
 class FlatChart:

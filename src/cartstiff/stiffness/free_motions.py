@@ -14,8 +14,6 @@ from cartstiff import graded, numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 
-__all__ = ["FreeMotions"]
-
 _NO_CHANGE, _NO_CHANGES = np.zeros((1, 6, 6)), np.zeros((0, 6, 6))
 
 

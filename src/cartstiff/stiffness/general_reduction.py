@@ -15,8 +15,6 @@ from cartstiff.stiffness.free_motions import FreeMotions
 from cartstiff.stiffness.reduced import Reduction
 from cartstiff.stiffness.rounding import doubtful, norm, symmetric_part, without_noise
 
-__all__ = ["reduce_any"]
-
 _COMPLIANCE_ALONE = "the stiffness matrix does not exist, the compliance does"
 _NEITHER = "the stiffness matrix does not exist, nor the compliance, as a motion costs nothing"
 

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
     from cartstiff.stiffness.posture import PostureStiffness
 
-__all__ = ["StiffnessInFrame", "inverse_pair", "stiffness_in_frame"]
-
 
 @dataclass(frozen=True, eq=False)
 class StiffnessInFrame:

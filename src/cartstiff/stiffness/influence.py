@@ -20,8 +20,6 @@ from cartstiff.errors import UndefinedError
 from cartstiff.mechanisms.elements import Elements
 from cartstiff.stiffness.posture import PostureStiffness
 
-__all__ = ["Influence", "influence"]
-
 
 class Influence(NamedTuple):
     """Linear response of a mechanism at a posture.

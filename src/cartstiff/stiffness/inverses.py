@@ -13,8 +13,6 @@ from cartstiff.stiffness.free_motions import FreeMotions
 from cartstiff.stiffness.reduction import Reduction
 from cartstiff.stiffness.rounding import without_cancelled
 
-__all__ = ["Compliances", "compliance_under", "every_matrix", "inverses", "plain_inverses"]
-
 
 class Compliances(NamedTuple):
     """C^A, C^B, C^K, C^F (6, 6), None where one does not exist, and the relative error of C^B.

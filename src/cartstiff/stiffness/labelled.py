@@ -17,8 +17,6 @@ from cartstiff.geometry.connections import Connection
 from cartstiff.mechanisms.contract import Units
 from cartstiff.stiffness.showing import BlockUnits, matrix_html
 
-__all__ = ["AXES", "Compliance", "LabelledMatrix", "format_matrix", "labelled"]
-
 #: Names along the axes of matrices: components of wrenches, and of motions.
 AXES = {"wrench": ("mx", "my", "mz", "fx", "fy", "fz"), "motion": ("rx", "ry", "rz", "x", "y", "z")}
 

@@ -12,8 +12,6 @@ from cartstiff.stiffness.tensor import StiffnessTensor
 if TYPE_CHECKING:
     from cartstiff.stiffness.posture import PostureStiffness
 
-__all__ = ["named_tensor"]
-
 
 def named_tensor(
     result: PostureStiffness, K: Array, W: Array, connection: str | Connection

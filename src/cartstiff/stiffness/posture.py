@@ -27,10 +27,9 @@ from cartstiff.stiffness.in_frame import StiffnessInFrame, stiffness_in_frame
 from cartstiff.stiffness.named_tensor import named_tensor
 from cartstiff.stiffness.reduction import Reduction
 from cartstiff.stiffness.rounding import is_felt, shown_wrench
-from cartstiff.stiffness.showing import SCHEMA, load_dict, posture_dict, posture_lines
+from cartstiff.stiffness.showing import SCHEMA as SCHEMA
+from cartstiff.stiffness.showing import load_dict, posture_dict, posture_lines
 from cartstiff.stiffness.tensor import Compliance, StiffnessTensor
-
-__all__ = ["DEAD_AT_ORIGIN", "SCHEMA", "PostureStiffness"]
 
 #: What a load is taken for where nothing else is said.
 DEAD_AT_ORIGIN = LoadKind()

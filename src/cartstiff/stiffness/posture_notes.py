@@ -16,17 +16,6 @@ from cartstiff.potentials.contract import Evaluation
 from cartstiff.stiffness.reduction import Reduction
 from cartstiff.stiffness.rounding import norm, without_cancelled
 
-__all__ = [
-    "error_of_chosen_forces",
-    "error_of_soft_directions",
-    "hardly_held",
-    "near_constraint",
-    "near_serial",
-    "near_type_2",
-    "notes_on_digits",
-    "notes_on_posture",
-]  # fmt: skip
-
 
 def notes_on_posture(
     elastic: ElasticMechanism, posture: MechanismPosture, reduction: Reduction

@@ -11,8 +11,6 @@ from cartstiff.lazily import cached_property
 from cartstiff.stiffness.closures import State
 from cartstiff.stiffness.free_motions import FreeMotions
 
-__all__ = ["Reduction"]
-
 
 @dataclass(frozen=True)
 class Reduction:

@@ -30,14 +30,12 @@ from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.potentials.contract import Evaluation, Map
-from cartstiff.stiffness.closures import State
+from cartstiff.stiffness.closures import State as State
 from cartstiff.stiffness.free_motions import FreeMotions
 from cartstiff.stiffness.general_reduction import reduce_any
-from cartstiff.stiffness.reduced import Reduction
+from cartstiff.stiffness.reduced import Reduction as Reduction
 from cartstiff.stiffness.regular_reduction import plainly_redundant, reduce_square
 from cartstiff.stiffness.rounding import without_noise
-
-__all__ = ["Reduction", "State", "reduce_to", "scaled_values"]
 
 
 def reduce_to(

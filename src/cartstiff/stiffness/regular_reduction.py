@@ -18,8 +18,6 @@ from cartstiff.stiffness.free_motions import FreeMotions
 from cartstiff.stiffness.reduced import Reduction
 from cartstiff.stiffness.rounding import doubtful, norm, without_noise
 
-__all__ = ["plainly_redundant", "reduce_square"]
-
 
 def _is_carried(J: Array, given: Array, energy: Evaluation) -> bool:
     """Whether springs carry a given wrench: their own torques are rounded where they are stiff."""

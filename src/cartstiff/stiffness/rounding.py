@@ -8,16 +8,6 @@ from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import Evaluation
 
-__all__ = [
-    "doubtful",
-    "is_felt",
-    "norm",
-    "shown_wrench",
-    "symmetric_part",
-    "without_cancelled",
-    "without_noise",
-]
-
 #: How many units of rounding the direction of a spring may be off.
 _GEOMETRY = 16.0
 _NOISE = (_GEOMETRY * numerics.EPSILON) ** 2

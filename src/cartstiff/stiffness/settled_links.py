@@ -16,8 +16,6 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.stiffness.applied_load import LoadKind
 
-__all__ = ["settled"]
-
 _STEPS = 60
 # Natural units: the largest step taken at once, and the one that ends the search.
 _CAP, _STILL = 0.2, numerics.SHARP

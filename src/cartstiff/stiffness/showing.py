@@ -17,16 +17,6 @@ from cartstiff.notebook import html_table
 if TYPE_CHECKING:
     from cartstiff.stiffness.posture import PostureStiffness
 
-__all__ = [
-    "SCHEMA",
-    "codes_of",
-    "load_dict",
-    "matrix_html",
-    "numbers_text",
-    "posture_dict",
-    "posture_lines",
-]
-
 SCHEMA = "cartstiff/1"
 
 BlockUnits = tuple[tuple[str, str], tuple[str, str]]

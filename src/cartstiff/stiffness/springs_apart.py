@@ -23,8 +23,6 @@ from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.stiffness.free_motions import FreeMotions
 
-__all__ = ["ByLengths", "by_lengths", "springs_apart"]
-
 
 def springs_apart(elastic: ElasticMechanism, posture: MechanismPosture) -> FreeMotions | None:
     """The motions of a body on lines by their lengths; None where these do not determine its pose.

@@ -24,9 +24,9 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.connections import NAMED, Connection, Field
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import SI, Units, convert_length
-from cartstiff.stiffness.labelled import Compliance, LabelledMatrix, format_matrix
-
-__all__ = ["Compliance", "StiffnessTensor", "format_matrix"]
+from cartstiff.stiffness.labelled import Compliance as Compliance
+from cartstiff.stiffness.labelled import LabelledMatrix
+from cartstiff.stiffness.labelled import format_matrix as format_matrix
 
 
 @dataclass(frozen=True, eq=False, repr=False)

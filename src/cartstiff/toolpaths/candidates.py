@@ -17,8 +17,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.joint_poses import SAME, distinct
 from cartstiff.toolpaths.choices import Choices, PathSolver
 
-__all__ = ["Layer", "layers"]
-
 # Random starts a cell has at each point but the first.
 _MORE = 2
 # Of the cells that differ in the sampled joint's position alone one in so many has starts of its

@@ -20,8 +20,6 @@ from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 
-__all__ = ["NEARBY", "Choices", "Counter", "PathSolver", "choices", "path_solver"]
-
 #: What finds postures at poses: for joints, or for platforms.
 PathSolver = JointPoses | PlatformPoses
 #: Joints that turn stay so near to a posture that is asked for (rad).

@@ -22,8 +22,6 @@ from cartstiff.vibration.damping import Damping
 from cartstiff.vibration.many_modes import ManyModes
 from cartstiff.vibration.milling import Milling
 
-__all__ = ["Judged", "PathCost", "criteria", "ready"]
-
 
 class Judged(NamedTuple):
     """N postures judged.

@@ -16,8 +16,6 @@ from cartstiff import numerics
 from cartstiff.errors import UnknownNameError
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["Objective", "Steps", "best_way"]
-
 #: What is made small: the worst cost (and after it the sum), or the sum alone.
 Objective = Literal["worst", "mean"]
 

@@ -38,8 +38,6 @@ from cartstiff.toolpaths.tool_path import ToolPath
 from cartstiff.vibration.damping import Damping
 from cartstiff.vibration.milling import Milling
 
-__all__ = ["optimise_path"]
-
 #: Largest step of a joint from point to point (rad, or characteristic lengths).
 MAX_STEP = 0.5
 # Refinements, each with half the step of the one before.

@@ -19,8 +19,6 @@ from cartstiff.stiffness.compute import SCHEMA
 from cartstiff.stiffness.labelled import AXES
 from cartstiff.toolpaths.tool_path import ToolPath
 
-__all__ = ["ConstantChoice", "OptimisedPath"]
-
 
 @dataclass(frozen=True, eq=False)
 class ConstantChoice:

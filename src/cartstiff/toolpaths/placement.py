@@ -25,8 +25,6 @@ from cartstiff.toolpaths.optimise import optimise_path
 from cartstiff.toolpaths.optimised import OptimisedPath
 from cartstiff.toolpaths.tool_path import ToolPath
 
-__all__ = ["PLACES", "Placement", "best_placement", "workpiece_pose"]
-
 #: Names of a workpiece's coordinates: translation, and rotation about F's z axis (rad).
 PLACES = ("x", "y", "z", "yaw")
 

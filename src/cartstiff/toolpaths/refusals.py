@@ -14,8 +14,6 @@ from cartstiff.mechanisms.other_units import shown_factors
 from cartstiff.toolpaths.choices import Choices, PathSolver
 from cartstiff.toolpaths.dynamic_programming import Steps, best_way
 
-__all__ = ["broken", "colliding", "impossible"]
-
 #: Characteristic lengths beyond which no robot reaches: the unit is another.
 _FAR = 50.0
 

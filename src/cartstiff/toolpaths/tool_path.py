@@ -14,8 +14,6 @@ from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["Axes", "ToolPath"]
-
 #: Axes in which wrenches and directions are given: those of the path's own poses, of F, or of the
 #: body, which also turns by whatever rotation is left free.
 Axes = Literal["path", "world", "body"]

@@ -30,8 +30,6 @@ from cartstiff.vibration.changes import MATRICES, Home, change_of_squares
 from cartstiff.vibration.mode_set import Modes
 from cartstiff.vibration.sensitivities import Sensitivities, in_hertz, modes_of, sensitivities
 
-__all__ = ["Accuracy", "FrequencyInterval", "accuracy", "intervals"]
-
 # Contributors that are told of each number.
 _MAIN = 3
 

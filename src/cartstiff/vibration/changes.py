@@ -28,8 +28,6 @@ from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.vibration.mode_set import Modes
 from cartstiff.vibration.modes import stiffness_under_load
 
-__all__ = ["MATRICES", "Home", "Row", "change_of_squares"]
-
 _EVERY = Tolerances(1.0, 1.0, 1.0)
 MATRICES = ("A", "B", "K", "F")
 

@@ -36,9 +36,6 @@ from cartstiff.vibration.mode_set import Modes
 from cartstiff.vibration.modes import modes
 from cartstiff.vibration.response import transfer
 
-__all__ = ["Lobes", "depth_by_semi_discretisation", "limiting_depth",
-           "limiting_depths", "lobes", "transition_radius"]  # fmt: skip
-
 # Frequencies between which chatter is sought, as shares of the lowest and the highest mode.
 _BELOW, _ABOVE, _COUNT = 0.5, 1.8, 4000
 

@@ -23,8 +23,6 @@ from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.vibration.mode_set import Modes
 
-__all__ = ["COMPARED", "Shortcut", "compare", "mass_at_tip"]
-
 #: What can be compared: stiffness matrices, the load's tangent, and the energy itself.
 COMPARED = ("A", "B", "K", "F", "load", "energy")
 

@@ -27,9 +27,6 @@ from cartstiff.stiffness.tensor import StiffnessTensor
 from cartstiff.vibration.comparison import mass_at_tip
 from cartstiff.vibration.mode_set import Modes
 
-__all__ = ["LAYOUTS", "Impedance", "Layout", "double_diagonalisation", "impedance", "layout",
-           "square_root_damping"]  # fmt: skip
-
 #: Parameter layouts of controllers, and what each takes. Orders as their interfaces document them:
 #: franka_msgs' SetCartesianStiffness; the wrench of KUKA's FRI, [F, tau_A, tau_B, tau_C] along its
 #: Euler angles A, B, C about z, y, x; axes and point of the LWR as in the package kuka_fri.

@@ -22,8 +22,6 @@ from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.vibration.mode_set import Modes
 
-__all__ = ["Damping", "dampers", "damping_matrix", "poles", "state_space"]
-
 
 @dataclass(frozen=True)
 class Damping:

@@ -26,8 +26,6 @@ from cartstiff.vibration.milling import Milling
 from cartstiff.vibration.mode_set import Modes
 from cartstiff.vibration.modes import is_plain, modes
 
-__all__ = ["ManyModes", "frequencies_of_many", "moves_as_body", "unloaded_compliances"]
-
 # Postures at once: their matrices stay in the cache.
 _ROWS = 2048
 

@@ -11,9 +11,6 @@ from cartstiff.arrays import checked_number, checked_unit, checked_vector
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["Milling"]
-
-
 #: Decimals of pi as people type it.
 _DIGITS = 4
 

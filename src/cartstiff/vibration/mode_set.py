@@ -24,8 +24,6 @@ from cartstiff.stiffness.showing import codes_of
 from cartstiff.vibration.plausible import masses_that_move, notes_on_masses
 from cartstiff.vibration.states import notes_on_states
 
-__all__ = ["MODES_SCHEMA", "Modes"]
-
 #: Name and version of the form of `Modes.as_dict`.
 MODES_SCHEMA = "cartstiff-modes/1"
 

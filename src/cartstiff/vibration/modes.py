@@ -34,8 +34,6 @@ from cartstiff.stiffness.applied_load import LoadKind, checked_load, wrench_in_b
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 from cartstiff.vibration.mode_set import Modes
 
-__all__ = ["is_plain", "modes", "stiffness_under_load"]
-
 
 def modes(
     subject: ElasticMechanism | PostureStiffness | Equilibrium,

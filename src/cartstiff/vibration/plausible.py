@@ -12,8 +12,6 @@ from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.loads import DeadForce
 
-__all__ = ["masses_that_move", "notes_on_masses"]
-
 # kg over the cube of the summed lengths of the links [m]: arms of robots are between 1 and 200, a
 # solid block of steel is 7850. Beyond these a unit is mistaken (grams, millimetres).
 _HEAVIEST, _LIGHTEST = 2000.0, 0.01

@@ -31,8 +31,6 @@ from cartstiff.mechanisms.elastic import Note
 from cartstiff.vibration.damping import Damping, dampers, damping_matrix, state_space
 from cartstiff.vibration.mode_set import Modes
 
-__all__ = ["FrequencyResponse", "frequency_response", "transfer", "transmissibility"]
-
 Method = Literal["modes", "matrices"]
 
 

@@ -33,8 +33,6 @@ from cartstiff.vibration.changes import MATRICES, Home, Row
 from cartstiff.vibration.mode_set import Modes
 from cartstiff.vibration.modes import modes
 
-__all__ = ["Sensitivities", "in_hertz", "modes_of", "sensitivities"]
-
 
 @dataclass(frozen=True, eq=False)
 class Sensitivities(Result):

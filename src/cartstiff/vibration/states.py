@@ -10,8 +10,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import Note
 from cartstiff.statics.small_motions import Spectrum
 
-__all__ = ["notes_on_states"]
-
 
 def notes_on_states(
     squares: Array, shapes: Array, groups: Sequence[Sequence[int]], basis: Array, spectrum: Spectrum

@@ -12,8 +12,6 @@ from cartstiff.cli.output import Progress, tell
 from cartstiff.cli.types import Numbers, OutputFile, json_option, option, option_group
 from cartstiff.errors import InputError, UndefinedError
 
-__all__ = ["command"]
-
 _EPILOG = """\b
 Examples:
   cartstiff assemble hexapod --all

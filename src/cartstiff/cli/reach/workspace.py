@@ -21,8 +21,6 @@ from cartstiff.cli.types import (
 )
 from cartstiff.errors import InputError, UndefinedError
 
-__all__ = ["command"]
-
 _EPILOG = """\b
 Examples:
   cartstiff workspace hexapod

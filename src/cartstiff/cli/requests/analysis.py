@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from cartstiff.cli.requests.target_file import Target
     from cartstiff.stiffness.compute import PostureStiffness
 
-__all__ = ["AnalysisRequest", "analysis_options"]
-
 
 _options = option_group(
     click.option(

@@ -9,8 +9,6 @@ from collections.abc import Iterable, Mapping
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.parsing import parse_numbers
 
-__all__ = ["deviations_of", "reject_of", "stiffnesses_of", "ties_of", "units_of"]
-
 _VALUE = re.compile(r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*\[?([A-Za-z][^\[\]]*)?\]?")
 
 

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from cartstiff.cli.options import MechanismRequest
     from cartstiff.maps.sampling import Axis, Sampling
 
-__all__ = ["check_cuts", "level_of", "sampling_from_options", "sampling_options"]
-
 # A map of more postures than this would take years.
 _MOST = 10**12
 _LARGEST_FILE = 2**30

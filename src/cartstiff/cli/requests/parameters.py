@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from cartstiff.vibration.mode_set import Modes
     from cartstiff.vibration.sensitivities import Sensitivities
 
-__all__ = ["add_accuracy", "add_intervals", "add_sensitivities", "checked_tolerance",
-           "sensitivities_option", "tolerance_option"]  # fmt: skip
-
 _LABEL = "parameters"
 
 sensitivities_option = click.option(

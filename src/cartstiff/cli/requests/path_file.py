@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from cartstiff.mechanisms.contract import Units
     from cartstiff.toolpaths.tool_path import ToolPath
 
-__all__ = ["WRENCH", "read_path_file"]
-
 _POSITION = ("x", "y", "z")
 _ANGLES = ("roll", "pitch", "yaw")
 _AXIS = ("ax", "ay", "az")

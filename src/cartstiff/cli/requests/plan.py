@@ -11,8 +11,6 @@ from cartstiff.cli.output import say_unused
 from cartstiff.cli.types import Values
 from cartstiff.errors import InputError
 
-__all__ = ["PlanRequest"]
-
 _Answer = tuple[dict[str, Any], Callable[[], str]]
 
 

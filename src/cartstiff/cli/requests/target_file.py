@@ -17,8 +17,6 @@ from cartstiff.parsing import LARGEST
 if TYPE_CHECKING:
     from cartstiff.stiffness.compute import PostureStiffness
 
-__all__ = ["Target", "read_target"]
-
 # In the order that is meant, the translation block over the squared length of the mechanism is
 # about as stiff as the rotation block; the other order is off by the fourth power of the length.
 # Where the ratio is worse by this factor than with the blocks exchanged, the order must be named.

@@ -18,9 +18,6 @@ from cartstiff.cli.output import say_unused
 from cartstiff.cli.types import Values, option_group
 from cartstiff.errors import MissingDependencyError
 
-__all__ = ["page_options", "source_from_options"]
-
-
 #: Keywords of `source_from_options`.
 page_options = option_group(
     mechanism_options(),

@@ -28,8 +28,6 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
 from cartstiff.potentials.springs import JointSprings
 
-__all__ = ["read_chain"]
-
 # Joints one after another that make CASPR's, in the order of its coordinates ("k": an axis named).
 _EULER, _FREE = ("RX", "RY", "RZ"), ("PX", "PY", "PZ")
 _JOINTS: dict[str, tuple[str, ...]] = {

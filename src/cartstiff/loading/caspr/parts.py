@@ -12,8 +12,6 @@ import pinocchio as pin
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["ASSUMED", "Cable", "JointOf", "body_of", "cable_of", "joint_of", "mass_of", "numbers"]
-
 #: Stiffness [N/m] of cables that have none in the file.
 ASSUMED = 1e5
 _PASSIVE = "cable_passive_linear_spring"

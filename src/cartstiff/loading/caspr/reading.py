@@ -28,8 +28,6 @@ from cartstiff.loading.schema import SpringsFile
 from cartstiff.loading.yaml_file import read_text
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 
-__all__ = ["is_caspr", "read_caspr"]
-
 _FREE = ("SPATIAL_EULER_XYZ", "SPATIAL_QUATERNION")
 # A document type as these files have: attributes' types, or the name of a file that has them, which
 # is not read; and nothing that is replaced.

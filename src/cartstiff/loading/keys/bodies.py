@@ -20,11 +20,6 @@ from cartstiff.loading.keys.words import (
     only_one,
 )
 
-__all__ = [
-    "BodyModel", "FlexureModel", "LegJointsModel", "LegMassModel", "LinesLegs", "PayloadModel",
-    "StrutModel",
-]  # fmt: skip
-
 
 class PayloadModel(FileModel):
     """A point mass carried by the body."""

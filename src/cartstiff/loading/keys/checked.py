@@ -17,8 +17,6 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.catalogue import bundled_folder
 
-__all__ = ["CHECKED", "Checked", "checked_before", "form_of", "packed", "pose_of", "robot_alone"]
-
 #: Name of that file in the folder of the bundled mechanisms.
 CHECKED = "checked.json"
 _FORM, _GIVEN = "=", "?"

@@ -6,8 +6,6 @@ from pydantic import Field
 
 from cartstiff.loading.keys.words import FileModel, Number, Positive, Text
 
-__all__ = ["FoundModel", "IdentifiedModel"]
-
 
 class FoundModel(FileModel):
     """A compliance that was measured: of one spring, of springs that are equal, or of a link."""

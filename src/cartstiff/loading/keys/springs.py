@@ -35,10 +35,6 @@ from cartstiff.mechanisms.superelement import (
     superelement_spring,
 )
 
-__all__ = [
-    "BeamModel", "FlexibleModel", "JointSpringModel", "LineModel", "SuperelementModel",
-]  # fmt: skip
-
 #: Bytes of a superelement's text: two hundred nodes with all digits.
 _LARGEST_MATRIX = 64 * 1024 * 1024
 

@@ -11,25 +11,6 @@ from pydantic_core import PydanticCustomError
 
 from cartstiff.loading.yaml_file import LARGEST_NUMBER
 
-__all__ = [
-    "RIGID",
-    "Argument",
-    "FileModel",
-    "FileName",
-    "Flag",
-    "NotNegative",
-    "Number",
-    "Pair",
-    "PerLeg",
-    "PoseModel",
-    "Positive",
-    "Text",
-    "UnitsModel",
-    "Vector",
-    "Vectors",
-    "only_one",
-]  # fmt: skip
-
 _MOST = LARGEST_NUMBER
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-_MOST, le=_MOST)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1 / _MOST, le=_MOST)]

@@ -14,8 +14,6 @@ from cartstiff.geometry import se3
 from cartstiff.loading import from_data, plain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-__all__ = ["parallel"]
-
 
 def parallel(
     legs: Mapping[str, Any] | Sequence[Mapping[str, Any]],

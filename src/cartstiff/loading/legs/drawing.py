@@ -14,8 +14,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.loading.legs.model import LegEndsModel, NamedLegsModel
 from cartstiff.mechanisms.leg_shapes import Family, LegShape, turns
 
-__all__ = ["drawn", "one_each"]
-
 _Z = np.array([0.0, 0.0, 1.0])
 _SIGNS = {"minus": -1, "plus": 1}
 

@@ -10,8 +10,6 @@ from pydantic import Field, WrapValidator, model_validator
 
 from cartstiff.loading.keys.words import FileModel, Number, Pair, Positive, Text, Vector, only_one
 
-__all__ = ["Direction", "LegEndsModel", "NamedLegsModel", "Stiffness"]
-
 Stiffness = Annotated[
     Positive, WrapValidator(lambda value, check: math.inf if value == "rigid" else check(value))
 ]

@@ -20,8 +20,6 @@ from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.schema import LegModel, NamedLegs, ParallelFile
 from cartstiff.mechanisms.leg_shapes import LegShape, frame_along
 
-__all__ = ["DrawnLeg", "drawn_legs", "leg_model", "with_drawn_legs"]
-
 #: Where a leg ends: on the body, in its directions at home.
 END = "end"
 

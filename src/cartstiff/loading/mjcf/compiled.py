@@ -19,8 +19,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.loading.mjcf import worker
 from cartstiff.loading.yaml_file import LARGEST_NUMBER
 
-__all__ = ["LARGEST", "Compiled", "compile_mjcf", "free_name", "named", "pose"]
-
 #: Pinocchio's workspace takes a second to set up for 200 joints in a row, an hour for 2000.
 LARGEST = {"nv": 200, "nbody": 5000, "nsite": 5000, "ngeom": 20000, "neq": 100, "nkey": 1000}
 _WORDS = {

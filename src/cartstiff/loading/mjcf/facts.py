@@ -7,8 +7,6 @@ from typing import Literal
 
 from cartstiff.geometry.se3 import Array
 
-__all__ = ["Lifted", "MjcfClosure", "MjcfFacts", "MjcfSpring", "Obstacle"]
-
 
 @dataclass(frozen=True)
 class MjcfSpring:

@@ -11,8 +11,6 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.mjcf.compiled import Compiled, free_name, named, pose
 
-__all__ = ["mjcf_model"]
-
 
 def mjcf_model(compiled: Compiled) -> pin.Model:
     """Pinocchio model with one joint per coordinate; bodies and sites are frames."""

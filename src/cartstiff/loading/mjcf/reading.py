@@ -31,8 +31,6 @@ from cartstiff.mechanisms.shapes import (
     Sphere,
 )
 
-__all__ = ["read_mjcf"]
-
 
 def read_mjcf(
     path: Path, where: str | None = None

@@ -9,8 +9,6 @@ from cartstiff.geometry import se3
 from cartstiff.loading.mjcf.compiled import Compiled, pose
 from cartstiff.loading.mjcf.facts import MjcfClosure, Obstacle
 
-__all__ = ["equalities", "flex_joints", "tendon_joints", "to_root"]
-
 #: Follower -> (leader, factor, offset).
 Followers = dict[str, tuple[str, float, float]]
 _Coupling = tuple[str, str, float, float]

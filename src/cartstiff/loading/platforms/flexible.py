@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from cartstiff.loading.keys.springs import FlexibleModel
     from cartstiff.loading.schema import PlatformFile, SpringsFile
 
-__all__ = ["on_springs"]
-
 
 def on_springs(
     springs: LineSprings, file: PlatformFile | SpringsFile, T_F_M: Array, where: str

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from cartstiff.loading.keys.bodies import LegJointsModel
     from cartstiff.loading.schema import PlatformFile, SpringsFile
 
-__all__ = ["leg_limits_of", "pair_per_leg"]
-
 
 def leg_limits_of(file: PlatformFile | SpringsFile, T_P_M: Array, where: str) -> LegLimits | None:
     """Limits of joint angles, distances and forces; None without any.

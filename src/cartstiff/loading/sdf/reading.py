@@ -21,8 +21,6 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.mjcf.facts import MjcfClosure, MjcfFacts, MjcfSpring
 
-__all__ = ["read_sdf"]
-
 _TYPES = ("revolute", "continuous", "prismatic", "fixed", "ball", "universal", "revolute2")
 _TWO_AXES = ("universal", "revolute2")
 # What rod leaves out without a word, or what says where things are in ways of old versions.

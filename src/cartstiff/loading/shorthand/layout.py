@@ -22,8 +22,6 @@ from pydantic import Field, model_validator
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.keys.words import FileModel, NotNegative, Number, Positive, Vector, only_one
 
-__all__ = ["CubicModel", "LayoutModel", "RingModel", "laid_out"]
-
 _THIRD = 2.0 * math.pi / 3.0
 
 

@@ -11,8 +11,6 @@ from cartstiff.errors import InputError, UnknownNameError, one_line
 from cartstiff.expressions import Expression, is_name
 from cartstiff.mechanisms.notes import Note
 
-__all__ = ["Parameters", "with_parameters"]
-
 #: Keys of a file whose texts are for readers.
 _WORDS = ("name", "description", "source")
 Place = tuple[str | int, ...]

@@ -54,8 +54,6 @@ from cartstiff.many.chains.chain_twists import ChainConstants
 from cartstiff.many.tape import Scalar, Tape, absolute, larger, pick, square_root
 from cartstiff.numerics import BALANCE, ROUNDING
 
-__all__ = ["arrays_of", "chain_arrays", "chain_motion"]
-
 #: Least pivot of the Hessian, as a share of its diagonal entry: what is lost is four digits.
 _SHARE = numerics.LOST
 #: Most that factors of mixed signs may exceed the entries of their row.

@@ -30,8 +30,6 @@ from cartstiff.many.chains.chain_twists import ChainConstants, ChainKinematics, 
 from cartstiff.many.chains.tree_twists import TreeKinematics
 from cartstiff.many.tape import Scalar, Tape, larger, pick, square_root
 
-__all__ = ["ChainCase", "ChainNumbers", "against", "curvature_of"]
-
 #: Where all axes meet within this share of the chain's size the engine chooses the length.
 _MEETING = numerics.NEARBY
 

@@ -21,8 +21,6 @@ from cartstiff.many.tape import cosine, sine
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.tree import KinematicTree
 
-__all__ = ["ChainConstants", "ChainKinematics", "Field", "Links", "Walk", "numbers", "read_chain"]
-
 #: Entries of a rotation this near to 0 or 1 are that: they are known to rounding only.
 _ROUNDED = numerics.TWO_UNITS
 

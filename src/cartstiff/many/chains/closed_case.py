@@ -18,8 +18,6 @@ from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.springs import CoupledSprings, JointSprings
 
-__all__ = ["closed_case", "tree_constants"]
-
 #: Postures that closures are looked at in, and how far from home they are sought (rad, or shares
 #: of the characteristic length).
 _SAMPLES, _AWAY = 4, 0.1

@@ -39,8 +39,6 @@ from cartstiff.many.chains.chain_numbers import ChainCase, ChainNumbers, curvatu
 from cartstiff.many.chains.tree_twists import TreeConstants, TreeKinematics
 from cartstiff.many.tape import Scalar, Tape, absolute, larger, pick, square_root
 
-__all__ = ["ClosedCase", "closed_arrays", "length_of"]
-
 #: Condition of the closures up to which their motions are known to all but four digits.
 _CLOSED = 1.0 / numerics.LOST
 

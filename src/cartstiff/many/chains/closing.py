@@ -36,8 +36,6 @@ from cartstiff.many.chains.tree_twists import Tie, TreeKinematics
 from cartstiff.many.tape import Scalar, Tape, larger, pick
 from cartstiff.mechanisms.closures import LONGEST_STEP
 
-__all__ = ["STEPS", "close", "closing_arrays", "is_shut"]
-
 #: Bernoulli numbers over factorials: coefficients of ``(t / 2) cot(t / 2)`` in t^2, but for the 1.
 _COTANGENT = (-1 / 12, -1 / 720, -1 / 30240, -1 / 1209600, -1 / 47900160, -691 / 1307674368000,
               -1 / 74724249600, -3617 / 10670622842880000, -43867 / 5109094217170944000,

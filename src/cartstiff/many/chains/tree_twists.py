@@ -17,8 +17,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import cross, zeros
 from cartstiff.many.chains.chain_twists import ChainConstants, Field, Links, Walk
 
-__all__ = ["Tie", "TreeConstants", "TreeKinematics"]
-
 
 class Tie(NamedTuple):
     """Frame b tied to frame a: their joints (0: the ground) and flat placements on these."""

@@ -19,8 +19,6 @@ from cartstiff.maps.reading import best_branch, quantity_of, state_names
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["How", "compare_maps", "compared"]
-
 #: The first over the second, or the first less the second.
 How = Literal["ratio", "difference"]
 

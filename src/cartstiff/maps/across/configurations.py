@@ -17,8 +17,6 @@ from cartstiff.maps.reading import quantities_of, quantity_of
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["STEP", "single_branch"]
-
 #: Largest step of a joint between neighbouring places (rad, or length units).
 STEP = 0.7
 #: Number of the state of places that the configuration does not reach and others do.

@@ -24,8 +24,6 @@ from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.report.exchange.geometry import geometry_csv, large_field, legs_of_nastran
 from cartstiff.stiffness.posture import PostureStiffness
 
-__all__ = ["EXCHANGE", "exchanged"]
-
 
 def exchanged(result: PostureStiffness, ending: str) -> bytes:
     """What a file with an ending of `EXCHANGE` holds of a posture.

@@ -25,8 +25,6 @@ from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.stiffness.posture import PostureStiffness
 
-__all__ = ["geometry_csv", "large_field", "legs_of_nastran", "urdf_with_closures"]
-
 _X, _Y, _Z = np.eye(3)
 # Of slides without limits: URDF wants some.
 _FAR = 1e6

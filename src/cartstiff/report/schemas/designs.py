@@ -7,8 +7,6 @@ from typing import Any
 from cartstiff.designs.results import DESIGN_SCHEMA
 from cartstiff.report.schemas import words as js
 
-__all__ = ["design_schema"]
-
 
 def design_schema(parts: dict[str, Any]) -> dict[str, Any]:
     """JSON Schema of what ``cartstiff design --json`` prints (draft 2020-12)."""

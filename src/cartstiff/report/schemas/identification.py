@@ -7,8 +7,6 @@ from typing import Any
 from cartstiff.identify.result import IDENTIFY_SCHEMA
 from cartstiff.report.schemas import words as js
 
-__all__ = ["identify_schema"]
-
 _PARAMETER = js.object_with(
     {
         "name": js.text("of the spring; springs that are tied: A = B"),

@@ -9,8 +9,6 @@ from cartstiff.reach.assembly import ASSEMBLE_SCHEMA
 from cartstiff.reach.workspace import WORKSPACE_SCHEMA
 from cartstiff.report.schemas import words as js
 
-__all__ = ["assemble_schema", "workspace_schema"]
-
 
 def assemble_schema(parts: dict[str, Any]) -> dict[str, Any]:
     """JSON Schema of what ``cartstiff assemble --json`` prints (draft 2020-12).

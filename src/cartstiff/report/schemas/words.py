@@ -4,11 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-__all__ = [
-    "BY_NAME", "document", "flag", "form", "integer", "list_of", "matrix", "number", "numbers",
-    "object_with", "one_of", "strings", "text",
-]  # fmt: skip
-
 Schema = dict[str, Any]
 
 #: A number for each name.
