@@ -22,8 +22,8 @@ Examples:
 @click.argument("second", metavar="SECOND.zarr", type=click.Path(path_type=Path))
 @click.option("--quantity", metavar="NAME", help="What is compared; default the first that both "
               "maps hold.")  # fmt: skip
-@click.option("--difference", is_flag=True, help="The first less the second; default the first "
-              "over the second.")  # fmt: skip
+@click.option("--difference", is_flag=True, help="The first map minus the second, instead of "
+              "the first over the second.")  # fmt: skip
 @repeated_option("--slice", "cuts", type=Pairs("NAME=VALUE"),
                  help="Only the part of both maps at this value of an axis.")  # fmt: skip
 @option("--picture", type=PICTURE, help="Draw it to a .png, .svg or .pdf file.")

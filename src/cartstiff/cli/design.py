@@ -47,8 +47,8 @@ Interrupted or killed, the same command with the same -o goes on where it stoppe
         "--load",
         "wrench",
         type=WRENCH,
-        help="Wrench on the body in its own frame, which every design carries: in all cases of "
-        "the study, instead of theirs.",
+        help="Wrench on the body in its own frame. Every design carries it, instead of the loads "
+        "that the study names.",
     ),
 )
 @load_options("--load")

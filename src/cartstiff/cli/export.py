@@ -28,7 +28,8 @@ Examples:
 )  # fmt: skip
 @click.option(
     "--frames", type=click.IntRange(2, 201),
-    help="Store this many postures along each coordinate instead (closed chains do so: 25).",
+    help="Store this many postures along each coordinate instead of the formulas (a file without "
+    "formulas: 25).",
 )  # fmt: skip
 def command(output: Path, frames: int | None, **texts: Any) -> None:
     """Write the page of `cartstiff view` as one HTML file that opens anywhere, without a network.

@@ -89,7 +89,7 @@ class _Remembering(click.Command):
 _options = option_group(
     click.option(
         "--quantity", "quantities", metavar="NAME", multiple=True,
-        help="What is kept of the stiffness; repeat it for several.",
+        help="A quantity that the map holds; repeat it for several.",
     ),
     click.option(
         "--list-quantities", is_flag=True, is_eager=True, expose_value=False,
@@ -149,8 +149,8 @@ _options = option_group(
     ),
     click.option(
         "--by", metavar="NAME",
-        help="Regions of a violin (x, y, z, radius, or a coordinate), or the axis that slices "
-        "cut.",
+        help="What divides the places into the regions of a violin (x, y, z, radius, or a "
+        "coordinate), or the axis that slices cut.",
     ),
     repeated_option(
         "--slice", "cuts", type=Pairs("NAME=VALUE"),
@@ -169,7 +169,7 @@ _options = option_group(
     explain_option,
     click.option(
         "--threads", type=click.IntRange(1, 1024), metavar="N",
-        help="In this process; default all.",
+        help="Threads of this process; default one for every core.",
     ),
     click.option(
         "--workers", type=click.IntRange(1, 1024), metavar="N",

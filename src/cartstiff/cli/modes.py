@@ -120,8 +120,8 @@ _options = option_group(
 @click.command(name="modes", epilog=_EPILOG)
 @mechanism_options(
     load_help="Wrench on the body: moment about and force at the point --load-at, in the body's "
-    "axes; rest positions are chosen so that the springs balance it. The modes without it stand "
-    "beside."
+    "axes; rest positions are chosen so that the springs balance it. The modes without "
+    "the load are printed beside them."
 )
 @load_options("--load")
 @_options

@@ -278,7 +278,7 @@ tool_options = option_group(
     option("--gravity", type=POINT,
            help="Acceleration of gravity in F in m/s^2, such as 0,0,-9.81, instead of the file's."),
     option("--payload", type=PAYLOAD,
-           help="A mass (kg, whatever the units) on the body and its centre in M; it weighs "
+           help="A mass on the body, always in kg, and its centre in M; it weighs "
            "under the gravity of the file or option, else 9.81 m/s^2 along -z."),
 )  # fmt: skip
 #: How a file is read.

@@ -79,11 +79,11 @@ _options = option_group(
     ),
     click.option(
         "--loaded", is_flag=True,
-        help="Read it under the load, which the springs balance.",
+        help="Read the stiffness under the load, which the springs balance.",
     ),
     click.option(
         "--objective", type=click.Choice(["worst", "mean"]), default="worst", show_default=True,
-        help="Make the worst point best, or the mean.",
+        help="Improve the worst point of the path, or the mean of all points.",
     ),
     option(
         "--max-step", type=JointValues(),
@@ -130,7 +130,7 @@ _options = option_group(
         "--plot", type=PICTURE,
         help="Draw the criterion along the path, optimised and with the best constant choice.",
     ),
-    option("--plot-places", type=PICTURE, help="Draw the places compared."),
+    option("--plot-places", type=PICTURE, help="Draw the criterion over the places of --place."),
     vibration_options,
     json_option,
     progress_option,

@@ -40,8 +40,8 @@ _options = option_group(
 
 @click.command(name="assemble", epilog=_EPILOG)
 @mechanism_options(
-    "Wrench on the body in its own frame, which the held legs or actuators carry in every mode; "
-    "the stiffness is that under it.",
+    "Wrench on the body in its own frame. The held legs or actuators carry it in every mode, and "
+    "the stiffness is the one under this load.",
     placed=False,
     loaded=True,
 )
