@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 
 import pytest
 from tests.identify.campaigns import SPRINGS, arm, load, random_campaign, table_of
@@ -65,6 +66,10 @@ TABLES = {
     "decimal commas and points": (
         _lines(HEAD.replace(",", ";"), ROW.replace(",", ";").replace("0.1", "0,1")),
         ("decimal commas and points in one line", "line 2")),
+    "decimal commas between commas": (
+        _lines(HEAD, ",".join(f'"{x.replace(".", ",")}"' for x in ROW.replace(
+            ",10,20,-50,", ",10.5,20.5,-50.5,").split(","))),
+        ("line 2", "commas between numbers and in them", "semicolons")),
     "an infinite number": (_many(HEAD, ROW, dy="inf"), ("'dy'", "finite", "'inf'")),
     "NaN": (_many(HEAD, ROW, dy="nan"), ("'dy'", "finite", "'nan'")),
     "an underscore": (_many(HEAD, ROW, fx="1_0"), ("'fx'", "'1_0'")),
@@ -169,6 +174,28 @@ def test_an_option_is_refused_in_one_line(case, folder, capfd):
 
 def test_there_are_enough_of_them():
     assert len(TABLES) >= 40
+
+
+def test_what_spreadsheets_write_is_understood(folder, capfd, tmp_path):
+    """Semicolons, decimal commas, degrees, q1 for the first joint, a line that says sep=;."""
+    head, *rows = (folder / "good.csv").read_text().splitlines()
+    names = [name.split("[")[0].strip() for name in head.split(",")]
+    shown = {**{f"j{i}": (f"q{i} [\u00b0]", 180 / math.pi) for i in range(1, 7)},
+             **{f"d{axis}": (f"d{axis} [\u00b5m]", 1e6) for axis in "xyz"}}  # fmt: skip
+    lines = ["sep=;", ";".join(shown.get(name, (name, 1))[0] for name in names)]
+    for row in rows:
+        pairs = zip(names, row.split(","), strict=True)
+        cells = [repr(float(x) * shown.get(name, ("", 1.0))[1]) for name, x in pairs]
+        lines.append(";".join(cells).replace(".", ","))
+    (tmp_path / "sheet.csv").write_text("\n".join(lines), "utf-8")
+    found = []
+    for path in (folder / "good.csv", tmp_path / "sheet.csv"):
+        with pytest.raises(SystemExit) as end:
+            main(["identify", str(folder / "elbow.yaml"), str(path), "--json"])
+        out, error = capfd.readouterr()
+        assert end.value.code == 0, error
+        found.append([p["compliance"] for p in json.loads(out)["parameters"]])
+    assert found[1] == pytest.approx(found[0], rel=1e-9)
 
 
 def test_a_tool_given_by_option_is_that_point(folder, capfd, tmp_path):

@@ -38,6 +38,13 @@ def test_heads_give_units_and_semicolons_decimal_commas(tmp_path, text):
     assert np.allclose(rows.values, [[np.pi / 2, 1.5, 200, 3]], rtol=1e-12)
 
 
+def test_joints_may_be_called_by_number_and_spreadsheets_say_their_separator(tmp_path):
+    text = "sep=;\nq2 [deg];q1 [deg];x\n90;180;3\n"
+    assert table(tmp_path, text, joints=("lift", "pan")).names == ("pan", "lift", "x")
+    for joints in ((), ("q2", "q1"), ("a", "b", "c")):  # not all of them, or named so themselves
+        assert table(tmp_path, text, joints=joints).names == ("q2", "q1", "x")
+
+
 def test_lengths_come_in_the_mechanism_s_units(tmp_path):
     rows = table(tmp_path, "x [mm],f [N],m [N m]\n1500,2000,3\n", units=Units("cm", "kN"))
     assert np.allclose(rows.values, [[150, 2, 0.3]])

@@ -229,7 +229,8 @@ def _compensate(
     from cartstiff.statics.toolpath import compensate
 
     n = len(elastic.names)
-    rows = read_rows(path, "postures", units=elastic.units, factors=shown_factors(elastic))
+    rows = read_rows(path, "postures", units=elastic.units, factors=shown_factors(elastic),
+                     joints=elastic.names)  # fmt: skip
     _, table, unused = rows.arranged(elastic.names, (*elastic.names, *WRENCH))
     say_unused(path, unused)
     postures, wrenches = table[:, :n], [wrench] * len(table)
@@ -244,4 +245,5 @@ def _compensate(
                          expected="--load, --payload, or six more columns in the file")  # fmt: skip
     result = compensate(elastic, postures, loads)
     write_files((csv, result.as_csv), (plot, lambda: draw_error_along_path(result)))
-    tell(as_json, result.as_dict(), elastic.name, lambda: describe_path(result))
+    tell(as_json, result.as_dict(), elastic.name,
+         lambda: describe_path(result, is_written=csv is not None))  # fmt: skip

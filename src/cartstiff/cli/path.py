@@ -225,7 +225,8 @@ def command(
         with Progress("path", progress) as advance:
             result = optimise_path(elastic, path, progress=advance, **options)
         write_files((csv, result.as_csv), (plot, lambda: draw_path(result)))
-        tell(as_json, result.as_dict(), elastic.name, lambda: describe_optimised_path(result))
+        tell(as_json, result.as_dict(), elastic.name,
+             lambda: describe_optimised_path(result, is_written=csv is not None))  # fmt: skip
         return
     with Progress("places", progress) as advance:
         placement = best_placement(elastic, path, region, progress=advance, **options)
@@ -234,7 +235,8 @@ def command(
         (plot, lambda: draw_path(placement.path)),
         (plot_places, lambda: draw_placement(placement)),
     )
-    tell(as_json, placement.as_dict(), elastic.name, lambda: describe_placement(placement))
+    tell(as_json, placement.as_dict(), elastic.name,
+         lambda: describe_placement(placement, is_written=csv is not None))  # fmt: skip
 
 
 def _region(axes: dict[str, tuple[float, ...]]) -> dict[str, Any]:

@@ -44,7 +44,8 @@ def command(
     from cartstiff.report.output import write_whole
     from cartstiff.report.robot_table import robot_table
 
-    rows = read_rows(table, "postures", units=elastic.units, factors=shown_factors(elastic))
+    rows = read_rows(table, "postures", units=elastic.units, factors=shown_factors(elastic),
+                     joints=elastic.names)  # fmt: skip
     commands = tuple(f"command_{name}" for name in elastic.names)
     commanded = rows.names is not None and set(commands) <= set(rows.names)
     _, q, unused = rows.arranged(commands if commanded else elastic.names)

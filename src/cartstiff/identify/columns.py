@@ -44,6 +44,8 @@ _OTHERS: Final[Mapping[str, str]] = {
 }  # fmt: skip
 #: A column that only tables of `cartstiff path` have; their wrenches are along the body's axes.
 OF_PATH: Final = "singular_ratio"
+# Signs in units: of degrees, and two that stand for micro.
+_SIGNS = str.maketrans({"\u00b0": "deg", "\u00b5": "u", "\u03bc": "u"})
 _HEAD = re.compile(r"\s*([^\[\]]*?)\s*(?:\[([^\[\]]*)\])?\s*")
 
 
@@ -146,17 +148,18 @@ def column_of(
         raise InputError("column head cannot be read", where=where,
                          expected="name or name [unit]", got=repr(head))  # fmt: skip
     name, unit = match[1], match[2]
+    unit = None if unit is None else unit.translate(_SIGNS).strip()
     if name not in kinds:
         raise UnknownNameError("column", name, _shown(kinds), where=where)
     kind = kinds[name]
     units = UNITS[kind]
-    if unit is not None and unit.strip() not in units:
+    if unit is not None and unit not in units:
         raise InputError(
-            f"column {name!r} has an unknown unit", where=where, got=repr(unit.strip()),
+            f"column {name!r} has an unknown unit", where=where, got=repr(unit),
             expected=", ".join(units) or "no unit",
         )  # fmt: skip
     if unit is not None:
-        return Column(name, kind, units[unit.strip()], True)
+        return Column(name, kind, units[unit], True)
     if kind in default:
         return Column(name, kind, units[default[kind]], True)
     return Column(name, kind, 1.0, False)

@@ -78,7 +78,7 @@ def read_measurements(
     InputError
         With file, line and column.
     """
-    cells = read_cells(path, "measurements", _LARGEST_FILE)
+    cells = read_cells(path, "measurements", _LARGEST_FILE, elastic.names)
     kinds = kinds_of(elastic)
     cells, unused = without_paths(cells, kinds)
     columns = [

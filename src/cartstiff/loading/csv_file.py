@@ -90,14 +90,16 @@ class Cells(NamedTuple):
     place: str
 
 
-def read_cells(path: Path, what: str, largest: int = LARGEST) -> Cells:
+def read_cells(
+    path: Path, what: str, largest: int = LARGEST, joints: tuple[str, ...] = ()
+) -> Cells:
     """Rows of text under a line of names; for tables in which not every cell is a number.
 
     Cells are separated as in `read_rows`; decimal commas of numbers come back as points.
 
     Parameters
     ----------
-    path, what, largest
+    path, what, largest, joints
         As in `read_rows`.
 
     Raises
@@ -116,6 +118,7 @@ def read_cells(path: Path, what: str, largest: int = LARGEST) -> Cells:
         cells = [cell.strip().strip('"') for cell in line.split(separator)]
         if separator != ",":
             cells = _with_points(cells, place)
+        _refuse_doubled(line, separator, place, len(names))
         if len(cells) != len(names):
             raise InputError("wrong count", where=place, expected=f"{len(names)} cells",
                              got=str(len(cells)))  # fmt: skip
@@ -124,15 +127,38 @@ def read_cells(path: Path, what: str, largest: int = LARGEST) -> Cells:
     if not rows:
         raise InputError(f"no {what}", where=one_line(str(path)),
                          expected="one a line, comma-separated")  # fmt: skip
-    return Cells(names, rows, places, begin)
+    return Cells(_numbered(names, joints), rows, places, begin)
 
 
 def _lines(path: Path, largest: int) -> Iterator[tuple[str, str]]:
-    """Place and text of each line; empty ones and those that start with # are left out."""
+    """Place and text of each line; empty ones and those that start with # are left out.
+
+    So is a first line ``sep=;``, by which spreadsheets tell each other what stands between cells.
+    """
     where = one_line(str(path))
     for number, line in enumerate(read_text(path, largest).splitlines(), start=1):
+        if number == 1 and _SEPARATOR.fullmatch(line.strip()):
+            continue
         if line.strip() and not line.lstrip().startswith("#"):
             yield f"{where}, line {number}", line
+
+
+def _numbered(heads: tuple[str, ...], joints: tuple[str, ...]) -> tuple[str, ...]:
+    """Heads by the joints' names, where all joints are q1, q2, ... in joint order."""
+    bare = [head.split("[")[0].strip() for head in heads]
+    called = {f"q{i}": name for i, name in enumerate(joints, start=1)}
+    if not called or not called.keys() <= set(bare) or set(joints) & set(bare):
+        return heads
+    pairs = zip(heads, bare, strict=True)
+    return tuple(head.replace(name, called.get(name, name), 1) for head, name in pairs)
+
+
+def _refuse_doubled(line: str, separator: str, place: str, width: int | None) -> None:
+    """Refuse twice as many commas as there can be."""
+    if separator == "," and width is not None and line.count(",") == 2 * width - 1:
+        raise InputError("commas between numbers and in them, it seems", where=place,
+                         expected="semicolons between numbers with decimal commas",
+                         got=repr(line))  # fmt: skip
 
 
 def _separator(line: str) -> str:
@@ -162,7 +188,7 @@ def _names(line: str, place: str, separator: str = ",") -> tuple[str, ...] | Non
 
 def read_rows(
     path: Path, what: str, largest: int = LARGEST, units: Units = SI,
-    factors: Mapping[str, float] = MappingProxyType({}),
+    factors: Mapping[str, float] = MappingProxyType({}), joints: tuple[str, ...] = (),
 ) -> Rows:  # fmt: skip
     """Rows of numbers from a file.
 
@@ -183,6 +209,8 @@ def read_rows(
         What lengths and forces come in.
     factors : mapping of str to float
         By name, of columns whose head has no unit: pi/180 for angles that are in degrees.
+    joints : tuple of str
+        Names of the joints in order: heads may call all of them q1, q2, ... instead.
 
     Raises
     ------
@@ -197,7 +225,8 @@ def read_rows(
             separator = _separator(line)
             begin, names = place, _names(line, place, separator)
             if names is not None:
-                both = [_named_unit(cell, units, place) for cell in names]
+                heads = _numbered(names, joints)
+                both = [_named_unit(cell, units, place) for cell in heads]
                 names = tuple(n for n, _ in both)
                 sizes = [factors.get(n, 1.0) if f is None else f for n, f in both]
                 _refuse_twice(names, place)
@@ -215,13 +244,12 @@ def _numbers(line: str, separator: str, place: str, width: int | None) -> list[f
             raise InputError("decimal commas and points in one line", where=place,
                              expected="one of them", got=repr(line))  # fmt: skip
         line = line.replace(",", ".").replace(separator, ",")
-    elif width is not None and line.count(",") == 2 * width - 1:
-        raise InputError("commas between numbers and in them, it seems", where=place,
-                         expected="semicolons between numbers with decimal commas",
-                         got=repr(line))  # fmt: skip
+    _refuse_doubled(line, separator, place, width)
     return parse_numbers(line, place, width)
 
 
+# The first line of some spreadsheets' tables.
+_SEPARATOR = re.compile(r"sep=[;,\t]?", re.IGNORECASE)
 _PLAIN = {"": 1.0, "1": 1.0, "-": 1.0, "rad": 1.0, "mrad": 1e-3, "deg": np.pi / 180,
           "\N{DEGREE SIGN}": np.pi / 180, "s": 1.0, "ms": 1e-3}  # fmt: skip
 

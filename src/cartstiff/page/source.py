@@ -131,7 +131,7 @@ def read_trajectory(
     InputError
         With file and line.
     """
-    rows = read_rows(path, "postures", units=units, factors=factors)
+    rows = read_rows(path, "postures", units=units, factors=factors, joints=names)
     if rows.names is not None:
         named = tuple("time" if x.lower() in ("t", "time") else x for x in rows.names)
         rows = rows._replace(names=named)

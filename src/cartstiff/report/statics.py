@@ -162,8 +162,8 @@ def _carried(path: CompensatedPath) -> str:
     )
 
 
-def describe_path(path: CompensatedPath) -> str:
-    """Errors before and after compensation, and where the commands are."""
+def describe_path(path: CompensatedPath, *, is_written: bool = False) -> str:
+    """Errors before and after compensation, and where the commands are unless a file has them."""
     units = path.elastic.units
     summary = path.summary()
     turn, length = _sizes(path.elastic.mechanism.at(path.q[0]))
@@ -197,7 +197,8 @@ def describe_path(path: CompensatedPath) -> str:
         if not is_length and unit == "deg":
             value, size = np.degrees(value), np.degrees(size)
         lines.append(f"  {name:<28} {wide_row([value], size)} {unit}")
-    lines.append("(--csv FILE.csv writes the commands.)")
+    if not is_written:
+        lines.append("(--csv FILE.csv writes the commands.)")
     return joined([*lines, *_of_points(path.notes)])
 
 

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 _MOST = 24
 
 
-def describe_optimised_path(result: OptimisedPath) -> str:
-    """What was optimised, what it gained, and each point."""
+def describe_optimised_path(result: OptimisedPath, *, is_written: bool = False) -> str:
+    """What was optimised, what it gained, and each point; whether a file has all of them."""
     facts, units = result.summary(), result.elastic.units
     under = "unloaded"
     if result.loaded:
@@ -35,7 +35,8 @@ def describe_optimised_path(result: OptimisedPath) -> str:
         weighed(result.elastic).text,
         "",
     ]
-    titles = ("", "worst", "mean", "choice")
+    of_criterion = f" [{result.unit}]" if result.unit else ""
+    titles = ("", f"worst{of_criterion}", f"mean{of_criterion}", "choice")
     rows = [("optimised", number(facts["worst"]), number(facts["mean"]), "varies")]
     if (constant := facts["constant"]) is not None and result.constant is not None:
         words = {"angle": units.shown_angle, "position": result.joint or ""}
@@ -61,9 +62,9 @@ def describe_optimised_path(result: OptimisedPath) -> str:
     heads = ["point", *result.elastic.names]
     if result.angles is not None:
         heads.append("angle [deg]")
-    heads.append(result.criterion.name)
+    heads.append(result.criterion.name + of_criterion)
     if result.half_widths is not None:
-        heads.append("half width")
+        heads.append("half width" + of_criterion)
     body = []
     for i, q in enumerate(shown(result.elastic, result.q[:_MOST])):
         row = [str(i + 1), *(f"{v:.5f}" for v in q)]
@@ -75,7 +76,8 @@ def describe_optimised_path(result: OptimisedPath) -> str:
         body.append(tuple(row))
     lines += table(heads, body)
     if len(result.q) > _MOST:
-        lines.append(f"  ... and {len(result.q) - _MOST} more points (--csv writes all)")
+        hint = "" if is_written else " (--csv writes all)"
+        lines.append(f"  ... and {len(result.q) - _MOST} more points{hint}")
     lengths = [c.name for c in result.elastic.mechanism.coordinates if c.is_length]
     angle = units.shown_angle
     told = f"{angle}; {units.length} for {', '.join(lengths)}" if lengths else angle
@@ -93,7 +95,7 @@ def _free(result: OptimisedPath) -> str:
     return " and ".join(words) or "only the branch of the inverse kinematics"
 
 
-def describe_placement(placement: Placement) -> str:
+def describe_placement(placement: Placement, *, is_written: bool = False) -> str:
     """The best place, the places compared, and the path at the best one."""
     units = placement.path.elastic.units
     unit = {name: "rad" if name == "yaw" else units.length for name in placement.axes}
@@ -114,5 +116,5 @@ def describe_placement(placement: Placement) -> str:
     if unusable:
         told = ", ".join(f"{n} {code}" for code, n in unusable.items())
         lines.append(f"  {sum(unusable.values())} of {len(body)} places cannot be used: {told}")
-    path = describe_optimised_path(placement.path).split("\n")
+    path = describe_optimised_path(placement.path, is_written=is_written).split("\n")
     return joined([*lines, "", "The path there", "", *path])

@@ -160,7 +160,8 @@ def _table(path: Path, elastic: Any) -> dict[str, Any]:
     from cartstiff.loading.csv_file import read_rows
     from cartstiff.mechanisms.other_units import shown_factors
 
-    rows = read_rows(path, "postures", _LARGEST_FILE, elastic.units, shown_factors(elastic))
+    rows = read_rows(path, "postures", _LARGEST_FILE, elastic.units, shown_factors(elastic),
+                     elastic.names)  # fmt: skip
     if rows.names is None:
         raise InputError("columns have no names", where=rows.place,
                          expected="a line of names, then one posture a line")  # fmt: skip
