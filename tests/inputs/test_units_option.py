@@ -8,8 +8,15 @@ import json
 import numpy as np
 import pytest
 
+import cartstiff
 from cartstiff.cli.main import main
+from cartstiff.figures import figure_content
+from cartstiff.mechanisms.other_units import in_units
+from cartstiff.potentials.loads import DeadForce
+from cartstiff.report.figures_statics import draw_error_along_path
+from cartstiff.statics.toolpath import compensate
 
+SHOWN = ("--units", "mm,deg")
 SI = ("--tcp", "0,0,0.1,0,0,0.5", "--payload", "2,0,0,0.05", "--q", "0.2,-1,1.2,0.3,1,0.1")
 OTHER = ("--units", "mm,deg", "--tcp", f"0,0,100,0,0,{np.degrees(0.5)}",
          "--payload", "2,0,0,50", "--q", ",".join(str(x) for x in np.degrees(
@@ -125,6 +132,54 @@ def test_a_mechanism_in_centimetres(run):
     assert (a["units"]["length"], b["units"]["length"]) == ("cm", "mm")
     np.testing.assert_allclose(np.array(b["pose"])[:3, 3], 10 * np.array(a["pose"])[:3, 3],
                                atol=1e-9)  # fmt: skip
+
+
+def test_measurements_are_planned_found_and_written_in_other_units(run, tmp_path):
+    """Point, ranges, volume, springs and tables of `identify`; the file written is in its own."""
+    small, large = ("--units", "mm,deg", "--point", "0,0,50"), ("--point", "0,0,0.05")
+    what = [word for axis in "xyz" for word in ("--sd", f"d{axis}=0.02mm")]
+    found = []
+    for own, volume, turn, to in (
+        (small, "z=100:900", "elbow_joint=-90:90", tmp_path / "mm"),
+        (large, "z=0.1:0.9", f"elbow_joint={-np.pi / 2}:{np.pi / 2}", tmp_path / "m"),
+    ):
+        text = run("identify", "ur5", *own, "--plan", "8", "--force", "80", *what, "--within",
+                   volume, "--range", turn, "--candidates", "60",
+                   "--csv", f"{to}1.csv")  # fmt: skip
+        run("identify", "ur5", *own, tmp_path / "mm1.csv", "--simulate", "1", *what,
+            "--csv", f"{to}2.csv")  # fmt: skip
+        data = json.loads(run("identify", "ur5", *own, f"{to}2.csv", *what, "--json",
+                              "-o", f"{to}.yaml"))  # fmt: skip
+        K = cartstiff.analyse(cartstiff.load(f"{to}.yaml")).matrices["B"]
+        found.append((text, data, K))
+    (text, mm, K), (_, m, wanted) = found
+    assert "elbow_joint [deg]" in text
+    head = (tmp_path / "mm2.csv").read_text().splitlines()[0]
+    assert "elbow_joint [deg]" in head
+    assert "dz [mm]" in head
+    for a, b in zip(mm["parameters"], m["parameters"], strict=True):
+        assert a["unit"] == "N mm/rad"
+        assert a["identifiable"] == b["identifiable"]
+        if b["identifiable"]:
+            assert a["stiffness"] / 1e3 == pytest.approx(b["stiffness"], rel=1e-6)
+    assert np.allclose(K, wanted, rtol=1e-6, atol=1e-6 * np.abs(wanted).max())
+
+
+def test_pictures_of_errors_are_in_the_units_shown():
+    """Ticks are plain text: a picture's words are no formulas."""
+    arm = in_units(cartstiff.load("ur5"), "mm", "deg")
+    figure = draw_error_along_path(compensate(arm, [arm.q] * 2, [[DeadForce([0, 0, -50])]] * 2))
+    figure_content(figure, ".png")
+    assert [a.get_ylabel() for a in figure.axes] == ["translation error [mm]",
+                                                     "rotation error [deg]"]  # fmt: skip
+    ticks = [t.get_text() for a in figure.axes for t in a.get_yticklabels()]
+    assert any(ticks)
+    assert not any("$" in t for t in ticks)
+
+
+def test_what_holds_assembly_modes_has_a_unit(run):
+    assert "Held: left_motor 126.051 deg, right" in run("assemble", "five-bar", "--all", *SHOWN)
+    assert "Held: leg1 836.457 mm, leg2" in run("assemble", "hexapod", *SHOWN)
 
 
 def test_help_of_every_command_names_it(run):

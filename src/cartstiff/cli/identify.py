@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -57,8 +57,8 @@ _about_the_table = option_group(
     click.option("--axes", type=click.Choice(["base", "body", "world"]),
                  help="Axes of the columns mx,my,mz,fx,fy,fz; default base, and body in a table "
                  "of `cartstiff path`."),
-    option("--units", metavar="UNITS", help="Units of columns without one in their head, such as "
-           "mm,deg; SI otherwise."),
+    option("--units", metavar="UNITS", help="Units of numbers given and shown, such as mm,deg, and "
+           "of columns without one in their head; there SI otherwise."),
     click.option("--sd", metavar="COLUMN=VALUE[UNIT]", multiple=True,
                  help="Standard deviation of a column, such as dx=0.02mm; else estimated."),
 )  # fmt: skip
@@ -146,6 +146,11 @@ class _Request:
         }  # fmt: skip
 
     @property
+    def shown(self) -> dict[str, str] | None:
+        """Units in which the mechanism's numbers are given and shown."""
+        return {k: u for k, u in units_of(self.units).items() if k in ("length", "angle")} or None
+
+    @property
     def of_unknowns(self) -> dict[str, Any]:
         """Keywords about what is to be found."""
         known = stiffnesses_of(self.known, "--known", 1)
@@ -209,6 +214,7 @@ def command(
     I enter?" says how to measure.
     """
     of_table, of_unknowns, of_fit = request.of_table, request.of_unknowns, request.of_fit
+    robot = replace(robot, units=request.shown)
     asked.check(table)
     if table is None or asked.simulate is not None:
         if output is not None or plot is not None:
@@ -216,7 +222,7 @@ def command(
         request.check_without_fit(is_plan=table is None)
         elastic = robot.in_frame(robot.frame)
         if table is None:
-            data, text = asked.run_plan(elastic, of_table, of_unknowns, request)
+            data, text = asked.run_plan(robot, elastic, of_table, of_unknowns, request)
         else:
             data, text = asked.run_simulation(elastic, table, of_table, request)
         tell(as_json, data, robot.mechanism, text)

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff.arrays import Array
-from cartstiff.identify.columns import LOAD, MEASURED
+from cartstiff.identify.columns import LOAD, MEASURED, UNITS
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import SI, convert_length
+from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
 
@@ -119,17 +119,22 @@ def table_text(
     columns : sequence of str
         Columns that stand empty, to be filled in.
     """
-    length, force = convert_length(SI, elastic.units)
+    own = elastic.units
+    in_length = own.length if own.length in UNITS["length"] else SI.length
+    in_angle, turn = own.shown_angle, np.pi / 180.0 if own.shown_angle == "deg" else 1.0
+    length, force = convert_length(Units(in_length), own)
     mechanism = elastic.mechanism
     table: dict[str, Array] = {}
     hidden = mechanism.virtual if isinstance(mechanism, Chain) else frozenset()
     for j, c in enumerate(mechanism.coordinates):
         if j not in hidden:
-            unit = SI.coordinate(c.is_length)
+            unit, size = (in_length, length) if c.is_length else (in_angle, turn)
             name = f"q_{c.name}" if c.name in MEASURED else c.name
-            table[f"{name} [{unit}]"] = measured.q[:, j] / (length if c.is_length else 1.0)
-    loads = measured.wrench / np.repeat([force * length, force], 3)
-    units = ("N m", "N")
+            table[f"{name} [{unit}]"] = measured.q[:, j] / size
+    moment = "N mm" if in_length == "mm" else "N m"
+    lever = length if moment == "N mm" else convert_length(SI, own)[0]
+    loads = measured.wrench / np.repeat([force * lever, force], 3)
+    units = (moment, "N")
     for i, name in enumerate(LOAD):
         if loads[:, i].any():
             table[f"{name} [{units[i // 3]}]"] = loads[:, i]
@@ -143,7 +148,7 @@ def table_text(
         if values is None:
             continue
         is_length = MEASURED[name] == "length"
-        unit, factor = ("m", length) if is_length else ("rad", 1.0)
+        unit, factor = (in_length, length) if is_length else (in_angle, turn)
         table[f"{name} [{unit}]"] = values / factor
         if name == "d":
             table |= dict(zip(("nx", "ny", "nz"), measured.direction.T, strict=True))

@@ -20,8 +20,10 @@ from cartstiff.loading.keys.springs import FlexibleModel
 from cartstiff.loading.mechanism_file import place_of
 from cartstiff.loading.shorthand.parameters import with_parameters
 from cartstiff.loading.yaml_file import read_yaml
+from cartstiff.mechanisms.contract import SI
 from cartstiff.mechanisms.elements import CompliancePattern, Elements
 from cartstiff.mechanisms.identified import Identified
+from cartstiff.mechanisms.other_units import in_units
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.springs import CoupledSprings, JointSprings, PolynomialLaw
 
@@ -111,6 +113,9 @@ def mechanism_file(
     """
     data = _data(result, mechanism, frame, to)
     elastic = with_result(result, source=source)
+    length = data.get("units", {}).get("length", SI.length)
+    if elastic.units.length != length:  # --units are of what was given and shown
+        elastic = in_units(elastic, length)
     _put_springs(data, elastic, to.parent)
     found = elastic.identified
     if found is None:

@@ -36,7 +36,10 @@ def draw_load_curve(curve: LoadCurve, *, rotation: bool = False) -> Any:
     axes = figure.subplots()
     part = slice(0, 3) if rotation else slice(3, 6)
     size = np.linalg.norm(curve.displacement[:, part], axis=1)
-    unit = "rad" if rotation else curve.elastic.units.length
+    unit = curve.elastic.units.length
+    if rotation:
+        unit = curve.elastic.units.shown_angle
+        size = np.degrees(size) if unit == "deg" else size
     kinds = ((True, "-", "stable"), (False, "--", "unstable"), (None, "-.", "not decided"))
     for verdict, style, label in kinds:
         shown = np.array([s is verdict for s in curve.stable])
@@ -54,6 +57,7 @@ def draw_load_curve(curve: LoadCurve, *, rotation: bool = False) -> Any:
             )
     last = int(np.argmax(np.abs(curve.factors)))
     linear = float(np.linalg.norm(curve.linear[last, part]))
+    linear = np.degrees(linear) if unit == "deg" else linear
     if np.isfinite(linear):
         # As far as the curve goes: beyond it the prediction says nothing.
         share = min(1.0, 1.1 * float(size.max()) / max(linear, numerics.TINY))
@@ -83,13 +87,22 @@ def draw_error_along_path(path: CompensatedPath) -> Any:
     figure = new_figure(6.4, 7.2)
     axes = figure.subplots(2, 1, sharex=True)
     points = np.arange(1, len(path.q) + 1)
-    length = path.elastic.units.length
-    parts = ((slice(3, 6), length, "translation"), (slice(0, 3), "rad", "rotation"))
+    from matplotlib.ticker import LogFormatter
+
+    units, size = path.elastic.units, path.elastic.mechanism.at(path.q[0]).length
+    parts = (
+        (slice(3, 6), units.length, "translation"),
+        (slice(0, 3), units.shown_angle, "rotation"),
+    )
     for axis, (part, unit, name) in zip(axes, parts, strict=True):
         for errors, label in ((path.before, "before"), (path.after, "after")):
-            # A logarithmic axis has no zero.
-            size = np.maximum(np.linalg.norm(errors[:, part], axis=1), 1e-18)
-            axis.semilogy(points, size, "o-", markersize=3, label=label)
+            # A logarithmic axis has no zero: the rounding of poses stands for it.
+            least = numerics.ROUNDING * (size if unit == units.length else 1.0)
+            error = np.maximum(np.linalg.norm(errors[:, part], axis=1), least)
+            error = np.degrees(error) if unit == "deg" else error
+            axis.semilogy(points, error, "o-", markersize=3, label=label)
+        axis.yaxis.set_major_formatter(LogFormatter(labelOnlyBase=True))  # plain text, no formulas
+        axis.yaxis.set_minor_formatter(LogFormatter())
         axis.set_ylabel(f"{name} error [{unit}]")
         axis.legend()
     axes[-1].set_xlabel("point of the path")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cartstiff.errors import joined
+from cartstiff.mechanisms.other_units import shown
 from cartstiff.report.layout import number, table
 
 if TYPE_CHECKING:
@@ -65,10 +66,10 @@ def _row(e: Estimate, robust: float) -> tuple[str, ...]:
     }[e.verdict]  # fmt: skip
     if e.verdict == "not-identifiable":
         return (e.name, "-", "-", "-", e.unknown.unit, "-", "-", "-", words)
-    shown = robust if not e.unknown.has_stiffness else 1.0 / robust if robust > 0.0 else None
+    k = robust if not e.unknown.has_stiffness else 1.0 / robust if robust > 0.0 else None
     return (
         e.name, number(e.stiffness), number(low), number(high, missing="no end"), e.unknown.unit,
-        number(e.compliance), number(e.deviation, 3), number(shown), words,
+        number(e.compliance), number(e.deviation, 3), number(k), words,
     )  # fmt: skip
 
 
@@ -77,11 +78,11 @@ def _how_good(plan: Plan) -> list[str]:
     worst, count = plan.worst, len(plan.rows)
     if not np.isfinite(worst):
         return []
-    shown = "not all springs" if not np.isfinite(plan.by_chance) else (
+    told = "not all springs" if not np.isfinite(plan.by_chance) else (
         f"{plan.by_chance / worst:.2f} times this widest interval"
     )  # fmt: skip
     return [
-        f"{count} of the candidates drawn at random determine {shown} (median of many draws); no "
+        f"{count} of the candidates drawn at random determine {told} (median of many draws); no "
         f"choice of {count} gives less than {plan.bound / worst:.2f} of it",
     ]
 
@@ -93,12 +94,13 @@ def describe_plan(plan: Plan) -> str:
     what = {"all": "all compliances (D-optimal)", "worst": "the widest interval",
             "posture": "the deflection at the test posture"}[plan.criterion]  # fmt: skip
     lines = [f"{elastic.name}: {len(rows)} rows chosen for {what}", "", "Rows"]
-    names = elastic.names
-    heads = ["row", *names, "mass [kg]", f"force in F [{elastic.units.force}]"]
+    heads = ["row", *elastic.names_with_units, "mass [kg]", f"force in F [{elastic.units.force}]"]
     body = []
-    for i, (q, mass, W) in enumerate(zip(rows.q, rows.mass, rows.wrench, strict=True)):
-        shown = ", ".join(number(float(x), 4) for x in W[3:])
-        body.append([str(i + 1), *(f"{x:.4f}" for x in q), number(float(mass), 4), f"({shown})"])
+    for i, (q, mass, W) in enumerate(
+        zip(shown(elastic, rows.q), rows.mass, rows.wrench, strict=True)
+    ):
+        force = ", ".join(number(float(x), 4) for x in W[3:])
+        body.append([str(i + 1), *(f"{x:.4f}" for x in q), number(float(mass), 4), f"({force})"])
     lines += table(heads, body)
     lines += ["", f"Predicted {100 * plan.level:g} % intervals of the file's stiffnesses"]
     body = []
@@ -115,8 +117,8 @@ def describe_plan(plan: Plan) -> str:
     lines += ["", "Widest interval with the number of rows"]
     for factor, entry in zip(plan.factors, data["by_rows"], strict=True):
         worst = entry["worst_relative_sd"]
-        shown = "not all are determined" if worst is None else f"+- {100 * factor * worst:.3g} %"
-        lines.append(f"  {entry['rows']:>4}  {shown}")
+        told = "not all are determined" if worst is None else f"+- {100 * factor * worst:.3g} %"
+        lines.append(f"  {entry['rows']:>4}  {told}")
     if plan.lost:
         lines.append(f"no candidate tells anything about {', '.join(plan.lost)}")
     return joined(lines)

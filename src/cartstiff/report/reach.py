@@ -10,7 +10,7 @@ from cartstiff.errors import joined
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
-from cartstiff.mechanisms.other_units import shown
+from cartstiff.mechanisms.other_units import shown, shown_factors
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.weighed import weighed
 from cartstiff.reach.assembly import AssemblyMode, AssemblyModes
@@ -23,7 +23,7 @@ _STABLE = {True: "yes", False: "NO", None: "-"}
 def describe_assembly(modes: AssemblyModes) -> str:
     """How many modes there are, how completely they are known, and each on a line."""
     elastic, units = modes.elastic, modes.elastic.units
-    given = ", ".join(f"{name} {number(x, 6)}" for name, x in modes.given.items())
+    given = ", ".join(_held(elastic, name, x) for name, x in modes.given.items())
     count = len(modes)
     lines = [
         f"{elastic.name}: {elastic.mechanism.kind}, body frame {elastic.mechanism.frame!r}",
@@ -84,6 +84,15 @@ def _table(modes: AssemblyModes) -> list[str]:
             row.append("-" if first is None else numbers(_first(first)[:3]))
         rows.append(row)
     return table(titles, rows)
+
+
+def _held(elastic: ElasticMechanism, name: str, value: float) -> str:
+    """A leg's length, or an actuator's coordinate, with its unit."""
+    coordinates = {c.name: c for c in elastic.mechanism.coordinates}
+    if name not in coordinates or coordinates[name].is_length:
+        return f"{name} {number(value, 6)} {elastic.units.length}"
+    value /= shown_factors(elastic).get(name, 1.0)
+    return f"{name} {number(value, 6)} {elastic.units.shown_angle}"
 
 
 def _first(frequencies: Array) -> list[float | None]:

@@ -63,8 +63,9 @@ class PlanRequest:
             raise InputError("--q and --load are for --criterion posture")
 
     def run_plan(
-        self, elastic: Any, of_table: dict[str, Any], of_unknowns: dict[str, Any], request: Any
-    ) -> _Answer:
+        self, robot: Any, elastic: Any, of_table: dict[str, Any], of_unknowns: dict[str, Any],
+        request: Any,
+    ) -> _Answer:  # fmt: skip
         """Rows to be measured."""
         import numpy as np
 
@@ -83,7 +84,8 @@ class PlanRequest:
         offered = candidates(
             elastic, spreads, count=self.candidates or (10_000 if quick else 1000),
             mass=self.mass or 0.0, force=(self.force or 0.0) / elastic.units.newtons,
-            ranges=self.ranges, within=self.within, point=point, load_at=of_table["load_at"],
+            ranges=robot.radians(self.ranges, elastic), within=self.within, point=point,
+            load_at=of_table["load_at"],
         )  # fmt: skip
         have = None
         if self.have is not None:
@@ -95,7 +97,9 @@ class PlanRequest:
                                  expected="--load")  # fmt: skip
             from cartstiff.mechanisms.contract import named_values
 
-            given = elastic.q if self.q is None else self.q.of(elastic.names)
+            given = elastic.q
+            if self.q is not None:
+                given = robot.radians(self.q.of(elastic.names), elastic)
             q = named_values(given, elastic.names, elastic.q, "--q")
             test = elastic.mechanism.assembled(q), np.array(self.load)
         chosen = plan(unknowns, offered, self.count or 1, criterion=self.criterion or "worst",  # type: ignore[arg-type]
