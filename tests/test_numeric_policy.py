@@ -31,7 +31,6 @@ ALLOWED = {
     "page/state.py": "the largest number that is taken",
     "parsing.py": "the largest number that is read",
     "report/exchange/geometry.py": "limits that stand for none",
-    "report/figures_statics.py": "where a logarithmic axis ends",
     "scene/ellipsoids.py": "the thinnest body that is drawn",
     "scene/look.py": "the largest exaggeration that is drawn",
     "scene/stage.py": "units",
