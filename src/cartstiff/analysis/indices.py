@@ -141,7 +141,7 @@ def indices(
     return Indices(
         float(length),
         values,
-        _definiteness(K, C) if root is None else "positive",
+        _definiteness(K) if root is inverse is None else definiteness(values, zero=0.0),
         ratio,
         exponent,
         _isotropy(values),
@@ -153,10 +153,12 @@ def indices(
     )
 
 
-def _definiteness(K: Array, C: Array | None) -> Definiteness:
-    length = balancing_length(K)
-    inverse = None if C is None else scale_lengths(C, 1.0 / length)
-    values = numerics.eigenvalues(scale_lengths(K, length), inverse)
+def _definiteness(K: Array) -> Definiteness:
+    """Of a stiffness without inverse: there the length decides what counts as zero.
+
+    With one every value has a sign, which is the same at every length.
+    """
+    values = numerics.eigenvalues(scale_lengths(K, balancing_length(K)))
     return definiteness(values, zero=0.0)
 
 

@@ -81,6 +81,8 @@ def as_symmetric(value: ArrayLike, what: str = "stiffness") -> Array:
         If it is not symmetric: take K^B, or `symmetric_part`.
     """
     m = checked_matrix(value, what)
+    if numerics.is_symmetric(m):
+        return m.copy()
     skew = np.abs(m - m.T)
     limits = block_scales(m).repeat(3, axis=0).repeat(3, axis=1)
     if np.any(skew > numerics.SYMMETRY * limits):
@@ -142,7 +144,8 @@ def scale_lengths(stiffness: ArrayLike, length: float) -> Array:
 
     ``D K D`` with D = diag(1/length, 1/length, 1/length, 1, 1, 1).
     """
-    d = np.repeat([1.0 / checked_length(length), 1.0], 3)
+    per = 1.0 / checked_length(length)
+    d = np.array([per, per, per, 1.0, 1.0, 1.0])
     scaled: Array = checked_matrix(stiffness) * d[:, None] * d
     return scaled
 
@@ -188,15 +191,33 @@ def eliminate(matrix: ArrayLike, keep: slice | list[int]) -> Array:
     """
     m = real_array(matrix)
     if keep in (ROTATION, TRANSLATION):
-        return _eliminated_block(m.tobytes(), keep == ROTATION).copy()
+        return _eliminated_block(m.tobytes(), keep == ROTATION)[0].copy()
     every = np.arange(len(m))
     return _eliminated(m, every[keep], np.delete(every, keep))
 
 
 @lru_cache(maxsize=16)  # a page asks several times: for its numbers and for its picture
-def _eliminated_block(matrix: bytes, is_rotation: bool) -> Array:
+def _eliminated_block(matrix: bytes, is_rotation: bool) -> tuple[Array, float]:
+    """What `eliminate` and `loss_of_elimination` say of a block."""
     m = np.frombuffer(matrix).reshape(6, 6)
-    return _eliminated(m, *((ROTATION, TRANSLATION) if is_rotation else (TRANSLATION, ROTATION)))
+    keep, rest = (ROTATION, TRANSLATION) if is_rotation else (TRANSLATION, ROTATION)
+    free, loss, is_plain = _plainly_eliminated(m, keep, rest)
+    return (free if is_plain else _eliminated(m, keep, rest)), loss
+
+
+def _plainly_eliminated(m: Array, keep: slice, rest: slice) -> tuple[Array, float, bool]:
+    """By the inverse of ``M_oo``: block, loss, and whether it is so well conditioned as to do."""
+    inner = numerics.invert(m[rest, rest])
+    if inner is None:
+        return np.zeros((3, 3)), float("inf"), False
+    free = m[keep, keep] - m[keep, rest] @ inner.matrix @ m[rest, keep]
+    size, left = float(np.abs(m[keep, keep]).max()), float(np.abs(free).max())
+    growth = inner.error / numerics.EPSILON
+    if left == 0.0:
+        return free, float("inf"), False
+    loss = max(1.0, growth * size / left)
+    is_plain = growth <= numerics.WELL_CONDITIONED and left > numerics.ZERO * size
+    return free, loss, is_plain
 
 
 def _block(matrix: Array, rows: slice | Array, columns: slice | Array) -> Array:
@@ -273,19 +294,12 @@ def stiffness_of_motion(
 
 def loss_of_elimination(matrix: ArrayLike, keep: slice) -> float:
     """Relative error of `eliminate`, over that of its matrix: what its difference cancels."""
-    return _loss(real_array(matrix).tobytes(), keep == ROTATION)
-
-
-@lru_cache(maxsize=16)
-def _loss(matrix: bytes, is_rotation: bool) -> float:
-    m = np.frombuffer(matrix).reshape(6, 6)
-    keep, rest = (ROTATION, TRANSLATION) if is_rotation else (TRANSLATION, ROTATION)
-    inner = numerics.invert(m[rest, rest])
-    free = m[keep, keep] - m[keep, rest] @ inner.matrix @ m[rest, keep] if inner else np.zeros(1)
-    left = float(np.abs(free).max())
-    if inner is None or left == 0.0:
-        return float("inf")
-    return max(1.0, inner.error / numerics.EPSILON * float(np.abs(m[keep, keep]).max()) / left)
+    m = real_array(matrix)
+    try:
+        return _eliminated_block(m.tobytes(), keep == ROTATION)[1]
+    except UndefinedError:
+        rest = TRANSLATION if keep == ROTATION else ROTATION
+        return _plainly_eliminated(m, keep, rest)[1]
 
 
 def scale_jacobian(J: Array, length: float) -> Array:

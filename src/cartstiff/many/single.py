@@ -77,19 +77,26 @@ class QuickPosture(PostureStiffness):
         return compute.analyse(self._asked, self.q, wrench=self._given)
 
     @cached_property
+    def _balanced(self) -> tuple[ElasticMechanism, Evaluation]:
+        """`elastic` and `evaluation`; links of closed chains that give are bent by the engine."""
+        if self._code.is_closed:
+            return self._engine.elastic, self._engine.evaluation
+        return self._asked._balanced_with_evaluation(self.posture, self._given)
+
+    @property
     def elastic(self) -> ElasticMechanism:
         """The mechanism with the rest positions that were used."""
-        return self._engine.elastic
+        return self._balanced[0]
 
     @cached_property
     def posture(self) -> MechanismPosture:
         """Kinematics at q."""
         return self._asked.mechanism.at(self.q)
 
-    @cached_property
+    @property
     def evaluation(self) -> Evaluation:
         """Energy, gradient, Hessian in the coordinates."""
-        return self._engine.evaluation
+        return self._balanced[1]
 
     @cached_property
     def reduction(self) -> Reduction:

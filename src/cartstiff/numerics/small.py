@@ -1,4 +1,4 @@
-"""Inverses and singular values of small matrices, by NumPy's routines without what is around them.
+"""Inverses, singular values and eigenvalues of small matrices, by NumPy's routines without what is around them.
 
 `numpy.linalg` looks at types and shapes for longer than LAPACK works on six rows. The digits are
 the same; where NumPy keeps its routines elsewhere its public functions are taken.
@@ -18,7 +18,8 @@ def _routine(name: str) -> Any:
 
 
 _INVERT, _SINGULAR_VALUES, _SOLVE = _routine("inv"), _routine("svd"), _routine("solve1")
-_DECOMPOSE = _routine("svd_f")
+_DECOMPOSE, _EIGENVALUES, _EIGENVECTORS = map(_routine, ("svd_f", "eigvalsh_lo", "eigh_lo"))
+_REFLECT, _COLUMNS = _routine("qr_r_raw"), _routine("qr_reduced")
 
 
 def inverted(matrices: Array, regular: bool = False) -> Array:
@@ -49,6 +50,30 @@ def singular_values(matrix: Array) -> Array:
     if _SINGULAR_VALUES is None or not matrix.size:
         return np.asarray(np.linalg.svd(matrix, compute_uv=False), float)
     return np.asarray(_SINGULAR_VALUES(matrix))
+
+
+def symmetric_values(matrix: Array) -> Array:
+    """Eigenvalues of a symmetric matrix (n, n) of finite doubles, the smallest first."""
+    return np.asarray((np.linalg.eigvalsh if _EIGENVALUES is None else _EIGENVALUES)(matrix))
+
+
+def symmetric_vectors(matrix: Array) -> tuple[Array, Array]:
+    """`symmetric_values` and the eigenvectors in columns (n, n)."""
+    values, vectors = (np.linalg.eigh if _EIGENVECTORS is None else _EIGENVECTORS)(matrix)
+    return values, vectors
+
+
+def right_angled(columns: Array) -> Array:
+    """Columns (n, n) at right angles and of length one, each next to the one that it is made of.
+
+    The first keeps its direction, the others give way to those before them.
+    """
+    if _REFLECT is None or _COLUMNS is None:
+        q, r = np.linalg.qr(columns)
+    else:
+        r = columns.copy()
+        q = _COLUMNS(r, _REFLECT(r))
+    return np.asarray(np.where(r.diagonal() < 0.0, -q, q))
 
 
 def _inverted(matrices: Array) -> Array:

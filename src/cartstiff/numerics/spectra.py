@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from math import inf
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cartstiff.numerics.policy import EPSILON, LOST, ZERO, Array
+from cartstiff.numerics.small import right_angled, symmetric_values, symmetric_vectors
 
 
 def eigenvalues(
@@ -39,10 +43,15 @@ def eigenvalues(
         NaN where neither is known, and where one of the values is known to less than `LOST`.
     """
     a = _of_symmetric(matrix)
-    alone = _cleaned(a)
     if inverse is None:
-        return alone
+        return _cleaned(a)
     b = _of_symmetric(inverse)
+    if a.ndim == 1 and a.size and not np.isnan(a).any() and not np.isnan(b).any():
+        of_one = _parted(a, b, losses)
+        if of_one.error > LOST and not doubtful:
+            return np.full(len(a), np.nan)
+        return np.array(sorted(of_one.values))
+    alone = _cleaned(a)
     with np.errstate(divide="ignore", invalid="ignore"):
         c = 1.0 / b
         result = np.where(np.isnan(a), np.sort(1.0 / _cleaned(b), axis=-1), alone)
@@ -59,27 +68,65 @@ def eigenpairs(
 
     NaN where these lose what `eigenvalues` needs.
     """
-    a, u = np.linalg.eigh(0.5 * (matrix + matrix.T))
+    a, u = symmetric_vectors(0.5 * (matrix + matrix.T))
     if inverse is None:
         return _cleaned(a), u
-    b, v = np.linalg.eigh(0.5 * (inverse + inverse.T))
-    with np.errstate(divide="ignore"):
-        c = 1.0 / b
-    i, j = np.argsort(-np.abs(a)), np.argsort(-np.abs(c))
-    k = int(_cut(np.abs(a[i])[None], np.abs(c[j])[None], losses)[0])
-    values, vectors = np.append(a[i[:k]], c[j[k:]]), np.hstack([u[:, i[:k]], v[:, j[k:]]])
-    order = np.argsort(values)
-    if _errors(np.abs(a[i])[None], np.abs(c[j])[None], np.array([k]), losses)[0] > LOST:
+    b, v = symmetric_vectors(0.5 * (inverse + inverse.T))
+    parts = _parted(a, b, losses)
+    if parts.error > LOST:
         return np.full(len(a), np.nan), u
     # From two sources, so that they are at right angles only about.
-    q, r = np.linalg.qr(vectors)
-    return values[order], (q * np.where(r.diagonal() < 0.0, -1.0, 1.0))[:, order]
+    vectors = right_angled(np.concatenate((u[:, parts.of_a], v[:, parts.of_c]), axis=1))
+    order = sorted(range(len(a)), key=parts.values.__getitem__)
+    return np.array(parts.values)[order], vectors[:, order]
+
+
+class _Parts(NamedTuple):
+    """Which eigenvalues of one matrix come from itself and which from its inverse.
+
+    The values, those of the matrix first, their places in both, and the worst relative error.
+    """
+
+    values: list[float]
+    of_a: list[int]
+    of_c: list[int]
+    error: float
+
+
+def _parted(a: Array, b: Array, losses: tuple[float, float]) -> _Parts:
+    """`_merged` for one matrix with the eigenvalues a and its inverse with b, each (n,)."""
+    own = a.tolist()
+    others = [1.0 / x if x else inf for x in b.tolist()]
+    i, j = (sorted(range(len(v)), key=lambda k, v=v: -abs(v[k])) for v in (own, others))
+    large, small = [abs(own[k]) for k in i], [abs(others[k]) for k in j]
+    if not (0.0 < large[-1] and 0.0 < small[-1] and max(large[0], small[0]) < inf):
+        rows = np.array([large]), np.array([small])
+        cut = _cut(*rows, losses)
+        k, error = int(cut[0]), float(_errors(*rows, cut, losses)[0])
+    else:
+        k, error = _cut_of_one(large, small, losses)
+    return _Parts([own[x] for x in i[:k]] + [others[x] for x in j[k:]], i[:k], j[k:], error)
+
+
+def _cut_of_one(a: list[float], c: list[float], losses: tuple[float, float]) -> tuple[int, float]:
+    """`_cut` and `_errors` of positive sizes: on so few numbers NumPy takes ten times as long."""
+    of_a = [1.0, *(losses[0] * a[0] / x for x in a)]
+    of_c = [*(losses[1] * x / c[-1] for x in c), 1.0]
+    cost = list(map(max, of_a, of_c))
+    ends = min(cost[0], cost[-1])
+    for k in range(1, len(a)):
+        if a[k - 1] < (1.0 + 1e-6) * c[k] and cost[k] < ends:
+            cost[k] *= 1e3
+    k = cost.index(min(cost))
+    return k, EPSILON * max(of_a[k], of_c[k])
 
 
 def _of_symmetric(matrix: ArrayLike) -> Array:
     """Eigenvalues of the symmetric parts, NaN for matrices that are not finite."""
     m = np.asarray(matrix, float)
     half = 0.5 * (m + m.swapaxes(-1, -2))
+    if m.ndim == 2 and np.isfinite(half).all():  # noqa: PLR2004 - one matrix
+        return symmetric_values(half)
     finite = np.isfinite(half).all(axis=(-1, -2))
     if finite.all():
         return np.linalg.eigvalsh(half)

@@ -29,6 +29,7 @@ from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.scene.quantities import block_ellipsoid
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.in_frame import StiffnessInFrame
+from cartstiff.stiffness.reduction import scaled_values
 from cartstiff.vibration.modes import modes
 from cartstiff.vibration.response import frequency_response
 
@@ -206,14 +207,17 @@ def distance_to_singularity(result: PostureStiffness) -> list[dict[str, Any]]:
 
     "serial" for the motions of the body, "type-2" for what the actuators hold.
     """
-    posture, reduction = result.posture, result.reduction
+    posture = result.posture
+    # What is closed has what is left of its motions from the reduction.
+    reduction = None if posture.closure is None else result.reduction
     ratios = []
     if not posture.coordinates_are_pose:
-        values = reduction.singular_values
-        ratios.append(_ratio("serial", values, min(6, reduction.freedoms)))
+        values = scaled_values(posture) if reduction is None else reduction.singular_values
+        freedoms = len(posture.q) if reduction is None else reduction.freedoms
+        ratios.append(_ratio("serial", values, min(6, freedoms)))
     if posture.actuation is not None:
         rates = posture.actuation * posture.coordinate_lengths
-        if reduction.motions is not None:
+        if reduction is not None and reduction.motions is not None:
             rates = rates @ reduction.motions
         # Fewer actuators than motions (links that give): springs hold the rest.
         if rates.shape[0] >= rates.shape[1]:
@@ -234,9 +238,10 @@ def _ratio(kind: str, values: Array, wanted: int) -> dict[str, Any]:
 
 def _legs(result: PostureStiffness) -> list[dict[str, Any]] | None:
     """Lengths, limits and tensions of a platform's lines."""
-    posture, mechanism = result.posture, result.elastic.mechanism
+    posture = result.posture
     if not isinstance(posture, PlatformPosture):
         return None
+    mechanism = result.elastic.mechanism
     lengths = posture.lines.lengths
     tensions = tensions_of(result.elastic, posture)
     limits = getattr(mechanism, "limits", None)
@@ -314,8 +319,11 @@ def series_row(result: PostureStiffness, state: State) -> dict[str, Any]:
 
 def _margins(result: PostureStiffness) -> list[float]:
     """Length less natural length of every cable: it is taut where this is positive."""
-    posture, springs = result.posture, result.elastic.springs
-    if not isinstance(posture, PlatformPosture) or not isinstance(springs, LineSprings):
+    posture = result.posture
+    if not isinstance(posture, PlatformPosture):
+        return []
+    springs = result.elastic.springs
+    if not isinstance(springs, LineSprings):
         return []
     if not springs.unilateral or not springs.is_complete:
         return []

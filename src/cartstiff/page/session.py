@@ -18,6 +18,7 @@ from cartstiff.errors import CartstiffError, InputError, UndefinedError, Unknown
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.following import Follower
+from cartstiff.many.single import analyse
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -46,7 +47,7 @@ from cartstiff.page.state import (
 from cartstiff.report.analysis import summary_text
 from cartstiff.scene.swing import swing
 from cartstiff.statics.command import analyse_commanded
-from cartstiff.stiffness.compute import PostureStiffness, analyse
+from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.version import __version__
 from cartstiff.vibration.modes import modes
 
@@ -207,10 +208,12 @@ class Session:
         elastic, q = self._placed(state)
         load: dict[str, Any] = {}
         if state.load is not None:
-            axes = "body" if state.load_axes == "body" else "world"
-            load = {"wrench": state.load, "load_axes": axes}
+            load = {"wrench": state.load}
+            if state.load_axes != "body":
+                load["load_axes"] = "world"
         # Its buttons stay as they are while there is no load.
-        if load or elastic.may_be_loaded:
+        of_kind = state.load_kind != "dead" or any(state.acts_at)
+        if of_kind and (load or elastic.may_be_loaded):
             load |= {"load_kind": state.load_kind, "load_at": state.acts_at}
         if state.command is None or not any(state.command):
             return analyse(elastic, q, **load)

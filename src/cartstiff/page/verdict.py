@@ -47,6 +47,8 @@ DEFINITE: dict[str, tuple[Level, str]] = {
 
 def asymmetry(matrix: Array) -> float:
     """Largest entry of K - K^T, 0 where it is only rounding."""
+    if numerics.is_symmetric(matrix):
+        return 0.0
     size = float(np.abs(matrix).max())
     found = float(np.abs(matrix - matrix.T).max())
     return found if found > _ROUNDING * size else 0.0

@@ -127,6 +127,8 @@ class MechanismPicture:
             every group of springs between links. None where there are no lines.
         """
         self.move(result.posture)
+        if self._platform is None and not self._lines:
+            return None
         unit = self._elastic.units.force
         answer: dict[str, Any] | None = None
         springs, posture = result.elastic.springs, result.posture

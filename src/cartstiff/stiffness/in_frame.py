@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     from cartstiff.stiffness.posture import PostureStiffness
 
 
+_BODY = np.eye(4).tolist()
+
+
 @dataclass(frozen=True, eq=False)
 class StiffnessInFrame:
     """Stiffness, compliance and load in a frame N of the body; arrays are read-only.
@@ -58,10 +61,10 @@ class StiffnessInFrame:
     symmetric_change: Array
     _root: Callable[[str, str], Array | None]
 
-    @property
+    @cached_property
     def is_body_frame(self) -> bool:
         """Whether N is M itself."""
-        return bool(np.array_equal(self.T_M_N, np.eye(4)))
+        return _is_body_frame(self.T_M_N)
 
     def pair(self, name: str, others: str) -> tuple[Array | None, Array | None]:
         """Symmetric matrices K and C, each the other's inverse, that principal values come from.
@@ -127,28 +130,33 @@ def stiffness_in_frame(result: PostureStiffness, T_M_N: Array) -> StiffnessInFra
     """The stiffness of a posture in the frame N; see `PostureStiffness.at`."""
     matrices = {**result.matrices, "load": result.tangent}
     compliances = {**result.compliances, "load": result.tangent_compliance}
-    W, at = result.wrench, np.array(result.load.at)
+    W, load, pose = result.wrench, result.load, result.pose
     change = 0.5 * (result.change_by_load + result.change_by_load.T)
-    if not np.array_equal(T_M_N, np.eye(4)):
+    if not _is_body_frame(T_M_N):
         forth, back = se3.adjoint(T_M_N), se3.adjoint(se3.inverse(T_M_N))
         matrices = {n: None if K is None else forth.T @ K @ forth for n, K in matrices.items()}
         compliances = {n: None if C is None else back @ C @ back.T for n, C in compliances.items()}
         W = None if W is None else forth.T @ W
         change = forth.T @ change @ forth
-        at = T_M_N[:3, :3].T @ (at - T_M_N[:3, 3])
+        pose = pose @ T_M_N
+        load = LoadKind(load.kind, tuple(T_M_N[:3, :3].T @ (load.at - T_M_N[:3, 3])))
     for table in (matrices, compliances):
         minus = table["A"]
         table["+"] = None if minus is None else minus.T
     return StiffnessInFrame(
         read_only(T_M_N),
-        read_only(result.pose @ T_M_N),
+        read_only(pose),
         None if W is None else read_only(W),
-        LoadKind(result.load.kind, tuple(at)),
+        load,
         _fixed(matrices),
         _fixed(compliances),
         read_only(change),
         result.root_of_compliance,
     )
+
+
+def _is_body_frame(T: Array) -> bool:
+    return bool(T.tolist() == _BODY)
 
 
 def _fixed(table: dict[str, Array | None]) -> Mapping[str, Array | None]:

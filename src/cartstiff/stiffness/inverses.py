@@ -17,12 +17,12 @@ from cartstiff.stiffness.rounding import without_cancelled
 class Compliances(NamedTuple):
     """C^A, C^B, C^K, C^F (6, 6), None where one does not exist, and the relative error of C^B.
 
-    `has_load` says that the inverse of K^load is plainly known, too.
+    `load` is the inverse of K^load where it is plainly known, too.
     """
 
     matrices: dict[str, Array | None]
     error: float = 0.0
-    has_load: bool = False
+    load: Array | None = None
 
     @property
     def B(self) -> numerics.Inverse | None:  # noqa: N802
@@ -82,13 +82,15 @@ def plain_inverses(
     # Without a load the first four are one.
     symmetric = each[::4] if any(reduction.force.tolist()) else each
     symmetric[:] = 0.5 * (symmetric + symmetric.swapaxes(1, 2))
+    if len(symmetric) < len(each) and numerics.is_symmetric(matrices[3]):
+        each[3] = 0.5 * (each[3] + each[3].T)
     each.flags.writeable = False
     known: dict[str, Array | None] = {"A": each[1], "B": each[0], "K": each[2], "F": None}
     if len(errors) > 4:
         known["F"] = each[4] if errors[4] < inf else _of_chart(matrices[4:], chart, free)
     if not max(errors[:3]) < inf:
         return None
-    return Compliances(known, errors[0], errors[3] < inf)
+    return Compliances(known, errors[0], each[3] if errors[3] < inf else None)
 
 
 def _of_chart(K_F: Array, chart: Array | None, free: FreeMotions) -> Array | None:

@@ -163,8 +163,10 @@ class PostureStiffness(ShownInLines):
         for C^F the Hessian is that in the chart.
         """
         # Not by way of this object: in a circle it would stay until circles are looked for.
+        plain = self._plain_inverses
         under_load = partial(inverses.compliance_under, self.reduction, self._changes[2])
-        return NamedArrays(self._inverses.matrices, {"load": under_load})
+        known = under_load if plain is None or plain.load is None else plain.load
+        return NamedArrays(self._inverses.matrices, {"load": known})
 
     @cached_property
     def _inverses(self) -> inverses.Compliances:
@@ -217,6 +219,8 @@ class PostureStiffness(ShownInLines):
         """Whether there is a load: one was given, or the springs exert more than rounding."""
         if self.wrench is None or self._load_is_given:
             return self.wrench is not None
+        if not any(self.wrench.tolist()):
+            return False
         J, sizes = self.posture.motion.jacobian, self.posture.coordinate_lengths
         return is_felt(self.wrench, J, self.evaluation.hessian, sizes)
 
@@ -231,6 +235,8 @@ class PostureStiffness(ShownInLines):
 
     def shown_wrench(self, wrench: Array) -> Array:
         """A wrench (6,) with zeros for moment and force that are rounding, of springs or halves."""
+        if not any(wrench.tolist()):
+            return wrench
         H = None if self._load_is_given else self.evaluation.hessian
         return shown_wrench(wrench, H, self.posture.coordinate_lengths, self.posture.length)
 
@@ -252,8 +258,7 @@ class PostureStiffness(ShownInLines):
     @cached_property
     def tangent_compliance(self) -> Array | None:
         """Inverse of `tangent`, found as `compliances`; exists at kinematic singularities too."""
-        C = inverses.compliance_under(self.reduction, self.change_by_load)
-        return None if C is None else fixed(C)
+        return self.compliances["load"]
 
     @property
     def compliance(self) -> Compliance:
@@ -326,7 +331,8 @@ class PostureStiffness(ShownInLines):
         error = posture_notes.error_of_chosen_forces(*parts, plain and plain.matrices["B"])
         if error > numerics.TELLING and not self.is_loaded:
             error = 0.0
-        if error <= numerics.TELLING and plain and (plain.has_load or not self._load_is_given):
+        has_load = plain is not None and plain.load is not None
+        if error <= numerics.TELLING and plain and (has_load or not self._load_is_given):
             return []
         change = self.change_by_load if self._load_is_given else None
         known = self._inverses.B, self._natural, change, error
