@@ -268,6 +268,14 @@ def _of_pair(
         keep = _choice(*choice[:2])[0]
         size = float(np.abs(_moved(block, matrix, T)[keep, keep]).max())
         return _without_rounding(ellipsoid(block(matrix, *choice)), size)
+    freedom, others = choice[:2]
+    keep, held = _choice(freedom, others)
+    # Of the two blocks one is eliminated: for a stiffness held that of C, free that of K.
+    is_eliminated = held != (block is stiffness_block)
+    if not is_eliminated:
+        alone = ellipsoid(block(matrix, *choice))
+        if numerics.hold_all_digits(alone.eigenvalues):
+            return alone
     blocks: list[Array | None] = []
     failures = []
     for function, whole in ((block, matrix), (block_of_inverse, inverse)):
@@ -284,10 +292,6 @@ def _of_pair(
         raise failures[0]
     if c is None:
         return ellipsoid(m)
-    freedom, others = choice[:2]
-    keep, held = _choice(freedom, others)
-    # Of the two blocks one is eliminated: for a stiffness held that of C, free that of K.
-    is_eliminated = held != (block is stiffness_block)
     T = choice[2]
     if T is not None:
         matrix, inverse = _moved(block, matrix, T), _moved(block_of_inverse, inverse, T)

@@ -171,12 +171,13 @@ def _of_block(K: Array, C: Array | None, block: slice, root: Array | None) -> Ar
     """Eigenvalues of a diagonal block of K; the inverse of the block is C, the others held."""
     if root is not None:
         return graded.eigenvalues(graded.held(root, block))
-    if C is None:
-        return numerics.eigenvalues(K[block, block])
+    alone = numerics.eigenvalues(K[block, block])
+    if C is None or numerics.hold_all_digits(alone):
+        return alone
     try:
         inverse = eliminate(C, block)
     except UndefinedError:
-        return numerics.eigenvalues(K[block, block])
+        return alone
     return numerics.eigenvalues(K[block, block], inverse, (1.0, loss_of_elimination(C, block)))
 
 

@@ -1,4 +1,4 @@
-"""Inverses, singular values and eigenvalues of small matrices, by NumPy's routines without what is around them.
+"""Inverses, singular values and eigenvalues of small matrices, by NumPy's inner routines.
 
 `numpy.linalg` looks at types and shapes for longer than LAPACK works on six rows. The digits are
 the same; where NumPy keeps its routines elsewhere its public functions are taken.

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cartstiff.numerics.criteria import PLAIN_BLOCK
 from cartstiff.numerics.policy import EPSILON, LOST, ZERO, Array
 from cartstiff.numerics.small import right_angled, symmetric_values, symmetric_vectors
 
@@ -22,8 +23,8 @@ def eigenvalues(
 
     A matrix M of doubles knows its eigenvalues to about ``EPSILON |M|``, its inverse C their
     inverses to ``EPSILON |C|``: the k largest (by size) are taken from M, the others from C, with k
-    so that the worst of them has most digits. Without an inverse what is below `ZERO` times the
-    largest is exactly zero.
+    so that the worst of them has most digits. One matrix that is well conditioned needs no inverse.
+    Without an inverse what is below `ZERO` times the largest is exactly zero.
 
     Parameters
     ----------
@@ -45,6 +46,8 @@ def eigenvalues(
     a = _of_symmetric(matrix)
     if inverse is None:
         return _cleaned(a)
+    if losses[0] == 1.0 and a.ndim == 1 and hold_all_digits(a):
+        return a
     b = _of_symmetric(inverse)
     if a.ndim == 1 and a.size and not np.isnan(a).any() and not np.isnan(b).any():
         of_one = _parted(a, b, losses)
@@ -71,6 +74,8 @@ def eigenpairs(
     a, u = symmetric_vectors(0.5 * (matrix + matrix.T))
     if inverse is None:
         return _cleaned(a), u
+    if losses[0] == 1.0 and hold_all_digits(a):
+        return a, u
     b, v = symmetric_vectors(0.5 * (inverse + inverse.T))
     parts = _parted(a, b, losses)
     if parts.error > LOST:
@@ -79,6 +84,12 @@ def eigenpairs(
     vectors = right_angled(np.concatenate((u[:, parts.of_a], v[:, parts.of_c]), axis=1))
     order = sorted(range(len(a)), key=parts.values.__getitem__)
     return np.array(parts.values)[order], vectors[:, order]
+
+
+def hold_all_digits(values: Array) -> bool:
+    """Whether a matrix with these eigenvalues (n,) alone has digits enough for all of them."""
+    sizes = [abs(x) for x in values.tolist()]
+    return max(sizes, default=0.0) < PLAIN_BLOCK * min(sizes, default=0.0)
 
 
 class _Parts(NamedTuple):
@@ -97,15 +108,20 @@ def _parted(a: Array, b: Array, losses: tuple[float, float]) -> _Parts:
     """`_merged` for one matrix with the eigenvalues a and its inverse with b, each (n,)."""
     own = a.tolist()
     others = [1.0 / x if x else inf for x in b.tolist()]
-    i, j = (sorted(range(len(v)), key=lambda k, v=v: -abs(v[k])) for v in (own, others))
+    i, j = _by_size(own), _by_size(others)
     large, small = [abs(own[k]) for k in i], [abs(others[k]) for k in j]
-    if not (0.0 < large[-1] and 0.0 < small[-1] and max(large[0], small[0]) < inf):
+    if not (large[-1] > 0.0 and small[-1] > 0.0 and max(large[0], small[0]) < inf):
         rows = np.array([large]), np.array([small])
         cut = _cut(*rows, losses)
         k, error = int(cut[0]), float(_errors(*rows, cut, losses)[0])
     else:
         k, error = _cut_of_one(large, small, losses)
     return _Parts([own[x] for x in i[:k]] + [others[x] for x in j[k:]], i[:k], j[k:], error)
+
+
+def _by_size(values: list[float]) -> list[int]:
+    """Places of the values, the largest first."""
+    return sorted(range(len(values)), key=lambda k: -abs(values[k]))
 
 
 def _cut_of_one(a: list[float], c: list[float], losses: tuple[float, float]) -> tuple[int, float]:
@@ -125,7 +141,7 @@ def _of_symmetric(matrix: ArrayLike) -> Array:
     """Eigenvalues of the symmetric parts, NaN for matrices that are not finite."""
     m = np.asarray(matrix, float)
     half = 0.5 * (m + m.swapaxes(-1, -2))
-    if m.ndim == 2 and np.isfinite(half).all():  # noqa: PLR2004 - one matrix
+    if m.ndim == 2 and np.isfinite(half).all():
         return symmetric_values(half)
     finite = np.isfinite(half).all(axis=(-1, -2))
     if finite.all():
