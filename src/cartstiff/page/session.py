@@ -206,14 +206,11 @@ class Session:
     def result(self, state: State) -> PostureStiffness:
         """The posture of a state, with its springs, its load and what its drives are told."""
         elastic, q = self._placed(state)
-        load: dict[str, Any] = {}
-        if state.load is not None:
-            load = {"wrench": state.load}
-            if state.load_axes != "body":
-                load["load_axes"] = "world"
+        axes = {} if state.load_axes == "body" else {"load_axes": "world"}
+        load: dict[str, Any] = {} if state.load is None else {"wrench": state.load, **axes}
         # Its buttons stay as they are while there is no load.
-        of_kind = state.load_kind != "dead" or any(state.acts_at)
-        if of_kind and (load or elastic.may_be_loaded):
+        is_usual = state.load_kind == "dead" and not any(state.acts_at)
+        if not is_usual and (load or elastic.may_be_loaded):
             load |= {"load_kind": state.load_kind, "load_at": state.acts_at}
         if state.command is None or not any(state.command):
             return analyse(elastic, q, **load)

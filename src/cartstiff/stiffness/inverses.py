@@ -25,6 +25,11 @@ class Compliances(NamedTuple):
     load: Array | None = None
 
     @property
+    def has_load(self) -> bool:
+        """Whether the inverse of K^load is known."""
+        return self.load is not None
+
+    @property
     def B(self) -> numerics.Inverse | None:  # noqa: N802
         """C^B with its error."""
         C = self.matrices["B"]

@@ -163,10 +163,10 @@ class PostureStiffness(ShownInLines):
         for C^F the Hessian is that in the chart.
         """
         # Not by way of this object: in a circle it would stay until circles are looked for.
-        plain = self._plain_inverses
-        under_load = partial(inverses.compliance_under, self.reduction, self._changes[2])
-        known = under_load if plain is None or plain.load is None else plain.load
-        return NamedArrays(self._inverses.matrices, {"load": known})
+        under_load: Any = self._inverses.load
+        if under_load is None:
+            under_load = partial(inverses.compliance_under, self.reduction, self._changes[2])
+        return NamedArrays(self._inverses.matrices, {"load": under_load})
 
     @cached_property
     def _inverses(self) -> inverses.Compliances:
@@ -217,10 +217,8 @@ class PostureStiffness(ShownInLines):
     @cached_property
     def is_loaded(self) -> bool:
         """Whether there is a load: one was given, or the springs exert more than rounding."""
-        if self.wrench is None or self._load_is_given:
-            return self.wrench is not None
-        if not any(self.wrench.tolist()):
-            return False
+        if self.wrench is None or self._load_is_given or not any(self.wrench.tolist()):
+            return self.wrench is not None and self._load_is_given
         J, sizes = self.posture.motion.jacobian, self.posture.coordinate_lengths
         return is_felt(self.wrench, J, self.evaluation.hessian, sizes)
 
@@ -235,9 +233,7 @@ class PostureStiffness(ShownInLines):
 
     def shown_wrench(self, wrench: Array) -> Array:
         """A wrench (6,) with zeros for moment and force that are rounding, of springs or halves."""
-        if not any(wrench.tolist()):
-            return wrench
-        H = None if self._load_is_given else self.evaluation.hessian
+        H = None if self._load_is_given or not any(wrench.tolist()) else self.evaluation.hessian
         return shown_wrench(wrench, H, self.posture.coordinate_lengths, self.posture.length)
 
     @property
@@ -331,8 +327,7 @@ class PostureStiffness(ShownInLines):
         error = posture_notes.error_of_chosen_forces(*parts, plain and plain.matrices["B"])
         if error > numerics.TELLING and not self.is_loaded:
             error = 0.0
-        has_load = plain is not None and plain.load is not None
-        if error <= numerics.TELLING and plain and (has_load or not self._load_is_given):
+        if error <= numerics.TELLING and plain and (plain.has_load or not self._load_is_given):
             return []
         change = self.change_by_load if self._load_is_given else None
         known = self._inverses.B, self._natural, change, error
