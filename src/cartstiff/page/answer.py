@@ -50,7 +50,9 @@ class Answer:
         """
         try:
             plain = json.dumps(self.data, allow_nan=False, separators=(",", ":"))
-            text = _UNSEEN.sub(_shown, plain).encode()
+            if "\\" in plain or "\x7f" in plain:
+                plain = _UNSEEN.sub(_shown, plain)
+            text = plain.encode()
         except ValueError:
             raise InputError(
                 "the result leaves the range of double precision",
