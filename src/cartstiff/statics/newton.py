@@ -321,6 +321,8 @@ class _Iteration:
                 point = system.at(system.retracted(q, contacts))
                 if not np.isfinite(point.evaluation.gradient).all():
                     return None
+                if self.balance.is_skewed and not self.balance.multipliers.size:
+                    point = system.relieved(point)
                 new = self._violated(point, contacts)
                 if not new:
                     return point, contacts, share

@@ -46,6 +46,8 @@ Lines = tuple[Array, Array, Array]
 ROUNDINGS = 8.0
 #: Largest move of one step onto the constraints, in natural units, and how many are tried.
 _PULL, _PULLS = 0.2, 100
+# Newton steps by which stiff legs find their lengths again, each of which squares what is missed.
+_RELIEVED = 6
 # Ratio of stiffnesses from which on those of legs are kept apart.
 _FAR = numerics.FAR
 # Stiff joints still move by this share of what soft ones do, so that ranks stay visible.
@@ -91,6 +93,7 @@ class System:
         self.held = held
         self.limits = Limits(elastic.mechanism, ignore=True) if limits is None else limits
         self.terms = (*elastic.terms(), *self.loads)
+        self.softest = np.inf  # stiffness that a motion has had
 
     def of(self, elastic: ElasticMechanism) -> System:
         """The same loads, held components and limits on another mechanism."""
@@ -232,9 +235,9 @@ class System:
         more, areas, loads = found
         if (balanced := self.elastic.line_springs_apart(point.posture, more)) is None:
             return None
-        return by_lengths(
-            parts[0] * point.posture.coordinate_lengths, parts[1], (balanced[2] + loads) * areas
-        )
+        L = point.posture.length  # lengths in natural units, as all coordinates
+        lines = parts[0] * point.posture.coordinate_lengths / L
+        return by_lengths(lines, parts[1] * L**2, (balanced[2] + loads) * areas)
 
     def _more_tension(
         self, point: Point, parts: Lines, gradient: Array, reach: float, is_at_rest: bool = False
@@ -254,15 +257,34 @@ class System:
         )
         columns = point.posture.coordinate_lengths
         areas = columns * columns[:, None]
-        found = by_lengths(lines * columns, k, (rest + loads) * areas)
+        L = point.posture.length
+        found = by_lengths(lines * columns / L, k * L**2, (rest + loads) * areas)
         if found is None:
             return None
         missed = found.motions.T @ gradient
         more = np.zeros(len(k))
-        blurred = ROUNDINGS * EPSILON * k[found.leading] * reach * point.posture.length
+        blurred = ROUNDINGS * EPSILON * k[found.leading] * L**2 * reach
         is_rounding = (np.abs(missed) <= blurred) | is_at_rest
-        more[found.leading] = np.where(is_rounding, -missed, 0.0)
+        more[found.leading] = np.where(is_rounding, -missed / L, 0.0)
         return more, areas, loads
+
+    def relieved(self, point: Point) -> Point:
+        """A point beside which stiff legs have the lengths that balance, for the same soft motions.
+
+        Soft motions follow a surface that bends. Off it stiff legs exert what turns the stiffness
+        of soft motions over, and steps along its tangent end where a leg has gained a rounding.
+        """
+        missed = np.inf
+        for _ in range(_RELIEVED):
+            b = self.balance(point)
+            self.softest = min(self.softest, float(b.hardness.min()))
+            stiff = b.hardness > numerics.STIFF * self.softest
+            y = np.where(stiff, -b.unbalanced / b.hardness, 0.0)
+            if not b.is_skewed or not y.any() or not np.abs(y).max() < 0.5 * missed:
+                break
+            missed = float(np.abs(y).max())
+            point = self.at(self.moved(point, b.motion(y)))
+        return point
 
     def at_rest(self, point: Point) -> ElasticMechanism:
         """The mechanism in an equilibrium, its stiff legs with the tensions that balance.
@@ -294,7 +316,7 @@ class System:
     @staticmethod
     def _reach(posture: MechanismPosture) -> float:
         """Largest coordinate in natural units, at least 1: what rounding of coordinates goes by."""
-        if posture.coordinates_are_pose:
+        if posture.coordinates_are_pose:  # a length is the difference of two points so far away
             return 1.0 + float(np.abs(posture.pose[:3, 3]).max()) / posture.length
         return max(1.0, float(np.abs(posture.q / posture.coordinate_lengths).max(initial=0.0)))
 

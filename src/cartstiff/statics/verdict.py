@@ -35,8 +35,11 @@ def state_of_rest(
     point, balance = solution.point, solution.balance
     notes = list(system.elastic.notes)
     conservative = not np.isnan(point.evaluation.energy)
+    unresolved = _unresolved(point, balance, start)
+    known = [n.values.get("largest") for n in unresolved]
+    is_anywhere = any(isinstance(x, float) and x >= 1.0 for x in known)
     stable, values, remarks = (
-        _by_energy(balance) if conservative else _by_vibrations(system, point, balance)
+        _by_energy(balance, is_anywhere) if conservative else _by_vibrations(system, point, balance)
     )
     notes += remarks
     if stages > 1:
@@ -58,7 +61,9 @@ def state_of_rest(
     notes += force_notes(system.elastic, point.posture)
     notes += system.elastic.remarks(point.posture)
     notes += weighed(system.elastic).notes
-    notes += _drowned(system.elastic, point) + _unresolved(point, balance, start, stable)
+    notes += _drowned(system.elastic, point)
+    if stable is not False:  # at an unstable one nothing stays
+        notes += unresolved
     reactions = _reactions(system, solution)
     for name, force in reactions.limits.items():
         side = "lower" if force > 0 else "upper"
@@ -82,15 +87,18 @@ def state_of_rest(
     )
 
 
-def _by_energy(balance: Balance) -> tuple[bool | None, Array, list[Note]]:
-    """Verdict by the energy's second derivative, its eigenvalues, and notes."""
+def _by_energy(balance: Balance, is_anywhere: bool) -> tuple[bool | None, Array, list[Note]]:
+    """Verdict by the energy's second derivative, its eigenvalues, and notes.
+
+    There is none of a posture that may be anywhere.
+    """
     values = spectrum(balance, conservative=True)
     scaled, modes = balance.modes()
     zero = max(IDLE, balance.unsure)
-    if np.all(scaled > zero):
+    if not is_anywhere and np.all(scaled > zero):
         return True, values, []
     facts: dict[str, object] = {"eigenvalues": values.tolist()}
-    if np.all(scaled >= -zero):
+    if is_anywhere or np.all(scaled >= -zero):
         return None, values, [Note("neutral", _NEUTRAL, facts)]
     direction = balance.motion(modes[:, 0])
     facts["direction"] = (direction / np.linalg.norm(direction)).tolist()
@@ -146,13 +154,8 @@ def _drowned(elastic: ElasticMechanism, point: Point) -> list[Note]:
     ]
 
 
-def _unresolved(
-    point: Point, balance: Balance, start: MechanismPosture, stable: bool | None
-) -> list[Note]:
-    """A posture that stiff springs leave open: their rounding moves soft motions.
-
-    Of an unstable one, at which nothing stays, nothing is said.
-    """
+def _unresolved(point: Point, balance: Balance, start: MechanismPosture) -> list[Note]:
+    """A posture that stiff springs leave open: their rounding moves soft motions."""
     per = 1 / np.sqrt(balance.hardness)
     if np.isnan(point.evaluation.energy) and numerics.invert(balance.scaled, per / per) is None:
         return [Note("neutral", _NEUTRAL)]  # with a potential it is said elsewhere
@@ -163,7 +166,7 @@ def _unresolved(
     unsure = give if balance.free is None else np.abs(balance.free) @ give
     most = float(unsure.max())
     away = np.abs(point.q - start.q) / point.posture.coordinate_lengths
-    if stable is False or most <= max(numerics.ROUNDING, numerics.LOST * float(away.max())):
+    if most <= max(numerics.ROUNDING, numerics.LOST * float(away.max())):
         return []
     known = "are not known at all"
     if most < 1.0:
