@@ -268,14 +268,17 @@ class _Code:
         """The steps of `closing.close` for one posture; None where the engine would go on."""
         from cartstiff.many.arithmetic import PLAIN
         from cartstiff.many.chains.closing import STEPS, is_shut
+        from cartstiff.mechanisms.closures import FUTILE, LONGEST_STEP
 
-        left, size = closing.at["left"], inf
+        left, size, best, futile = closing.at["left"], inf, inf, 0
         for _ in range(STEPS):
             record, before = closing.record(q, None), size
             size, step, length, doubt = record[left].tolist()
             if is_shut(size, step, length, before):
                 return q
-            if doubt != PLAIN or not step < inf:
+            futile = 0 if size < 0.9 * best else futile + 1
+            best = min(best, size)
+            if doubt != PLAIN or not step < inf or (futile >= FUTILE and step < LONGEST_STEP):
                 return None
             q = record[: len(q)]
         return None

@@ -21,7 +21,7 @@ from cartstiff.errors import ConvergenceError, InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
-from cartstiff.mechanisms.closures import LONGEST_STEP, TiedState, Ties, held_map
+from cartstiff.mechanisms.closures import FUTILE, LONGEST_STEP, TiedState, Ties, held_map
 from cartstiff.mechanisms.closures import Closure as Closure
 from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
@@ -185,8 +185,6 @@ class ChainPosture(MechanismPosture):
 
 # Three and more times what holds all that `MOST_COORDINATES` can move, at six each.
 _MOST_CLOSURES = 100
-# Newton steps in a row that bring the gap of the closures no nearer to zero.
-_FUTILE = 8
 
 
 class Chain(Mechanism):
@@ -387,7 +385,7 @@ class Chain(Mechanism):
             step = np.linalg.lstsq(A, -residual, rcond=LEAST_EFFORT)[0]
             largest = float(np.abs(step).max())
             # Whole steps that do not help lead to where the gap is least, not to where it shuts.
-            if not largest > STILL or (futile >= _FUTILE and largest < LONGEST_STEP):
+            if not largest > STILL or (futile >= FUTILE and largest < LONGEST_STEP):
                 break
             posture = self.at(posture.q + columns * step * min(1.0, LONGEST_STEP / largest))
         size, posture = best

@@ -22,6 +22,8 @@ from cartstiff.potentials.contract import Map
 
 #: A step towards closure changes no coordinate by more (rad, or characteristic lengths).
 LONGEST_STEP = 0.2
+#: Newton steps in a row that bring the gap of the closures no nearer to zero.
+FUTILE = 8
 
 _ROWS = {"weld": slice(0, 6), "point": slice(3, 6)}
 # Closer than this to closure the residual's Jacobian is the relative twist's, to rounding.

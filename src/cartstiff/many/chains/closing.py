@@ -34,7 +34,7 @@ from cartstiff.many.arithmetic import JACOBIAN_CONDITION, PLAIN, limited
 from cartstiff.many.chains.closed_chain import ClosedCase, length_of
 from cartstiff.many.chains.tree_twists import Tie, TreeKinematics
 from cartstiff.many.tape import Scalar, Tape, larger, pick
-from cartstiff.mechanisms.closures import LONGEST_STEP
+from cartstiff.mechanisms.closures import FUTILE, LONGEST_STEP
 
 #: Bernoulli numbers over factorials: coefficients of ``(t / 2) cot(t / 2)`` in t^2, but for the 1.
 _COTANGENT = (-1 / 12, -1 / 720, -1 / 30240, -1 / 1209600, -1 / 47900160, -691 / 1307674368000,
@@ -144,6 +144,7 @@ def is_shut(size: Any, step: Any, length: Any, before: Any) -> Any:
 
 def _close(workspace: Any, q: Array, is_closed: NDArray[np.bool_]) -> None:
     n, which, before = q.shape[1], np.arange(len(q)), np.full(len(q), np.inf)
+    best, futile = before, np.zeros(len(q), int)
     for _ in range(STEPS):
         moved = {"next": aligned_empty(len(which), n + n % 2), "left": aligned_empty(len(which), 4)}
         at = q if len(which) == len(q) else q[which]
@@ -151,8 +152,11 @@ def _close(workspace: Any, q: Array, is_closed: NDArray[np.bool_]) -> None:
         size, step, length, doubt = moved["left"].T
         done = is_shut(size, step, length, before)
         is_closed[which[done]] = True
+        futile = np.where(size < 0.9 * best, 0, futile + 1)
         goes_on = ~done & (doubt == PLAIN) & np.isfinite(step)
-        which, before = which[goes_on], size[goes_on]
+        goes_on &= (futile < FUTILE) | (step >= LONGEST_STEP)
+        which, before, futile = which[goes_on], size[goes_on], futile[goes_on]
+        best = np.minimum(best[goes_on], before)
         if not which.size:
             return
         q[which] = moved["next"][goes_on, :n]
