@@ -57,7 +57,7 @@ def living(name: str) -> tuple[Any, Tapes]:
     return elastic, found
 
 
-def states(name: str) -> list[State]:
+def states(name: str, count: int = STATES) -> list[State]:
     """Postures within a turn, loads of every kind, springs, points, axes, connections."""
     elastic, _ = living(name)
     draw = np.random.default_rng(7)
@@ -66,7 +66,7 @@ def states(name: str) -> list[State]:
     wide = 1.0 if elastic.mechanism.kind == "serial" else 0.05 * np.array([1, 1, 1, 4, 4, 4])
     force = 1e-3 * float(np.mean(sizes)) if elastic.mechanism.kind == "serial" else 10.0
     found = []
-    for k in range(STATES):
+    for k in range(count):
         load = draw.normal(size=6) * force if k % 3 else None
         found.append(State(
             q=(elastic.q + wide * draw.uniform(-1, 1, n)).tolist(),
@@ -163,6 +163,63 @@ def test_a_page_without_a_server_says_what_the_library_says(name):
             if matrix is not None:
                 assert np.array_equal(as_shown(matrix), as_shown(there[connection]))
     assert answered > 0.8 * STATES
+
+
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_matrices_of_the_page_have_twelve_digits_or_it_says_how_many(name):
+    """Compliances by the page's own elimination, each against the library's largest entry.
+
+    A stiffness under its load may be nearly singular where the one of the springs is not: then no
+    two ways of adding it up give twelve digits of its inverse.
+    """
+    elastic, _ = living(name)
+    session = Session(Source(elastic))
+    wanted = states(name, 200 if name == "stewart-gough" else STATES)
+    code = """(({ K, C }) => ({ K, C, sure: Object.fromEntries(Object.entries(C).map(([name, one]) =>
+        [name, one && living.data.platform ? sureOfInverse(one) : 0])) }))(living.solve(state))"""
+    for state, found in zip(wanted, asked(name, wanted, code), strict=True):
+        if found is None:
+            continue
+        with np.errstate(all="ignore"):
+            result = session.result(state)
+        for connection in "ABKF":
+            for mine, theirs, known in (
+                (found["K"][connection], result.matrices[connection], 1e-12),
+                (found["C"][connection], result.compliances[connection],
+                 max(1e-12, found["sure"][connection])),
+            ):  # fmt: skip
+                if mine is None:
+                    assert theirs is None
+                    continue
+                assert np.abs(np.array(mine) - theirs).max() <= known * np.abs(theirs).max()
+
+
+@pytest.mark.parametrize(
+    ("name", "start", "coordinate", "singular"),
+    [("ur5", (0.3, -1.1, 1.3, -0.7, 0.9, 0.2), 2, 0.0),
+     ("ur5", (0.3, -1.1, 1.3, -0.7, 0.9, 0.2), 4, 0.0),
+     ("cubic", None, 5, math.pi / 2), ("stewart-simscape", None, 5, math.pi / 2)],
+)  # fmt: skip
+def test_near_singular_states_are_refused_by_both(name, start, coordinate, singular):
+    """The page where the library has no matrix or tells of lost digits, and a decade before."""
+    elastic, _ = living(name)
+    session = Session(Source(elastic))
+    q = np.array([0.0, 0.0, elastic.q[2], 0.0, 0.0, 0.0] if start is None else start)
+    wanted = []
+    for distance in 10.0 ** -np.arange(0.5, 13.0, 0.5):
+        q[coordinate] = singular - distance
+        wanted.append(State(q=q.tolist()))
+    answered = [one is not None for one in asked(name, wanted, "living.solve(state).K.B")]
+    plain = []
+    for state in wanted:
+        result = session.result(state)
+        codes = [note.code for note in result.notes]
+        has_both = result.matrices["B"] is not None and result.compliances["B"] is not None
+        plain.append(has_both and not {"lost-digits", "singular-stiffness"}.intersection(codes))
+    assert answered[0]
+    assert not answered[-1]
+    assert all(there for here, there in zip(answered, plain, strict=True) if here)
+    assert all(here for here, nearer in zip(answered, plain[2:], strict=False) if nearer)
 
 
 def test_singular_postures_are_not_answered():

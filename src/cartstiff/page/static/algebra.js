@@ -53,6 +53,15 @@ export function inverse(A, sizes = A.map(() => 1)) {
   return work.map((row, i) => row.slice(n).map((x, j) => x * sizes[i] * sizes[j]));
 }
 
+/** To which share of its largest entry an inverse can be known: entries of the matrix, and elimination, each cost what `cartstiff.numerics.invert` expects. */
+export function sureOfInverse(C) {
+  const K = inverse(C, C.map((row, i) => 1 / Math.sqrt(Math.abs(row[i]))));
+  if (!K) return 1;
+  const sizes = K.map((row, i) => Math.sqrt(Math.abs(row[i])));
+  const norm = (M, by) => Math.sqrt(squares(M.map((row, i) => row.map((x, j) => by(x, sizes[i] * sizes[j])))));
+  return 2 * EPSILON * norm(K, (x, size) => x / size) * norm(C, (x, size) => x * size);
+}
+
 /** (C^-1 + D)^-1 from C, as the library finds it. */
 export function changed(C, D, length) {
   const rows = [1, 1, 1, length, length, length];

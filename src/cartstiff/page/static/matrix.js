@@ -1,7 +1,8 @@
 // The 6x6 matrix as a heat map with units, and the choice of connection.
 
 import { byId, choice, copy, el, sure, short } from "./dom.js";
-import { UNCOUPLED } from "./numerics.js";
+import { sureOfInverse } from "./algebra.js";
+import { ROUNDING, UNCOUPLED } from "./numerics.js";
 
 const WRENCH = ["mx", "my", "mz", "fx", "fy", "fz"];
 const MOTION = ["rx", "ry", "rz", "x", "y", "z"];
@@ -140,7 +141,7 @@ export function matrixPanel(store) {
 
   function showReadout() {
     if (!read || !shown) {
-      readout.textContent = shown ? scaleWords : "";
+      readout.textContent = shown ? lostDigits() || scaleWords : "";
       readout.title = "";
       return;
     }
@@ -152,6 +153,13 @@ export function matrixPanel(store) {
     readout.title = words;
   }
   const scaleWords = "colour: sign and size within blocks of one unit";
+
+  /** A compliance of legs is inverted: what that costs is said from the twelfth digit on. */
+  function lostDigits() {
+    const C = store.state.quantity === "compliance" && store.numbers.legs && store.matrix(store.state.connection);
+    const error = C ? sureOfInverse(C) : 0;
+    return error > ROUNDING ? `ill-conditioned: known to ${short(error, 2)} of its largest entry` : "";
+  }
 
   /** A matrix in the units in which it is read. */
   const scaled = (M) => M && M.map((row, i) => row.map((x, j) => (i > 2 && j > 2 ? store.read(x) : x)));
