@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Generator, Mapping
 from itertools import pairwise
 from math import log10
 from typing import Any
+
+import numpy as np
+
+from cartstiff.geometry.se3 import Array
 
 # A curve that changes by less than this factor from one posture to the next is drawn well enough.
 _DECADES = 0.1
@@ -13,6 +17,45 @@ _DECADES = 0.1
 _BREAK = 3.0
 
 _Row = Mapping[str, Any] | None
+#: By the coordinate that runs; None where no posture is reached.
+Rows = dict[float, dict[str, Any] | None]
+_RowAt = Callable[[Array], dict[str, Any] | None]
+
+
+def outwards(
+    row_at: _RowAt, base: Array, i: int, values: Array, follow: bool
+) -> Generator[None, None, Rows]:
+    """Rows at all values of coordinate i, yielding between them.
+
+    Outwards from `base`, each from its neighbour: a closed chain keeps its branch. Unless `follow`
+    the coordinates of a row are not those to begin at (drives have moved them on).
+    """
+    rows: Rows = {}
+    last = {-1: base, 1: base}
+    for k in np.argsort(np.abs(values - base[i]), kind="stable"):
+        side = 1 if values[k] >= base[i] else -1
+        q = last[side].copy()
+        q[i] = values[k]
+        row = row_at(q)
+        if row is not None:
+            last[side] = np.array(row["q"]) if follow else q
+        rows[float(values[k])] = row
+        yield
+    return rows
+
+
+def refine(
+    rows: Rows, row_at: _RowAt, i: int, narrow: float, most: int
+) -> Generator[None, None, None]:
+    """Add up to `most` rows where `widest_jump` wants them, yielding between them."""
+    for _ in range(most):
+        if (middle := widest_jump(rows, narrow)) is None:
+            return
+        near = min((x for x in rows if rows[x]), key=lambda x: abs(x - middle))
+        q = np.array((rows[near] or {})["q"])
+        q[i] = middle
+        rows[middle] = row_at(q)
+        yield
 
 
 def widest_jump(rows: Mapping[float, _Row], narrow: float) -> float | None:

@@ -7,6 +7,7 @@ take many postures are generators, `work`, which a server can interrupt between 
 from __future__ import annotations
 
 from collections.abc import Generator
+from functools import partial
 from time import perf_counter
 from typing import Any, Protocol
 
@@ -28,7 +29,7 @@ from cartstiff.page.answer import Answer
 from cartstiff.page.description import describe_mechanism, slider_ranges
 from cartstiff.page.payload import payload, response_curves, series_row
 from cartstiff.page.picture import Picture
-from cartstiff.page.refining import widest_jump
+from cartstiff.page.refining import Rows, outwards, refine
 from cartstiff.page.source import Source, changed
 from cartstiff.page.state import (
     Analysis,
@@ -94,6 +95,7 @@ class Session:
         self._q = np.array(elastic.q if q is None else q, float)
         self._variant: tuple[Any, ElasticMechanism] = ((None, None, None), elastic)
         self._follower = Follower(elastic)
+        self._swept: tuple[Sweep | None, Rows] = (None, {})  # the last one, before it is refined
         self._cloud_shown: tuple[str, str] | None = None
         self._colour_bar: dict[str, Any] | None = None
         self.picture = self.make_picture(elastic)
@@ -328,30 +330,16 @@ class Session:
         if i >= n:
             raise InputError("no such coordinate", where="sweep", expected=f"below {n}", got=i)
         base = self._placed(message.state)[1]
-        lower, upper = slider_ranges(self._elastic, self._q)[i]
-        values = np.linspace(lower, upper, message.steps)
-        # Outwards from where the mechanism stands: a closed chain keeps its branch.
-        order = np.argsort(np.abs(values - base[i]), kind="stable")
-        rows: dict[float, dict[str, Any] | None] = {}
-        last = {-1: base, 1: base}
-        for k in order:
-            side = 1 if values[k] >= base[i] else -1
-            q = last[side].copy()
-            q[i] = values[k]
-            row = self._row(message.state, q, i)
-            if row is not None:
-                last[side] = q if message.state.command else np.array(row["q"])
-            rows[float(values[k])] = row
-            yield
-        narrow = (upper - lower) / (message.steps - 1) / _FINEST
-        for _ in range(2 * message.steps * message.refined):
-            if (middle := widest_jump(rows, narrow)) is None:
-                break
-            near = min((x for x in rows if rows[x]), key=lambda x: abs(x - middle))
-            q = np.array((rows[near] or {})["q"])
-            q[i] = middle
-            rows[middle] = self._row(message.state, q, i)
-            yield
+        values = np.linspace(*slider_ranges(self._elastic, self._q)[i], message.steps)
+        follow = message.state.command is None
+        row = partial(self._row, message.state, moved=i)
+        asked = message.model_copy(update={"id": 0, "refined": False})
+        if self._swept[0] != asked:
+            self._swept = asked, (yield from outwards(row, base, i, values, follow))
+        rows = dict(self._swept[1])
+        if message.refined:
+            narrow = (values[-1] - values[0]) / (message.steps - 1) / _FINEST
+            yield from refine(rows, row, i, narrow, 2 * message.steps)
         at = sorted(rows)
         return Answer({"id": message.id, "do": "sweep", "coordinate": i,
                        "at": at, "rows": [rows[x] for x in at]})  # fmt: skip

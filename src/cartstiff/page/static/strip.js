@@ -219,13 +219,16 @@ export function strip(store) {
     plot.classList.add("computing");
     if (!series) plot.replaceChildren(text(MARGIN.left, MARGIN.top + 24, "computing …", "start", "nothing"));
     try {
-      const answer = await store.ask(kind === "series" ? { do: "series" } : { do: "sweep", coordinate: Number(index), steps: 61 });
-      if (asked !== wanted) return;
-      series = { kind, coordinate: Number(index), at: answer.at, rows: answer.rows, key: wanted, others: [] };
-      slow = answer.seconds > QUICK;
-      again.hidden = true;
-      time.max = series.at.length - 1;
-      draw();
+      let seconds = 0;
+      for (const refined of kind === "sweep" && store.source.live ? [false, true] : [true]) { // the first look need not wait
+        const answer = await store.ask(kind === "series" ? { do: "series" } : { do: "sweep", coordinate: Number(index), steps: 61, refined });
+        if (asked !== wanted) return;
+        series = { kind, coordinate: Number(index), at: answer.at, rows: answer.rows, key: refined && wanted, others: [] };
+        slow = (seconds += answer.seconds) > QUICK;
+        again.hidden = true;
+        time.max = series.at.length - 1;
+        draw();
+      }
       if (kind === "sweep") for (const row of store.rows) {
         const other = await row.sweep(Number(index), 61).catch(() => null);
         if (asked !== wanted) return;
