@@ -123,6 +123,33 @@ def test_the_first_view_holds_the_tool_and_nothing_is_wider_than_the_screen(serv
     page.context.close()
 
 
+#: Corners of what is framed: the widest share of the pane's half width, and pixels down from its top.
+CORNERS = """() => {
+    const { pane } = window.cartstiff;
+    const { camera } = pane.viewer;
+    camera.updateMatrixWorld();
+    const found = [0, 1, 2, 3, 4, 5, 6, 7].map((k) => {
+        const [x, y, z] = [0, 1, 2].map((i) => pane.framed.bounds[k >> i & 1][i]);
+        return camera.position.clone().set(x, z, -y).project(camera);
+    });
+    return [Math.max(...found.map(({ x }) => Math.abs(x))),
+        Math.max(...found.map(({ y }) => (1 - y) / 2 * pane.node.clientHeight)),
+        document.getElementById("legend").offsetTop];
+}"""
+
+
+@pytest.mark.parametrize("viewport", [(1280, 720), (1024, 768)])
+def test_all_corners_of_what_is_framed_are_seen_beside_the_legend(serve, pages, viewport):
+    """The sphere around a wide frame of cables is not what shows."""
+    width, height = viewport
+    page = pages.open(serve("cable-robot").url, viewport={"width": width, "height": height})
+    settled(page)
+    across, lowest, legend = page.evaluate(CORNERS)
+    assert across < 0.95
+    assert lowest < legend
+    page.context.close()
+
+
 def test_the_same_matrix_is_drawn_alike_whatever_was_before(ur5):
     radii = "() => window.cartstiff.legend.lines.map(({ text }) => text)"
     first = ur5.evaluate(radii)

@@ -13,6 +13,8 @@ const DIRECTIONS = { iso: [1, -1.05, 0.75], front: [1, 0, 0.12], side: [0, -1, 0
 const BRACE = 0x7b;
 // Distance of the camera over that at which the sphere around everything just fits.
 const FILLED = 0.95;
+// Share of the free picture within which all corners of what is framed lie.
+const ROOM = 0.9;
 // Boxes of words over the picture.
 const OVER = ["cameras", "show", "legend", "colour-bar"];
 
@@ -186,7 +188,10 @@ export class Pane {
     const half = Math.tan((camera.fov * Math.PI) / 360) * Math.min(free, width / Math.max(1, height));
     const radius = Math.max(CLOSE, Math.hypot(...low.map((x, i) => high[i] - x)) / 2);
     controls.target.set(...middle);
-    camera.position.copy(controls.target).add(direction.normalize().multiplyScalar(FILLED * radius / Math.sin(Math.atan(half))));
+    const tangent = Math.tan((camera.fov * Math.PI) / 360);
+    const sizes = [(tangent * width) / Math.max(1, height), tangent * free];
+    const far = Math.max((FILLED * radius) / Math.sin(Math.atan(half)), farEnough(direction.normalize(), bounds, sizes.map((size) => ROOM * size), up));
+    camera.position.copy(controls.target).add(direction.multiplyScalar(far));
     controls.update();
     this.framed = { preset, bounds, view: String(this.view) };
     this.viewer.set_dirty();
@@ -221,6 +226,19 @@ export class Pane {
     this.viewer.render();
     return new Promise((resolve) => this.viewer.renderer.domElement.toBlob(resolve, "image/png"));
   }
+}
+
+/** From how far, in a direction, every corner of a box is seen within tangents of the picture's half width and height. */
+function farEnough(direction, [low, high], [across, upright], up) {
+  const right = direction.clone().cross({ x: 0, y: -1, z: 0 }).normalize();
+  const over = direction.clone().cross(right);
+  const half = low.map((x, i) => (high[i] - x) / 2);
+  let far = 0;
+  for (let k = 0; k < 8; k++) {
+    const corner = direction.clone().set(...up(half.map((x, i) => (k >> i & 1 ? x : -x))));
+    far = Math.max(far, corner.dot(direction) + Math.max(Math.abs(corner.dot(right)) / across, Math.abs(corner.dot(over)) / upright));
+  }
+  return far;
 }
 
 /** Middle and half sizes of a node over the pane, which reaches from -1 to 1. */
