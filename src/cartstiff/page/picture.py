@@ -46,7 +46,7 @@ class Picture:
         }
         return {
             "lines": _legend_lines(legend), "notes": legend["notes"], "measures": measures,
-            "per_length": legend["length"]["scene_units_per_unit"],
+            "per_length": legend["length"]["scene_units_per_unit"], "screws": legend["screws"],
         }  # fmt: skip
 
     def kit(self, result: PostureStiffness, state: State) -> dict[str, Any]:

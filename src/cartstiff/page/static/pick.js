@@ -9,7 +9,7 @@ const STILL = 4;
 // How long (ms) a row stays lit.
 const LIT = 2600;
 // What is nearer to being meant where several parts lie behind each other.
-const MEANT = { load: 0, moment: 0, axis: 1, ellipsoid: 2, deflection: 2, leg: 3, joint: 3 };
+const MEANT = { load: 0, moment: 0, screw: 1, axis: 1, ellipsoid: 2, deflection: 2, leg: 3, joint: 3 };
 
 /** What a part of the picture is, by the names on its way; null for what says nothing. */
 export function meaning(names, mechanism) {
@@ -20,6 +20,7 @@ export function meaning(names, mechanism) {
   }
   if (part === "wrench") return { kind: second === "moment" ? "moment" : "load" };
   if (part === "deflection") return { kind: "deflection" };
+  if (part === "screws") return { kind: "screw", index: Number(second.slice(5)) - 1 };
   if (part !== "mechanism") return null;
   if (second === "legs") return { kind: "leg", index: Number(third.slice(5)) - 1 };
   if (!second?.startsWith("joint ")) return null;
@@ -36,7 +37,7 @@ export function under(pane, [x, y], mechanism) {
   const root = viewer.scene_tree.find(["meshcat", "cartstiff"]).object;
   const meshes = [];
   root.traverseVisible((node) => {
-    if (node.isMesh && !node.userData.isTwin && /^(mechanism|wrench|deflection|.* ellipsoid)$/.test(pathOf(node)[0] ?? "")) meshes.push(node);
+    if (node.isMesh && !node.userData.isTwin && /^(mechanism|wrench|deflection|screws|.* ellipsoid)$/.test(pathOf(node)[0] ?? "")) meshes.push(node);
   });
   return ray.intersectObjects(meshes, false)
     .map(({ object, distance }) => ({ what: meaning(pathOf(object), mechanism), distance }))
@@ -121,6 +122,11 @@ export function words(store, what) {
     const name = mechanism.springs[what.index]?.name ?? `leg ${what.index + 1}`;
     return leg ? `${name}: ${short(leg.length, 5)} ${store.unit("length")}, tension ${short(leg.tension)} ${store.unit("force")}${share(name)}` : name;
   }
+  if (what.kind === "screw") {
+    const { name, value, unit, pitch } = store.legend.screws?.[what.index] ?? {};
+    if (!name) return "eigenscrew";
+    return `${name}: ${short(value, 5)} ${unit}, pitch ${short(pitch)} ${store.unit("length")}`;
+  }
   if (what.kind === "deflection") return `moved by ${sure(Math.hypot(...(numbers.moved?.displacement ?? [0])))} ${store.unit("length")} under the load`;
   const part = what.kind === "moment" ? numbers.wrench?.slice(0, 3) : numbers.wrench?.slice(3);
   return part ? `load: ${short(Math.hypot(...part))} ${store.unit(what.kind === "moment" ? "moment" : "force")} (${part.map((x) => short(x, 3)).join(", ")})` : "load";
@@ -133,6 +139,7 @@ function lightRow(store, what) {
     axis: () => document.querySelector(`[data-row-of="${what.freedom}"]`)?.querySelectorAll("td")[what.index],
     joint: () => byId(`slider-${what.index}`)?.closest(".slider"),
     leg: () => document.querySelectorAll(".leg")[what.index + 1],
+    screw: () => document.querySelector(".matrix")?.closest(".card"), // it is read from the whole matrix
     load: () => document.querySelector(".moved-card"),
     moment: () => document.querySelector(".moved-card"),
     deflection: () => document.querySelector(".moved-card"),
