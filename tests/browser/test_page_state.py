@@ -124,7 +124,7 @@ def test_the_first_view_holds_the_tool_and_nothing_is_wider_than_the_screen(serv
     page.context.close()
 
 
-#: Corners of what is framed: the widest share of the pane's half width, and pixels down from its top.
+#: Corners of what is framed: largest share of the pane's half width, and dots down from its top.
 CORNERS = """() => {
     const { pane } = window.cartstiff;
     const { camera } = pane.viewer;

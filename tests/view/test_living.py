@@ -175,8 +175,9 @@ def test_matrices_of_the_page_have_twelve_digits_or_it_says_how_many(name):
     elastic, _ = living(name)
     session = Session(Source(elastic))
     wanted = states(name, 200 if name == "stewart-gough" else STATES)
-    code = """(({ K, C }) => ({ K, C, sure: Object.fromEntries(Object.entries(C).map(([name, one]) =>
-        [name, one && living.data.platform ? sureOfInverse(one) : 0])) }))(living.solve(state))"""
+    code = """(({ K, C }) => ({ K, C, sure: Object.fromEntries(
+        Object.entries(C).map(([name, one]) => [name,
+            one && living.data.platform ? sureOfInverse(one) : 0])) }))(living.solve(state))"""
     for state, found in zip(wanted, asked(name, wanted, code), strict=True):
         if found is None:
             continue
