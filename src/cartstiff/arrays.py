@@ -100,7 +100,16 @@ class NamedArrays(Mapping[str, Array | None]):
         return len(self._arrays)
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__}({self._arrays!r})"
+        lines = [
+            f"  {name}: "
+            + (
+                "none"
+                if a is None
+                else f"array {a.shape}, largest entry {np.abs(a).max(initial=0.0):.6g}"
+            )
+            for name, a in self._arrays.items()
+        ]
+        return "\n".join(["Arrays by name, in brackets:", *lines])
 
 
 def real_array(

@@ -176,3 +176,56 @@ def test_a_deflection_without_turning_has_no_rounding():
     assert push["twist"][:3] == [0.0, 0.0, 0.0]
     assert push["displacement"][:2] == [0.0, 0.0]
     assert push["displacement"][2] < 0.0
+
+
+# What checks itself says how large its rounding is.
+_CHECKS = re.compile(r"residual|largest difference")
+_ROUNDING = re.compile(r"\de-(?:1[3-9]|[2-9]\d|\d{3})\b")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "frames orthoglide",  # 1.4e-17 m in each direction
+        "frames 3-rrr",
+        "assemble cubic",  # a whole row beside a pose that is zero
+        "analyse orthoglide --analysis full",  # a body that does not turn: 7.6e-38 rad/(N m)
+        "analyse fanuc-r2000ic --q 0,0,0,0,0,0 --analysis full",  # intervals of entries that are 0
+        "analyse cubic --sensitivities --analysis none",  # 4e-12 beside 192
+    ],
+)
+def test_no_rounding_is_printed_as_a_number(command):
+    from click.testing import CliRunner
+
+    from cartstiff.cli.main import command as main
+
+    done = CliRunner().invoke(main, command.split())
+    assert done.exit_code == 0, done.output
+    lines = [line for line in done.output.splitlines() if not _CHECKS.search(line)]
+    assert not [line for line in lines if _ROUNDING.search(line)]
+
+
+def test_directions_are_shown_without_their_rounding():
+    """Axes that closures leave askew by 1e-10 are told as what they are; the JSON has them all."""
+    found = cartstiff.analyse(cartstiff.load("hexaglide"))
+    summary = analyse_posture(found)
+    axes = np.array(summary["ellipsoids"]["stiffness"]["translation"]["free"]["axes"])
+    small = np.abs(axes[(axes != 0.0) & (np.abs(axes) < 1e-9)])
+    assert small.size
+    text = summary_text(summary, found.units.as_dict(), "full")
+    shown = [line.split()[2:] for line in text.splitlines() if line.startswith("    axis ")]
+    assert shown
+    assert all(abs(float(x)) >= 1e-9 or float(x) == 0.0 for line in shown for x in line)
+
+
+def test_results_show_themselves_in_a_few_lines():
+    found = cartstiff.analyse(cartstiff.load("stewart-gough"))
+    for thing, told in (
+        (found.matrices, "B: array (6, 6), largest entry "),
+        (found.compliances, "F: array (6, 6), largest entry "),
+        (found.reduction, "6 free motions to rank 6"),
+    ):
+        assert told in repr(thing)
+        assert len(repr(thing)) < 400
+    largest = np.abs(found.matrices["B"]).max()
+    assert f"B: array (6, 6), largest entry {largest:.6g}" in repr(found.matrices)

@@ -24,4 +24,5 @@ def command(request: MechanismRequest, as_json: bool) -> None:
 
     elastic = request.at_posture()
     answer, angle = frames_of(elastic), elastic.units.shown_angle
-    tell(as_json, answer, request.mechanism, lambda: describe_frames(answer, angle))
+    length = elastic.mechanism.at(elastic.q).length
+    tell(as_json, answer, request.mechanism, lambda: describe_frames(answer, angle, length))

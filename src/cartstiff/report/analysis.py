@@ -17,9 +17,11 @@ from cartstiff.report.analysis_mechanism import (
     uncertainty_lines,
 )
 from cartstiff.report.analysis_screws import mode_lines, screw_lines, synthesis_lines
-from cartstiff.report.layout import number, numbers, percent, row, share, table, vector
+from cartstiff.report.layout import COSINES, number, numbers, percent, row, share, table, vector
 
 _FREEDOMS = {"translation": "rotation", "rotation": "translation"}
+# Springs differ by more than a rounding, but not by its square.
+_SQUARED = numerics.ZERO**2 / numerics.BLANK
 _OF_FREE = '  "free" comes from the symmetric part of its inverse: motion along a force'
 _DEFINITE = {"positive": "positive definite", "negative": "negative definite"}
 
@@ -55,7 +57,7 @@ def summary_text(
         return ""
     full = level == "full"
     lines = _heading(summary, u)
-    lines += _principal(summary["ellipsoids"], u, full)
+    lines += _principal(summary["ellipsoids"], u, full, summary["length"]["value"])
     lines += _softest(summary["ellipsoids"], u)
     lines += _directions(summary["directions"], u, full)
     lines += _centres(summary, u, full)
@@ -109,7 +111,7 @@ def _load(s: Mapping[str, Any], u: Units) -> list[str]:
     return [f"  {what} under a {load['kind']} load at {at}: {load['meaning']}"]
 
 
-def _principal(ellipsoids: Mapping[str, Any], u: Units, full: bool) -> list[str]:
+def _principal(ellipsoids: Mapping[str, Any], u: Units, full: bool, length: float) -> list[str]:
     exists = ellipsoids["stiffness"]["translation"]["held"] is not None
     if not exists and ellipsoids["compliance"]["translation"]["free"] is None:
         return []
@@ -127,13 +129,18 @@ def _principal(ellipsoids: Mapping[str, Any], u: Units, full: bool) -> list[str]
                     lines.append(f"{label:<42} does not exist")
                     continue
                 sign = "" if e["definiteness"] == "positive" else f"   {e['definiteness']}"
+                beside = ellipsoids[quantity][other][others]
+                power = 2 if (freedom == "rotation") == (quantity == "stiffness") else -2
+                size = 0.0 if beside is None else _SQUARED * max(map(abs, beside["eigenvalues"]))
                 lines.append(
-                    f"{label:<42} {' '.join(f'{number(x):>11}' for x in e['eigenvalues'])}{sign}"
+                    f"{label:<42} {row(e['eigenvalues'], size=size * length**power)}{sign}"
                 )
                 if full:
                     for column in range(3):
                         axis = [r[column] for r in e["axes"]]
-                        lines.append(f"{'    axis ' + str(column + 1):<42} {row(axis)}")
+                        lines.append(
+                            f"{'    axis ' + str(column + 1):<42} {row(axis, size=COSINES)}"
+                        )
     return lines
 
 
@@ -154,7 +161,7 @@ def _softest(ellipsoids: Mapping[str, Any], u: Units) -> list[str]:
             lines.append(f"  softest: a {load} any axis alike, {number(1 / largest)} "
                          f"{u.stiffness[freedom]}")  # fmt: skip
             continue
-        axis = vector(_upright([r[2] for r in e["axes"]]))
+        axis = vector(_upright([r[2] for r in e["axes"]]), size=COSINES)
         stiff = f"{number(1.0 / largest)} {u.stiffness[freedom]}"
         lines.append(f"  softest: a {load} {axis} {moves}, {stiff}")
     return lines

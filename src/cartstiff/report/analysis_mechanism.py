@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from math import degrees
 from typing import Any
@@ -10,7 +11,7 @@ from cartstiff import numerics
 from cartstiff.analysis.matrices import PURE
 from cartstiff.analysis.plain import unit_of
 from cartstiff.mechanisms.contract import Units
-from cartstiff.report.layout import number, numbers, percent, row, table, vector
+from cartstiff.report.layout import COSINES, number, numbers, percent, row, table, vector
 
 Section = Mapping[str, Any] | None
 
@@ -154,6 +155,21 @@ def _meet(numbers: Mapping[str, Any], prefix: str) -> bool:
     return min(b - a, c - b) <= numerics.NEARBY * max(abs(a), abs(c))
 
 
+# What is told of a spread, and its digits.
+_SPREAD = (("nominal", 5), ("mean", 5), ("deviation", 3), ("lower", 5), ("upper", 5))
+
+
+def _size(name: str, spreads: Mapping[str, Any]) -> float:
+    """What an entry of a matrix is rounding of: the geometric mean of its two diagonal ones."""
+    if ".axes[" in name:
+        return COSINES
+    matrix, _, entry = name.partition("[")
+    i, _, j = entry.rstrip("]").partition(", ")
+    ends = [spreads.get(f"{matrix}[{k}, {k}]") for k in (i, j)] if j else []
+    sizes = [abs(end["nominal"]) for end in ends if end is not None and end["nominal"] is not None]
+    return math.sqrt(math.prod(sizes)) if len(sizes) == 2 else 0.0
+
+
 def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
     """Standard deviations of the main numbers, or of all of them."""
     if s is None:
@@ -200,8 +216,8 @@ def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
         )
     if full:
         rows = [
-            [name, _unit(name, u), number(e["nominal"]), number(e["mean"]),
-             number(e["deviation"], 3), number(e["lower"]), number(e["upper"])]
+            [name, _unit(name, u),
+             *(number(e[key], digits, size=_size(name, spreads)) for key, digits in _SPREAD)]
             for name, e in spreads.items()
         ]  # fmt: skip
         level = percent(s["level"])

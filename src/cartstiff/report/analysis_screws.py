@@ -7,14 +7,14 @@ from typing import Any
 
 from cartstiff import numerics
 from cartstiff.mechanisms.contract import Units
-from cartstiff.report.layout import number, row, table
+from cartstiff.report.layout import COSINES, number, row, table
 
 
 def _line(a: Mapping[str, Any], size: float) -> list[str]:
     pitch = a["pitch"]
     if pitch is not None and abs(pitch) < numerics.BLANK * size:
         pitch = 0.0
-    return [number(pitch, 5, "infinite"), row(a["direction"], 4), row(a["point"], 4, size)]
+    return [number(pitch, 5, "infinite"), row(a["direction"], 4, COSINES), row(a["point"], 4, size)]
 
 
 def screw_lines(s: Mapping[str, Any], u: Units) -> list[str]:

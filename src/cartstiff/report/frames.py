@@ -153,7 +153,7 @@ def _legs(mechanism: Any, springs: LineSprings) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def describe_frames(answer: Mapping[str, Any], angle: str = "rad") -> str:
+def describe_frames(answer: Mapping[str, Any], angle: str = "rad", length: float = 0.0) -> str:
     """The answer of ``cartstiff frames``, for reading, with postures in "rad" or "deg"."""
     units, joints = answer["units"], answer["joints"]
     mechanism = answer["mechanism"]
@@ -187,7 +187,7 @@ def describe_frames(answer: Mapping[str, Any], angle: str = "rad") -> str:
     turned = np.degrees(se3.roll_pitch_yaw(pose))
     lines += [
         "",
-        f"M at {vector(pose[:3, 3], 6)} {units['length']} in F, roll, pitch, yaw "
+        f"M at {vector(pose[:3, 3], 6, length)} {units['length']} in F, roll, pitch, yaw "
         f"{vector(turned, 6, 1.0)} deg",
         "Gravity: none" if answer["gravity"] is None
         else f"Gravity: {vector(answer['gravity'], 6)} m/s^2",

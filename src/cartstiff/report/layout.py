@@ -8,6 +8,9 @@ from collections.abc import Iterable, Sequence
 from cartstiff import numerics
 from cartstiff.mechanisms.notes import Note
 
+#: Size that components of unit vectors are shown beside: one below 1e-9 tells nothing.
+COSINES = numerics.TELLING / numerics.BLANK
+
 
 def note_lines(notes: Iterable[Note]) -> list[str]:
     """Notes under their title, after an empty line; nothing without any."""
@@ -15,9 +18,11 @@ def note_lines(notes: Iterable[Note]) -> list[str]:
     return ["", "Notes", *lines] if lines else []
 
 
-def number(x: float | None, digits: int = 5, missing: str = "-") -> str:
-    """One number, "-" where it does not exist."""
-    return missing if x is None else f"{0.0 if x == 0 else x:.{digits}g}"
+def number(x: float | None, digits: int = 5, missing: str = "-", size: float = 0.0) -> str:
+    """One number, "-" where it does not exist; what is only rounding of a size is 0."""
+    if x is None:
+        return missing
+    return f"{0.0 if x == 0 or abs(x) < numerics.BLANK * size else x:.{digits}g}"
 
 
 def percent(x: float | None) -> str:
@@ -30,37 +35,36 @@ def percent(x: float | None) -> str:
 
 def share(x: float | None) -> str:
     """A pure number of size one; what is only rounding is 0, what does not exist "-"."""
-    return number(0.0 if x is not None and abs(x) < numerics.BLANK else x, 3)
+    return number(x, 3, size=1.0)
 
 
-def _shown(values: Iterable[float | None], size: float = 0.0) -> list[float | None]:
-    """Numbers with those that are only rounding, of the largest or of a size, set to 0."""
-    numbers = list(values)
-    largest = max((abs(x) for x in numbers if x is not None), default=0.0)
-    largest = max(largest, size)
-    return [0.0 if x is not None and abs(x) < numerics.BLANK * largest else x for x in numbers]
+def _each(values: Iterable[float | None], digits: int, size: float) -> list[str]:
+    """Numbers; what is only rounding of the largest or of a size is 0."""
+    given = list(values)
+    largest = max(max((abs(x) for x in given if x is not None), default=0.0), size)
+    return [number(x, digits, size=largest) for x in given]
 
 
 def row(values: Iterable[float | None] | None, digits: int = 5, size: float = 0.0) -> str:
     """Numbers in columns."""
     if values is None:
         return "does not exist"
-    return " ".join(f"{number(x, digits):>11}" for x in _shown(values, size))
+    return " ".join(f"{x:>11}" for x in _each(values, digits, size))
 
 
 def wide_row(values: Iterable[float], size: float = 0.0) -> str:
     """Numbers in wide columns, with the digits of a posture."""
-    return " ".join(f"{number(x, 6):>12}" for x in _shown(values, size))
+    return " ".join(f"{x:>12}" for x in _each(values, 6, size))
 
 
 def numbers(values: Iterable[float | None], digits: int = 5, size: float = 0.0) -> str:
     """Numbers in a line."""
-    return " ".join(number(x, digits) for x in _shown(values, size))
+    return " ".join(_each(values, digits, size))
 
 
 def vector(values: Iterable[float | None], digits: int = 3, size: float = 0.0) -> str:
     """A short vector in brackets."""
-    return f"({', '.join(number(x, digits) for x in _shown(values, size))})"
+    return f"({', '.join(_each(values, digits, size))})"
 
 
 def table(titles: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:

@@ -11,7 +11,7 @@ from cartstiff import numerics
 from cartstiff.arrays import csv_text
 from cartstiff.errors import joined, one_line
 from cartstiff.mechanisms.contract import Units, convert_length
-from cartstiff.report.layout import note_lines, number, percent, table, vector
+from cartstiff.report.layout import COSINES, note_lines, number, percent, table, vector
 from cartstiff.stiffness.tensor import format_matrix
 from cartstiff.vibration.accuracy import Accuracy, FrequencyInterval
 from cartstiff.vibration.chatter import Lobes
@@ -127,7 +127,7 @@ def _axes(modes: Modes) -> list[str]:
             words = f"moves along {vector(screw.direction)}"
         else:
             point = vector(screw.point, size=size)
-            words = f"about {vector(screw.direction)} through {point}, pitch "
+            words = f"about {vector(screw.direction, size=COSINES)} through {point}, pitch "
             reach = max(size, float(np.linalg.norm(screw.point)))
             words += number(screw.pitch if abs(screw.pitch) > numerics.BLANK * reach else 0.0, 3)
         lines.append(f"  {i + 1:>3}  {words}")
@@ -195,7 +195,11 @@ def describe_sensitivities(known: Sensitivities, units: Units) -> list[str]:
         rows.append((name, unit, factor * row))
     rows.sort(key=lambda entry: -float(np.nanmax(np.abs(entry[2]), initial=0.0)))
     lines = ["", f"Sensitivities: {what}"]
-    told = [[name, unit, *(number(x, 3) for x in shown)] for name, unit, shown in rows[:_ROWS]]
+    sizes = np.nanmax([np.abs(entry[2]) for entry in rows], axis=0, initial=0.0)
+    told = [
+        [name, unit, *(number(x, 3, size=size) for x, size in zip(shown, sizes, strict=True))]
+        for name, unit, shown in rows[:_ROWS]
+    ]
     lines += table(["parameter", "", *titles], told)
     if len(rows) > _ROWS:
         lines.append(f"  {len(rows) - _ROWS} more, which matter less, with --json")

@@ -111,7 +111,8 @@ def _place(mode: AssemblyMode, elastic: ElasticMechanism) -> list[float]:
         q = mode.q
     else:
         q = np.append(mode.pose[:3, 3], se3.roll_pitch_yaw(mode.pose))
-    q = np.where(np.abs(q) < numerics.BLANK * np.abs(q).max(), 0.0, q)
+    sizes = np.repeat([elastic.mechanism.at(mode.q).length, 1.0], 3)
+    q = np.where(np.abs(q) < numerics.BLANK * sizes, 0.0, q)
     if isinstance(elastic.mechanism, Platform):
         return shown(elastic, q).tolist()
     if elastic.units.shown_angle == "deg":

@@ -8,12 +8,13 @@ from cartstiff import numerics
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
+from cartstiff.notebook import ShownInLines
 from cartstiff.stiffness.closures import State
 from cartstiff.stiffness.free_motions import FreeMotions
 
 
-@dataclass(frozen=True)
-class Reduction:
+@dataclass(frozen=True, repr=False)
+class Reduction(ShownInLines):
     """What equation (2) of `cartstiff.stiffness.reduction` gave, or why not, and what (3) is of.
 
     Attributes
@@ -58,6 +59,19 @@ class Reduction:
     motions: Array | None = None
     states: list[State] = field(default_factory=list)
     closures: Array | None = None
+
+    def _lines(self) -> list[str]:
+        force = (
+            "none: unbalanced"
+            if self.force is None
+            else ", ".join(f"{x:.6g}" for x in self.force.tolist())
+        )
+        return [
+            f"Reduction of {self.freedoms} free motions to rank {self.rank}",
+            f"  force     {force}",
+            f"  stiffness {'none' if self.stiffness is None else 'array (6, 6)'}",
+            f"  states    {', '.join(state.code for state in self.states) or 'none'}",
+        ]
 
     @cached_property
     def compliance_with_error(self) -> numerics.Inverse | None:
