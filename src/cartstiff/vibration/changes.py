@@ -113,7 +113,9 @@ class Home:
             except CartstiffError as error:
                 refused = error
                 continue
-            best = row if best is None or row.error < best.error else best
+            if best is not None and row.error >= best.error:
+                break  # a tenth of the step shows more rounding, and the next shows more yet
+            best = row
             if best.error <= numerics.CONVERGED:
                 break
         if best is None:
