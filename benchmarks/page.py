@@ -54,10 +54,10 @@ _TIMES = """(count) => new Promise((resolve) => {
 
 def messages(elastic: Any, count: int) -> list[str]:
     """Postures around home, as a slider sends them: all numbers and labels change each time."""
-    found = []
+    found, driven = [], getattr(elastic.mechanism, "actuated", None) or (1,)
     for k in range(count):
         q = elastic.q.copy()
-        q[1] += 0.2 * np.sin(0.1 * k)
+        q[driven[0]] += 0.2 * np.sin(0.1 * k)
         found.append(json.dumps({"id": k + 1, "do": "draw", "state": {"q": q.tolist()}}))
     return found
 

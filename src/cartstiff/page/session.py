@@ -207,20 +207,21 @@ class Session:
 
     def result(self, state: State) -> PostureStiffness:
         """The posture of a state, with its springs, its load and what its drives are told."""
-        elastic, q = self._placed(state)
+        commanded = state.command is not None and any(state.command)
+        elastic, q = self._placed(state, is_left=not commanded)
         axes = {} if state.load_axes == "body" else {"load_axes": "world"}
         load: dict[str, Any] = {} if state.load is None else {"wrench": state.load, **axes}
         # Its buttons stay as they are while there is no load.
         is_usual = state.load_kind == "dead" and not any(state.acts_at)
         if not is_usual and (load or elastic.may_be_loaded):
             load |= {"load_kind": state.load_kind, "load_at": state.acts_at}
-        if state.command is None or not any(state.command):
+        if state.command is None or not commanded:
             return analyse(elastic, q, **load)
         told = named_values(state.command, elastic.spring_names, state.command, "command")
         command = {n: x for n, x in zip(elastic.spring_names, told.tolist(), strict=True) if x}
         return analyse_commanded(elastic, command, q, **load)
 
-    def _placed(self, state: State) -> tuple[ElasticMechanism, Array]:
+    def _placed(self, state: State, is_left: bool = False) -> tuple[ElasticMechanism, Array]:
         """The mechanism with the springs of a state, and its coordinates before any command."""
         elastic = self.changed(state)
         mechanism = elastic.mechanism
@@ -231,7 +232,8 @@ class Session:
                              got=moved)  # fmt: skip
         if isinstance(mechanism, Chain) and mechanism.closures:
             hold = None if moved is None or mechanism.actuated is not None else [moved]
-            q = mechanism.closed(q, hold=hold).q
+            if hold is not None or not is_left:  # else `analyse` closes it in the same way
+                q = mechanism.closed(q, hold=hold).q
         return elastic, q
 
     def _numbers(self, result: PostureStiffness, state: State) -> dict[str, Any]:
