@@ -332,7 +332,10 @@ export function strip(store) {
     lines.forEach((values, k) => line(values, series.at, `${freedom} curve-${k}`));
     for (const { title, at, values } of overlaid) {
       const end = line(values, at, "other");
-      if (end) plot.append(text(end[0] - 3, end[1] - 4, title, "end", "unit"));
+      if (!end) continue;
+      let x = end[0] - 3; // beside the names that stand there
+      for (const box of [...plot.querySelectorAll(".name")].map((name) => name.getBBox())) if (Math.abs(box.y + box.height - end[1]) < box.height) x = Math.min(x, box.x - 6);
+      plot.append(text(x, end[1] - 4, title, "end", "unit name"));
     }
     plot.setAttribute("aria-label", titleOf());
     plot.append(cursor);
