@@ -29,6 +29,7 @@ ALLOWED = {
     "mechanisms/joint_kinds.py": "limits that stand for none",
     "page/api.py": "bytes to megabytes",
     "page/state.py": "the largest number that is taken",
+    "identify/sessions.py": "how rarely chance may speak for other axes",
     "parsing.py": "the largest number that is read",
     "report/exchange/geometry.py": "limits that stand for none",
     "scene/ellipsoids.py": "the thinnest body that is drawn",

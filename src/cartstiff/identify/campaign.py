@@ -22,7 +22,7 @@ from cartstiff.identify.notes import notes_of
 from cartstiff.identify.observations import base_rotation
 from cartstiff.identify.result import Identification, Rejected
 from cartstiff.identify.robust import Robust, robust_fit
-from cartstiff.identify.sessions import OFFSETS, aligned, nuisance_of
+from cartstiff.identify.sessions import OFFSETS, aligned, nuisance_of, other_axes
 from cartstiff.identify.unknowns import Unknowns, unknowns_of
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
@@ -113,7 +113,8 @@ def identify(
         elastic, unknowns, measured, len(rows), rejected, model, chosen, found, robust, tuple(told),
         checks, level, fit, offsets, isinstance(model, LoadedModel), inflation,
     )  # fmt: skip
-    return replace(result, notes=tuple(notes_of(result)))
+    doubts = other_axes(unknowns, measured, chosen.solved.residual, seen.target, offsets)
+    return replace(result, notes=(*doubts, *notes_of(result)))
 
 
 def rows_in_fit(robust: Robust, fit: str, count: int) -> NDArray[np.bool_]:

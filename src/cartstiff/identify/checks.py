@@ -29,6 +29,8 @@ from cartstiff.identify.unknowns import Unknowns
 _SIGNIFICANT = 0.01
 # Repeats further apart than this many standard deviations, or this share of all that was measured.
 _APART, _OPPOSITE = 100.0, 1.5
+# Other repeats that tell a standard deviation where none is given.
+_ENOUGH = 3
 
 
 @dataclass(frozen=True)
@@ -121,14 +123,18 @@ def contradictions(measured: Measurements) -> None:
         else:
             largest = float(np.nanmax(np.abs(values), initial=0.0))
         sd = measured.deviations[name]
-        for group in several:
-            mine = group[~np.isnan(values[group])]
-            if len(mine) < 2:
-                continue
+        repeats = [mine for g in several if len(mine := g[~np.isnan(values[g])]) > 1]
+        squares = np.array([np.sum((values[g] - values[g].mean()) ** 2) for g in repeats])
+        freedoms = np.array([len(g) - 1 for g in repeats])
+        for n, mine in enumerate(repeats):
             low, high = mine[np.argmin(values[mine])], mine[np.argmax(values[mine])]
             apart = values[high] - values[low]
             spread = np.hypot(sd[low], sd[high])
             limit = _OPPOSITE * largest if np.isnan(spread) else _APART * spread
+            others = freedoms.sum() - freedoms[n]
+            if np.isnan(spread) and others >= _ENOUGH and squares.sum() > squares[n]:
+                of_others = np.sqrt(2.0 * (squares.sum() - squares[n]) / others)
+                limit = min(limit, _APART * float(of_others))
             if apart > limit > 0.0:
                 a, b = sorted((int(measured.rows[low]), int(measured.rows[high])))
                 raise InputError(

@@ -3,24 +3,45 @@ r"""Frames of the measuring device: unknown in each session, and estimated with 
 A position of a session is ``T_s x`` of the one in F. A first T_s comes from the positions of the
 rigid mechanism [Arun]_; what is left of it, a small translation t and turn w, stands in the
 regressor as ``u . (t + w x (p - c))`` for the direction u of a number and its place p.
+
+Whether a table fits along other axes than it is said to be along: the rows are fitted once more
+with loads and displacements along body, base or world, and with the displacements' axes exchanged
+or turned round. The share of the measured numbers that is left, :math:`u^2 = \frac1m \sum (r_i /
+s_i)^2` with s the root mean square of the lengths and of the angles, tells which axes fit. With as
+many numbers and unknowns each way, the ratio of two u^2 is held against Fisher's distribution, for
+all that were tried (Bonferroni).
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import permutations, product
 
 import numpy as np
 
 from cartstiff import numerics
 from cartstiff.arrays import Array
-from cartstiff.errors import InputError
+from cartstiff.errors import CartstiffError, InputError
 from cartstiff.geometry import se3
-from cartstiff.identify.columns import POSITION, TURN
+from cartstiff.identify.columns import DISPLACEMENT, POSITION, ROTATION, TURN
+from cartstiff.identify.fitting import fitted
+from cartstiff.identify.least_squares import Noise
+from cartstiff.identify.linear_model import LinearModel, small_loads
+from cartstiff.identify.loaded_model import needs_equilibrium
 from cartstiff.identify.measurements import Measurements
-from cartstiff.identify.observations import Observations
+from cartstiff.identify.observations import Observations, base_rotation
+from cartstiff.identify.unknowns import Unknowns
+from cartstiff.mechanisms.elastic import Note
 
 #: What is unknown of a session's frame.
 OFFSETS = ("none", "translation", "rigid")
+# Other axes are looked for where more than this share is left; they are named where this many times
+# less is left, which chance brings about less often than this.
+_POOR, _SMALLER, _BY_CHANCE = 0.1, 3.0, 1e-4
+# Rows of a long table that are looked at.
+_MOST = 200
+_FRAMES = ("base", "body", "world")
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,3 +137,126 @@ def _fit(seen: Array, there: Array, session: str) -> Array:
     D = np.diag([1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T))])
     R = Vt.T @ D @ U.T
     return se3.pose(R, b - R @ a)
+
+
+def other_axes(
+    unknowns: Unknowns, measured: Measurements, residual: Array, target: Array, offsets: str
+) -> list[Note]:
+    """A note on the axes along which the rows fit much better, if there are such.
+
+    Parameters
+    ----------
+    unknowns : Unknowns
+        What is fitted.
+    measured : Measurements
+        The rows, as they were declared.
+    residual, target : ndarray (m,)
+        Of the fit to them.
+    offsets : str
+        As in `identify`.
+    """
+    few = np.linalg.norm(residual) <= _POOR**2 * np.linalg.norm(target)
+    if few or needs_equilibrium(unknowns.elements.elastic):
+        return []
+    if len(measured) > _MOST:
+        measured = measured.chosen(np.unique(np.linspace(0, len(measured) - 1, _MOST).astype(int)))
+    declared = _left(unknowns, measured, offsets)
+    if declared is None or declared[0] < _POOR:
+        return []
+    tried = []
+    for words, other in _others(unknowns, measured):
+        if (found := _left(unknowns, other, offsets)) is not None:
+            tried.append((*found, words))
+    if not tried:
+        return []
+    share, rms, freedom, words = min(tried)
+    ratio = declared[0] / max(share, numerics.TINY)
+    if ratio < _SMALLER or freedom < 1.0:
+        return []
+    from scipy.special import fdtrc
+
+    if len(tried) * fdtrc(freedom, freedom, ratio**2) > _BY_CHANCE:
+        return []
+    told = (
+        f"the rows fit much better with {words}: residuals of {rms:.3g} instead of "
+        f"{declared[1]:.3g} (rms); if so they were measured, the springs above are wrong"
+    )
+    return [Note("other-axes", told, {"residual_rms": declared[1], "other_rms": rms})]
+
+
+def _left(
+    unknowns: Unknowns, measured: Measurements, offsets: str
+) -> tuple[float, float, float] | None:
+    """Share that is left, residual rms of lengths (else of angles), degrees of freedom."""
+    try:
+        model = small_loads(unknowns, measured)
+        seen = model.observations
+        nuisance = nuisance_of(seen, measured, offsets).columns
+        found = fitted(model, unknowns, Noise.of(seen.deviation, seen.is_angle), nuisance=nuisance)
+    except CartstiffError:
+        return None
+    scaled, rms = np.zeros(len(seen)), 0.0
+    for angles in (True, False):
+        mine = seen.is_angle == angles
+        if mine.any():
+            r = found.solved.residual[mine]
+            rms = float(np.sqrt(np.mean(r**2)))
+            size = float(np.sqrt(np.mean(seen.target[mine] ** 2)))
+            scaled[mine] = r / max(size, numerics.TINY)
+    freedom = len(seen) - float(np.sum(found.solved.leverage))
+    return float(np.sqrt(np.mean(scaled**2))), rms, freedom
+
+
+def _others(unknowns: Unknowns, measured: Measurements) -> Iterator[tuple[str, Measurements]]:
+    """The same rows along other axes, and words for these."""
+    base = base_rotation(unknowns.elements.elastic)
+    frames = [f for f in _FRAMES if f != "world" or not np.allclose(base, np.eye(3))]
+    R = LinearModel(unknowns, measured).poses[:, :3, :3]
+    turns = {"body": base.T @ R, "world": np.broadcast_to(base.T, R.shape)}
+    declared = measured.axes if measured.axes in frames else "base"
+    for load, seen in product(frames if measured.wrench.any() else [declared], frames):
+        moved = _turned(measured, turns[seen]) if seen != "base" else measured
+        if moved is None or (load, seen) == (declared, "base"):
+            continue
+        words = [f"loads along the {load}'s axes (--axes {load})"] * (load != declared)
+        words += [f"displacements along the {seen}'s axes, not the base's"] * (seen != "base")
+        yield " and ".join(words), replace(moved, axes=load)
+    yield from _exchanged(measured)
+
+
+def _turned(measured: Measurements, R: Array) -> Measurements | None:
+    """Displacements (and the gauge's direction) along other axes, in those of the base."""
+    values, found = dict(measured.values), "d" in measured.values
+    for names in (DISPLACEMENT, ROTATION):
+        there = [name in values for name in names]
+        if any(there) and not all(there):
+            return None
+        if all(there):
+            given = np.stack([values[name] for name in names], axis=1)
+            values |= dict(zip(names, np.einsum("nij,nj->in", R, given), strict=True))
+            found = True
+    direction = np.einsum("nij,nj->ni", R, measured.direction)
+    return replace(measured, values=values, direction=direction) if found else None
+
+
+def _exchanged(measured: Measurements) -> Iterator[tuple[str, Measurements]]:
+    """Displacements with their axes exchanged or turned round, each way once."""
+    moving = (*DISPLACEMENT, *ROTATION)
+    known = set()
+    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+        hand = float(np.linalg.det(np.eye(3)[list(order)] * np.array(signs)[:, None]))
+        values = {n: v for n, v in measured.values.items() if n not in moving}
+        spreads = {n: measured.deviations[n] for n in values}
+        words = []
+        for names, turn in ((DISPLACEMENT, 1.0), (ROTATION, hand)):
+            for i, sign in enumerate(signs):
+                if (name := names[i]) in measured.values:
+                    to = names[order[i]]
+                    values[to] = sign * turn * measured.values[name]
+                    spreads[to] = measured.deviations[name]
+                    if to != name or sign * turn < 0:
+                        words.append(f"{name} as {'-' if sign * turn < 0 else ''}{to}")
+        told = ", ".join(words)
+        if told and told not in known:
+            known.add(told)
+            yield told, replace(measured, values=values, deviations=spreads)
