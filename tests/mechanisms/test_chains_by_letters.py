@@ -115,6 +115,7 @@ def test_lengths_in_other_units_and_a_tool() -> None:
     ("change", "pose", "words"),
     [
         ({"chain": "QQQ"}, None, "unknown chain 'QQQ'"),
+        ({"strut": {"axial": 1e6}}, None, "strut is of kind stewart-gough"),
         ({"crank": 0.1}, None, "a leg PUS has no crank"),
         ({"rod": 0.05}, None, "leg 1, which is .* too short"),
         ({"rod": [0.5, 0.5]}, None, r"key legs\.rod: wrong count"),

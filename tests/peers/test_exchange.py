@@ -137,9 +137,61 @@ def test_mujoco_has_the_stiffness(tmp_path):
     assert model.body("platform").mass[0] == 3.0
 
 
+@pytest.mark.parametrize("name", ["6-pus", "3-rps", "tricept", "five-bar", "ur5"])
+def test_mujoco_moves_a_chain_as_we_do(tmp_path, name):
+    """Its poses, and the compliance by its own Jacobians: springs under its closures.
+
+    The posture is a little off the file's.
+    """
+    mujoco = pytest.importorskip("mujoco")
+    elastic = cartstiff.load(name)
+    if elastic.mechanism.kind != "serial":
+        drives = [elastic.names.index(n) for n in elastic.spring_names if n in elastic.names]
+        q = elastic.q.copy()
+        q[drives] += 0.02 * np.arange(len(drives)) / len(drives)
+        result = cartstiff.analyse(elastic, elastic.mechanism.closed(q).q)
+    else:
+        result = cartstiff.analyse(elastic, elastic.q + 0.1)
+    write_result(result, tmp_path / "machine.xml")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "machine.xml"))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert np.allclose(data.qpos, result.q, atol=1e-12)
+    site = data.site("M")
+    assert np.allclose(site.xpos, result.pose[:3, 3], atol=1e-9)
+    R = site.xmat.reshape(3, 3)
+    assert np.allclose(R, result.pose[:3, :3], atol=1e-9)
+    linear, angular = np.zeros((3, model.nv)), np.zeros((3, model.nv))
+    mujoco.mj_jacSite(model, data, linear, angular, model.site("M").id)
+    J = np.vstack([R.T @ angular, R.T @ linear])
+    ties = data.efc_J.reshape(-1, model.nv)[data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY]
+    free = np.eye(model.nv)
+    if len(ties):
+        _, s, V = np.linalg.svd(ties)
+        free = V[np.sum(s > 1e-9 * s[0]) :].T
+    k = free.T @ np.diag(model.jnt_stiffness) @ free
+    C = J @ free @ np.linalg.solve(k, (J @ free).T)
+    assert relative_error(C, result.compliances["B"]) <= 1e-7
+    assert np.abs(data.qfrc_spring).max() <= 1e-9 * model.jnt_stiffness.max()
+    again = cartstiff.analyse(cartstiff.load(tmp_path / "machine.xml", frame="M"))
+    assert np.allclose(again.pose, result.pose, atol=1e-9)
+    assert relative_error(again.compliances["B"], result.compliances["B"]) <= 1e-7
+
+
+def test_springs_in_mujoco_carry_the_load(tmp_path):
+    mujoco = pytest.importorskip("mujoco")
+    elastic = cartstiff.load("ur5")
+    result = cartstiff.analyse(elastic, elastic.q + 0.1, wrench=LOAD)
+    write_result(result, tmp_path / "machine.xml")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "machine.xml"))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert np.allclose(-data.qfrc_spring, result.jacobian.T @ result.wrench, rtol=1e-9)
+
+
 def test_what_a_program_cannot_have_is_refused(tmp_path):
-    with pytest.raises(InputError, match="platforms on lines"):
-        write_result(cartstiff.analyse(cartstiff.load("3-rps")), tmp_path / "a.xml")
+    with pytest.raises(InputError, match=r"springs in joints alone.*got Beam"):
+        write_result(cartstiff.analyse(cartstiff.load("delta")), tmp_path / "a.xml")
     with pytest.raises(InputError, match="straight legs, got legs that bend"):
         write_result(cartstiff.analyse(cartstiff.load("flexure-hexapod")), tmp_path / "a.xml")
     with pytest.raises(InputError, match="tendons have no mass"):

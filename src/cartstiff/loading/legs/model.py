@@ -108,6 +108,16 @@ class NamedLegsModel(FileModel):
         "a ball is limited about each of its three axes",
     )
 
+    @model_validator(mode="before")
+    @classmethod
+    def _no_strut(cls, given: object) -> object:
+        if isinstance(given, dict) and "strut" in given:
+            raise ValueError(
+                "strut is of kind stewart-gough; here a flexure's bending and torsion are springs "
+                "of the leg's joints, such as springs: {u1: {stiffness: 33}, s3: {stiffness: 236}}"
+            )
+        return given
+
     @model_validator(mode="after")
     def _fits(self) -> NamedLegsModel:
         if not _KNOWN.fullmatch(self.chain):

@@ -1,4 +1,4 @@
-r"""A stiffness for other programs: Nastran, Abaqus, Matlab, LaTeX, and a platform for MuJoCo.
+r"""A stiffness for other programs: Nastran, Abaqus, Matlab, LaTeX, and a machine for MuJoCo.
 
 Finite-element programs take one symmetric matrix of a node to the ground, rows and columns
 (translation, rotation): K^B about the body frame's origin, here along the axes of F. What of the
@@ -18,10 +18,12 @@ from cartstiff import numerics
 from cartstiff.errors import InputError, UndefinedError, joined
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.mechanisms.platform import Platform, PlatformPosture
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.report.exchange.geometry import geometry_csv, large_field, legs_of_nastran
+from cartstiff.report.exchange.mjcf import chain_of_mujoco, numbers, quaternion
 from cartstiff.stiffness.posture import PostureStiffness
 
 
@@ -167,12 +169,13 @@ def _latex(result: PostureStiffness) -> bytes:
 
 
 def _mujoco(result: PostureStiffness) -> bytes:
-    """A platform on lines as a free body on spatial tendons, in SI units."""
+    """A platform on lines as a free body on spatial tendons; chains joint by joint; in SI units."""
     elastic, posture = result.elastic, result.posture
     platform, springs = elastic.mechanism, elastic.springs
+    if isinstance(platform, Chain):
+        return chain_of_mujoco(result)
     if not isinstance(platform, Platform) or not isinstance(posture, PlatformPosture):
-        raise InputError("MuJoCo's file is of platforms on lines", where=elastic.name,
-                         expected="kind stewart-gough or springs",
+        raise InputError("MuJoCo's file is of platforms on lines and of joints", where=elastic.name,
                          got=f"kind {platform.kind}")  # fmt: skip
     if type(springs) is not LineSprings or elastic.potentials or not springs.is_complete:
         more = "other springs or loads besides" if elastic.potentials else "legs that bend"
@@ -190,9 +193,6 @@ def _mujoco(result: PostureStiffness) -> bytes:
         raise UndefinedError("MuJoCo needs a mass and moments of inertia of the body",
                              code="no-mass", values={"mass": mass})  # fmt: skip
 
-    def numbers(values: Array) -> str:
-        return " ".join(repr(float(x)) for x in values)
-
     T = result.pose
     t = springs.tensions(posture.lines.lengths)
     rest = (posture.lines.lengths - t / springs.stiffness) * length
@@ -209,7 +209,7 @@ def _mujoco(result: PostureStiffness) -> bytes:
     gravity = np.zeros(3) if elastic.gravity is None else elastic.gravity
     I = about  # noqa: E741
     full = numbers(np.array([I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]))
-    quat = np.roll(_quaternion(T[:3, :3]), 1)
+    quat = quaternion(T[:3, :3])
     name = re.sub(r"[^A-Za-z0-9_.-]", "_", elastic.name)
     lines = [
         f'<mujoco model="{name}">', '<compiler angle="radian"/>',
@@ -220,12 +220,6 @@ def _mujoco(result: PostureStiffness) -> bytes:
         *ends, "</body>", "</worldbody>", "<tendon>", *tendons, "</tendon>", "</mujoco>",
     ]  # fmt: skip
     return ("\n".join(lines) + "\n").encode()
-
-
-def _quaternion(R: Array) -> Array:
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(R).as_quat())
 
 
 #: By the ending of the file.

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -31,7 +32,7 @@ _FAR = 1e6
 
 
 @dataclass
-class _Link:
+class Link:
     """A link of a tree with the joint that moves it against its parent; fixed without an axis."""
 
     name: str
@@ -91,7 +92,7 @@ def urdf_with_closures(result: PostureStiffness, name: str) -> tuple[bytes, byte
     if type(springs) is LineSprings and not springs.unilateral and not refused:
         links, closures, keys = _of_platform(result, springs)
     elif isinstance(springs, JointSprings) and not springs.laws and not refused:
-        links, closures, keys = _of_chain(result, springs)
+        links, closures, keys = parts_of_chain(result, springs)
     else:
         what = refused or [type(springs).__name__]
         raise InputError(
@@ -113,10 +114,10 @@ def urdf_with_closures(result: PostureStiffness, name: str) -> tuple[bytes, byte
     return ("\n".join(xml) + "\n").encode(), ("\n".join(rows) + "\n").encode()
 
 
-_Parts = tuple[list[_Link], list[dict[str, object]], dict[str, object]]
+Parts = tuple[list[Link], list[dict[str, Any]], dict[str, Any]]
 
 
-def _of_platform(result: PostureStiffness, springs: LineSprings) -> _Parts:
+def _of_platform(result: PostureStiffness, springs: LineSprings) -> Parts:
     """Legs of two hinges and a slide; the platform hangs on the first and is tied to the others."""
     posture, platform = result.posture, result.elastic.mechanism
     if not isinstance(platform, Platform) or not isinstance(posture, PlatformPosture):
@@ -125,8 +126,8 @@ def _of_platform(result: PostureStiffness, springs: LineSprings) -> _Parts:
     T = np.array(posture.pose)
     T[:3, 3] *= length
     lines = posture.lines
-    links: list[_Link] = []
-    closures: list[dict[str, object]] = []
+    links: list[Link] = []
+    closures: list[dict[str, Any]] = []
     limits = np.tile([0.0, np.inf], (len(lines.lengths), 1))
     if platform.limits is not None:
         limits = platform.limits
@@ -138,10 +139,10 @@ def _of_platform(result: PostureStiffness, springs: LineSprings) -> _Parts:
         leg = f"leg{i + 1}"
         low, high = (length * limits[i] - L).tolist()
         links += [
-            _Link(f"{leg} cross", "base", foot, _X, joint=f"{leg}_u1"),
-            _Link(f"{leg} tube", f"{leg} cross", np.eye(4), _Y, joint=f"{leg}_u2",
+            Link(f"{leg} cross", "base", foot, _X, joint=f"{leg}_u1"),
+            Link(f"{leg} tube", f"{leg} cross", np.eye(4), _Y, joint=f"{leg}_u2",
                   body=_bar(platform.struts, i, length, fixed=True)),
-            _Link(f"{leg} rod", f"{leg} tube", se3.pose(translation=[0, 0, L]), _Z, True,
+            Link(f"{leg} rod", f"{leg} tube", se3.pose(translation=[0, 0, L]), _Z, True,
                   (low, high), leg, _bar(platform.struts, i, length, fixed=False)),
         ]  # fmt: skip
         named[leg] = {"stiffness": float(springs.stiffness[i] * force / length)}
@@ -156,10 +157,10 @@ def _of_platform(result: PostureStiffness, springs: LineSprings) -> _Parts:
             own = length**2 * (about + platform.mass * arm @ arm)
             body = (platform.mass, length * platform.mass_centre, own)
             links += [
-                _Link("ball x", f"{leg} rod", np.eye(4), _X, joint="ball_x"),
-                _Link("ball y", "ball x", np.eye(4), _Y, joint="ball_y"),
-                _Link("ball z", "ball y", np.eye(4), _Z, joint="ball_z"),
-                _Link("M", "ball z", se3.inverse(end) @ T, body=body),
+                Link("ball x", f"{leg} rod", np.eye(4), _X, joint="ball_x"),
+                Link("ball y", "ball x", np.eye(4), _Y, joint="ball_y"),
+                Link("ball z", "ball y", np.eye(4), _Z, joint="ball_z"),
+                Link("M", "ball z", se3.inverse(end) @ T, body=body),
             ]
         else:
             points = [head[:3, 3].tolist(), [0.0, 0.0, 0.0]]
@@ -176,7 +177,7 @@ def _bar(struts: Struts | None, i: int, length: float, fixed: bool) -> tuple[flo
     return float(mass[i]), length * com[i] * _Z, about * np.diag([1.0, 1.0, 0.0])
 
 
-def _of_chain(result: PostureStiffness, springs: JointSprings) -> _Parts:
+def parts_of_chain(result: PostureStiffness, springs: JointSprings) -> Parts:
     """The tree of a chain, joint by joint, with a link for each end of a closure."""
     elastic, chain = result.elastic, result.elastic.mechanism
     if not isinstance(chain, Chain):
@@ -201,19 +202,19 @@ def _of_chain(result: PostureStiffness, springs: JointSprings) -> _Parts:
         own = bodies[i + 1]
         body = (float(own.mass), length * own.lever, length**2 * own.inertia)
         limits = (c.lower * sizes[i], c.upper * sizes[i])
-        links.append(_Link(names[i + 1], names[int(tree.model.parents[i + 1])], scaled(T), axis,
+        links.append(Link(names[i + 1], names[int(tree.model.parents[i + 1])], scaled(T), axis,
                            c.is_length, limits, c.name, body))  # fmt: skip
 
     def fixed(name: str, frame: str) -> str:
         at = chain.placement(frame)
-        links.append(_Link(name, names[at.joint], scaled(at.T_j_f)))
+        links.append(Link(name, names[at.joint], scaled(at.T_j_f)))
         return name
 
-    closures: list[dict[str, object]] = []
+    closures: list[dict[str, Any]] = []
     for k, tie in enumerate(chain.closures):
         ends = [fixed(f"tie {k + 1}{s}", f) for s, f in (("a", tie.frame_a), ("b", tie.frame_b))]
         closures.append({"frames": ends, "type": tie.type})
-    links.append(_Link("M", names[chain.body.joint], scaled(chain.body.T_j_f)))
+    links.append(Link("M", names[chain.body.joint], scaled(chain.body.T_j_f)))
     named: dict[str, dict[str, object]] = {}
     stiff: str | float
     for j, (c, k) in enumerate(zip(chain.coordinates, springs.stiffness.tolist(), strict=True)):
