@@ -65,7 +65,7 @@ def pictures(browser: Any, url: str, themes: tuple[str, ...] = ("light",)) -> li
     """PNGs of a page at rest, one for each theme."""
     context = browser.new_context(viewport=SIZE, color_scheme="light", reduced_motion="reduce")
     page = context.new_page()
-    page.set_default_timeout(60_000)
+    page.set_default_timeout(300_000)
     page.goto(url)
     ready(page)
     page.wait_for_selector("#strip .plot .curve-2")

@@ -15,6 +15,20 @@ import cartstiff
 
 #: Of most tests: software draws few pictures a second, and fewer of larger ones.
 VIEWPORT = {"width": 1100, "height": 560}
+#: Milliseconds: only what never ends takes longer, on the busiest machine too.
+_PATIENCE = 300_000
+# Short messages go away; a test that is late still finds what they said.
+_HEARD = """
+window.heard = [];
+new MutationObserver((changes) => changes.forEach(({ addedNodes }) => addedNodes.forEach((node) => {
+  if (node.classList?.contains("toast")) window.heard.push(node.textContent);
+}))).observe(document, { childList: true, subtree: true });
+"""
+
+
+def heard(page: Any, words: str) -> None:
+    """Wait until a short message has held these words."""
+    page.wait_for_function("(words) => window.heard.some((x) => x.includes(words))", arg=words)
 
 
 def _missing(reason: str) -> None:
@@ -85,7 +99,8 @@ class Pages:
         watch = Watch()
         self._watches.append(watch)
         page = context.new_page()
-        page.set_default_timeout(30_000)
+        page.set_default_timeout(_PATIENCE)
+        page.add_init_script(_HEARD)
         page.on(
             "console",
             lambda m: watch.console.append(m.text) if m.type in ("error", "warning") else None,

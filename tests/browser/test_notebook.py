@@ -30,7 +30,7 @@ def kernel() -> Iterator[Any]:
                 found.append("\n".join(content["traceback"]))
             found.append(content.get("data", {}).get("text/html", ""))
 
-        client.execute_interactive(code, output_hook=keep, timeout=60)
+        client.execute_interactive(code, output_hook=keep, timeout=300)
         return "".join(found)
 
     yield run

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from tests.browser.conftest import VIEWPORT
+from tests.browser.conftest import VIEWPORT, heard
 from tools.look import SIZES, looked_at
 from tools.screenshot import ready, settled
 
@@ -182,7 +182,7 @@ def test_a_number_moves_the_robot(ur5):
     ur5.keyboard.press("Tab")
     settled(ur5)
     assert ur5.evaluate("() => window.cartstiff.numbers.result.q[2]") == pytest.approx(np.pi)
-    assert "is limited to" in ur5.inner_text(".toast")
+    heard(ur5, "is limited to")
 
 
 def test_each_connection_shows_the_api_s_matrix(serve, pages):

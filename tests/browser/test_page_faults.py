@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.browser.conftest import heard
 from tests.browser.test_page_state import TOOL, changed
 from tools.screenshot import settled
 
@@ -33,13 +34,13 @@ def test_a_file_of_frames_says_why_and_that_sliders_go_back(tmp_path, pages):
     assert "Why it does not compute: a closed chain is assembled posture by posture" in said
     first, second = page.evaluate("() => window.cartstiff.hello.mechanism.sliders")
     for slider in (first, second):
-        assert page.locator(".toast").count() == 0
+        assert page.evaluate("() => window.heard") == []
         page.focus(f"#slider-{slider}")
         page.keyboard.press("ArrowRight")
         settled(page)
         q = page.evaluate("() => window.cartstiff.state.q")
         assert page.evaluate("() => window.cartstiff.numbers.result.q") == q
-    assert "the others have gone back" in page.inner_text(".toast")
+    heard(page, "the others have gone back")
     assert q[first] == pytest.approx(chain.q[first])
     page.context.close()
 

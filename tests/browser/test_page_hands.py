@@ -100,7 +100,7 @@ def test_two_coordinates_are_a_map_of_colours(serve, pages):
     page.click("#strip [data-value=deflection]")
     page.select_option("select[aria-label='And along what']", "1")
     page.wait_for_function(
-        "() => document.querySelectorAll('.plot.heat rect').length >= 31 * 21 + 24", timeout=60_000
+        "() => document.querySelectorAll('.plot.heat rect').length >= 31 * 21 + 24", timeout=300_000
     )
     settled(page)
     box = page.locator(".plot.heat").bounding_box()

@@ -203,7 +203,7 @@ def process(*arguments: str, **options: Any) -> subprocess.CompletedProcess[str]
     return subprocess.run(
         [sys.executable, "-m", "cartstiff", *arguments],
         text=True,
-        timeout=60,
+        timeout=300,
         check=False,
         env=environment,
         **{"capture_output": True, **options},

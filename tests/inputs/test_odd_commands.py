@@ -21,7 +21,7 @@ def _run(*words, before="", **options):
     code = f"import os, sys; {before}\nfrom cartstiff.cli.main import main\nmain(sys.argv[1:])"
     return subprocess.run(
         [sys.executable, "-c", code, *words], capture_output=True, text=True, check=False,
-        timeout=120, env={**os.environ, "PYTHONPATH": source, "OMP_NUM_THREADS": "1"}, **options,
+        timeout=300, env={**os.environ, "PYTHONPATH": source, "OMP_NUM_THREADS": "1"}, **options,
     )  # fmt: skip
 
 

@@ -56,10 +56,10 @@ def test_view_serves_until_it_is_told_to_end(interrupt):
         found = re.search(r"http://127\.0\.0\.1:\d+/[\w-]{32}/", line)
         assert found, line
         opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
-        with opener.open(found.group(), timeout=10) as answer:
+        with opener.open(found.group(), timeout=120) as answer:
             assert b"cartstiff" in answer.read()
         process.send_signal(interrupt)
-        out, errors = process.communicate(timeout=20)
+        out, errors = process.communicate(timeout=120)
     finally:
         process.kill()
         process.wait()

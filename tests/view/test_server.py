@@ -31,7 +31,7 @@ def get(url: str, path: str = "", **headers: str) -> tuple[int, bytes, dict[str,
     opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
     request = urllib.request.Request(url.rstrip("/") + "/" + path, headers=headers)
     try:
-        with opener.open(request, timeout=10) as answer:
+        with opener.open(request, timeout=120) as answer:
             return answer.status, answer.read(), dict(answer.headers)
     except urllib.error.HTTPError as error:
         return error.code, error.read(), dict(error.headers)
@@ -40,7 +40,7 @@ def get(url: str, path: str = "", **headers: str) -> tuple[int, bytes, dict[str,
 def raw(url: str, text: str) -> str:
     """What the server says to bytes as they are."""
     place = urlsplit(url)
-    with socket.create_connection((place.hostname, place.port), timeout=10) as connection:
+    with socket.create_connection((place.hostname, place.port), timeout=120) as connection:
         connection.sendall(text.encode("latin-1"))
         return connection.recv(65536).decode("latin-1")
 
@@ -291,7 +291,7 @@ def test_a_crowd_without_a_word_locks_nobody_out(page, monkeypatch):
     assert one.read()["do"] == "hello"
     held = []
     for number in range(200):
-        held.append(socket.create_connection((place.hostname, place.port), timeout=10))
+        held.append(socket.create_connection((place.hostname, place.port), timeout=120))
         if number % 2:
             held[-1].sendall(f"GET {place.path} HTTP/1.1\r\nHost: 127".encode())
         if number % 20 == 0:
