@@ -244,6 +244,7 @@ def test_one_answer(name, load):
         ("platform", "follower", 1e-6, 6, 2319),  # the load fixes tensions to nine digits
         ("closed chain", "conservative", 1e-10, 9, 500206),  # regular beside what is type 2
         ("7R", "conservative", 1e-6, 12, 510477),  # K alone: no pivot is small, the inverse large
+        ("platform", "spring", 1e-7, 6, 656904),  # tensions leave soft motions eight digits
     ],
 )
 def test_one_answer_where_it_was_missed(name, load, distance, decades, seed):
@@ -340,6 +341,8 @@ def check_posture(name, load, distance, decades, seed):
         _same(numbers["along_free"], single["directions"][-1]["along"]["free"], tolerance, "along")
         held = ellipsoids["stiffness"]["translation"]["held"]["eigenvalues"]
         known = max(tolerance, 10.0 * _promised(at_origin, "stiffness"))
+        if "near-type-2-singularity" in _codes(result):  # of the largest, as the compliance above
+            known = max(known, SAME * np.abs(held).max() / abs(held[0]))
         _same(numbers["translation_held_min"], held[0], known, "held")
         for kind in ("along", "about"):
             _same(numbers[f"{kind}_held"], single["directions"][-1][kind]["held"], known, kind)
