@@ -195,7 +195,8 @@ def test_each_connection_shows_the_api_s_matrix(serve, pages):
         settled(page)
         exact = page.evaluate("(name) => window.cartstiff.matrix(name)", name)
         expected = result.matrices["A"].T if name == "+" else result.matrices[name]
-        assert np.array_equal(exact, expected), name
+        # By machine code or by the engine, which differ by rounding.
+        assert np.abs(np.array(exact) - expected).max() <= 1e-13 * np.abs(expected).max(), name
         assert page.get_attribute(f'[data-value="{name}"]', "aria-checked") == "true"
         assert close(matrix(page), result.tensor(name).matrix), name
         badge = page.inner_text(".connection-card .badge")
@@ -315,8 +316,8 @@ def test_posture_a_against_posture_b(ur5):
 
 
 def test_a_sweep_is_plotted_and_followed(ur5):
-    ur5.wait_for_selector("#strip .plot .curve")
-    assert ur5.locator("#strip .plot .curve").count() == 3
+    # Those of the test before may stand until these are drawn.
+    ur5.wait_for_function("() => document.querySelectorAll('#strip .plot .curve').length === 3")
     box = ur5.locator("#strip .plot:not(.heat)").bounding_box()
     ur5.mouse.click(box["x"] + 0.9 * box["width"], box["y"] + box["height"] / 2)
     settled(ur5)
@@ -381,7 +382,16 @@ def test_downloads(ur5):
     with open(waiting.value.path(), encoding="utf-8") as file:  # noqa: PTH123
         import json
 
-        assert json.load(file) == cartstiff.analyse(cartstiff.load("ur5")).as_dict()
+        got, expected = json.load(file), cartstiff.analyse(cartstiff.load("ur5")).as_dict()
+    assert set(got) == set(expected)
+    for key, value in expected.items():
+        for part in value if isinstance(value, dict) else [None]:
+            a, b = (got[key], value) if part is None else (got[key][part], value[part])
+            if isinstance(b, list) and b and np.array(b).dtype.kind == "f":
+                # By machine code or by the engine, which differ by rounding.
+                assert np.abs(np.array(a) - b).max() <= 1e-13 * np.abs(b).max(), (key, part)
+            else:
+                assert a == b, (key, part)
     with ur5.expect_download() as waiting:
         ur5.click("text=PNG")
     with open(waiting.value.path(), "rb") as file:  # noqa: PTH123
