@@ -10,7 +10,7 @@ from tools.screenshot import settled
 
 import cartstiff
 from cartstiff.page.export import export_page
-from cartstiff.page.source import Cloud, Source
+from cartstiff.page.source import Cloud, Source, read_cloud
 
 
 def test_zero_is_zero_where_limits_allow_it(serve, pages):
@@ -55,6 +55,32 @@ def test_a_logarithmic_colour_bar_says_so(serve, pages):
     assert bar.locator(".ends").inner_text().split() == ["1", "10000"]
     changed(page, quantity_of_map="narrow")
     assert bar.inner_text().split("\n")[0] == "narrow, N/m"
+    page.context.close()
+
+
+def test_a_boundary_is_drawn_in_colours_of_named_limits(serve, pages, tmp_path):
+    rows = [f'{0.1 * k},0.2,0.9,"leg{1 + k % 2}, most"' for k in range(6)]
+    table = "\n".join(["x [m],y [m],z [m],limit", *rows, "0,0,1,singularity"])
+    (tmp_path / "boundary.csv").write_text(table, encoding="utf-8")
+    cloud = read_cloud(tmp_path / "boundary.csv", cartstiff.load("hexapod"))
+    page = pages.open(serve("hexapod", cloud=cloud).url)
+    lines = page.locator("#colour-bar").inner_text().split("\n")
+    assert [line.strip("● ") for line in lines] == [
+        "limit that cuts", "leg1, most 1.2 m", "leg2, most 1.2 m", "singularity",
+    ]  # fmt: skip
+    drawn = page.evaluate(
+        """() => {
+            const found = [];
+            window.cartstiff.pane.viewer.scene.traverse((one) => {
+                if (one.isPoints) found.push([...one.geometry.attributes.color.array]);
+            });
+            return found;
+        }"""
+    )
+    colours = [tuple(one[3 * i : 3 * i + 3]) for one in drawn for i in range(7)]
+    assert len(colours) == 7
+    assert colours[0] == colours[2] == colours[4] != colours[1] == colours[3] == colours[5]
+    assert len(set(colours)) == 3
     page.context.close()
 
 

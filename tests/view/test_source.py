@@ -135,3 +135,44 @@ def test_a_real_map_with_places_out_of_reach(tmp_path):
     assert 0 < len(cloud.positions) == finite.sum() < finite.size
     assert list(cloud.values) == ["force"]
     assert np.array_equal(cloud.positions, whole["position"].values.reshape(-1, 3)[finite])
+
+
+def test_a_boundary_of_a_workspace(tmp_path):
+    """What `workspace --csv` writes, in the units of the file or in others."""
+    import cartstiff
+    from cartstiff.reach.workspace import workspace
+    from cartstiff.report.workspaces import boundary_csv
+
+    hexapod = cartstiff.load("hexapod")
+    reached = workspace(hexapod, directions=60, scan=12, fits=False)
+    path = tmp_path / "boundary.csv"
+    path.write_text(boundary_csv(reached), encoding="utf-8")
+    cloud = read_cloud(path, hexapod)
+    assert cloud.positions == pytest.approx(reached.boundary, abs=1e-12)
+    words = cloud.values["limit that cuts"].tolist()
+    cuts = [edge[3] for edge in reached.positions.edges]
+    assert all(word.startswith(cut) for word, cut in zip(words, cuts, strict=True))
+    low, high = hexapod.mechanism.bounds["leg1"]
+    assert {f"leg1, least {low:.4g} m", f"leg1, most {high:.4g} m"} <= set(words)
+    path.write_text("x [mm],y [mm],z [mm],limit\n1,2,3,reach\n", encoding="utf-8")
+    assert read_cloud(path).positions.tolist() == [[0.001, 0.002, 0.003]]
+    path.write_text("z [m],roll [rad],pitch [rad],limit\n1,2,3,reach\n", encoding="utf-8")
+    with pytest.raises(InputError, match="boundary cannot be shown"):
+        read_cloud(path)
+    path.write_text("x [m],y [m],z [m],limit\n1,2,three,reach\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"line 2.*not a finite number"):
+        read_cloud(path)
+
+
+def test_rare_kinds_of_points_are_others():
+    from cartstiff.scene.points import colours_of
+
+    words = np.array([f"limit {i:02}" for i in range(20) for _ in range(20 - i)])
+    colours, facts = colours_of(words)
+    *listed, others = facts["kinds"]
+    assert [one["name"] for one in listed] == [f"limit {i:02}" for i in range(16)]
+    assert (others["name"], others["count"]) == ("4 others", 4 + 3 + 2 + 1)
+    assert sum(one["count"] for one in facts["kinds"]) == len(words)
+    for one, at in ((listed[3], words == "limit 03"), (others, words > "limit 15")):
+        assert {"#" + bytes(c.tolist()).hex() for c in colours[at]} == {one["colour"]}
+    assert len({one["colour"] for one in facts["kinds"]}) == 17

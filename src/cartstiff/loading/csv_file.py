@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
@@ -115,7 +116,7 @@ def read_cells(
         raise InputError("no line of names", where=begin, expected="names of the columns first")
     rows, places = list[list[str]](), list[str]()
     for place, line in lines:
-        cells = [cell.strip().strip('"') for cell in line.split(separator)]
+        cells = _cells(line, separator)
         if separator != ",":
             cells = _with_points(cells, place)
         _refuse_doubled(line, separator, place, len(names))
@@ -141,6 +142,14 @@ def _lines(path: Path, largest: int) -> Iterator[tuple[str, str]]:
             continue
         if line.strip() and not line.lstrip().startswith("#"):
             yield f"{where}, line {number}", line
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    """Cells of a line; what stands between separators in quotes is one."""
+    parts = line.split(separator)
+    if '"' in line and len(line) < csv.field_size_limit():
+        parts = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    return [cell.strip().strip('"') for cell in parts]
 
 
 def _numbered(heads: tuple[str, ...], joints: tuple[str, ...]) -> tuple[str, ...]:
@@ -178,7 +187,7 @@ def _with_points(cells: list[str], place: str) -> list[str]:
 
 def _names(line: str, place: str, separator: str = ",") -> tuple[str, ...] | None:
     """Names of columns, or None for a line of numbers."""
-    cells = tuple(cell.strip().strip('"') for cell in line.split(separator))
+    cells = tuple(_cells(line, separator))
     points = cells if separator == "," else [cell.replace(",", ".") for cell in cells]
     if not any(map(_is_word, points)):
         return None
@@ -226,7 +235,7 @@ def read_rows(
             begin, names = place, _names(line, place, separator)
             if names is not None:
                 heads = _numbered(names, joints)
-                both = [_named_unit(cell, units, place) for cell in heads]
+                both = [named_unit(cell, units, place) for cell in heads]
                 names = tuple(n for n, _ in both)
                 sizes = [factors.get(n, 1.0) if f is None else f for n, f in both]
                 _refuse_twice(names, place)
@@ -254,7 +263,7 @@ _PLAIN = {"": 1.0, "1": 1.0, "-": 1.0, "rad": 1.0, "mrad": 1e-3, "deg": np.pi / 
           "\N{DEGREE SIGN}": np.pi / 180, "s": 1.0, "ms": 1e-3}  # fmt: skip
 
 
-def _named_unit(cell: str, units: Units, place: str) -> tuple[str, float | None]:
+def named_unit(cell: str, units: Units, place: str) -> tuple[str, float | None]:
     """Name of a column, and the factor that takes its numbers to radians, seconds and `units`.
 
     None where the cell names no unit.

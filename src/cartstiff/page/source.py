@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.csv_file import read_rows
+from cartstiff.loading.csv_file import named_unit, read_cells, read_rows
 from cartstiff.mechanisms.contract import SI, Units
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.limits import Limits
+from cartstiff.mechanisms.platform import Platform
+from cartstiff.parsing import parse_numbers
 
 # A page draws and sends every point: more are thinned.
 _MOST_POINTS = 20_000
 _MOST_POSTURES = 5_000
+# What colours a workspace's boundary.
+_CUTS = "limit that cuts"
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,14 +51,14 @@ class Trajectory:
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Points of a stiffness map with the quantities that may colour them.
+    """Points of a map, or of a workspace's boundary, with what may colour them.
 
     Attributes
     ----------
     positions : ndarray (N, 3)
         In F.
     values : mapping of str to ndarray (N,)
-        By quantity; NaN where one does not exist.
+        By quantity; NaN where one does not exist. Or words: of a boundary the limit that cuts.
     units : mapping of str to str
         By quantity.
     thinned : int
@@ -60,7 +66,7 @@ class Cloud:
     """
 
     positions: Array
-    values: Mapping[str, Array]
+    values: Mapping[str, NDArray[Any]]
     units: Mapping[str, str]
     thinned: int = 1
 
@@ -147,14 +153,25 @@ def read_trajectory(
     return Trajectory(table[:, -len(names) :], time, timed, unused)
 
 
-def read_cloud(path: Path) -> Cloud:
-    """Points of a map file, thinned to what a page can show.
+def read_cloud(path: Path, elastic: ElasticMechanism | None = None) -> Cloud:
+    """Points of a map file, or of a table that `cartstiff workspace --csv` wrote.
+
+    They are thinned to what a page can show.
+
+    Parameters
+    ----------
+    path : Path
+        A map, or a table whose name ends in ``.csv``.
+    elastic : ElasticMechanism, optional
+        Positions of a table are told in its units, limits with its bounds.
 
     Raises
     ------
     InputError
-        If the file holds no positions or no quantity over them.
+        If the file holds no positions or nothing over them.
     """
+    if path.suffix.lower() == ".csv":
+        return _read_boundary(path, elastic)
     from cartstiff.maps.opening import open_map
 
     data = open_map(path)
@@ -165,11 +182,11 @@ def read_cloud(path: Path) -> Cloud:
     shape = position.shape[:-1]
     flat = position.reshape(-1, position.shape[-1])
     values: dict[str, Array] = {}
-    units: dict[str, str] = {}
+    told: dict[str, str] = {}
     for name, variable in data.data_vars.items():
         if variable.shape == shape and variable.dtype.kind in "fiub" and name != "state":
             values[str(name)] = np.asarray(variable.values, float).reshape(-1)
-            units[str(name)] = str(variable.attrs.get("units", ""))
+            told[str(name)] = str(variable.attrs.get("units", ""))
     if position.shape[-1] != 3 or not values:
         raise InputError(
             "map cannot be shown", where=where,
@@ -178,6 +195,49 @@ def read_cloud(path: Path) -> Cloud:
     reached = np.isfinite(flat).all(axis=1)  # places of a Cartesian grid that no posture reaches
     if not reached.any():
         raise InputError("map holds no posture", where=where, expected="a finite position")
-    step = max(1, -(-int(reached.sum()) // _MOST_POINTS))
-    shown = np.flatnonzero(reached)[::step]
-    return Cloud(flat[shown], {n: v[shown] for n, v in values.items()}, units, step)
+    return _thinned(Cloud(flat[reached], {n: v[reached] for n, v in values.items()}, told))
+
+
+def _thinned(cloud: Cloud) -> Cloud:
+    """At most as many of its points as a page can show."""
+    step = max(1, -(-len(cloud.positions) // _MOST_POINTS))
+    values = {name: v[::step] for name, v in cloud.values.items()}
+    return replace(cloud, positions=cloud.positions[::step], values=values, thinned=step)
+
+
+def _read_boundary(path: Path, elastic: ElasticMechanism | None) -> Cloud:
+    """Positions on a workspace's boundary, and the limit that cuts at each."""
+    cells = read_cells(path, "boundary")
+    units = SI if elastic is None else elastic.units
+    heads = [named_unit(name, units, cells.place) for name in cells.names]
+    if [name for name, _ in heads] != ["x", "y", "z", "limit"]:
+        raise InputError("boundary cannot be shown", where=cells.place, got=", ".join(cells.names),
+                         expected="columns x, y, z and limit, as `workspace --csv` writes them of "
+                         "a body that takes all positions")  # fmt: skip
+    numbers = [parse_numbers(",".join(row[:3]), place, 3)
+               for row, place in zip(cells.rows, cells.places, strict=True)]  # fmt: skip
+    factors = [1.0 if factor is None else factor for _, factor in heads[:3]]
+    bounds = {} if elastic is None else _bounds_in_words(elastic)
+    limits = np.array([" ".join([row[3], *bounds.get(row[3], ())]) for row in cells.rows])
+    return _thinned(Cloud(np.array(numbers) * factors, {_CUTS: limits}, {_CUTS: ""}))
+
+
+def _bounds_in_words(elastic: ElasticMechanism) -> dict[str, tuple[str]]:
+    """Numbers and units of the limits that a workspace names, as in "leg1, most"."""
+    mechanism, limits = elastic.mechanism, Limits(elastic.mechanism)
+    types = {c.name: c.type for c in mechanism.coordinates}
+    found: dict[str, tuple[str]] = {}
+    for name, low, high, angle in zip(
+        limits.names, limits.lower, limits.upper, limits.are_angles, strict=True
+    ):
+        unit = "rad" if angle or types.get(name) == "revolute" else elastic.units.length
+        found |= {
+            f"{name}, least": (f"{low:.4g} {unit}",),
+            f"{name}, most": (f"{high:.4g} {unit}",),
+        }
+    forces = mechanism.leg_limits.forces if isinstance(mechanism, Platform) and \
+        mechanism.leg_limits is not None else None  # fmt: skip
+    for i, pair in enumerate(() if forces is None else forces.tolist(), start=1):
+        for side, bound in zip(("least", "most"), pair, strict=True):
+            found[f"force of leg{i}, {side}"] = (f"{bound:.4g} {elastic.units.force}",)
+    return found

@@ -13,16 +13,22 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.scene import objects, theme
 from cartstiff.scene.canvas import Node
 
+# Kinds of points that a legend lists; rarer ones are "others".
+_MOST_KINDS = len(theme.KINDS)
+
 # Values over more than this ratio, all of one sign, are coloured by their logarithm.
 _WIDE = 50.0
 
 
-def colours_of(values: Array) -> tuple[NDArray[np.uint8], dict[str, Any]]:
+def colours_of(values: NDArray[Any]) -> tuple[NDArray[np.uint8], dict[str, Any]]:
     """Colours (n, 3) of values, and the facts of the colour bar.
 
     Values of one sign run from dark to light, by their logarithm where they spread far; values of
-    both signs from blue over pale to orange. What is not finite is grey, and counted.
+    both signs from blue over pale to orange. What is not finite is grey, and counted. Words have a
+    colour each, the rarest of many kinds are grey.
     """
+    if values.dtype.kind == "U":
+        return _colours_of_kinds(values)
     good = np.isfinite(values)
     colours = np.empty((len(values), 3), np.uint8)
     colours[:] = [theme.NO_VALUE >> s & 0xFF for s in (16, 8, 0)]
@@ -51,10 +57,29 @@ def colours_of(values: Array) -> tuple[NDArray[np.uint8], dict[str, Any]]:
     return colours, facts
 
 
-def _checked(positions: ArrayLike, values: ArrayLike | None) -> tuple[Array, Array | None]:
+def _colours_of_kinds(words: NDArray[np.str_]) -> tuple[NDArray[np.uint8], dict[str, Any]]:
+    """Colours (n, 3) of words, and which colour each of the commonest has."""
+    kinds, kind, counts = np.unique(words, return_inverse=True, return_counts=True)
+    listed = np.sort(np.argsort(-counts, kind="stable")[:_MOST_KINDS])
+    table = np.full(len(kinds), theme.NO_VALUE)
+    table[listed] = theme.KINDS[: len(listed)]
+    facts = [
+        {"name": str(kinds[i]), "colour": f"#{table[i]:06x}", "count": int(counts[i])}
+        for i in listed
+    ]
+    if rest := len(words) - int(counts[listed].sum()):
+        others = f"{len(kinds) - len(listed)} others"
+        facts.append({"name": others, "colour": f"#{theme.NO_VALUE:06x}", "count": rest})
+    colours = np.stack([table >> shift & 0xFF for shift in (16, 8, 0)], axis=1)[kind]
+    return colours.astype(np.uint8), {"kind": "kinds", "kinds": facts}
+
+
+def _checked(positions: ArrayLike, values: ArrayLike | None) -> tuple[Array, NDArray[Any] | None]:
     p = checked_array(positions, ("N", 3), "array of positions", copy=False)
     if values is None:
         return p, None
+    if (words := np.asarray(values)).dtype.kind == "U" and words.shape == p.shape[:1]:
+        return p, words
     return p, checked_array(values, (len(p),), "array of values", copy=False, finite=False)
 
 
@@ -76,7 +101,7 @@ def add_points(
     positions : array_like, shape (n, 3)
         In units of `visualizer`.
     values : array_like, shape (n,)
-        NaN where there is none: such points are grey.
+        NaN where there is none: such points are grey. Or words, each kind in its own colour.
     label, unit : str
         What the values are.
     size : float, optional
@@ -86,7 +111,8 @@ def add_points(
     -------
     dict
         "label", "unit", "count", "without_value", "lower", "upper", "kind" ("sequential" or
-        "diverging"), "log", and "stops", the bar's colours at equal steps.
+        "diverging"), "log", and "stops", the bar's colours at equal steps. Of words: "label",
+        "unit", "count", "kind" ("kinds") and "kinds", a list of "name", "colour" and "count".
 
     Raises
     ------

@@ -33,6 +33,11 @@ CENTRES = {
 }
 #: x, y, z of a frame. Red and green differ in lightness, for those who confuse the hues.
 AXES = (0xCC3311, 0x44AA66, 0x2255CC)
+#: Of points by kind: eight hues, then the same ones lighter.
+KINDS = (
+    0x0072B2, 0xD55E00, 0x009E73, 0xCC79A7, 0xE69F00, 0x56B4E9, 0xF0E442, 0x6A4C93,
+    0x7FB8D8, 0xEAAE7F, 0x7FCEB9, 0xE5BCD3, 0xF2CF7F, 0xABD9F4, 0xF7F1A0, 0xB4A5C9,
+)  # fmt: skip
 SLACK, NO_VALUE = 0x9A9A9A, 0x8C8C8C
 
 #: Opacity of an ellipsoid, and of a ghost.

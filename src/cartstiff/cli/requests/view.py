@@ -25,7 +25,8 @@ page_options = option_group(
     command_option,
     click.option(
         "--map", "map_path", type=click.Path(path_type=Path), metavar="FILE",
-        help="Also draw the points of a stiffness map, coloured.",
+        help="Also draw the points of a stiffness map, or of the table that `cartstiff workspace "
+        "--csv` writes, coloured by a quantity or by the limit that cuts.",
     ),
     click.option(
         "--trajectory", "trajectory_path", type=click.Path(path_type=Path), metavar="FILE.csv",
@@ -95,7 +96,7 @@ def source_from_options(
         command=command,
         reload=reload,
         trajectory=trajectory,
-        cloud=None if map_path is None else read_cloud(map_path),
+        cloud=None if map_path is None else read_cloud(map_path, elastic),
     )
 
 

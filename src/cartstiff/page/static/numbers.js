@@ -178,10 +178,13 @@ export function legendBox(store) {
       el("span", { class: `mark ${mark}`, "aria-hidden": "true" }, MARKS[mark] ?? "·"), ` ${text}`)));
     box.hidden = lines.length === 0;
     if (legend.cloud) {
-      const { label, unit, lower, upper, log, stops = [] } = legend.cloud;
+      const { label, unit, count, lower, upper, log, kinds, stops = [] } = legend.cloud;
       bar.hidden = false;
       const words = [label, unit, log && "logarithmic"].filter(Boolean).join(", ");
-      bar.replaceChildren(el("span", { class: "small" }, words),
+      const head = el("span", { class: "small" }, words);
+      if (kinds) bar.replaceChildren(head, ...kinds.map((one) => el("div", { class: "small kind", title: `${one.count} of ${count} points: ${one.name}` },
+        el("span", { class: "mark", style: `color: ${one.colour}`, "aria-hidden": "true" }, "●"), ` ${one.name}`)));
+      else bar.replaceChildren(head,
         el("span", { class: "gradient", style: `background: linear-gradient(to right, ${stops.join(", ")})` }),
         el("span", { class: "ends small num" }, el("span", {}, short(lower)), el("span", {}, short(upper))));
     }
