@@ -56,3 +56,13 @@ def test_frequencies_follow_both(bar):
 def test_tolerances_of_stiffness_include_them(bar):
     found = cartstiff.accuracy(cartstiff.analyse(bar), cartstiff.Tolerances(stiffness=0.1))
     assert {"stiffness.line1", "stiffness.bar (link)"} <= set(found.names)
+
+
+def test_a_body_that_rests_anywhere_has_none():
+    """Beside a motion that costs nothing the place of rest hangs on rounding, not on parameters."""
+    rest = cartstiff.equilibrium(cartstiff.load("grasp"))
+    assert rest.is_adrift
+    with pytest.raises(cartstiff.UndefinedError, match="a motion of the body costs nothing"):
+        cartstiff.sensitivities(rest)
+    with pytest.raises(cartstiff.UndefinedError, match="not decided"):
+        cartstiff.accuracy(rest, cartstiff.Tolerances(0.01))

@@ -256,25 +256,29 @@ def inscribed(
     few, many = (np.vstack([corners, sphere_rule(n)[0]]) for n in (_DIRECTIONS, _CHECKED))
     steps = np.linspace(0.0, reach, scan + 1)
 
-    def exits(place: Array, directions: Array) -> Array | None:
-        """Distances (d,) to the first boundary from a place; None where it is outside."""
+    def room(place: Array, directions: Array, size: Array) -> float | None:
+        """Least of the sizes (d,) times the distances to the boundary; None outside."""
         offsets = place + (directions[:, None] * steps[:, None]).reshape(-1, 3)
         inside = margins.inside(pose_at(offsets)).reshape(len(directions), -1)
         if not inside[0, 0]:
             return None
         k = np.where(inside.all(axis=1), scan, np.argmin(inside, axis=1))
+        # Directions that end farther away than another one's bracket are not looked at again.
+        near = np.flatnonzero(steps[k - 1] * size <= (steps[k] * size).min())
+        ways = directions[near]
 
         def stays(rows: NDArray[np.intp], distances: Array) -> NDArray[np.bool_]:
-            return margins.inside(pose_at(place + distances[:, None] * directions[rows]))
+            return margins.inside(pose_at(place + distances[:, None] * ways[rows]))
 
-        return narrowed(stays, steps[k - 1], steps[k], _HALVINGS // 2)[0]
+        ends, _, _ = narrowed(stays, steps[k - 1][near], steps[k][near], _HALVINGS // 2)
+        return float((ends * size[near]).min())
 
     def largest(size: Callable[[Array], Array]) -> tuple[Array, float]:
+        sizes = size(few)
+
         def less(place: Array) -> float:
-            ends = exits(place, few)
-            if ends is None:
-                return float(np.linalg.norm(place))
-            return -float((ends * size(few)).min())
+            found = room(place, few, sizes)
+            return float(np.linalg.norm(place)) if found is None else -found
 
         inner = positions.first.min() or 0.1 * reach
         simplex = np.vstack([np.zeros(3), np.eye(3) * max(inner, 0.02 * reach)])
@@ -285,8 +289,7 @@ def inscribed(
             "fatol": 0.0,
         }
         best = minimize(less, np.zeros(3), method="Nelder-Mead", options=options)
-        ends = exits(best.x, many)
-        return centre + best.x, 0.0 if ends is None else float((ends * size(many)).min())
+        return centre + best.x, room(best.x, many, size(many)) or 0.0
 
     sphere = largest(lambda directions: np.ones(len(directions)))
     cube = largest(lambda directions: np.abs(directions).max(axis=1))

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.arrays import Result, fixed, read_only
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
@@ -138,6 +139,19 @@ class Equilibrium(Result, ShownInLines):
     def displacement(self) -> Array:
         """From the start: rotation vector and translation (6,) of the body frame, axes of F."""
         return displacement_between(self.start.pose, self.pose)
+
+    @property
+    def is_adrift(self) -> bool:
+        """Whether a motion of the body costs nothing, so that where it rests is not decided."""
+        balance = self._solution.balance
+        if self.stable is not None or not self.is_conservative or not balance.stiffness.size:
+            return False
+        values, modes = balance.modes()
+        idle = balance.motion(modes[:, np.abs(values) <= max(numerics.IDLE, balance.unsure)])
+        lengths = self.posture.coordinate_lengths[:, None]
+        body = self.posture.motion.jacobian @ (lengths * idle)
+        body[3:] /= self.posture.length
+        return bool(np.abs(body).max(initial=0.0) > numerics.CLOSE * np.abs(idle).max(initial=0.0))
 
     @cached_property
     def displacement_deviation(self) -> Array | None:

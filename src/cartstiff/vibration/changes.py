@@ -15,7 +15,7 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.analysis.tolerances import Parameters, Tolerances
-from cartstiff.errors import CartstiffError, InputError
+from cartstiff.errors import CartstiffError, InputError, UndefinedError
 from cartstiff.geometry.differences import derivative_with_error
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
@@ -54,6 +54,11 @@ class Home:
         if isinstance(subject, Modes):
             subject = subject.state if subject.state is not None else subject.held
         self.state = subject if isinstance(subject, Equilibrium) else None
+        if self.state is not None and self.state.is_adrift:
+            raise UndefinedError(
+                "where it rests is not decided, as a motion of the body costs nothing: what is there "
+                "has no derivatives", code="neutral",
+            )  # fmt: skip
         result = subject.elastic_stiffness if isinstance(subject, Equilibrium) else subject
         self.parameters = Parameters(result, tolerances, reread, self.state is not None)
         self.nominal: PostureStiffness | Equilibrium = subject
