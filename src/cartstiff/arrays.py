@@ -346,7 +346,7 @@ def csv_text(table: Array, names: Sequence[str]) -> str:
     """A table (N, m) of numbers under a line of names, each with all of its digits."""
     text = io.StringIO()
     head = printable(",".join(names))
-    np.savetxt(text, table, delimiter=",", fmt="%.17g", header=head, comments="")
+    np.savetxt(text, np.asarray(table) + 0.0, delimiter=",", fmt="%.17g", header=head, comments="")
     return text.getvalue()
 
 
@@ -355,8 +355,15 @@ def csv_rows(names: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(names)
-    writer.writerows(["" if cell is None else str(cell) for cell in row] for row in rows)
+    writer.writerows([_cell(cell) for cell in row] for row in rows)
     return text.getvalue()
+
+
+def _cell(value: object) -> str:
+    """Text of a cell, without the sign of a zero."""
+    if value is None:
+        return ""
+    return str(value + 0.0 if isinstance(value, float) else value)
 
 
 def plain(value: object) -> Any:

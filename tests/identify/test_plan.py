@@ -197,6 +197,35 @@ def test_rows_beside_a_gross_error_come_back(offered):
     assert identify(elastic, spoilt, fit="robust").suspects == [7]
 
 
+def test_rows_that_no_other_checks_are_named(offered):
+    """An error of 19 deviations in row 18 stays unseen, as the fit follows the row: it is told."""
+    elastic, _, _ = offered
+    rows = candidates(elastic, {"d": 1.0}, count=32, seed=970, force=100.0)
+    still = simulated(elastic, rows, {"d": 1e-30}, seed=970)
+    sd = 0.03 * float(np.sqrt(np.mean(still.values["d"] ** 2)))
+    spoilt = simulated(elastic, rows, {"d": sd}, seed=970, outliers=[17, 29])
+    found = identify(elastic, spoilt, fit="robust")
+    assert found.suspects == [30]
+    note = next(n for n in found.notes if n.code == "rows-unchecked")
+    told = dict(zip(note.values["rows"], note.values["errors"], strict=True))
+    assert 18 in told
+    assert "row 18 (d: " in note.message
+    # An error shows in its own residual by 1 - h, the diagonal of the projector off the fit.
+    others = np.arange(32) != 29
+    A = found.model.at(found.chosen.theta)[1][others]
+    left = 1.0 - np.diag(A @ np.linalg.pinv(A))
+    limit = stats.t.ppf(1.0 - 0.005 / 32, 31 - 6)
+    for row, size in told.items():
+        assert size == pytest.approx((limit + 3.1) / np.sqrt(left[row - 1 - (row > 30)]), rel=1e-9)
+
+
+def test_rows_that_check_each_other_are_not(offered):
+    elastic, _, found = offered
+    spread = {"dx": 2e-5, "dy": 2e-5, "dz": 2e-5}
+    result = identify(elastic, simulated(elastic, found.taken(np.arange(60)), spread, seed=1))
+    assert "rows-unchecked" not in {n.code for n in result.notes}
+
+
 def test_from_a_plan_to_a_file_by_the_command_line(tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     arm("elbow", tmp_path)

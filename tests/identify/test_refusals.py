@@ -177,11 +177,11 @@ def test_there_are_enough_of_them():
 
 
 def test_what_spreadsheets_write_is_understood(folder, capfd, tmp_path):
-    """Semicolons, decimal commas, degrees, q1 for the first joint, a line that says sep=;."""
+    """Semicolons, decimal commas, degrees, (um), q1 for the first joint, a line with sep=;."""
     head, *rows = (folder / "good.csv").read_text().splitlines()
     names = [name.split("[")[0].strip() for name in head.split(",")]
     shown = {**{f"j{i}": (f"q{i} [\u00b0]", 180 / math.pi) for i in range(1, 7)},
-             **{f"d{axis}": (f"d{axis} [\u00b5m]", 1e6) for axis in "xyz"}}  # fmt: skip
+             **{f"d{axis}": (f"d{axis} (\u00b5m)", 1e6) for axis in "xyz"}}  # fmt: skip
     lines = ["sep=;", ";".join(shown.get(name, (name, 1))[0] for name in names)]
     for row in rows:
         pairs = zip(names, row.split(","), strict=True)

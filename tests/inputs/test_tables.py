@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
+from cartstiff.arrays import csv_rows, csv_text
 from cartstiff.cli.main import command as cartstiff_command
 from cartstiff.cli.main import main
 from cartstiff.errors import CartstiffError, InputError
@@ -29,6 +30,7 @@ def table(tmp_path, text, **keys):
         "a [deg],x [mm],fx [kN],m [N mm]\n90,1500,0.2,3000\n",
         "a [deg];x [mm];fx [kN];m [N mm]\n90,0;1500;0,2;3000\n",
         "a [rad]\tx [m]\tfx\tm [Nm]\n1,5707963267948966\t1,5\t200\t3\n",
+        "a (deg),x (\u00b5m),fx (kN),m (N m)\n90,1.5e6,0.2,3\n",
         "# by hand\na [°] , x[cm], fx [N], m [kN*mm]\n 90,150,200, 3\n",
     ],
 )
@@ -36,6 +38,15 @@ def test_heads_give_units_and_semicolons_decimal_commas(tmp_path, text):
     rows = table(tmp_path, text)
     assert rows.names == ("a", "x", "fx", "m")
     assert np.allclose(rows.values, [[np.pi / 2, 1.5, 200, 3]], rtol=1e-12)
+
+
+def test_other_round_brackets_belong_to_the_name(tmp_path):
+    assert table(tmp_path, "motor (left),x(2) (mm)\n1,2\n").names == ("motor (left)", "x(2)")
+
+
+def test_tables_have_no_negative_zero():
+    text = csv_text(np.array([[-0.0, -1.0]]), ("a", "b"))
+    assert text == csv_rows(("a", "b"), [(-0.0, -1)]).replace("0.0", "0")
 
 
 def test_joints_may_be_called_by_number_and_spreadsheets_say_their_separator(tmp_path):

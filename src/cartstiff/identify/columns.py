@@ -10,7 +10,7 @@ from math import pi
 from typing import Final
 
 from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.loading.csv_file import Cells
+from cartstiff.loading.csv_file import SIGNS, Cells, in_brackets
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
@@ -44,8 +44,6 @@ _OTHERS: Final[Mapping[str, str]] = {
 }  # fmt: skip
 #: A column that only tables of `cartstiff path` have; their wrenches are along the body's axes.
 OF_PATH: Final = "singular_ratio"
-# Signs in units: of degrees, and two that stand for micro.
-_SIGNS = str.maketrans({"\u00b0": "deg", "\u00b5": "u", "\u03bc": "u"})
 _HEAD = re.compile(r"\s*([^\[\]]*?)\s*(?:\[([^\[\]]*)\])?\s*")
 
 
@@ -143,12 +141,12 @@ def column_of(
     InputError
         For a unit that does not fit it.
     """
-    match = _HEAD.fullmatch(head)
+    match = _HEAD.fullmatch(in_brackets(head))
     if match is None or not match[1]:
         raise InputError("column head cannot be read", where=where,
                          expected="name or name [unit]", got=repr(head))  # fmt: skip
     name, unit = match[1], match[2]
-    unit = None if unit is None else unit.translate(_SIGNS).strip()
+    unit = None if unit is None else unit.translate(SIGNS).strip()
     if name not in kinds:
         raise UnknownNameError("column", name, _shown(kinds), where=where)
     kind = kinds[name]

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from cartstiff.identify.result import Identification
 
 _FEW = 5.0
+# Standard deviations of an error that is called gross, and rows that are shown in words.
+_GROSS, _SHOWN = 20.0, 8
 # Rows whose equilibrium is looked at: those that move most.
 _LOOKED_AT = 3
 
@@ -159,11 +161,35 @@ def _found(result: Identification) -> list[Note]:
         )
         used = "left out by the robust fit" if result.fit == "robust" else "used all the same"
         notes.append(Note("suspects", f"suspect, and {used}: {shown}", {"rows": result.suspects}))
+    notes += _unseen(result)
     if result.rejected:
         shown = "; ".join(f"row {r.row} ({r.reason})" for r in result.rejected)
         notes.append(Note("rejected", f"left out by --reject: {shown}",
                           {"rows": [r.row for r in result.rejected]}))  # fmt: skip
     return notes
+
+
+def _unseen(result: Identification) -> list[Note]:
+    """Rows in which a gross error would not be seen, as hardly another one measures the same."""
+    robust, seen = result.robust, result.model.observations
+    rows: dict[int, float] = {}
+    words = []
+    for n in range(len(result.measured)):
+        mine = np.flatnonzero((seen.row == n) & robust.kept)
+        if not mine.size or robust.unseen[mine].max() < _GROSS:
+            continue
+        worst = mine[np.argmax(robust.unseen[mine])]
+        size = float(robust.unseen[worst])
+        rows[int(result.measured.rows[n])] = size
+        words.append(f"row {result.measured.rows[n]} ({seen.column[worst]}: {size:.0f})")
+    if not rows:
+        return []
+    more = f" and {len(words) - _SHOWN} more" if len(words) > _SHOWN else ""
+    text = (
+        "the fit follows these rows, which hardly another one checks, so that errors of fewer "
+        f"standard deviations than told may stay unseen: {', '.join(words[:_SHOWN])}{more}"
+    )
+    return [Note("rows-unchecked", text, {"rows": list(rows), "errors": list(rows.values())})]
 
 
 def _limits(result: Identification) -> list[Note]:

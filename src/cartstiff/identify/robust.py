@@ -29,6 +29,8 @@ from cartstiff.identify.unknowns import Unknowns
 _CAUCHY, _MAD = 2.385, 1.4826
 #: A campaign without gross errors names a suspect with this probability, by each of two tests.
 _FALSE_ALARM = 0.01
+#: Standard deviations that noise takes off an error in one of 1000 cases.
+_SURE = 3.1
 _ROUNDS = 6
 
 
@@ -50,6 +52,8 @@ class Robust:
         Places of the suspect rows.
     row : ndarray of int (m,)
         Place of each number's row.
+    shown : ndarray (m,)
+        Share of an error of each number that its own residual shows: the fit follows the rest.
     """
 
     fit: Fit
@@ -58,6 +62,15 @@ class Robust:
     kept: NDArray[np.bool_]
     suspects: NDArray[np.intp]
     row: NDArray[np.intp]
+    shown: Array
+
+    @property
+    def unseen(self) -> Array:
+        """Error (m,) of each number, in standard deviations, up to which it may stay unseen.
+
+        ``(limit + 3.1) / sqrt(1 - h)``: errors beyond it are found in 999 of 1000 cases [Baarda]_.
+        """
+        return (self.limit + _SURE) / np.sqrt(self.shown)
 
     def beyond(self, limit: float) -> NDArray[np.intp]:
         """Places of rows with a number beyond this many standard deviations."""
@@ -90,6 +103,7 @@ def robust_fit(
     rank = int(np.count_nonzero(plain.solved.is_determined)) + nuisance.shape[1]
     residual, scales = _residuals(divided, right, noise, rank)
     m = len(seen)
+    shown = np.ones(m)
     bad = np.zeros(m, bool)
     limit = _limit(bad, rank)
     fit = plain.solved
@@ -109,8 +123,9 @@ def robust_fit(
         whole = fit.whitened[:m]
         spread = np.where(new, 1.0 + _leverage(whole, weights), 1.0 - fit.leverage)
         raw = target - np.hstack([A, nuisance]) @ np.append(fit.unbounded, fit.offsets)
-        standard = np.sqrt(np.maximum(spread, numerics.ROUNDING**0.5))
-        residual = raw / (noise.deviation * standard)
+        spread = np.maximum(spread, numerics.ROUNDING**0.5)
+        shown = np.where(new, 1.0, spread)
+        residual = raw / (noise.deviation * np.sqrt(spread))
         scales = np.array(fit.scales)
         same = bool(np.all(new == bad))
         bad = new
@@ -120,7 +135,7 @@ def robust_fit(
     standardised = residual / scales[noise.group]
     suspects = np.unique(seen.row[bad])
     whole_fit = Fit(fit, fit.theta, A, target, plain.steps) if bad.any() else plain
-    return Robust(whole_fit, standardised, limit, ~bad, suspects, seen.row)
+    return Robust(whole_fit, standardised, limit, ~bad, suspects, seen.row, shown)
 
 
 def _limit(bad: NDArray[np.bool_], rank: int) -> float:

@@ -187,7 +187,7 @@ def _with_points(cells: list[str], place: str) -> list[str]:
 
 def _names(line: str, place: str, separator: str = ",") -> tuple[str, ...] | None:
     """Names of columns, or None for a line of numbers."""
-    cells = tuple(_cells(line, separator))
+    cells = tuple(map(in_brackets, _cells(line, separator)))
     points = cells if separator == "," else [cell.replace(",", ".") for cell in cells]
     if not any(map(_is_word, points)):
         return None
@@ -257,10 +257,20 @@ def _numbers(line: str, separator: str, place: str, width: int | None) -> list[f
     return parse_numbers(line, place, width)
 
 
+_ROUND = re.compile(
+    r"\(\s*((?:[mcdu\u00b5\u03bc]?m|in|ft|k?N(?:[ *]?[mcd]?m)?|kg|g|m?s|m?rad|deg|\u00b0))\s*\)\s*$"
+)
 # The first line of some spreadsheets' tables.
 _SEPARATOR = re.compile(r"sep=[;,\t]?", re.IGNORECASE)
+#: Signs in units: of degrees, and two that stand for micro.
+SIGNS = str.maketrans({"\u00b0": "deg", "\u00b5": "u", "\u03bc": "u"})
 _PLAIN = {"": 1.0, "1": 1.0, "-": 1.0, "rad": 1.0, "mrad": 1e-3, "deg": np.pi / 180,
-          "\N{DEGREE SIGN}": np.pi / 180, "s": 1.0, "ms": 1e-3}  # fmt: skip
+          "s": 1.0, "ms": 1e-3}  # fmt: skip
+
+
+def in_brackets(head: str) -> str:
+    """A head with its unit in square brackets, where that stands in round ones: ``x (mm)``."""
+    return _ROUND.sub(r"[\1]", head)
 
 
 def named_unit(cell: str, units: Units, place: str) -> tuple[str, float | None]:
@@ -271,7 +281,7 @@ def named_unit(cell: str, units: Units, place: str) -> tuple[str, float | None]:
     match = re.fullmatch(r"(.*?)\s*\[([^\]]*)\]", cell)
     if match is None:
         return cell, None
-    name, unit = match[1], " ".join(match[2].split())
+    name, unit = match[1], " ".join(match[2].translate(SIGNS).split())
     if unit in _PLAIN:
         return name, float(_PLAIN[unit])
     length, force = convert_length(SI, units)

@@ -145,7 +145,7 @@ def describe(told: dict[str, Any]) -> list[str]:
     lines = ["", f"How it was computed: {told['seconds']:.3g} s, "
              f"{told['processor_seconds']:.3g} s of processor time"]  # fmt: skip
     for row in told["shares"]:
-        line = f"  {row['what']}: {row['seconds']:.3g} s"
+        line = f"  {row['what']}: {round(row['seconds'], 9):.3g} s"
         if row["postures"]:
             each = 10**6 * row["seconds"] / row["postures"]
             line += f", {row['postures']} postures, {each:.3g} us each"

@@ -56,8 +56,8 @@ class Home:
         self.state = subject if isinstance(subject, Equilibrium) else None
         if self.state is not None and self.state.is_adrift:
             raise UndefinedError(
-                "where it rests is not decided, as a motion of the body costs nothing: what is there "
-                "has no derivatives", code="neutral",
+                "where it rests is not decided, as a motion of the body costs nothing: what is "
+                "there has no derivatives", code="neutral",
             )  # fmt: skip
         result = subject.elastic_stiffness if isinstance(subject, Equilibrium) else subject
         self.parameters = Parameters(result, tolerances, reread, self.state is not None)
