@@ -158,6 +158,16 @@ NUMBERS: dict[str, dict[str, object]] = {
         "bundled K": 0.0492497,
         "bundled F": 0.0489411,
     },
+    "parallel_machines": {
+        "6-pus, N/mm": 120000.0,
+        "hexaglide, N/mm": 292895.0,
+        "6-rus, N/mm": 864.481,
+        "3-rps, N/mm": 29189.2,
+        "3-prs, N/mm": 150000.0,
+        "delta, N/mm": 73.6057,
+        "tricept, N/mm": 282353.0,
+        "orthoglide, N/mm": 10000.0,
+    },
     "platform_near_singularity": {
         "smallest at 0 deg, N m/rad": 125000.0,
         "smallest at 85 deg, N m/rad": 1671.47,
