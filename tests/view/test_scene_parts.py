@@ -31,6 +31,7 @@ from cartstiff.scene import (
     add_wrench,
     theme,
 )
+from cartstiff.scene.canvas import Node
 from cartstiff.scene.labels import number, text_png
 from cartstiff.scene.scales import Tension, round_number
 from cartstiff.scene.shapes import rotation_to, segment
@@ -165,6 +166,18 @@ def test_points_of_a_map(vis, window):
     assert len(set(colours[3])) == 1  # grey
     assert f"#{theme.hex_of(colours[0]):06x}" == facts["stops"][0]
     assert f"#{theme.hex_of(colours[-1]):06x}" == facts["stops"][-1]
+
+
+def test_points_carry_numbers_and_are_drawn_in_units_of_the_scene(vis, window):
+    node = Node.of(vis)["map"]
+    node.enlarged = 1e-3
+    q = np.random.default_rng(1).normal(size=(3, 7))
+    add_points(node, np.eye(3), [1.0, 2.0, 3.0], size=8.0, carried={"q": q})
+    told = Viewer(window.take()).places["/meshcat/map"].object
+    assert told["materials"][0]["size"] == pytest.approx(8e-3)
+    carried = told["geometries"][0]["data"]["attributes"]
+    both = _array(carried["q"]).astype(float) + _array(carried["q rest"])
+    assert np.abs(both - q).max() < 2.0**-46
 
 
 def test_points_of_both_signs_and_of_many_decades(vis):

@@ -135,6 +135,32 @@ def test_a_real_map_with_places_out_of_reach(tmp_path):
     assert 0 < len(cloud.positions) == finite.sum() < finite.size
     assert list(cloud.values) == ["force"]
     assert np.array_equal(cloud.positions, whole["position"].values.reshape(-1, 3)[finite])
+    assert cloud.q is None
+    known = read_cloud(tmp_path / "m.zarr", arm)
+    assert known.q is not None
+    for q, place in zip(known.q, known.positions, strict=True):
+        assert np.allclose(arm.mechanism.at(q).pose[:3, 3], place, atol=1e-9)
+    assert read_cloud(tmp_path / "m.zarr", cartstiff.load("ur5")).q is None, "of another mechanism"
+
+
+def test_points_of_a_map_bring_their_postures(tmp_path, monkeypatch):
+    import cartstiff
+    from cartstiff.maps import Grid, compute_map
+
+    arm = cartstiff.load("ur5")
+    grid = Grid({"shoulder_pan_joint": (-1, 1, 3), "elbow_joint": (0.5, 1.5, 3)}, arm.names, arm.q)
+    compute_map(arm, grid, ["minimum"], tmp_path / "m.zarr")
+    known = read_cloud(tmp_path / "m.zarr", arm)
+    assert known.q is not None
+    assert len(known.q) == 9
+    for q, place in zip(known.q, known.positions, strict=True):
+        assert np.allclose(arm.mechanism.at(q).pose[:3, 3], place, atol=1e-9)
+    monkeypatch.setattr(source, "_AT_ONCE", 4)  # row by row
+    assert np.array_equal(read_cloud(tmp_path / "m.zarr", arm).q, known.q)
+    monkeypatch.setattr(source, "_MOST_COORDINATES", 6 * 4)
+    thin = read_cloud(tmp_path / "m.zarr", arm)
+    assert thin.thinned == 3
+    assert np.array_equal(thin.q, known.q[::3])
 
 
 def test_a_boundary_of_a_workspace(tmp_path):

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
+import numpy as np
+
 from cartstiff.analysis.screws import Screw
 from cartstiff.errors import UndefinedError
 from cartstiff.mechanisms.contract import MechanismPosture
@@ -63,9 +65,14 @@ class Picture:
 
     def cloud(self, cloud: Cloud, quantity: str) -> dict[str, Any]:
         """Draw a map's points, coloured by a quantity; returns the facts of the colour bar."""
-        return self._scene.points(
-            cloud.positions, cloud.values[quantity], quantity, cloud.units[quantity]
+        values, words = cloud.values[quantity], None
+        carried = {"value": values} | ({} if cloud.q is None else {"q": cloud.q})
+        if values.dtype.kind == "U":  # a point carries the number of its word
+            words, carried["value"] = np.unique(values, return_inverse=True)
+        facts = self._scene.points(
+            cloud.positions, values, quantity, cloud.units[quantity], carried=carried
         )
+        return facts if words is None else facts | {"words": words.tolist()}
 
     def bounds(self, result: PostureStiffness) -> list[list[float]]:
         """Two corners, in the viewer's units, of what has to be in the picture at a posture."""

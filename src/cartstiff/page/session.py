@@ -96,7 +96,7 @@ class Session:
         self._variant: tuple[Any, ElasticMechanism] = ((None, None, None), elastic)
         self._follower = Follower(elastic)
         self._swept: tuple[Sweep | None, Rows] = (None, {})  # the last one, before it is refined
-        self._cloud_shown: tuple[str, str] | None = None
+        self._cloud_shown: str | None = None
         self._colour_bar: dict[str, Any] | None = None
         self.picture = self.make_picture(elastic)
 
@@ -148,6 +148,7 @@ class Session:
                 "quantities": [{"name": n, "unit": cloud.units[n]} for n in cloud.values],
                 "count": len(cloud.positions),
                 "thinned": cloud.thinned,
+                "has_postures": cloud.q is not None,
             },
         }
         result = self.result(state)
@@ -252,13 +253,12 @@ class Session:
         return self._variant[1]
 
     def _draw(self, result: PostureStiffness, state: State) -> dict[str, Any]:
-        cloud, wanted = self.source.cloud, (state.quantity_of_map or "", state.theme)
-        if cloud is not None and state.quantity_of_map is not None:
-            if state.quantity_of_map not in cloud.values:
-                raise UnknownNameError("quantity", state.quantity_of_map, cloud.values)
-            if wanted != self._cloud_shown:
-                self._colour_bar = self.picture.cloud(cloud, state.quantity_of_map)
-                self._cloud_shown = wanted
+        cloud, wanted = self.source.cloud, state.quantity_of_map
+        if cloud is not None and wanted is not None and wanted != self._cloud_shown:
+            if wanted not in cloud.values:
+                raise UnknownNameError("quantity", wanted, cloud.values)
+            self._colour_bar = self.picture.cloud(cloud, wanted)
+            self._cloud_shown = wanted
         return self.with_colour_bar(self.picture.draw(result, state))
 
     def with_colour_bar(self, legend: dict[str, Any]) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import prod
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
@@ -22,6 +23,10 @@ from cartstiff.parsing import parse_numbers
 
 # A page draws and sends every point: more are thinned.
 _MOST_POINTS = 20_000
+# Each carries its posture: 1.6 MB of these at most.
+_MOST_COORDINATES = 200_000
+# Postures of a map that are read at a time.
+_AT_ONCE = 1_000_000
 _MOST_POSTURES = 5_000
 # What colours a workspace's boundary.
 _CUTS = "limit that cuts"
@@ -63,12 +68,15 @@ class Cloud:
         By quantity.
     thinned : int
         How far apart in the file the points are that are kept: 1 keeps all, 2 every second.
+    q : ndarray (N, n) or None
+        Coordinates of each point; None where the points are no postures of the mechanism.
     """
 
     positions: Array
     values: Mapping[str, NDArray[Any]]
     units: Mapping[str, str]
     thinned: int = 1
+    q: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +171,8 @@ def read_cloud(path: Path, elastic: ElasticMechanism | None = None) -> Cloud:
     path : Path
         A map, or a table whose name ends in ``.csv``.
     elastic : ElasticMechanism, optional
-        Positions of a table are told in its units, limits with its bounds.
+        Positions of a table are told in its units, limits with its bounds; a map of the same
+        coordinates brings those of each point.
 
     Raises
     ------
@@ -195,12 +204,30 @@ def read_cloud(path: Path, elastic: ElasticMechanism | None = None) -> Cloud:
     reached = np.isfinite(flat).all(axis=1)  # places of a Cartesian grid that no posture reaches
     if not reached.any():
         raise InputError("map holds no posture", where=where, expected="a finite position")
-    return _thinned(Cloud(flat[reached], {n: v[reached] for n, v in values.items()}, told))
+    cloud = _thinned(Cloud(flat[reached], {n: v[reached] for n, v in values.items()}, told),
+                     0 if elastic is None else len(elastic.names))  # fmt: skip
+    own = [] if elastic is None or "q" not in data else [str(name) for name in data["joint"].values]
+    if elastic is None or own != list(elastic.names):
+        return cloud
+    return replace(cloud, q=_rows(data["q"], shape, np.flatnonzero(reached)[:: cloud.thinned]))
 
 
-def _thinned(cloud: Cloud) -> Cloud:
-    """At most as many of its points as a page can show."""
-    step = max(1, -(-len(cloud.positions) // _MOST_POINTS))
+def _rows(table: Any, shape: tuple[int, ...], wanted: Array) -> Array:
+    """Rows (N, n) of labelled arrays (*shape, n) by their numbers in order, read part by part."""
+    inner = prod(shape[1:])
+    parts = []
+    for first in range(0, shape[0], step := max(1, _AT_ONCE // inner)):
+        low, high = np.searchsorted(wanted, [first * inner, (first + step) * inner])
+        if low < high:
+            part = np.asarray(table[first : first + step].values, float)
+            parts.append(part.reshape(-1, part.shape[-1])[wanted[low:high] - first * inner])
+    return np.concatenate(parts)
+
+
+def _thinned(cloud: Cloud, coordinates: int = 0) -> Cloud:
+    """At most as many of its points, with their coordinates, as a page can show."""
+    most = min(_MOST_POINTS, max(1, _MOST_COORDINATES // max(1, coordinates)))
+    step = max(1, -(-len(cloud.positions) // most))
     values = {name: v[::step] for name, v in cloud.values.items()}
     return replace(cloud, positions=cloud.positions[::step], values=values, thinned=step)
 

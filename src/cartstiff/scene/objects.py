@@ -7,6 +7,8 @@ object only; equal objects are then equal messages.
 from __future__ import annotations
 
 import base64
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -136,12 +138,20 @@ def lines(ends: Array, colour: int | Array, opacity: float = 1.0, joined: bool =
     return surface(geometry, material, "Line" if joined else "LineSegments")
 
 
-def points(positions: Array, colours: NDArray[Any], size: float) -> Object:
-    """Square points of a size in the scene, with colours (n, 3) in [0, 255]."""
+def points(positions: Array, colours: NDArray[Any], size: float,
+           carried: Mapping[str, Array] = MappingProxyType({})) -> Object:  # fmt: skip
+    """Square points of a size in the scene, with colours (n, 3) in [0, 255].
+
+    `carried` are numbers (n, k) that travel with the points and are not drawn: each as its nearest
+    float32 and, as "NAME rest", what that leaves, together good to 2**-48 of a number.
+    """
     attributes = {
         "position": arrays(np.asarray(positions, np.float32)),
         "color": arrays(np.asarray(colours, np.uint8), normalized=True),
     }
+    for name, values in carried.items():
+        nearest = np.asarray(values, np.float32)
+        attributes |= {name: arrays(nearest), f"{name} rest": arrays(values - nearest)}
     geometry = {"uuid": "geometry", "type": "BufferGeometry", "data": {"attributes": attributes}}
     material = {
         "uuid": "material", "type": "PointsMaterial", "color": 0xFFFFFF, "size": size,

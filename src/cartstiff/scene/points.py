@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -91,6 +93,7 @@ def add_points(
     label: str = "",
     unit: str = "",
     size: float | None = None,
+    carried: Mapping[str, Array] = MappingProxyType({}),
 ) -> dict[str, Any]:
     """Draw points coloured by a value in any meshcat scene.
 
@@ -105,7 +108,10 @@ def add_points(
     label, unit : str
         What the values are.
     size : float, optional
-        Size of a point; default from the spread of the points and their number.
+        Size of a point, in units of `visualizer`; default from the spread of the points and their
+        number.
+    carried : mapping of str to ndarray (n, k), optional
+        Numbers that travel with the points, for whoever points at one: attributes of the geometry.
 
     Returns
     -------
@@ -129,7 +135,8 @@ def add_points(
     if size is None:
         spread = float(np.linalg.norm(np.ptp(p, axis=0))) or 1.0
         size = float(np.clip(0.5 * spread / np.sqrt(len(p)), 0.004 * spread, 0.03 * spread))
-    node.set_object(objects.points(p, colours, size))
+    # The viewer draws points in units of its scene.
+    node.set_object(objects.points(p, colours, size * node.enlarged, carried))
     return facts | bar
 
 

@@ -140,13 +140,13 @@ class Scene:
             self._frame.set_transform(posture.pose)
 
     def points(
-        self, positions: ArrayLike, values: ArrayLike, label: str = "", unit: str = ""
+        self, positions: ArrayLike, values: ArrayLike, label: str = "", unit: str = "", **more: Any
     ) -> dict[str, Any]:
         """Show a map: points (N, 3) in F, in the mechanism's unit, coloured by values (N,).
 
         Returns the facts of the colour bar, see `add_points`. No points remove the map.
         """
-        return add_points(self._node["map"], positions, values, label=label, unit=unit)
+        return add_points(self._node["map"], positions, values, label=label, unit=unit, **more)
 
     def path(
         self, positions: ArrayLike, values: ArrayLike | None = None, label: str = "", unit: str = ""

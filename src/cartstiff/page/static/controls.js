@@ -2,6 +2,7 @@
 
 import { byId, chop, choice, el, short, toast } from "./dom.js";
 import { CLOSE, ZERO } from "./numerics.js";
+import { standAtExtreme } from "./pick.js";
 
 /** Numbers in a row of fields; calls back with all of them when one has changed. */
 /** Number inputs; `blank` are those that may be left empty, which means null and is called so. */
@@ -303,9 +304,13 @@ export function pictureControls(store) {
     const select = el("select", { "aria-label": "Quantity of the map", onchange: () =>
       store.change({ quantity_of_map: select.value }) },
     ...points.quantities.map(({ name, unit }) => el("option", { value: name }, unit ? `${name} (${unit})` : name)));
-    const thinned = points.thinned > 1 ? `, every ${points.thinned}th shown` : "";
+    const thinned = points.thinned > 1 ? `, one of ${points.thinned} in its file: a page shows no more` : "";
+    const extreme = (words, sign) => el("button", { type: "button", class: "quiet", disabled: !points.has_postures || !store.source.moves,
+      title: `Stand at the point of the map with its ${words} value`, onclick: () => standAtExtreme(store, sign) }, words);
     list.append(el("div", { id: "map-choice" },
-      el("label", { class: "line" }, el("span", { title: `${points.count} points${thinned}` }, "map"), select)));
+      el("label", { class: "line" }, "map", select),
+      el("div", { class: "row" }, extreme("lowest", -1), extreme("highest", 1)),
+      el("p", { class: "dim small" }, `${points.count} points${thinned}`)));
     select.value = store.state.quantity_of_map;
     select.disabled = fixed;
   });

@@ -97,7 +97,7 @@ export function hands(store) {
   function size(group) {
     const { camera } = viewer;
     const away = group.position.distanceTo(vector().setFromMatrixPosition(camera.matrixWorld));
-    group.scale.setScalar(Math.max(CLOSE, (ARM * 2 * away * Math.tan((camera.fov * Math.PI) / 360)) / Math.max(1, pane.node.clientHeight)));
+    group.scale.setScalar(Math.max(CLOSE, (ARM * 2 * away * Math.tan((camera.fov * Math.PI) / 360)) / Math.max(1, pane.size[1])));
   }
 
   function place() {
@@ -171,7 +171,7 @@ export function hands(store) {
   function distance(event, point = tool.position) {
     const p = point.clone().project(viewer.camera);
     const [x, y] = pane.place(event);
-    return Math.hypot((p.x - x) * pane.node.clientWidth, (p.y - y) * pane.node.clientHeight) / 2;
+    return Math.hypot((p.x - x) * pane.size[0], (p.y - y) * pane.size[1]) / 2;
   }
 
   const sight = () => vector().setFromMatrixColumn(viewer.camera.matrixWorld, 2);

@@ -39,7 +39,12 @@ export class Pane {
     this.lit = null;
     this.every = false;
     this.holding = false; // whether a handle is being dragged
-    new ResizeObserver(() => this.viewer.set_3d_pane_size()).observe(this.node);
+    // Asking for a size after a change has the whole page laid out, each picture: it is kept instead.
+    this.size = [this.node.clientWidth, this.node.clientHeight];
+    new ResizeObserver(() => {
+      this.size = [this.node.clientWidth, this.node.clientHeight];
+      this.viewer.set_3d_pane_size();
+    }).observe(this.node);
     new MutationObserver(() => this.rewrite()).observe(document.documentElement, { attributeFilter: ["data-theme"] });
     const covering = new ResizeObserver(() => this.center());
     for (const id of over) covering.observe(byId(id));

@@ -1,15 +1,18 @@
 // Point at a part of the picture: what it is and its number; click: its row is lit.
 
 /* global MeshCat */
-import { byId, el, sure, short } from "./dom.js";
+import { byId, el, sure, short, toast } from "./dom.js";
 import { pathOf } from "./labels.js";
 
 // A press that moved less than this (dots) is a click.
 const STILL = 4;
+// How near (dots) to the middle of a map's point is on it, however small it is.
+const NEAR_POINT = 4;
 // How long (ms) a row stays lit.
 const LIT = 2600;
 // What is nearer to being meant where several parts lie behind each other.
 const MEANT = { load: 0, moment: 0, screw: 1, axis: 1, ellipsoid: 2, deflection: 2, leg: 3, joint: 3 };
+const POINT_MEANT = 1.5; // unless something stands before it
 
 /** What a part of the picture is, by the names on its way; null for what says nothing. */
 export function meaning(names, mechanism) {
@@ -36,13 +39,62 @@ export function under(pane, [x, y], mechanism) {
   ray.setFromCamera({ x, y }, viewer.camera);
   const root = viewer.scene_tree.find(["meshcat", "cartstiff"]).object;
   const meshes = [];
+  let point = null;
   root.traverseVisible((node) => {
-    if (node.isMesh && !node.userData.isTwin && /^(mechanism|wrench|deflection|screws|.* ellipsoid)$/.test(pathOf(node)[0] ?? "")) meshes.push(node);
+    if (node.isPoints && pathOf(node)[0] === "map") point = pointAt(node, pane, x, y);
+    else if (node.isMesh && !node.userData.isTwin && /^(mechanism|wrench|deflection|screws|.* ellipsoid)$/.test(pathOf(node)[0] ?? "")) meshes.push(node);
   });
-  return ray.intersectObjects(meshes, false)
+  const found = ray.intersectObjects(meshes, false)
     .map(({ object, distance }) => ({ what: meaning(pathOf(object), mechanism), distance }))
     .filter(({ what }) => what)
-    .sort((a, b) => MEANT[a.what.kind] - MEANT[b.what.kind] || a.distance - b.distance)[0]?.what ?? null;
+    .sort((a, b) => MEANT[a.what.kind] - MEANT[b.what.kind] || a.distance - b.distance);
+  if (point && !found.some(({ what, distance }) => MEANT[what.kind] < POINT_MEANT || distance < point.distance)) return point.what;
+  return found[0]?.what ?? null;
+}
+
+/** The point of a map under a place of the screen, nearest to the eye; null for none. */
+function pointAt(node, { viewer: { camera }, size: [width, height] }, x, y) {
+  const { array } = node.geometry.attributes.position;
+  const m = camera.projectionMatrix.clone().multiply(camera.matrixWorldInverse).multiply(node.matrixWorld).elements;
+  let [index, depth] = [-1, Infinity];
+  for (let i = 0; 3 * i < array.length; i++) {
+    const [a, b, c] = [array[3 * i], array[3 * i + 1], array[3 * i + 2]];
+    const w = m[3] * a + m[7] * b + m[11] * c + m[15];
+    if (!(w > camera.near && w < depth)) continue;
+    const reach = Math.max(NEAR_POINT, node.material.size * height / 4 / w); // half its square, as three.js draws it
+    if (Math.abs((m[0] * a + m[4] * b + m[8] * c + m[12]) / w - x) * width / 2 <= reach
+      && Math.abs((m[1] * a + m[5] * b + m[9] * c + m[13]) / w - y) * height / 2 <= reach) [index, depth] = [i, w];
+  }
+  if (index < 0) return null;
+  const place = camera.position.clone().fromArray(array, 3 * index).applyMatrix4(node.matrixWorld);
+  const eye = place.clone().setFromMatrixPosition(camera.matrixWorld);
+  return { what: { kind: "point", index, node }, distance: place.distanceTo(eye) };
+}
+
+/** Numbers that travel with a point of a map; null where the map carries none of that name. */
+function carried({ node, index }, name) {
+  const { [name]: nearest, [`${name} rest`]: rest } = node.geometry.attributes;
+  if (!nearest) return null;
+  const from = index * nearest.itemSize;
+  return Array.from({ length: nearest.itemSize }, (_, k) => nearest.array[from + k] + rest.array[from + k]);
+}
+
+/** A point of the map becomes the posture. */
+function standAt(store, what) {
+  const q = carried(what, "q");
+  if (!q) toast("The map holds no postures of this mechanism: its points cannot be taken");
+  else if (!store.source.moves) toast("This file holds computed postures only: `cartstiff view` stands where a point of the map is");
+  else store.goTo(q);
+}
+
+/** Stand where the map's quantity is largest (1) or smallest (-1). */
+export function standAtExtreme(store, sign) {
+  const { object } = store.pane.viewer.scene_tree.find(["meshcat", "cartstiff", "map", "<object>"]);
+  const { value } = object.geometry.attributes;
+  let index = -1;
+  value.array.forEach((x, i) => { if (Number.isFinite(x) && !(sign * x <= sign * value.array[index])) index = i; });
+  if (index < 0) toast("No point of the map has a value");
+  else standAt(store, { node: object, index });
 }
 
 export function picking(store) {
@@ -66,7 +118,8 @@ export function picking(store) {
     if (moved === null || moved > STILL || pane.holding || !store.numbers) return;
     const what = under(pane, pane.place(event), store.hello.mechanism);
     show(event);
-    if (what) lightRow(store, what);
+    if (what?.kind === "point") standAt(store, what);
+    else if (what) lightRow(store, what);
   });
 
   function hide() {
@@ -116,6 +169,12 @@ export function words(store, what) {
     const x = numbers.result.q[what.index];
     const value = isLength || store.angle === "rad" ? `${short(x, 5)} ${unit}` : `${short((180 / Math.PI) * x, 5)}°`;
     return `${name} ${value}${share(name)}`;
+  }
+  if (what.kind === "point") {
+    const { label, unit, words: kinds } = store.legend.cloud;
+    const [value] = carried(what, "value");
+    const goes = store.source.moves && carried(what, "q") ? "; click: this posture" : "";
+    return `${label}: ${kinds ? kinds[value] : Number.isFinite(value) ? `${short(value, 5)} ${unit}`.trim() : "no value"}${goes}`;
   }
   if (what.kind === "leg") {
     const leg = numbers.legs?.[what.index];
