@@ -307,6 +307,13 @@ def test_a_payload_adds_to_the_wrenches_of_a_path(answer: Any) -> None:
     np.testing.assert_allclose(heavy["commands"], same["commands"], rtol=1e-12)
 
 
+def test_a_payload_beside_links_without_mass_is_a_mass(answer: Any) -> None:
+    """Gravity that is given acts on it: nobody is told that it acts on nothing."""
+    for more, told in (([], True), (["--payload", "60"], False)):
+        found = answer("fanuc-r2000ic", "--gravity", "0,0,-9.81", *more)
+        assert ("weightless" in _codes(found)) is told
+
+
 def test_a_payload_without_gravity_weighs_alike_everywhere(answer: Any) -> None:
     """Each command assumes the earth's gravity, on the links too, and says so."""
     _write("path.csv", [(0.3, -1.1, 1.4, -0.7, 0.9, 0.2)])

@@ -144,7 +144,8 @@ def command(
 
     def weighing(elastic: Any) -> Any:
         """The mechanism in the field in which its payload weighs."""
-        return under_earth(elastic, hung[0]) if hung and request.gravity is None else elastic
+        weighs = hung and (request.gravity is None or any(request.gravity))
+        return under_earth(elastic, hung[0]) if hung and weighs else elastic
 
     elastic = weighing(elastic)
 

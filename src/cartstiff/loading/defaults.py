@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -43,6 +43,26 @@ _SENSORS = re.compile(
 )
 
 
+# Who loads a model again and again asks for the same names.
+_remembered = lru_cache(4096)
+
+
+@_remembered
+def _is_finger(name: str) -> bool:
+    return _FINGERS.search(name.lower()) is not None
+
+
+@_remembered
+def _is_sensor(name: str) -> bool:
+    return _SENSORS.search(name.lower()) is not None
+
+
+@_remembered
+def _rank(name: str) -> int:
+    """Place among `_TOOLS`; their number for other names."""
+    return next((i for i, words in enumerate(_TOOLS) if words.search(name)), len(_TOOLS))
+
+
 def default_frame(model: Any, loose: Collection[str] = ()) -> tuple[str, str]:
     """Frame of interest where none is named, and the words that say so.
 
@@ -55,7 +75,7 @@ def default_frame(model: Any, loose: Collection[str] = ()) -> tuple[str, str]:
     names, parents = list(model.names), model.parents.tolist()
     for name, parent in zip(names[1:], parents[1:], strict=True):
         count.append(count[parent] + 1)
-        of_finger.append(of_finger[parent] or bool(_FINGERS.search(name.lower())))
+        of_finger.append(of_finger[parent] or _is_finger(name))
         carries.append(carries[parent] or name not in loose)
     kinds = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
     every = [(count[j := f.parentJoint], f.name, j) for f in model.frames if f.type in kinds]
@@ -67,15 +87,13 @@ def default_frame(model: Any, loose: Collection[str] = ()) -> tuple[str, str]:
     free = [
         (n, name, j)
         for n, name, j in moving
-        if n and not of_finger[j]
-        and not (_FINGERS.search(low := name.lower()) or _SENSORS.search(low))
-    ]  # fmt: skip
+        if n and not of_finger[j] and not _is_finger(name) and not _is_sensor(name)
+    ]
     reach = max((n for n, *_ in free), default=0)
     named = [
         (rank, -n, i)
-        for rank, pattern in enumerate(_TOOLS)
         for i, (n, name, _) in enumerate(free)
-        if 2 * n >= reach and pattern.search(name)
+        if 2 * n >= reach and (rank := _rank(name)) < len(_TOOLS)
     ]
     if named:
         joints, chosen, joint = free[min(named)[2]]

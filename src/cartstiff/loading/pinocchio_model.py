@@ -6,6 +6,7 @@ The model is copied and never changed; the order of its joints and their names a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -119,7 +120,7 @@ def from_pinocchio(
     if not ties and actuated:
         raise InputError("actuated joints are named, but there are no closures", where=where,
                          expected="closures=[pinocchio.RigidConstraintModel(...)]")  # fmt: skip
-    serial = with_given(SerialFile.model_construct(kind="serial", model=name), keys, where)
+    serial = with_given(_unsaid().model_copy(update={"model": name}), keys, where)
     if ties:
         common = {
             key: getattr(serial, key) for key in ("frame", "locked", "offset", "gravity", "payload")
@@ -148,6 +149,12 @@ def _configuration(
         return None, []
     words = f"no posture was given: the model's reference configuration {chosen!r} is taken"
     return kept[chosen], [Note("default-posture", words)]
+
+
+@cache
+def _unsaid() -> SerialFile:
+    """A file that says nothing: its defaults take long to make."""
+    return SerialFile.model_construct(kind="serial", model="")
 
 
 def _hold_root(own: Any, model: Any, q: Array | None, notes: list[Note]) -> frozenset[str]:
