@@ -68,7 +68,7 @@ class Result:
         """Copy the arrays."""
         for name, value in vars(self).items():
             if isinstance(value, np.ndarray):
-                own = fixed(value.copy()) if np.iscomplexobj(value) else read_only(value)
+                own = fixed(value.copy()) if value.dtype.kind == "c" else read_only(value)
                 object.__setattr__(self, name, own)
 
 
@@ -368,12 +368,19 @@ def _cell(value: object) -> str:
 
 def plain(value: object) -> Any:
     """JSON-able copy: arrays to lists, results to dicts, NaN and infinities to None."""
+    kind = type(value)  # nearly all of them are numbers, and asked for every posture of a page
+    if kind is float:
+        return value if isfinite(value) else None  # type: ignore[arg-type]
+    if value is None or kind is str or kind is int:
+        return value
+    if kind is np.ndarray:
+        value = value.tolist()  # type: ignore[attr-defined]
     if is_dataclass(value) and not isinstance(value, type):
         return {f.name: plain(getattr(value, f.name)) for f in fields(value)}
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):
-        return [plain(v) for v in value]
+        return [v if type(v) is float and isfinite(v) else plain(v) for v in value]
     if isinstance(value, (bool, np.bool_)):
         return bool(value)
     if isinstance(value, (int, np.integer)):

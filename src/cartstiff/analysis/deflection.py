@@ -22,8 +22,8 @@ from cartstiff.geometry.se3 import Array
 def displacement_of_point(twist: ArrayLike, point: ArrayLike) -> Array:
     """Small displacement (3,) of a body point: ``v + omega x p``."""
     t = checked_vector(twist, 6, "twist")
-    moved: Array = t[3:] + np.cross(t[:3], checked_vector(point, 3, "point"))
-    return moved
+    (a, b, c), (x, y, z) = t[:3].tolist(), checked_vector(point, 3, "point").tolist()
+    return np.asarray(t[3:] + np.array([b * z - c * y, c * x - a * z, a * y - b * x]))
 
 
 @dataclass(frozen=True, eq=False)

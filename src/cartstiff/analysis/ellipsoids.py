@@ -103,7 +103,7 @@ def _principal(
     if inverse:
         values, vectors = numerics.eigenpairs(m, np.frombuffer(inverse).reshape(3, 3), losses)
     else:
-        values, vectors = np.linalg.eigh(m)
+        values, vectors = numerics.symmetric_vectors(m)
     if np.isnan(values).any():
         raise lost_digits(values, "this block")
     sign = definiteness(values, zero=0.0 if inverse else numerics.ZERO)

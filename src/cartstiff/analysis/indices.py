@@ -7,6 +7,7 @@ in force per length throughout. Where an index depends on l, its exponent says h
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -74,8 +75,8 @@ class Indices(Result):
 
 def condition(values: Array) -> float:
     """Largest over smallest absolute eigenvalue; infinite if one vanishes."""
-    size = np.abs(values)
-    return float(size.max() / size.min()) if size.min() > 0.0 else float("inf")
+    sizes = [abs(x) for x in values.tolist()]
+    return max(sizes) / min(sizes) if min(sizes) > 0.0 else float("inf")
 
 
 def isotropy(matrix: ArrayLike, inverse: ArrayLike | None = None) -> float:
@@ -124,14 +125,7 @@ def indices(
     """
     K = as_symmetric(stiffness)
     C = None if compliance is None else as_symmetric(compliance, "compliance")
-    scaled = scale_lengths(K, checked_length(length))
-    inverse = None if C is None else scale_lengths(C, 1.0 / length)
-    if root is not None:
-        values, x = graded.eigenpairs(_scaled_root(root, length))
-    else:
-        values, x = numerics.eigenpairs(scaled, inverse)
-    if np.isnan(values).any():
-        raise lost_digits(values, "the stiffness matrix")
+    values, x, kind = spectrum(K, length, C, root)
     low, high = int(np.argmin(np.abs(values))), int(np.argmax(np.abs(values)))
     ratio = condition(values)
     shares = np.sum(x[:3] ** 2, axis=0)
@@ -141,16 +135,37 @@ def indices(
     return Indices(
         float(length),
         values,
-        _definiteness(K) if root is inverse is None else definiteness(values, zero=0.0),
+        kind,
         ratio,
         exponent,
         _isotropy(values),
         float(values[0]),
         twist,
         float(np.prod(values) * length**6),
-        condition(_of_block(K, C, TRANSLATION, root)),
-        condition(_of_block(K, C, ROTATION, root)),
+        condition(held_values(K, C, "translation", root)),
+        condition(held_values(K, C, "rotation", root)),
     )
+
+
+def spectrum(
+    K: Array, length: float, C: Array | None = None, root: Array | None = None
+) -> tuple[Array, Array, Definiteness]:
+    """Eigenvalues (6,) and eigenvectors (6, 6) of K_l and the definiteness, as `indices` has them.
+
+    Parameters and errors are those of `indices`; K and C are symmetric.
+    """
+    scaled = scale_lengths(K, checked_length(length))
+    inverse = None if C is None else scale_lengths(C, 1.0 / length)
+    if root is not None:
+        values, x = graded.eigenpairs(_scaled_root(root, length))
+    else:
+        values, x = numerics.eigenpairs(scaled, inverse)
+    if any(v != v for v in values.tolist()):
+        raise lost_digits(values, "the stiffness matrix")
+    return (
+        values, x,
+        _definiteness(K) if root is inverse is None else definiteness(values, zero=0.0),
+    )  # fmt: skip
 
 
 def _definiteness(K: Array) -> Definiteness:
@@ -167,8 +182,11 @@ def _scaled_root(root: Array, length: float) -> Array:
     return root * np.repeat([length, 1.0], 3)[:, None]
 
 
-def _of_block(K: Array, C: Array | None, block: slice, root: Array | None) -> Array:
-    """Eigenvalues of a diagonal block of K; the inverse of the block is C, the others held."""
+def held_values(
+    K: Array, C: Array | None, freedom: Literal["translation", "rotation"], root: Array | None
+) -> Array:
+    """Eigenvalues (3,) of a diagonal block of K; its inverse is C with the other freedom held."""
+    block = TRANSLATION if freedom == "translation" else ROTATION
     if root is not None:
         return graded.eigenvalues(graded.held(root, block))
     alone = numerics.eigenvalues(K[block, block])

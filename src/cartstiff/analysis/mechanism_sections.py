@@ -158,7 +158,8 @@ def _without_rounding(deflection: Deflection, length: float) -> Deflection:
 
 def _about_origin(point: Array, force: Array) -> Array:
     """Wrench (6,) that a force at a point adds to its moment about the origin."""
-    return np.concatenate([np.cross(point, force), np.zeros(3)])
+    (x, y, z), (a, b, c) = point.tolist(), force.tolist()
+    return np.array([y * c - z * b, z * a - x * c, x * b - y * a, 0.0, 0.0, 0.0])
 
 
 def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]:

@@ -89,20 +89,7 @@ def natural_length(
     K = as_symmetric(stiffness)
     if (length := _length_of_positive(K)) is not None:
         return length
-    # S is the inverse of C_rr, and the inverse of K_tt is C_tt with the rotations held.
-    inverse, free, loss = None, None, 1.0
-    if compliance is not None:
-        C = as_symmetric(compliance, "compliance")
-        free = C[ROTATION, ROTATION]
-        with suppress(UndefinedError):
-            inverse, loss = eliminate(C, TRANSLATION), loss_of_elimination(C, TRANSLATION)
-    translation = numerics.eigenvalues(K[TRANSLATION, TRANSLATION], inverse, (1.0, loss))
-    rotation = np.full(3, np.nan)
-    if definiteness(translation, zero=0.0) == "positive":
-        held = np.full((3, 3), np.nan)
-        with suppress(UndefinedError):
-            held = eliminate(K, ROTATION)
-        rotation = numerics.eigenvalues(held, free, (loss_of_elimination(K, ROTATION), 1.0))
+    translation, rotation = _principal_values(K, compliance)
     if not (np.all(np.isfinite(rotation)) and definiteness(rotation, zero=0.0) == "positive"):
         raise UndefinedError(
             "the elasticity has no natural length: its translational and free rotational "
@@ -114,6 +101,30 @@ def natural_length(
             },
         )
     return float(np.exp((np.log(rotation).sum() - np.log(translation).sum()) / 6.0))
+
+
+def _principal_values(K: Array, compliance: ArrayLike | None) -> tuple[Array, Array]:
+    """Eigenvalues (3,) of K_tt and of S of `natural_length`; NaN for S where K_tt is not positive.
+
+    S is the inverse of C_rr, and the inverse of K_tt is C_tt with the rotations held.
+    """
+    inverse, free, loss = None, None, 1.0
+    if compliance is not None:
+        C = as_symmetric(compliance, "compliance")
+        free = C[ROTATION, ROTATION]
+        moving, turning = map(numerics.symmetric_values, (K[TRANSLATION, TRANSLATION], free))
+        if numerics.hold_all_digits(moving) and numerics.hold_all_digits(turning):
+            return moving, np.sort(1.0 / turning) if moving[0] > 0.0 else np.full(3, np.nan)
+        with suppress(UndefinedError):
+            inverse, loss = eliminate(C, TRANSLATION), loss_of_elimination(C, TRANSLATION)
+    translation = numerics.eigenvalues(K[TRANSLATION, TRANSLATION], inverse, (1.0, loss))
+    if definiteness(translation, zero=0.0) != "positive":
+        return translation, np.full(3, np.nan)
+    held = np.full((3, 3), np.nan)
+    with suppress(UndefinedError):
+        held = eliminate(K, ROTATION)
+    losses = loss_of_elimination(K, ROTATION), 1.0
+    return translation, numerics.eigenvalues(held, free, losses)
 
 
 def _length_of_positive(K: Array) -> float | None:

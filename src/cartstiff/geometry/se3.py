@@ -9,6 +9,7 @@ Every function acts on the last axes and broadcasts over leading ones.
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from typing import Final
 
@@ -316,6 +317,12 @@ def roll_pitch_yaw(T: ArrayLike) -> Array:
     the two is determined, the three together still give the rotation to rounding.
     """
     R = real_array(T)[..., :3, :3]
+    if R.ndim == 2:  # in plain numbers: asked for every posture of a page
+        (a, b, c), (d, e, f), (g, _, _) = R.tolist()
+        turned = math.atan2(d, a)
+        x, y = math.cos(turned), math.sin(turned)
+        rolled = math.atan2(y * c - x * f, x * e - y * b)
+        return np.array([rolled, math.atan2(-g, math.hypot(a, d)), turned])
     pitch = np.arctan2(-R[..., 2, 0], np.hypot(R[..., 0, 0], R[..., 1, 0]))
     yaw = np.arctan2(R[..., 1, 0], R[..., 0, 0])
     c, s = np.cos(yaw), np.sin(yaw)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff.errors import CartstiffError, InputError
 from cartstiff.geometry.se3 import Array
-from cartstiff.maps.job import BEYOND, NO_REST, STATES, MapJob
+from cartstiff.maps.job import BEYOND, NO_REST, STATES, MapJob, Solved
 from cartstiff.maps.quantity import Answer, Quantity
 from cartstiff.maps.sampling import Axis, Grid, Sampling
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -105,7 +105,7 @@ class CommandedJob(MapJob):
         box: tuple[slice, ...],
         threads: int = 1,  # noqa: ARG002
         advance: Callable[[int], None] | None = None,
-        solved: tuple[Array, Array] | None = None,
+        solved: Solved | None = None,
     ) -> dict[str, Array]:
         """As `MapJob.compute`; in Python, one after the other."""
         job = self
@@ -114,9 +114,9 @@ class CommandedJob(MapJob):
             job = replace(self, rows=[told | row for row in self.sampling.commands(box)])
         return super(CommandedJob, job).compute(box, 1, advance, solved)
 
-    def _compute_rows(self, q: Array, rows: slice, arrays: dict[str, Array]) -> None:
+    def _compute_rows(self, q: Array, rows: slice, arrays: dict[str, Array]) -> Array:
         part = replace(self, rows=self.rows[rows]) if self.rows else self
-        super(CommandedJob, part)._compute_rows(q, rows, arrays)
+        return super(CommandedJob, part)._compute_rows(q, rows, arrays)
 
     def _by_matrices(self, q: Array, quantities: Sequence[Quantity]) -> Answer:
         told = self.rows or [self.told or {}] * len(q)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
@@ -20,7 +19,7 @@ from cartstiff.many.one_by_one import NOT_ASSEMBLED, REGULAR
 from cartstiff.many.postures import Postures, analyse_many
 from cartstiff.many.read_many import Reader
 from cartstiff.many.reading_arithmetic import READINGS, Readings
-from cartstiff.many.work import timed
+from cartstiff.many.work import each_in_turn, timed
 from cartstiff.maps.cartesian import PLACES, CartesianGrid
 from cartstiff.maps.intervals import half_width_name, half_widths, intervals_of, why_none
 from cartstiff.maps.quantities import choose_quantities, evaluate
@@ -52,6 +51,10 @@ _FEW = 128
 _THREAD = local()
 # A coordinate that the closures have moved by more than this is another one.
 _MOVED = numerics.CLOSE
+
+
+#: Postures of a box, and how many branches reach each place of a Cartesian grid.
+Solved = tuple[Array, Array | None]
 
 
 @dataclass(frozen=True)
@@ -138,10 +141,10 @@ class MapJob:
     def _closures(self) -> tuple[Any, ...]:
         return getattr(self.elastic.mechanism, "closures", ())
 
-    def solved(self, boxes: Sequence[tuple[slice, ...]]) -> Iterator[tuple[Array, Array] | None]:
-        """Of a Cartesian grid the postures in each box, found for several boxes at a time."""
+    def solved(self, boxes: Sequence[tuple[slice, ...]]) -> Iterator[Solved]:
+        """The postures in each box; those of a Cartesian grid for several boxes at a time."""
         if not isinstance(self.sampling, CartesianGrid):
-            yield from [None] * len(boxes)
+            yield from ((self.sampling.postures(box, self.elastic), None) for box in boxes)
             return
         most = max(prod(s.stop - s.start for s in box[:3]) for box in boxes) if boxes else 1
         at_once = max(1, PLACES // most)
@@ -153,7 +156,7 @@ class MapJob:
         box: tuple[slice, ...],
         threads: int = 1,
         advance: Callable[[int], None] | None = None,
-        solved: tuple[Array, Array] | None = None,
+        solved: Solved | None = None,
     ) -> dict[str, Array]:
         """Arrays of a box by name: quantities, ``state``, ``position``, and ``q`` if it is kept.
 
@@ -166,13 +169,13 @@ class MapJob:
         advance : callable, optional
             Called with the number of postures done since the last call.
         solved : tuple of ndarray, optional
-            Postures of a Cartesian grid, what `solved` gives for the box.
+            What `solved` gives for the box.
         """
         shape, found = tuple(s.stop - s.start for s in box), None
         if isinstance(self.sampling, CartesianGrid):
             q, found = solved or self.sampling.solve([box], self.elastic, self._cost)[0]
         else:
-            q = self.sampling.postures(box, self.elastic)
+            q = self.sampling.postures(box, self.elastic) if solved is None else solved[0]
         count = len(q)
         names = (*self.names, *map(half_width_name, self.with_interval))
         arrays = {name: np.full(count, np.nan) for name in names}
@@ -183,23 +186,22 @@ class MapJob:
         threads = threads if self.in_stacks else 1
         blocks = [slice(i, min(i + rows_at_once, count)) for i in range(0, count, rows_at_once)]
 
-        def work(rows: slice) -> int:
-            self._compute_rows(q, rows, arrays)
-            return rows.stop - rows.start
+        unread = list[Array]()
 
-        if threads > 1 and len(blocks) > 1:
-            with ThreadPoolExecutor(threads) as pool:
-                try:
-                    for done in pool.map(work, blocks):
-                        if advance is not None:
-                            advance(done)
-                except BaseException:
-                    pool.shutdown(wait=True, cancel_futures=True)
-                    raise
-        else:
-            for done in map(work, blocks):
-                if advance is not None:
-                    advance(done)
+        def work(rows: slice) -> int:
+            left = self._compute_rows(q, rows, arrays)
+            unread.append(left)
+            return rows.stop - rows.start - len(left)
+
+        def finish(rows: Array) -> int:
+            self._fill(arrays, rows, self._by_matrices(q[rows], self.quantities))
+            return len(rows)
+
+        each_in_turn(work, blocks, threads, advance)
+        # What machine code does not read is little: that of all blocks together takes a tenth.
+        rest = np.sort(np.concatenate(unread)) if unread else np.zeros(0, int)
+        parts = [rest[i : i + rows_at_once] for i in range(0, len(rest), rows_at_once)]
+        each_in_turn(finish, parts, threads, advance)
         arrays = {name: a.reshape(*shape, *a.shape[1:]) for name, a in arrays.items()}
         if self.stores_q:
             arrays["q"] = q.reshape(*shape, -1)
@@ -207,34 +209,40 @@ class MapJob:
             arrays["branches"] = found.astype(np.uint32).reshape(shape[:-1])
         return arrays
 
-    def _compute_rows(self, q: Array, rows: slice, arrays: dict[str, Array]) -> None:
-        """Fill the rows of `arrays`, and of `q` where closures have assembled it."""
+    def _compute_rows(self, q: Array, rows: slice, arrays: dict[str, Array]) -> Array:
+        """Fill rows, of `q` too where closures assemble it; returns those (k,) still to be read."""
         part = q[rows]
         there: Array = np.asarray(np.isfinite(part).all(axis=1))
-        state = np.full(len(part), STATES.index(UNREACHABLE), np.uint8)
+        state, unread = arrays["state"][rows], np.zeros(0, int)
+        state[:] = STATES.index(UNREACHABLE)
         if self._closures and not self.sampling.is_closed:
             closed = self._assemble(part, there)
             state[there & ~closed] = STATES.index(NOT_ASSEMBLED)
             part[~closed] = np.nan
             there = closed
         if there.any():
-            at: slice | Array = slice(None) if there.all() else there
-            answer = self._answer(part[at])
-            state[at] = answer.state
-            beyond = self._beyond(answer.q, answer.poses)
+            whole = bool(there.all())
+            answer, unknown = self._answer(part if whole else part[there])
+            at: slice | Array = rows if whole else rows.start + np.flatnonzero(there)
             if self.moves:
-                part[at] = answer.q
-            if some := bool(beyond.any()):
-                state[np.flatnonzero(there)[beyond]] = STATES.index(BEYOND)
-            for name, value in answer.values.items():
-                arrays[name][rows][at] = np.where(beyond, np.nan, value) if some else value
-            arrays["position"][rows][at] = answer.poses[:, :3, 3]
-        arrays["state"][rows] = state
+                q[at] = answer.q
+            self._fill(arrays, at, answer)
+            unread = rows.start + (unknown if whole else np.flatnonzero(there)[unknown])
+        return unread
 
-    def _answer(self, q: Array) -> Answer:
-        """What is known of postures (N, n): read by the kernel where it can be."""
+    def _fill(self, arrays: dict[str, Array], at: slice | Array, answer: Answer) -> None:
+        """Keep what is known of the postures at some rows."""
+        beyond = self._beyond(answer.q, answer.poses)
+        some = bool(beyond.any())
+        for name, value in answer.values.items():
+            arrays[name][at] = np.where(beyond, np.nan, value) if some else value
+        arrays["state"][at] = np.where(beyond, STATES.index(BEYOND), answer.state)
+        arrays["position"][at] = answer.poses[:, :3, 3]
+
+    def _answer(self, q: Array) -> tuple[Answer, Array]:
+        """What is known of postures (N, n), and which of them (k,) machine code cannot read."""
         if (reader := self._reader) is None:
-            return self._by_matrices(q, self.quantities)
+            return self._by_matrices(q, self.quantities), np.zeros(0, int)
         read = reader.read(q)
         unknown = np.flatnonzero(~read.is_known)
         state = np.full(len(q), _code(reader.state), np.uint8)
@@ -242,13 +250,7 @@ class MapJob:
         others = [quantity for quantity in self.quantities if quantity.name not in values]
         if others:
             values |= self._by_matrices(q, others).values
-        if len(unknown):
-            rest = self._by_matrices(q[unknown], self.quantities)
-            state[unknown] = rest.state
-            read.poses[unknown] = rest.poses
-            for name, column in values.items():
-                column[unknown] = rest.values[name]
-        return Answer(q, state, read.poses, values)
+        return Answer(q, state, read.poses, values), unknown
 
     def _by_matrices(self, q: Array, quantities: Sequence[Quantity]) -> Answer:
         """What is known of postures (N, n), read from stored matrices."""

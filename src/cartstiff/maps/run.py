@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from os import cpu_count
@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from cartstiff.errors import InputError, imported
 from cartstiff.many.work import timed
-from cartstiff.maps.job import MapJob
+from cartstiff.maps.cartesian import CartesianGrid
+from cartstiff.maps.job import MapJob, Solved
 from cartstiff.maps.opening import open_map
 from cartstiff.maps.prepare import prepare_map
 from cartstiff.maps.reading import facts_of
@@ -198,7 +199,9 @@ def _run_here(
     boxes, facts = [file.boxes[chunk] for chunk in todo], dict[int, dict[str, Any]]()
     with ThreadPoolExecutor(1) as pool:
         writing: Future[None] | None = None
-        for chunk, solved in zip(todo, job.solved(boxes), strict=True):
+        every = job.solved(boxes)
+        every = every if isinstance(job.sampling, CartesianGrid) else _ahead(every)
+        for chunk, solved in zip(todo, every, strict=True):
             arrays = job.compute(file.boxes[chunk], threads, advance, solved)
             if writing is not None:
                 writing.result()
@@ -206,6 +209,15 @@ def _run_here(
         if writing is not None:
             writing.result()
     return facts
+
+
+def _ahead(items: Iterator[Solved]) -> Iterator[Solved]:
+    """Each item is made while the one before is used."""
+    with ThreadPoolExecutor(1) as pool:
+        made = pool.submit(next, items, None)
+        while (item := made.result()) is not None:
+            made = pool.submit(next, items, None)
+            yield item
 
 
 def _write(

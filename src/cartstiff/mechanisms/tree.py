@@ -34,6 +34,11 @@ class Placement:
     joint: int
     T_j_f: Array
 
+    @cached_property
+    def is_joint(self) -> bool:
+        """Whether it is the joint's own."""
+        return np.array_equal(self.T_j_f, np.eye(4))
+
 
 #: The inertial frame F.
 WORLD = Placement(0, np.eye(4))
@@ -91,12 +96,10 @@ class KinematicTree:
         offset: Array | None = None,
     ) -> None:
         check_coordinates(model)
-        self.model = model
-        self.coordinates = coordinates
+        self.model, self.coordinates = model, coordinates
         #: Frames, or what places all of them, or the one that is named.
         self.given_frames = frames if callable(frames) else dict(frames)
-        self.mimic = mimic
-        self.offset = 0.0 if offset is None else offset
+        self.mimic, self.offset = mimic, 0.0 if offset is None else offset
         self._parents = [int(p) for p in model.parents]
         self._paths: dict[tuple[int, int], Path] = {}
         self._workspaces: list[Any] = []
@@ -316,7 +319,8 @@ class TreeState:
 
     def pose(self, frame: Placement) -> Array:
         """Pose ``T_F_f``."""
-        return np.asarray(self._poses[frame.joint].homogeneous @ frame.T_j_f)
+        T: Array = self._poses[frame.joint].homogeneous
+        return T if frame.is_joint else T @ frame.T_j_f
 
     def joint_poses(self, joints: Sequence[int]) -> Array:
         """Poses ``T_F_j`` (m, 4, 4) of some joints."""
@@ -325,10 +329,8 @@ class TreeState:
 
     def relative(self, a: Placement, b: Placement) -> tuple[Array, Map]:
         """Pose ``T_a_b`` and its map: body twist of b against a, in components of b."""
-        T_F_b = self.pose(b)
-        path = self.tree.path(a.joint, b.joint)
-        in_world = a is WORLD or (a.joint == 0 and np.array_equal(a.T_j_f, WORLD.T_j_f))
-        T_a_b = T_F_b if in_world else se3.inverse(self.pose(a)) @ T_F_b
+        T_F_b, path = self.pose(b), self.tree.path(a.joint, b.joint)
+        T_a_b = T_F_b if a.joint == 0 and a.is_joint else se3.inverse(self.pose(a)) @ T_F_b
         J = pin.SE3(T_F_b).toActionMatrixInverse().dot(self._twists).take(SWAP, axis=0)
         if not path.identity:
             J *= path.signs

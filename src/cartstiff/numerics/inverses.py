@@ -164,11 +164,10 @@ def inverses_of_sums(inverses: Array, changes: Array) -> tuple[Array, NDArray[np
     plain = np.zeros(len(better), bool)
     exists = np.flatnonzero(np.isfinite(inverses + changes).all(axis=(1, 2)))
     factors = np.eye(inverses.shape[2]) + changes[exists] @ inverses[exists]
-    try:
-        turned = np.linalg.inv(factors)
-    except np.linalg.LinAlgError:
-        turned = np.full(factors.shape, np.inf)
-    bounds = np.einsum("nij,nij->n", factors, factors) * np.einsum("nij,nij->n", turned, turned)
+    turned = inverted(factors)  # NaN where one is singular
+    entries = inverses.shape[1] * inverses.shape[2]
+    flat, inverse = (stack.reshape(len(exists), entries) for stack in (factors, turned))
+    bounds = np.vecdot(flat, flat) * np.vecdot(inverse, inverse)
     plain[exists] = bounds < (1e-3 * TELLING / EPSILON) ** 2
     better[plain] = inverses[plain] @ turned[plain[exists]]
     for i in exists[~plain[exists]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf
+from math import inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from cartstiff.numerics.criteria import PLAIN_BLOCK
 from cartstiff.numerics.policy import EPSILON, LOST, ZERO, Array
 from cartstiff.numerics.small import right_angled, symmetric_values, symmetric_vectors
+
+# Sums over the components of turning, and of moving.
+_HALVES = np.repeat(np.eye(2), 3, axis=1)
 
 
 def eigenvalues(
@@ -214,6 +217,20 @@ def pair_conditions(stiffness: Array, compliance: Array) -> Array:
         area = np.sqrt(np.where((k[0] > 0.0) & (k[2] > 0.0), k[0] / k[2], 1.0))
         size = k[0] / area / area + k[1] / area + k[2]
         return np.sqrt(size) * np.sqrt(c[0] * area * area + c[1] * area + c[2])
+
+
+def pair_condition(stiffness: Array, compliance: Array) -> float:
+    """`pair_conditions` of one matrix (6, 6): of so few numbers lists are several times as fast."""
+    k, c = (
+        (_HALVES @ (matrix * matrix) @ _HALVES.T).ravel().tolist()
+        for matrix in (stiffness, compliance)
+    )
+    with np.errstate(over="ignore"):
+        area = sqrt(k[0] / k[3]) if k[0] > 0.0 and k[3] > 0.0 else 1.0
+        if not 0.0 < area < inf:
+            return float(pair_conditions(stiffness[None], compliance[None])[0])
+        size = k[0] / area / area + (k[1] + k[2]) / area + k[3]
+        return sqrt(size) * sqrt(c[0] * area * area + (c[1] + c[2]) * area + c[3])
 
 
 def _squared_blocks(stack: Array) -> tuple[Array, Array, Array]:

@@ -14,7 +14,8 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.analysis.ellipsoids import Freedom
-from cartstiff.analysis.indices import indices
+from cartstiff.analysis.indices import condition, held_values, spectrum
+from cartstiff.analysis.matrices import as_symmetric
 from cartstiff.analysis.mechanism_sections import deflection_half_width, deflection_section
 from cartstiff.analysis.metrics import characteristic_length
 from cartstiff.analysis.plain import Notes, plain
@@ -34,6 +35,7 @@ from cartstiff.vibration.modes import modes
 from cartstiff.vibration.response import frequency_response
 
 _Matrices = Mapping[str, Array | None]
+_FREEDOMS: tuple[Freedom, Freedom] = ("translation", "rotation")
 
 
 def payload(result: PostureStiffness, state: State, whole: bool = False) -> dict[str, Any]:
@@ -63,7 +65,7 @@ def payload(result: PostureStiffness, state: State, whole: bool = False) -> dict
     principal = _principal(here, state)
     numbers = None
     if K is not None:
-        numbers = _indices(K, C, here.root(state.connection, "held"))
+        numbers = _indices(here, state.connection, K, C)
     answer: dict[str, Any] = {
         "result": result.as_dict() if whole else _part(result, state.quantity),
         "has_compliance": K is not None or result.reduction.compliance is not None,
@@ -167,8 +169,7 @@ def response_curves(result: PostureStiffness, state: State, ratio: float) -> dic
 def _principal(here: StiffnessInFrame, state: State) -> dict[str, Any] | None:
     """Principal values of the diagonal blocks of the shown matrix, with their axes."""
     shown = {}
-    freedoms: tuple[Freedom, ...] = ("translation", "rotation")
-    for freedom in freedoms:
+    for freedom in _FREEDOMS:
         try:
             e = block_ellipsoid(here, state.connection, state.quantity, freedom)
         except UndefinedError:
@@ -183,22 +184,34 @@ def _principal(here: StiffnessInFrame, state: State) -> dict[str, Any] | None:
     return shown
 
 
-def _indices(K: Array, C: Array | None, root: Array | None) -> dict[str, Any] | None:
+def _indices(
+    here: StiffnessInFrame, connection: str, K: Array, C: Array | None
+) -> dict[str, Any] | None:
     """The indices that are shown; `cartstiff.analysis.indices` has all of them."""
+    root = here.root(connection, "held")
     length = characteristic_length(K, C, root)
+    C = None if C is None else as_symmetric(C, "compliance")
     try:
-        numbers = indices(K, length.value, C, root)
+        values, _, definiteness = spectrum(K, length.value, C, root)
     except UndefinedError:
         return None
+    blocks = dict[str, float]()
+    for freedom in _FREEDOMS:
+        try:  # principal values that are shown as well
+            e = block_ellipsoid(here, connection, "stiffness", freedom)
+        except UndefinedError:
+            e = None
+        of_block = held_values(K, C, freedom, root) if e is None else e.eigenvalues
+        blocks[freedom] = condition(of_block)
     return {
         "length": length.value,
         "length_origin": length.origin,
         "length_reason": length.reason,
-        "definiteness": numbers.definiteness,
-        "eigenvalues": numbers.eigenvalues.tolist(),
-        "condition_number": plain(numbers.condition_number),
-        "translational_condition": plain(numbers.translational_condition),
-        "rotational_condition": plain(numbers.rotational_condition),
+        "definiteness": definiteness,
+        "eigenvalues": values.tolist(),
+        "condition_number": plain(condition(values)),
+        "translational_condition": plain(blocks["translation"]),
+        "rotational_condition": plain(blocks["rotation"]),
     }
 
 
@@ -208,17 +221,17 @@ def distance_to_singularity(result: PostureStiffness) -> list[dict[str, Any]]:
     "serial" for the motions of the body, "type-2" for what the actuators hold.
     """
     posture = result.posture
-    # What is closed has what is left of its motions from the reduction.
-    reduction = None if posture.closure is None else result.reduction
-    ratios = []
+    ratios, motions = [], None
     if not posture.coordinates_are_pose:
-        values = scaled_values(posture) if reduction is None else reduction.singular_values
-        freedoms = len(posture.q) if reduction is None else reduction.freedoms
+        if posture.closure is None:
+            values, freedoms = scaled_values(posture), len(posture.q)
+        else:
+            values, freedoms, motions = result.values_of_closed
         ratios.append(_ratio("serial", values, min(6, freedoms)))
     if posture.actuation is not None:
         rates = posture.actuation * posture.coordinate_lengths
-        if reduction is not None and reduction.motions is not None:
-            rates = rates @ reduction.motions
+        if motions is not None:
+            rates = rates @ motions
         # Fewer actuators than motions (links that give): springs hold the rest.
         if rates.shape[0] >= rates.shape[1]:
             values = np.linalg.svd(rates, compute_uv=False)

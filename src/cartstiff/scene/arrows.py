@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -36,11 +37,11 @@ class Arrow:
         self, vector: Array, point: Array, unit: str, labels: bool = True, fixed: bool = False
     ) -> float:
         """Show a vector (3,) at a point by its scale, `fixed` or not; returns its drawn length."""
-        size = float(np.sqrt(vector @ vector))
-        if not fixed:
+        size = sqrt(vector.dot(vector))
+        if size and not fixed:
             self.scale.fit(np.array([size]))
-        length = float(self.scale.length(np.array([size]))[0])
-        if not (length > 0.0 and np.isfinite(length)):
+        length = float(self.scale.length(np.array([size]))[0]) if size else 0.0
+        if not 0.0 < length < np.inf:
             self.hide()
             return 0.0
         body = self._node["arrow"]

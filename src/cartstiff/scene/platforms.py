@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -68,13 +69,12 @@ class LinesPicture:
 
     def move(self, starts: Array, ends: Array) -> None:
         """Draw each line from `starts` to `ends` (m, 3)."""
-        for line, start, end in zip(self._lines, starts, ends, strict=True):
-            M = shapes.segment(start, end)
-            line["rod"].set_transform(M)
+        for line, start, end in zip(self._lines, starts.tolist(), ends.tolist(), strict=True):
+            x, y, z = shapes.segment_columns(start, end)
+            line["rod"].set_columns(x, y, z, start)
             if self.telescope is not None:
-                length = float(np.sqrt(M[:3, 0] @ M[:3, 0]))
-                M[:3, 0] *= min(1.0, self.telescope / length)
-                line["tube"].set_transform(M)
+                share = min(1.0, self.telescope / sqrt(sum(c * c for c in x)))
+                line["tube"].set_columns([share * c for c in x], y, z, start)
 
     def carry(self, springs: LineSprings, lengths: Array, scale: Tension) -> dict[str, Any]:
         """Colour each line by what it carries at a length; returns the legend.

@@ -20,25 +20,37 @@ def rotation_to(direction: Array) -> Array:
     """A rotation (3, 3) whose x axis is a direction, which need not be a unit vector."""
     # In plain numbers: on three of them NumPy's calls cost more than the arithmetic.
     a, b, c = direction.tolist()
-    size = sqrt(a * a + b * b + c * c)
+    return np.array(_towards(a, b, c, sqrt(a * a + b * b + c * c))).T
+
+
+def _towards(a: float, b: float, c: float, size: float) -> tuple[list[float], ...]:
+    """Columns of `rotation_to` a direction of a size."""
     a, b, c = a / size, b / size, c / size
     if abs(a) < 0.6:  # y is across the x axis of the parent, or across its z axis
         n = sqrt(b * b + c * c)
-        return np.array([[a, 0.0, -n], [b, c / n, a * b / n], [c, -b / n, a * c / n]])
+        return [a, b, c], [0.0, c / n, -b / n], [-n, a * b / n, a * c / n]
     n = sqrt(a * a + b * b)
-    return np.array([[a, -b / n, -a * c / n], [b, a / n, -b * c / n], [c, 0.0, n]])
+    return [a, b, c], [-b / n, a / n, 0.0], [-a * c / n, -b * c / n, n]
 
 
 def segment(start: Array, end: Array) -> Array:
     """Motion (4, 4) that takes a rod of unit length along x between two points; thickness stays."""
-    along = end - start
-    length = sqrt(float(along @ along))
+    x, y, z = segment_columns(start.tolist(), end.tolist())
     M = np.eye(4)
-    if length > 0.0:
-        M[:3, :3] = rotation_to(along)
-    M[:3, 0] *= max(length, numerics.CLOSE)
-    M[:3, 3] = start
+    M[:3] = np.array([x, y, z, start.tolist()]).T
     return M
+
+
+def segment_columns(start: list[float], end: list[float]) -> tuple[list[float], ...]:
+    """The first three columns of `segment`."""
+    a, b, c = (e - s for s, e in zip(start, end, strict=True))
+    length = sqrt(a * a + b * b + c * c)
+    if length > 0.0:
+        x, y, z = _towards(a, b, c, length)
+    else:
+        x, y, z = [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]
+    stretched = max(length, numerics.CLOSE)
+    return [stretched * c for c in x], y, z
 
 
 def rod(radius: float, colour: int, opacity: float = 1.0) -> objects.Object:

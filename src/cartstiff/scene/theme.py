@@ -110,8 +110,9 @@ def fractions(colour: int) -> list[float]:
 
 def _between(table: Array, x: ArrayLike) -> NDArray[np.uint8]:
     place = np.clip(real_array(x), 0.0, 1.0) * (len(table) - 1)
-    knots = np.arange(len(table))
-    mixed = np.stack([np.interp(place, knots, table[:, c]) for c in range(3)], axis=-1)
+    knot = np.minimum(place.astype(int), len(table) - 2)
+    start = table[knot]
+    mixed = (table[knot + 1] - start) * (place - knot)[..., None] + start
     return np.round(mixed).astype(np.uint8)
 
 

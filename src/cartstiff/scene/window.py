@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any, Protocol
 
 from cartstiff.errors import InputError, imported
@@ -146,12 +145,12 @@ def _packer() -> Callable[[dict[str, Any]], bytes]:
         """Meshcat's typed arrays, in the words of this packer."""
         return msgpack.ExtType(value.type, value.data)
 
-    pack = partial(msgpack.packb, default=arrays)
+    pack = msgpack.Packer(default=arrays).pack
 
     def packed(command: dict[str, Any]) -> bytes:
         label = command["object"].get("label") if "object" in command else None
         if label is None:
-            return pack(command)
+            return bytes(pack(command))
         return json.dumps({"type": "label", "path": command["path"], **label}).encode()
 
     return packed

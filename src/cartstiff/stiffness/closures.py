@@ -47,6 +47,12 @@ class Closures(NamedTuple):
         return lam
 
 
+def decomposed(closure: Map, columns: Array) -> Closures:
+    """Decompose the Jacobian of closures, over their sizes and in natural sizes of coordinates."""
+    matrix = closure.jacobian * columns
+    return decompose(matrix if closure.sizes is None else matrix / closure.sizes[:, None])
+
+
 def decompose(matrix: Array) -> Closures:
     """Decompose the scaled Jacobian (m, n) of closures."""
     U, values, Vt = np.linalg.svd(matrix)

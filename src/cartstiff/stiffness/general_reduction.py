@@ -10,7 +10,7 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import Evaluation, Map
-from cartstiff.stiffness.closures import State, decompose, irregular
+from cartstiff.stiffness.closures import State, decomposed, irregular
 from cartstiff.stiffness.free_motions import FreeMotions
 from cartstiff.stiffness.reduced import Reduction
 from cartstiff.stiffness.rounding import doubtful, norm, symmetric_part, without_noise
@@ -60,7 +60,7 @@ def reduce_any(
     N, leading, lam, closed = orthonormal, np.arange(n), np.zeros(0), np.zeros(0)
     if closure is not None:
         closed = np.ones(len(closure.jacobian)) if closure.sizes is None else closure.sizes
-        closures = decompose(closure.jacobian * columns / closed[:, None])
+        closures = decomposed(closure, columns)
         orthonormal, lam = closures.N, np.zeros(len(closure.jacobian))
         if closures.rank < len(lam):
             lost = closures.lost / closed[:, None]

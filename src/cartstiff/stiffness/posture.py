@@ -94,6 +94,12 @@ class PostureStiffness(ShownInLines):
         return None if self.reduction.force is None else fixed(self.reduction.force)
 
     @property
+    def values_of_closed(self) -> tuple[Array, int, Array | None]:
+        """Singular values of the Jacobian on what closures leave, freedoms, scaled motions."""
+        reduction = self.reduction
+        return reduction.singular_values, reduction.freedoms, reduction.motions
+
+    @property
     def energy(self) -> float:
         """Potential energy of all that acts: springs, gravity, and loads added as potentials."""
         return self.evaluation.energy
@@ -212,7 +218,7 @@ class PostureStiffness(ShownInLines):
         K, C = self.matrices.get(name), self.compliances.get(name)
         if K is None or C is None:
             return C is not None
-        return bool(numerics.pair_conditions(K[None], C[None])[0] > numerics.PAIRED)
+        return bool(numerics.pair_condition(K, C) > numerics.PAIRED)
 
     @cached_property
     def is_loaded(self) -> bool:

@@ -31,6 +31,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.potentials.contract import Evaluation, Map
 from cartstiff.stiffness.closures import State as State
+from cartstiff.stiffness.closures import decomposed
 from cartstiff.stiffness.free_motions import FreeMotions
 from cartstiff.stiffness.general_reduction import reduce_any
 from cartstiff.stiffness.reduced import Reduction as Reduction
@@ -88,9 +89,20 @@ def reduce_to(
         return reduce_any(output, energy, closure, rows, coordinate_lengths, force, what)
 
 
+def values_of_closed(posture: MechanismPosture) -> tuple[Array, int, Array]:
+    """`Reduction.singular_values`, `freedoms` and `motions` where closures are regular."""
+    assert posture.closure is not None
+    per_length, columns = 1 / posture.length, posture.coordinate_lengths
+    rows = np.array([1.0, 1.0, 1.0, per_length, per_length, per_length])
+    N = decomposed(posture.closure, columns).N
+    J = posture.motion.jacobian * rows[:, None] * columns
+    return numerics.singular_values(J @ N), N.shape[1], N
+
+
 def scaled_values(posture: MechanismPosture) -> Array:
     """Singular values of the length-scaled Jacobian of a posture."""
-    rows = np.repeat([1.0, 1 / posture.length], 3)
+    per_length = 1 / posture.length
+    rows = np.array([1.0, 1.0, 1.0, per_length, per_length, per_length])
     return numerics.singular_values(
         posture.motion.jacobian * rows[:, None] * posture.coordinate_lengths
     )
