@@ -103,6 +103,7 @@ benchmark: $(DEV)
 	@$(PIP) -r benchmarks/requirements.txt
 	@$(PY) benchmarks/posture.py
 	@$(PY) benchmarks/many_postures.py
+	@$(PY) benchmarks/closed_chain.py
 	@$(PY) benchmarks/page.py
 	@$(PY) benchmarks/maps.py
 

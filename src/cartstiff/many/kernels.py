@@ -17,7 +17,7 @@ from cartstiff.many import portable
 from cartstiff.many.arguments import OUTPUTS, aligned_empty, recorded
 from cartstiff.many.arithmetic import ENGINE
 from cartstiff.many.chains.closing import close
-from cartstiff.many.plans import CLOSING, Case, Plan, plan, program_for
+from cartstiff.many.plans import CLOSING, Case, Plan, known_plan, plan, program_for
 from cartstiff.many.reading_arithmetic import Readings
 from cartstiff.many.work import MAKING, timed
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -96,15 +96,20 @@ def has_package(package: str) -> bool:
     return find_spec(package) is not None
 
 
+#: Why nothing faster computes what somebody wanted computed so.
+ASKED = "asked for"
+
+
 def chosen(
     elastic: ElasticMechanism, loads: Array | None, names: tuple[str, ...], path: Path, count: int
 ) -> tuple[Plan | None, Any, str]:
     """Plan and kernel, or None for the engine; and why not a faster one."""
+    kind = "none" if loads is None else "shared" if loads.ndim == 1 else "each"
     if path == "engine":
-        return None, None, "asked for"
+        known = known_plan(elastic, kind)  # for a map it was looked at before
+        return None, None, known if isinstance(known, str) else ASKED
     if path == "auto" and (reason := _few_of_closed(elastic, count)):
         return None, None, reason
-    kind = "none" if loads is None else "shared" if loads.ndim == 1 else "each"
     answer = plan(elastic, kind)
     if isinstance(answer, str):
         if path != "auto":
@@ -115,7 +120,7 @@ def chosen(
     # In the order of `OUTPUTS`, so that the same set finds the same kernel.
     ordered = tuple(name for name in OUTPUTS if name in names)
     if path == "portable":
-        return answer, _portable_kernel(answer.case, ordered), "asked for"
+        return answer, _portable_kernel(answer.case, ordered), ASKED
     if not has_package("llvmlite"):
         error = MissingDependencyError("llvmlite", "the compiled path", "maps")
         if path == "compiled":

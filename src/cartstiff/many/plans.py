@@ -169,13 +169,18 @@ def plan(elastic: ElasticMechanism, wrench: str) -> Plan | str:
 
     `wrench` is "none", "shared" or "each".
     """
-    for known, kind, found in tuple(_plans):
-        if known is elastic and kind == wrench:
-            return found
+    if (found := known_plan(elastic, wrench)) is not None:
+        return found
     planned = _planned(elastic, wrench)
     if elastic.gravity is None or not elastic.gravity.flags.writeable:
         _plans.append((elastic, wrench, planned))
     return planned
+
+
+def known_plan(elastic: ElasticMechanism, wrench: str) -> Plan | str | None:
+    """What `plan` has kept; None if that is nothing."""
+    of_it = (p for known, kind, p in tuple(_plans) if known is elastic and kind == wrench)
+    return next(of_it, None)
 
 
 def _planned(elastic: ElasticMechanism, wrench: str) -> Plan | str:

@@ -34,7 +34,7 @@ from cartstiff.many.arguments import (
     without_digits,
 )
 from cartstiff.many.arithmetic import ENGINE, UNBALANCED
-from cartstiff.many.kernels import PATHS, Path, chosen, run
+from cartstiff.many.kernels import ASKED, PATHS, Path, chosen, run
 from cartstiff.many.one_by_one import REGULAR, fill
 from cartstiff.many.portable import PortableKernel
 from cartstiff.many.singular import lost_ranks
@@ -255,7 +255,8 @@ def analyse_many(
         coordinates = coordinates.copy()
     if taken is None:
         everything = np.arange(len(state))
-        _by_engine(elastic, coordinates, loads, arrays, everything, state, codes, kind, load_axes)
+        _by_engine(elastic, coordinates, loads, arrays, everything, state, codes, kind, load_axes,
+                   reason)  # fmt: skip
         return Postures(coordinates, arrays, state, tuple(codes), "engine", reason, elastic.names,
                         len(state))  # fmt: skip
     if each is not None:
@@ -353,11 +354,12 @@ def _is_assembled(elastic: ElasticMechanism) -> bool:
 def _by_engine(
     elastic: ElasticMechanism, q: Array, loads: Array | None, arrays: Mapping[str, Array],
     which: NDArray[np.intp], state: NDArray[np.uint8], codes: list[str], kind: LoadKind,
-    axes: Literal["body", "world"],
+    axes: Literal["body", "world"], reason: str = "",
 ) -> None:  # fmt: skip
     """Fill some postures one by one; `q` takes the coordinates of assembled chains."""
     assembled = _is_assembled(elastic)
-    with timed(BY_ENGINE, len(which)):
+    told = BY_ENGINE if reason in ("", ASKED) else f"{BY_ENGINE} ({reason})"
+    with timed(told, len(which)):
         for i in which.tolist():
             load = loads if loads is None or loads.ndim == 1 else loads[i]
             rows = {name: array[i : i + 1] for name, array in arrays.items()}

@@ -35,7 +35,7 @@ from cartstiff.potentials.springs import CoupledSprings
 from cartstiff.stiffness import compute
 from cartstiff.stiffness.posture import DEAD_AT_ORIGIN, PostureStiffness
 from cartstiff.stiffness.posture_notes import hardly_held, near_serial, near_type_2
-from cartstiff.stiffness.reduction import Reduction, scaled_values, values_of_closed
+from cartstiff.stiffness.reduction import Reduction, scaled_values
 
 if TYPE_CHECKING:
     from cartstiff.many.plans import Plan
@@ -112,11 +112,6 @@ class QuickPosture(PostureStiffness):
     def wrench(self) -> Array:
         """W = dPhi in the body frame."""
         return self._record[self._code.wrench]
-
-    @property
-    def values_of_closed(self) -> tuple[Array, int, Array | None]:
-        """Machine code answers where closures are regular."""
-        return values_of_closed(self.posture)
 
     @property
     def energy(self) -> float:

@@ -22,6 +22,7 @@ from cartstiff.analysis.plain import Notes, plain
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.many.single import QuickPosture
 from cartstiff.mechanisms.limits import tensions_of
 from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.page.state import State
@@ -30,7 +31,7 @@ from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.scene.quantities import block_ellipsoid
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.in_frame import StiffnessInFrame
-from cartstiff.stiffness.reduction import scaled_values
+from cartstiff.stiffness.reduction import scaled_values, values_of_closed
 from cartstiff.vibration.modes import modes
 from cartstiff.vibration.response import frequency_response
 
@@ -221,12 +222,16 @@ def distance_to_singularity(result: PostureStiffness) -> list[dict[str, Any]]:
     "serial" for the motions of the body, "type-2" for what the actuators hold.
     """
     posture = result.posture
-    ratios, motions = [], None
+    ratios, motions = list[dict[str, Any]](), None
     if not posture.coordinates_are_pose:
         if posture.closure is None:
             values, freedoms = scaled_values(posture), len(posture.q)
+        elif isinstance(result, QuickPosture):  # machine code answers where closures are regular
+            values, freedoms, motions = values_of_closed(posture)
         else:
-            values, freedoms, motions = result.values_of_closed
+            reduction = result.reduction
+            values, freedoms = reduction.singular_values, reduction.freedoms
+            motions = reduction.motions
         ratios.append(_ratio("serial", values, min(6, freedoms)))
     if posture.actuation is not None:
         rates = posture.actuation * posture.coordinate_lengths

@@ -94,12 +94,6 @@ class PostureStiffness(ShownInLines):
         return None if self.reduction.force is None else fixed(self.reduction.force)
 
     @property
-    def values_of_closed(self) -> tuple[Array, int, Array | None]:
-        """Singular values of the Jacobian on what closures leave, freedoms, scaled motions."""
-        reduction = self.reduction
-        return reduction.singular_values, reduction.freedoms, reduction.motions
-
-    @property
     def energy(self) -> float:
         """Potential energy of all that acts: springs, gravity, and loads added as potentials."""
         return self.evaluation.energy
