@@ -91,6 +91,28 @@ def test_boundary_poses_agree_with_analyse(machine, found):
     assert np.isclose(sum(found.positions.shares().values()), 1.0)
 
 
+def test_few_rays_reach_as_far_as_many_and_name_forces_as_analyse_does():
+    """Some of 100 rays reach farther than a dozen first ones let expect."""
+    layout = {
+        "base": {"radius": 0.35, "half_angle": 0.2},
+        "platform": {"radius": 0.2, "half_angle": 0.2},
+        "height": 0.5,
+    }
+    legs = {"stiffness": 1e7, "limits": [0.4, 0.8], "force": [-260, 400]}
+    machine = cartstiff.hexapod(**layout, legs=legs)
+    load = [0.0, 0.0, 0.0, 0.0, 0.0, -1000.0]
+    reached = cartstiff.workspace(machine, wrench=load, directions=100, fits=False)
+    cuts = set()
+    for ray, distance, _, limit in reached.positions.edges:
+        for step, beyond in ((-1e-6, False), (1e-6, True)):
+            place = reached.centre + (distance + step) * reached.positions.directions[ray]
+            notes = cartstiff.analyse(machine, [*place, 0, 0, 0], wrench=load).notes
+            words = " ".join(n.message for n in notes if "limits" in n.code)
+            assert (f"{limit.split(',')[0]} is at" in words) is beyond, (limit, words)
+        cuts.add(limit.split(" leg")[0])
+    assert "force of" in cuts
+
+
 def test_singular_boundaries_agree_with_analyse(tmp_path):
     """Beside them `analyse` calls the pose nearly singular, and the lines' handedness changes."""
     legs = {"stiffness": 1e5, "limits": [0.3, 3.0]}

@@ -66,6 +66,11 @@ class Rays:
     reach: float
     poses: int
 
+    @property
+    def is_cut_short(self) -> bool:
+        """Whether a ray is still inside where it ends."""
+        return any(x >= (1.0 - 0.5**_HALVINGS) * self.reach for _, x, _, _ in self.edges)
+
     def total(self, measure: Callable[[float], float]) -> float:
         """Sum over the rays of what a measure gives to the parts inside, weighted."""
         return float(

@@ -302,6 +302,9 @@ def workspace(
     if first.edges and radius is None:  # the ends of the legs are far beyond most workspaces
         reach = min(reach, 1.3 * max(distance for _, distance, *_ in first.edges))
     positions = rays_to_boundaries(margins, moved, reach, count, scan, progress)
+    while reach < most and positions.is_cut_short and radius is None:
+        reach = min(2.0 * reach, most)
+        positions = rays_to_boundaries(margins, moved, reach, count, scan, progress)
     boundary = _places(positions) + here.centre
     columns = columns_inside(
         margins, moved, here.centre, boundary, max(8, round(np.sqrt(count))), scan, most
