@@ -457,3 +457,29 @@ def test_a_rigid_joint_stays_rigid_until_it_is_given_a_number(serve, pages, tmp_
     settled(page)
     softer = other.with_springs({"elbow_joint": 1e4})
     assert close(matrix(page), cartstiff.analyse(softer).compliances["B"])
+
+
+def test_load_and_weight_are_typed_into_their_fields(serve, pages):
+    """Wrench along the room's axes at a point of its own, gravity, a mass and its centre."""
+    page = pages.open(serve("ur5").url)
+    page.click("summary:has-text('Load')")
+
+    def typed(**numbers):
+        for label, number in numbers.items():
+            field = page.locator(f"input[aria-label^='{label.replace('_', ' ')} ']")
+            field.fill(str(number))
+            field.press("Enter")
+            settled(page)
+
+    page.check("text=held by a given wrench")
+    page.click("[aria-label='Axes of the load'] [data-value=inertial]")
+    page.click("[aria-label='The load acts at'] [data-value=own]")
+    typed(mx=3, fx=40, fy=-50, fz=60, load_at_x=0.02, load_at_z=0.1)
+    typed(gravity_gz=-9.81, payload_mass=3, payload_at_z=0.05)
+    arm = cartstiff.load("ur5", gravity=[0, 0, -9.81], payload=[3, 0, 0, 0.05])
+    wanted = cartstiff.analyse(arm, wrench=[3, 0, 0, 40, -50, 60], load_at=[0.02, 0, 0.1],
+                               load_axes="world")  # fmt: skip
+    assert close(matrix(page), wanted.tangent)
+    state = page.evaluate("() => window.cartstiff.state")
+    assert state["payload"] == [3, 0, 0, 0.05]
+    assert state["gravity"] == [0, 0, -9.81]

@@ -13,6 +13,10 @@ from tests.identify.campaigns import SPRINGS, arm, jacobian, load, random_campai
 import cartstiff
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.cli.main import main
+from cartstiff.identify.campaign import identify
+from cartstiff.identify.candidates import candidates
+from cartstiff.identify.synthetic import simulated
+from cartstiff.identify.writing import with_result
 from cartstiff.maps.sampling import Trajectory
 from cartstiff.mechanisms.identified import neighbours
 from cartstiff.mechanisms.other_units import in_units
@@ -189,3 +193,23 @@ def test_another_unit_of_length_changes_no_interval(known):
     data = small.identified.as_dict()["compliances"]
     # rad/(N mm)
     assert data["j2"] == pytest.approx(1e-3 * elastic.identified.as_dict()["compliances"]["j2"])
+
+
+def test_ties_keep_their_lower_end_in_other_units(tmp_path):
+    """Springs found in mm are written in m, and read again in mm: a tie has a name of its own."""
+    elastic = load(arm("elbow", tmp_path))
+    rows = candidates(elastic, {"d": 1.0}, count=30, seed=1, force=100.0)
+    result = identify(elastic, simulated(elastic, rows, {"d": 3e-5}, seed=1), ties=[("j4", "j5")])
+    found = with_result(result)
+    known = dataclasses.replace(found.identified, at_least={"j4 = j5": 2000.0, "j1": 10.0})
+    found = dataclasses.replace(found, identified=known)
+    there = in_units(found, "mm")
+    assert there.identified.at_least == pytest.approx({"j4 = j5": 2e6, "j1": 1e4})
+    assert in_units(there, "m").identified.at_least == pytest.approx(known.at_least)
+
+
+def test_a_lower_end_is_of_a_spring(tmp_path):
+    path = arm("elbow", tmp_path, extra="identified: {compliances: [], covariance: [], "
+               "at_least: {j9: 3.0}}\n")  # fmt: skip
+    with pytest.raises(cartstiff.InputError, match=r"identified.at_least: .*'j9'"):
+        load(path)

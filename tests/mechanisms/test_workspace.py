@@ -396,3 +396,16 @@ def test_the_command(capsys, tmp_path):
     with pytest.raises(SystemExit):
         main(arguments)
     assert "Volume with this orientation" in capsys.readouterr().out
+
+
+def test_a_start_that_is_singular_to_the_last_digit_is_refused_in_one_line(tmp_path, capfd):
+    """A 3-RPS in its base's plane: the determinant's rounding is no warning of NumPy's."""
+    (tmp_path / "m.yaml").write_text(
+        "{kind: parallel, legs: {chain: RPS, base: {radius: 0.40178906190178587}, platform: "
+        "{radius: 0.2468105091811488}, stiffness: 1.2e+8}, pose: {xyz: [0, 0, 1.0e-300]}}",
+        "utf-8",
+    )
+    with pytest.raises(SystemExit) as end:
+        main(["workspace", str(tmp_path / "m.yaml"), "--json"])
+    assert end.value.code == 2
+    assert capfd.readouterr().err.count("\n") == 1

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cartstiff.errors import InputError, one_line
+from cartstiff.errors import InputError, UnknownNameError, one_line
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.elements import CompliancePattern, Elements
 from cartstiff.mechanisms.identified import Identified
@@ -47,6 +47,10 @@ def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticM
                 )  # fmt: skip
         patterns.append(pattern)
         values.append(entry.value)
+    names = {*elements.names, *(pattern.name for pattern in patterns)}
+    for name in model.at_least:
+        if name not in names:
+            raise UnknownNameError("spring", name, names, where="identified.at_least")
     P = len(patterns)
     if [len(row) for row in model.covariance] != [P] * P:
         raise InputError("covariance has the wrong shape", where="identified",

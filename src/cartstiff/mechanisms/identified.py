@@ -95,7 +95,9 @@ class Identified:
             patterns.append(CompliancePattern(pattern.name, tuple(
                 (i, j, weight * per(i, j) / factor) for i, j, weight in pattern.entries
             )))  # fmt: skip
-        least = {name: k / per(name, name) for name, k in (self.at_least or {}).items()}
+        # Ties have a name of their own, and so have axes of a link.
+        of = {name: per(name, name) for name in size} | dict(zip(self.names, factors, strict=True))
+        least = {name: k / of[name] for name, k in (self.at_least or {}).items()}
         return replace(
             self, patterns=tuple(patterns), values=self.values * factors,
             covariance=self.covariance * np.multiply.outer(factors, factors), at_least=least,

@@ -52,6 +52,12 @@ def singular_values(matrix: Array) -> Array:
     return np.asarray(_SINGULAR_VALUES(matrix))
 
 
+def determinants(matrices: Array) -> Array:
+    """Of matrices (..., n, n); NumPy warns of those that are singular to the last digit."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.linalg.det(matrices))
+
+
 def symmetric_values(matrix: Array) -> Array:
     """Eigenvalues of a symmetric matrix (n, n) of finite doubles, the smallest first."""
     return np.asarray((np.linalg.eigvalsh if _EIGENVALUES is None else _EIGENVALUES)(matrix))

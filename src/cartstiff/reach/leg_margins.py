@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cartstiff import numerics
 from cartstiff.arrays import checked_length
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
@@ -66,7 +67,7 @@ class LegMargins:
         self.sign = 0.0
         rates = None if through else self.rates(q)
         if rates is not None:
-            self.sign = float(np.sign(np.linalg.det(rates)[0]))
+            self.sign = float(np.sign(numerics.determinants(rates)[0]))
         if self.sign:
             names.append("singularity")
         self.names = tuple(names)
@@ -101,7 +102,7 @@ class LegMargins:
         blamed = (found[~known, n : n + len(self.chain.legs)] < 0.0).any(axis=1)
         found[~known, n + len(self.chain.legs)] = np.where(blamed, np.inf, -1.0)
         if self.sign and known.any() and (rates := self.rates(q[known])) is not None:
-            found[known, -1] = self.sign * np.linalg.det(rates)
+            found[known, -1] = self.sign * numerics.determinants(rates)
         return np.where(np.isnan(found), np.inf, found)
 
     def inside(self, poses: Array) -> NDArray[np.bool_]:
@@ -114,7 +115,7 @@ class LegMargins:
             found &= (values <= self.limits.upper).all(axis=1)
         rows = np.flatnonzero(found)
         if self.sign and rows.size and (rates := self.rates(q[rows])) is not None:
-            found[rows] = self.sign * np.linalg.det(rates) >= 0.0
+            found[rows] = self.sign * numerics.determinants(rates) >= 0.0
         return np.asarray(found)
 
     def distribution(self, pose: Array) -> dict[str, Any]:  # noqa: ARG002
@@ -141,7 +142,7 @@ class LegMargins:
         q, _ = at_poses(self.elastic, self.coordinates(poses))
         found, known = np.full(len(q), np.nan), np.isfinite(q).all(axis=1)
         if known.any() and (rates := self.rates(q[known])) is not None:
-            found[known] = np.linalg.det(rates)
+            found[known] = numerics.determinants(rates)
         return found
 
     def ratios(self, poses: Array) -> Array | None:

@@ -58,7 +58,7 @@ def wrench_margins(lines: Array, wrench: Array, least: Array, most: Array) -> Ar
     for five in combinations(range(m), 5):
         held = lines[:, five]  # (N, 5, 6)
         n = np.stack(
-            [(-1.0) ** j * np.linalg.det(held[:, :, rows != j]) for j in range(6)], axis=-1
+            [(-1.0) ** j * numerics.determinants(held[:, :, rows != j]) for j in range(6)], axis=-1
         )
         size = np.linalg.norm(n, axis=-1)
         n = n / np.maximum(size, numerics.TINY)[:, None]
@@ -180,7 +180,7 @@ class Margins:
                 )
                 parts += [t - least, most - t]
         if self.sign and lines.shape[1] == 6:
-            parts.append(self.sign * np.linalg.det(lines)[:, None])
+            parts.append(self.sign * numerics.determinants(lines)[:, None])
         if isinstance(self.springs, FlexureStruts):
             parts.append(self._standing(poses, np.concatenate(parts, axis=1), self.springs))
         return np.concatenate(parts, axis=1)
@@ -224,7 +224,7 @@ class Margins:
 
     def determinants(self, poses: Array) -> Array:
         """Of six legs' lines (N,), moments over the body's length."""
-        return np.asarray(np.linalg.det(lines_at(self.platform, poses)[1]))
+        return numerics.determinants(lines_at(self.platform, poses)[1])
 
     def ratios(self, poses: Array) -> Array | None:
         """Smallest over largest singular value of six legs' lines (N,)."""
@@ -257,7 +257,7 @@ class Margins:
             return self.springs.tensions(lengths)
         with np.errstate(all="ignore"):
             matrix = lines.swapaxes(1, 2)
-            regular = np.abs(np.linalg.det(matrix)) > numerics.RANK
+            regular = np.abs(numerics.determinants(matrix)) > numerics.RANK
             safe = np.where(regular[:, None, None], matrix, np.eye(6))
             t = np.linalg.solve(safe, asked[..., None])[..., 0]
         return np.where(regular[:, None], t, np.inf)

@@ -74,6 +74,8 @@ export function controls(store) {
   drivesPanel(store, springSection.node);
 
   let load, springs, point, axes, frameSelect, given, loadAxes, loadKind, loadPlace, loadPoint, weight;
+  // "Elsewhere" was chosen and no place given yet.
+  let choosing = false;
 
   function build(hello) {
     const { mechanism } = hello;
@@ -105,8 +107,9 @@ export function controls(store) {
       ["origin", "at M", "The load acts at the origin of M, about which its moment is"],
       ["own", "elsewhere", "The load acts at a point of its own, about which its moment is"]],
     (value) => {
-      loadPoint.node.hidden = value !== "own";
-      if (value === "own") loadPoint.node.querySelector("input").focus();
+      choosing = value === "own";
+      loadPoint.node.hidden = !choosing;
+      if (choosing) loadPoint.node.querySelector("input").focus();
       else store.change({ load_at: value === "point" ? null : [0, 0, 0] });
     });
     loadPoint = fields(NAMES.map((name) => [name, units.length, "load at"]), (values) => store.change({ load_at: values }));
@@ -162,8 +165,9 @@ export function controls(store) {
     given.checked = state.load !== null;
     load.set(state.load ?? store.numbers?.result.wrench?.map((x) => Number(x.toPrecision(6))) ?? ["", "", "", "", "", ""]);
     const own = state.load !== null && state.load_at?.some((x) => x);
-    loadPlace[1](own ? "own" : state.load_at !== null || state.load === null ? "origin" : "point");
-    if (!loadPoint.node.contains(document.activeElement)) loadPoint.node.hidden = !own;
+    choosing &&= state.load !== null && !own;
+    loadPlace[1](own || choosing ? "own" : state.load_at !== null || state.load === null ? "origin" : "point");
+    if (!loadPoint.node.contains(document.activeElement)) loadPoint.node.hidden = !own && !choosing;
     loadPoint.set(state.load_at ?? state.point);
     loadPoint.disable(state.load === null || !store.source.moves);
     weight.gravity.set(state.gravity ?? hello.mechanism.gravity ?? [0, 0, 0]);
