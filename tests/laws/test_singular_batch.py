@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from tests.laws.test_batch_engine import arm, assert_same
+from tests.mechanisms.machines import joint, write_urdf
 
 import cartstiff
 from cartstiff.geometry.se3 import Array
@@ -97,3 +100,15 @@ def test_machine_code_and_few_postures():
     np.testing.assert_allclose(
         many["compliance_B"][:20], few["compliance_B"], rtol=0, atol=1e-13 * scale
     )
+
+
+def test_an_arm_that_is_singular_in_every_posture_is_decided_without_an_inverse(tmp_path):
+    """Seven joints with parallel axes: rows of J are zero before any posture is known."""
+    links = ["base", *(f"l{i}" for i in range(7))]
+    joints = [joint(f"j{i}", a, b, at=(0.1 + 0.02 * i, 0.01 * i, 0.03))
+              for i, (a, b) in enumerate(pairwise(links))]  # fmt: skip
+    planar = cartstiff.load(write_urdf(tmp_path, *joints), frame="l6").with_springs(1e3)
+    q = np.random.default_rng(3).uniform(-1, 1, (COUNT, 7))
+    found = analyse_many(planar, q, path="portable", outputs=RECORDED)
+    assert not found.is_regular.any()
+    assert_same(planar, q, "portable", outputs=RECORDED)

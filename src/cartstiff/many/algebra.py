@@ -116,14 +116,28 @@ def _times(v: Array, row: Array) -> Array:
     return v * row if np.ndim(row) == 0 else np.outer(v, row)
 
 
+def _nowhere(matrix: Array) -> Scalar:
+    """NaN at every posture, as what follows from a matrix that is singular at each."""
+    found: Scalar = math.nan
+    for x in np.ravel(matrix):
+        if isinstance(x, Number):
+            found = pick(x, x, 0.0, math.nan)
+    return found
+
+
 def reflections(matrix: Array) -> Reflections:
-    """Householder decomposition of a matrix (n, m), n not less than m."""
+    """Householder decomposition of a matrix (n, m), n not less than m.
+
+    Of columns that depend on each other at every posture it is NaN.
+    """
     work = matrix.astype(object)
     n, m = work.shape
     vectors, factors = [], []
     for k in range(min(m, n - 1)):
         x = work[k:, k].copy()
         size = copysign(square_root(norm_squared(x)), x[0])
+        if is_zero(size):
+            size = _nowhere(matrix)
         x[0] = x[0] + size
         factor = 1.0 / (size * x[0])
         work[k, k] = -size
@@ -162,10 +176,7 @@ def solution(matrix: Array, right: Array) -> Array:
     A matrix that is singular at every posture gives NaN.
     """
     n = len(matrix)
-    nowhere: Scalar = math.nan
-    for x in np.ravel(matrix):
-        if isinstance(x, Number):
-            nowhere = pick(x, x, 0.0, math.nan)
+    nowhere = _nowhere(matrix)
     work = np.concatenate([matrix, right], axis=1).astype(object)
     rows, columns = list(range(n)), list(range(n))
     steps: list[tuple[list[int], list[int], Array]] = []
