@@ -11,6 +11,7 @@ URDF = """<robot name='r'><link name='l0'/><link name='l1'/><link name='tool0'/>
 <origin xyz='0 0 .4'/><limit lower='-2' upper='2' effort='1' velocity='1'/></joint>
 <joint name='b' type='prismatic'><parent link='l1'/><child link='tool0'/><axis xyz='0 1 0'/>
 <origin xyz='.3 .1 0'/><limit lower='-.2' upper='.5' effort='1' velocity='1'/></joint></robot>"""
+XACRO = '<robot xmlns:xacro="http://ros.org/xacro" name="r">{}</robot>'
 LOAD = ("--load", "0,0,0,0,0,-10")
 
 
@@ -54,6 +55,16 @@ def folder(tmp_path_factory):
         "nowhere.yaml": "kind: serial\nmodel: nowhere.urdf\n",
         "self.yaml": "kind: serial\nmodel: self.yaml\n",
         "m.zarr.txt": "no map",
+        "asks.xacro": XACRO.format("<xacro:arg name='n' default='x'/><link name='$(arg m)'/>"),
+        "finds.xacro": XACRO.format("<xacro:include filename='$(find nowhere)/x.xacro'/>"),
+        "gears.sdf": "<sdf version='1.9'><model name='m'><link name='a'/><joint name='j' "
+        "type='gearbox'><parent>world</parent><child>a</child></joint></model></sdf>",
+        "axis.xml": "<mujoco><worldbody><body><joint type='hinge' axis='0 0 0'/>"
+        "<geom size='.1'/></body></worldbody></mujoco>",
+        "round.yaml": "kind: stewart-gough\nlayout: {base: {radius: -1, half_angle: 0.3}, "
+        "platform: {radius: 0.1, half_angle: 0.2}, height: 0.3}\nlegs: {stiffness: 1.0e+5}\n",
+        "grad.csv": "x [mm],y [mm],z [m],roll [grad],pitch,yaw\n400,100,4,3,0,0.3\n",
+        "ragged.csv": "x,y,z\n1,2,3\n1;2;3\n",
     }
     for name, text in files.items():
         (place / name).write_text(text, encoding="utf-8")
@@ -142,6 +153,20 @@ CASES = [
     (("map", "r.urdf", "--quantity", "condition", "-o", "x.zarr"), "where the map looks"),
     (("map", "r.urdf", "--grid", "a=0:1:3", "--quantity", "condition", "--below", "2mm",
       "-o", "x.zarr"), "--below"),
+    (("analyse", "r.urdf", "--gravity", "0,0,-9810"), "cartstiff: gravity: "),
+    (("analyse", "hexapod", "--lengths", "1,1,1,1,1,-1"), "got [1.0, 1.0, 1.0, 1.0, 1.0, -1.0]"),
+    (("analyse", "hexapod", "--command", "leg9=1"), "closest: leg6"),
+    (("analyse", "asks.xacro"), "no value for 'm'"),
+    (("analyse", "asks.xacro", "--xacro-arg", "q:=3"), "unknown xacro argument"),
+    (("analyse", "finds.xacro"), "package 'nowhere' is not found"),
+    (("analyse", "gears.sdf"), "gearbox"),
+    (("analyse", "axis.xml"), "axis too small"),
+    (("analyse", "round.yaml"), "key layout.base.radius"),
+    (("path", "r.urdf", "grad.csv", *LOAD), "'roll' has an unknown unit"),
+    (("path", "r.urdf", "ragged.csv", *LOAD), "ragged.csv, line 3"),
+    (("workspace", "r.urdf"), "for platforms, and for bodies on legs"),
+    (("assemble", "r.urdf", "--all"), "closed chains and platforms"),
+    (("equilibrium", "hexapod", "--hold", "w=1"), "--hold"),
     (("compare", "m.zarr.txt", "m.zarr.txt"), "m.zarr.txt"),
     (("compare", "one.zarr"), "SECOND.zarr"),
     (("compare", "one.zarr", "two.zarr"), "one.zarr"),

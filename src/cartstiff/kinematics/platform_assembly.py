@@ -123,7 +123,7 @@ def poses_of_lengths(platform: Platform, lengths: Array) -> Poses:
         )
     wanted = checked_vector(lengths, 6, "list of leg lengths")
     if np.any(wanted <= 0):
-        raise InputError("leg lengths must be positive numbers", expected="6", got=wanted)
+        raise InputError("leg lengths must be positive numbers", expected="6", got=wanted.tolist())
     at, of = platform.anchors.mean(axis=0), platform.points.mean(axis=0)
     anchors, points = platform.anchors - at, platform.points - of
     size = max(float(np.ptp(anchors, axis=0).max()), float(np.ptp(points, axis=0).max()))

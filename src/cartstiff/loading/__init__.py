@@ -135,6 +135,7 @@ def tool_of(tcp: Any, gravity: Any, payload: Any) -> dict[str, Any]:
     """What hangs on the robot and pulls at it, checked; as `build.with_given` takes it."""
     from cartstiff.arrays import checked_pose, checked_vector
     from cartstiff.geometry import se3
+    from cartstiff.mechanisms.contract import checked_gravity
 
     keys: dict[str, Any] = {}
     if tcp is not None:
@@ -144,6 +145,7 @@ def tool_of(tcp: Any, gravity: Any, payload: Any) -> dict[str, Any]:
             numbers = checked_vector(tcp, 3 if np.size(tcp) == 3 else 6, "tcp")
             keys["tcp"] = se3.from_roll_pitch_yaw(numbers[:3], (*numbers[3:], 0, 0, 0)[:3])
     if gravity is not None:
+        checked_gravity(gravity, where="gravity")
         keys["gravity"] = checked_vector(gravity, 3, "gravity").tolist()
     if payload is not None:
         numbers = checked_vector(

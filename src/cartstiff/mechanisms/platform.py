@@ -300,7 +300,9 @@ class Platform(Mechanism):
         m = len(self.points)
         wanted = checked_vector(lengths, m, "list of leg lengths")
         if np.any(wanted <= 0):
-            raise InputError("leg lengths must be positive numbers", expected=f"{m}", got=wanted)
+            raise InputError(
+                "leg lengths must be positive numbers", expected=f"{m}", got=wanted.tolist()
+            )
         if m != 6:
             raise InputError("forward kinematics needs six legs", got=str(m))
         T = self.at(start).pose
