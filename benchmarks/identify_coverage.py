@@ -10,10 +10,11 @@ share of 95 % intervals that hold the true compliance, of parameters called dete
 called "at least", and of the former by parameter, each with the share's own standard deviation; how
 many springs were called not identifiable, and how many of the determined ones are off by more than
 six deviations. Then the same campaigns with gross errors of 20 deviations in 5 % of the rows: how
-many of these are named, how many rows are named besides, and how many robust estimates lie in the
-intervals of the clean data; and how many of least squares without the wrong rows, and no others,
-do. A row that is wrong cannot say what it said: what an estimate without it departs by has the
-variance of that estimate less that of the clean one.
+many of these are named, how many more are in rows that are told as hardly checked by others, how
+many rows are named besides, and how many robust estimates lie in the intervals of the clean data;
+and how many of least squares without the wrong rows, and no others, do. A row that is wrong cannot
+say what it said: what an estimate without it departs by has the variance of that estimate less that
+of the clean one.
 """
 
 from __future__ import annotations
@@ -106,7 +107,12 @@ def _campaign(
         robust = identify(elastic, spoilt, fit="robust", sought=sought)
         named, wrong = set(robust.suspects), {n + 1 for n in bad}
         told = identify(elastic, spoilt.chosen(~np.isin(np.arange(rows), bad)), sought=sought)
+        unchecked = {row for note in robust.notes if note.code == "rows-unchecked"
+                     for row in note.values["rows"]}  # fmt: skip
         found["gross"] += len(wrong)
+        found["unchecked"] += len((wrong - named) & unchecked)
+        found["unchecked rows"] += len(unchecked)
+        found["rows"] += rows
         found["named"] += len(wrong & named)
         found["named besides"] += len(named - wrong)
         for clean, e, best in zip(result.estimates, robust.estimates, told.estimates, strict=True):
@@ -152,7 +158,9 @@ def _line(found: Counter[str]) -> str:
     parts.append(f"far off {found['far off']}")
     if found["gross"]:
         parts.append(f"gross errors named {found['named']}/{found['gross']} (besides: "
-                     f"{found['named besides']}), robust estimates inside "
+                     f"{found['named besides']}), {found['unchecked']} more in rows told as hardly "
+                     f"checked ({found['unchecked rows']} of {found['rows']} rows), "
+                     f"robust estimates inside "
                      f"{found['robust inside']}/{found['robust']}, those that are told the wrong "
                      f"rows {found['told inside']}")  # fmt: skip
     return ", ".join(parts)
