@@ -77,7 +77,7 @@ def default_frame(model: Any, loose: Collection[str] = ()) -> tuple[str, str]:
         count.append(count[parent] + 1)
         of_finger.append(of_finger[parent] or _is_finger(name))
         carries.append(carries[parent] or name not in loose)
-    kinds = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
+    kinds = {pin.FrameType.BODY, pin.FrameType.OP_FRAME}
     every = [(count[j := f.parentJoint], f.name, j) for f in model.frames if f.type in kinds]
     moving = [end for end in every if carries[end[2]]] or every
     longest = max((n for n, *_ in moving), default=0)

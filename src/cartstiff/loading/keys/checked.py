@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any
 from zlib import crc32
 
+import numpy as np
+
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.catalogue import bundled_folder
@@ -53,6 +55,8 @@ def form_of(value: Any) -> str:
 
 def pose_of(entry: Any) -> Array:
     """4x4 pose of a {xyz, rpy} entry."""
+    if not any(entry.xyz) and not any(entry.rpy):
+        return np.eye(4)
     return se3.from_roll_pitch_yaw(entry.xyz, entry.rpy)
 
 
