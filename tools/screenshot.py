@@ -34,7 +34,8 @@ _SETTLED = """() => new Promise((resolve, reject) => {
     const end = performance.now() + 60000;
     const look = () => {
         const store = window.cartstiff;
-        const idle = store.busy === null && !store.wanted && store.waiting.size === 0;
+        const idle = store.busy === null && !store.wanted && store.waiting.size === 0
+            && !store.rows.some((row) => row.late);
         if (idle && !store.pane.viewer.needs_render) resolve();
         else if (performance.now() > end) reject(new Error("the page does not come to rest"));
         else setTimeout(look, 15);

@@ -15,7 +15,7 @@ const SHARED = ["load", "load_axes", "load_kind", "load_at", "point", "axes"];
 /** One row: a kept state of the mechanism in hand, or another mechanism. */
 class Row {
   constructor(main, letter, number, state) {
-    Object.assign(this, { main, letter, number, state, numbers: null, error: null });
+    Object.assign(this, { main, letter, number, state, numbers: null, error: null, pending: false, cells: null });
     this.own = number === (main.hello.number ?? 0);
     this.name = main.hello.mechanisms?.[number] ?? main.hello.mechanism.name;
     this.onchange = () => {};
@@ -29,6 +29,12 @@ class Row {
   get alike() {
     const names = ({ hello }) => hello.mechanism.coordinates.map(({ name }) => name).join();
     return this.own || Boolean(this.store?.hello && names(this.store) === names(this.main));
+  }
+
+  /** Whether its numbers belong to what was wished before. */
+  get late() {
+    const { store } = this;
+    return this.pending || Boolean(store?.hello && (store.busy !== null || store.wanted));
   }
 
   get units() {
@@ -62,8 +68,7 @@ class Row {
 
   close() {
     this.store?.source.close();
-    this.store = null;
-    this.pane = null;
+    Object.assign(this, { store: null, pane: null, pending: false, asked: null });
   }
 
   accept(numbers, error = null) {
@@ -77,7 +82,16 @@ class Row {
     if (!wished || key === this.asked) return;
     this.asked = key;
     if (this.store) this.store.apply(wished);
-    else this.main.ask({ do: "numbers", state: wished }).then(({ numbers }) => this.accept(numbers), ({ message }) => this.accept(null, message));
+    else this.ask(key, wished);
+  }
+
+  /** A state without a picture: only the answer to the newest question counts. */
+  async ask(key, state) {
+    this.pending = true;
+    const [numbers, error] = await this.main.ask({ do: "numbers", state }).then((answer) => [answer.numbers, null], ({ message }) => [null, message]);
+    if (key !== this.asked) return;
+    this.pending = false;
+    this.accept(numbers, error);
   }
 
   /** The curve of a sweep under this row's load and springs; null if it has no such coordinate. */
@@ -194,13 +208,16 @@ export function compareCard(store) {
         ...rows.map((row) => {
           const name = row.title;
           const found = row.numbers && row.sameUnits ? values(row.numbers, store.state) : [null, null, null];
-          const cells = found.map((x, k) => cell(x, k, x !== null && here[k] ? x / here[k] : null));
+          // Until it is answered, a row keeps its numbers and the ratios that belong to them.
+          if (!row.late || !row.cells) row.cells = found.map((x, k) => cell(x, k, x !== null && here[k] ? x / here[k] : null));
           const note = row.error ?? (row.numbers && !row.sameUnits ? "other units" : difference(store, row));
           const button = (text, title, onclick) => el("button", { type: "button", class: "quiet", title, "aria-label": title, onclick }, text);
           const actions = row.own ? [button("→", `Go to ${name}`, () => store.change({ ...structuredClone(row.state), theme: store.state.theme, moved: null, ghost: store.state.ghost })),
             button("✕", `Forget ${name}`, () => remove(row))]
             : [el("a", { class: "quiet", href: `?mechanism=${row.number}`, title: `Take ${name} in hand` }, "→")];
-          return line(el("b", {}, name), null, cells, note, ...actions);
+          const shown = line(el("b", {}, name), null, row.cells, note, ...actions);
+          shown.classList.toggle("late", row.late);
+          return shown;
         })));
   }
 
