@@ -10,7 +10,7 @@ from tools.screenshot import settled
 import cartstiff
 from cartstiff.maps import Axis, Grid, compute_map, open_map
 from cartstiff.page.export import export_page
-from cartstiff.page.source import Cloud, Source, read_cloud
+from cartstiff.page.source import Cloud, Source, cloud_of_workspace, read_cloud
 
 # Places on the screen, from -1 to 1, of the points of a map.
 POINTS = """() => {
@@ -24,6 +24,23 @@ POINTS = """() => {
         return [at.x, at.y];
     });
 }"""
+
+
+def test_a_whole_workspace_is_in_the_picture(serve, pages, tmp_path):
+    """On a live page and in a file, at first and from every side."""
+    elastic = cartstiff.load("hexapod")
+    reached = cartstiff.workspace(elastic, directions=60, scan=12, fits=False)
+    cloud = cloud_of_workspace(reached)
+    assert len(cloud.positions) == len(reached.boundary) + len(reached.singular.surface)
+    file = tmp_path / "hexapod.html"
+    file.write_text(cartstiff.show(elastic, workspace=reached, static=True).html, encoding="utf-8")
+    for url in (serve("hexapod", cloud=cloud).url, file.as_uri()):
+        page = pages.open(url)
+        for preset in ("3D", "Front", "Side", "Top"):
+            page.get_by_role("button", name=preset, exact=True).click()
+            settled(page)
+            assert np.abs(page.evaluate(POINTS)).max() < 1.0, preset
+        assert "singular surface" in " ".join(page.locator(".kind").all_text_contents())
 
 
 def test_a_point_of_a_map_becomes_the_posture(serve, pages, tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import signal
@@ -11,6 +12,7 @@ import sys
 import urllib.request
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import cartstiff
@@ -88,6 +90,30 @@ def test_export_writes_a_page(tmp_path, capfd):
     assert "<title>stewart-gough · cartstiff</title>" in text
 
 
+def test_a_page_with_the_workspace_is_that_of_the_workspace(tmp_path, monkeypatch):
+    """The load counts where forces are limited; without, the page alone has it."""
+    from cartstiff.page import export
+
+    sources = []
+    monkeypatch.setattr(export, "export_page", lambda source, **_: sources.append(source) or "")
+    legs = {"stiffness": 1e7, "limits": [0.4, 0.8]}
+    layout = {"base": {"radius": 0.35, "half_angle": 0.2}, "height": 0.5,
+              "platform": {"radius": 0.2, "half_angle": 0.2}}  # fmt: skip
+    load = [0.0, 0.0, 0.0, 0.0, 0.0, -1000.0]
+    for forces in ({}, {"force": [-260, 400]}):
+        written = {"kind": "stewart-gough", "layout": layout, "legs": legs | forces}
+        (tmp_path / "machine.yaml").write_text(json.dumps(written))
+        assert run("export", str(tmp_path / "machine.yaml"), "--workspace", "--load",
+                   "0,0,0,0,0,-1000", "-o", str(tmp_path / "page.html")) == 0  # fmt: skip
+        elastic = cartstiff.load(tmp_path / "machine.yaml")
+        reached = cartstiff.workspace(elastic, wrench=load if forces else None, fits=False)
+        cloud = sources.pop().cloud
+        assert np.array_equal(cloud.positions[: len(reached.boundary)], reached.boundary)
+        assert np.array_equal(cloud.positions[len(reached.boundary) :], reached.singular.surface)
+        words = " ".join(cloud.values["limit that cuts"])
+        assert ("force of leg1" in words) is bool(forces)
+
+
 def test_refusals_of_export(refused, tmp_path):
     assert "unknown file ending; expected .html" in refused("export", "cubic", "-o", "page.pdf")
     assert "no such folder" in refused("export", "cubic", "-o", "nowhere/page.html")
@@ -107,3 +133,5 @@ def test_refusals_of_view(refused):
     assert "range 0<=x<=65535" in refused("view", "cubic", "--port", "65536", "--no-open")
     assert "cannot serve here" in refused("view", "cubic", "--host", "192.0.2.1", "--no-open")
     assert "wrong count" in refused("view", "cubic", "--q", "1,2", "--no-open")
+    assert "or a radius" in refused("view", "cable-robot", "--workspace", "--no-open")
+    assert "no --map" in refused("view", "cubic", "--workspace", "--map", "b.csv", "--no-open")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,8 +12,11 @@ from cartstiff.arrays import checked_array, checked_vector
 from cartstiff.errors import MissingDependencyError
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.page.source import Source, Trajectory
+from cartstiff.page.source import Source, Trajectory, cloud_of_workspace
 from cartstiff.stiffness.compute import analyse
+
+if TYPE_CHECKING:
+    from cartstiff.reach.workspace import Workspace
 
 
 class Page:
@@ -95,6 +98,7 @@ def show(
     *,
     wrench: ArrayLike | None = None,
     trajectory: ArrayLike | None = None,
+    workspace: Workspace | None = None,
     static: bool = False,
     frames: int | None = None,
     port: int = 0,
@@ -113,6 +117,8 @@ def show(
         Load (moment, force) shown at first, as in `cartstiff.analyse`.
     trajectory : array_like (N, n), optional
         Postures for the time slider.
+    workspace : Workspace, optional
+        From `cartstiff.workspace`: its boundary and the singular surface are drawn, too.
     static : bool
         An exported page instead of a live one: for notebooks that are kept,
         or whose server runs on another machine.
@@ -149,6 +155,7 @@ def show(
         first.q,
         None if wrench is None else checked_vector(wrench, 6, "wrench"),
         trajectory=None if trajectory is None else _trajectory(elastic, trajectory),
+        cloud=None if workspace is None else cloud_of_workspace(workspace),
     )
     if static:
         from cartstiff.page.export import export_page

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from math import prod
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,9 @@ from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.parsing import parse_numbers
 
+if TYPE_CHECKING:
+    from cartstiff.reach.workspace import Workspace
+
 # A page draws and sends every point: more are thinned.
 _MOST_POINTS = 20_000
 # Each carries its posture: 1.6 MB of these at most.
@@ -30,6 +33,7 @@ _AT_ONCE = 1_000_000
 _MOST_POSTURES = 5_000
 # What colours a workspace's boundary.
 _CUTS = "limit that cuts"
+_SINGULAR = "singular surface"
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,9 +248,34 @@ def _read_boundary(path: Path, elastic: ElasticMechanism | None) -> Cloud:
     numbers = [parse_numbers(",".join(row[:3]), place, 3)
                for row, place in zip(cells.rows, cells.places, strict=True)]  # fmt: skip
     factors = [1.0 if factor is None else factor for _, factor in heads[:3]]
+    return _cut(np.array(numbers) * factors, [row[3] for row in cells.rows], elastic)
+
+
+def cloud_of_workspace(reached: Workspace) -> Cloud:
+    """Positions on a workspace's boundary, the limit that cuts at each, and singular positions.
+
+    Raises
+    ------
+    InputError
+        For workspaces along other coordinates than x, y, z, and those without a boundary.
+    """
+    if reached.axes != ("x", "y", "z"):
+        raise InputError("the workspace cannot be shown among the mechanism's positions",
+                         where="workspace", expected="a body that takes all positions",
+                         got=", ".join(reached.axes))  # fmt: skip
+    if reached.positions is None or not reached.positions.edges:
+        why = "; ".join(note.message for note in reached.notes[-1:])
+        raise InputError("the workspace has no boundary", where="workspace", got=why or "none")
+    surface = np.empty((0, 3)) if reached.singular is None else reached.singular.surface
+    names = [edge[3] for edge in reached.positions.edges] + [_SINGULAR] * len(surface)
+    return _cut(np.concatenate([reached.boundary, surface]), names, reached.elastic)
+
+
+def _cut(positions: Array, names: Sequence[str], elastic: ElasticMechanism | None) -> Cloud:
+    """A boundary's positions (N, 3) by the names of the limits that cut, which get their bounds."""
     bounds = {} if elastic is None else _bounds_in_words(elastic)
-    limits = np.array([" ".join([row[3], *bounds.get(row[3], ())]) for row in cells.rows])
-    return _thinned(Cloud(np.array(numbers) * factors, {_CUTS: limits}, {_CUTS: ""}))
+    limits = np.array([" ".join([name, *bounds.get(name, ())]) for name in names])
+    return _thinned(Cloud(positions, {_CUTS: limits}, {_CUTS: ""}))
 
 
 def _bounds_in_words(elastic: ElasticMechanism) -> dict[str, tuple[str]]:

@@ -41,6 +41,15 @@ from cartstiff.potentials.line_springs import LineSprings, lines_of_many
 LoadAt = Callable[[Array], Array]
 
 
+def limits_forces(elastic: ElasticMechanism) -> bool:
+    """Whether a load bears on which poses are within the limits: cables, or legs with `force`."""
+    platform, springs = elastic.mechanism, elastic.springs
+    if not isinstance(platform, Platform) or not isinstance(springs, LineSprings):
+        return False
+    limits = platform.leg_limits
+    return springs.unilateral or (limits is not None and limits.forces is not None)
+
+
 def lines_at(platform: Platform, poses: Array) -> tuple[Array, Array]:
     """Lengths (N, m) and line coordinates (N, m, 6) of the legs, moments over the body's length."""
     lines = lines_of_many(poses, platform.anchors, platform.points)

@@ -74,6 +74,7 @@ class Scene:
         self._ghost: MechanismPicture | None = None
         self._ghost_at: tuple[float, ...] | None = None
         self._usual: dict[tuple[str, str], Array] = {}
+        self._around_map = np.empty((0, 3))
         self.notes: list[str] = []
 
     # -- the picture -------------------------------------------------------------------------
@@ -146,6 +147,8 @@ class Scene:
 
         Returns the facts of the colour bar, see `add_points`. No points remove the map.
         """
+        p = np.asarray(positions, float)  # the outermost of them have to be seen
+        self._around_map = p[[*p.argmin(axis=0), *p.argmax(axis=0)]] if p.size else np.empty((0, 3))
         return add_points(self._node["map"], positions, values, label=label, unit=unit, **more)
 
     def path(
@@ -162,7 +165,7 @@ class Scene:
         """Lowest and highest corner (2, 3), in the viewer's units, of what has to be seen."""
         posture = result.posture
         around = _RADIUS * self._stage.size * np.array([[-1.0] * 3, [1.0] * 3])
-        points = [extent(self._elastic, posture), result.pose[:3, 3] + around]
+        points = [extent(self._elastic, posture), result.pose[:3, 3] + around, self._around_map]
         if self._theme:
             points.append(self._mechanism.corners(posture))
         every = np.concatenate(points)
@@ -190,6 +193,7 @@ class Scene:
         return {
             **self._stage.facts(),
             "radius": _RADIUS * size,
+            "map": self._around_map.tolist(),
             "arrow": LONGEST_ARROW * size,
             "thin": FLAT * size,
             "rings": MOST_RINGS,
@@ -292,11 +296,8 @@ class Scene:
         return self._usual[quantity, freedom]
 
     def _unit(self, freedom: str, quantity: str) -> str:
-        units = self._elastic.units
-        if freedom == "translation":
-            top, bottom = units.force, units.length
-        else:
-            top, bottom = units.moment, "rad"
+        units, is_shift = self._elastic.units, freedom == "translation"
+        top, bottom = (units.force, units.length) if is_shift else (units.moment, "rad")
         if quantity == "stiffness":
             return f"{top}/{bottom}"
         return f"{bottom}/({top})" if " " in top else f"{bottom}/{top}"

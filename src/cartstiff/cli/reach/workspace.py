@@ -45,8 +45,8 @@ _options = option_group(
     click.option("--through-singularities", is_flag=True,
                  help="Count poses beyond singular ones as well."),
     option("--csv", type=OutputFile("FILE.csv", ".csv"),
-           help="Write the boundary: positions, and the limit that cuts each; `cartstiff view "
-           "MECHANISM --map FILE.csv` draws it on the page."),
+           help="Write the boundary: positions, and the limit that cuts each. `cartstiff view "
+           "MECHANISM --workspace` draws it on the page."),
     option("--plot", type=PICTURE,
            help="Draw the boundary in space, from above and from two sides."),
     progress_option,

@@ -14,9 +14,9 @@ from cartstiff.cli.options import (
     load_options,
     mechanism_options,
 )
-from cartstiff.cli.output import say_unused
+from cartstiff.cli.output import Progress, say_unused
 from cartstiff.cli.types import Values, option_group
-from cartstiff.errors import MissingDependencyError
+from cartstiff.errors import InputError, MissingDependencyError
 
 #: Keywords of `source_from_options`.
 page_options = option_group(
@@ -27,6 +27,11 @@ page_options = option_group(
         "--map", "map_path", type=click.Path(path_type=Path), metavar="FILE",
         help="Also draw the points of a stiffness map, or of the table that `cartstiff workspace "
         "--csv` writes, coloured by a quantity or by the limit that cuts.",
+    ),
+    click.option(
+        "--workspace", "with_workspace", is_flag=True,
+        help="Also draw the boundary of the workspace around the posture, coloured by the limit "
+        "that cuts, and the singular surface, as `cartstiff workspace` finds them.",
     ),
     click.option(
         "--trajectory", "trajectory_path", type=click.Path(path_type=Path), metavar="FILE.csv",
@@ -41,6 +46,7 @@ def source_from_options(
     applied: LoadRequest,
     told: Values | None,
     map_path: Path | None,
+    with_workspace: bool,
     trajectory_path: Path | None,
 ) -> Any:
     """The page's `Source`, with everything checked that a page would show.
@@ -50,6 +56,9 @@ def source_from_options(
     InputError
         For what cannot be used; UndefinedError and ConvergenceError where there is no posture.
     """
+    if with_workspace and map_path is not None:
+        raise InputError("one cloud of points at a time", where="--workspace",
+                         expected="no --map")  # fmt: skip
     load = request.balanced_wrench
     applied.check_world(load=load)
     elastic, q = request.load()
@@ -62,6 +71,9 @@ def source_from_options(
 
     with np.errstate(all="ignore"):
         first = analyse(elastic, q, wrench=load, **applied.keywords(load))
+    cloud = None if map_path is None else read_cloud(map_path, elastic)
+    if with_workspace:
+        cloud = _workspace_cloud(elastic, first.q, load, applied)
     command = None
     if told is not None:
         steps = request.command(told, elastic)
@@ -96,8 +108,22 @@ def source_from_options(
         command=command,
         reload=reload,
         trajectory=trajectory,
-        cloud=None if map_path is None else read_cloud(map_path, elastic),
+        cloud=cloud,
     )
+
+
+def _workspace_cloud(elastic: Any, q: Any, load: Any, applied: LoadRequest) -> Any:
+    """The boundary around a posture; the load counts where forces are limited."""
+    from cartstiff.page.source import cloud_of_workspace
+    from cartstiff.reach.margins import limits_forces
+    from cartstiff.reach.workspace import workspace
+
+    loaded = {}
+    if load is not None and limits_forces(elastic):
+        loaded = {"wrench": load, **applied.keywords(load)}
+    with Progress("poses") as bar:
+        reached = workspace(elastic, q, **loaded, fits=False, progress=bar)
+    return cloud_of_workspace(reached)
 
 
 def needs_view(purpose: str) -> MissingDependencyError:

@@ -113,8 +113,8 @@ class NamedLegsModel(FileModel):
     def _no_strut(cls, given: object) -> object:
         if isinstance(given, dict) and "strut" in given:
             raise ValueError(
-                "strut is of kind stewart-gough; here a flexure's bending and torsion are springs "
-                "of the leg's joints, such as springs: {u1: {stiffness: 33}, s3: {stiffness: 236}}"
+                "strut is of kind stewart-gough, whose legs have no joints with names; here joints "
+                "have springs: {u1: {stiffness: 33}, ...}, and links may be flexible"
             )
         return given
 

@@ -262,7 +262,7 @@ export class Drawing {
   bounds({ pose, frames }) {
     const { kit, living } = this;
     const tool = place(pose);
-    const points = [-1, 1].map((side) => tool.map((x) => x + side * kit.radius));
+    const points = [...kit.map, ...[-1, 1].map((side) => tool.map((x) => x + side * kit.radius))];
     if (living.data.platform) points.push(...living.data.anchors, ...living.data.points.map((point) => moved(pose, point)));
     else {
       points.push([0, 0, 0], ...frames.map(place));
