@@ -111,9 +111,9 @@ def test_on_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert "pose-follows" in [note["code"] for note in answer["notes"]]
     _, out, _ = _run(capsys, "analyse", "6-pus", "--pose", "10,0,550,5,0,0", "--units", "mm,deg",
                      "--tcp", "0,0,100", "--json")  # fmt: skip
-    # The pose is the body's; the tool stands 100 mm above it, tilted by 5 degrees.
-    tool = [10, -100 * np.sin(np.pi / 36), 550 + 100 * np.cos(np.pi / 36)]
-    assert np.array(json.loads(out)["pose"])[:3, 3] == pytest.approx(tool, abs=1e-8)
+    # The pose is the body's; the tool stands 100 mm above it, tilted by 5 degrees. JSON is in m.
+    tool = [0.01, -0.1 * np.sin(np.pi / 36), 0.55 + 0.1 * np.cos(np.pi / 36)]
+    assert np.array(json.loads(out)["pose"])[:3, 3] == pytest.approx(tool, abs=1e-11)
     code, _, err = _run(capsys, "analyse", "6-pus", "--pose", "0.6,0,0.5,0,0,0")
     assert code == 2
     assert "--pose: the pose cannot be reached" in err

@@ -44,8 +44,8 @@ class ControllerRequest:
 
         target = read_target(self.impedance, self.order)
         wanted = StiffnessTensor.from_controller(
-            target.matrix, order=target.order, axes=self.axes, pose=modes.posture.pose,  # type: ignore[arg-type]
-            frame=modes.elastic.mechanism.frame, units=modes.elastic.units,
+            target.in_units_of(modes.elastic.mechanism), order=target.order, axes=self.axes,  # type: ignore[arg-type]
+            pose=modes.posture.pose, frame=modes.elastic.mechanism.frame, units=modes.elastic.units,
         )  # fmt: skip
         answer = impedance(modes, wanted, self.ratio or 0.7)
         told = {

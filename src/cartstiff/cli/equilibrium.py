@@ -17,6 +17,7 @@ from cartstiff.cli.options import (
     mechanism_options,
 )
 from cartstiff.cli.output import say_unused, tell
+from cartstiff.cli.requests.json_units import JsonUnitsCommand, column_factors
 from cartstiff.cli.requests.parameters import (
     add_accuracy,
     add_sensitivities,
@@ -57,7 +58,7 @@ Examples:
 _options = option_group(
     click.option("--follower", is_flag=True, help="The same as --load-kind follower."),
     option(
-        "--hold", type=Pairs("NAME=VALUE,...", _COMPONENTS),
+        "--hold", type=Pairs("NAME=VALUE,...", _COMPONENTS, places=True),
         help="Displacement of the body prescribed in rx, ry, rz, x, y, z (rad, length), along the "
         "axes of the unloaded body, or with --world the inertial axes.",
     ),
@@ -81,7 +82,7 @@ _options = option_group(
 )  # fmt: skip
 
 
-@click.command(name="equilibrium", epilog=_EPILOG)
+@click.command(name="equilibrium", cls=JsonUnitsCommand, epilog=_EPILOG)
 @mechanism_options(
     load_help="Wrench on the body: moment about and force at the point --load-at, in the axes of "
     "the unloaded body frame; see --load-kind."
@@ -223,14 +224,13 @@ def _compensate(
     as_json: bool,
 ) -> None:
     from cartstiff.loading.csv_file import read_rows
-    from cartstiff.mechanisms.other_units import shown_factors
     from cartstiff.report.figures_statics import draw_error_along_path
     from cartstiff.report.output import write_files
     from cartstiff.report.statics import describe_path
     from cartstiff.statics.toolpath import compensate
 
     n = len(elastic.names)
-    rows = read_rows(path, "postures", units=elastic.units, factors=shown_factors(elastic),
+    rows = read_rows(path, "postures", units=elastic.units, factors=column_factors(elastic),
                      joints=elastic.names)  # fmt: skip
     _, table, unused = rows.arranged(elastic.names, (*elastic.names, *WRENCH))
     say_unused(path, unused)

@@ -21,6 +21,7 @@ from cartstiff.cli.requests.map import (
     sampling_options,
 )
 from cartstiff.cli.types import (
+    DIRECTION,
     PICTURE,
     POINT,
     WRENCH,
@@ -102,7 +103,7 @@ _options = option_group(
         "under it (see --load-kind, --load-at). Without a load all but F are the same.",
     ),
     option(
-        "--direction", type=POINT,
+        "--direction", type=DIRECTION,
         help="For stiffness along and about a direction of the body frame.",
     ),
     option(

@@ -8,7 +8,7 @@ from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cartstiff.cli.types import POINT, Numbers, option, option_group
+from cartstiff.cli.types import DIRECTION, POINT, Numbers, option, option_group
 from cartstiff.errors import InputError
 from cartstiff.parsing import parse_numbers
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 
 cutting_options = option_group(
     option(
-        "--milling", type=Numbers("KT,KR,TEETH,ENTRY,EXIT", 5),
+        "--milling", type=Numbers("KT,KR,TEETH,ENTRY,EXIT", 5, powers=(-2, 0)),
         help="Force law of a mill: tangential force per area, radial over tangential, teeth, and "
         "angles (rad) at which a tooth enters and leaves (slot 0,3.1416; half up 0,1.5708).",
     ),
-    option("--feed", type=POINT, help="Direction of the feed of --milling, in M; default x."),
-    option("--normal", type=POINT, help="Normal to the feed, in M; default y."),
+    option("--feed", type=DIRECTION, help="Direction of the feed of --milling, in M; default x."),
+    option("--normal", type=DIRECTION, help="Normal to the feed, in M; default y."),
     option("--tip", type=POINT, help="Tip of the mill, in M; default its origin."),
 )  # fmt: skip
 

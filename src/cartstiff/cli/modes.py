@@ -12,6 +12,7 @@ from cartstiff.cli.controller import ControllerRequest
 from cartstiff.cli.milling import LobesRequest, cutting_options
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import tell
+from cartstiff.cli.requests.json_units import JsonUnitsCommand
 from cartstiff.cli.requests.parameters import (
     add_accuracy,
     add_intervals,
@@ -22,6 +23,7 @@ from cartstiff.cli.requests.parameters import (
 )
 from cartstiff.cli.response import KINDS, ResponseRequest
 from cartstiff.cli.types import (
+    DIRECTION,
     PICTURE,
     POINT,
     Numbers,
@@ -69,7 +71,7 @@ _options = option_group(
     ),
     option("--point", type=POINT, help="Point of the body, in its frame, for --response."),
     option(
-        "--direction", type=POINT,
+        "--direction", type=DIRECTION,
         help="Direction for --response, along the body's axes (of the base's for a "
         "transmissibility); default x, y and z.",
     ),
@@ -117,7 +119,7 @@ _options = option_group(
 )  # fmt: skip
 
 
-@click.command(name="modes", epilog=_EPILOG)
+@click.command(name="modes", cls=JsonUnitsCommand, epilog=_EPILOG)
 @mechanism_options(
     load_help="Wrench on the body: moment about and force at the point --load-at, in the body's "
     "axes; rest positions are chosen so that the springs balance it. The modes without "

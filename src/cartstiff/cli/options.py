@@ -12,8 +12,10 @@ import click
 
 from cartstiff.choices import LOAD_KINDS
 from cartstiff.cli.types import (
+    DIRECTION,
     PAYLOAD,
     POINT,
+    POSE,
     WRENCH,
     Arguments,
     JointValues,
@@ -39,7 +41,7 @@ parameters_option = repeated_option(
     "for several.",
 )  # fmt: skip
 stiffness_option = option(
-    "--stiffness", type=JointValues(rigid=True),
+    "--stiffness", type=JointValues(rigid=True, springs=True, broadcast=True),
     help="Joint (or leg) stiffnesses: one number for all, one each, or name=value pairs; joints "
     "may be rigid.",
 )  # fmt: skip
@@ -47,7 +49,7 @@ stiffness_option = option(
 
 #: What the drives are told, for `MechanismRequest.command`.
 command_option = option(
-    "--command", "told", type=JointValues(),
+    "--command", "told", type=JointValues(springs=True),
     help="How far drives move on from the posture, such as leg1/slide=0.001 (rad, lengths; leg1 of "
     "a platform): the rest positions of their springs are shifted, and the "
     "resulting pose is found.",
@@ -269,13 +271,13 @@ def _check_range(values: Values, expected: str, finite: bool = False) -> None:
 
 
 _tcp_option = option(
-    "--tcp", type=Numbers("X,Y,Z[,R,P,Y]", 3, 6),
+    "--tcp", type=Numbers("X,Y,Z[,R,P,Y]", 3, 6, powers=(1, 1, 1, 0)),
     help="M in the frame: position, and roll, pitch, yaw about fixed axes.",
 )  # fmt: skip
 #: Tool, gravity and what is carried.
 tool_options = option_group(
     _tcp_option,
-    option("--gravity", type=POINT,
+    option("--gravity", type=DIRECTION,
            help="Acceleration of gravity in F in m/s^2, such as 0,0,-9.81, instead of the file's."),
     option("--payload", type=PAYLOAD,
            help="A mass on the body, always in kg, and its centre in M; it weighs "
@@ -292,8 +294,9 @@ file_options = option_group(
 units_option = option("--units", type=UnitList("UNITS"),
        help="Units of numbers given and shown, such as mm,deg. Lengths in m, cm, mm, um or in: "
        "with mm, moments are in N mm, stiffnesses in N mm/rad and N/mm. The head of a CSV file "
-       "may name others. deg is for joints, roll, pitch, yaw, and tables of postures. JSON "
-       "names its unit of length and uses radians.")  # fmt: skip
+       "may name others. deg is for joints, roll, pitch, yaw, and tables of postures. With "
+       "--json all that comes out is in the units of MECHANISM's file and in radians; of `map`, "
+       "`design` and `identify` in the unit of length given here, which it names.")  # fmt: skip
 #: Which robot it is, and what it carries: the same on every command, for `MechanismRequest`.
 robot_options = option_group(
     frame_option,
@@ -321,13 +324,13 @@ def mechanism_options(
     options = option_group(
         click.argument("mechanism"),
         posture,
-        option("--pose", type=Numbers("X,Y,Z,R,P,Y", 6),
+        option("--pose", type=POSE,
                help="Posture of a platform, or of a body on legs: position and roll, pitch, yaw "
                "about fixed axes."),
-        option("--lengths", type=Numbers("L1,...,L6"),
+        option("--lengths", type=Numbers("L1,...,L6", powers=(1,)),
                help="Posture of a six-legged platform by its leg lengths, near the file's pose."),
         robot_options,
-        option("--rest", type=JointValues(),
+        option("--rest", type=JointValues(springs=True),
                help="Rest positions of the joints (rest lengths of legs), as for --q."),
         load,
     ) if placed else option_group(

@@ -11,9 +11,10 @@ import click
 from cartstiff.cli.milling import vibration_options
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import Progress, tell
+from cartstiff.cli.requests.json_units import JsonUnitsCommand, column_factors
 from cartstiff.cli.types import (
+    DIRECTION,
     PICTURE,
-    POINT,
     WRENCH,
     Axes,
     JointValues,
@@ -59,7 +60,7 @@ _options = option_group(
     ),
     load_options("loads and directions"),
     option(
-        "--direction", type=POINT,
+        "--direction", type=DIRECTION,
         help="Direction along which stiffness counts, the same at all points.",
     ),
     option(
@@ -86,7 +87,7 @@ _options = option_group(
         help="Improve the worst point of the path, or the mean of all points.",
     ),
     option(
-        "--max-step", type=JointValues(),
+        "--max-step", type=JointValues(broadcast=True),
         help="Largest step of the joints from point to point: one number for all, one each, or "
         "name=value pairs; default 0.5 rad or half the characteristic length.",
     ),
@@ -118,7 +119,7 @@ _options = option_group(
         "shapes of the URDF; without it collisions are not checked.",
     ),
     repeated_option(
-        "--place", type=Axes("NAME=LOW:HIGH:COUNT"),
+        "--place", type=Axes("NAME=LOW:HIGH:COUNT", frame=True),
         help="Find the best place of the workpiece: on this grid of x, y, z, yaw, then around the "
         "grid's best point. The file's poses are then those in the workpiece's frame.",
     ),
@@ -137,7 +138,7 @@ _options = option_group(
 )  # fmt: skip
 
 
-@click.command(name="path", epilog=_EPILOG)
+@click.command(name="path", cls=JsonUnitsCommand, epilog=_EPILOG)
 @mechanism_options(placed=False)
 @click.argument("path_file", metavar="PATH.csv", type=click.Path(path_type=Path))
 @_options
@@ -201,6 +202,7 @@ def command(
         direction=direction,
         axes=axes,
         units=elastic.units,
+        factors=column_factors(elastic),
     )
     options |= {"free": free, "loaded": loaded, "load_kind": applied.load_kind,
                 "load_at": applied.acts_at, **vibration}  # fmt: skip

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar
@@ -41,13 +41,27 @@ class OptionType(click.ParamType):  # type: ignore[type-arg]
         """The value of a text given to the option `where`."""
         raise NotImplementedError
 
+    def converted(self, value: Any, a: float, elastic: Any) -> Any:  # noqa: ARG002
+        """The value in another unit of length, in which lengths are a times as large."""
+        return value
+
 
 class Numbers(OptionType):
-    """Comma-separated numbers, as many as one of `counts` (any number without)."""
+    """Comma-separated numbers, as many as one of `counts` (any number without).
 
-    def __init__(self, shape: str, *counts: int, above_zero: bool = False) -> None:
+    `powers` are those of length in their units, of which the last is that of all further numbers.
+    """
+
+    def __init__(
+        self, shape: str, *counts: int, powers: tuple[int, ...] = (0,), above_zero: bool = False
+    ) -> None:
         super().__init__(shape)
-        self.counts, self.above_zero = counts, above_zero
+        self.counts, self.powers, self.above_zero = counts, powers, above_zero
+
+    def converted(self, value: Any, a: float, elastic: Any) -> Any:  # noqa: ARG002
+        """Each number times its power of a."""
+        powers = (*self.powers, *[self.powers[-1]] * len(value))
+        return [x * a**power for x, power in zip(value, powers, strict=False)]
 
     def parsed(self, text: str, where: str) -> Any:
         """List of floats."""
@@ -62,12 +76,16 @@ class Numbers(OptionType):
 class Number(Numbers):
     """One number."""
 
-    def __init__(self, shape: str, *, above_zero: bool = False) -> None:
-        super().__init__(shape, 1, above_zero=above_zero)
+    def __init__(self, shape: str, *, power: int = 0, above_zero: bool = False) -> None:
+        super().__init__(shape, 1, powers=(power,), above_zero=above_zero)
 
     def parsed(self, text: str, where: str) -> Any:
         """The number."""
         return super().parsed(text, where)[0]
+
+    def converted(self, value: Any, a: float, elastic: Any) -> Any:
+        """The number times its power of a."""
+        return super().converted([value], a, elastic)[0]
 
 
 class Amount(OptionType):
@@ -108,9 +126,22 @@ class UnitList(OptionType):
         return found
 
 
-PAYLOAD = Numbers("MASS[,X,Y,Z]", 1, 4)
-WRENCH = Numbers("MX,MY,MZ,FX,FY,FZ", 6)
-POINT = Numbers("X,Y,Z", 3)
+PAYLOAD = Numbers("MASS[,X,Y,Z]", 1, 4, powers=(0, 1))
+WRENCH = Numbers("MX,MY,MZ,FX,FY,FZ", 6, powers=(1, 1, 1, 0))
+POINT = Numbers("X,Y,Z", 3, powers=(1,))
+DIRECTION = Numbers("X,Y,Z", 3)
+POSE = Numbers("X,Y,Z,R,P,Y", 6, powers=(1, 1, 1, 0))
+TOLERANCE = Numbers("REL[,LENGTH[,ANGLE]]", 1, 2, 3, powers=(0, 1, 0))
+_FRAME = ("x", "y", "z")
+
+
+def _sizes(elastic: Any, a: float, *, frame: bool = False) -> dict[str, float]:
+    """What numbers by name are multiplied by: positions of a frame, of joints, lengths of legs."""
+    sizes = dict.fromkeys(_FRAME, a)
+    if not frame:
+        sizes |= dict.fromkeys(elastic.spring_names, a)
+        sizes |= {c.name: a if c.is_length else 1.0 for c in elastic.mechanism.coordinates}
+    return sizes
 
 
 @dataclass(frozen=True)
@@ -142,11 +173,32 @@ class Values:
 
 
 class JointValues(OptionType):
-    """Numbers in joint order or ``name=value`` pairs, as `Values`."""
+    """Numbers in joint order or ``name=value`` pairs, as `Values`.
 
-    def __init__(self, rigid: bool = False) -> None:
+    They belong to the coordinates, or to the `springs` (legs of a platform), whose stiffness they
+    are where it may be `rigid`; with `broadcast` one number may stand for all.
+    """
+
+    def __init__(
+        self, *, rigid: bool = False, springs: bool = False, broadcast: bool = False
+    ) -> None:
         super().__init__("VALUES")
-        self.rigid = rigid
+        self.rigid, self.springs, self.broadcast = rigid, springs, broadcast
+
+    def converted(self, value: Values, a: float, elastic: Any) -> Values:
+        """Lengths times a; stiffnesses of what slides over a, of what turns times a."""
+        sizes = _sizes(elastic, a)
+        if self.rigid:
+            sizes = {name: a if size == 1.0 else 1.0 / a for name, size in sizes.items()}
+        numbers = value.numbers
+        if isinstance(numbers, dict):
+            return replace(value, numbers={n: x * sizes.get(n, 1.0) for n, x in numbers.items()})
+        names = elastic.spring_names if self.springs else elastic.names
+        if self.broadcast and len(numbers) == 1:
+            numbers = numbers * len(names)
+        if len(numbers) != len(names):  # refused where it is used
+            return value
+        return replace(value, numbers=[x * sizes[n] for x, n in zip(numbers, names, strict=True)])
 
     def parsed(self, text: str, where: str) -> Values:
         """What was given, not yet compared with the mechanism."""
@@ -165,11 +217,19 @@ class JointValues(OptionType):
 
 
 class Pairs(OptionType):
-    """``NAME=VALUE`` pairs as a mapping; of `names` only, if there are any."""
+    """``NAME=VALUE`` pairs as a mapping; of `names` only, if there are any.
 
-    def __init__(self, shape: str, names: tuple[str, ...] = ()) -> None:
+    They are `places` of coordinates, or of a frame if there are `names`, or as a file has them.
+    """
+
+    def __init__(self, shape: str, names: tuple[str, ...] = (), *, places: bool = False) -> None:
         super().__init__(shape)
-        self.names = names
+        self.names, self.places = names, places
+
+    def converted(self, value: Any, a: float, elastic: Any) -> Any:
+        """Lengths times a."""
+        sizes = _sizes(elastic, a, frame=bool(self.names)) if self.places else {}
+        return {name: x * sizes.get(name, 1.0) for name, x in value.items()}
 
     def parsed(self, text: str, where: str) -> dict[str, float]:
         """Numbers by name."""
@@ -187,12 +247,20 @@ class Pairs(OptionType):
 class Axes(OptionType):
     """``NAME=LOW:HIGH:COUNT`` (or without a count) items as a mapping to their numbers.
 
-    With `single`, ``NAME=VALUE`` as well.
+    With `single`, ``NAME=VALUE`` as well. They are of coordinates and legs, or of a `frame`.
     """
 
-    def __init__(self, shape: str, single: bool = False) -> None:
+    def __init__(self, shape: str, *, single: bool = False, frame: bool = False) -> None:
         super().__init__(shape)
-        self.single = single
+        self.single, self.frame = single, frame
+
+    def converted(self, value: Any, a: float, elastic: Any) -> Any:
+        """Lengths times a."""
+        sizes = _sizes(elastic, a, frame=self.frame)
+        return {
+            name: (*(x * sizes.get(name, 1.0) for x in numbers[:2]), *numbers[2:])
+            for name, numbers in value.items()
+        }
 
     def parsed(self, text: str, where: str) -> dict[str, tuple[float, ...]]:
         """Low, high and count by name."""

@@ -9,7 +9,8 @@ import click
 
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import Progress, tell
-from cartstiff.cli.types import Numbers, OutputFile, json_option, option, option_group
+from cartstiff.cli.requests.json_units import JsonUnitsCommand
+from cartstiff.cli.types import POSE, Numbers, OutputFile, json_option, option, option_group
 from cartstiff.errors import InputError, UndefinedError
 
 _EPILOG = """\b
@@ -21,10 +22,10 @@ Examples:
 """
 
 _options = option_group(
-    option("--pose", type=Numbers("X,Y,Z,R,P,Y", 6),
+    option("--pose", type=POSE,
            help="Pose of a platform: its leg lengths are taken, and the modes nearest to it "
            "come first. Position and roll, pitch, yaw about fixed axes; default the file's."),
-    option("--lengths", type=Numbers("L1,...,L6", 6, above_zero=True),
+    option("--lengths", type=Numbers("L1,...,L6", 6, powers=(1,), above_zero=True),
            help="Leg lengths of a platform; default those at its pose."),
     click.option("--all", "every", is_flag=True,
                  help="All assembly modes; without it the one nearest to the pose."),
@@ -38,7 +39,7 @@ _options = option_group(
 )  # fmt: skip
 
 
-@click.command(name="assemble", epilog=_EPILOG)
+@click.command(name="assemble", cls=JsonUnitsCommand, epilog=_EPILOG)
 @mechanism_options(
     "Wrench on the body in its own frame. The held legs or actuators carry it in every mode, and "
     "the stiffness is the one under this load.",

@@ -9,10 +9,11 @@ import click
 from cartstiff.choices import TENSIONS, Distribution
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import Progress, tell
+from cartstiff.cli.requests.json_units import JsonUnitsCommand
 from cartstiff.cli.types import (
     PICTURE,
+    POSE,
     Number,
-    Numbers,
     OutputFile,
     json_option,
     option,
@@ -29,7 +30,7 @@ Examples:
 """
 
 _options = option_group(
-    option("--pose", type=Numbers("X,Y,Z,R,P,Y", 6),
+    option("--pose", type=POSE,
            help="Orientation that is kept, and position around which rotations are tried: "
            "position and roll, pitch, yaw about fixed axes; default the file's."),
     click.option("--directions", type=click.IntRange(8, 1_000_000),
@@ -37,7 +38,7 @@ _options = option_group(
                  "for legs made of joints."),
     click.option("--scan", type=click.IntRange(2, 100_000), default=48, show_default=True,
                  help="Poses along each ray; parts that are thinner than a step may be missed."),
-    option("--radius", type=Number("LENGTH", above_zero=True),
+    option("--radius", type=Number("LENGTH", power=1, above_zero=True),
            help="Farthest position that is tried; default as far as the longest lengths allow."),
     click.option("--tensions", type=click.Choice(TENSIONS), default="any", show_default=True,
                  help="Which tensions of cables count: any within their limits, or those in closed "
@@ -56,7 +57,7 @@ _options = option_group(
 )  # fmt: skip
 
 
-@click.command(name="workspace", epilog=_EPILOG)
+@click.command(name="workspace", cls=JsonUnitsCommand, epilog=_EPILOG)
 @mechanism_options(
     "Wrench on the body in its own frame at the pose the rays start from, where forces or "
     "tensions are limited.",

@@ -13,7 +13,9 @@ import click
 from cartstiff.choices import LEVELS, ORDERS
 from cartstiff.cli.output import Progress
 from cartstiff.cli.types import (
+    DIRECTION,
     POINT,
+    TOLERANCE,
     WRENCH,
     Number,
     Numbers,
@@ -44,7 +46,7 @@ _options = option_group(
         "--at", type=POINT, help="Point of the body, in its frame, for which the analysis is given."
     ),
     option(
-        "--direction", type=POINT,
+        "--direction", type=DIRECTION,
         help="Also the stiffness along and about this direction, in the body's axes.",
     ),
     option(
@@ -58,7 +60,7 @@ _options = option_group(
         "point of --at.",
     ),
     option(
-        "--length", type=Number("L", above_zero=True),
+        "--length", type=Number("L", power=1, above_zero=True),
         help="Characteristic length that makes angles comparable with lengths.",
     ),
     option(
@@ -67,7 +69,7 @@ _options = option_group(
         "frequencies, and its radius of gyration as the length.",
     ),
     option(
-        "--tolerance", type=Numbers("REL[,LENGTH[,ANGLE]]", 1, 2, 3),
+        "--tolerance", type=TOLERANCE,
         help="Standard deviations: relative of every spring stiffness, absolute of every length "
         "(and rotation, rad) of the geometry.",
     ),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cartstiff.cli.output import Progress
-from cartstiff.cli.types import Numbers, option
+from cartstiff.cli.types import TOLERANCE, option
 from cartstiff.errors import InputError
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ sensitivities_option = click.option(
 def tolerance_option(gives: str) -> Any:
     """Standard deviations of the parameters."""
     return option(
-        "--tolerance", type=Numbers("REL[,LENGTH[,ANGLE]]", 1, 2, 3),
+        "--tolerance", type=TOLERANCE,
         help="Standard deviations: relative of every spring stiffness, absolute of every length "
         f"and rotation (rad) of the geometry. The answer has {gives}.",
     )  # fmt: skip

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from cartstiff.errors import InputError, UnknownNameError, one_line
@@ -27,6 +29,7 @@ def read_path_file(
     direction: list[float] | None = None,
     axes: str | None = None,
     units: Units | None = None,
+    factors: Mapping[str, float] = MappingProxyType({}),
 ) -> ToolPath:
     """A path from a file.
 
@@ -50,6 +53,8 @@ def read_path_file(
 
     units : Units, optional
         What lengths and forces come in; default SI.
+    factors : mapping of str to float
+        What numbers of columns are multiplied by whose head names no unit.
 
     Raises
     ------
@@ -65,7 +70,8 @@ def read_path_file(
 
     where = one_line(str(file))
     degree = np.pi / 180.0 if units is not None and units.shown_angle == "deg" else 1.0
-    rows = read_rows(file, "points", units=units or SI, factors=dict.fromkeys(_ANGLES, degree))
+    factors = {**factors, **dict.fromkeys(_ANGLES, degree)}
+    rows = read_rows(file, "points", units=units or SI, factors=factors)
     if rows.names is None:
         names, values, _ = rows.arranged((*_POSITION, *_ANGLES), (*_POSITION, *_ANGLES, *WRENCH))
     else:

@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 from cartstiff import numerics
 from cartstiff.choices import ORDERS
+from cartstiff.cli.requests.json_units import given_length
 from cartstiff.errors import InputError, one_line
 from cartstiff.parsing import LARGEST
 
 if TYPE_CHECKING:
+    from cartstiff.mechanisms.contract import Mechanism
     from cartstiff.stiffness.compute import PostureStiffness
 
 # In the order that is meant, the translation block over the squared length of the mechanism is
@@ -41,7 +43,7 @@ class Target:
     order_from : {"file", "option", "default"}
         Who said so.
     units : tuple of str, or None
-        Length and force of the file; None: the mechanism's.
+        Length and force of the file; None: those in which numbers are given.
     frame : str or None
         Name of the frame that the file is for.
     where : str
@@ -55,32 +57,45 @@ class Target:
     frame: str | None
     where: str
 
+    def in_units_of(self, mechanism: Mechanism) -> Any:
+        """The matrix in its own order, in the units of the mechanism.
+
+        Raises
+        ------
+        InputError
+            For another frame than the body's, or unknown units.
+        """
+        import numpy as np
+
+        from cartstiff.mechanisms.contract import Units, convert_length
+
+        if self.frame not in (None, "body", mechanism.frame):
+            raise InputError("is for another frame", where=self.where,
+                             expected=f"{mechanism.frame} or body", got=self.frame)  # fmt: skip
+        a, f = given_length(), 1.0
+        if self.units is not None:
+            try:
+                a, f = convert_length(Units(*self.units), mechanism.units)
+            except InputError as error:
+                raise error.at(self.where) from None
+        by_length = np.repeat([a, 1.0] if self.order == ORDERS[0] else [1.0, a], 3)
+        return self.matrix * f * np.outer(by_length, by_length / a)
+
     def in_body_frame(self, result: PostureStiffness) -> Any:
         """The matrix in the order and units of the mechanism.
 
         Raises
         ------
         InputError
-            For another frame than the body's, unknown units, or numbers that fit only with rotation
-            and translation exchanged.
+            As `in_units_of`, and for numbers that fit only with rotation and translation exchanged.
         """
         import numpy as np
 
         from cartstiff.geometry.se3 import SWAP
-        from cartstiff.mechanisms.contract import Units, convert_length
 
         mechanism = result.elastic.mechanism
-        if self.frame not in (None, "body", mechanism.frame):
-            raise InputError("is for another frame", where=self.where,
-                             expected=f"{mechanism.frame} or body", got=self.frame)  # fmt: skip
-        K = self.matrix if self.order == ORDERS[0] else self.matrix[SWAP][:, SWAP]
-        if self.units is not None:
-            try:
-                a, f = convert_length(Units(*self.units), mechanism.units)
-            except InputError as error:
-                raise error.at(self.where) from None
-            by_length = np.array([a, a, a, 1.0, 1.0, 1.0])
-            K = K * f * np.outer(by_length, by_length / a)
+        K = self.in_units_of(mechanism)
+        K = K if self.order == ORDERS[0] else K[SWAP][:, SWAP]
         turn, move = np.trace(K[:3, :3]), np.trace(K[3:, 3:]) * result.posture.length**2
         if self.order_from == "default" and turn > 0 and move > 0:
             exchanged = np.trace(K[3:, 3:]), np.trace(K[:3, :3]) * result.posture.length**2
