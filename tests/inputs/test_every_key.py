@@ -54,6 +54,13 @@ FOUND = {
     "covariance": [[1e-12, 0.0], [0.0, 1e-12]],
 }
 MEASURED = ELASTIC | {"identified": FOUND}
+BENT = ELASTIC | {
+    "springs": ELASTIC["springs"] | {"j1": {"polynomial": [1e4, 0, 1e6]}},
+    "identified": {
+        "compliances": [{"name": "j1", "value": 1e-4, "polynomial": ["j1", 1]}],
+        "covariance": [[1e-12]],
+    },
+}
 
 
 def found(name: str, value: float) -> dict[str, Any]:
@@ -113,6 +120,9 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
     "FoundModel.value": (MEASURED, ("identified", "compliances", 0, "value"), 2e-4, {}),
     "FoundModel.elements": (
         MEASURED, ("identified", "compliances", 0, "elements"), [["j1", "j1", 2.0]], {}
+    ),
+    "FoundModel.polynomial": (
+        BENT, ("identified", "compliances", 0, "polynomial"), ["j1", 3], {}
     ),
     "IdentifiedModel.compliances": (
         MEASURED, ("identified", "compliances"), FOUND["compliances"][:1], {}

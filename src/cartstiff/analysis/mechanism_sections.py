@@ -29,6 +29,7 @@ from cartstiff.errors import UndefinedError
 from cartstiff.geometry.connections import NAMED
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elements import Elements
+from cartstiff.mechanisms.identified import linearised
 from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.flexure_struts import FlexureStruts
@@ -119,7 +120,8 @@ def deflection_half_width(r: PostureStiffness, point: Array) -> dict[str, Any] |
     known = r.elastic.identified
     if known is None or r.wrench is None:
         return None
-    elements = Elements(r.elastic)
+    elastic = linearised(r.elastic, r.q)
+    known, elements = elastic.identified or known, Elements(elastic)
     effects = influence(r, elements)
     felt = effects.forces @ r.wrench
     twist = effects.compliance @ r.wrench

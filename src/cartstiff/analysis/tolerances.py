@@ -106,7 +106,7 @@ class Parameters:
             return abs(self.nominal[name])
         if group == "parameter":
             return abs(self.nominal[name]) or 1.0
-        if group == "compliance":
+        if group in ("compliance", "coefficient"):
             return abs(self.value(name)) or self.named[name].deviation
         return 1.0 if self.is_angle(name) else self.result.posture.length
 
@@ -164,7 +164,8 @@ class Parameters:
     def named(self) -> dict[str, Tolerance]:
         """Nominal value and deviation by name.
 
-        "stiffness.<spring>", or "compliance.<spring>" where they were measured;
+        "stiffness.<spring>", or "compliance.<spring>" where they were measured, with
+        "coefficient.<joint> x^<power>" of polynomial springs;
         "placement.<joint>.x" to ".rz", "frame.x" to ".rz" and "closure.<frame>.x" to ".rz" for
         chains; "base.<leg>.x" and "platform.<leg>.x" to ".z" for platforms; "rest.<spring>".
         Rotations are nominally zero.
@@ -176,9 +177,11 @@ class Parameters:
                 given[f"stiffness.{name}"] = Tolerance(k, t.stiffness * k)
         if t.stiffness == 0 and (known := elastic.identified) is not None:
             spread = np.sqrt(known.covariance.diagonal())
-            for pattern, c, s in zip(known.patterns, known.values, spread, strict=True):
+            for label, pattern, c, s in zip(
+                known.labels, known.patterns, known.values, spread, strict=True
+            ):
                 lower = 0.0 if pattern.is_diagonal else -np.inf
-                given[f"compliance.{pattern.name}"] = Tolerance(float(c), float(s), lower=lower)
+                given[label] = Tolerance(float(c), float(s), lower=lower)
         for name, value in (self._geometry | self._rests).items():
             deviation = t.angle if self.is_angle(name) else t.length
             if deviation > 0:
@@ -193,7 +196,7 @@ class Parameters:
     def correlation(self) -> Array | None:
         """Of the named parameters; None where all are independent."""
         known, names = self.result.elastic.identified, list(self.named)
-        measured = [i for i, name in enumerate(names) if name.startswith("compliance.")]
+        measured = [names.index(n) for n in (known.labels if known else ()) if n in names]
         if known is None or not measured:
             return None
         R = np.eye(len(names))
@@ -221,14 +224,10 @@ class Parameters:
     ) -> ElasticMechanism:
         """The mechanism with other compliances of measured springs; itself if none is named."""
         known = self.result.elastic.identified
-        if known is None or not any(name.startswith("compliance.") for name in values):
+        if known is None or values.keys().isdisjoint(known.labels):
             return elastic
-        at = [values.get(f"compliance.{n}", c) for n, c in zip(
-            known.names, known.values, strict=True)]  # fmt: skip
-        change = np.array(at, float) - known.values
-        patterns = self._elements.patterns(known.patterns)
-        compliance = self._elements.compliance + np.tensordot(change, patterns, axes=1)
-        return self._elements.with_compliance(compliance)
+        at = [values.get(n, c) for n, c in zip(known.labels, known.values, strict=True)]
+        return self._elements.moved(known.patterns, np.array(at, float) - known.values)
 
     @cached_property
     def _geometry(self) -> dict[str, float]:
@@ -347,6 +346,9 @@ class Parameters:
         forces = forces + self._change(elastic, posture, rows, forces, active)
         rest = nominal.rest + x - before
         rest[active] = x[active] - forces[active] / springs.stiffness[active]
+        if isinstance(springs, JointSprings):
+            for j, law in springs.laws.items():
+                rest[j] = x[j] - law.deflection_for(float(forces[j]))
         springs = springs.replaced(springs.stiffness, rest)
         return analyse_at(replace(elastic, springs=springs), posture)
 

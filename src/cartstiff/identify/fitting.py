@@ -60,6 +60,7 @@ def fitted(
     weights: Array | None = None,
     start: Array | None = None,
     fixed: tuple[int, float] | None = None,
+    once: bool = False,
     progress: Callable[[int, float], None] | None = None,
 ) -> Fit:
     """Fit a model's parameters to its observations.
@@ -80,6 +81,8 @@ def fitted(
         Default: the mechanism's own.
     fixed : (index, value), optional
         A parameter that is held, as for a profile.
+    once : bool
+        Take the first linear step alone, also where the model is not linear.
     progress : callable, optional
         Called with the number of a step and the norm of the residuals over their deviations.
 
@@ -94,7 +97,7 @@ def fitted(
     N = np.zeros((len(model.observations), 0)) if nuisance is None else nuisance
     search = _Search(model, unknowns, noise, N, weights, fixed, progress)
     found, A, target = search.linear(theta)
-    if model.is_linear:
+    if model.is_linear or once:
         return Fit(found, found.theta, A, target, 1)
     for _ in range(_ROUNDS):
         theta, before = search.descended(theta, found), np.array(found.scales)

@@ -85,11 +85,14 @@ class LinearModel:
         The rows.
     laws_apart : bool
         Whether joints of an open chain that have nonlinear springs are taken as rigid here.
+    known : dict, optional
+        Forces at parameters where they were found; models of the same postures may share it.
     """
 
     unknowns: Unknowns
     measured: Measurements
     laws_apart: bool = False
+    known: dict[bytes, tuple[Array, Array, Array, Array]] | None = None
 
     @cached_property
     def _rest(self) -> ElasticMechanism:
@@ -177,6 +180,8 @@ class LinearModel:
             F = J.swapaxes(1, 2)
             own = weights[:, at]
             return F, J @ Gamma @ F, own, np.einsum("kie,ef,kf->ki", J, Gamma, own)
+        if self.known is not None and theta.tobytes() in self.known:
+            return self.known[theta.tobytes()]
         elastic = at_rest(self.unknowns.mechanism(theta))
         elements = type(self.unknowns.elements)(elastic)
         parts = []
@@ -189,10 +194,13 @@ class LinearModel:
                     f"row {self.measured.rows[place]}: {error}", expected="a posture in which the "
                     "springs hold the mechanism",
                 ) from None  # fmt: skip
-        return (
+        found = (
             np.array([p.forces for p in parts]), np.array([p.compliance for p in parts]),
             np.array([p.weight_forces for p in parts]), np.array([p.weight_twist for p in parts]),
         )  # fmt: skip
+        if self.known is not None:
+            self.known[theta.tobytes()] = found
+        return found
 
     def at(self, theta: Array) -> tuple[Array, Array]:
         """Predictions (m,) and derivatives (m, P)."""
@@ -314,14 +322,15 @@ class BentModel:
         A[:, self._own] = rates
         with_load, without, moved = self._torques
         sought = {u.law: p for p, u in enumerate(self.unknowns.parameters) if u.law is not None}
-        for j, law in self.unknowns.laws(theta).items():
+        for name, law in self.unknowns.laws(theta).items():
+            j = self.unknowns.elements.elastic.names.index(name)
             for torque, sign in ((with_load[:, j], 1.0), (without[:, j], -1.0)):
                 each, back = np.unique(torque, return_inverse=True)  # one for a row's numbers
                 roots = [law.deflection_for(float(t)) for t in each]
                 x, k = np.array(roots)[back], np.array([law.at(v)[2] for v in roots])[back]
                 y = y + sign * moved[:, j] * x
                 for (joint, power), p in sought.items():
-                    if joint == j:
+                    if joint == name:
                         by = theta[p] ** -2 if power == 1 else -1.0
                         A[:, p] += sign * moved[:, j] * by * x**power / k
         return y, A

@@ -2,14 +2,12 @@ r"""Large loads and weight: the equilibrium itself, and its derivatives by each 
 
 In every row the joints' springs are at rest where the row says (what the motors are told). The
 arm's weight, hung masses and the wrench act; the displacement of a difference is that between two
-equilibria, with and without the load. The derivative by a compliance is that of
-`cartstiff.statics.sensitivity`, at each of the two; by the coefficient of a nonlinear spring it is
-the motion under the force that the spring loses with it at the same deflection.
+equilibria, with and without the load. The derivative by a compliance, or by the coefficient of a
+nonlinear spring, is that of `cartstiff.statics.sensitivity`, at each of the two.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -33,7 +31,7 @@ from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.equilibrium import in_stages
 from cartstiff.statics.newton import Solution, solve
 from cartstiff.statics.problem import System
-from cartstiff.statics.sensitivity import motion_by_compliance, motion_under_forces
+from cartstiff.statics.sensitivity import motion_by_compliance
 
 # Changes of parameters, in their natural sizes, along which a state of rest is followed linearly.
 _NEAR = 0.5
@@ -163,11 +161,8 @@ class LoadedModel:
                 f"row {self.measured.rows[n]}: {error}", iterations=0, residual=np.nan
             ) from None
         posture, elements = state.point.posture, Elements(elastic)
-        motion = motion_by_compliance(posture, state.balance, elements, self.unknowns.patterns)
-        laws = [(p, *u.law) for p, u in enumerate(self.unknowns.parameters) if u.law is not None]
-        if laws:
-            forces = _lost(elastic, posture.q, laws, P)
-            motion = motion + motion_under_forces(posture, state.balance, forces)
+        sought = [u.pattern for u in self.unknowns.parameters]
+        motion = motion_by_compliance(posture, state.balance, elements, sought)
         self._last[key] = state.point.q, motion, theta.copy()
         return _State(posture.pose, posture.motion.jacobian @ motion)
 
@@ -209,18 +204,6 @@ def _told(elastic: ElasticMechanism, q: Array) -> ElasticMechanism:
         lengths = getattr(posture, "lines").lengths  # noqa: B009 - a platform's posture has lines
         return replace(elastic, springs=springs.replaced(springs.stiffness, lengths))
     return elastic
-
-
-def _lost(
-    elastic: ElasticMechanism, q: Array, laws: Sequence[tuple[int, int, int]], count: int
-) -> Array:
-    """Force (n, count) that polynomial springs lose per unit of (parameter, joint, power)."""
-    forces, springs = np.zeros((len(q), count)), elastic.springs
-    if isinstance(springs, JointSprings):
-        for p, j, power in laws:
-            x, (_, _, k) = float(q[j] - springs.rest[j]), springs.laws[j].at(0.0)
-            forces[j, p] = k**2 * x if power == 1 else -(x**power)
-    return forces
 
 
 def needs_equilibrium(elastic: ElasticMechanism) -> bool:

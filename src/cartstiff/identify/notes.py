@@ -52,13 +52,6 @@ def _assumed(result: Identification) -> list[Note]:
             "far all give, so the equilibrium under load is fitted, as by --loaded"
         )
         notes.append(Note("equilibrium-needed", words))
-    laws = [u.name for u in result.unknowns.parameters if u.law is not None]
-    if laws:
-        words = (
-            f"coefficients of polynomials ({', '.join(laws)}): a file that is written holds their "
-            "values but not their covariance, and later intervals leave it out"
-        )
-        notes.append(Note("polynomials-found", words, {"parameters": laws}))
     absolute = result.model.observations.is_absolute.any()
     if absolute and (not measured.session or result.offsets == "none"):
         words = (

@@ -25,7 +25,7 @@ from cartstiff.arrays import Array
 from cartstiff.errors import CartstiffError, InputError
 from cartstiff.geometry import se3
 from cartstiff.identify.columns import DISPLACEMENT, POSITION, ROTATION, TURN
-from cartstiff.identify.fitting import fitted
+from cartstiff.identify.fitting import Fit, fitted
 from cartstiff.identify.least_squares import Noise
 from cartstiff.identify.linear_model import LinearModel, small_loads
 from cartstiff.identify.loaded_model import needs_equilibrium
@@ -42,6 +42,7 @@ _POOR, _SMALLER, _BY_CHANCE = 0.1, 3.0, 1e-4
 # Rows of a long table that are looked at.
 _MOST = 200
 _FRAMES = ("base", "body", "world")
+_Forces = dict[bytes, tuple[Array, Array, Array, Array]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,12 +161,14 @@ def other_axes(
         return []
     if len(measured) > _MOST:
         measured = measured.chosen(np.unique(np.linspace(0, len(measured) - 1, _MOST).astype(int)))
-    declared = _left(unknowns, measured, offsets)
+    known: _Forces = {}
+    declared = _left(unknowns, measured, offsets, known)
     if declared is None or declared[0] < _POOR:
         return []
-    tried = []
+    tried, count = [], 0
     for words, other in _others(unknowns, measured):
-        if (found := _left(unknowns, other, offsets)) is not None:
+        count += 1
+        if (found := _left(unknowns, other, offsets, known, declared[0])) is not None:
             tried.append((*found, words))
     if not tried:
         return []
@@ -175,7 +178,7 @@ def other_axes(
         return []
     from scipy.special import fdtrc
 
-    if len(tried) * fdtrc(freedom, freedom, ratio**2) > _BY_CHANCE:
+    if count * fdtrc(freedom, freedom, ratio**2) > _BY_CHANCE:
         return []
     told = (
         f"the rows fit much better with {words}: residuals of {rms:.3g} instead of "
@@ -185,26 +188,42 @@ def other_axes(
 
 
 def _left(
-    unknowns: Unknowns, measured: Measurements, offsets: str
+    unknowns: Unknowns, measured: Measurements, offsets: str, known: _Forces, most: float = np.inf
 ) -> tuple[float, float, float] | None:
-    """Share that is left, residual rms of lengths (else of angles), degrees of freedom."""
+    """Share that is left, residual rms of lengths (else of angles), degrees of freedom.
+
+    None where the first linear step leaves more than a share. `known` are forces at these postures.
+    """
     try:
         model = small_loads(unknowns, measured)
+        if isinstance(model, LinearModel):
+            model = replace(model, known=known)
         seen = model.observations
         nuisance = nuisance_of(seen, measured, offsets).columns
-        found = fitted(model, unknowns, Noise.of(seen.deviation, seen.is_angle), nuisance=nuisance)
+        noise = Noise.of(seen.deviation, seen.is_angle)
+        fit = fitted(model, unknowns, noise, nuisance=nuisance, once=True)
+        share, rms = _share(seen, fit)
+        if share > most:
+            return None
+        if not model.is_linear:
+            fit = fitted(model, unknowns, noise, nuisance=nuisance)
+            share, rms = _share(seen, fit)
     except CartstiffError:
         return None
+    return share, rms, len(seen) - float(np.sum(fit.solved.leverage))
+
+
+def _share(seen: Observations, fit: Fit) -> tuple[float, float]:
+    """Share of the numbers that a fit leaves, and the residual rms of lengths (else of angles)."""
     scaled, rms = np.zeros(len(seen)), 0.0
     for angles in (True, False):
         mine = seen.is_angle == angles
         if mine.any():
-            r = found.solved.residual[mine]
+            r = fit.solved.residual[mine]
             rms = float(np.sqrt(np.mean(r**2)))
             size = float(np.sqrt(np.mean(seen.target[mine] ** 2)))
             scaled[mine] = r / max(size, numerics.TINY)
-    freedom = len(seen) - float(np.sum(found.solved.leverage))
-    return float(np.sqrt(np.mean(scaled**2))), rms, freedom
+    return float(np.sqrt(np.mean(scaled**2))), rms
 
 
 def _others(unknowns: Unknowns, measured: Measurements) -> Iterator[tuple[str, Measurements]]:

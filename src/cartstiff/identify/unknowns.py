@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import cast
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,7 +11,13 @@ from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.elements import BEAM, CompliancePattern, Elements
+from cartstiff.mechanisms.elements import (
+    BEAM,
+    CompliancePattern,
+    Elements,
+    law_of,
+    with_coefficients,
+)
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.springs import CoupledSprings, JointSprings, PolynomialLaw, SpringLaw
 
@@ -36,9 +41,6 @@ class Unknown:
         Known compliance and its standard deviation.
     is_scale : bool
         Whether it multiplies a beam's own compliance, of which it is a share.
-    law : tuple of (int, int) or None
-        Of a polynomial spring: the joint's index, and the power of the deflection. The first power
-        has a compliance, as other springs do; the others are coefficients of the torque.
     """
 
     pattern: CompliancePattern
@@ -46,7 +48,6 @@ class Unknown:
     nominal: float
     prior: tuple[float, float] | None = None
     is_scale: bool = False
-    law: tuple[int, int] | None = None
 
     @property
     def name(self) -> str:
@@ -59,7 +60,12 @@ class Unknown:
 
         Not of entries of a matrix beside the diagonal, nor of a polynomial's higher coefficients.
         """
-        return self.pattern.is_diagonal if self.law is None else self.law[1] == 1
+        return self.pattern.is_diagonal
+
+    @property
+    def law(self) -> tuple[str, int] | None:
+        """Of a polynomial spring: the joint, and the power of the deflection."""
+        return self.pattern.law
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,25 +123,16 @@ class Unknowns:
         floor = np.where(self.is_bounded, numerics.CLOSE * np.abs(self.nominal), -np.inf)
         theta = np.maximum(theta, floor)
         found = self.elements.with_compliance(self.compliance(theta))
-        if not any(u.law for u in self.parameters) or not isinstance(found.springs, JointSprings):
-            return found
-        springs = found.springs
-        k = np.where([j in springs.rigid for j in range(len(springs.rest))], np.inf,
-                     springs.stiffness)  # fmt: skip
-        rest = np.where(np.isinf(k), np.nan, springs.rest)
-        return replace(found, springs=JointSprings(k, rest, self.laws(theta)))
+        return with_coefficients(found, self._coefficients(theta))
 
-    def laws(self, theta: Array) -> dict[int, SpringLaw]:
-        """Nonlinear springs by joint index, those that are sought with these coefficients."""
-        springs = self.elements.elastic.springs
-        found = dict(springs.laws) if isinstance(springs, JointSprings) else {}
-        for u, value in zip(self.parameters, theta.tolist(), strict=True):
-            if u.law is not None:
-                j, power = u.law
-                c = list(cast(PolynomialLaw, found[j]).coefficients)
-                c[power - 1] = 1.0 / value if power == 1 else value
-                found[j] = PolynomialLaw(tuple(c))
-        return found
+    def laws(self, theta: Array) -> dict[str, SpringLaw]:
+        """Nonlinear springs by joint, those that are sought with these coefficients."""
+        found = with_coefficients(self.elements.elastic, self._coefficients(theta))
+        laws = found.springs.laws if isinstance(found.springs, JointSprings) else {}
+        return {found.names[j]: law for j, law in laws.items()}
+
+    def _coefficients(self, theta: Array) -> dict[tuple[str, int], float]:
+        return {u.law: x for u, x in zip(self.parameters, theta.tolist(), strict=True) if u.law}
 
 
 def unknowns_of(
@@ -231,28 +228,29 @@ def _expanded(elastic: ElasticMechanism, elements: Elements, sought: Sequence[st
     return names
 
 
-def _polynomials(elastic: ElasticMechanism) -> dict[str, tuple[int, PolynomialLaw]]:
-    """Joints with polynomial springs: their index and law by name."""
+def _polynomials(elastic: ElasticMechanism) -> list[str]:
+    """Joints with polynomial springs."""
     laws = elastic.springs.laws if isinstance(elastic.springs, JointSprings) else {}
-    return {elastic.names[j]: (j, f) for j, f in laws.items() if isinstance(f, PolynomialLaw)}
+    return [elastic.names[j] for j, law in laws.items() if isinstance(law, PolynomialLaw)]
 
 
 def _of_law(
     elastic: ElasticMechanism, name: str, prior: tuple[float, float] | None
 ) -> list[Unknown]:
     """Parameters of a polynomial spring: those of its coefficients that the file has."""
-    j, law = _polynomials(elastic)[name]
+    law = law_of(elastic, name)
     if not law.coefficients[0] > 0.0:
         raise InputError("a polynomial spring that is sought needs a first coefficient",
                          where=f"--unknown {name}", expected="above zero",
                          got=law.coefficients[0])  # fmt: skip
+    j = elastic.names.index(name)
     unit = elastic.units.spring(elastic.mechanism.coordinates[j].is_length)
-    unknowns = [Unknown(CompliancePattern(name, ()), unit, 1.0 / law.coefficients[0], prior,
-                     law=(j, 1))]  # fmt: skip
+    first = CompliancePattern(name, (), (name, 1))
+    unknowns = [Unknown(first, unit, 1.0 / law.coefficients[0], prior)]
     for power, c in enumerate(law.coefficients[1:], start=2):
         if c != 0.0:
-            pattern = CompliancePattern(f"{name} x^{power}", ())
-            unknowns.append(Unknown(pattern, f"{unit}^{power}", c, law=(j, power)))
+            pattern = CompliancePattern(f"{name} x^{power}", (), (name, power))
+            unknowns.append(Unknown(pattern, f"{unit}^{power}", c))
     return unknowns
 
 

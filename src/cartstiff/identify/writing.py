@@ -57,9 +57,10 @@ def with_result(result: Identification, date: str | None = None, source: str = "
     values = written_values(result)
     elastic = result.unknowns.mechanism(values)
     known = [
-        p for p, e in enumerate(result.estimates) if e.compliance is not None
-        and e.verdict != "negative" and e.unknown.law is None
-    ]  # fmt: skip
+        p
+        for p, e in enumerate(result.estimates)
+        if e.compliance is not None and e.verdict != "negative"
+    ]
     factor = np.ones(len(values))
     patterns = []
     for p in known:
@@ -73,7 +74,6 @@ def with_result(result: Identification, date: str | None = None, source: str = "
         patterns.append(pattern)
     covariance = (result.covariance / np.multiply.outer(factor, factor))[np.ix_(known, known)]
     lost = [n for p, u in enumerate(result.unknowns.parameters) if p not in known
-            and (u.law is None or result.estimates[p].compliance is None)
             for n in u.name.split(" = ")]  # fmt: skip
     least = {
         e.name: e.stiffness_interval[0] for e in result.estimates
@@ -123,7 +123,9 @@ def mechanism_file(
     entries = []
     for pattern, value in zip(found.patterns, found.values.tolist(), strict=True):
         entry: dict[str, Any] = {"name": pattern.name, "value": value}
-        if pattern.entries != ((pattern.name, pattern.name, 1.0),):
+        if pattern.law is not None:
+            entry["polynomial"] = list(pattern.law)
+        elif pattern.entries != ((pattern.name, pattern.name, 1.0),):
             entry["elements"] = [list(e) for e in pattern.entries]
         entries.append(entry)
     about = {

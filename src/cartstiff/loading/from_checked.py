@@ -10,11 +10,11 @@ import numpy as np
 
 from cartstiff.errors import InputError, UnknownNameError, one_line
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
-from cartstiff.mechanisms.elements import CompliancePattern, Elements
+from cartstiff.mechanisms.elements import CompliancePattern, Elements, coefficient, law_of
 from cartstiff.mechanisms.identified import Identified
 
 if TYPE_CHECKING:
-    from cartstiff.loading.keys.identified import IdentifiedModel
+    from cartstiff.loading.keys.identified import FoundModel, IdentifiedModel
     from cartstiff.loading.shorthand.parameters import Parameters
 
 # Values of the file and its springs agree to this share; a person may round them.
@@ -32,8 +32,11 @@ def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticM
     elements = Elements(elastic)
     patterns, values = [], []
     for entry in model.compliances:
-        pairs = entry.elements or [(entry.name, entry.name, 1.0)]
-        pattern = CompliancePattern(entry.name, tuple(pairs))
+        law = entry.polynomial
+        pairs = entry.elements or ([] if law else [(entry.name, entry.name, 1.0)])
+        pattern = CompliancePattern(entry.name, tuple(pairs), law)
+        if law is not None:
+            _check_coefficient(elastic, law, entry)
         for a, b, weight in pairs:
             i, j = elements.index(a, "identified"), elements.index(b, "identified")
             own, size = entry.value * weight, np.sqrt(
@@ -68,6 +71,25 @@ def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticM
         )
         notes.append(Note("stiffness-not-identified", words, {"joints": model.undetermined}))
     return replace(elastic, notes=tuple(notes), identified=identified)
+
+
+def _check_coefficient(elastic: ElasticMechanism, law: tuple[str, int], entry: FoundModel) -> None:
+    """Refuse a polynomial's coefficient that is not that of the file."""
+    (name, power), where = law, "identified"
+    if entry.elements is not None:
+        raise InputError(f"{entry.name!r} has elements and a polynomial", where=where,
+                         expected="one of both")  # fmt: skip
+    c = law_of(elastic, name, where).coefficients
+    if power > len(c) or (power == 1 and not c[0] > 0.0):
+        raise InputError(f"{entry.name!r} is no coefficient of the spring", where=where,
+                         expected=f"powers 1 to {len(c)}", got=power)  # fmt: skip
+    own = coefficient(elastic, law)
+    if abs(own - entry.value) > _AGREE * abs(own):
+        raise InputError(
+            f"value of {entry.name!r} is not that of the file's spring", where=where,
+            expected=f"{own:.6g}, or no key 'identified' with springs that were changed",
+            got=f"{entry.value:.6g}",
+        )  # fmt: skip
 
 
 def mechanism_of(

@@ -5,7 +5,8 @@ virtual joint of a link that gives. With B = dx/dq and Gamma the compliances, bl
 
     forces  t = Gamma^-1 x,      Phi'' = B^T Gamma^-1 B + (what the forces do by turning)
 
-A compliance parameter is a symmetric pattern S on the elements: Gamma = ... + theta S.
+A compliance parameter is a symmetric pattern S on the elements: Gamma = ... + theta S. Polynomial
+springs, which are no elements, have their coefficients as parameters.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.flexure_struts import ideal_joints_only
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
-from cartstiff.potentials.springs import CoupledSprings, JointSprings
+from cartstiff.potentials.springs import CoupledSprings, JointSprings, PolynomialLaw
 
 #: Ends the names of parameters that are shares of a beam's own compliance.
 BEAM = " (beam)"
@@ -41,10 +42,14 @@ class CompliancePattern:
         Name of the parameter.
     entries : tuple of (str, str, float)
         Names of two elements and S there; S is symmetric, and each pair stands once.
+    law : (str, int), optional
+        Of a polynomial spring, instead of entries: the joint, and the power of the deflection. The
+        value of the first power is a compliance, those of others are coefficients of the torque.
     """
 
     name: str
     entries: tuple[tuple[str, str, float], ...]
+    law: tuple[str, int] | None = None
 
     @property
     def is_share(self) -> bool:
@@ -54,6 +59,8 @@ class CompliancePattern:
     @property
     def is_diagonal(self) -> bool:
         """Whether only elements by themselves yield, so that the parameter is not negative."""
+        if self.law is not None:
+            return self.law[1] == 1
         return all(a == b and weight > 0 for a, b, weight in self.entries)
 
 
@@ -183,6 +190,15 @@ class Elements:
                 weights[p, i, j] = weights[p, j, i] = weight
         return weights
 
+    def moved(self, patterns: Sequence[CompliancePattern], change: Array) -> ElasticMechanism:
+        """The mechanism with parameters changed (P,)."""
+        S = np.tensordot(change, self.patterns(patterns), axes=1)
+        laws = {
+            p.law: coefficient(self.elastic, p.law) + float(step)
+            for p, step in zip(patterns, change, strict=True) if p.law is not None
+        }  # fmt: skip
+        return with_coefficients(self.with_compliance(self.compliance + S), laws)
+
     def with_compliance(self, compliance: Array) -> ElasticMechanism:
         """The mechanism with another Gamma (E, E); of a beam only a multiple of its own."""
         elastic = self.elastic
@@ -209,6 +225,39 @@ class Elements:
                 factor = float(np.trace(self.compliance[block, block]) / np.trace(C))
                 potentials[part] = replace(potential, section=potential.section.times(factor))
         return replace(elastic, springs=springs, potentials=tuple(potentials))
+
+
+def law_of(elastic: ElasticMechanism, name: str, where: str | None = None) -> PolynomialLaw:
+    """The polynomial spring of a joint; UnknownNameError where it has none."""
+    laws = elastic.springs.laws if isinstance(elastic.springs, JointSprings) else {}
+    found = {elastic.names[j]: law for j, law in laws.items() if isinstance(law, PolynomialLaw)}
+    if name not in found:
+        raise UnknownNameError("polynomial spring", name, list(found), where=where)
+    return found[name]
+
+
+def coefficient(elastic: ElasticMechanism, law: tuple[str, int]) -> float:
+    """Value of a polynomial spring's parameter: a coefficient, of the first power its inverse."""
+    name, power = law
+    c = (*law_of(elastic, name).coefficients, *[0.0] * power)[power - 1]
+    return 1.0 / c if power == 1 else c
+
+
+def with_coefficients(
+    elastic: ElasticMechanism, values: Mapping[tuple[str, int], float]
+) -> ElasticMechanism:
+    """The mechanism with other values of parameters of polynomial springs."""
+    springs = elastic.springs
+    if not values or not isinstance(springs, JointSprings):
+        return elastic
+    laws = dict(springs.laws)
+    for (name, power), value in values.items():
+        j = elastic.names.index(name)
+        c = list(getattr(laws[j], "coefficients"))  # noqa: B009 - checked where parameters are made
+        c[power - 1] = 1.0 / value if power == 1 else value
+        laws[j] = PolynomialLaw(tuple(c))
+    springs = JointSprings(springs.stiffness, springs.rest, laws, springs.rigid)
+    return replace(elastic, springs=springs)
 
 
 def stiffnesses_beside(elastic: ElasticMechanism) -> dict[str, float]:

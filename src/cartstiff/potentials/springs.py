@@ -70,6 +70,14 @@ class PolynomialLaw(SpringLaw):
             stiffness += power * c * x ** (power - 1)
         return energy, torque, stiffness
 
+    def change_at_torque(self, power: int, x: float) -> float:
+        """Change of the tangent stiffness per coefficient of a power, under a torque that stays."""
+        _, _, k = self.at(x)
+        slope = sum(
+            m * (m - 1) * c * x ** (m - 2) for m, c in enumerate(self.coefficients, 1) if m > 1
+        )
+        return float(power * x ** (power - 1) - slope * x**power / k)
+
     def deflection_for(self, torque: float) -> float:
         """Real root of smallest size of ``law(x) = torque``."""
         roots = np.polynomial.polynomial.Polynomial([-torque, *self.coefficients]).roots()

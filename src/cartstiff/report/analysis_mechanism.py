@@ -178,7 +178,7 @@ def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
     given = [f"stiffness {percent(t['stiffness'])}"] if t["stiffness"] else []
     given += [f"lengths {number(t['length'])} {u.length}"] if t["length"] else []
     given += [f"rotations {number(t['angle'])} {u.angle}"] if t["angle"] else []
-    if any(name.startswith("compliance.") for name in s["parameters"]):
+    if any(name.startswith(("compliance.", "coefficient.")) for name in s["parameters"]):
         given.insert(0, "the measured springs")
     how = "to first order" if not s["samples"] else f"{s['samples']} samples"
     lines = ["", f"uncertainty from {', '.join(given)} ({how}; standard deviations)"]

@@ -21,6 +21,7 @@ from cartstiff.potentials.loads import Load
 from cartstiff.statics.held import displacement_between
 from cartstiff.statics.newton import Solution
 from cartstiff.statics.problem import System
+from cartstiff.statics.sensitivity import Chosen, motion_by_compliance
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.posture_notes import near_constraint
 from cartstiff.stiffness.reduction import reduce_to
@@ -108,7 +109,7 @@ class Equilibrium(Result, ShownInLines):
     _system: System
     _solution: Solution
     #: Forces (E,) of the elements at the start whose rest positions were chosen there; or None.
-    _chosen: Array | None = None
+    _chosen: Chosen | None = None
 
     def _lines(self) -> list[str]:
         stable = {True: "stable", False: "unstable", None: "stability not decided"}[self.stable]
@@ -159,13 +160,10 @@ class Equilibrium(Result, ShownInLines):
         known = self.elastic.identified
         if known is None:
             return None
-        from cartstiff.statics.sensitivity import motion_by_compliance
-
-        elements = Elements(self.elastic)
-        patterns = elements.patterns(known.patterns)
         motion = motion_by_compliance(
-            self.posture, self._solution.balance, elements, patterns, self._chosen
-        )
+            self.posture, self._solution.balance, Elements(self.elastic), known.patterns,
+            self._chosen,
+        )  # fmt: skip
         turned = np.kron(np.eye(2), self.pose[:3, :3]) @ self.posture.motion.jacobian @ motion
         variance = np.einsum("ip,pr,ir->i", turned, known.covariance, turned)
         return read_only(np.sqrt(np.maximum(variance, 0.0)))

@@ -6,10 +6,15 @@ forces t at fixed q by ``-K S t``, K = Gamma^-1, and so
     dq / d theta = N H_N^-1 N^T B^T K S (t - t_0)
 
 with H_N the tangent of everything that acts. t_0 are the forces of elements whose rest positions
-are chosen so that they carry what acts at the start: these follow the compliance.
+are chosen so that they carry what acts at the start: these follow the compliance. A polynomial
+spring ``t = c_1 x + c_2 x^2 + ...`` exerts ``x^m - x_0^m k(x) / k(x_0)`` more per c_m, with the
+deflection x_0 at the start where its rest position was chosen, else zero.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,9 +22,24 @@ from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.elements import Elements
+from cartstiff.mechanisms.elements import CompliancePattern, Elements, law_of
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.balance import Balance
+
+
+class Chosen(NamedTuple):
+    """What springs with chosen rest positions carried at the start; zero for the others.
+
+    Attributes
+    ----------
+    forces : ndarray (E,)
+        Of elements.
+    deflections : ndarray (n,)
+        Of joints.
+    """
+
+    forces: Array
+    deflections: Array
 
 
 def motion_under_forces(posture: MechanismPosture, balance: Balance, forces: Array) -> Array:
@@ -37,10 +57,10 @@ def motion_by_compliance(
     posture: MechanismPosture,
     balance: Balance,
     elements: Elements,
-    patterns: Array,
-    chosen: Array | None = None,
+    parameters: Sequence[CompliancePattern],
+    chosen: Chosen | None = None,
 ) -> Array:
-    """Derivative (n, P) of the coordinates at rest by each compliance parameter.
+    """Derivative (n, P) of the coordinates at rest by each parameter.
 
     Parameters
     ----------
@@ -50,22 +70,32 @@ def motion_by_compliance(
         What acts there.
     elements : Elements
         Elements of the mechanism with all rest positions chosen.
-    patterns : ndarray (P, E, E)
-        S of each parameter.
-    chosen : ndarray (E,), optional
-        t_0, from `chosen_forces`; default zero.
+    parameters : sequence of CompliancePattern
+        The parameters (P,).
+    chosen : Chosen, optional
+        From `chosen_forces`; default zero.
     """
     t = elements.forces(posture)
     if chosen is not None:
-        t = t - chosen
-    softer = elements.stiffness @ (patterns @ t).T
-    return motion_under_forces(posture, balance, elements.rows(posture).T @ softer)
+        t = t - chosen.forces
+    softer = elements.stiffness @ (elements.patterns(parameters) @ t).T
+    forces = elements.rows(posture).T @ softer
+    for p, parameter in enumerate(parameters):
+        if parameter.law is not None:
+            name, power = parameter.law
+            j, law = elements.elastic.names.index(name), law_of(elements.elastic, name)
+            springs = elements.elastic.springs
+            x = float(posture.q[j] - getattr(springs, "rest")[j])  # noqa: B009 - it has a law
+            x0 = 0.0 if chosen is None else float(chosen.deflections[j])
+            lost = x**power - x0**power * law.at(x)[2] / law.at(x0)[2]
+            forces[j, p] -= lost * (-(law.coefficients[0] ** 2) if power == 1 else 1.0)
+    return motion_under_forces(posture, balance, forces)
 
 
 def chosen_forces(
     given: ElasticMechanism, balanced: ElasticMechanism, start: MechanismPosture
-) -> Array:
-    """Forces (E,) at the start of the elements whose rest positions were open; others zero."""
+) -> Chosen:
+    """What the springs carry at the start whose rest positions were open."""
     elements = Elements(balanced)
     springs = given.springs
     open_ = np.zeros(len(elements.names), bool)
@@ -73,4 +103,7 @@ def chosen_forces(
         rest = springs.is_open() if isinstance(springs, JointSprings) else np.isnan(springs.rest)
         loose = [n for n, is_open in zip(given.spring_names, rest, strict=True) if is_open]
         open_ = np.array([name in loose for name in elements.names], bool)
-    return np.where(open_, elements.forces(start), 0.0)
+    deflections, own = np.zeros(len(start.q)), balanced.springs
+    if isinstance(springs, JointSprings) and isinstance(own, JointSprings):
+        deflections = np.where(springs.is_open(), start.q - own.rest, 0.0)
+    return Chosen(np.where(open_, elements.forces(start), 0.0), deflections)

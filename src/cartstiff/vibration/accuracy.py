@@ -23,7 +23,7 @@ from cartstiff.arrays import checked_array
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, one_line
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elements import CompliancePattern, Elements
-from cartstiff.mechanisms.identified import Identified
+from cartstiff.mechanisms.identified import Identified, linearised
 from cartstiff.statics.rest import Equilibrium
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.vibration.changes import MATRICES, Home, change_of_squares
@@ -203,13 +203,12 @@ def _by_compliance(found: Modes, measured: Identified) -> Array:
     """d(omega^2) (P, k) for a standard deviation along each axis of the compliances' covariance."""
     if not measured.patterns:
         return np.zeros((0, found.frequencies.size))
-    elements = Elements(found.elastic)
+    elastic = linearised(replace(found.elastic, identified=measured), found.posture.q)
+    measured, elements = elastic.identified or measured, Elements(elastic)
     forces = elements.stiffness @ elements.rows(found.posture)
-    variances, axes = np.linalg.eigh(measured.covariance)
-    roots = axes * np.sqrt(np.maximum(variances, 0.0))
     rows = [
         change_of_squares(found, -forces.T @ S @ forces)
-        for S in np.tensordot(roots.T, elements.patterns(measured.patterns), axes=1)
+        for S in np.tensordot(measured.roots.T, elements.patterns(measured.patterns), axes=1)
     ]
     return np.array(rows).reshape(len(rows), found.frequencies.size)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 from pydantic import Field
 
 from cartstiff.loading.keys.words import FileModel, Number, Positive, Text
@@ -15,6 +17,10 @@ class FoundModel(FileModel):
     elements: list[tuple[Text, Text, Number]] | None = Field(
         default=None, description="pairs of springs and factors, where it is not one spring's own"
     )
+    polynomial: tuple[Text, Annotated[int, Field(strict=True, ge=1, le=100)]] | None = Field(
+        default=None, description="joint and power of a polynomial spring: of the first power the "
+        "value is a compliance, of others the coefficient",
+    )  # fmt: skip
 
 
 class IdentifiedModel(FileModel):
