@@ -89,12 +89,12 @@ def test_forces_beyond_limits_are_named(tmp_path):
     elastic = _load(tmp_path, legs)
     lengths = elastic.mechanism.leg_lengths(POSE)
     tensions = 1e5 * (lengths - 0.9)
-    beyond = {f"leg{i + 1}" for i in np.flatnonzero((tensions < -1e4) | (tensions > 2e4))}
+    beyond = {f"force of leg{i + 1}" for i in np.flatnonzero((tensions < -1e4) | (tensions > 2e4))}
     (note,) = _notes(elastic, "force-limits")
     assert beyond == set(note.values)
     assert beyond
     for name, found in note.values.items():
-        assert np.isclose(found["value"], tensions[int(name[3:]) - 1])
+        assert np.isclose(found["value"], tensions[int(name[-1]) - 1])
     balanced = _load(tmp_path, legs | {"rest_length": None})
     assert not _notes(balanced, "force-limits")
     loaded = cartstiff.analyse(balanced, POSE, wrench=[0, 0, 0, 0, 0, 3e5])

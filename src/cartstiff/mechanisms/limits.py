@@ -232,10 +232,9 @@ def force_notes(elastic: ElasticMechanism, posture: _Placed) -> list[Note]:
     words = []
     for i, (t, (low, high)) in enumerate(zip(tensions.tolist(), bounds.tolist(), strict=True)):
         if not low - slack <= t <= high + slack:
-            unit = platform.units.force
-            at = f"force of leg{i + 1} is at {t:.6g} {unit}"
-            words.append(f"{at}, its limits are {low:.6g} and {high:.6g}")
-            beyond[f"leg{i + 1}"] = finite({"value": t, "lower": low, "upper": high})
+            name, unit = f"force of leg{i + 1}", platform.units.force
+            words.append(f"{name} is at {t:.6g} {unit}, its limits are {low:.6g} and {high:.6g}")
+            beyond[name] = finite({"value": t, "lower": low, "upper": high})
     if not beyond:
         return []
     return [Note("force-limits", f"beyond limits: {'; '.join(words)}", beyond)]
