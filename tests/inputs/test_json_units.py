@@ -162,6 +162,21 @@ CASES = {
     "frames": (
         ("frames", "ur5"), ("--q", Q, "--tcp", "0,0,0.1"), ("--q", DEG, "--tcp", "0,0,100"),
     ),
+    "identify": (
+        ("identify", "ur5"),
+        ("measured.csv", "--point", "0,0,0.05", "--load-at", "0,0,0.1", "--known",
+         "wrist_3_joint=8e3", "--prior", "wrist_2_joint=9e3,500", "--sd", "dz=0.02mm"),
+        ("measured.csv", "--point", "0,0,50", "--load-at", "0,0,100", "--known",
+         "wrist_3_joint=8e6", "--prior", "wrist_2_joint=9e6,5e5", "--sd", "dz=0.02"),
+    ),
+    "plan": (
+        ("identify", "ur5", "--plan", "4", "--candidates", "30", "--criterion", "posture"),
+        ("--q", Q, "--load", "1,2,3,10,20,30", "--force", "80", "--range", "elbow_joint=-1:1",
+         "--within", "z=0.1:0.9", "--sd", "dz=0.02mm", "--known", "wrist_3_joint=8e3"),
+        ("--q", DEG, "--load", wrench("1,2,3,10,20,30"), "--force", "80", "--range",
+         f"elbow_joint={math.degrees(-1)!r}:{math.degrees(1)!r}", "--within", "z=100:900",
+         "--sd", "dz=0.02", "--known", "wrist_3_joint=8e6"),
+    ),
     "target": (
         ("analyse", "ur5"), ("--q", Q, "--target", "K.csv"), ("--q", DEG, "--target", "K_mm.csv"),
     ),
@@ -178,6 +193,10 @@ def test_answer_is_the_same(case, answer, tmp_path, monkeypatch):
         rows = [f"{place(','.join(map(str, row)))},{load('1,2,3,0,0,-50')}" for row in POSES]
         (tmp_path / f"{name}.csv").write_text(PATH + "\n".join(rows) + "\n")
     (first, *words), si, mm = CASES[case]
+    if case == "identify":
+        measured = ("--sd", "dz=0.02mm", "--csv", "measured.csv")
+        answer("identify", "ur5", "--plan", "12", "--candidates", "30", "--force", "80", *measured)
+        answer("identify", "ur5", "measured.csv", "--simulate", "1", *measured)
     if case == "compensate":
         import cartstiff
 

@@ -13,11 +13,13 @@ from cartstiff.cli.options import MechanismRequest, file_options, frame_option, 
 from cartstiff.cli.output import say, tell
 from cartstiff.cli.requests.identify import (
     deviations_of,
+    in_own_units,
     reject_of,
     stiffnesses_of,
     ties_of,
     units_of,
 )
+from cartstiff.cli.requests.json_units import JsonUnitsCommand, given_length
 from cartstiff.cli.requests.plan import PlanRequest, say_read
 from cartstiff.cli.types import (
     PICTURE,
@@ -99,8 +101,9 @@ _about_a_plan = option_group(
            help="Force on the body in the plan, along an axis of F."),
     repeated_option("--range", "ranges", type=Axes("JOINT=LOW:HIGH"),
                     help="Range of a joint in the plan, rad or m."),
-    repeated_option("--within", type=Axes("AXIS=LOW:HIGH"), help="Volume of the measured point in "
-                    "the plan: x, y, z in F; z keeps it off the floor."),
+    repeated_option("--within", type=Axes("AXIS=LOW:HIGH", frame=True),
+                    help="Volume of the measured point in the plan: x, y, z in F; z keeps it off "
+                    "the floor."),
     option("--candidates", type=click.IntRange(1, 100_000), metavar="N",
            help="Random postures that the plan chooses from; default 10000 for the widest interval "
            "of an open arm, else 1000."),
@@ -148,13 +151,13 @@ class _Request:
     @property
     def shown(self) -> dict[str, str] | None:
         """Units in which the mechanism's numbers are given and shown."""
-        return {k: u for k, u in units_of(self.units).items() if k in ("length", "angle")} or None
+        kinds = ("length", "angle") if given_length() == 1.0 else ("angle",)
+        return {k: u for k, u in units_of(self.units).items() if k in kinds} or None
 
-    @property
-    def of_unknowns(self) -> dict[str, Any]:
+    def of_unknowns(self, elastic: Any) -> dict[str, Any]:
         """Keywords about what is to be found."""
-        known = stiffnesses_of(self.known, "--known", 1)
-        priors = stiffnesses_of(self.prior, "--prior", 2)
+        known = in_own_units(stiffnesses_of(self.known, "--known", 1), given_length(), elastic)
+        priors = in_own_units(stiffnesses_of(self.prior, "--prior", 2), given_length(), elastic)
         return {
             "sought": [part for text in self.unknown for part in _words(text)],
             "ties": ties_of(self.tie),
@@ -188,7 +191,7 @@ class _Request:
         }  # fmt: skip
 
 
-@click.command(name="identify", epilog=_EPILOG)
+@click.command(name="identify", cls=JsonUnitsCommand, epilog=_EPILOG)
 @click.argument("mechanism")
 @click.argument("table", metavar="[DATA.csv]", required=False)
 @gathered(option_group(_about_the_table, _about_the_fit), "request", _Request)
@@ -213,7 +216,7 @@ def command(
     roll,pitch,yaw; standard deviations sd_NAME; session; time. The page "Which joint stiffness do
     I enter?" says how to measure.
     """
-    of_table, of_unknowns, of_fit = request.of_table, request.of_unknowns, request.of_fit
+    of_table, of_fit = request.of_table, request.of_fit
     robot = replace(robot, units=request.shown)
     asked.check(table)
     if table is None or asked.simulate is not None:
@@ -222,7 +225,7 @@ def command(
         request.check_without_fit(is_plan=table is None)
         elastic = robot.in_frame(robot.frame)
         if table is None:
-            data, text = asked.run_plan(robot, elastic, of_table, of_unknowns, request)
+            data, text = asked.run_plan(robot, elastic, of_table, request)
         else:
             data, text = asked.run_simulation(elastic, table, of_table, request)
         tell(as_json, data, robot.mechanism, text)
@@ -239,7 +242,13 @@ def command(
     measured = read_measurements(Path(table), elastic, **of_table)
     say_read(table, measured, request.axes)
     with np.errstate(all="ignore"):
-        result = identify(elastic, measured, **of_unknowns, **of_fit, progress=_progress)
+        result = identify(
+            elastic,
+            measured,
+            **request.of_unknowns(elastic),
+            **of_fit,
+            progress=_progress,
+        )
     _write(result, robot, Path(table), output, plot)
 
     from cartstiff.report.identification import describe_identification

@@ -295,8 +295,8 @@ units_option = option("--units", type=UnitList("UNITS"),
        help="Units of numbers given and shown, such as mm,deg. Lengths in m, cm, mm, um or in: "
        "with mm, moments are in N mm, stiffnesses in N mm/rad and N/mm. The head of a CSV file "
        "may name others. deg is for joints, roll, pitch, yaw, and tables of postures. With "
-       "--json all that comes out is in the units of MECHANISM's file and in radians; of `map`, "
-       "`design` and `identify` in the unit of length given here, which it names.")  # fmt: skip
+       "--json all that comes out is in the units of MECHANISM's file and in radians; of `map` "
+       "and `design` in the unit of length given here, which it names.")  # fmt: skip
 #: Which robot it is, and what it carries: the same on every command, for `MechanismRequest`.
 robot_options = option_group(
     frame_option,

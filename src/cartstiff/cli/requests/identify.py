@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.parsing import parse_numbers
@@ -73,6 +74,19 @@ def stiffnesses_of(texts: Iterable[str], option: str, count: int) -> dict[str, l
         name: parse_numbers(text, f"{option} {name}", count)
         for name, text in _pairs(texts, option).items()
     }
+
+
+def in_own_units(
+    given: Mapping[str, list[float]], a: float, elastic: Any
+) -> dict[str, list[float]]:
+    """Stiffnesses by spring where lengths of `elastic` are a times as large in number."""
+    from cartstiff.mechanisms.elements import Elements
+
+    elements = Elements(elastic)
+    slides = dict(zip(elements.names, elements.is_length, strict=True))
+    slides |= {c.name: c.is_length for c in elastic.mechanism.coordinates}
+    return {name: [k / a if slides.get(name) else k * a for k in numbers]
+            for name, numbers in given.items()}  # fmt: skip
 
 
 def ties_of(texts: Iterable[str]) -> list[list[str]]:

@@ -19,7 +19,12 @@ class JsonUnitsCommand(click.Command):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command."""
-        given = (ctx.params.get("units") or {}).get("length")
+        units = ctx.params.get("units")
+        if isinstance(units, str):  # of identify, which has forces as well
+            from cartstiff.cli.requests.identify import units_of
+
+            units = units_of(units)
+        given = (units or {}).get("length")
         if given is not None and ctx.params.get("as_json"):
             _convert(ctx, given)
         return super().invoke(ctx)
@@ -53,5 +58,6 @@ def _convert(ctx: click.Context, given: str) -> None:
         value = ctx.params.get(option.name or "")
         if value is not None and isinstance(option.type, OptionType):
             ctx.params[str(option.name)] = option.type.converted(value, a, elastic)
-    ctx.params["units"] = {**ctx.params["units"], "length": elastic.units.length}
+    if isinstance(ctx.params["units"], dict):
+        ctx.params["units"]["length"] = elastic.units.length
     ctx.meta[_FACTOR] = a

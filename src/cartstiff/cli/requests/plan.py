@@ -63,8 +63,7 @@ class PlanRequest:
             raise InputError("--q and --load are for --criterion posture")
 
     def run_plan(
-        self, robot: Any, elastic: Any, of_table: dict[str, Any], of_unknowns: dict[str, Any],
-        request: Any,
+        self, robot: Any, elastic: Any, of_table: dict[str, Any], request: Any
     ) -> _Answer:  # fmt: skip
         """Rows to be measured."""
         import numpy as np
@@ -78,7 +77,7 @@ class PlanRequest:
         from cartstiff.report.output import write_files
 
         spreads = _deviations(of_table["deviations"], elastic)
-        unknowns = unknowns_of(elastic, **of_unknowns)
+        unknowns = unknowns_of(elastic, **request.of_unknowns(elastic))
         point = of_table["point"]
         quick = elastic.mechanism.kind == "serial" and self.criterion in (None, "worst")
         offered = candidates(
