@@ -152,10 +152,10 @@ def test_json_has_the_form_and_units_are_read(tmp_path, capfd):
     plain = [line.replace(" [deg]", "").replace(" [mm]", "") for line in scaled]
     (tmp_path / "o.csv").write_text("\n".join(plain), "utf-8")
     out = _run(capfd, "identify", path, tmp_path / "o.csv", "--units", "mm,deg", "--json")
-    in_mm = json.loads(out)
-    assert in_mm["units"]["length"] == "mm"
-    assert {p["unit"] for p in in_mm["parameters"]} == {"N mm/rad"}
-    assert [p["stiffness"] / 1e3 for p in in_mm["parameters"]] == pytest.approx(stiffness)
+    by_option = json.loads(out)
+    assert by_option["units"]["length"] == "m"
+    assert {p["unit"] for p in by_option["parameters"]} == {"N m/rad"}
+    assert [p["stiffness"] for p in by_option["parameters"]] == pytest.approx(stiffness)
     text = _run(capfd, "identify", path, tmp_path / "mm.csv")
     assert "Stiffness, 95 % intervals" in text
     result = identify(elastic, measured)  # deviations given: the normal distribution
