@@ -68,6 +68,8 @@ class Result:
         """Copy the arrays."""
         for name, value in vars(self).items():
             if isinstance(value, np.ndarray):
+                if value.flags.owndata and not value.flags.writeable:
+                    continue  # nobody's to write to
                 own = fixed(value.copy()) if value.dtype.kind == "c" else read_only(value)
                 object.__setattr__(self, name, own)
 
@@ -179,7 +181,8 @@ def _holds_truth(values: Sequence[Any]) -> bool:
 
 def _is_finite(array: Array) -> bool:
     if array.size <= _FEW:
-        return all(map(isfinite, array.ravel().tolist()))
+        flat = array.ravel()
+        return isfinite(flat.dot(flat)) or all(map(isfinite, flat.tolist()))
     if array.size <= _PIECE or not array.flags.c_contiguous:
         return bool(np.isfinite(array).all())
     flat = array.reshape(-1)

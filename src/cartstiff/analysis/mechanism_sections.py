@@ -150,7 +150,9 @@ def _without_rounding(deflection: Deflection, length: float) -> Deflection:
     """A motion with zeros for what is rounding beside the rest, angles times the length."""
     scaled = np.abs(deflection.twist) * np.repeat([length, 1.0], 3)
     moved = np.abs(deflection.displacement)
-    noise = numerics.ROUNDING * max(float(scaled.max()), float(moved.max()))
+    sizes = scaled.tolist() + moved.tolist()
+    if min(sizes) > (noise := numerics.ROUNDING * max(sizes)):
+        return deflection
     return replace(
         deflection,
         twist=read_only(np.where(scaled > noise, deflection.twist, 0.0)),

@@ -292,8 +292,9 @@ def from_roll_pitch_yaw(
     """Pose from a translation and angles about fixed axes: R = Rz(yaw) Ry(pitch) Rx(roll)."""
     a, p = real_array(angles), real_array(translation)
     c, s = np.cos(a), np.sin(a)
-    cr, cp, cy = c[..., 0], c[..., 1], c[..., 2]
-    sr, sp, sy = s[..., 0], s[..., 1], s[..., 2]
+    # Of one pose in plain numbers, which cost less.
+    cr, cp, cy = c.tolist() if c.ndim == 1 else np.moveaxis(c, -1, 0)
+    sr, sp, sy = s.tolist() if s.ndim == 1 else np.moveaxis(s, -1, 0)
     m = _unit_poses(a.shape[:-1], p.shape[:-1])
     m[..., 0, 0], m[..., 0, 1], m[..., 0, 2] = (
         cy * cp,

@@ -12,7 +12,7 @@ import weakref
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import replace
-from functools import cached_property, partial, wraps
+from functools import partial, wraps
 from itertools import zip_longest
 from math import inf
 from threading import Thread, main_thread
@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.arrays import NamedArrays, checked_vector
 from cartstiff.geometry.se3 import Array
+from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
 from cartstiff.mechanisms.limits import force_notes, limit_notes
@@ -81,6 +82,9 @@ class QuickPosture(PostureStiffness):
         """`elastic` and `evaluation`; links of closed chains that give are bent by the engine."""
         if self._code.is_closed:
             return self._engine.elastic, self._engine.evaluation
+        if self.posture.coordinates_are_pose:
+            own = Evaluation(self.energy, self.wrench, cast(Array, self.matrices["B"]))
+            return self._asked.balanced(self.posture, self._given), own
         return self._asked._balanced_with_evaluation(self.posture, self._given)
 
     @property
@@ -157,8 +161,8 @@ class QuickPosture(PostureStiffness):
         C, change = self.compliances["B"], self.change_by_load
         if C is None or not change.any():
             return C
-        inverses, is_plain = numerics.inverses_of_sums(C[None], change[None])
-        return inverses[0] if is_plain[0] else self._engine.tangent_compliance
+        found = numerics.plain_inverse_of_sum(C, change)
+        return self._engine.tangent_compliance if found is None else found
 
     @cached_property
     def notes(self) -> tuple[Note, ...]:

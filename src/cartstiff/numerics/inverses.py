@@ -20,6 +20,8 @@ from cartstiff.numerics.small import inverted
 
 # Entries that are one or two digits larger than the diagonal cost no more digits than that.
 _EVEN = 10.0
+# Square of the condition up to which a sum is inverted as it is.
+_NO_LOSS = (1e-3 * TELLING / EPSILON) ** 2
 
 
 def equilibration(matrix: ArrayLike) -> Array:
@@ -154,8 +156,18 @@ def _inverted_one_by_one(matrices: Array) -> tuple[Array, list[float]]:
 
 def inverse_of_sum(inverse: Array, change: Array) -> Array | None:
     r"""``(M + D)^-1 = C (1 + D C)^-1`` from ``C = M^-1``, without M; None if there is none."""
+    if (plain := plain_inverse_of_sum(inverse, change)) is not None:
+        return plain
     factor = invert(np.eye(len(inverse)) + change @ inverse)
     return None if factor is None else np.asarray(inverse @ factor.matrix)
+
+
+def plain_inverse_of_sum(inverse: Array, change: Array) -> Array | None:
+    """`inverse_of_sum` where no digits are lost, else None."""
+    factor = np.eye(len(inverse)) + change.dot(inverse)
+    turned = inverted(factor)
+    bound = np.vdot(factor, factor) * np.vdot(turned, turned)
+    return np.asarray(inverse.dot(turned)) if bound < _NO_LOSS else None
 
 
 def inverses_of_sums(inverses: Array, changes: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -168,7 +180,7 @@ def inverses_of_sums(inverses: Array, changes: Array) -> tuple[Array, NDArray[np
     entries = inverses.shape[1] * inverses.shape[2]
     flat, inverse = (stack.reshape(len(exists), entries) for stack in (factors, turned))
     bounds = np.vecdot(flat, flat) * np.vecdot(inverse, inverse)
-    plain[exists] = bounds < (1e-3 * TELLING / EPSILON) ** 2
+    plain[exists] = bounds < _NO_LOSS
     better[plain] = inverses[plain] @ turned[plain[exists]]
     for i in exists[~plain[exists]]:
         if (one := inverse_of_sum(inverses[i], changes[i])) is not None:

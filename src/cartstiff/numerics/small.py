@@ -35,9 +35,10 @@ def inverted(matrices: Array, regular: bool = False) -> Array:
         return np.asarray(_INVERT(matrices))
 
 
-def singular_directions(matrix: Array) -> Array:
-    """Rows V^T (n, n) of the singular value decomposition of a matrix (m, n) of doubles."""
-    return np.asarray((np.linalg.svd if _DECOMPOSE is None else _DECOMPOSE)(matrix)[2])
+def singular_directions(matrix: Array) -> tuple[Array, Array]:
+    """`singular_values` and the rows V^T (n, n) of the decomposition of a matrix (m, n)."""
+    _, values, directions = (np.linalg.svd if _DECOMPOSE is None else _DECOMPOSE)(matrix)
+    return values, directions
 
 
 def solved(matrix: Array, right: Array) -> Array:

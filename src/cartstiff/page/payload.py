@@ -23,10 +23,9 @@ from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.single import QuickPosture
-from cartstiff.mechanisms.limits import tensions_of
 from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.page.state import State
-from cartstiff.page.verdict import asymmetry, verdict
+from cartstiff.page.verdict import asymmetries, verdict
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.scene.quantities import block_ellipsoid
 from cartstiff.stiffness.compute import PostureStiffness
@@ -172,7 +171,7 @@ def _principal(here: StiffnessInFrame, state: State) -> dict[str, Any] | None:
     shown = {}
     for freedom in _FREEDOMS:
         try:
-            e = block_ellipsoid(here, state.connection, state.quantity, freedom)
+            e = block_ellipsoid(here, state.connection, state.quantity, freedom, "block")
         except UndefinedError:
             return None
         if e is None:
@@ -199,7 +198,7 @@ def _indices(
     blocks = dict[str, float]()
     for freedom in _FREEDOMS:
         try:  # principal values that are shown as well
-            e = block_ellipsoid(here, connection, "stiffness", freedom)
+            e = block_ellipsoid(here, connection, "stiffness", freedom, "block")
         except UndefinedError:
             e = None
         of_block = held_values(K, C, freedom, root) if e is None else e.eigenvalues
@@ -239,7 +238,7 @@ def distance_to_singularity(result: PostureStiffness) -> list[dict[str, Any]]:
             rates = rates @ motions
         # Fewer actuators than motions (links that give): springs hold the rest.
         if rates.shape[0] >= rates.shape[1]:
-            values = np.linalg.svd(rates, compute_uv=False)
+            values = numerics.singular_values(rates)
             ratios.append(_ratio("type-2", values, rates.shape[1]))
     for entry in ratios:
         entry["length"] = posture.length
@@ -259,9 +258,9 @@ def _legs(result: PostureStiffness) -> list[dict[str, Any]] | None:
     posture = result.posture
     if not isinstance(posture, PlatformPosture):
         return None
-    mechanism = result.elastic.mechanism
+    mechanism, springs = result.elastic.mechanism, result.elastic.springs
     lengths = posture.lines.lengths
-    tensions = tensions_of(result.elastic, posture)
+    tensions = springs.tensions(lengths) if isinstance(springs, LineSprings) else None
     limits = getattr(mechanism, "limits", None)
     return [
         {
@@ -350,7 +349,8 @@ def _margins(result: PostureStiffness) -> list[float]:
 
 
 def _asymmetries(matrices: _Matrices) -> dict[str, float | None]:
-    sizes = {n: None if M is None else asymmetry(M) for n, M in matrices.items() if n != "+"}
+    found = {n: M for n, M in matrices.items() if n != "+" and M is not None}
+    sizes = dict.fromkeys(matrices) | dict(zip(found, asymmetries([*found.values()]), strict=True))
     return {**sizes, "+": sizes["A"]}  # the transpose
 
 

@@ -46,10 +46,8 @@ class Arrow:
             return 0.0
         body = self._node["arrow"]
         self.make()
-        T = np.eye(4)
-        T[:3, :3] = shapes.rotation_to(vector) * length
-        T[:3, 3] = point
-        body.set_transform(T)
+        x, y, z = (shapes.rotation_to(vector).T * length).tolist()
+        body.set_columns(x, y, z, point.tolist())
         self._node.show(True)
         if labels:
             self._label.show(number(size, unit), point + vector * (1.1 * length / size))

@@ -169,7 +169,8 @@ def _along(
     direction: Sequence[float], length: float, start: Sequence[float] = (0.0, 0.0, 0.0)
 ) -> list[float]:
     """``start + length direction``."""
-    return [s + length * d for s, d in zip(start, direction, strict=True)]
+    (a, b, c), (x, y, z) = direction, start
+    return [x + length * a, y + length * b, z + length * c]
 
 
 def _reason(shape: Ellipsoid) -> str:

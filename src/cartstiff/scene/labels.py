@@ -10,6 +10,7 @@ import struct
 import zlib
 from collections.abc import Iterable
 from functools import lru_cache
+from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ _MARGIN = 6
 
 def number(value: float, unit: str = "") -> str:
     """Three digits and a unit: "7.75e4 N/m"."""
-    if not np.isfinite(value):
+    if not isfinite(value):
         text = "infinite" if value == value else "none"
     elif value == 0.0 or 1e-2 <= abs(value) < 1e4:
         text = f"{float(f'{value:.2e}'):.6g}"

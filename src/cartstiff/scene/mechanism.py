@@ -137,7 +137,7 @@ class MechanismPicture:
             and isinstance(springs, LineSprings)
             and isinstance(posture, PlatformPosture)
         ):
-            lengths = springs.lengths_at(posture.pose)
+            lengths = springs.geometry(posture).lengths
             legs = self._platform.paint(springs, lengths, self._scales[0])
             answer = {"unit": unit, **legs}
         groups = []

@@ -81,8 +81,9 @@ class LinesPicture:
 
         Tensions that are not known yet (no rest length) count as zero.
         """
-        tensions = np.nan_to_num(springs.tensions(lengths))
-        taut = np.broadcast_to(springs.is_taut(lengths), tensions.shape)
+        tensions = springs.tensions(lengths)
+        tensions = np.where(np.isnan(tensions), 0.0, tensions)
+        taut = springs.is_taut(lengths)
         scale.fit(tensions)
         self._paint(tensions, taut, scale)
         slack = [int(i) + 1 for i in np.flatnonzero(~taut)] if self._cables else []
@@ -90,7 +91,7 @@ class LinesPicture:
 
     def _paint(self, tensions: Array, taut: Array, scale: Tension) -> None:
         """Slack cables grey and dashed."""
-        colours = theme.diverging(scale.share(tensions))
+        colours = theme.diverging(scale.share(tensions)).tolist()
         for i, line in enumerate(self._lines):
             slack = self._cables and not taut[i]
             shade = theme.SLACK if slack else theme.hex_of(colours[i])

@@ -48,7 +48,7 @@ def block_ellipsoid(
     connection: str,
     quantity: Literal["stiffness", "compliance"],
     freedom: Freedom,
-    others: Literal["block", "free", "held"] = "block",
+    others: Literal["block", "free", "held"],
 ) -> Ellipsoid | None:
     """Ellipsoid of a 3x3 block, or with the other freedoms free or held; None without a matrix.
 

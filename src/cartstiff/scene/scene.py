@@ -6,6 +6,7 @@ Objects are sent once; a new posture moves and stretches them, some twenty-five 
 
 from __future__ import annotations
 
+from copy import copy
 from typing import Any, Literal
 
 import numpy as np
@@ -75,6 +76,7 @@ class Scene:
         self._ghost_at: tuple[float, ...] | None = None
         self._usual: dict[tuple[str, str], Array] = {}
         self._around_map = np.empty((0, 3))
+        self._scales: dict[tuple[str, str, str], Scale] = {}
         self.notes: list[str] = []
 
     # -- the picture -------------------------------------------------------------------------
@@ -275,11 +277,13 @@ class Scene:
 
     def _scale(self, freedom: Freedom, quantity: Quantity, kind: str, kept: Any = None) -> Scale:
         """The scale of a kind of value: it has no history."""
-        scale = SCALES[kind](_RADIUS * self._stage.size)
         if kept and (measure := kept.get(freedom)) and measure["kind"] == kind:
-            return scale.kept(measure)
-        scale.refer(self._usual_values(quantity, freedom))
-        return scale
+            return SCALES[kind](_RADIUS * self._stage.size).kept(measure)
+        scale = self._scales.get((quantity, freedom, kind))
+        if scale is None:
+            scale = self._scales[quantity, freedom, kind] = SCALES[kind](_RADIUS * self._stage.size)
+            scale.refer(self._usual_values(quantity, freedom))
+        return copy(scale)
 
     def _usual_values(self, quantity: Quantity, freedom: Freedom) -> Array:
         """Principal values of K^B in the mechanism's own posture: sizes have no history."""
@@ -289,7 +293,7 @@ class Scene:
                 for q in _QUANTITIES:
                     for f in _FREEDOMS:
                         try:
-                            shape = block_ellipsoid(here, "B", q, f)
+                            shape = block_ellipsoid(here, "B", q, f, "block")
                         except UndefinedError:
                             shape = None
                         self._usual[q, f] = np.zeros(3) if shape is None else shape.eigenvalues

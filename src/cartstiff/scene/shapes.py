@@ -43,7 +43,8 @@ def segment(start: Array, end: Array) -> Array:
 
 def segment_columns(start: list[float], end: list[float]) -> tuple[list[float], ...]:
     """The first three columns of `segment`."""
-    a, b, c = (e - s for s, e in zip(start, end, strict=True))
+    (r, s, t), (u, v, w) = start, end
+    a, b, c = u - r, v - s, w - t
     length = sqrt(a * a + b * b + c * c)
     if length > 0.0:
         x, y, z = _towards(a, b, c, length)

@@ -7,6 +7,7 @@ alone orders them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -97,9 +98,9 @@ _SEQUENTIAL = np.array(
 )  # fmt: skip
 
 
-def hex_of(colour: ArrayLike) -> int:
+def hex_of(colour: Sequence[float] | Array) -> int:
     """0xRRGGBB of red, green, blue in [0, 255]."""
-    r, g, b = (round(float(c)) for c in np.asarray(colour)[:3])
+    r, g, b = (round(float(c)) for c in colour[:3])
     return (r << 16) + (g << 8) + b
 
 

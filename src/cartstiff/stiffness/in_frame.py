@@ -12,7 +12,6 @@ that of the point at which the load acts. K^K *recomputed* for N's origin would 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +20,7 @@ from cartstiff import numerics
 from cartstiff.arrays import NamedArrays, read_only
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.lazily import cached_property
 from cartstiff.stiffness.applied_load import LoadKind
 
 if TYPE_CHECKING:
@@ -96,9 +96,7 @@ class StiffnessInFrame:
     def inverse_of_symmetric_part(self, name: str) -> Array | None:
         """Inverse (6, 6) of the symmetric part of a stiffness matrix; None if there is none."""
         C = self.compliances["B" if name in ("A", "+", "load") else name]
-        if C is None or name != "load" or not self.symmetric_change.any():
-            return C
-        return self._inverse_of_symmetric_tangent
+        return self._inverse_of_symmetric_tangent if name == "load" else C
 
     def root(self, name: str, others: str) -> Array | None:
         """Root of the C of `pair`, see `PostureStiffness.root_of_compliance`."""
@@ -109,8 +107,8 @@ class StiffnessInFrame:
 
     @cached_property
     def _inverse_of_symmetric_tangent(self) -> Array | None:
-        C = self.compliances["B"]
-        return None if C is None else numerics.inverse_of_sum(C, self.symmetric_change)
+        C, change = self.compliances["B"], self.symmetric_change
+        return C if C is None or not change.any() else numerics.inverse_of_sum(C, change)
 
 
 def inverse_pair(K: Array | None, C: Array | None) -> tuple[Array | None, Array | None]:

@@ -205,10 +205,12 @@ def hardly_held(
     rates = actuation * coordinate_lengths
     if free is not None:
         rates = rates @ free
-    each = numerics.singular_values(rates).tolist()
-    if not each or len(each) < rates.shape[1] or not each[-1] < numerics.NEAR * each[0]:
+    if not rates.size or len(rates) < rates.shape[1]:
         return []
-    motions = numerics.singular_directions(rates)
+    values, motions = numerics.singular_directions(rates)
+    each = values.tolist()
+    if not each[-1] < numerics.NEAR * each[0]:
+        return []
     if free is not None:
         motions = motions @ free.T
     lost = sum(value <= numerics.RANK * each[0] for value in each)
