@@ -50,7 +50,7 @@ def asymmetries(matrices: list[Array]) -> list[float]:
     stack = np.array(matrices).reshape(-1, 6, 6)
     found = np.abs(stack - stack.swapaxes(1, 2)).max(axis=(1, 2))
     sizes = np.abs(stack).max(axis=(1, 2))
-    return np.where(found > _ROUNDING * sizes, found, 0.0).tolist()  # type: ignore[no-any-return]
+    return np.where(found > _ROUNDING * sizes, found, 0.0).tolist()
 
 
 def verdict(

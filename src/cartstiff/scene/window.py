@@ -150,7 +150,7 @@ def _packer() -> Callable[[dict[str, Any]], bytes]:
     def packed(command: dict[str, Any]) -> bytes:
         label = command["object"].get("label") if "object" in command else None
         if label is None:
-            return pack(command)  # type: ignore[no-any-return]
+            return pack(command)
         return json.dumps({"type": "label", "path": command["path"], **label}).encode()
 
     return packed
