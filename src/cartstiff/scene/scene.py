@@ -277,13 +277,13 @@ class Scene:
 
     def _scale(self, freedom: Freedom, quantity: Quantity, kind: str, kept: Any = None) -> Scale:
         """The scale of a kind of value: it has no history."""
+        key, scale = (quantity, freedom, kind), SCALES[kind](_RADIUS * self._stage.size)
         if kept and (measure := kept.get(freedom)) and measure["kind"] == kind:
-            return SCALES[kind](_RADIUS * self._stage.size).kept(measure)
-        scale = self._scales.get((quantity, freedom, kind))
-        if scale is None:
-            scale = self._scales[quantity, freedom, kind] = SCALES[kind](_RADIUS * self._stage.size)
+            return scale.kept(measure)
+        if key not in self._scales:
             scale.refer(self._usual_values(quantity, freedom))
-        return copy(scale)
+            self._scales[key] = scale
+        return copy(self._scales[key])
 
     def _usual_values(self, quantity: Quantity, freedom: Freedom) -> Array:
         """Principal values of K^B in the mechanism's own posture: sizes have no history."""
@@ -299,12 +299,9 @@ class Scene:
                         self._usual[q, f] = np.zeros(3) if shape is None else shape.eigenvalues
         return self._usual[quantity, freedom]
 
-    def _unit(self, freedom: str, quantity: str) -> str:
-        units, is_shift = self._elastic.units, freedom == "translation"
-        top, bottom = (units.force, units.length) if is_shift else (units.moment, "rad")
-        if quantity == "stiffness":
-            return f"{top}/{bottom}"
-        return f"{bottom}/({top})" if " " in top else f"{bottom}/{top}"
+    def _unit(self, freedom: str, quantity: Quantity) -> str:
+        units = self._elastic.units
+        return (units.stiffness if quantity == "stiffness" else units.compliance)[freedom]
 
     def _wrench(self, result: PostureStiffness, look: Look, T: Array) -> dict[str, Any] | None:
         W = load_at(result, look)
