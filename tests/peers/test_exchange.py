@@ -272,6 +272,10 @@ def test_springs_of_nastran_add_up_to_the_stiffness(tmp_path):
             k[int(card[8:24])] = number(card[40:56])
         elif card.startswith("CBUSH"):
             ends.append([int(card[8 * i : 8 * i + 8]) for i in (2, 3, 4)])
+    # Bulk data alone: it can be included in any deck, and is read as it is.
+    assert {card[:8].strip() for card in cards if card[0] != "$"} == {
+        "GRID*", "*", "PBUSH*", "CBUSH", "RBE2", ""
+    }  # fmt: skip
     rigid = "".join(c[8:] for c in cards[cards.index(next(c for c in cards if "RBE2" in c)) :])
     assert rigid.split()[:9] == ["7", "13", "123456", "7", "8", "9", "10", "11", "12"]
     K = np.zeros((6, 6))

@@ -232,6 +232,8 @@ def parts_of_chain(result: PostureStiffness, springs: JointSprings) -> Parts:
 def legs_of_nastran(result: PostureStiffness) -> bytes:
     """Legs of a platform as springs (CBUSH) between grid points, the body rigid (RBE2), no load.
 
+    Bulk data to include, as the matrices are.
+
     Raises
     ------
     InputError
@@ -242,8 +244,10 @@ def legs_of_nastran(result: PostureStiffness) -> bytes:
         not isinstance(platform, Platform) or not isinstance(posture, PlatformPosture)
         or type(springs) is not LineSprings or springs.unilateral
     ):  # fmt: skip
+        is_platform = isinstance(platform, Platform)
+        got = "cables or legs that bend" if is_platform else f"kind {platform.kind}"
         raise InputError("springs of Nastran are written of straight legs that push and pull",
-                         where=result.elastic.name, got=f"kind {platform.kind}")  # fmt: skip
+                         where=result.elastic.name, got=got)  # fmt: skip
     m, units = len(springs.stiffness), result.elastic.units
     ends = posture.pose[:3, 3] + platform.points @ posture.pose[:3, :3].T
     heads = ", ".join(str(i) for i in range(m + 1, 2 * m + 1))
@@ -251,7 +255,6 @@ def legs_of_nastran(result: PostureStiffness) -> bytes:
         f"$ legs of a platform as springs, without what their tensions add: {units.force}, "
         f"{units.length}",
         f"$ grid points 1 to {m} on the ground, {m + 1} to {2 * m} on the body, {2 * m + 1} is M",
-        "BEGIN BULK",
     ]
     places = np.vstack([platform.anchors, ends, posture.pose[:3, 3]])
     for i, place in enumerate(places.tolist()):
@@ -263,7 +266,7 @@ def legs_of_nastran(result: PostureStiffness) -> bytes:
             f"PBUSH*  {i + 1:>16}{'K':<16}{large_field(k)}", "*",
             f"CBUSH   {i + 1:>8}{i + 1:>8}{i + 1:>8}{m + i + 1:>8}",
         ]  # fmt: skip
-    return ("\n".join([*lines, *_rigid(m, heads), "ENDDATA"]) + "\n").encode()
+    return ("\n".join([*lines, *_rigid(m, heads)]) + "\n").encode()
 
 
 def _rigid(m: int, heads: str) -> Iterator[str]:
