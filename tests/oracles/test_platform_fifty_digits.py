@@ -36,8 +36,9 @@ def skew(a):
     return mp.matrix([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
 
 
-def exact(elastic, tensions):
+def exact(elastic, tensions, stiffness=None):
     """K^B of the legs with given tensions."""
+    stiffness = elastic.springs.stiffness if stiffness is None else stiffness
     roll, pitch, yaw = (mp.mpf(float(x)) for x in elastic.q[3:])
     c, s = mp.cos, mp.sin
     R = (
@@ -46,7 +47,7 @@ def exact(elastic, tensions):
         * mp.matrix([[1, 0, 0], [0, c(roll), -s(roll)], [0, s(roll), c(roll)]])
     )
     p, K, m = mp.matrix(elastic.q[:3].tolist()), mp.zeros(6, 6), elastic.mechanism
-    legs = zip(m.anchors, m.points, elastic.springs.stiffness, tensions, strict=True)
+    legs = zip(m.anchors, m.points, stiffness, tensions, strict=True)
     for anchor, point, k, t in legs:
         b = mp.matrix(point.tolist())
         along = b - R.T * (mp.matrix(anchor.tolist()) - p)
@@ -151,3 +152,25 @@ def test_stiffness_where_stiff_legs_come_to_rest():
         assert state.elastic_stiffness.wrench == pytest.approx(
             -pushed.gradient, rel=1e-9, abs=1e-18
         )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_tensions_that_balance_a_load_are_known_as_far_as_the_lines_are(seed):
+    """All legs nearly meet in a point beside M: tensions are 1e7 times the load."""
+    rng = np.random.default_rng(seed)
+    base, top = (
+        np.array([[r * np.cos(a), r * np.sin(a), z] for a in CORNERS + np.tile([-h, h], 3)])
+        for r, h, z in ((0.115, 0.2, 0.0), (1e-6, 0.8, -0.01))
+    )
+    q = [0, 0, 0.1, 0, 0, 0] + 0.1 * rng.uniform(-1, 1, 6) * [0.3, 0.3, 0.3, 1, 1, 1]
+    elastic = platform_mechanism(base, top, np.full(6, 2e7), np.full(6, np.nan), q=q)
+    W = rng.uniform(-5, 5, 6)
+    found = cartstiff.analyse(elastic, wrench=W).matrices["B"]
+    with mp.workdps(50):
+        lines = mp.zeros(6, 6)
+        for i in range(6):  # a leg's stiffness g g^T gives its line g, which points up
+            K = exact(elastic, np.zeros(6), np.eye(6)[i])
+            lines[:, i] = K[:, 5] / mp.sqrt(K[5, 5])
+        K = exact(elastic, mp.lu_solve(lines, mp.matrix(W.tolist())))
+    K = np.array(K.tolist(), float)
+    assert np.abs(found - K).max() <= 5e-12 * np.abs(K).max()

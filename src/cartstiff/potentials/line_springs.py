@@ -228,7 +228,11 @@ class LineSprings(PosePotential):
         present = self.stiffness * np.nan_to_num(geometry.lengths - self.rest_length)
         tensions = present[free] if np.count_nonzero(free) > 6 else np.zeros(matrix.shape[1])
         missing = wanted * scale - matrix @ tensions
-        tensions = tensions + np.linalg.lstsq(matrix, missing, rcond=numerics.RANK)[0]
+        added, _, _, values = np.linalg.lstsq(matrix, missing, rcond=numerics.RANK)
+        tensions = tensions + added
+        if numerics.ratio(values) < numerics.NEAR:  # what rounding left is carried once more
+            missing = wanted * scale - matrix @ tensions
+            tensions = tensions + np.linalg.lstsq(matrix, missing, rcond=numerics.RANK)[0]
         missed = np.abs(matrix @ tensions - wanted * scale)
         summed = np.abs(matrix) @ np.abs(tensions) + np.abs(geometry.lines.T * scale[:, None]) @ (
             np.abs(present)
