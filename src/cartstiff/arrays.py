@@ -181,8 +181,8 @@ def _holds_truth(values: Sequence[Any]) -> bool:
 
 def _is_finite(array: Array) -> bool:
     if array.size <= _FEW:
-        flat = array.ravel()
-        return isfinite(flat.dot(flat)) or all(map(isfinite, flat.tolist()))
+        values = array.ravel().tolist()
+        return isfinite(sum(values)) or all(map(isfinite, values))
     if array.size <= _PIECE or not array.flags.c_contiguous:
         return bool(np.isfinite(array).all())
     flat = array.reshape(-1)
