@@ -135,7 +135,11 @@ def main(campaigns: int = 1000, *machines: str) -> None:
             found: Counter[str] = Counter()
             begin, count = time.perf_counter(), max(1, round(share * campaigns))
             for seed in range(start, start + count):
-                found += _campaign(elastic, seed, _MORE.get(name, ((), ""))[0])
+                try:
+                    found += _campaign(elastic, seed, _MORE.get(name, ((), ""))[0])
+                except cartstiff.CartstiffError as error:
+                    found["refused"] += 1
+                    print(f"{name}, seed {seed}: {error}", flush=True)
             start += count
             total += found
             spent = (time.perf_counter() - begin) / count
@@ -156,6 +160,8 @@ def _line(found: Counter[str]) -> str:
             parts.append(f"{verdict} {found[f'{verdict} held']}/{count} = {share:.1f} %")
     parts.append(f"not identifiable {found['not-identifiable']}")
     parts.append(f"far off {found['far off']}")
+    if found["refused"]:
+        parts.append(f"without an answer {found['refused']}")
     if found["gross"]:
         parts.append(f"gross errors named {found['named']}/{found['gross']} (besides: "
                      f"{found['named besides']}), {found['unchecked']} more in rows told as hardly "

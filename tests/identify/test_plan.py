@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from tests.identify.campaigns import SPRINGS, arm, load
 import cartstiff
 from cartstiff.cli.main import main
 from cartstiff.identify.campaign import identify
-from cartstiff.identify.candidates import candidates
+from cartstiff.identify.candidates import beside, candidates
 from cartstiff.identify.intervals import estimates
 from cartstiff.identify.least_squares import Noise, solved
 from cartstiff.identify.linear_model import LinearModel
@@ -74,6 +75,38 @@ def test_a_plan_beats_chance_and_predicts_what_campaigns_find(offered):
         halves.append(widths / unknowns.nominal)
     realised = np.mean(halves, axis=0)
     assert realised == pytest.approx(best.deviations[-1], rel=0.1)
+
+
+def test_rows_are_moved_to_better_places():
+    """A UR5 and a tracker: half of what chance gives, in ranges and volume, no row twice."""
+    elastic = cartstiff.load("ur5")
+    keep = {"ranges": {"elbow_joint": (-2.0, 2.5)}, "within": {"z": (0.1, 1.0)}}
+    found = candidates(elastic, dict.fromkeys(("dx", "dy", "dz"), 2e-5), count=4000, force=80.0,
+                       **keep)  # fmt: skip
+    before = plan(unknowns_of(elastic), found, 12)
+    after = plan(unknowns_of(elastic), found, 12, beside=partial(beside, elastic, **keep))
+    assert after.by_chance >= 2.0 * after.worst
+    assert after.bound < after.worst < before.worst
+    q = after.rows.q
+    assert -2.0 <= q[:, 2].min() <= q[:, 2].max() <= 2.5
+    heights = [elastic.mechanism.at(one).pose[2, 3] for one in q]
+    assert 0.1 <= min(heights) <= max(heights) <= 1.0
+    assert len({(*row, *W) for row, W in zip(q.round(2), after.rows.wrench.round(), strict=True)}
+               ) == 12  # fmt: skip
+    M = information(after.unknowns, after.rows).sum(axis=0)[:5, :5]
+    assert after.worst == pytest.approx(np.sqrt(np.linalg.inv(M).diagonal().max()), rel=1e-9)
+
+
+def test_no_row_stands_near_a_singularity():
+    """A five-bar stretched out moves by metres: the nearer, the more a linear row would tell."""
+    elastic = cartstiff.load("five-bar")
+    found = candidates(elastic, {"dx": 2e-5, "dy": 2e-5}, count=300, force=80.0)
+    chosen = plan(unknowns_of(elastic), found, 6, beside=partial(beside, elastic))
+
+    def moved(rows):
+        return np.abs(LinearModel(chosen.unknowns, rows).at(chosen.unknowns.nominal)[0])
+
+    assert moved(chosen.rows).max() < 10.0 * np.median(moved(found).reshape(-1, 2).max(axis=1))
 
 
 def test_a_plan_finds_the_row_that_a_parameter_needs(tmp_path):

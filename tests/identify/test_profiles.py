@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from tests.identify.campaigns import arm, load
 
-from cartstiff.identify import profile
+from cartstiff.identify import fitting, profile
 from cartstiff.identify.campaign import identify
 from cartstiff.identify.candidates import candidates
 from cartstiff.identify.intervals import quantile
@@ -41,3 +42,12 @@ def test_what_was_not_looked_at_is_called_so(soft, monkeypatch):
     found = identify(elastic, measured, loaded=True, known={"j4": 200.0})
     assert "profile-not-taken" in {note.code for note in found.notes}
     assert "linear, not looked at" in {e.method for e in found.estimates}
+
+
+def test_what_the_rows_hardly_show_does_not_creep():
+    found = fitting._damped(
+        lambda z: np.array([z[0] - 1.0, z[0] + 1.0, 1e-3 * z[1] - 0.5]),
+        lambda z: np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 1e-3]]),
+        np.array([0.4, 2.0]), np.array([0.0, 0.0]),
+    )  # fmt: skip
+    assert found == pytest.approx([0.0, 2.0], abs=1e-4)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from math import pi
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.arrays import Array
@@ -17,8 +19,11 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 
 # Of a joint without limits, and of a platform about its file's pose [rad; shares of its size].
+_AXES = ("x", "y", "z")
 _RANGE, _TILT, _SHIFT = pi, 0.3, 0.2
 _TRIES = 20
+# Places beside a row that are tried at once, in all; of a mechanism whose postures take time.
+_BESIDE, _SLOW = 1000, 150
 
 
 def candidates(
@@ -70,17 +75,13 @@ def candidates(
     low, high = _ranges(elastic, ranges or {})
     box = dict(within or {})
     for axis in box:
-        if axis not in ("x", "y", "z"):
+        if axis not in _AXES:
             raise InputError("axis of the volume cannot be used", where="--within",
-                             expected="x, y, z", got=repr(axis))  # fmt: skip
+                             expected=", ".join(_AXES), got=repr(axis))  # fmt: skip
     kept: list[Array] = []
     for _ in range(_TRIES * count):
         q = _posture(elastic, rng.uniform(low, high))
-        if q is None:
-            continue
-        pose = elastic.mechanism.at(q).pose
-        at = pose[:3, 3] + pose[:3, :3] @ np.asarray(point)
-        if all(limits[0] <= at["xyz".index(a)] <= limits[1] for a, limits in box.items()):
+        if q is not None and _is_within(elastic, q, box, point):
             kept.append(q)
             if len(kept) == count:
                 break
@@ -101,6 +102,71 @@ def candidates(
         direction if "d" in deviations else np.full((N, 3), np.nan), (), np.full(N, np.nan),
         point, point if load_at is None else load_at,
     )  # fmt: skip
+
+
+def beside(
+    elastic: ElasticMechanism, rows: Measurements, share: float, rng: np.random.Generator, *,
+    ranges: Mapping[str, Sequence[float]] | None = None,
+    within: Mapping[str, Sequence[float]] | None = None,
+) -> tuple[Measurements, NDArray[np.intp]]:  # fmt: skip
+    """Rows that could be measured near others: postures moved, forces along each axis of F.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        As in `candidates`, and so are `ranges` and `within`.
+    rows : Measurements
+        From `candidates`.
+    share : float
+        Of the ranges, by which postures are moved (standard deviation), and gauges are turned.
+    rng : Generator
+        Of random numbers.
+
+    Returns
+    -------
+    near : Measurements
+        Each row, followed by those near it.
+    owner : ndarray of int
+        Which of the given rows each belongs to.
+    """
+    low, high = _ranges(elastic, ranges or {})
+    chain = elastic.mechanism
+    quick = isinstance(chain, Chain) and not chain.closures
+    each = max((_BESIDE if quick else _SLOW) // len(rows), 3)
+    owner, q, wrench, direction = [], [], [], []
+    for i, centre in enumerate(rows.q):
+        W, gauge = rows.wrench[i], rows.direction[i]
+        found = [(centre, W, gauge)]
+        forces = W[None]
+        if W.any():
+            forces = np.hstack([np.zeros((3, 3)), np.eye(3) * np.linalg.norm(W[3:])])
+        for step in share * (high - low) * rng.normal(size=(each, len(low))):
+            at = _posture(elastic, np.clip(centre + step, low, high))
+            if at is None or not _is_within(elastic, at, within or {}, rows.point):
+                continue
+            turned = gauge + 2.0 * pi * share * rng.normal(size=3)
+            found += [(at, force, turned / np.linalg.norm(turned)) for force in forces]
+        owner += [i] * len(found)
+        for where, force, along in found:
+            q.append(where)
+            wrench.append(force)
+            direction.append(along)
+    at = np.array(owner, np.intp)
+    near = rows.chosen(at)
+    return replace(near, q=np.array(q), wrench=np.array(wrench), direction=np.array(direction),
+                   rows=np.arange(1, len(at) + 1)), at  # fmt: skip
+
+
+def _is_within(
+    elastic: ElasticMechanism, q: Array, box: Mapping[str, Sequence[float]],
+    point: tuple[float, float, float],
+) -> bool:  # fmt: skip
+    """Whether the measured point is in the volume."""
+    if not box:
+        return True
+    pose = elastic.mechanism.at(q).pose
+    at = pose[:3, 3] + pose[:3, :3] @ np.asarray(point)
+    return all(limits[0] <= at[_AXES.index(a)] <= limits[1] for a, limits in box.items())
 
 
 def _ranges(elastic: ElasticMechanism, given: Mapping[str, Sequence[float]]) -> tuple[Array, Array]:

@@ -18,11 +18,14 @@ from cartstiff.identify.unknowns import Unknowns
 _STEPS, _ROUNDS = 100, 6
 #: Relative change of the sum of squares that ends a search; of scales.
 _FLAT, _SAME = numerics.FLAT, 1e-3
+# Of the mean square: what a step without damping may still promise where steps have run out.
+_NOTHING = 1e-3
 # Factors on the damping after a step that did at least this share of what it should, and after one
-# that was refused.
-_EASED, _TRUSTED, _HARDER = 0.1, 0.5, 5.0
-#: Sizes to which a combination of parameters must be known to be moved.
-SLACK = 10.0
+# that was refused or did next to nothing of it.
+_EASED, _TRUSTED, _HARDER, _POOR = 0.1, 0.5, 5.0, 0.1
+#: Sizes to which a combination of parameters must be known to be moved; by how much more than the
+#: hardest others are held: they would creep on else.
+SLACK, _HELD = 10.0, 1e4
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,7 +235,7 @@ def _damped(
         _, values, Vt = np.linalg.svd(R[:, :-1])
         felt = max(np.sqrt(cost / len(r)) / SLACK, numerics.RANK * float(values[0]))
         slack = Vt[int(np.count_nonzero(values > felt)) :]
-        A = np.vstack([R[:, :-1], np.sqrt(damping) * np.eye(len(z)), values[0] * slack])
+        A = np.vstack([R[:, :-1], np.sqrt(damping) * np.eye(len(z)), _HELD * values[0] * slack])
 
         def answer(right: Array, at: Array, A: Array = A) -> Array:
             target = np.append(-right, np.zeros(len(A) - len(right)))
@@ -260,5 +263,10 @@ def _damped(
         if not was_refused:
             z, r, cost = np.maximum(z + move, lower), trial, reached
             J = jacobian(z)
-        damping *= _EASED if share > _TRUSTED else 1.0 if share > 0.0 else _HARDER
+        damping *= _EASED if share > _TRUSTED else 1.0 if share > _POOR else _HARDER
+    if steps:
+        move = answer(R[:, -1], z, np.vstack([R[:, :-1], _HELD * values[0] * slack]))
+        after = R[:, :-1] @ move + R[:, -1]
+        if cost - float(after @ after) <= _NOTHING * cost / len(r):  # far less than a deviation
+            return z
     raise ConvergenceError("the fit does not settle", iterations=steps, residual=cost)

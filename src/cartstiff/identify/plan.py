@@ -11,14 +11,13 @@ their present values. Three criteria:
 
 The rows are chosen greedily, then each is exchanged for any candidate as long as that helps. The
 widest interval alone is a poor guide, since most exchanges leave it as it is: norms of all
-intervals that weigh the wide ones more and more lead there. How good that is, two numbers tell: the
-widest interval of as many rows drawn at random, and a bound that no choice from the same candidates
-can beat.
+intervals that weigh the wide ones more and more lead there. At last every row is moved to better
+places beside it. How good that is, two numbers tell: the widest interval of as many candidates
+drawn at random, and a bound that no choice from all rows that were looked at can beat.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -28,22 +27,23 @@ from numpy.typing import NDArray
 from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.identify.choosing.chance import bound_of, by_chance, most_helpful, spread_of
+from cartstiff.identify.choosing.search import Beside, cost_of, greedy, refined, searched
 from cartstiff.identify.intervals import quantile
 from cartstiff.identify.loaded_model import model_of
 from cartstiff.identify.measurements import Measurements
 from cartstiff.identify.unknowns import Unknowns
 
 CRITERIA = ("worst", "all", "posture")
-_PASSES = 20
 #: Information that stands for "nothing is known" while too few rows are chosen: a thousandth of a
 #: percent of what one row tells.
 _FAINT = numerics.FAINT
-_DRAWS, _BOUND_STEPS = 1000, 300
 #: Norms of the variances on the way to the largest; candidates that are tried for the widest
 #: interval: those that would help the best mixture of candidates most, in all and by parameter.
 _NORMS, _TRIED = (1, 2, 4, 8, 16, 32), 500
-#: Rows that are disturbed in all, a plan at a time, to leave a poor optimum.
-_DISTURBED = 300
+# Rows that move by more than this share of the mechanism, and this many times more than most, stand
+# near a singularity, where no small displacement is left to be measured.
+_FAR, _OFTEN = 0.05, 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class Plan:
     by_chance : float
         Largest relative standard deviation of as many candidates drawn at random: median.
     bound : float
-        No choice of as many candidates has a smaller largest one.
+        No choice of as many rows, from all that were looked at, has a smaller largest one.
     """
 
     unknowns: Unknowns
@@ -129,16 +129,25 @@ class Plan:
 
 def information(unknowns: Unknowns, measured: Measurements) -> Array:
     """G (N, P, P) of each row, of compliances in shares of their present values."""
+    return _told(unknowns, measured)[0]
+
+
+def _told(unknowns: Unknowns, measured: Measurements) -> tuple[Array, Array]:
+    """The same, and how far each row moves (N,): rad, or shares of the mechanism's length."""
     model = model_of(unknowns, measured)
     seen = model.observations
-    _, A = model.at(unknowns.nominal)
+    y, A = model.at(unknowns.nominal)
     if np.isnan(seen.deviation).any():
         raise InputError("a plan needs standard deviations", where="--sd",
                          expected="one for each column that is measured")  # fmt: skip
     scaled = A * unknowns.sizes / seen.deviation[:, None]
     G = np.zeros((len(measured), A.shape[1], A.shape[1]))
     np.add.at(G, seen.row, scaled[:, :, None] * scaled[:, None, :])
-    return G
+    elastic = unknowns.elements.elastic
+    size = np.where(seen.is_angle, 1.0, elastic.mechanism.at(elastic.q).length)
+    moved = np.zeros(len(measured))
+    np.maximum.at(moved, seen.row, np.abs(y) / size)
+    return G, moved
 
 
 def plan(
@@ -149,6 +158,7 @@ def plan(
     criterion: Literal["worst", "all", "posture"] = "worst",
     test: tuple[Array, Array] | None = None,
     have: Measurements | None = None,
+    beside: Beside | None = None,
     level: float = 0.95,
 ) -> Plan:
     """Choose rows from candidates.
@@ -167,6 +177,9 @@ def plan(
         The user's posture (n,) and wrench (6,) on M along F, for "posture".
     have : Measurements, optional
         Rows that are measured already, with standard deviations.
+    beside : callable, optional
+        Rows near others, as `cartstiff.identify.candidates.beside` has them: those chosen are moved
+        to the best of these.
     level : float
         Probability of the predicted intervals.
 
@@ -180,16 +193,22 @@ def plan(
     if count < 1:
         raise InputError("number of rows cannot be used", where="--plan", expected="1 or more",
                          got=count)  # fmt: skip
-    G = information(unknowns, offered)
+    whole, moved = _told(unknowns, offered)
+    most = max(_FAR, _OFTEN * float(np.median(moved)))
+    offered, whole = offered.chosen(moved <= most), whole[moved <= most]
     start, priors = _of_priors(unknowns)
     if have is not None:
         start += information(unknowns, have).sum(axis=0)
-    known = _seen(G.sum(axis=0) + start)
+    known = _seen(whole.sum(axis=0) + start)
     if not known.any():
         raise InputError("no candidate tells anything about a spring",
                          expected="other loads, or columns to be measured")  # fmt: skip
-    inner = np.ix_(known, known)
-    G, start = G[:, known][:, :, known], start[inner]
+
+    def told(rows: Measurements) -> Array:
+        found, moved = _told(unknowns, rows)
+        return np.where((moved <= most)[:, None, None], found, 0.0)[:, known][:, :, known]
+
+    G, start = whole[:, known][:, :, known], start[np.ix_(known, known)]
     one = float(np.median(np.trace(G, axis1=1, axis2=2))) / len(start)
     faint = _FAINT * one * np.eye(len(start))
     effects = None
@@ -200,33 +219,36 @@ def plan(
         effects = _effects(unknowns, *test)[:, known]
         if not effects.any():
             raise InputError("the load of the test posture moves nothing", where="--load")
-    cost = _cost(criterion, effects)
-    bound, helps = _bound(G, start + faint, count)
+    cost = cost_of(criterion, effects)
+    bound, helps = bound_of(G, start + faint, count)
     tried = np.arange(len(G))
     ways = [cost]
     if criterion == "worst":
-        tried = _most_helpful(helps, max(_TRIED, count))
-        ways = [*(_cost(criterion, None, norm) for norm in _NORMS), cost]
-    order = _greedy(G[tried], start + faint, count, cost)
-    chosen = _searched(G[tried], start + faint, order, ways)
-    order, chosen = tried[order].tolist(), tried[chosen].tolist()
+        tried = most_helpful(helps, max(_TRIED, count))
+        ways = [*(cost_of(criterion, None, norm) for norm in _NORMS), cost]
+    order = greedy(G[tried], start + faint, count, cost)
+    chosen = searched(G[tried], start + faint, order, ways)
+    order = tried[order].tolist()
+    rows = offered.taken(tried[chosen].tolist())
+    if beside is not None:
+        rows, more = refined(rows, told, beside, start + faint, ways)
+        bound, _ = bound_of(np.concatenate([G, more]), start + faint, count)
+    final = told(rows).sum(axis=0)
     P = len(unknowns.parameters)
     counts, spreads = [], []
     for n in range(1, count + 1):
-        picked = chosen if n == count else order[:n]
-        M = start + G[picked].sum(axis=0)
+        M = start + (final if n == count else G[order[:n]].sum(axis=0))
         spread = np.full(P, np.inf)
-        spread[known] = _spread(M)
+        spread[known] = spread_of(M)
         counts.append(n)
         spreads.append(spread)
-    told = priors + (0 if have is None else len(have) * len(have.values)) - int(known.sum())
-    degrees = np.maximum(np.array(counts) * len(offered.values) + told, 1)
-    rows = offered.taken(chosen)
+    others = priors + (0 if have is None else len(have) * len(have.values)) - int(known.sum())
+    degrees = np.maximum(np.array(counts) * len(offered.values) + others, 1)
     names = tuple(n for n, is_known in zip(unknowns.names, known, strict=True) if not is_known)
     return Plan(
         unknowns, rows, criterion, np.array(counts), np.array(spreads),
         np.array([quantile(level, d) for d in degrees]), names, level,
-        _by_chance(G, start, count), bound,
+        by_chance(G, start, count), bound,
     )  # fmt: skip
 
 
@@ -257,130 +279,3 @@ def _effects(unknowns: Unknowns, q: Array, wrench: Array) -> Array:
         np.full((1, 3), np.nan), (), np.full(1, np.nan),
     )  # fmt: skip
     return model_of(unknowns, one).at(unknowns.nominal)[1] * unknowns.sizes
-
-
-def _cost(criterion: str, effects: Array | None, norm: float = np.inf) -> Callable[[Array], Array]:
-    """Cost (k,) of informations (k, P, P); infinite for singular ones."""
-
-    def of(M: Array) -> Array:
-        if criterion == "all":
-            sign, value = np.linalg.slogdet(M)
-            return np.where(sign > 0, -value, np.inf)
-        inverse = np.linalg.inv(M)
-        if effects is not None:
-            return np.einsum("ip,kpr,ir->k", effects, inverse, effects)
-        return np.asarray(np.linalg.norm(inverse.diagonal(0, 1, 2), norm, axis=1))
-
-    return of
-
-
-def _greedy(G: Array, start: Array, count: int, cost: Callable[[Array], Array]) -> list[int]:
-    M, chosen = start.copy(), list[int]()
-    for _ in range(count):
-        best = int(np.argmin(cost(M + G) + _taken(chosen, len(G))))
-        chosen.append(best)
-        M = M + G[best]
-    return chosen
-
-
-def _taken(chosen: list[int], offered: int) -> Array:
-    """Infinite (N,) for what is chosen: the same row again would tell of noise, not of errors.
-
-    Where nothing else is left, zero for all of it.
-    """
-    gains = np.zeros(offered)
-    if len(set(chosen)) < offered:
-        gains[chosen] = np.inf
-    return gains
-
-
-def _exchanged(
-    G: Array, start: Array, chosen: list[int], cost: Callable[[Array], Array]
-) -> list[int]:
-    """Each row exchanged for the candidate that helps most, until none does."""
-    chosen = list(chosen)
-    M = start + G[chosen].sum(axis=0)
-    now = float(cost(M[None])[0])
-    for _ in range(_PASSES):
-        before = now
-        for i, old in enumerate(chosen):
-            costs = cost(M - G[old] + G) + _taken([*chosen[:i], *chosen[i + 1 :]], len(G))
-            best = int(np.argmin(costs))
-            if costs[best] < now - numerics.TELLING * abs(now):
-                M, chosen[i], now = M - G[old] + G[best], best, float(costs[best])
-        if not now < before:
-            break
-    return chosen
-
-
-def _searched(
-    G: Array, start: Array, chosen: list[int], ways: list[Callable[[Array], Array]]
-) -> list[int]:
-    """Exchanged by one cost after the other; then again after a quarter of the rows was drawn."""
-
-    def through(rows: list[int], ways: list[Callable[[Array], Array]]) -> tuple[float, list[int]]:
-        for way in ways:
-            rows = _exchanged(G, start, rows, way)
-        return float(ways[-1]((start + G[rows].sum(axis=0))[None])[0]), rows
-
-    best, rng = through(chosen, ways), np.random.default_rng(0)
-    for _ in range(_DISTURBED // len(chosen) if len(ways) > 1 else 0):
-        rows = np.array(best[1])
-        others = np.setdiff1d(np.arange(len(G)), rows)
-        some = rng.permutation(len(rows))[: min(-(-len(rows) // 4), len(others))]
-        rows[some] = rng.permutation(others)[: len(some)]
-        best = min(best, through(rows.tolist(), ways[-2:]))
-    return best[1]
-
-
-def _by_chance(G: Array, start: Array, count: int) -> float:
-    """Largest standard deviation of candidates drawn at random: the median of many draws."""
-    rng = np.random.default_rng(0)
-    worst = [
-        _spread(start + G[rng.integers(0, len(G), count)].sum(axis=0)).max() for _ in range(_DRAWS)
-    ]
-    return float(np.median(worst))
-
-
-def _bound(G: Array, start: Array, count: int) -> tuple[float, Array]:
-    r"""What no choice of `count` candidates can beat: a lower bound of the largest deviation.
-
-    Besides, how much each candidate helps the best mixture, by parameter (N, P).
-
-    For shares mu of the parameters that add up to one, ``f = tr(diag(mu) M^-1)`` is at most
-    ``max_j (M^-1)_jj``, and convex: with ``X = M^-1 diag(mu) M^-1`` at any M every choice has at
-    least ``f^2 / (count max_i tr(X G_i) + tr(X M_0))`` [AtkinsonDonev]_. M is a mixture of
-    candidates whose shares are raised where they help; mu, where the interval is wide.
-    """
-    N, P = G.shape[:2]
-    shares, mu, best = np.full(N, 1.0 / N), np.full(P, 1.0 / P), 0.0
-    for _ in range(_BOUND_STEPS):
-        inverse = np.linalg.inv(start + count * np.einsum("i,ijk->jk", shares, G))
-        variances = inverse.diagonal()
-        f, X = float(mu @ variances), (inverse * mu) @ inverse
-        helps = np.maximum(np.einsum("ijk,jk->i", G, X), 0.0)
-        best = max(best, f * f / (count * float(helps.max()) + float(np.sum(X * start))))
-        shares = shares * np.sqrt(helps)
-        shares /= shares.sum()
-        mu = mu * np.sqrt(variances)
-        mu /= mu.sum()
-    parts = mu * np.einsum("jp,ijk,kp->ip", inverse, G, inverse, optimize=True)
-    return float(np.sqrt(best)), parts
-
-
-def _most_helpful(helps: Array, count: int) -> NDArray[np.intp]:
-    """Candidates that help most, half of them in all, half of them one of the parameters each.
-
-    Where many candidates help alike, the first alone might leave a parameter out.
-    """
-    places = np.argsort(-np.column_stack([helps.sum(axis=1), helps]), axis=0, kind="stable")
-    each = -(-count // (2 * helps.shape[1]))
-    return np.unique(np.append(places[: count // 2, 0], places[:each, 1:]))
-
-
-def _spread(M: Array) -> Array:
-    """Standard deviations from an information; infinite where it is singular."""
-    inverse = numerics.invert(M)
-    if inverse is None:
-        return np.full(len(M), np.inf)
-    return np.sqrt(np.maximum(inverse.matrix.diagonal(), 0.0))

@@ -83,7 +83,7 @@ def _how_good(plan: Plan) -> list[str]:
     )  # fmt: skip
     return [
         f"{count} of the candidates drawn at random determine {told} (median of many draws); no "
-        f"choice of {count} gives less than {plan.bound / worst:.2f} of it",
+        f"choice of {count} from the rows looked at gives less than {plan.bound / worst:.2f} of it",
     ]
 
 

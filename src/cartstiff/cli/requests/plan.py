@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +69,7 @@ class PlanRequest:
         """Rows to be measured."""
         import numpy as np
 
-        from cartstiff.identify.candidates import candidates
+        from cartstiff.identify.candidates import beside, candidates
         from cartstiff.identify.measurements import table_text
         from cartstiff.identify.plan import plan
         from cartstiff.identify.table import read_measurements
@@ -79,13 +80,14 @@ class PlanRequest:
         spreads = _deviations(of_table["deviations"], elastic)
         unknowns = unknowns_of(elastic, **request.of_unknowns(elastic))
         point = of_table["point"]
+        ranges = robot.radians(self.ranges, elastic)
         quick = elastic.mechanism.kind == "serial" and self.criterion in (None, "worst")
         offered = candidates(
             elastic, spreads, count=self.candidates or (10_000 if quick else 1000),
             mass=self.mass or 0.0, force=(self.force or 0.0) / elastic.units.newtons,
-            ranges=robot.radians(self.ranges, elastic), within=self.within, point=point,
-            load_at=of_table["load_at"],
+            ranges=ranges, within=self.within, point=point, load_at=of_table["load_at"],
         )  # fmt: skip
+        near = partial(beside, elastic, ranges=ranges, within=self.within)
         have = None
         if self.have is not None:
             have = read_measurements(self.have, elastic, **of_table)
@@ -102,7 +104,7 @@ class PlanRequest:
             q = named_values(given, elastic.names, elastic.q, "--q")
             test = elastic.mechanism.assembled(q), np.array(self.load)
         chosen = plan(unknowns, offered, self.count or 1, criterion=self.criterion or "worst",  # type: ignore[arg-type]
-                     test=test, have=have, level=request.level)  # fmt: skip
+                     test=test, have=have, beside=near, level=request.level)  # fmt: skip
         write_files((self.csv, lambda: table_text(chosen.rows, elastic, tuple(spreads))))
         return chosen.as_dict(), lambda: describe_plan(chosen)
 

@@ -1,0 +1,1 @@
+"""Which rows are chosen, and how good a choice can be."""
