@@ -114,13 +114,15 @@ def beside(
     Parameters
     ----------
     elastic : ElasticMechanism
-        As in `candidates`, and so are `ranges` and `within`.
+        As in `candidates`.
     rows : Measurements
         From `candidates`.
     share : float
         Of the ranges, by which postures are moved (standard deviation), and gauges are turned.
     rng : Generator
         Of random numbers.
+    ranges, within
+        As in `candidates`.
 
     Returns
     -------
