@@ -76,7 +76,12 @@ CASES = {
     "welds with rests": ("3-rps", [weighed, with_rests], {}),
     "sliders": ("orthoglide", [weighed], {"wrench": WRENCH}),
     "closures that repeat others": ("five-bar", [weighed], {"wrench": WRENCH}),
+    "closures that repeat others without motors": (
+        "five-bar", [without_motors, weighed], {"wrench": WRENCH}),
     "forearms that give": ("delta", [], {}),
+    "bars that give in a plane": ("3-rrr", [], {}),
+    "more motors than motions": ("4-rrr", [], {}),
+    "more motors than motions under a load": ("4-rrr", [], {"wrench": WRENCH}),
 }  # fmt: skip
 
 
@@ -148,8 +153,7 @@ def test_a_start_from_which_rounding_chooses_the_assembly_goes_to_the_engine():
     [
         ("delta", None, "shared", "links that give"),
         ("delta", weighed, "none", "beside closures"),
-        ("4-rrr", None, "none", "held coordinates"),
-        ("five-bar", without_motors, "none", "redundant closures"),
+        ("grasp", None, "none", "beside closures"),
     ],
 )
 def test_what_has_no_arithmetic_says_why(name, change, wrench, why):

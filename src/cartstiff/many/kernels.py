@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import lru_cache
+from collections.abc import Callable, Mapping
+from functools import cache, lru_cache
 from importlib.util import find_spec
 from threading import Lock
 from typing import Any, Literal
@@ -16,6 +16,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.many import portable
 from cartstiff.many.arguments import OUTPUTS, aligned_empty, recorded
 from cartstiff.many.arithmetic import ENGINE
+from cartstiff.many.chains.closed_chain import ClosedCase
 from cartstiff.many.chains.closing import close
 from cartstiff.many.plans import CLOSING, Case, Plan, known_plan, plan, program_for
 from cartstiff.many.reading_arithmetic import Readings
@@ -159,8 +160,11 @@ def lasting_path(
     return "portable"
 
 
-def _closing_kernel(taken: Plan, compiled: bool) -> Any:
-    return (_compiled_kernel if compiled else _portable_kernel)(taken.case, CLOSING)
+def _closing(taken: Plan, compiled: bool, rows: int, threads: int = 1) -> list[Callable[[], Any]]:
+    """What `close` asks for, made when it does."""
+    make = _compiled_kernel if compiled else _portable_kernel
+    ways = taken.case.ways if isinstance(taken.case, ClosedCase) else ()
+    return [cache(lambda case=case: make(case, CLOSING).workspace(rows, threads)) for case in ways]
 
 
 def assembled(elastic: ElasticMechanism, q: Array, path: Path) -> tuple[Array, NDArray[np.bool_]]:
@@ -172,8 +176,8 @@ def assembled(elastic: ElasticMechanism, q: Array, path: Path) -> tuple[Array, N
     if isinstance(taken, str) or not taken.is_closed:
         return q, np.zeros(len(q), bool)
     rows = min(len(q), CLOSED_CHUNK)
-    workspace = _closing_kernel(taken, path == "compiled").workspace(rows)
-    parts = [close(workspace, q[i : i + rows]) for i in range(0, len(q), rows)]
+    ways = _closing(taken, path == "compiled", rows)
+    parts = [close(ways, q[i : i + rows]) for i in range(0, len(q), rows)]
     return np.concatenate([at for at, _ in parts]), np.concatenate(
         [is_shut for _, is_shut in parts]
     )
@@ -223,8 +227,9 @@ def _run(
     closing = None
     if taken.is_closed:
         length = min(length, CLOSED_CHUNK)
-        steps = _closing_kernel(taken, not isinstance(kernel, portable.PortableKernel))
-        closing = steps.workspace(length, max(1, min(threads, length // LEAST_PER_THREAD)))
+        is_compiled = not isinstance(kernel, portable.PortableKernel)
+        closing = _closing(taken, is_compiled, length,
+                           max(1, min(threads, length // LEAST_PER_THREAD)))  # fmt: skip
     length = min(length, count)
     shared = {name: np.ascontiguousarray(array) for name, array in taken.shared.items()}
     if loads is not None and loads.ndim == 1:

@@ -66,8 +66,13 @@ def _samples(chain: Chain, q: Array) -> list[Array]:
     return found
 
 
-def _rows(constants: TreeConstants, samples: Sequence[Array]) -> list[tuple[int, ...]] | None:
-    """Of each tie the rows that make the closures independent; None where they differ."""
+def _rows(
+    constants: TreeConstants, samples: Sequence[Array], held: Sequence[int] = ()
+) -> tuple[tuple[tuple[int, ...], ...], list[Array], int] | None:
+    """Of each tie the rows that make the closures independent; None where they differ.
+
+    Also these rows at the samples, without columns of what is held, and how many are not zero.
+    """
     every, names = list[Array](), list[tuple[int, int]]()
     for at in samples:
         tree = TreeKinematics(constants, at.astype(object))
@@ -76,7 +81,8 @@ def _rows(constants: TreeConstants, samples: Sequence[Array]) -> list[tuple[int,
         for k, tie in enumerate(constants.ties):
             own = range(0 if tie.is_weld else 3, 6)
             about = None if tie.is_weld else tree.placed(tie.joint_b, tie.T_b)[1]
-            rows += list(tree.tied(tie, about)[list(own)].astype(float))
+            twists = np.delete(tree.tied(tie, about), held, axis=1)
+            rows += list(twists[list(own)].astype(float))
             names += [(k, i) for i in own]
         every.append(np.array(rows))
     ranks = {numerics.rank(numerics.singular_values(C)) for C in every}
@@ -85,11 +91,29 @@ def _rows(constants: TreeConstants, samples: Sequence[Array]) -> list[tuple[int,
     together = np.concatenate(every, axis=1)
     # Rows that are zero everywhere come last; of the others the first that are independent.
     kept = sorted(numerics.first_independent(_reduced(together, ranks.pop()).T).tolist())
-    for C in every:
-        if not numerics.is_regular(numerics.singular_values(C[kept])):
-            return None
-    return [tuple(i for j in kept for t, i in [names[j]] if t == k)
-            for k in range(len(constants.ties))]  # fmt: skip
+    sizes = np.abs(together).max(axis=1)
+    acting = int(np.count_nonzero(sizes > numerics.RANK * sizes.max(initial=0.0)))
+    every = [C[kept] for C in every]
+    if not all(numerics.is_regular(numerics.singular_values(C)) for C in every):
+        return None
+    return tuple(tuple(i for j in kept for t, i in [names[j]] if t == k)
+                 for k in range(len(constants.ties))), every, acting  # fmt: skip
+
+
+def _independent(chain: Chain, closures: Sequence[Array], freedoms: int) -> tuple[int, ...]:
+    """Coordinates that tell all motions: those held, or else as many without a say in closing.
+
+    Of more actuators than motions none are left out: there are no such coordinates then.
+    """
+    if len(chain.held) in (0, freedoms) or len(chain.actuated or ()) > freedoms:
+        return tuple(chain.held) if len(chain.held) == freedoms else ()
+    # What closes the chain depends on the others as far as it goes.
+    weights = np.where(np.isin(np.arange(closures[0].shape[1]), chain.held), 1e-3, 1.0)
+    dependent = numerics.first_independent(closures[0] * weights)
+    free = np.setdiff1d(np.arange(len(weights)), dependent)
+    each = (C[:, dependent] for C in closures)
+    is_regular = all(numerics.is_regular(numerics.singular_values(C)) for C in each)
+    return tuple(free.tolist()) if is_regular else ()
 
 
 def _reduced(rows: Array, rank: int) -> Array:
@@ -112,14 +136,14 @@ def closed_case(
     if not any(np.any(np.reshape(constants.screws, (-1, 6))[j, :3]) for j in way):
         return "no joint on the way to the frame turns"
     samples = _samples(chain, elastic.q)
-    rows = _rows(constants, samples) if samples else None
-    if rows is None:
-        return "the closures have no rank that most postures share"
-    n, rank = len(constants.is_length), sum(map(len, rows))
     held = tuple(chain.held)
-    if len(held) not in (0, n - rank):
-        return f"{len(held)} held coordinates do not go with {n - rank} motions that stay closed"
-    if not held and rank < len(chain.ties.rows[chain.ties.rows] if chain.ties else ()):
+    found, shut = (_rows(constants, samples, some) if samples else None for some in ((), held))
+    if found is None or shut is None:
+        return "the closures have no rank that most postures share"
+    rows, closures, acting = found
+    n, rank = len(constants.is_length), sum(map(len, rows))
+    is_freed = not held or len(held) > n - rank
+    if is_freed and acting > rank:
         return "redundant closures without actuated coordinates are closed posture by posture"
     actuated = chain.actuated
     if actuated is not None and not set(actuated) <= set(held):
@@ -144,26 +168,33 @@ def closed_case(
     if springy < set(held) and not others and elastic.gravity is None:
         return "coordinates that are held without a spring are judged posture by posture"
     acts = bool(others) or elastic.gravity is not None or bool((own & ~is_open).any())
+    # Torques and forces beside each other are shared by way of a length that is not the same there.
+    kinds = {constants.is_length[a] for a in np.flatnonzero(is_open)}
+    independent = _independent(chain, closures, n - rank)
     if not is_open.any():
         balance = "given"
-    elif set(held) and set(np.flatnonzero(is_open).tolist()) == set(held):
+    elif set(np.flatnonzero(is_open).tolist()) == set(independent):
         balance = "chosen"
     elif wrench == "none" and not acts:
         balance = "idle"
+    elif not independent and is_open.sum() >= n - rank and len(kinds) == 1:
+        balance = "chosen"
     else:
         return "what springs carry beside closures is found posture by posture"
     if n - rank > 6 and balance == "given":
         return "whether self-motions of a closed chain balance is seen posture by posture"
     return ClosedCase(
         constants,
-        None,
+        tuple(is_open.tolist()),
         wrench,
-        independent=held,
-        rows=tuple(rows),
+        held=held,
+        independent=independent,
+        rows=rows,
+        shut=shut[0],
         length=float(chain.at(samples[0]).length),
         balance=balance,
         springs=tuple(np.flatnonzero(own).tolist()),
         still=tuple(still),
         has_chart=actuated is not None and len(actuated) == 6 == n - rank,
-        is_driven=actuated is not None and len(actuated) == n - rank,
+        is_driven=actuated is not None and set(actuated) == set(independent),
     ), tuple(others)

@@ -8,13 +8,17 @@ With closures C dq = 0, dependent coordinates D and independent ones I, all moti
 
 and everything goes on as for an open chain. The reduction of `cartstiff.stiffness` is the same with
 a basis from the singular value decomposition. I are the coordinates that are held while the chain
-is closed; without any, N is orthonormal, from reflections of C^T.
+is closed, or a choice of as many as there are motions; without any, N is orthonormal, from
+reflections of C^T.
+
+Springs c whose rest positions are chosen exert the torques t nearest to ``(J_q^T W)_c`` with
+``N_c^T t = J^T W - N_s^T g_s``, g_s being what all else exerts.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,16 +49,18 @@ _CLOSED = 1.0 / numerics.LOST
 
 @dataclass(frozen=True)
 class ClosedCase(ChainCase):
-    """What acts on a closed chain; `open` is not used.
+    """What acts on a closed chain; `open` are those of `springs` whose rest position is chosen.
 
     Attributes
     ----------
     balance : {"given", "chosen", "idle"}
-        Whether springs exert what their rest positions say, those of the independent coordinates
-        carry all that acts, or nothing acts and nothing is stretched.
+        Whether springs exert what their rest positions say, those that are open carry all that
+        acts, or nothing acts and nothing is stretched.
     springs : coordinates with a spring of their own.
-    independent : coordinates I, held while the chain is closed; all closures leave as many.
+    held : coordinates that stay where they are while the chain is closed.
+    independent : coordinates I, as many as closures leave, or none.
     rows : of each tie, rows of its relative twist that are independent of all others' (0 to 5).
+    shut : of each tie, rows that are independent while `held` is held.
     length : characteristic length of the chain somewhere, for scales that decide nothing else.
     still : coordinates that are zero, and Hessian of their springs there: elsewhere the engine
         decides.
@@ -63,8 +69,10 @@ class ClosedCase(ChainCase):
     """
 
     constants: TreeConstants
+    held: tuple[int, ...] = ()
     independent: tuple[int, ...] = ()
     rows: tuple[tuple[int, ...], ...] = ()
+    shut: tuple[tuple[int, ...], ...] = ()
     length: float = 1.0
     balance: str = "idle"
     springs: tuple[int, ...] = ()
@@ -81,6 +89,16 @@ class ClosedCase(ChainCase):
     def freedoms(self) -> int:
         """How many motions stay closed."""
         return len(self.constants.is_length) - sum(map(len, self.rows))
+
+    @property
+    def ways(self) -> tuple[ClosedCase, ...]:
+        """Whose steps close the chain, one after the other as long as they end in vain.
+
+        More coordinates than there are motions can be held in few postures; in others none is.
+        """
+        if len(self.held) <= self.freedoms:
+            return (self,)
+        return self, replace(self, held=(), shut=self.rows)
 
 
 class _ClosedChain(ChainNumbers):
@@ -187,25 +205,43 @@ class _ClosedChain(ChainNumbers):
             hessian[np.ix_(indices, indices)] = np.reshape(flat, (len(indices), -1))
         stiffness = tape.vector("stiffness", len(self.q))
         rest = tape.vector("rest", len(self.q))
+        chosen = [
+            a for a in case.springs if case.balance == "chosen" and case.open and case.open[a]
+        ]
         for a in case.springs:
             hessian[a, a] = hessian[a, a] + stiffness[a]
-            if case.balance == "given" or (case.balance == "chosen" and a not in case.independent):
+            if case.balance != "idle" and a not in chosen:
                 stretch = self.q[a] - rest[a]
                 energy = energy + stiffness[a] * stretch * stretch * 0.5
                 gradient[a] = gradient[a] + stiffness[a] * stretch
         if case.balance == "chosen":
             # The springs carry what the closures pass on to them.
-            D, free = case.dependent, list(case.independent)
-            wanted = -(self.N[D].T @ gradient[D])
+            settled = [a for a in range(len(self.q)) if a not in chosen]
+            wanted = -(self.N[settled].T @ gradient[settled])
             if self.W is not None:
                 wanted = wanted + self.J.T @ self.W
-            for a, torque in zip(free, wanted, strict=True):
+            if chosen != list(case.independent):
+                wanted = self._nearest(chosen, wanted)
+            for a, torque in zip(chosen, wanted, strict=True):
                 own = torque - gradient[a]
                 energy = energy + own * own / stiffness[a] * 0.5
                 gradient[a] = torque
         self.energy = energy
         self.gradient = self.N.T @ gradient
         self.hessian = congruence(self.N, hessian) + self._turning(self._multipliers(-gradient))
+
+    def _nearest(self, chosen: list[int], wanted: Array) -> Array:
+        """The torques (c,) nearest to those of the wrench with ``N_c^T t = wanted``."""
+        sizes = np.array([self.case.length if self.case.constants.is_length[a] else 1.0
+                          for a in chosen])  # fmt: skip
+        own = zeros(len(chosen)) if self.W is None else self.J_q[:, chosen].T @ self.W
+        N = self.N[chosen] / sizes[:, None]
+        gram = congruence(N, np.eye(len(chosen)))
+        L, inverses, _ = positive_factor(gram)
+        inverse_gram = congruence(below(L, np.eye(self.n)), np.diag(inverses))
+        condition = norm_squared(gram) * norm_squared(inverse_gram)
+        self.verdict = larger(self.verdict, limited(condition, JACOBIAN_CONDITION**2))
+        return own + N @ (inverse_gram @ (wanted - self.N[chosen].T @ own)) / sizes
 
     def load(self) -> Array | None:
         """The wrench where it is known beforehand."""

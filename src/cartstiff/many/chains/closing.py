@@ -11,6 +11,7 @@ of a point are the twist about a. Each step is limited as there.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -83,7 +84,7 @@ def closing_arrays(tape: Tape, case: ClosedCase) -> dict[str, Array]:
     columns = np.array([length if d else 1.0 for d in constants.is_length], object)
     verdict: Scalar = PLAIN
     residuals, every, rates = list[Array](), list[Array](), list[Array]()
-    for tie, rows in zip(constants.ties, case.rows, strict=True):
+    for tie, rows in zip(constants.ties, case.shut, strict=True):
         if tie.is_weld:
             xi, J, doubt = _weld(tree, tie)
             verdict = larger(verdict, doubt)
@@ -95,22 +96,22 @@ def closing_arrays(tape: Tape, case: ClosedCase) -> dict[str, Array]:
         rates.append(J[list(rows)])
     missed, C = np.concatenate(residuals), np.concatenate(rates)
     step = zeros(n)
-    if case.independent:
-        D = case.dependent
-        sizes = columns[D]
-        scaled = C[:, D] * sizes
+    D = [j for j in range(n) if j not in case.held]
+    sizes = columns[D]
+    scaled = C[:, D] * sizes
+    if len(D) == len(C):
         # A vector in no particular direction tells whether rounding would choose the assembly.
         probe = np.cos(np.arange(1.0, 1.0 + len(D)))
         found = solution(scaled, np.column_stack([-missed, probe]))
         step[D] = found[:, 0]
         size = norm_squared(found[:, 1]) / len(D) * norm_squared(scaled)
     else:
-        Q = reflections((C * columns).T)
+        Q = reflections(scaled.T)
         inverse_R = upper_inverse(Q.R)
-        y = zeros(n)
+        y = zeros(len(D))
         y[: len(Q.R)] = inverse_R.T @ -missed
         size = norm_squared(Q.R) * norm_squared(inverse_R)
-        step = Q.apply(y)
+        step[D] = Q.apply(y)
     verdict = larger(verdict, limited(size, JACOBIAN_CONDITION**2))
     long = largest(step)
     step = step * columns * pick(long, LONGEST_STEP, 1.0, LONGEST_STEP / long)
@@ -119,15 +120,20 @@ def closing_arrays(tape: Tape, case: ClosedCase) -> dict[str, Array]:
     return {"next": np.append(moved, moved[: n % 2]), "left": left}
 
 
-def close(workspace: Any, q: Array) -> tuple[Array, NDArray[np.bool_]]:
+def close(ways: Sequence[Callable[[], Any]], q: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Coordinates that close the chain from q (N, n), and where they do.
 
-    `workspace` runs the program of `closing_arrays` on as many rows. Where the engine would go on,
-    or end elsewhere, the coordinates stay those given.
+    `ways` give what runs the programs of `closing_arrays` of `ClosedCase.ways` on as many rows.
+    Where the engine would go on, or end elsewhere, the coordinates stay those given.
     """
-    found, is_closed = q.copy(), np.zeros(len(q), bool)
-    _close(workspace, found, is_closed)
-    found[~is_closed] = q[~is_closed]
+    found, is_closed, which = q.copy(), np.zeros(len(q), bool), np.arange(len(q))
+    for workspace in ways:
+        if not which.size:
+            break
+        at, done, is_vain = q[which], np.zeros(len(which), bool), np.zeros(len(which), bool)
+        _close(workspace(), at, done, is_vain)
+        found[which[done]], is_closed[which[done]] = at[done], True
+        which = which[is_vain]
     return found, is_closed
 
 
@@ -142,7 +148,10 @@ def is_shut(size: Any, step: Any, length: Any, before: Any) -> Any:
     )
 
 
-def _close(workspace: Any, q: Array, is_closed: NDArray[np.bool_]) -> None:
+def _close(
+    workspace: Any, q: Array, is_closed: NDArray[np.bool_], is_vain: NDArray[np.bool_]
+) -> None:
+    """Take steps from q, in place; where they close the chain, and where they end in vain."""
     n, which, before = q.shape[1], np.arange(len(q)), np.full(len(q), np.inf)
     best, futile = before, np.zeros(len(q), int)
     for _ in range(STEPS):
@@ -154,7 +163,9 @@ def _close(workspace: Any, q: Array, is_closed: NDArray[np.bool_]) -> None:
         is_closed[which[done]] = True
         futile = np.where(size < 0.9 * best, 0, futile + 1)
         goes_on = ~done & (doubt == PLAIN) & np.isfinite(step)
-        goes_on &= (futile < FUTILE) | (step >= LONGEST_STEP)
+        vain = goes_on & ((step <= numerics.STILL) | (futile >= FUTILE) & (step < LONGEST_STEP))
+        is_vain[which[vain]] = True
+        goes_on &= ~vain
         which, before, futile = which[goes_on], size[goes_on], futile[goes_on]
         best = np.minimum(best[goes_on], before)
         if not which.size:
