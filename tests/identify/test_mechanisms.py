@@ -262,6 +262,8 @@ def test_repeats_show_what_the_model_does_not_explain(tmp_path):
     assert (worst.kind, worst.name) == ("backlash", "j2")
     assert worst.size == pytest.approx(2e-4, rel=0.3)
     assert {"lack-of-fit", "residual-pattern"} <= {n.code for n in result.notes}
+    told = next(n for n in result.notes if n.code == "residual-pattern")
+    assert " rad" in told.message
 
 
 def test_leave_one_posture_out_is_what_leaving_out_gives(tmp_path):

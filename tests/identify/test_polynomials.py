@@ -116,6 +116,10 @@ def test_the_file_written_has_the_polynomial(tmp_path, capfd):
             main([*map(str, arguments), *more, "-o", str(tmp_path / "found.yaml")])
         out, err = capfd.readouterr()
         assert exit_.value.code == 0, err
+        if not more:  # a coefficient stands with its interval, in its unit
+            [row] = [line.split() for line in out.splitlines() if line.strip().startswith("j2 x^3")]
+            assert float(row[3]) < float(row[2]) < float(row[4])
+            assert (row[5:7], row[-1]) == (["N", "m/rad^3"], "coefficient")
     shown = {e["name"]: e for e in json.loads(out)["parameters"]}
     assert shown["j2 x^3"]["stiffness"] is None
     assert shown["j2 x^3"]["compliance"] == pytest.approx(TRUE[2], rel=0.02)

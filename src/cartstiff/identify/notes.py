@@ -9,7 +9,7 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import CartstiffError
-from cartstiff.identify.columns import POSITION
+from cartstiff.identify.columns import POSITION, ROTATION, TURN
 from cartstiff.identify.linear_model import LinearModel, small_loads
 from cartstiff.identify.loaded_model import LoadedModel, needs_equilibrium
 from cartstiff.identify.observations import EARTH
@@ -256,11 +256,19 @@ def _doubts(result: Identification) -> list[Note]:
         notes.append(Note("lack-of-fit", words, {"probability": checks.lack_of_fit}))
     meaning = {
         "backlash": "a play or friction of {size} in {name}",
-        "stiffening": "a compliance of {name} that changes with its torque ({size} per unit)",
+        "stiffening": "a compliance of {name} that changes with its torque ({size})",
         "drift": "a drift of {size} per second in {name}",
     }
+    elements, units = result.unknowns.elements, result.elastic.units
     for p in checks.patterns:
-        what = meaning[p.kind].format(size=f"{p.size:.3g}", name=p.name)
+        if p.kind == "drift":
+            unit = units.angle if p.name in (*ROTATION, *TURN) else units.length
+        else:
+            is_length = bool(elements.is_length[elements.index(p.name)])
+            unit = units.coordinate(is_length)
+            if p.kind == "stiffening":
+                unit += f"/({units.effort(is_length)})^2"
+        what = meaning[p.kind].format(size=f"{p.size:.3g} {unit}", name=p.name)
         words = f"the residuals look like {what} (probability {p.probability:.2g} without)"
         notes.append(Note("residual-pattern", words, vars(p)))
     if result.degrees < _FEW:

@@ -66,9 +66,14 @@ def _row(e: Estimate, robust: float) -> tuple[str, ...]:
     }[e.verdict]  # fmt: skip
     if e.verdict == "not-identifiable":
         return (e.name, "-", "-", "-", e.unknown.unit, "-", "-", "-", words)
+    if e.unknown.law is not None and not e.unknown.has_stiffness and e.interval is not None:
+        low, high = e.interval
+        return (e.name, number(e.compliance), number(low), number(high), e.unknown.unit, "-",
+                number(e.deviation, 3), number(robust), "coefficient")  # fmt: skip
     k = robust if not e.unknown.has_stiffness else 1.0 / robust if robust > 0.0 else None
     return (
-        e.name, number(e.stiffness), number(low), number(high, missing="no end"), e.unknown.unit,
+        e.name, number(e.stiffness), number(low),
+        number(high, missing="no end" if e.unknown.has_stiffness else "-"), e.unknown.unit,
         number(e.compliance), number(e.deviation, 3), number(k), words,
     )  # fmt: skip
 
