@@ -61,13 +61,15 @@ Interrupted or killed, the same command with the same -o goes on where it stoppe
               help="Most designs of the Pareto front that the text lists.")  # fmt: skip
 @click.option("--workers", type=click.IntRange(1, 1024), default=1, metavar="N", show_default=True,
               help="Processes, each with whole designs.")  # fmt: skip
+@click.option("--scheduler", metavar="ADDRESS",
+              help="Use the workers of a running Dask scheduler.")  # fmt: skip
 @progress_option
 @json_option
 def command(
     study: Path, tcp: list[float] | None, gravity: list[float] | None,
     payload: list[float] | None, units: dict[str, str] | None, wrench: list[float] | None,
     applied: LoadRequest, output: Path | None, table: Path | None, plot: Path | None, best: int,
-    workers: int, progress: bool | None, as_json: bool,
+    workers: int, scheduler: str | None, progress: bool | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Sweep or optimise the parameters of a mechanism file, as STUDY.yaml says.
 
@@ -86,7 +88,8 @@ def command(
 
     try:
         with Progress("designs", progress) as bar:
-            designs = design(study, given=given, output=output, workers=workers, progress=bar)
+            designs = design(study, given=given, output=output, workers=workers,
+                             scheduler=scheduler, progress=bar)  # fmt: skip
     except KeyboardInterrupt:
         kept = "" if output is None else f"; what is done is in {output}"
         say(f"cartstiff: interrupted{kept}", error=True)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import multiprocessing
+import pickle
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +20,8 @@ from cartstiff.designs.record import Record, digest_of
 from cartstiff.designs.results import Designs
 from cartstiff.designs.search import search
 from cartstiff.errors import CartstiffError, InputError
+from cartstiff.maps.cluster import shared_out
 from cartstiff.mechanisms.weighed import weighed
-
-_HERE: dict[str, Evaluation] = {}
 
 
 def design(
@@ -29,6 +30,7 @@ def design(
     given: Mapping[str, Any] | None = None,
     output: str | Path | None = None,
     workers: int = 1,
+    scheduler: str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Designs:
     """Vary the parameters of a mechanism and judge every design over its poses.
@@ -44,6 +46,9 @@ def design(
         File of JSON lines that keeps every finished design; one that exists is gone on with.
     workers : int
         Processes. Each looks at whole designs; the result does not depend on it.
+    scheduler : str, optional
+        Address of a running Dask scheduler, whose workers look at the designs instead; they see the
+        mechanism's file under the same path.
     progress : callable, optional
         Called with the number of designs that are done, and of all.
 
@@ -71,6 +76,10 @@ def design(
     count = int(checked_number(workers, "number of workers"))
     if count < 1:
         raise InputError("number of workers cannot be used", expected="1 or more", got=count)
+    if scheduler is not None and (count > 1 or asked.method.kind == "local"):
+        raise InputError("a scheduler has its own workers" if count > 1 else
+                         "a local search looks at one design after the other",
+                         where="scheduler", expected="no workers, and another method")  # fmt: skip
     evaluation = Evaluation(asked, folder)
     better = {name: evaluation.better(name) for name in asked.objectives}
     record = Record(None if output is None else Path(output), digest_of(asked, folder))
@@ -78,15 +87,18 @@ def design(
 
     with ExitStack() as stack:
         pool = None
-        if count > 1 and asked.method.kind != "local":
-            pool = stack.enter_context(_pool(study, given, min(count, asked.size)))
+        if scheduler is not None:
+            pool = stack.enter_context(shared_out(scheduler))
+        elif count > 1 and asked.method.kind != "local":
+            pool = stack.enter_context(_pool(min(count, asked.size)))
+        one = evaluation if pool is None else partial(_one, pickle.dumps((asked, folder.resolve())))
 
         def evaluate(points: Sequence[Mapping[str, float]]) -> list[Design]:
             nonlocal done
             missing = [point for point in points if point not in record]
             missing = list({tuple(p.items()): p for p in missing}.values())
             done += len(points) - len(missing)
-            for finished in _evaluated(missing, evaluation, pool):
+            for finished in _evaluated(missing, one, pool):
                 record.add(finished)
                 done += 1
                 if progress is not None:
@@ -104,13 +116,10 @@ def design(
 
 
 def _evaluated(
-    points: Sequence[Mapping[str, float]], evaluation: Evaluation, pool: Any
+    points: Sequence[Mapping[str, float]], one: Callable[[Mapping[str, float]], Design], pool: Any
 ) -> Iterator[Design]:
-    if pool is None or len(points) < 2:
-        yield from map(evaluation, points)
-        return
     try:
-        yield from pool.map(_one, points)
+        yield from (map if pool is None else pool.map)(one, points)
     except BrokenProcessPool:
         raise CartstiffError(
             "the processes that looked at the designs died; what is done is kept in the output, "
@@ -119,19 +128,21 @@ def _evaluated(
         ) from None
 
 
-def _pool(study: Any, given: Any, workers: int) -> ProcessPoolExecutor:
+def _pool(workers: int) -> ProcessPoolExecutor:
     context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(workers, context, _begin, (study, given))
+    # The parent ends the pool.
+    return ProcessPoolExecutor(workers, context, signal.signal, (signal.SIGINT, signal.SIG_IGN))
 
 
-def _begin(study: Any, given: Any) -> None:
-    """In a process of the pool."""
+@lru_cache(maxsize=2)
+def _evaluation(job: bytes) -> Evaluation:
+    """Of a study and its folder, once in each process."""
     from threadpoolctl import threadpool_limits
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends the pool
     threadpool_limits(1)
-    _HERE["evaluation"] = Evaluation(*read_study(study, given))
+    return Evaluation(*pickle.loads(job))
 
 
-def _one(parameters: Mapping[str, float]) -> Design:
-    return _HERE["evaluation"](parameters)
+def _one(job: bytes, parameters: Mapping[str, float]) -> Design:
+    """One design, in another process."""
+    return _evaluation(job)(parameters)
