@@ -185,6 +185,18 @@ def test_long_questions_do_not_hold_up_short_ones(tab):
     assert order == [2, 1]
 
 
+def test_long_questions_rest_while_a_hand_moves_something(tab, monkeypatch):
+    """However long one posture of theirs takes: no picture waits for it, on no tab of the page."""
+    monkeypatch.setattr(tabs_of, "_HAND", 1e9)
+    one, other = tab(), tab()
+    other.ask({"id": 1, "do": "draw"})
+    one.send({"id": 1, "do": "sweep", "coordinate": 0, "steps": 2})
+    for number in range(2, 60):
+        assert one.ask({"id": number, "do": "draw"})["id"] == number
+    monkeypatch.setattr(tabs_of, "_HAND", 0.0)
+    assert one.read()["id"] == 1
+
+
 def test_of_long_questions_the_newest_is_answered_and_the_others_are_told(tab):
     one = tab()
     for number in (1, 2, 3):

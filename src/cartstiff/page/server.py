@@ -13,6 +13,7 @@ import socket
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -124,6 +125,7 @@ class PageServer:
         self.picture = Picture if picture is None else picture
         self.tabs: set[TabSocket] = set()
         self.exporting: TabSocket | None = None
+        self.drawn = -inf  # when a picture was asked for last
         self.files = page_files()
         token = secrets.token_urlsafe(24) if token is None else token
         application = Gate(

@@ -34,8 +34,11 @@ MOST_MESSAGES = 2000
 _MOST_WAITING = 16
 # Longest time (s) without a look at other tabs while a long question is answered.
 _SLICE = 0.004
-# Between two looks (s) whether another tab's export has ended.
+# Between two looks (s) whether another tab's export has ended, or a hand rests.
 _PATIENCE = 0.05
+# Pictures that follow each other faster than this (s) are asked for by a hand. Long questions rest
+# meanwhile: one posture of theirs may take longer than the next picture should.
+_HAND = 0.25
 # Close code of a socket that is one too many; the page knows it.
 _FULL = 4029
 # Bytes in a message: an answer that is larger comes in pieces behind its size, and the page shows
@@ -120,7 +123,7 @@ class TabSocket(Guarded, WebSocketHandler):
             self.push(refusal(error, _number(text)))
             return
         if isinstance(message, Draw):
-            self._drawing = message
+            self._drawing, self._page.drawn = message, now
         elif isinstance(message, (Sweep, Series, Export)):
             kind = "export" if isinstance(message, Export) else "curves"
             if kind in self._long:
@@ -183,7 +186,7 @@ class TabSocket(Guarded, WebSocketHandler):
         elif self._quick:
             message = self._quick.popleft()
         elif self._long:
-            return self._slice(session)
+            return None if self._waits() else self._slice(session)
         else:
             self._awake.clear()
             return None
@@ -201,13 +204,15 @@ class TabSocket(Guarded, WebSocketHandler):
         return replace(answer, data=answer.data | {"script": name})
 
     def _waits(self) -> bool:
-        """Whether all that is asked is a file, and another tab's is being made.
+        """Whether what is asked is long and a hand moves something, or another tab's file is made.
 
         A file's frames are held until it is complete: one at a time bounds what all take.
         """
-        if self._pushed or self._drawing or self._quick or list(self._long) != ["export"]:
+        if self._pushed or self._drawing or self._quick or not self._long:
             return False
-        return self._page.exporting not in (None, self)
+        if time.monotonic() - self._page.drawn < _HAND:
+            return True
+        return list(self._long) == ["export"] and self._page.exporting not in (None, self)
 
     def _stop_exporting(self) -> None:
         if self._page.exporting is self:
