@@ -360,6 +360,14 @@ def test_the_address_holds_the_state(serve, pages):
     q = page.evaluate("() => window.cartstiff.numbers.result.q")
     assert q[0] > 0
     assert page.get_attribute('[data-value="A"]', "aria-checked") == "true"
+    # Another address in the same tab has its camera and its units, too.
+    page.evaluate("() => { location.hash = 'camera=2,1.5,1,0,0.5,0&lengths=mm&angles=rad'; }")
+    page.wait_for_function("() => window.cartstiff.fine === 'mm'")
+    settled(page)
+    seen = page.evaluate("() => window.cartstiff.pane.view")
+    assert seen == pytest.approx([2, 1.5, 1, 0, 0.5, 0])
+    assert page.evaluate("() => window.cartstiff.angle") == "rad"
+    assert page.evaluate("() => window.cartstiff.numbers.result.q") == [0.0] * 6
     # What cannot be read is left out; what cannot be shown is said, and the start shown instead.
     # From elsewhere: the page that is open may write its own state into the address meanwhile.
     address = page.url.split("#")[0]

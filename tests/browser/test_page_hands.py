@@ -220,3 +220,42 @@ def test_ends_of_ranges_are_rings_while_the_tool_is_held(serve, pages):
     settled(page)
     assert page.evaluate(ENDS) == []
     page.context.close()
+
+
+def test_curves_are_zoomed_by_wheel_and_by_keys(serve, pages, tmp_path):
+    page = pages.open(serve("ur5").url)
+    page.wait_for_selector("#strip .plot .curve-2")
+
+    def ends() -> list[float]:
+        words = page.locator("#strip .plot text").all_text_contents()
+        found = [float(one[:-1].replace("\u2212", "-")) for one in words if one.endswith("°")]
+        return [found[0], found[-1]]
+
+    assert ends() == pytest.approx([-180, 180], abs=0.1)
+    box = page.locator("#strip .plot").first.bounding_box()
+    page.mouse.move(box["x"] + 0.7 * box["width"], box["y"] + 0.5 * box["height"])
+    said = page.inner_text(".reading").split(":")[0]
+    for _ in range(8):
+        page.mouse.wheel(0, -100)
+    page.wait_for_function("() => !document.querySelector('#strip button[title*=whole]')?.hidden")
+    page.wait_for_timeout(100)
+    low, high = ends()
+    assert high - low == pytest.approx(360 / 1.25**8, rel=0.02)
+    at = float(said.strip("°").replace("\u2212", "-"))  # what was pointed at stays there
+    assert low < at < high
+    assert (at - low) / (high - low) == pytest.approx((at + 180) / 360, abs=0.05)
+    with page.expect_download() as download:
+        page.select_option("select[aria-label='Save the plot']", "png3")
+    download.value.save_as(tmp_path / "plot.png")
+    width = int.from_bytes((tmp_path / "plot.png").read_bytes()[16:20], "big")
+    assert width == pytest.approx(3 * box["width"], abs=3)
+    page.dblclick("#strip .plot", position={"x": 200, "y": 30})
+    assert ends() == pytest.approx([-180, 180], abs=0.1)
+    settled(page)
+    page.focus("#time")
+    page.keyboard.press("+")
+    low, high = ends()
+    assert high - low == pytest.approx(360 / 1.25, rel=0.01)
+    page.keyboard.press("-")
+    assert ends() == pytest.approx([-180, 180], abs=0.1)
+    page.context.close()

@@ -54,7 +54,7 @@ export function shortcuts(store, parts) {
       el("dl", { class: "keys" }, ...keys.flatMap(([key, words]) => [el("dt", {}, el("kbd", {}, key)), el("dd", {}, words)]),
         el("dt", {}, el("kbd", {}, "← →")), el("dd", {}, "on a slider: a degree or half a per cent; Shift a tenth, PageUp ten"),
         el("dt", {}, el("kbd", {}, "Tab")), el("dd", {}, "next control; arrows within a group or the matrix")),
-      el("p", { class: "dim small" }, "Mouse in the picture: left turns, right moves, wheel zooms; the ball at M and its arms move the tool, its rings turn it (Shift: in steps of 5°), the balls at the load's arrows pull them, the ring about the moment's line makes it larger or smaller (Alt: without snapping); a point of a map that is clicked becomes the posture. Arrow keys turn the view, + and − zoom."),
+      el("p", { class: "dim small" }, "Mouse in the picture: left turns, right moves, wheel zooms; the ball at M and its arms move the tool, its rings turn it (Shift: in steps of 5°), the balls at the load's arrows pull them, the ring about the moment's line makes it larger or smaller (Alt: without snapping); a point of a map that is clicked becomes the posture. Arrow keys turn the view, + and − zoom. The wheel zooms curves, as + and − do on their slider."),
       el("p", { class: "dim small" }, `cartstiff ${store.hello.version}`));
     dialog.showModal();
   }

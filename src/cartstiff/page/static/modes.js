@@ -1,8 +1,9 @@
 // Modes in a table, played in the picture, and the response of the body over frequency.
 
 import { byId, el, short } from "./dom.js";
+import { svg } from "./grid.js";
 import { CLOSE } from "./numerics.js";
-import { MARGIN, svg } from "./strip.js";
+import { MARGIN } from "./strip.js";
 
 const SHARES = [[0.02, "2 %"], [0.05, "5 %"], [0.1, "10 %"], [0.2, "20 %"]];
 // Seconds of one swing on the screen, whatever its frequency.

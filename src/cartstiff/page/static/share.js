@@ -90,6 +90,14 @@ export function sharing(store) {
     html);
   store.on("hello", () => { html.hidden = !store.source.live; });
 
+  /** Units and camera as an address has them. */
+  function lookAs(asked) {
+    store.readIn(asked.get("lengths"));
+    store.tell("angles", asked.get("angles") === "rad" ? "rad" : "deg");
+    const view = (asked.get("camera") ?? "").split(",").map(Number);
+    if (view.length === 6 && view.every(Number.isFinite)) store.pane.view = view;
+  }
+
   let timer = null;
   let applied = false;
   store.on("hello", (hello) => {
@@ -106,10 +114,7 @@ export function sharing(store) {
       return found;
     };
     for (const [key, text] of asked) if (/^kept[ABC]$/.test(key)) store.keeps[key[4]] = { ...structuredClone(hello.state), ...read(text) };
-    store.readIn(asked.get("lengths"));
-    if (asked.get("angles") === "rad") store.tell("angles", "rad");
-    const view = (asked.get("camera") ?? "").split(",").map(Number);
-    if (view.length === 6 && view.every(Number.isFinite)) store.pane.view = view;
+    lookAs(asked);
     const wishes = read(hash);
     const frame = asked.get("frame");
     if (frame && frame !== hello.mechanism.frame && store.source.live) {
@@ -137,6 +142,9 @@ export function sharing(store) {
   store.on("rows", () => store.numbers && settle());
   store.on("units", () => store.numbers && settle());
   window.addEventListener("hashchange", () => {
+    const asked = new URLSearchParams(location.hash.slice(1));
+    if ([...asked.keys()].some((key) => /^(frame|kept[ABC])$/.test(key))) return location.reload();
+    lookAs(asked);
     const wishes = fromHash(location.hash, store.hello.state);
     store.change({ ...store.hello.state, theme: store.state.theme, ...wishes });
     store.compareWith(wishes.ghost);

@@ -4,23 +4,17 @@ import { byId, choice, clamp, download, el, short } from "./dom.js";
 import { FINE } from "./deflection.js";
 import { heat } from "./heat.js";
 import { BLANK } from "./numerics.js";
+import { grid, lettered, svg } from "./grid.js";
 import { drawing, provenance, saveDrawing, table } from "./plotfiles.js";
 
-const SVG = "http://www.w3.org/2000/svg";
 export const MARGIN = { left: 52, right: 12, top: 8, bottom: 18 };
-// A plot less wide than this (dots) has fewer words below.
-const NARROW = 420;
 // What of a state curves depend on, besides the posture.
 const OF = ["connection", "quantity", "point", "axes", "stiffness", "load", "load_axes", "load_kind", "load_at", "gravity", "payload", "command"];
+// Share of a curve that is seen at least (a step of a sweep is 1/60), and the factor of one step towards that.
+const LEAST_SEEN = 0.02;
+const CLOSER = 1.25;
 // A sweep that took longer than this (s) is not repeated by itself.
 const QUICK = 1;
-
-export function svg(tag, attributes = {}, ...children) {
-  const node = document.createElementNS(SVG, tag);
-  for (const [name, value] of Object.entries(attributes)) node.setAttribute(name, value);
-  node.append(...children);
-  return node;
-}
 
 export function strip(store) {
   let series = null; // {kind, coordinate, at, rows, key, others}
@@ -30,6 +24,7 @@ export function strip(store) {
   let asked = null;
   let timer = null;
   let slow = false;
+  let seen = null; // ends of what is seen of the series, null for all of it
 
   const what = el("select", { "aria-label": "Along what", onchange: () => {
     request(true);
@@ -37,9 +32,9 @@ export function strip(store) {
     map.request();
   } });
   const [freedoms, chooseFreedom] = choice("Values of", [
+    ["deflection", "deflection", "How far the load moves the reference point"],
     ["translation", "translation", "Principal values of translation"],
-    ["rotation", "rotation", "Principal values of rotation"],
-    ["deflection", "deflection", "How far the load moves the reference point"]], (value) => {
+    ["rotation", "rotation", "Principal values of rotation"]], (value) => {
     freedom = value;
     chooseFreedom(value);
     draw();
@@ -54,21 +49,31 @@ export function strip(store) {
     read: (event, words) => tell(event, words),
   });
   const play = el("button", { type: "button", class: "play", title: "Play or pause (p)", "aria-label": "Play", onclick: () => toggle() }, "▶");
-  const time = el("input", { type: "range", id: "time", min: 0, max: 1, step: 1, value: 0, "aria-label": "Time" });
+  const time = el("input", { type: "range", id: "time", min: 0, max: 1, step: 1, value: 0, "aria-label": "Time", title: "+ and \u2212 zoom the curves here" });
+  const whole = el("button", { type: "button", class: "quiet", hidden: true, title: "The whole of the curves (double click)", onclick: () => zoom(0) }, "whole");
   const label = el("span", { class: "num small time-label" });
   const again = el("button", { type: "button", class: "quiet", hidden: true, title: "The posture or the load has changed since this was computed", onclick: () => request(true) }, "↻ compute");
   const save = el("select", { "aria-label": "Save the plot", class: "save", title: "The plot as a file, with what it shows", onchange: () => keep(save.value) },
-    ...[["", "Save"], ["svg", "SVG"], ["csv", "CSV"], ["png1", "PNG"], ["png2", "PNG × 2"], ["png4", "PNG × 4"]].map(([value, text]) => el("option", { value }, text)));
+    ...[["", "Save"], ["svg", "SVG"], ["csv", "CSV"], ["png1", "PNG"], ["png2", "PNG × 2"], ["png3", "PNG × 3"], ["png4", "PNG × 4"]].map(([value, text]) => el("option", { value }, text)));
   const reading = el("div", { class: "tip reading", role: "status", hidden: true });
   const plot = svg("svg", { role: "img", class: "plot", "aria-label": "no curves yet" });
   const cursor = svg("line", { class: "cursor" });
   byId("strip").append(
-    el("div", { class: "row" }, el("span", { class: "dim" }, "Along"), what, map.select, freedoms, again,
+    el("div", { class: "row" }, el("span", { class: "dim" }, "Along"), what, map.select, freedoms, again, whole,
       el("span", { class: "grow" }), label),
     el("div", { class: "plots" }, plot, map.plot), reading,
     el("div", { class: "row time-row" }, play, time, save));
 
   time.addEventListener("input", () => go(time.valueAsNumber));
+  time.addEventListener("keydown", ({ key: pressed }) => {
+    if (series && "+=-".includes(pressed)) zoom(pressed === "-" ? 1 / CLOSER : CLOSER, series.at[position]);
+  });
+  plot.addEventListener("wheel", (event) => {
+    if (!series || event.ctrlKey) return;
+    event.preventDefault();
+    zoom(event.deltaY < 0 ? CLOSER : 1 / CLOSER, under(event));
+  }, { passive: false });
+  plot.addEventListener("dblclick", () => zoom(0));
   plot.addEventListener("pointerdown", (event) => {
     if (!series) return;
     plot.setPointerCapture(event.pointerId);
@@ -130,11 +135,28 @@ export function strip(store) {
     saveDrawing(kind, name, drawing(plot, lines, legend));
   }
 
-  function nearest(event) {
+  const ends = () => seen ?? [series.at[0], series.at.at(-1)];
+
+  /** See so many times less of the series, about a place that stays where it is; 0: all. */
+  function zoom(times, at) {
+    if (!series) return;
+    const [[low, high], [first, last]] = [ends(), [series.at[0], series.at.at(-1)]];
+    const size = Math.max(LEAST_SEEN * (last - first), (high - low) / times);
+    const start = clamp(at - ((at - low) * size) / (high - low), first, last - size);
+    seen = size < last - first ? [start, start + size] : null;
+    draw();
+  }
+
+  /** Where along the series a pointer is. */
+  function under(event) {
     const box = plot.getBoundingClientRect();
     const share = (event.clientX - box.left - MARGIN.left) / (box.width - MARGIN.left - MARGIN.right);
-    const [first, last] = [series.at[0], series.at.at(-1)];
-    const wanted = first + clamp(share, 0, 1) * (last - first);
+    const [first, last] = ends();
+    return first + clamp(share, 0, 1) * (last - first);
+  }
+
+  function nearest(event) {
+    const wanted = under(event);
     let best = 0;
     series.at.forEach((x, i) => { if (Math.abs(x - wanted) < Math.abs(series.at[best] - wanted)) best = i; });
     return best;
@@ -217,13 +239,14 @@ export function strip(store) {
     asked = wanted;
     const [kind, index] = what.value.split(":");
     plot.classList.add("computing");
-    if (!series) plot.replaceChildren(text(MARGIN.left, MARGIN.top + 24, "computing …", "start", "nothing"));
+    if (!series) plot.replaceChildren(lettered(MARGIN.left, MARGIN.top + 24, "computing …", "start", "nothing"));
     try {
       let seconds = 0;
       for (const refined of kind === "sweep" && store.source.live ? [false, true] : [true]) { // the first look need not wait
         const answer = await store.ask(kind === "series" ? { do: "series" } : { do: "sweep", coordinate: Number(index), steps: 61, refined });
         if (asked !== wanted) return;
         series = { kind, coordinate: Number(index), at: answer.at, rows: answer.rows, key: refined && wanted, others: [] };
+        if (seen && (seen[0] < answer.at[0] || seen[1] > answer.at.at(-1))) seen = null;
         slow = (seconds += answer.seconds) > QUICK;
         again.hidden = true;
         time.max = series.at.length - 1;
@@ -268,7 +291,9 @@ export function strip(store) {
     time.setAttribute("aria-valuetext", atText(series.at[position]));
     const exact = series.kind === "sweep" ? store.state.q[series.coordinate] : series.at[position];
     label.textContent = atText(exact);
-    const x = placeX(clamp(exact, series.at[0], series.at.at(-1)), width);
+    const [first, last] = ends();
+    const x = placeX(clamp(exact, first, last), width);
+    cursor.style.display = exact < first || exact > last ? "none" : "";
     cursor.setAttribute("x1", x);
     cursor.setAttribute("x2", x);
     cursor.setAttribute("y1", MARGIN.top);
@@ -276,7 +301,7 @@ export function strip(store) {
   }
 
   function placeX(x, width) {
-    const [first, last] = [series.at[0], series.at.at(-1)];
+    const [first, last] = ends();
     return MARGIN.left + ((x - first) / (last - first || 1)) * (width - MARGIN.left - MARGIN.right);
   }
 
@@ -285,7 +310,12 @@ export function strip(store) {
     const lines = [0, 1, 2].map((k) => series.rows.map((row) => valuesOf(row)?.[k] ?? null));
     // Of what is compared with the least value, dashed.
     const overlaid = series.others.map(({ title, at, rows }) => ({ title, at, values: rows.map((row) => valuesOf(row)?.[0] ?? null) }));
-    const positive = [...lines, ...overlaid.map(({ values }) => values)].flat().filter((x) => x !== null && x > 0);
+    const [first, last] = ends();
+    whole.hidden = !seen;
+    // With the next one on either side, to which the curves go on.
+    const isSeen = (at, i) => (at[i + 1] ?? at[i]) >= first && (at[i - 1] ?? at[i]) <= last;
+    const positive = [...lines.map((values) => [series.at, values]), ...overlaid.map(({ at, values }) => [at, values])]
+      .flatMap(([at, values]) => values.filter((x, i) => x !== null && x > 0 && isSeen(at, i)));
     const unit = unitOf();
     plot.replaceChildren();
     if (!positive.length) {
@@ -302,14 +332,15 @@ export function strip(store) {
     const half = Math.max(0.15, (high - least) / 2 + 0.06);
     const [bottom, top] = [middle - half, middle + half];
     const placeY = (x) => MARGIN.top + ((top - Math.log10(x)) / (top - bottom)) * (height - MARGIN.top - MARGIN.bottom);
-    grid(width, height, bottom, top, placeY, unit);
+    grid(plot, { width, height, margin: MARGIN }, [bottom, top], placeY, [first, last], (x) => placeX(x, width), atText, unit);
     plot.append(svg("defs", {}, svg("pattern", { id: "hatching", width: 6, height: 6, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" },
-      svg("line", { class: "hatch", x1: 0, x2: 0, y1: 0, y2: 6 }))));
+      svg("line", { class: "hatch", x1: 0, x2: 0, y1: 0, y2: 6 })),
+    svg("clipPath", { id: "seen" }, svg("rect", { x: MARGIN.left, y: 0, width: width - MARGIN.left - MARGIN.right, height }))));
     // Where nothing exists, or a value is negative, the ground is marked.
     series.rows.forEach((row, i) => {
       const values = row?.[freedom];
       if (values && !(values[0] < -BLANK * Math.max(...values.map(Math.abs)))) return;
-      const middle = (a, b) => placeX((series.at[a] + series.at[clamp(b, 0, series.at.length - 1)]) / 2, width);
+      const middle = (a, b) => placeX(clamp((series.at[a] + series.at[clamp(b, 0, series.at.length - 1)]) / 2, first, last), width);
       const x = middle(i, i - 1);
       plot.append(svg("rect", { class: values ? "gap negative" : "gap", x, y: MARGIN.top,
         width: middle(i, i + 1) - x, height: height - MARGIN.top - MARGIN.bottom }));
@@ -319,64 +350,32 @@ export function strip(store) {
       let pen = "M";
       let last = null;
       values.forEach((x, i) => {
-        if (x === null || x <= 0 || at[i] < series.at[0] || at[i] > series.at.at(-1)) pen = "M";
+        if (x === null || x <= 0 || !isSeen(at, i)) pen = "M";
         else {
           last = [placeX(at[i], width), clamp(placeY(x), MARGIN.top, height - MARGIN.bottom)];
           path += `${pen}${last[0].toFixed(1)},${last[1].toFixed(1)}`;
           pen = "L";
         }
       });
-      plot.append(svg("path", { d: path, class: `curve ${kind}` }));
+      plot.append(svg("path", { d: path, class: `curve ${kind}`, "clip-path": "url(#seen)" }));
       return last;
     };
     lines.forEach((values, k) => line(values, series.at, `${freedom} curve-${k}`));
     for (const { title, at, values } of overlaid) {
       const end = line(values, at, "other");
       if (!end) continue;
-      let x = end[0] - 3; // beside the names that stand there
+      let x = Math.min(end[0], width - MARGIN.right) - 3; // beside the names that stand there
       for (const box of [...plot.querySelectorAll(".name")].map((name) => name.getBBox())) if (Math.abs(box.y + box.height - end[1]) < box.height) x = Math.min(x, box.x - 6);
-      plot.append(text(x, end[1] - 4, title, "end", "unit name"));
+      plot.append(lettered(x, end[1] - 4, title, "end", "unit name"));
     }
     plot.setAttribute("aria-label", titleOf());
     plot.append(cursor);
     showCursor();
   }
 
-  function grid(width, height, bottom, top, placeY, unit) {
-    const decades = top - bottom;
-    const marks = decades > 4 ? [1] : decades > 1.2 ? [1, 3] : [1, 1.5, 2, 3, 5, 7];
-    const step = Math.max(1, Math.ceil(decades / 5));
-    let lastY = Infinity;
-    for (let d = Math.floor(bottom); d <= top; d++) {
-      for (const m of marks) {
-        const value = m * 10 ** d;
-        const at = Math.log10(value);
-        if (at < bottom || at > top || (m === 1 && d % step !== 0 && decades > 4)) continue;
-        const y = placeY(value);
-        if (lastY - y < 13) continue;
-        lastY = y;
-        plot.append(svg("line", { class: "grid", x1: MARGIN.left, x2: width - MARGIN.right, y1: y, y2: y }),
-          text(MARGIN.left - 5, y + 3.5, short(value, 3), "end"));
-      }
-    }
-    const [first, last] = [series.at[0], series.at.at(-1)];
-    for (const share of width < NARROW ? [0, 0.5, 1] : [0, 0.25, 0.5, 0.75, 1]) {
-      const x = first + share * (last - first);
-      plot.append(text(placeX(x, width), height - 4, atText(x), share === 0 ? "start" : share === 1 ? "end" : "middle"));
-    }
-    plot.append(text(MARGIN.left + 4, MARGIN.top + 10, unit, "start", "unit"));
-  }
-
-  function text(x, y, words, anchor, kind = "") {
-    const node = svg("text", { x, y, "text-anchor": anchor, class: kind });
-    node.textContent = words;
-    return node;
-  }
-
   store.on("hello", (hello) => {
     stop();
-    series = null;
-    asked = null;
+    series = asked = seen = null;
     slow = false;
     const { coordinates, sliders } = hello.mechanism;
     what.replaceChildren();
