@@ -13,7 +13,7 @@ from tests.support import cross_matrix, relative_error
 
 from cartstiff import analyse, equilibrium, load
 from cartstiff.errors import ConvergenceError, InputError
-from cartstiff.potentials.beams import Beam, Section, stability_functions
+from cartstiff.potentials.beams import Beam, Section, evaluate_together, stability_functions
 from cartstiff.potentials.functions import taylor_check
 from cartstiff.potentials.loads import DeadForce, DeadWrench, FollowerWrench
 from cartstiff.statics.continuation import load_curve
@@ -368,6 +368,27 @@ def test_a_wrench_given_to_a_parallel_mechanism_is_in_balance(name):
     start = result.elastic.mechanism.assembled(start)
     state = equilibrium(result.elastic, FollowerWrench(W), q0=start)
     assert np.abs(state.pose - result.pose).max() <= SUM
+
+
+def test_a_wrench_is_carried_at_every_posture_of_a_way():
+    """Links stretch by rounding errors only: what is left of a step is a force all the same."""
+    elastic = load("3-rrr")
+    q, motor = elastic.q.copy(), elastic.mechanism.actuated[0]
+    for k in range(46, 62):
+        q[motor] = elastic.q[motor] + 0.02 * np.sin(0.1 * k)
+        q = analyse(elastic, q, wrench=[0, 0, 0, 0, 0, -100.0], load_axes="world").q.copy()
+
+
+def test_beams_that_are_alike_are_evaluated_as_each_alone():
+    """One call for all: the numbers of each by itself."""
+    elastic = load("3-rrr")
+    q = elastic.q + 1e-3 * np.sin(np.arange(elastic.q.size))
+    posture, terms = elastic.mechanism.at(q), elastic.terms(springs=False)
+    alone = [term.evaluate(posture) for term in load("3-rrr").terms(springs=False)]
+    for one, other in zip(evaluate_together(terms, posture), alone, strict=True):
+        assert one.energy == pytest.approx(other.energy, rel=SUM)
+        assert relative_error(one.gradient, other.gradient) <= SUM
+        assert relative_error(one.hessian, other.hessian) <= SUM
 
 
 def test_a_wrench_beyond_what_the_links_carry_is_refused(tmp_path):

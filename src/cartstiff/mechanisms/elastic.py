@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +25,7 @@ from cartstiff.mechanisms.notes import Note as Note
 from cartstiff.mechanisms.notes import still_assumed
 from cartstiff.mechanisms.spring_values import borne_by_springs, with_values
 from cartstiff.notebook import ShownInLines, html_table
+from cartstiff.potentials.beams import evaluate_together
 from cartstiff.potentials.contract import Evaluation, Potential
 from cartstiff.potentials.gravity import Gravity
 from cartstiff.potentials.line_springs import LineSprings
@@ -335,11 +337,8 @@ class ElasticMechanism(ShownInLines):
 
     def _evaluate_others(self, posture: MechanismPosture) -> Evaluation | None:
         """Sum of everything but the springs; None if there is nothing else."""
-        total = None
-        for term in self.terms(springs=False):
-            evaluated = term.evaluate(posture)
-            total = evaluated if total is None else _sum(total, evaluated)
-        return total
+        terms = self.terms(springs=False)
+        return reduce(_sum, evaluate_together(terms, posture)) if terms else None
 
     def line_springs_apart(
         self, posture: MechanismPosture, more: Array | None = None

@@ -19,6 +19,7 @@ ends, and the axial force, the end moments and the tangent stiffness are its der
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import pi
@@ -115,14 +116,14 @@ class Section(NamedTuple):
 class _Segments(NamedTuple):
     """Segments of a beam: energies (m,), gradients (m, 6), Hessians (m, 6, 6), forces (m,).
 
-    And the largest turn of a section against its chord, or twist [rad].
+    And of each the larger of its sections' turns against the chord and its twist [rad].
     """
 
     energies: Array
     gradients: Array
     hessians: Array
     axial_forces: Array
-    turn: float
+    turns: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +187,8 @@ class Beam(Potential):
         remarks: list[Remark] = []
         if not x.any():
             return remarks
-        _, _, _, N, bent = self._segments(x)
+        _, _, _, N, turns = self._segments(x)
+        bent = float(turns.max())
         share = -float(N.min()) / self.clamped_load
         count = len(self.indices)
         many = f"beam {self.link!r} with {count} segment{'s' if count > 1 else ''}"
@@ -271,7 +273,7 @@ class Beam(Potential):
         at_bound = ((1 - _NEAR) * low >= N) | ((1 - _NEAR) * high <= N)
         answers = np.where(at_bound, 0.0, 1 / softness)
         hessian += answers[:, None, None] * mixed[:, :, None] * mixed[:, None, :]
-        bent = float(max(np.abs(phi.value).max(), np.abs(theta).max()))
+        bent = np.maximum(np.abs(phi.value), np.abs(theta).max(axis=-1))
         return _Segments(energy, gradient, hessian, N, bent)
 
     def _axial_force(self, u: Array, theta: Array) -> tuple[Array, Array, Array, Array]:
@@ -316,3 +318,22 @@ class Beam(Potential):
         pairs = ((bow * y, double * a), (bow * y1, double * a1), (bow * y2, double * a2))
         s, s1, s2 = (np.concatenate(pair, axis=-1) for pair in pairs)
         return s, s1, s2
+
+
+def evaluate_together(terms: Sequence[Potential], posture: Posture) -> list[Evaluation]:
+    """Each potential at a posture; segments of beams that are alike in one go, as one costs."""
+    alike: dict[tuple[float, Section], list[Beam]] = {}
+    for term in terms:
+        if isinstance(term, Beam) and posture.q[term.indices].any():
+            alike.setdefault((term.length, term.section), []).append(term)
+    for beams in alike.values():
+        xs = [posture.q[beam.indices] for beam in beams]
+        if len(beams) > 1 and any(
+            x.tobytes() not in b._last for b, x in zip(beams, xs, strict=True)
+        ):
+            every, start = beams[0]._evaluated(np.concatenate(xs)), 0
+            for beam, x in zip(beams, xs, strict=True):
+                beam._last.clear()
+                own = slice(start, start := start + len(x))
+                beam._last[x.tobytes()] = _Segments(*(part[own] for part in every))
+    return [term.evaluate(posture) for term in terms]

@@ -13,6 +13,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.potentials.beams import evaluate_together
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.stiffness.applied_load import LoadKind
 
@@ -50,7 +51,7 @@ def settled(
         return posture
     lam = np.zeros(0)
     for _ in range(_STEPS):
-        parts = [term.evaluate(posture) for term in (*elastic.terms(springs=False), load)]
+        parts = evaluate_together((*elastic.terms(springs=False), load), posture)
         sizes = posture.coordinate_lengths
         gradient = sum(p.gradient for p in parts) * sizes
         H = sum(p.hessian for p in parts) * np.outer(sizes, sizes)
@@ -69,11 +70,11 @@ def settled(
         largest = float(np.abs(step).max(initial=0.0))
         if not np.isfinite(largest):
             break
-        if largest <= _STILL:
-            return posture
         move = np.zeros(sizes.size)
         move[free] = step * sizes[free] * min(1.0, _CAP / largest)
         posture = chain.at(posture.q + move)
+        if largest <= _STILL:  # a step that small is a force still, where a link is stiff
+            return posture
     if largest <= 1e3 * _STILL:
         return posture
     raise ConvergenceError(
