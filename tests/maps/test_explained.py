@@ -104,6 +104,16 @@ def test_map_explains_itself(tmp_path):
         CliRunner().invoke(command, told_twice, catch_exceptions=False)
 
 
+def test_cartesian_map_tells_what_its_places_took(tmp_path):
+    pytest.importorskip("zarr")
+    words = ["map", "ur5", "--cartesian", "x=0.3:0.4:3,y=0:0.1:2,z=0.4:0.4:1", "--branches", "1",
+             "--quantity", "condition", "-o", str(tmp_path / "m.zarr")]  # fmt: skip
+    ran = CliRunner().invoke(command, [*words, "--explain", "--json"], catch_exceptions=False)
+    shares = json.loads(ran.output)["explained"]["shares"]
+    counts = {share["what"]: share["postures"] for share in shares}
+    assert counts["inverse kinematics of the places"] == 6
+
+
 def test_analyse_explains_itself():
     jsonschema = pytest.importorskip("jsonschema")
     words = ["analyse", "cubic", "--explain"]

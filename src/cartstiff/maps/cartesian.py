@@ -18,6 +18,7 @@ from cartstiff.kinematics.inverse import Free, inverse_kinematics
 from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.kinematics.legs import legs_of
 from cartstiff.many.quick_poses import QuickPoses
+from cartstiff.many.work import timed
 from cartstiff.maps.sampling import Axis, RandomPostures, Sampling, as_axis, grid_indices
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -175,11 +176,13 @@ class CartesianGrid(Sampling):
             return size
 
         for first in range(0, len(places), PLACES):
-            part = inverse_kinematics(
-                elastic, list(poses[first : first + PLACES]), self.starts(elastic),
-                free=self.free, cost=cost if self.redundancy == "best" else away,
-                most=max(self.branches, _LISTED), solver=self._solver(elastic),
-            )  # fmt: skip
+            some = list(poses[first : first + PLACES])
+            with timed("inverse kinematics of the places", len(some)):
+                part = inverse_kinematics(
+                    elastic, some, self.starts(elastic), free=self.free,
+                    cost=cost if self.redundancy == "best" else away,
+                    most=max(self.branches, _LISTED), solver=self._solver(elastic),
+                )  # fmt: skip
             for cell, solutions in enumerate(part, start=first):
                 # The nearest first; equally near ones stay in their order.
                 order = np.argsort(np.round(away(solutions), 9), kind="stable")[: self.branches]
