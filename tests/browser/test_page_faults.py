@@ -141,6 +141,24 @@ def test_a_sweep_is_followed_between_its_samples(serve, pages):
     assert np.diff(at).min() < (at[-1] - at[0]) / 60 / 16
 
 
+_FLAT = """() => {
+    const own = HTMLCanvasElement.prototype.getContext;
+    HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
+        return kind.includes("webgl") ? null : own.call(this, kind, ...more);
+    };
+}"""
+
+
+def test_a_browser_that_does_not_draw_in_three_dimensions_is_told(serve, chromium, tmp_path):
+    (tmp_path / "page.html").write_text(export_page(Source(cartstiff.load("ur5"))))
+    page = chromium.new_page()
+    page.add_init_script(f"({_FLAT})()")
+    for address in (serve("ur5").url, (tmp_path / "page.html").as_uri()):
+        page.goto(address)
+        page.wait_for_function("() => document.body.innerText.includes('in three dimensions (')")
+    page.close()
+
+
 # Controls that can be seen and not be pressed: something else lies over their middle.
 COVERED = """() => {
     const controls = [...document.querySelectorAll("button, select, input, summary")];

@@ -98,6 +98,11 @@ async function inflate(id) {
   return new Response(stream).arrayBuffer();
 }
 
+function cannot({ message }) {
+  byId("verdict-text").textContent = `This page needs a browser of 2023 or newer that draws in three dimensions (${message})`;
+  loaded(1);
+}
+
 async function fromFile() {
   const script = el("script");
   script.textContent = new TextDecoder().decode(await inflate("viewer"));
@@ -108,14 +113,16 @@ async function fromFile() {
 }
 
 if (byId("frames")) {
-  fromFile().catch((error) => {
-    byId("verdict-text").textContent = `This page needs a browser of 2023 or newer (${error.message})`;
-  });
+  fromFile().catch(cannot);
 } else {
   const address = new URL("socket", location.href); // beside the page, behind the same token
   address.protocol = "ws:";
   address.hash = "";
   const number = new URLSearchParams(location.search).get("mechanism");
   if (number) address.searchParams.set("mechanism", number);
-  build(new LiveSource(address.href));
+  try {
+    build(new LiveSource(address.href));
+  } catch (error) {
+    cannot(error);
+  }
 }
