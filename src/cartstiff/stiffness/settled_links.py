@@ -71,7 +71,7 @@ def settled(
         if not np.isfinite(largest):
             break
         move = np.zeros(sizes.size)
-        move[free] = step * sizes[free] * min(1.0, _CAP / largest)
+        move[free] = step * sizes[free] * min(1.0, _CAP / max(largest, _STILL))
         posture = chain.at(posture.q + move)
         if largest <= _STILL:  # a step that small is a force still, where a link is stiff
             return posture

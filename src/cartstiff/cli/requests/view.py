@@ -46,8 +46,8 @@ def source_from_options(
     applied: LoadRequest,
     told: Values | None,
     map_path: Path | None,
-    with_workspace: bool,
     trajectory_path: Path | None,
+    with_workspace: bool = False,
 ) -> Any:
     """The page's `Source`, with everything checked that a page would show.
 
