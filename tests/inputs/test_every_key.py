@@ -367,7 +367,7 @@ CASES: dict[str, tuple[dict[str, Any], tuple[Any, ...], Any, dict[str, Any]]] = 
             "platform": {"radius": 0.13, "half_angle": 0.8}, "rail": [-0.2, 0.1, 1], "rod": 0.55,
             "mode": "plus", "actuated": ["u1"], "stiffness": [1e6, 1e6, 1e6, 1e6, 1e6, 2e6],
             "springs": {"u1": {"stiffness": 10.0}}, "limits": [-0.1, 0.2],
-            "turns": {"u1": [-0.1, 0.1]},
+            "turns": {"u1": [-0.1, 0.1]}, "diameter": 0.5,
             "flexible": {"rod": {"stiffness": K6.tolist()}}, "turn": 1.2,
         }.items()
     },

@@ -54,6 +54,7 @@ RODS = {
     "legs": {
         "chain": "PUS", "rail": "vertical", "rod": 0.5, "stiffness": "=k", "limits": [-0.07, 0.14],
         "base": {"radius": 0.35, "half_angle": 0.2}, "turns": {"u1": [-0.16, 0.16]},
+        "diameter": 0.055,
         "platform": {"radius": 0.15, "half_angle": 0.2},
     },
 }  # fmt: skip

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import minimize
 from tests.inputs.test_every_key import PLATFORM, SPRINGS
 from tests.mechanisms.machines import write_file
+from tests.mechanisms.test_chains_by_letters import CHAINS
 
 import cartstiff
 from cartstiff.errors import InputError
@@ -177,3 +182,38 @@ def test_one_pair_of_lengths_stands_for_all_legs(tmp_path):
             for given in ([0.5, 1.2], [[0.5, 1.2]] * 6)]  # fmt: skip
     np.testing.assert_array_equal(*both)
     assert both[0].shape == (6, 2)
+
+
+@pytest.mark.parametrize("chain", ["PUS", "RUS", "UPS", "PRS"])
+def test_distances_of_rods_are_those_of_their_joints(chain):
+    """Ends by the model's own kinematics, least distances by a bounded search."""
+    legs = {**CHAINS[chain][0], "chain": chain, "diameter": 0.02}
+    machine = cartstiff.parallel(legs, [0, 0, CHAINS[chain][1], 0, 0, 0])
+    m = machine.mechanism
+    rng = np.random.default_rng(3)
+    q = m.closed(machine.q + 0.03 * rng.standard_normal(machine.q.size), hold=[]).q
+    model, posture = m.tree.model, m.at(q)
+    placed = model.createData()
+    pin.forwardKinematics(model, placed, q)
+
+    def place(i, *names):
+        known = [n for n in (f"leg{i}/{name}" for name in names) if model.existJointName(n)]
+        return placed.oMi[model.getJointId(known[0])].translation
+
+    limits = Limits(m)
+    named = [n for n in limits.names if n.startswith("distance")]
+    values = dict(zip(limits.names, limits.values(q, posture.pose), strict=True))
+    assert named
+    for name in named:
+        i, j = (int(x) for x in re.findall(r"leg(\d+)", name))
+        ends = []
+        for leg in (i, j):
+            B = (posture.pose @ m.legs[leg - 1].T_M_end)[:3, 3]
+            ends.append((place(leg, "u1", "s1", "r1"), B))
+        (a, b), (c, d) = ends
+
+        def square(x, a=a, b=b, c=c, d=d):
+            return float(((a + x[0] * (b - a) - c - x[1] * (d - c)) ** 2).sum())
+
+        found = minimize(square, [0.5, 0.5], bounds=[(0, 1), (0, 1)], tol=1e-16)
+        assert values[name] == pytest.approx(np.sqrt(found.fun), abs=1e-6)

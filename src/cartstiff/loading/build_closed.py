@@ -172,7 +172,7 @@ def _placed(legs: Sequence[LegModel], names: Sequence[str]) -> tuple[PlacedLeg, 
         if (drawing := leg.drawing) is not None:
             at = {name: names.index(f"leg{i + 1}/{name}") for name in drawing.joints}
             placed.append(PlacedLeg(drawing.shape, tuple(at.values()), at[drawing.driven],
-                                   pose_of(leg.grip)))  # fmt: skip
+                                   pose_of(leg.grip), drawing.diameter))  # fmt: skip
     return tuple(placed)
 
 

@@ -2,6 +2,7 @@ r"""What besides their lengths limits the legs of a platform: joint angles, each
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.leg_shapes import PlacedLeg
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +92,36 @@ class LegLimits:
                 )
             )  # fmt: skip
         return np.concatenate(parts, axis=-1) if parts else np.empty((*pose.shape[:-2], 0))
+
+
+class RodLimits:
+    """Rods of legs made of joints come no nearer to each other than the mean of their diameters.
+
+    Rods that end at one point of the body, or struts that start at one point, are no such pair.
+    """
+
+    def __init__(self, legs: Sequence[PlacedLeg]) -> None:
+        places = [place for leg in legs for place in (leg.shape.anchor, leg.T_M_end[:3, 3])]
+        near = numerics.NEARBY * float(np.abs(places).max())
+        self._pairs = []
+        for (i, a), (j, b) in combinations(enumerate(legs, start=1), 2):
+            ends = np.abs(a.T_M_end[:3, 3] - b.T_M_end[:3, 3]).max()
+            fixed = a.shape.family == b.shape.family == "strut"
+            start = np.abs(a.shape.anchor - b.shape.anchor).max() if fixed else np.inf
+            if a.diameter and b.diameter and min(ends, start) > near:
+                self._pairs.append((f"distance of leg{i} and leg{j}", a, b))
+
+    def rows(self) -> list[tuple[str, float, float, bool]]:
+        """As of `LegLimits`."""
+        return [
+            (name, 0.5 * ((a.diameter or 0.0) + (b.diameter or 0.0)), np.inf, False)
+            for name, a, b in self._pairs
+        ]
+
+    def values(self, q: Array, pose: Array) -> Array:
+        """Distances (..., k) at coordinates q (..., n) and poses (..., 4, 4) of M."""
+        found = [distances_of_segments(*a.rod(q, pose), *b.rod(q, pose)) for _, a, b in self._pairs]
+        return np.stack(found, axis=-1) if found else np.empty((*pose.shape[:-2], 0))
 
 
 def _angles(u: Array, axes: Array) -> Array:

@@ -122,14 +122,13 @@ class LegShape:
                 along = d @ self.along
                 across = (d * d).sum(axis=1) - along * along
                 s = along + mode * np.sqrt(self.rod**2 - across)
-                return s, self.anchor + s[:, None] * self.along
+                return s, self.centre_at(s)
             side = self.side
             a, b = d @ self.along, d @ side
             c = ((d * d).sum(axis=1) + self.crank**2 - self.rod**2) / (2.0 * self.crank)
             t = np.arctan2(b, a) + mode * np.arccos(c / np.hypot(a, b))
         t = np.pi - np.mod(np.pi - t, 2.0 * np.pi)
-        arm = np.cos(t)[:, None] * self.along + np.sin(t)[:, None] * side
-        return t, self.anchor + self.crank * arm
+        return t, self.centre_at(t)
 
     def short_of(self, B: Array) -> float:
         """By how much the rod, or crank and rod together, fail to reach a point B (3,); or 0."""
@@ -224,11 +223,15 @@ class LegShape:
     @cached_property
     def centre(self) -> Array:
         """C at home."""
+        return self.centre_at(np.asarray(self.home))
+
+    def centre_at(self, driven: Array) -> Array:
+        """C (..., 3) at driven coordinates (...)."""
         if self.family == "strut":
             return self.anchor
         if self.family == "rail":
-            return self.anchor + self.home * self.along
-        arm = np.cos(self.home) * self.along + np.sin(self.home) * self.side
+            return np.asarray(self.anchor + driven[..., None] * self.along)
+        arm = np.cos(driven)[..., None] * self.along + np.sin(driven)[..., None] * self.side
         return np.asarray(self.anchor + self.crank * arm)
 
     @cached_property
@@ -323,18 +326,27 @@ class PlacedLeg:
         The coordinate that the shape's is.
     T_M_end : ndarray (4, 4)
         Pose of its end in the body frame.
+    diameter : float, optional
+        Of the rod as a cylinder.
     """
 
     shape: LegShape
     columns: tuple[int, ...]
     driven: int
     T_M_end: Array
+    diameter: float | None = None
 
     def scaled(self, a: float) -> PlacedLeg:
         """The same leg with all lengths times `a`."""
         T = np.array(self.T_M_end)
         T[:3, 3] *= a
-        return replace(self, shape=self.shape.scaled(a), T_M_end=T)
+        diameter = None if self.diameter is None else self.diameter * a
+        return replace(self, shape=self.shape.scaled(a), T_M_end=T, diameter=diameter)
+
+    def rod(self, q: Array, pose: Array) -> tuple[Array, Array]:
+        """Ends (..., 3) of the rod at coordinates q (..., n) and poses (..., 4, 4) of M."""
+        B = pose[..., :3, :3] @ self.T_M_end[:3, 3] + pose[..., :3, 3]
+        return np.broadcast_to(self.shape.centre_at(q[..., self.driven]), B.shape), B
 
     def mode(self, q: Array, T_F_M: Array) -> int:
         """Working mode of coordinates q (n,) of the chain, at which the body has a pose."""

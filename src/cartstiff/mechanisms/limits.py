@@ -14,8 +14,10 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.leg_limits import RodLimits
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.line_springs import LineSprings
 
@@ -76,8 +78,15 @@ class Limits:
         self._each = [(int(j), *map(float, pairs[j])) for j in self.columns]
         self.are_angles = np.zeros(len(self.columns), bool)
         self._more = None if self.legs is None or contacts or ignore else self.legs.leg_limits
+        self._rods = None
+        rows: list[tuple[str, float, float, bool]] = []
         if self.legs is not None and self._more is not None:
             rows = self._more.rows(self.legs.anchors, self.legs.points)
+        rods = mechanism.legs if isinstance(mechanism, Chain) and not (contacts or ignore) else ()
+        if any(leg.diameter for leg in rods):
+            self._rods = RodLimits(rods)
+            rows = self._rods.rows()
+        if rows:
             self.names += tuple(name for name, *_ in rows)
             self.lower = np.append(self.lower, [low for _, low, _, _ in rows])
             self.upper = np.append(self.upper, [high for _, _, high, _ in rows])
@@ -90,7 +99,10 @@ class Limits:
     def values(self, q: Array, pose: Array) -> Array:
         """The limited quantities (..., m) at coordinates q (..., n) and poses (..., 4, 4) of M."""
         if self.legs is None:
-            return np.asarray(q[..., self.columns])
+            own = np.asarray(q[..., self.columns])
+            if self._rods is None:
+                return own
+            return np.concatenate([own, self._rods.values(q, pose)], axis=-1)
         ends = self.legs.points[self.columns] @ pose[..., :3, :3].swapaxes(-1, -2)
         lines = ends + pose[..., None, :3, 3] - self.legs.anchors[self.columns]
         lengths = np.asarray(np.linalg.norm(lines, axis=-1))
@@ -103,7 +115,7 @@ class Limits:
         """Whether everything is within its limits at one posture, to the last digit."""
         if not self._each:
             return True
-        if self.legs is not None:
+        if self.legs is not None or self._rods is not None:
             values = self.values(q, pose).tolist()
             return all(lo <= x <= hi for x, (_, lo, hi) in zip(values, self._each, strict=True))
         known = q.tolist()  # a few numbers are compared sooner than arrays

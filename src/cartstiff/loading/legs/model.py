@@ -102,6 +102,9 @@ class NamedLegsModel(FileModel):
     limits: Pair | list[Pair] | None = Field(
         default=None, description="[least, most] of the slide or crank"
     )
+    diameter: _PerLeg | None = Field(
+        default=None, description="of the rods, or struts, which must not touch each other"
+    )
     turns: dict[Text, Pair] = Field(
         default={},
         description="[least, most] rad of other joints by name (u1, s2, ...), zero at home; "

@@ -38,12 +38,15 @@ class DrawnLeg:
         Names of its joints, from the ground to the body.
     driven : str
         The joint whose coordinate is the shape's.
+    diameter : float or None
+        Of its rod.
     """
 
     description: RobotDescription
     shape: LegShape
     joints: tuple[str, ...]
     driven: str
+    diameter: float | None = None
 
 
 class _Drawing:
@@ -160,7 +163,8 @@ def _legs(entry: NamedLegs, T_F_P: Array, where: str) -> list[tuple[LegModel, li
     one = ranges is None or not isinstance(ranges[0], list)
     limits = [ranges] * m if one else one_each(ranges, m, "limits", where)
     legs = []
-    for shape, k, limit in zip(shapes, stiffness, limits, strict=True):
+    diameters = one_each(entry.diameter, m, "diameter", where)
+    for shape, k, limit, diameter in zip(shapes, stiffness, limits, diameters, strict=True):
         model, names = leg_model(shape)
         main = "crank" if shape.family == "crank" else "slide"
         actuated = [main] if entry.actuated is None else entry.actuated
@@ -196,6 +200,6 @@ def _legs(entry: NamedLegs, T_F_P: Array, where: str) -> list[tuple[LegModel, li
             flexible=entry.flexible,
         )  # fmt: skip
         description = RobotDescription(None, model)
-        drawing = DrawnLeg(description, shape, tuple(names), main)
+        drawing = DrawnLeg(description, shape, tuple(names), main, diameter)
         legs.append((leg.drawn(drawing), [n for n in names if n in actuated]))
     return legs
