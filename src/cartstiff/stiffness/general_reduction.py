@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 
 from cartstiff import numerics
+from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import Evaluation, Map
 from cartstiff.stiffness.closures import State, decomposed, irregular
@@ -24,7 +25,15 @@ def _inverse(matrix: Array, sizes: Array) -> Array:
 
     `sizes` (n,) are those of the numbers whose sums and products each column of the matrix is.
     """
-    inverse: Array = np.linalg.inv(matrix)
+    try:
+        inverse: Array = np.linalg.inv(matrix)
+    except np.linalg.LinAlgError:  # chains that are singular in two ways at once
+        raise UndefinedError(
+            "the motions of the body and those inside the mechanism cannot be told apart here: the "
+            "posture is singular in more than one way",
+            code="lost-digits",
+            values={"motions": matrix.tolist()},
+        ) from None
     size = np.abs(inverse)
     rounding = len(matrix) * numerics.EPSILON * np.outer(size.sum(axis=1), sizes @ size)
     inverse[size <= rounding] = 0.0
