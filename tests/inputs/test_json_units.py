@@ -12,7 +12,7 @@ import pytest
 from cartstiff.cli.main import command as group
 from cartstiff.cli.main import main
 from cartstiff.cli.requests.json_units import JsonUnitsCommand
-from cartstiff.cli.types import OptionType
+from cartstiff.cli.types import OptionType, Pairs
 
 MM = ("--units", "mm,deg")
 Q = "0.2,-1,1.2,0.3,1,0.1"
@@ -220,7 +220,7 @@ def test_every_option_with_a_length_is_tried_here():
             if isinstance(option.type, OptionType) and (
                 type(option.type).converted is not OptionType.converted
                 and set(getattr(option.type, "powers", (1,))) != {0}
-                and getattr(option.type, "places", True)
+                and (option.type.frame if isinstance(option.type, Pairs) else True)
             ):
                 assert set(option.opts) & {*tried, "--near"}, (name, option.opts)
 

@@ -58,7 +58,7 @@ Examples:
 _options = option_group(
     click.option("--follower", is_flag=True, help="The same as --load-kind follower."),
     option(
-        "--hold", type=Pairs("NAME=VALUE,...", _COMPONENTS, places=True),
+        "--hold", type=Pairs("NAME=VALUE,...", _COMPONENTS, frame=True),
         help="Displacement of the body prescribed in rx, ry, rz, x, y, z (rad, length), along the "
         "axes of the unloaded body, or with --world the inertial axes.",
     ),

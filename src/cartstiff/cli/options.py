@@ -16,6 +16,7 @@ from cartstiff.cli.types import (
     PAYLOAD,
     POINT,
     POSE,
+    TCP,
     WRENCH,
     Arguments,
     JointValues,
@@ -41,7 +42,7 @@ parameters_option = repeated_option(
     "for several.",
 )  # fmt: skip
 stiffness_option = option(
-    "--stiffness", type=JointValues(rigid=True, springs=True, broadcast=True),
+    "--stiffness", type=JointValues(stiffness=True, springs=True, broadcast=True),
     help="Joint (or leg) stiffnesses: one number for all, one each, or name=value pairs; joints "
     "may be rigid.",
 )  # fmt: skip
@@ -211,11 +212,9 @@ class MechanismRequest:
         bare = load(self.mechanism, **given)
         length = self.units.get("length", bare.units.length)
         factor, _ = convert_length(Units(length), bare.units)
-        for name, first in (("tcp", 0), ("payload", 1)):  # in the file's units, of which it is
+        for name, kind in (("tcp", TCP), ("payload", PAYLOAD)):  # of the file, in its units
             if (numbers := tool[name]) is not None:
-                own = slice(first, first + 3)
-                tool[name] = [*numbers[:first], *(x * factor for x in numbers[own]),
-                              *numbers[first + 3 :]]  # fmt: skip
+                tool[name] = kind.converted(numbers, factor, bare)
         if any(numbers is not None for numbers in tool.values()):
             bare = load(self.mechanism, **tool, **given)
         return in_units(bare, length, self.units.get("angle", "rad"))
@@ -271,7 +270,7 @@ def _check_range(values: Values, expected: str, finite: bool = False) -> None:
 
 
 _tcp_option = option(
-    "--tcp", type=Numbers("X,Y,Z[,R,P,Y]", 3, 6, powers=(1, 1, 1, 0)),
+    "--tcp", type=TCP,
     help="M in the frame: position, and roll, pitch, yaw about fixed axes.",
 )  # fmt: skip
 #: Tool, gravity and what is carried.

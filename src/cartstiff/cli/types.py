@@ -131,6 +131,7 @@ WRENCH = Numbers("MX,MY,MZ,FX,FY,FZ", 6, powers=(1, 1, 1, 0))
 POINT = Numbers("X,Y,Z", 3, powers=(1,))
 DIRECTION = Numbers("X,Y,Z", 3)
 POSE = Numbers("X,Y,Z,R,P,Y", 6, powers=(1, 1, 1, 0))
+TCP = Numbers("X,Y,Z[,R,P,Y]", 3, 6, powers=(1, 1, 1, 0))
 TOLERANCE = Numbers("REL[,LENGTH[,ANGLE]]", 1, 2, 3, powers=(0, 1, 0))
 _FRAME = ("x", "y", "z")
 
@@ -175,20 +176,20 @@ class Values:
 class JointValues(OptionType):
     """Numbers in joint order or ``name=value`` pairs, as `Values`.
 
-    They belong to the coordinates, or to the `springs` (legs of a platform), whose stiffness they
-    are where it may be `rigid`; with `broadcast` one number may stand for all.
+    They belong to the coordinates, or to the `springs` (legs of a platform), of which they may be
+    the `stiffness` ("rigid" too); with `broadcast` one number may stand for all.
     """
 
     def __init__(
-        self, *, rigid: bool = False, springs: bool = False, broadcast: bool = False
+        self, *, stiffness: bool = False, springs: bool = False, broadcast: bool = False
     ) -> None:
         super().__init__("VALUES")
-        self.rigid, self.springs, self.broadcast = rigid, springs, broadcast
+        self.stiffness, self.springs, self.broadcast = stiffness, springs, broadcast
 
     def converted(self, value: Values, a: float, elastic: Any) -> Values:
         """Lengths times a; stiffnesses of what slides over a, of what turns times a."""
         sizes = _sizes(elastic, a)
-        if self.rigid:
+        if self.stiffness:
             sizes = {name: a if size == 1.0 else 1.0 / a for name, size in sizes.items()}
         numbers = value.numbers
         if isinstance(numbers, dict):
@@ -203,7 +204,7 @@ class JointValues(OptionType):
     def parsed(self, text: str, where: str) -> Values:
         """What was given, not yet compared with the mechanism."""
         if "=" not in text:
-            return Values(where, parse_numbers(text, where, rigid=self.rigid))
+            return Values(where, parse_numbers(text, where, rigid=self.stiffness))
         values: dict[str, float] = {}
         for part in text.split(","):
             name, equals, number = (piece.strip() for piece in part.partition("="))
@@ -212,23 +213,23 @@ class JointValues(OptionType):
                                  expected="one of the two forms", got=repr(part))  # fmt: skip
             if name in values:
                 raise InputError("joint given twice", where=where, got=repr(name))
-            values[name] = parse_numbers(number, f"{where} {name}", 1, rigid=self.rigid)[0]
+            values[name] = parse_numbers(number, f"{where} {name}", 1, rigid=self.stiffness)[0]
         return Values(where, values)
 
 
 class Pairs(OptionType):
     """``NAME=VALUE`` pairs as a mapping; of `names` only, if there are any.
 
-    They are `places` of coordinates, or of a frame if there are `names`, or as a file has them.
+    They are as the mechanism's file has them, or of a `frame`.
     """
 
-    def __init__(self, shape: str, names: tuple[str, ...] = (), *, places: bool = False) -> None:
+    def __init__(self, shape: str, names: tuple[str, ...] = (), *, frame: bool = False) -> None:
         super().__init__(shape)
-        self.names, self.places = names, places
+        self.names, self.frame = names, frame
 
     def converted(self, value: Any, a: float, elastic: Any) -> Any:
         """Lengths times a."""
-        sizes = _sizes(elastic, a, frame=bool(self.names)) if self.places else {}
+        sizes = _sizes(elastic, a, frame=True) if self.frame else {}
         return {name: x * sizes.get(name, 1.0) for name, x in value.items()}
 
     def parsed(self, text: str, where: str) -> dict[str, float]:
