@@ -259,10 +259,9 @@ def checked_array(
     return array
 
 
-def _fits(found: tuple[int, ...], shape: Shape) -> bool:
-    return len(shape) == len(found) and all(
-        n == m if isinstance(m, int) else n > 0 or m == "N"
-        for m, n in zip(shape, found, strict=True)
+def _fits(got: tuple[int, ...], shape: Shape) -> bool:
+    return len(shape) == len(got) and all(
+        n == m if isinstance(m, int) else n > 0 or m == "N" for m, n in zip(shape, got, strict=True)
     )
 
 

@@ -257,12 +257,12 @@ def target_section(r: PostureStiffness, target: ArrayLike) -> dict[str, Any]:
             )
         tension = np.linalg.solve(posture.lines.lines.T, W - gradient)
         own = second_derivative(posture.lines, r.elastic.mechanism.points, tension)  # type: ignore[attr-defined]
-        found = joint_stiffness(K, J, W, load_term=-J.T @ (own + hessian) @ J)
+        joint_springs = joint_stiffness(K, J, W, load_term=-J.T @ (own + hessian) @ J)
         names, torque, lengths = r.elastic.spring_names, tension, [True] * 6
     elif posture.closure is None and not posture.coordinates_are_pose:
         J = posture.motion.jacobian
-        found = joint_stiffness(K, J, W, load_term=posture.motion.curvature(W) - hessian)
-        torque = found.torque - gradient
+        joint_springs = joint_stiffness(K, J, W, load_term=posture.motion.curvature(W) - hessian)
+        torque = joint_springs.torque - gradient
         names = r.elastic.names
         lengths = [c.is_length for c in r.elastic.mechanism.coordinates]
     else:
@@ -270,5 +270,5 @@ def target_section(r: PostureStiffness, target: ArrayLike) -> dict[str, Any]:
             "joint stiffnesses for a target are found for serial arms and six-legged platforms",
             code="no-chart",
         )
-    answer: dict[str, Any] = {"joints": names, "are_lengths": lengths, **plain(found)}
+    answer: dict[str, Any] = {"joints": names, "are_lengths": lengths, **plain(joint_springs)}
     return answer | {"desired": K, "torque": torque}

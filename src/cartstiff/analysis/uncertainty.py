@@ -257,8 +257,8 @@ def propagate_first_order(
         shifted = dict(nominal)
         for name, offset in zip(moving, offsets, strict=True):
             shifted[name] += float(offset)
-        found, values = _flatten(function(shifted))
-        if found != names:
+        labels, values = _flatten(function(shifted))
+        if labels != names:
             raise InputError("the function returns other numbers from one call to the next")
         return values
 
@@ -338,14 +338,14 @@ def propagate_monte_carlo(
             failures["below-zero"] = failures.get("below-zero", 0) + 1
             continue
         try:
-            found, values = _flatten(function({name: float(d[s]) for name, d in draws.items()}))
+            labels, values = _flatten(function({name: float(d[s]) for name, d in draws.items()}))
         except CartstiffError as error:
             code = error.code if isinstance(error, UndefinedError) else type(error).__name__
             failures[code] = failures.get(code, 0) + 1
             continue
-        if names is not None and found != names:
+        if names is not None and labels != names:
             raise InputError("the function returns other numbers from one call to the next")
-        names = found
+        names = labels
         rows.append(values)
     if names is None or len(rows) < 2:
         raise UndefinedError(

@@ -92,18 +92,18 @@ class Asked(_Entry):
 
     def meets(self, value: Any) -> bool:
         """Whether a value is the printed one, to the printed digit."""
-        found = np.asarray(value, float)
+        computed = np.asarray(value, float)
         printed = np.array(self.printed, float)
         # Not `> allowed`: what is not a number meets nothing.
-        return found.shape == printed.shape and bool(
-            np.all(np.abs(found - printed) <= self.tolerances())
+        return computed.shape == printed.shape and bool(
+            np.all(np.abs(computed - printed) <= self.tolerances())
         )
 
     def is_ours(self, value: Any) -> bool:
         """Whether a value is the stored one, but for rounding."""
-        found, ours = np.asarray(value, float), np.array(self.ours, float)
-        return found.shape == ours.shape and bool(
-            np.all(np.abs(found - ours) <= SAME * np.max(np.abs(ours), initial=self._least()))
+        computed, ours = np.asarray(value, float), np.array(self.ours, float)
+        return computed.shape == ours.shape and bool(
+            np.all(np.abs(computed - ours) <= SAME * np.max(np.abs(ours), initial=self._least()))
         )
 
     def _least(self) -> float:

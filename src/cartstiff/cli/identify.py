@@ -274,7 +274,7 @@ def _write(
     from cartstiff.identify.writing import mechanism_file
     from cartstiff.report.output import write_files
 
-    def found() -> str:
+    def identified_file() -> str:
         if output is None:
             raise TypeError("no file was asked for")
         return mechanism_file(
@@ -286,7 +286,7 @@ def _write(
 
         return draw_residuals(result)
 
-    write_files((output, found), (plot, drawn))
+    write_files((output, identified_file), (plot, drawn))
 
 
 def _words(text: str) -> list[str]:

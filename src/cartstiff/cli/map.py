@@ -313,17 +313,17 @@ def command(
     if level is not None:
         from cartstiff.maps.reading import share_within
 
-        found: dict[str, Any] = share_within(dataset, quantities[0], level, below is not None)
+        counts: dict[str, Any] = share_within(dataset, quantities[0], level, below is not None)
         if "branch" in whole.dims and not single_branch:
             from cartstiff.maps.across.configurations import single_branch as one_branch
 
             alone = one_branch(whole, quantities[0], level, below is not None)
             single_found = share_within(alone, quantities[0], level, below is not None)
             within = single_found["within"]
-            share = within / found["reached"] if found["reached"] else 0.0
+            share = within / counts["reached"] if counts["reached"] else 0.0
             by_one = {"places": single_found["reached"], "within": within, "share": share}
-            found["single_branch"] = by_one
-        answer["below" if below else "above"] = {"quantity": quantities[0], **found}
+            counts["single_branch"] = by_one
+        answer["below" if below else "above"] = {"quantity": quantities[0], **counts}
     if picture is not None:
         from cartstiff.maps.pictures import draw_map
         from cartstiff.report.output import save_figure

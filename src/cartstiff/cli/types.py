@@ -93,9 +93,9 @@ class Amount(OptionType):
 
     def parsed(self, text: str, where: str) -> tuple[float, str]:
         """The number, and the unit or ""."""
-        found = re.fullmatch(r"\s*(.*?)\s*([A-Za-z]+(?:/[A-Za-z]+)?)?\s*", text)
-        number = text if found is None else found[1]
-        return parse_numbers(number, where, 1)[0], "" if found is None else found[2] or ""
+        match = re.fullmatch(r"\s*(.*?)\s*([A-Za-z]+(?:/[A-Za-z]+)?)?\s*", text)
+        number = text if match is None else match[1]
+        return parse_numbers(number, where, 1)[0], "" if match is None else match[2] or ""
 
 
 class Arguments(OptionType):
@@ -116,14 +116,14 @@ class UnitList(OptionType):
         """Units of "length" and "angle", as far as they are given."""
         lengths = ("m", "dm", "cm", "mm", "um", "in", "ft")  # as `contract.LENGTHS`, without NumPy
         kinds = {**dict.fromkeys(lengths, "length"), **dict.fromkeys(("rad", "deg"), "angle")}
-        found: dict[str, str] = {}
+        chosen: dict[str, str] = {}
         for unit in (part.strip() for part in text.split(",")):
             if unit not in kinds:
                 raise UnknownNameError("unit", unit, kinds, where=where)
-            if kinds[unit] in found:
+            if kinds[unit] in chosen:
                 raise InputError(f"two units of {kinds[unit]}", where=where, got=text)
-            found[kinds[unit]] = unit
-        return found
+            chosen[kinds[unit]] = unit
+        return chosen
 
 
 PAYLOAD = Numbers("MASS[,X,Y,Z]", 1, 4, powers=(0, 1))

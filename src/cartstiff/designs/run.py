@@ -65,11 +65,11 @@ def design(
     Examples
     --------
     >>> import cartstiff
-    >>> found = cartstiff.design({
+    >>> study = cartstiff.design({
     ...     "mechanism": "inclined-hexapod", "variables": {"sz": {"values": [0.5, 0.577, 0.7]}},
     ...     "objectives": {"stiffness": {"quantity": "translation_held_min"}},
     ... })
-    >>> found.best("stiffness").parameters
+    >>> study.best("stiffness").parameters
     {'sz': 0.577}
     """
     asked, folder = read_study(study, given)

@@ -30,8 +30,8 @@ def derivative(f: Callable[[float], ArrayLike], step: float = STEP) -> Array:
 def derivative_with_error(f: Callable[[float], ArrayLike], step: float) -> tuple[Array, Array]:
     """`derivative`, and its change from sixth to eighth order: more than what it is off by."""
     pairs = np.array([np.asarray(f(m * step)) - np.asarray(f(-m * step)) for m, _ in _FIRST])
-    found = np.tensordot([weight for _, weight in _FIRST], pairs, 1) / step
-    return found, np.abs(found - np.tensordot(_FIRST_OF_THREE, pairs, 1) / step)
+    slope = np.tensordot([weight for _, weight in _FIRST], pairs, 1) / step
+    return slope, np.abs(slope - np.tensordot(_FIRST_OF_THREE, pairs, 1) / step)
 
 
 def jacobian(f: Callable[[Array], ArrayLike], scale: ArrayLike) -> Array:

@@ -89,7 +89,7 @@ def identify(
     contradictions(measured)
     rows = measured.rows
     measured = _in_f(unknowns, measured, offsets)
-    model, found, robust = _fits(unknowns, measured, offsets, loaded, progress)
+    model, plain, robust = _fits(unknowns, measured, offsets, loaded, progress)
     rejected: tuple[Rejected, ...] = ()
     if reject is not None:
         drop = robust.suspects if reject == "suspects" else robust.beyond(float(reject))
@@ -99,8 +99,8 @@ def identify(
             keep = np.ones(len(measured), bool)
             keep[drop] = False
             measured = measured.chosen(keep)
-            model, found, robust = _fits(unknowns, measured, offsets, loaded, progress)
-    chosen = robust.fit if fit == "robust" else found
+            model, plain, robust = _fits(unknowns, measured, offsets, loaded, progress)
+    chosen = robust.fit if fit == "robust" else plain
     seen = model.observations
     checks = checked(model, chosen, unknowns, measured, rows_in_fit(robust, fit, len(seen)))
     inflation = inflation_of(checks)
@@ -110,7 +110,7 @@ def identify(
 
         told = with_profiles(told, model, unknowns, chosen, measured, offsets, level)
     result = Identification(
-        elastic, unknowns, measured, len(rows), rejected, model, chosen, found, robust, tuple(told),
+        elastic, unknowns, measured, len(rows), rejected, model, chosen, plain, robust, tuple(told),
         checks, level, fit, offsets, isinstance(model, LoadedModel), inflation,
     )  # fmt: skip
     doubts = other_axes(unknowns, measured, chosen.solved.residual, seen.target, offsets)
@@ -162,9 +162,9 @@ def _fits(
     _check_count(len(seen), unknowns, nuisance.shape[1])
     if isinstance(model, LoadedModel):
         start = _at_rest(model, unknowns, _near(unknowns, measured, noise, nuisance))
-    found = fitted(model, unknowns, noise, nuisance=nuisance, start=start, progress=progress)
-    robust = robust_fit(model, unknowns, noise, nuisance, found)
-    return model, found, robust
+    plain = fitted(model, unknowns, noise, nuisance=nuisance, start=start, progress=progress)
+    robust = robust_fit(model, unknowns, noise, nuisance, plain)
+    return model, plain, robust
 
 
 def _at_rest(model: LoadedModel, unknowns: Unknowns, near: Array) -> Array:

@@ -138,7 +138,7 @@ def beside(
     owner, q, wrench, direction = [], [], [], []
     for i, centre in enumerate(rows.q):
         W, gauge = rows.wrench[i], rows.direction[i]
-        found = [(centre, W, gauge)]
+        loads = [(centre, W, gauge)]
         forces = W[None]
         if W.any():
             forces = np.hstack([np.zeros((3, 3)), np.eye(3) * np.linalg.norm(W[3:])])
@@ -147,9 +147,9 @@ def beside(
             if at is None or not _is_within(elastic, at, within or {}, rows.point):
                 continue
             turned = gauge + 2.0 * pi * share * rng.normal(size=3)
-            found += [(at, force, turned / np.linalg.norm(turned)) for force in forces]
-        owner += [i] * len(found)
-        for where, force, along in found:
+            loads += [(at, force, turned / np.linalg.norm(turned)) for force in forces]
+        owner += [i] * len(loads)
+        for where, force, along in loads:
             q.append(where)
             wrench.append(force)
             direction.append(along)
@@ -211,9 +211,11 @@ def _posture(elastic: ElasticMechanism, q: Array) -> Array | None:
     if isinstance(elastic.mechanism, Chain) and elastic.mechanism.closures:
         held = elastic.mechanism.held
         try:
-            found = elastic.mechanism.closed(q).q
+            closed = elastic.mechanism.closed(q).q
         except ConvergenceError:
             return None
         # Where motors or links had to give way, they do not stand there unstressed.
-        return found if np.abs(found[held] - q[held]).max(initial=0.0) < numerics.TELLING else None
+        return (
+            closed if np.abs(closed[held] - q[held]).max(initial=0.0) < numerics.TELLING else None
+        )
     return q

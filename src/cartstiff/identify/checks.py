@@ -148,9 +148,9 @@ def checked(
     model: Model, fit: Fit, unknowns: Unknowns, measured: Measurements, kept: NDArray[np.bool_]
 ) -> Checks:
     """Tests of a fit; `kept` are the numbers (m,) that it rests on."""
-    found, seen = fit.solved, model.observations
-    r = found.residual / found.deviation
-    freedom = float(np.sum(1.0 - found.leverage[kept]))
+    solution, seen = fit.solved, model.observations
+    r = solution.residual / solution.deviation
+    freedom = float(np.sum(1.0 - solution.leverage[kept]))
     groups = np.unique(seen.is_angle)
     known = all(not np.isnan(seen.deviation[seen.is_angle == g]).any() for g in groups)
     chi = float(np.sum(r[kept] ** 2)) if known else None
@@ -190,14 +190,14 @@ def _lack_of_fit(
 
 def _left_out(fit: Fit, row: NDArray[np.intp], postures: NDArray[np.intp]) -> Array:
     """Leave-one-posture-out residuals (m,)."""
-    found = fit.solved
-    m = len(found.residual)
-    whole = found.whitened
+    solution = fit.solved
+    m = len(solution.residual)
+    whole = solution.whitened
     used = np.abs(whole).any(axis=0)
     U, values, _ = np.linalg.svd(whole[:, used] / np.linalg.norm(whole[:, used], axis=0),
                                  full_matrices=False)  # fmt: skip
     U = U[:m, : numerics.rank(values)]
-    r = found.residual / found.deviation
+    r = solution.residual / solution.deviation
     answer = np.full(m, np.nan)
     group = postures[row]
     order = np.argsort(group, kind="stable")
@@ -211,7 +211,7 @@ def _left_out(fit: Fit, row: NDArray[np.intp], postures: NDArray[np.intp]) -> Ar
         if fine.any():
             solved = np.linalg.solve(left[fine], r[these[fine]][..., None])[..., 0]
             answer[these[fine]] = solved
-    return np.asarray(answer * found.deviation)
+    return np.asarray(answer * solution.deviation)
 
 
 def _patterns(
@@ -235,21 +235,21 @@ def _patterns(
         columns = np.array(model.observations.column)
         for name in dict.fromkeys(model.observations.column):
             candidates.append(("drift", name, np.where(columns == name, time - time.mean(), 0.0)))
-    found = fit.solved
-    m = len(found.residual)
-    B = (found.whitened[:m])[kept]
+    solution = fit.solved
+    m = len(solution.residual)
+    B = (solution.whitened[:m])[kept]
     used = np.abs(B).any(axis=0)
     scaled = B[:, used] / np.linalg.norm(B[:, used], axis=0)
     U, values, _ = np.linalg.svd(scaled, full_matrices=False)
     U = U[:, : numerics.rank(values)]
-    r = (found.residual / found.deviation)[kept]
+    r = (solution.residual / solution.deviation)[kept]
     r = r - U @ (U.T @ r)
     freedom = len(r) - U.shape[1] - 1
     if freedom < 1:
         return ()
     tested: list[Pattern] = []
     for kind, name, column in candidates:
-        x = (column / found.deviation)[kept]
+        x = (column / solution.deviation)[kept]
         own = float(x @ x)
         x = x - U @ (U.T @ x)
         left = float(x @ x)

@@ -99,27 +99,27 @@ def fitted(
         theta[fixed[0]] = fixed[1]
     N = np.zeros((len(model.observations), 0)) if nuisance is None else nuisance
     search = _Search(model, unknowns, noise, N, weights, fixed, progress)
-    found, A, target = search.linear(theta)
+    solution, A, target = search.linear(theta)
     if model.is_linear or once:
-        return Fit(found, found.theta, A, target, 1)
+        return Fit(solution, solution.theta, A, target, 1)
     for _ in range(_ROUNDS):
-        theta, before = search.descended(theta, found), np.array(found.scales)
-        found, A, target = search.linear(theta)
-        if np.all(np.abs(found.scales - before) <= _SAME * before):
+        theta, before = search.descended(theta, solution), np.array(solution.scales)
+        solution, A, target = search.linear(theta)
+        if np.all(np.abs(solution.scales - before) <= _SAME * before):
             break
-    return Fit(_without_slack(found, theta, unknowns.sizes), theta, A, target, search.steps)
+    return Fit(_without_slack(solution, theta, unknowns.sizes), theta, A, target, search.steps)
 
 
-def _without_slack(found: Solved, theta: Array, sizes: Array) -> Solved:
+def _without_slack(solution: Solved, theta: Array, sizes: Array) -> Solved:
     """The linear solution, parameters known to worse than many sizes called not determined.
 
     Nothing is linear over such an interval, and a search has left them where they were.
     """
-    spread = np.sqrt(np.maximum(found.covariance.diagonal(), 0.0))
+    spread = np.sqrt(np.maximum(solution.covariance.diagonal(), 0.0))
     lost = ~(spread <= SLACK * np.maximum(sizes, np.abs(theta)))
-    C = found.covariance.copy()
+    C = solution.covariance.copy()
     C[lost], C[:, lost] = np.nan, np.nan
-    return replace(found, covariance=C, is_determined=found.is_determined & ~lost)
+    return replace(solution, covariance=C, is_determined=solution.is_determined & ~lost)
 
 
 class _Search:
@@ -154,12 +154,12 @@ class _Search:
             B = A.copy()
             B[:, self._fixed[0]] = 0.0
         target = self._model.observations.target - y + B @ theta
-        found = solved(B, target, self._noise, sizes=self._sizes, bounded=self._bounded,
+        solution = solved(B, target, self._noise, sizes=self._sizes, bounded=self._bounded,
                        nuisance=self._nuisance, priors=self._priors,
                        weights=self._weights)  # fmt: skip
-        return found, A, target
+        return solution, A, target
 
-    def descended(self, theta: Array, found: Solved) -> Array:
+    def descended(self, theta: Array, solution: Solved) -> Array:
         """The least sum of squares with the standard deviations of a linear solution.
 
         What the rows do not determine stays where it is; nuisances are eliminated, which is exact
@@ -169,7 +169,7 @@ class _Search:
         if self._fixed is not None:
             free[self._fixed[0]] = False
         weight = 1.0 if self._weights is None else np.sqrt(self._weights)
-        weight = np.broadcast_to(weight / found.deviation, found.deviation.shape)
+        weight = np.broadcast_to(weight / solution.deviation, solution.deviation.shape)
         U, values, _ = np.linalg.svd(self._nuisance * weight[:, None], full_matrices=False)
         Q = U[:, : numerics.rank(values)] if values.size else U
         sizes, seen = self._sizes, self._model.observations
@@ -239,9 +239,9 @@ def _damped(
 
         def answer(right: Array, at: Array, A: Array = A) -> Array:
             target = np.append(-right, np.zeros(len(A) - len(right)))
-            found = lsq_linear(A, target, (lower - at, np.inf), "bvls",
+            optimum = lsq_linear(A, target, (lower - at, np.inf), "bvls",
                                tol=numerics.LAST_DIGITS, max_iter=10 * A.shape[1])  # fmt: skip
-            return np.asarray(found.x)
+            return np.asarray(optimum.x)
 
         move = answer(R[:, -1], z)
         after = R[:, :-1] @ move + R[:, -1]

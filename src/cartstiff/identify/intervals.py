@@ -75,12 +75,14 @@ def quantile(level: float, degrees: float) -> float:
     return float(ndtri(tail) if np.isinf(degrees) else stdtrit(degrees, tail))
 
 
-def estimates(found: Solved, unknowns: Unknowns, level: float, inflation: float) -> list[Estimate]:
+def estimates(
+    solution: Solved, unknowns: Unknowns, level: float, inflation: float
+) -> list[Estimate]:
     """One estimate per parameter.
 
     Parameters
     ----------
-    found : Solved
+    solution : Solved
         The fit.
     unknowns : Unknowns
         What was fitted.
@@ -89,15 +91,15 @@ def estimates(found: Solved, unknowns: Unknowns, level: float, inflation: float)
     inflation : float
         Factor on standard deviations where the scatter is larger than those given.
     """
-    degrees = found.degrees if inflation == 1.0 else min(found.degrees, found.freedom)
+    degrees = solution.degrees if inflation == 1.0 else min(solution.degrees, solution.freedom)
     t = quantile(level, degrees)
     answer = []
     for p, unknown in enumerate(unknowns.parameters):
-        if not found.is_determined[p]:
+        if not solution.is_determined[p]:
             answer.append(Estimate(unknown, "not-identifiable", None, None, None))
             continue
-        s = float(np.sqrt(found.covariance[p, p])) * inflation
-        centre = float(found.unbounded[p])
+        s = float(np.sqrt(solution.covariance[p, p])) * inflation
+        centre = float(solution.unbounded[p])
         low, high = centre - t * s, centre + t * s
         verdict: Verdict = "determined"
         if unknown.has_stiffness:
@@ -106,5 +108,5 @@ def estimates(found: Solved, unknowns: Unknowns, level: float, inflation: float)
             elif low <= 0.0:
                 verdict = "at-least"
             low, high = max(low, 0.0), max(high, 0.0)
-        answer.append(Estimate(unknown, verdict, float(found.theta[p]), s, (low, high)))
+        answer.append(Estimate(unknown, verdict, float(solution.theta[p]), s, (low, high)))
     return answer

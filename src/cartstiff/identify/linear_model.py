@@ -135,11 +135,11 @@ class LinearModel:
     @cached_property
     def _kinematics(self) -> tuple[Array, Array]:
         """Poses and Jacobians of the distinct postures of an open chain."""
-        found = analyse_many(self._rest, self._distinct[0], outputs=("pose", "jacobian"),
+        postures = analyse_many(self._rest, self._distinct[0], outputs=("pose", "jacobian"),
                              path="portable")  # fmt: skip
-        if not np.isfinite(found["jacobian"]).all():
-            raise InputError("a posture has no Jacobian", got=str(found.counts()))
-        return found["pose"], found["jacobian"]
+        if not np.isfinite(postures["jacobian"]).all():
+            raise InputError("a posture has no Jacobian", got=str(postures.counts()))
+        return postures["pose"], postures["jacobian"]
 
     @cached_property
     def observations(self) -> Observations:
@@ -162,11 +162,11 @@ class LinearModel:
         wanted = np.zeros(len(q), bool)
         wanted[groups[self.observations.row[self.observations.is_absolute]]] = True
         first = elastic.mechanism.at(q[0])
-        found = np.zeros((len(q), first.motion.jacobian.shape[1]))
+        weights = np.zeros((len(q), first.motion.jacobian.shape[1]))
         if elastic.gravity is not None:
             for i in np.flatnonzero(wanted):
-                found[i] = -elastic.mechanism.at(q[i]).gravity(elastic.gravity).gradient
-        return found
+                weights[i] = -elastic.mechanism.at(q[i]).gravity(elastic.gravity).gradient
+        return weights
 
     def _forces(self, theta: Array) -> tuple[Array, Array, Array, Array]:
         """Per distinct posture: F (k, E, 6), C (k, 6, 6), and the weight's forces and twist."""
@@ -194,13 +194,13 @@ class LinearModel:
                     f"row {self.measured.rows[place]}: {error}", expected="a posture in which the "
                     "springs hold the mechanism",
                 ) from None  # fmt: skip
-        found = (
+        forces = (
             np.array([p.forces for p in parts]), np.array([p.compliance for p in parts]),
             np.array([p.weight_forces for p in parts]), np.array([p.weight_twist for p in parts]),
         )  # fmt: skip
         if self.known is not None:
-            self.known[theta.tobytes()] = found
-        return found
+            self.known[theta.tobytes()] = forces
+        return forces
 
     def at(self, theta: Array) -> tuple[Array, Array]:
         """Predictions (m,) and derivatives (m, P)."""

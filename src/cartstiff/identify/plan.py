@@ -205,8 +205,8 @@ def plan(
                          expected="other loads, or columns to be measured")  # fmt: skip
 
     def told(rows: Measurements) -> Array:
-        found, moved = _told(unknowns, rows)
-        return np.where((moved <= most)[:, None, None], found, 0.0)[:, known][:, :, known]
+        information, moved = _told(unknowns, rows)
+        return np.where((moved <= most)[:, None, None], information, 0.0)[:, known][:, :, known]
 
     G, start = whole[:, known][:, :, known], start[np.ix_(known, known)]
     one = float(np.median(np.trace(G, axis1=1, axis2=2))) / len(start)

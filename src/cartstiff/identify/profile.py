@@ -62,19 +62,19 @@ def with_profiles(
     The widest are looked at first, as far as a budget of equilibria reaches. Where the model bends
     and no budget is left for the profile, no interval is told.
     """
-    seen, found, sizes = model.observations, fit.solved, unknowns.sizes
+    seen, solution, sizes = model.observations, fit.solved, unknowns.sizes
     cost_of_all = len(measured) * (_LEAST + measured.q.shape[1])
     model = _Counted(model, max(_BUDGET // cost_of_all, len(told)))
     nuisance = nuisance_of(seen, measured, offsets).columns
-    fixed_noise = Noise(found.deviation, seen.is_angle.astype(np.intp), (True, True))
-    t = quantile(level, found.degrees)
+    fixed_noise = Noise(solution.deviation, seen.is_angle.astype(np.intp), (True, True))
+    t = quantile(level, solution.degrees)
     prior = [(p, *u.prior) for p, u in enumerate(unknowns.parameters) if u.prior is not None]
 
-    N = nuisance / found.deviation[:, None]
+    N = nuisance / solution.deviation[:, None]
 
     def apart(of: Array, theta: Array) -> Array:
         """Residuals and deviations from priors, without what nuisances explain."""
-        r = of / found.deviation
+        r = of / solution.deviation
         if N.size:
             r = r - N @ np.linalg.lstsq(N, r, rcond=None)[0]
         return np.append(r, [(theta[p] - value) / s for p, value, s in prior])
@@ -166,10 +166,10 @@ def _bends(
             continue
         theta, expected = linear.beside(p, value)
         try:
-            found = cost(theta)
+            actual = cost(theta)
         except CartstiffError:
             return True
-        if abs(found - expected) > _TELLING * max(square, expected - least):
+        if abs(actual - expected) > _TELLING * max(square, expected - least):
             return True
     return False
 

@@ -93,8 +93,10 @@ class Identification:
     @property
     def degrees(self) -> float:
         """Degrees of freedom of the intervals."""
-        found = self.chosen.solved
-        return found.degrees if self.inflation == 1.0 else min(found.degrees, found.freedom)
+        solution = self.chosen.solved
+        return (
+            solution.degrees if self.inflation == 1.0 else min(solution.degrees, solution.freedom)
+        )
 
     @property
     def suspects(self) -> list[int]:
@@ -110,7 +112,7 @@ class Identification:
 
     def noise(self) -> dict[str, dict[str, Any]]:
         """Scatter of lengths and angles, each in its unit, by "length" and "angle"."""
-        seen, found = self.model.observations, self.chosen.solved
+        seen, solution = self.model.observations, self.chosen.solved
         answer = {}
         for g, name, unit in ((False, "length", self.elastic.units.length), (True, "angle", "rad")):
             mine = seen.is_angle == g
@@ -120,8 +122,8 @@ class Identification:
             answer[name] = {
                 "unit": unit,
                 "count": int(mine.sum()),
-                "residual_rms": _rms(found.residual[mine]),
-                "sigma": _rms(found.deviation[mine]),
+                "residual_rms": _rms(solution.residual[mine]),
+                "sigma": _rms(solution.deviation[mine]),
                 "sigma_is_estimated": bool(np.isnan(seen.deviation[mine]).any()),
                 "leave_one_out_rms": None if np.isnan(left).all() else _rms(left[~np.isnan(left)]),
             }
@@ -129,15 +131,15 @@ class Identification:
 
     def weak_directions(self) -> list[dict[str, Any]]:
         """Combinations of springs that the rows do not see."""
-        found, names = self.chosen.solved, self.unknowns.names
-        directions, count = found.directions, len(found.singular_values)
+        solution, names = self.chosen.solved, self.unknowns.names
+        directions, count = solution.directions, len(solution.singular_values)
         lost = directions[:, self._rank() : count] if count else directions
         answer = []
         for i, vector in enumerate(lost.T):
             shares = vector[: len(names)]
             big = np.abs(shares) > 0.05
             answer.append({
-                "singular_value": float(found.singular_values[self._rank() + i]),
+                "singular_value": float(solution.singular_values[self._rank() + i]),
                 "springs": {names[p]: float(shares[p]) for p in np.flatnonzero(big)},
             })  # fmt: skip
         return answer

@@ -78,16 +78,16 @@ class Robust:
 
     def reasons(self, seen: Observations, measured: Measurements) -> dict[int, str]:
         """In words, the worst number of each row."""
-        found = {}
+        by_row = {}
         for n in range(len(measured)):
             mine = np.flatnonzero(seen.row == n)
             if mine.size:
                 worst = mine[np.argmax(np.abs(self.standardised[mine]))]
-                found[n] = (
+                by_row[n] = (
                     f"{seen.column[worst]}: residual of {self.standardised[worst]:+.1f} standard "
                     "deviations from the robust fit"
                 )
-        return found
+        return by_row
 
 
 def robust_fit(
@@ -202,11 +202,11 @@ def _residuals(divided: Array, right: Array, noise: Noise, rank: int) -> tuple[A
     for loss, factor, rounds in (("soft_l1", 0.1, 2), ("cauchy", _CAUCHY, 3)):
         for _ in range(rounds):
             s = scale_of(r)
-            found = least_squares(
+            optimum = least_squares(
                 lambda x: B @ x - right, x, jac=lambda _: B, loss=loss, f_scale=factor * s,
                 x_scale="jac", max_nfev=200,
             )  # fmt: skip
-            x = found.x
+            x = optimum.x
             r = right - B @ x
     scales = np.ones(2)
     for g in (0, 1):

@@ -168,8 +168,8 @@ def other_axes(
     tried, count = [], 0
     for words, other in _others(unknowns, measured):
         count += 1
-        if (found := _left(unknowns, other, offsets, known, declared[0])) is not None:
-            tried.append((*found, words))
+        if (misfit := _left(unknowns, other, offsets, known, declared[0])) is not None:
+            tried.append((*misfit, words))
     if not tried:
         return []
     share, rms, freedom, words = min(tried)
@@ -245,7 +245,7 @@ def _others(unknowns: Unknowns, measured: Measurements) -> Iterator[tuple[str, M
 
 def _turned(measured: Measurements, R: Array) -> Measurements | None:
     """Displacements (and the gauge's direction) along other axes, in those of the base."""
-    values, found = dict(measured.values), "d" in measured.values
+    values, is_turned = dict(measured.values), "d" in measured.values
     for names in (DISPLACEMENT, ROTATION):
         there = [name in values for name in names]
         if any(there) and not all(there):
@@ -253,9 +253,9 @@ def _turned(measured: Measurements, R: Array) -> Measurements | None:
         if all(there):
             given = np.stack([values[name] for name in names], axis=1)
             values |= dict(zip(names, np.einsum("nij,nj->in", R, given), strict=True))
-            found = True
+            is_turned = True
     direction = np.einsum("nij,nj->ni", R, measured.direction)
-    return replace(measured, values=values, direction=direction) if found else None
+    return replace(measured, values=values, direction=direction) if is_turned else None
 
 
 def _exchanged(measured: Measurements) -> Iterator[tuple[str, Measurements]]:

@@ -116,19 +116,19 @@ def read_measurements(
                          got=f"{min(mass[row], mass0[row]):g}")  # fmt: skip
     if axes is None and OF_PATH in unused and wrench.any():
         wrench = _in_base(elastic, q, wrench)
-    found = Measurements(
+    measurements = Measurements(
         q, wrench, mass, mass0, axes or "base", values, sds,
         _directions(table, cells, values), session, table.get("time", np.full(count, np.nan)),
         point, point if load_at is None else load_at,
         unused=unused,
     )  # fmt: skip
-    _check_loads(found, elastic, cells)
-    return found
+    _check_loads(measurements, elastic, cells)
+    return measurements
 
 
 def _numbers(cells: Cells, i: int, column: Column) -> Array:
     """Numbers of one column in SI; NaN where a cell is empty."""
-    found = np.full(len(cells.rows), np.nan)
+    numbers = np.full(len(cells.rows), np.nan)
     for n, row in enumerate(cells.rows):
         text = row[i]
         if not text:
@@ -142,8 +142,8 @@ def _numbers(cells: Cells, i: int, column: Column) -> Array:
                 f"column {column.name!r}: not a finite number", where=cells.places[n],
                 expected="a number, or nothing", got=repr(text),
             )  # fmt: skip
-        found[n] = value * column.factor
-    return found
+        numbers[n] = value * column.factor
+    return numbers
 
 
 def _in_base(elastic: ElasticMechanism, q: Array, wrench: Array) -> Array:
@@ -311,33 +311,33 @@ def _measured(
 def _directions(table: Mapping[str, Array], cells: Cells, values: Mapping[str, Array]) -> Array:
     """Unit vectors of the dial gauge (N, 3)."""
     names = ("nx", "ny", "nz")
-    found = np.full((len(cells.rows), 3), np.nan)
+    directions = np.full((len(cells.rows), 3), np.nan)
     there = [name in table for name in names]
     if "d" not in values:
         if any(there):
             raise InputError("a direction without a dial gauge", where=cells.place,
                              expected="a column 'd'")  # fmt: skip
-        return found
+        return directions
     if not all(there):
         raise InputError("column 'd' needs its direction", where=cells.place,
                          expected="columns nx, ny, nz")  # fmt: skip
-    found = np.stack([table[name] for name in names], axis=1)
-    size = np.linalg.norm(found, axis=1)
+    directions = np.stack([table[name] for name in names], axis=1)
+    size = np.linalg.norm(directions, axis=1)
     bad = ~np.isnan(values["d"]) & ~(size > 0.0)
     if bad.any():
         raise InputError("the dial gauge has no direction", expected="nx, ny, nz, not all zero",
                          where=cells.places[int(np.argmax(bad))])  # fmt: skip
     with np.errstate(invalid="ignore", divide="ignore"):
-        return found / size[:, None]
+        return directions / size[:, None]
 
 
-def _check_loads(found: Measurements, elastic: ElasticMechanism, cells: Cells) -> None:
+def _check_loads(measurements: Measurements, elastic: ElasticMechanism, cells: Cells) -> None:
     """Refuse tables in which nothing acts."""
-    acts = found.wrench.any(axis=1) | (found.mass != found.mass0)
-    absolute = np.zeros(len(found), bool)
+    acts = measurements.wrench.any(axis=1) | (measurements.mass != measurements.mass0)
+    absolute = np.zeros(len(measurements), bool)
     for name in (*POSITION, *TURN):
-        if name in found.values:
-            absolute |= ~np.isnan(found.values[name])
+        if name in measurements.values:
+            absolute |= ~np.isnan(measurements.values[name])
     weight = elastic.gravity is not None and any(elastic.mechanism.masses().values())
     if not acts.any() and not (absolute.any() and weight):
         words = "the load is zero everywhere: no spring is stretched"

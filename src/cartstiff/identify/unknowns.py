@@ -122,14 +122,14 @@ class Unknowns:
         """The mechanism with these compliances; those at zero are all but rigid."""
         floor = np.where(self.is_bounded, numerics.CLOSE * np.abs(self.nominal), -np.inf)
         theta = np.maximum(theta, floor)
-        found = self.elements.with_compliance(self.compliance(theta))
-        return with_coefficients(found, self._coefficients(theta))
+        elastic = self.elements.with_compliance(self.compliance(theta))
+        return with_coefficients(elastic, self._coefficients(theta))
 
     def laws(self, theta: Array) -> dict[str, SpringLaw]:
         """Nonlinear springs by joint, those that are sought with these coefficients."""
-        found = with_coefficients(self.elements.elastic, self._coefficients(theta))
-        laws = found.springs.laws if isinstance(found.springs, JointSprings) else {}
-        return {found.names[j]: law for j, law in laws.items()}
+        elastic = with_coefficients(self.elements.elastic, self._coefficients(theta))
+        laws = elastic.springs.laws if isinstance(elastic.springs, JointSprings) else {}
+        return {elastic.names[j]: law for j, law in laws.items()}
 
     def _coefficients(self, theta: Array) -> dict[tuple[str, int], float]:
         return {u.law: x for u, x in zip(self.parameters, theta.tolist(), strict=True) if u.law}
@@ -256,12 +256,12 @@ def _of_law(
 
 def _links(elastic: ElasticMechanism) -> dict[str, list[str]]:
     """Links that give, with the names of their virtual joints."""
-    found = {}
+    links = {}
     for potential in elastic.potentials:
         if isinstance(potential, (CoupledSprings, Beam)):
             members = [elastic.names[j] for j in np.asarray(potential.indices).reshape(-1)]
-            found[potential.link or members[0].rpartition(".")[0]] = members
-    return found
+            links[potential.link or members[0].rpartition(".")[0]] = members
+    return links
 
 
 def _of_link(
@@ -288,7 +288,7 @@ def _of_link(
             if f"{name}.{part}" not in members:
                 valid = ["diagonal", *(m.rpartition(".")[2] for m in members)]
                 raise UnknownNameError("axis of a link", part, valid, where=f"--unknown {word}")
-    found = []
+    unknowns = []
     for i, a in enumerate(members):
         for j in range(i, len(members)):
             b = members[j]
@@ -303,8 +303,8 @@ def _of_link(
             unit = units.spring(length[0]) if alike else units.force
             pattern = CompliancePattern(own, ((a, b, 1.0),))
             prior = _prior((own,), priors) if i == j else None
-            found.append(Unknown(pattern, unit, float(C[i, j]), prior))
-    return found
+            unknowns.append(Unknown(pattern, unit, float(C[i, j]), prior))
+    return unknowns
 
 
 def _checked_ties(

@@ -79,13 +79,13 @@ def with_result(result: Identification, date: str | None = None, source: str = "
         e.name: e.stiffness_interval[0] for e in result.estimates
         if e.verdict == "at-least" and e.stiffness_interval[0] is not None
     }  # fmt: skip
-    found = Identified(
+    identified = Identified(
         tuple(patterns), (values / factor)[known], covariance,
         None if np.isinf(result.degrees) else result.degrees, result.level,
         len(result.measured), date or datetime.date.today().isoformat(), source, tuple(lost), least,
     )  # fmt: skip
     notes = tuple(n for n in elastic.notes if n.code != "stiffness-assumed" or lost)
-    return replace(elastic, identified=found, notes=notes)
+    return replace(elastic, identified=identified, notes=notes)
 
 
 def mechanism_file(
@@ -117,11 +117,11 @@ def mechanism_file(
     if elastic.units.length != length:  # --units are of what was given and shown
         elastic = in_units(elastic, length)
     _put_springs(data, elastic, to.parent)
-    found = elastic.identified
-    if found is None:
+    identified = elastic.identified
+    if identified is None:
         raise TypeError("a result without findings")
     entries = []
-    for pattern, value in zip(found.patterns, found.values.tolist(), strict=True):
+    for pattern, value in zip(identified.patterns, identified.values.tolist(), strict=True):
         entry: dict[str, Any] = {"name": pattern.name, "value": value}
         if pattern.law is not None:
             entry["polynomial"] = list(pattern.law)
@@ -129,14 +129,14 @@ def mechanism_file(
             entry["elements"] = [list(e) for e in pattern.entries]
         entries.append(entry)
     about = {
-        "compliances": entries, "covariance": found.covariance.tolist(),
-        "degrees": found.degrees, "level": found.level, "rows": found.rows, "date": found.date,
-        "source": found.source, "undetermined": list(found.undetermined),
-        "at_least": dict(found.at_least or {}),
+        "compliances": entries, "covariance": identified.covariance.tolist(),
+        "degrees": identified.degrees, "level": identified.level, "rows": identified.rows,
+        "date": identified.date, "source": identified.source,
+        "undetermined": list(identified.undetermined), "at_least": dict(identified.at_least or {}),
     }  # fmt: skip
     data["identified"] = {k: v for k, v in about.items() if v not in (None, [], {}, "")}
     data["identified"]["compliances"] = entries
-    data["identified"]["covariance"] = found.covariance.tolist()
+    data["identified"]["covariance"] = identified.covariance.tolist()
     return _yaml(data)
 
 

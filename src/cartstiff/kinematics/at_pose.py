@@ -130,12 +130,12 @@ def at_poses(elastic: ElasticMechanism, poses: ArrayLike) -> tuple[Array, list[i
     legs = legs_of(elastic, limits=False)
     if legs is not None and (q := search.many_by_steps(legs, wanted, free)) is not None:
         return q, free
-    found = np.full((len(wanted), len(search.q)), np.nan)
+    reached = np.full((len(wanted), len(search.q)), np.nan)
     for i, pose in enumerate(wanted):
         q = search.by_steps(pose, free)
         if q is not None:
-            found[i] = q
-    return found, free
+            reached[i] = q
+    return reached, free
 
 
 def _refusal(got: str) -> InputError:

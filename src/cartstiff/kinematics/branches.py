@@ -58,9 +58,9 @@ class Branches(np.ndarray):
 
     def __new__(cls, q: Array, search: Search | None = None) -> Branches:
         """Array of postures."""
-        found = np.array(q, float).view(cls)
-        found.search = search
-        return found
+        branches = np.array(q, float).view(cls)
+        branches.search = search
+        return branches
 
     def __array_finalize__(self, other: object) -> None:
         """Parts have been searched for by nobody."""

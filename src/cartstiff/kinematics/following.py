@@ -83,15 +83,15 @@ class Follower:
         """
         stopped: tuple[str, ...]
         if isinstance(self._mechanism, Platform):
-            found, stopped = self._platform(self._mechanism, q, T_wanted)
+            coordinates, stopped = self._platform(self._mechanism, q, T_wanted)
         else:
-            found = self._joints(q, T_wanted, turning)
-            stopped = self._beyond(found, np.eye(4), numerics.NEARBY)
-        posture = self._mechanism.at(found)
+            coordinates = self._joints(q, T_wanted, turning)
+            stopped = self._beyond(coordinates, np.eye(4), numerics.NEARBY)
+        posture = self._mechanism.at(coordinates)
         e = pose_errors(posture.pose[None], T_wanted[None], "none", 1.0)[0]
         distance, angle = float(np.linalg.norm(e[3:])), float(np.linalg.norm(e[:3]))
         reached = max(distance / posture.length, angle) <= numerics.NEARBY
-        return Followed(found, distance, angle, reached, () if reached else stopped)
+        return Followed(coordinates, distance, angle, reached, () if reached else stopped)
 
     def _joints(self, q: Array, T: Array, turning: bool) -> Array:
         free: Free = "rotation" if not turning and self._deficient else "none"
@@ -103,9 +103,9 @@ class Follower:
     def _platform(self, platform: Platform, q: Array, T: Array) -> tuple[Array, tuple[str, ...]]:
         def near(pose: Array) -> Array:
             """Coordinates of a pose, its angles on the turn of q."""
-            found = np.array(platform.coordinates_of(pose))
-            found[3:] -= 2 * np.pi * np.round((found[3:] - q[3:]) / (2 * np.pi))
-            return found
+            coordinates = np.array(platform.coordinates_of(pose))
+            coordinates[3:] -= 2 * np.pi * np.round((coordinates[3:] - q[3:]) / (2 * np.pi))
+            return coordinates
 
         start = platform.pose_of(q)
         best, stopped = near(T), self._beyond(q, start, 0.0)

@@ -111,11 +111,11 @@ def inverse_kinematics(
             raise InputError(f"pose {index + 1} is not a rigid motion", got=T.tolist())
     if isinstance(checked_elastic(elastic).mechanism, Platform):
         q, good = PlatformPoses(elastic, limits).solve(wanted, np.empty((len(wanted), 6)))
-        found = [
+        branches = [
             Branches(q[i : i + 1][good[i : i + 1]], Search(1, (), int(good[i]), int(good[i])))
             for i in range(len(wanted))
         ]
-        return found[0] if single else found
+        return branches[0] if single else branches
     solver = JointPoses(elastic, limits) if solver is None else solver
     begin = _starts(solver, starts, seed)
     given = not isinstance(starts, (int, np.integer)) and len(begin) > 1
@@ -124,17 +124,17 @@ def inverse_kinematics(
     modes = legs and working_modes(legs, near, wanted, begin, free, tolerance, most)
     if not modes:
         every = searched(solver, wanted, begin, free, tolerance, cost)
-        found = [Branches(q, Search(len(begin), (), len(q), len(q))) for q in every]
+        branches = [Branches(q, Search(len(begin), (), len(q), len(q))) for q in every]
     elif cost is not None and solver.redundancy(free):
-        found = [
+        branches = [
             Branches(
                 searched(solver, T[None], q[:_MOST_SETTLED], free, tolerance, cost)[0], q.search
             )
             for T, q in zip(wanted, modes, strict=True)
         ]
     else:
-        found = modes
-    return found[0] if single else found
+        branches = modes
+    return branches[0] if single else branches
 
 
 def _starts(solver: JointPoses, starts: int | ArrayLike, seed: int) -> Array:

@@ -373,5 +373,5 @@ def distinct(q: Array, periodic: Array, sizes: Array, tolerance: float = SAME) -
     turns = np.where(periodic, np.round(difference / (2 * np.pi)), 0.0)
     near = np.abs(difference - 2 * np.pi * turns).max(axis=2) < tolerance
     first = ~np.any(np.tril(near, -1), axis=1)
-    found: Array = order[first]
-    return found
+    kept: Array = order[first]
+    return kept

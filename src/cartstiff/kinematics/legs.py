@@ -52,13 +52,13 @@ def searched(
         for i in range(0, len(rows), _ROWS):
             block = rows[i : i + _ROWS]
             q[block] = settled(unwound, q[block], T[block], free, tolerance, cost)
-    same, found = SAME if cost is None else _SETTLED, []
+    same, solutions = SAME if cost is None else _SETTLED, []
     q = solver.within(q)
     for cell in range(len(wanted)):
         part = slice(cell * k, (cell + 1) * k)
         own = q[part][good[part]]
-        found.append(own[distinct(own, solver.periodic, solver.sizes, same)])
-    return found
+        solutions.append(own[distinct(own, solver.periodic, solver.sizes, same)])
+    return solutions
 
 
 class Leg(NamedTuple):
@@ -89,7 +89,7 @@ class Leg(NamedTuple):
             return []
         solver, shape = self.solver, self.closed.shape
         rows = np.array([j for j in range(len(near)) if j not in self.chain.virtual])
-        found: list[list[Array]] = [[] for _ in poses]
+        solutions: list[list[Array]] = [[] for _ in poses]
         for mode in shape.modes:
             own, missed = shape.inverse(poses @ self.closed.T_M_end, mode)
             for i in np.flatnonzero(missed <= tolerance):
@@ -97,8 +97,8 @@ class Leg(NamedTuple):
                 q[rows] = own[i]
                 q = np.where(solver.periodic, solver.within(q[None])[0], q)
                 if np.all((q >= solver.lower) & (q <= solver.upper)):
-                    found[i].append(q)
-        return [np.array(own).reshape(-1, len(near)) for own in found]
+                    solutions[i].append(q)
+        return [np.array(own).reshape(-1, len(near)) for own in solutions]
 
     def solutions(
         self, T_F_M: Array, begin: Array, near: Array, free: Free, tolerance: float
@@ -118,10 +118,10 @@ class Leg(NamedTuple):
             known = self.in_closed_form(T_F_M, near, tolerance)
             return [q[np.argsort(away(q), kind="stable")] for q in known]
         cost = away if solver.redundancy(free) else None
-        found = searched(solver, target, np.clip(begin, solver.lower, solver.upper), free,
+        by_pose = searched(solver, target, np.clip(begin, solver.lower, solver.upper), free,
                          tolerance, cost)  # fmt: skip
         same = 10 * SAME if cost is None else 10 * _SETTLED
-        return [self._told_apart(q[np.argsort(away(q), kind="stable")], same) for q in found]
+        return [self._told_apart(q[np.argsort(away(q), kind="stable")], same) for q in by_pose]
 
     def _told_apart(self, q: Array, same: float) -> Array:
         kept: list[int] = []
@@ -277,13 +277,15 @@ def working_modes(
             return []
         return leg.solutions(T, begin[:, leg.columns], near[leg.columns], free, tolerance)
 
-    found = solved(first, wanted, free)
+    solutions = solved(first, wanted, free)
     # One case is one pose of the body: with a freedom every solution of the first leg is one.
     if free == "none":
-        cases = [(i, own, T) for i, (own, T) in enumerate(zip(found, wanted, strict=True))]
+        cases = [(i, own, T) for i, (own, T) in enumerate(zip(solutions, wanted, strict=True))]
     else:
         cases = [
-            (i, row[None], first.chain.at(row).pose) for i, own in enumerate(found) for row in own
+            (i, row[None], first.chain.at(row).pose)
+            for i, own in enumerate(solutions)
+            for row in own
         ]
     poses = np.array([T for _, _, T in cases]).reshape(-1, 4, 4)
     others = [solved(leg, poses, leg.free) for leg in legs[1:]]

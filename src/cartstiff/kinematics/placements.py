@@ -69,7 +69,7 @@ class Placements:
         held = U[:, int((values > numerics.RANK * values[0]).sum()) :].T
         if not len(held):
             return ()
-        found = []
+        names = []
         for name, x in self._all.items():
             step = numerics.DIFFERENCE * (1.0 if self.is_angle(name) else length)
             more, less = (
@@ -77,8 +77,8 @@ class Placements:
             )
             parted = np.abs(more - less).max() / (2.0 * numerics.DIFFERENCE)
             if parted > numerics.SETTLED * max(1.0, length):
-                found.append(name)
-        return tuple(found)
+                names.append(name)
+        return tuple(names)
 
     @property
     def words(self) -> str | None:

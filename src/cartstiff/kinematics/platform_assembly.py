@@ -232,14 +232,14 @@ def _real_on_curve(Q: Array, x: Complex) -> Array:
 
 def _multiple(Q: Array, x: Complex) -> tuple[Array, NDArray[np.intp]]:
     """Real multiple solutions (k, 8), and how many paths ended at each."""
-    found: list[Array] = []
+    refined: list[Array] = []
     counts: list[int] = []
     left = np.array([_refined(Q, row) for row in x], complex).reshape(-1, 8)
     while len(left):
         same = np.abs(left @ left[0].conj()) > 1.0 - 0.5 * _ONE**2
         point = _real(left[:1])[0]
         if np.abs(left[0].conj() @ point) > 1.0 - 0.5 * _ONE**2:
-            found.append(_refined(Q, point))
+            refined.append(_refined(Q, point))
             counts.append(int(same.sum()))
         left = left[~same]
-    return np.array(found).reshape(-1, 8), np.array(counts, np.intp)
+    return np.array(refined).reshape(-1, 8), np.array(counts, np.intp)

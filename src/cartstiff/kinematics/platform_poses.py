@@ -85,7 +85,7 @@ class PlatformPoses:
         """The leg that is beyond its limits most, at the pose where that is least."""
         starts = np.tile(self.start, (len(poses), 1))
         worst = [self._excess(q) for q in self.solve(poses, starts, free)[0]]
-        limit, amount = min(worst, key=lambda found: found[1])
+        limit, amount = min(worst, key=lambda excess: excess[1])
         return self.limits.names[limit], amount
 
     def self_motions(self, q: Array, free: Free, dimension: int) -> Array:

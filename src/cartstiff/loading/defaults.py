@@ -247,8 +247,8 @@ def _jacobians(chain: Chain, postures: Array) -> Array:
     joints = postures if tree.mimic is None else postures @ tree.mimic.T + tree.offset
     with tree.workspace() as data:
         local = [pin.computeJointJacobian(tree.model, data, row, body.joint) for row in joints]
-    found: Array = (pin.SE3(body.T_j_f).toActionMatrixInverse() @ np.array(local))[:, SWAP]
-    return found if tree.mimic is None else found @ tree.mimic
+    jacobian: Array = (pin.SE3(body.T_j_f).toActionMatrixInverse() @ np.array(local))[:, SWAP]
+    return jacobian if tree.mimic is None else jacobian @ tree.mimic
 
 
 @cache

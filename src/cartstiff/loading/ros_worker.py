@@ -42,8 +42,8 @@ def package_folder(name: str, beside: Path, searched: Sequence[str] = ()) -> Pat
     if not name or "/" in name or name in (".", ".."):
         return None
     for text in [*searched, *os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)]:
-        if text and (found := _below(Path(text).expanduser(), name)) is not None:
-            return found
+        if text and (known := _below(Path(text).expanduser(), name)) is not None:
+            return known
     for text in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
         if (share := Path(text) / "share" / name).is_dir():
             return share
@@ -97,10 +97,10 @@ def expanded(path: str, given: dict[str, str], searched: list[str]) -> dict[str,
     import xacro
 
     def folder(name: str) -> str:
-        found = package_folder(name, Path(path), searched)
-        if found is None:
+        place = package_folder(name, Path(path), searched)
+        if place is None:
             raise LookupError(f"package {name!r} is not found")
-        return str(found)
+        return str(place)
 
     # What xacro asks for $(find ...), as ROS 2 would have it installed.
     index = types.ModuleType("ament_index_python.packages")
@@ -191,15 +191,15 @@ def described(name: str) -> dict[str, Any]:
         raise
     if missing:
         return {"not_cached": missing[0]}
-    found = next(
+    variable = next(
         (k for k in ("URDF_PATH", "XACRO_PATH", "MJCF_PATH") if getattr(module, k, None)), None
     )
-    if found is None:
+    if variable is None:
         return {"error": "it has neither a URDF nor a xacro nor an MJCF file"}
-    xacro = found == "XACRO_PATH"
+    xacro = variable == "XACRO_PATH"
     packages = getattr(module, "XACRO_PACKAGE_PATHS", {}) if xacro else {}
     return {
-        "path": getattr(module, found),
+        "path": getattr(module, variable),
         "arguments": {k: str(v) for k, v in getattr(module, "XACRO_ARGS", {}).items()}
         if xacro else {},
         "packages": [str(p) for p in packages.values()],

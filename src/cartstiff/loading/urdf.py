@@ -172,9 +172,9 @@ def _doubts(joints: Mapping[str, ET.Element]) -> list[Note]:
     placed: dict[str, dict[str, list[float]]] = {"xyz": {}, "rpy": {}}
     for name, joint in joints.items():
         origin = joint.find("origin")
-        for key, found in placed.items():
+        for key, values in placed.items():
             if origin is not None and (text := origin.get(key)):
-                found[f"{key} of joint {name}"] = [float(x) for x in text.split()]
+                values[f"{key} of joint {name}"] = [float(x) for x in text.split()]
     return [*turned(placed["rpy"]), *large_lengths(placed["xyz"])]
 
 
@@ -191,8 +191,8 @@ def _fix_followers(joints: dict[str, ET.Element], mimics: dict[str, Mimic]) -> N
     """Followers of a joint that stands still stand still at their offset."""
     standing = {name: 0.0 for name, joint in joints.items() if joint.get("type") == "fixed"}
     pending = dict(mimics)
-    while found := {n: m for n, m in pending.items() if m.leader in standing}:
-        for name, mimic in found.items():
+    while ready := {n: m for n, m in pending.items() if m.leader in standing}:
+        for name, mimic in ready.items():
             standing[name] = mimic.multiplier * standing[mimic.leader] + mimic.offset
             _fix(joints[name], standing[name])
             del pending[name], mimics[name]

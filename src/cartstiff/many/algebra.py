@@ -118,11 +118,11 @@ def _times(v: Array, row: Array) -> Array:
 
 def _nowhere(matrix: Array) -> Scalar:
     """NaN at every posture, as what follows from a matrix that is singular at each."""
-    found: Scalar = math.nan
+    nowhere: Scalar = math.nan
     for x in np.ravel(matrix):
         if isinstance(x, Number):
-            found = pick(x, x, 0.0, math.nan)
-    return found
+            nowhere = pick(x, x, 0.0, math.nan)
+    return nowhere
 
 
 def reflections(matrix: Array) -> Reflections:

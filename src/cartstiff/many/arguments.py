@@ -87,11 +87,11 @@ def without_digits(
     names: Sequence[str], known: Mapping[str, Array], shape: tuple[int, ...]
 ) -> NDArray[np.bool_]:
     """Postures (N,) whose K and C do not hold all principal values: roots are asked for there."""
-    found: NDArray[np.bool_] = np.zeros(shape, bool)
+    lost: NDArray[np.bool_] = np.zeros(shape, bool)
     for own in dict.fromkeys(_own(n) for n in names if n.startswith("root")):
         K, C = known[f"stiffness_{own}"], known[f"compliance_{own}"]
-        found |= numerics.pair_conditions(K, C) > numerics.PAIRED
-    return found
+        lost |= numerics.pair_conditions(K, C) > numerics.PAIRED
+    return lost
 
 
 def checked_count(what: str, value: object) -> int | None:
@@ -121,7 +121,7 @@ def arrays_for(
     for name in given:
         if name not in names:
             raise UnknownNameError("output", str(name), names, where="out")
-    found: dict[str, Array] = {}
+    arrays: dict[str, Array] = {}
     for name in names:
         expected = _shape(name, *shape)
         array = given.get(name)
@@ -143,13 +143,13 @@ def arrays_for(
                 "array to write into cannot be used", where=f"out, {name}",
                 expected=f"a writeable array of doubles of shape {expected}", got=got,
             )  # fmt: skip
-        others = {**inputs, **{k: found[k] for k in given if k in found}} if name in given else {}
+        others = {**inputs, **{k: arrays[k] for k in given if k in arrays}} if name in given else {}
         for other, values in others.items():
             if values is not None and overlap(array, values):
                 raise InputError("array to write into shares memory", where=f"out, {name}",
                                  expected="its own", got=f"that of {other}")  # fmt: skip
-        found[name] = array
-    return found
+        arrays[name] = array
+    return arrays
 
 
 def address_of(array: Array) -> int:

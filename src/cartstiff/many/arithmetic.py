@@ -46,8 +46,8 @@ def _in_length(matrix: Array, rows: Scalar, columns: Scalar) -> Array:
 def scaled_inverse(K: Array, length: Scalar) -> tuple[Array, Scalar]:
     """Inverse of a stiffness, its lengths measured in `length`, and its squared condition."""
     scaled = _in_length(K, length, length)
-    found = inverse(scaled)
-    return _in_length(found, length, length), norm_squared(scaled) * norm_squared(found)
+    inverted = inverse(scaled)
+    return _in_length(inverted, length, length), norm_squared(scaled) * norm_squared(inverted)
 
 
 def holds_soft_directions(K: Array, wanted: Collection[str]) -> Scalar:
@@ -87,14 +87,14 @@ def connections(K_B: Array, W: Array) -> dict[str, Array]:
 
 
 def add_compliances(
-    found: dict[str, Array], stiffness: dict[str, Array], wanted: Collection[str], length: Scalar
+    arrays: dict[str, Array], stiffness: dict[str, Array], wanted: Collection[str], length: Scalar
 ) -> Scalar:
-    """Put the compliances that are wanted into `found`; the largest squared condition of them."""
+    """Put the compliances that are wanted into `arrays`; the largest squared condition of them."""
     largest: Scalar = 0.0
     for name, K in stiffness.items():
         output = f"compliance_{name}"
         if output in wanted:
-            found[output], condition = scaled_inverse(K, length)
+            arrays[output], condition = scaled_inverse(K, length)
             largest = larger(largest, condition)
     return largest
 

@@ -249,15 +249,15 @@ def _run(
         if taken.has_derivatives:
             more, doubts = taken.derivatives(inputs["q"])
             inputs.update(more)
-        found, copies = {"verdict": verdict}, []
+        chunk, copies = {"verdict": verdict}, []
         for name, width in exists.items():
             part = arrays[name][start:stop]
             if part.flags.c_contiguous:
-                found[name] = part.reshape(rows, width)
+                chunk[name] = part.reshape(rows, width)
             else:
-                found[name] = np.empty((rows, width))
-                copies.append((part, found[name]))
-        workspace.run(inputs, found, rows, **options)
+                chunk[name] = np.empty((rows, width))
+                copies.append((part, chunk[name]))
+        workspace.run(inputs, chunk, rows, **options)
         for part, values in copies:
             part[...] = values.reshape(part.shape)
         verdicts[start:stop] = verdict[:rows, 0]

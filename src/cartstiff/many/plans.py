@@ -91,13 +91,13 @@ class Plan:
                 posture = self.elastic.mechanism.at(q[i])
                 for potential in self.loose:
                     try:
-                        found = potential.evaluate(posture)
+                        terms = potential.evaluate(posture)
                     except (ArithmeticError, ValueError, RuntimeError):
                         verdicts[i] = ENGINE
                         break
-                    energies[i] += found.energy
-                    gradients[i] += found.gradient
-                    hessians[i] += found.hessian
+                    energies[i] += terms.energy
+                    gradients[i] += terms.gradient
+                    hessians[i] += terms.hessian
                 H = hessians[i]
                 if np.abs(H - H.T).max() > _UNSYMMETRIC * np.abs(H).max():
                     verdicts[i] = ENGINE
@@ -114,11 +114,13 @@ class Plan:
         poses = se3.from_roll_pitch_yaw(q[:, :3], q[:, 3:]) @ T_P_M
         for start in range(0, len(q), _STACKED):
             own = slice(start, start + _STACKED)
-            found = struts.many(poses[own])
-            energies[own, 0] += found.energy.sum(axis=1)
-            gradients[own] += found.wrench.sum(axis=1)
-            hessians[own] += found.stiffness.sum(axis=1)
-            verdicts[own] = np.where((found.is_found & found.is_stable).all(axis=1), PLAIN, ENGINE)
+            balanced = struts.many(poses[own])
+            energies[own, 0] += balanced.energy.sum(axis=1)
+            gradients[own] += balanced.wrench.sum(axis=1)
+            hessians[own] += balanced.stiffness.sum(axis=1)
+            verdicts[own] = np.where(
+                (balanced.is_found & balanced.is_stable).all(axis=1), PLAIN, ENGINE
+            )
 
     @property
     def is_closed(self) -> bool:
@@ -143,20 +145,20 @@ def program_for(case: Case, outputs: tuple[str, ...], readings: Readings | None 
         return tape.program(closing_arrays(tape, case), [])
     needed = outputs if readings is None else (*outputs, *readings.needs)
     if isinstance(case, ClosedCase):
-        found = closed_arrays(tape, case, needed)
+        arrays = closed_arrays(tape, case, needed)
         lengths = case.constants.is_length
     elif isinstance(case, ChainCase):
-        found = chain_arrays(tape, case, needed)
+        arrays = chain_arrays(tape, case, needed)
         lengths = case.constants.is_length
     else:
-        found = platform_arrays(tape, case, needed)
+        arrays = platform_arrays(tape, case, needed)
         lengths = (True,) * 6
-    if readings is not None and readings.exist_beside(found):
-        values, doubt = read({**found, "lengths": np.array(lengths)}, readings)
-        found["verdict"][0] = larger(found["verdict"][0], doubt)
-        found["readings"] = np.append(values, values[: len(values) % 2])  # written by pairs
+    if readings is not None and readings.exist_beside(arrays):
+        values, doubt = read({**arrays, "lengths": np.array(lengths)}, readings)
+        arrays["verdict"][0] = larger(arrays["verdict"][0], doubt)
+        arrays["readings"] = np.append(values, values[: len(values) % 2])  # written by pairs
         outputs = ("pose", "readings")
-    kept = {name: found[name] for name in (*outputs, "verdict") if name in found}
+    kept = {name: arrays[name] for name in (*outputs, "verdict") if name in arrays}
     return tape.program(kept, shared_inputs(case.wrench))
 
 
@@ -169,8 +171,8 @@ def plan(elastic: ElasticMechanism, wrench: str) -> Plan | str:
 
     `wrench` is "none", "shared" or "each".
     """
-    if (found := known_plan(elastic, wrench)) is not None:
-        return found
+    if (known := known_plan(elastic, wrench)) is not None:
+        return known
     planned = _planned(elastic, wrench)
     if elastic.gravity is None or not elastic.gravity.flags.writeable:
         _plans.append((elastic, wrench, planned))
@@ -238,10 +240,10 @@ def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> Plan | 
 
 
 def _closed_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> Plan | str:
-    found = closed_case(elastic, chain, wrench)
-    if isinstance(found, str):
-        return found
-    case, others = found
+    answer = closed_case(elastic, chain, wrench)
+    if isinstance(answer, str):
+        return answer
+    case, others = answer
     springs, n = elastic.springs, chain.tree.n
     shared = {"stiffness": np.zeros((1, n)), "rest": np.zeros((1, n))}
     laws: Mapping[int, SpringLaw] = {}

@@ -130,11 +130,13 @@ def _dead_force(R: Array, p: Array, force: Array, point: Array) -> tuple[Scalar,
     return -(force @ (R @ point + p)), alpha, H
 
 
-def _chosen_tensions(found: Reflections, inverse_R: Array, missing: Array, present: Array) -> Array:
+def _chosen_tensions(
+    reflections: Reflections, inverse_R: Array, missing: Array, present: Array
+) -> Array:
     """Tensions nearest to the present ones whose lines, Q R, sum to what is missing."""
     short = zeros(len(present))
     short[:6] = inverse_R.T @ missing
-    return present + found.apply(short)
+    return present + reflections.apply(short)
 
 
 def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> dict[str, Array]:

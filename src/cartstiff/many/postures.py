@@ -363,9 +363,9 @@ def _by_engine(
         for i in which.tolist():
             load = loads if loads is None or loads.ndim == 1 else loads[i]
             rows = {name: array[i : i + 1] for name, array in arrays.items()}
-            code, found = fill(elastic, q[i], load, rows, kind, axes)
+            code, closed = fill(elastic, q[i], load, rows, kind, axes)
             if assembled:
-                q[i] = found
+                q[i] = closed
             state[i] = _index(codes, code)
 
 

@@ -36,8 +36,8 @@ class QuickPoses(JointPoses):
         self._constants: ChainConstants | None = None
         mechanism = elastic.mechanism
         if has_package("llvmlite") and isinstance(mechanism, Chain) and self.movable.all():
-            found = chain_constants(mechanism)
-            self._constants = None if isinstance(found, str) else found
+            constants = chain_constants(mechanism)
+            self._constants = None if isinstance(constants, str) else constants
         self._known: dict[str, Any] = {}
 
     def _errors(self, q: Array, T_wanted: Array, free: Free) -> tuple[Array, Array]:
@@ -46,12 +46,12 @@ class QuickPoses(JointPoses):
             return super()._errors(q, T_wanted, free)
         count, n = q.shape
         kernel = self._kernel("errors", lambda: _error_program(constants, self.length, self.sizes))
-        found = {"e": aligned_empty(count, 6), "jacobian": aligned_empty(count, 6 * n),
+        arrays = {"e": aligned_empty(count, 6), "jacobian": aligned_empty(count, 6 * n),
                  "verdict": aligned_empty(count, 1)}  # fmt: skip
         given = {"q": q, "wanted": T_wanted[:, :3].reshape(count, 12)}
-        kernel.run({name: np.ascontiguousarray(a) for name, a in given.items()}, found, count)
-        e, J = found["e"], found["jacobian"].reshape(count, 6, n)
-        turned = np.flatnonzero(found["verdict"][:, 0] != PLAIN)
+        kernel.run({name: np.ascontiguousarray(a) for name, a in given.items()}, arrays, count)
+        e, J = arrays["e"], arrays["jacobian"].reshape(count, 6, n)
+        turned = np.flatnonzero(arrays["verdict"][:, 0] != PLAIN)
         if turned.size:
             e[turned], J[turned] = super()._errors(q[turned], T_wanted[turned], free)
         return e, J
@@ -64,13 +64,13 @@ class QuickPoses(JointPoses):
         kernel = self._kernel(
             f"step {is_limited}", lambda: _step_program(self.sizes, is_limited)
         )  # fmt: skip
-        found = {"step": aligned_empty(count, n + n % 2)}
+        arrays = {"step": aligned_empty(count, n + n % 2)}
         given = {
             "q": q, "e": e, "jacobian": J.reshape(count, 6 * n), "mu": mu[:, None],
             "lower": self.lower[None], "upper": self.upper[None],
         }  # fmt: skip
-        kernel.run({name: np.ascontiguousarray(a) for name, a in given.items()}, found, count)
-        return found["step"][:, :n]
+        kernel.run({name: np.ascontiguousarray(a) for name, a in given.items()}, arrays, count)
+        return arrays["step"][:, :n]
 
     def _kernel(self, key: str, program: Callable[[], Program]) -> Any:
         if key not in self._known:

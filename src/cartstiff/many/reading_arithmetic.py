@@ -83,43 +83,43 @@ class Readings:
         names = [f"{kind}_{c}" for c in sorted(own) for kind in ("stiffness", "compliance")]
         return (*names, "stiffness_A", "pose", "jacobian", "wrench", "energy")
 
-    def exist_beside(self, found: Mapping[str, Array]) -> bool:
+    def exist_beside(self, arrays: Mapping[str, Array]) -> bool:
         """Whether a mechanism has all that is read."""
         of_jacobian = not {"singular_value_ratio", "manipulability"}.isdisjoint(self.names)
-        return all(name in found for name in self.needs if name != "jacobian" or of_jacobian)
+        return all(name in arrays for name in self.needs if name != "jacobian" or of_jacobian)
 
 
 class _Reader:
     """Matrices of one posture on a tape, and what several readings derive from them."""
 
-    def __init__(self, found: Mapping[str, Array], asked: Readings) -> None:
-        self.found, self.asked = found, asked
+    def __init__(self, arrays: Mapping[str, Array], asked: Readings) -> None:
+        self.arrays, self.asked = arrays, asked
         self.verdict: Scalar = PLAIN
         self._known: dict[str, list[Scalar]] = {}
         own = asked.connection
         self._matrix = "B" if own == "A" else own
         if own == "load":
-            D = _change(asked.load) @ found["wrench"]
+            D = _change(asked.load) @ arrays["wrench"]
             even = (D + D.T) * 0.5
-            self.K = found["stiffness_B"] + even
+            self.K = arrays["stiffness_B"] + even
             self.C = self._changed(even)
             self.own_C = self._changed(D)
         else:
-            self.K = found[f"stiffness_{self._matrix}"]
-            self.C = found[f"compliance_{self._matrix}"]
-            self.own_C = found[f"compliance_{own}"]
+            self.K = arrays[f"stiffness_{self._matrix}"]
+            self.C = arrays[f"compliance_{self._matrix}"]
+            self.own_C = arrays[f"compliance_{own}"]
         self.free_C = self.C
         if own in ("A", "load"):
             self.free_C = (self.own_C + self.own_C.T) * 0.5
         self._require_digits()
 
     def _changed(self, D: Array) -> Array:
-        C = self.found["compliance_B"]
+        C = self.arrays["compliance_B"]
         if all(is_zero(x) for x in D.ravel()):
             return C
-        found, doubt = changed_compliance(C, D, self.asked.length)
+        changed, doubt = changed_compliance(C, D, self.asked.length)
         self.require(doubt)
-        return found
+        return changed
 
     def require(self, verdict: Scalar) -> None:
         """Let a verdict count."""
@@ -127,7 +127,7 @@ class _Reader:
 
     def _require_digits(self) -> None:
         """That stiffness and compliance hold all principal values: `numerics.pair_conditions`."""
-        k, c = _squared_blocks(self.found["stiffness_B"]), _squared_blocks(self.C)
+        k, c = _squared_blocks(self.arrays["stiffness_B"]), _squared_blocks(self.C)
         area = square_root(k[0] / k[2])
         size = k[0] / area / area + k[1] / area + k[2]
         self.require(limited(size * (c[0] * area * area + c[1] * area + c[2]), _PAIRED**2))
@@ -145,11 +145,11 @@ class _Reader:
             keep = _BLOCKS[freedom]
             C = self.C if others == "own" else self.free_C
             if others == "held":
-                found, doubt = principal_values(self.K[keep, keep], *eliminated(self.C, keep))
+                values, doubt = principal_values(self.K[keep, keep], *eliminated(self.C, keep))
             else:
-                found, doubt = principal_values(C[keep, keep])
+                values, doubt = principal_values(C[keep, keep])
             self.require(doubt)
-            return found
+            return values
 
         return self.once(f"{freedom} {others}", make)
 
@@ -203,7 +203,7 @@ class _Reader:
         """A vector in the axes of the body."""
         if not self.asked.world:
             return force
-        R: Array = self.found["pose"][:3, :3]
+        R: Array = self.arrays["pose"][:3, :3]
         return R.T @ force
 
     def direction(self) -> Array:
@@ -216,7 +216,7 @@ class _Reader:
 
         def make() -> list[Scalar]:
             if self.asked.deflect is None:
-                W = self.found["wrench"]
+                W = self.arrays["wrench"]
             else:
                 moment, force = (self.in_body(np.array(x)) for x in np.split(
                     np.array(self.asked.deflect, float), 2))  # fmt: skip
@@ -258,7 +258,7 @@ def _on_axis(r: _Reader, freedom: str, others: str) -> Scalar:
 
 
 def _asymmetry(r: _Reader) -> Scalar:
-    K = r.found["stiffness_A"]
+    K = r.arrays["stiffness_A"]
     rr, tt = square_root(norm_squared(K[:3, :3])), square_root(norm_squared(K[3:, 3:]))
     product = square_root(rr * tt)
     edge = square_root(norm_squared(K[:3, 3:]))
@@ -276,9 +276,9 @@ def _asymmetry(r: _Reader) -> Scalar:
 
 def _root_of_jacobian(r: _Reader, length: float) -> Array:
     """R (6, 6) of the QR decomposition of a Jacobian's transpose, lengths scaled."""
-    J: Array = r.found["jacobian"]
+    J: Array = r.arrays["jacobian"]
     scale = np.repeat([length, 1.0], 3)[:, None]
-    columns = np.where(r.found["lengths"].astype(bool), length, 1.0)
+    columns = np.where(r.arrays["lengths"].astype(bool), length, 1.0)
     return reflections((J * scale * columns).T).R
 
 
@@ -370,24 +370,24 @@ READINGS: dict[str, _Reading] = {
     "asymmetry": _Reading(_asymmetry),
     "singular_value_ratio": _Reading(_singular_value_ratio),
     "manipulability": _Reading(_manipulability),
-    "moment": _Reading(lambda r: _norm(r.found["wrench"][:3])),
-    "force": _Reading(lambda r: _norm(r.found["wrench"][3:])),
-    "energy": _Reading(lambda r: r.found["energy"][0]),
+    "moment": _Reading(lambda r: _norm(r.arrays["wrench"][:3])),
+    "force": _Reading(lambda r: _norm(r.arrays["wrench"][3:])),
+    "energy": _Reading(lambda r: r.arrays["energy"][0]),
 }
 
 
-def read(found: Mapping[str, Array], asked: Readings) -> tuple[Array, Scalar]:
+def read(arrays: Mapping[str, Array], asked: Readings) -> tuple[Array, Scalar]:
     """Readings of one posture in the order of their names, and the verdict on them.
 
     Parameters
     ----------
-    found : mapping of str to ndarray
+    arrays : mapping of str to ndarray
         Outputs of `analyse_many` on a tape; "lengths" (n,) tells which coordinates of the Jacobian
         are distances.
     asked : Readings
         What to read.
     """
-    reader = _Reader(found, asked)
+    reader = _Reader(arrays, asked)
     values = zeros(len(asked.names))
     values[:] = [READINGS[name].record(reader) for name in asked.names]
     for value in values:

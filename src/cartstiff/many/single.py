@@ -161,8 +161,8 @@ class QuickPosture(PostureStiffness):
         C, change = self.compliances["B"], self.change_by_load
         if C is None or not change.any():
             return C
-        found = numerics.plain_inverse_of_sum(C, change)
-        return self._engine.tangent_compliance if found is None else found
+        inverse = numerics.plain_inverse_of_sum(C, change)
+        return self._engine.tangent_compliance if inverse is None else inverse
 
     @cached_property
     def notes(self) -> tuple[Note, ...]:
@@ -259,13 +259,13 @@ class _Code:
         record = self._answer.record(at, wrench)
         return (at, record) if record[self._verdict] == 0.0 else None
 
-    def near_notes(self, found: QuickPosture) -> list[Note]:
+    def near_notes(self, quick: QuickPosture) -> list[Note]:
         """Notes on near singularities; the sizes of a platform are the same everywhere."""
         if self._actuation is not None:
-            lines = found._record[self._actuation].reshape(-1, 6)
+            lines = quick._record[self._actuation].reshape(-1, 6)
             return hardly_held(lines, *self._sizes)
-        values = scaled_values(found.posture)
-        return [*near_type_2(found.posture), *near_serial(found.posture, values)]
+        values = scaled_values(quick.posture)
+        return [*near_type_2(quick.posture), *near_serial(quick.posture, values)]
 
     @staticmethod
     def _closed(closing: _Recorded, q: Array) -> Array | None:

@@ -118,7 +118,7 @@ class Writer:
         c = self.do("fadd", near, self.do("fadd", lost, c))
         k = self.new(f"bitcast {self.vector} {shifted} to {self.integers}")
         odd = self.new(f"trunc {self.integers} {k} to <{self.width} x i1>")
-        found = []
+        pair = []
         for yes, no, count in ((c, s, k), (s, c, self._integer("add", k, 1))):
             value = self.new(
                 f"select <{self.width} x i1> {odd}, {self.vector} {yes}, {self.vector} {no}"
@@ -126,8 +126,8 @@ class Writer:
             sign = self._integer("shl", self._integer("and", count, 2), 62)
             bits = self.new(f"bitcast {self.vector} {value} to {self.integers}")
             bits = self.new(f"xor {self.integers} {bits}, {sign}")
-            found.append(self.new(f"bitcast {self.integers} {bits} to {self.vector}"))
-        return found[0], found[1]
+            pair.append(self.new(f"bitcast {self.integers} {bits} to {self.vector}"))
+        return pair[0], pair[1]
 
     def _integer(self, operation: str, a: str, b: int) -> str:
         return self.new(f"{operation} {self.integers} {a}, {self.whole(b)}")
@@ -140,14 +140,14 @@ class Writer:
 
     def side_by_side(self, angles: list[str]) -> list[tuple[str, str]]:
         """Sines and cosines of some angles, their lines taking turns: each waits for its last."""
-        found, parts = [], []
+        pairs, parts = [], []
         start = len(self.lines)
         for x in angles:
-            found.append(self.sine_and_cosine(x))
+            pairs.append(self.sine_and_cosine(x))
             parts.append(self.lines[start:])
             del self.lines[start:]
         self.lines += [line for lines in zip(*parts, strict=True) for line in lines]
-        return found
+        return pairs
 
     def operation(self, name: str, a: list[str]) -> str:
         """One operation of a program, but for sine and cosine."""

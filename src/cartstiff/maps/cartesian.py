@@ -165,7 +165,7 @@ class CartesianGrid(Sampling):
         poses = np.tile(se3.pose(self.orientation), (len(places), 1, 1))
         poses[:, :3, 3] = places
         q = np.full((len(places), self.branches, len(self.base)), np.nan)
-        found = np.zeros(len(places), int)
+        counts = np.zeros(len(places), int)
         angle = np.array([not c.is_length for c in elastic.mechanism.coordinates])
 
         def away(postures: Array) -> Array:
@@ -186,12 +186,14 @@ class CartesianGrid(Sampling):
             for cell, solutions in enumerate(part, start=first):
                 # The nearest first; equally near ones stay in their order.
                 order = np.argsort(np.round(away(solutions), 9), kind="stable")[: self.branches]
-                found[cell] = len(solutions) if solutions.search is None else solutions.search.found
+                counts[cell] = (
+                    len(solutions) if solutions.search is None else solutions.search.found
+                )
                 q[cell, : len(order)] = solutions[order]
         ends = np.cumsum([len(first) for first, *_ in indices])[:-1]
         return [
             (part.reshape(-1, len(self.base)), number)
-            for part, number in zip(np.split(q, ends), np.split(found, ends), strict=True)
+            for part, number in zip(np.split(q, ends), np.split(counts, ends), strict=True)
         ]
 
     def postures(self, box: tuple[slice, ...], elastic: ElasticMechanism | None = None) -> Array:

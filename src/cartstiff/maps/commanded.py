@@ -120,12 +120,12 @@ class CommandedJob(MapJob):
 
     def _by_matrices(self, q: Array, quantities: Sequence[Quantity]) -> Answer:
         told = self.rows or [self.told or {}] * len(q)
-        found = [self._row(x, row, quantities) for x, row in zip(q, told, strict=True)]
+        answers = [self._row(x, row, quantities) for x, row in zip(q, told, strict=True)]
         return Answer(
-            np.concatenate([a.q for a in found]),
-            np.concatenate([a.state for a in found]),
-            np.concatenate([a.poses for a in found]),
-            {quantity.name: np.concatenate([a.values[quantity.name] for a in found])
+            np.concatenate([a.q for a in answers]),
+            np.concatenate([a.state for a in answers]),
+            np.concatenate([a.poses for a in answers]),
+            {quantity.name: np.concatenate([a.values[quantity.name] for a in answers])
              for quantity in quantities},
         )  # fmt: skip
 
@@ -139,17 +139,17 @@ class CommandedJob(MapJob):
         nowhere = Answer(q[None], _one(NO_REST), np.full((1, 4, 4), np.nan), none)
         try:
             with np.errstate(all="ignore"):
-                found = analyse_commanded(self.elastic, told, q, **said)
+                at_rest = analyse_commanded(self.elastic, told, q, **said)
         except CartstiffError as error:
             # Rigid drives may not go there; other bad input was refused before.
             if isinstance(error, InputError) and error.where != "command":
                 raise
             return nowhere
-        if force_notes(found.elastic, found.posture):
-            return Answer(found.q[None], _one(BEYOND), found.pose[None], none)
+        if force_notes(at_rest.elastic, at_rest.posture):
+            return Answer(at_rest.q[None], _one(BEYOND), at_rest.pose[None], none)
         own = {name: getattr(self, name) for name in ("sampling", "names", "settings")}
-        job = MapJob(found.elastic, **own, wrench=None, path="engine")
-        answer = job._by_matrices(found.q[None], quantities)
+        job = MapJob(at_rest.elastic, **own, wrench=None, path="engine")
+        answer = job._by_matrices(at_rest.q[None], quantities)
         # Its arrays are memory that the next row is written to.
         values = {name: value.copy() for name, value in answer.values.items()}
         return answer._replace(poses=answer.poses.copy(), values=values)

@@ -70,16 +70,16 @@ def described(folder: Path, schema: str) -> dict[str, Any]:
     where = one_line(str(folder))
     try:
         attributes = json.loads(_text(folder / "zarr.json"))["attributes"]
-        found = attributes["schema"]
+        there = attributes["schema"]
     except OSError as error:
         raise InputError("map cannot be read", where=where, got=error.strerror) from None
     except (ValueError, KeyError, TypeError, RecursionError):
         raise InputError(
             "is not a map, or its zarr.json is damaged", where=where, expected=_ANEW
         ) from None
-    if found != schema:
+    if there != schema:
         raise InputError("is a map of another version", where=where,
-                         expected=f"schema {schema}, or another file name", got=found)  # fmt: skip
+                         expected=f"schema {schema}, or another file name", got=there)  # fmt: skip
     try:
         whole = attributes[CHECKSUM] == description_checksum(folder)
     except (OSError, ValueError, KeyError, TypeError):

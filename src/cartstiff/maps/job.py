@@ -171,9 +171,9 @@ class MapJob:
         solved : tuple of ndarray, optional
             What `solved` gives for the box.
         """
-        shape, found = tuple(s.stop - s.start for s in box), None
+        shape, counts = tuple(s.stop - s.start for s in box), None
         if isinstance(self.sampling, CartesianGrid):
-            q, found = solved or self.sampling.solve([box], self.elastic, self._cost)[0]
+            q, counts = solved or self.sampling.solve([box], self.elastic, self._cost)[0]
         else:
             q = self.sampling.postures(box, self.elastic) if solved is None else solved[0]
         count = len(q)
@@ -205,8 +205,8 @@ class MapJob:
         arrays = {name: a.reshape(*shape, *a.shape[1:]) for name, a in arrays.items()}
         if self.stores_q:
             arrays["q"] = q.reshape(*shape, -1)
-        if found is not None:
-            arrays["branches"] = found.astype(np.uint32).reshape(shape[:-1])
+        if counts is not None:
+            arrays["branches"] = counts.astype(np.uint32).reshape(shape[:-1])
         return arrays
 
     def _compute_rows(self, q: Array, rows: slice, arrays: dict[str, Array]) -> Array:
@@ -259,11 +259,11 @@ class MapJob:
         result = self._analysed(q, outputs, buffers)
         values = self._values(result, quantities)
         if self.with_interval:
-            found = half_widths(
+            widths = half_widths(
                 self.elastic, lambda other: self._with_springs(other, result.q),
                 self.with_interval,
             )  # fmt: skip
-            values |= {half_width_name(name): width for name, width in found.items()}
+            values |= {half_width_name(name): width for name, width in widths.items()}
         to_own = np.array([_code(c) for c in result.codes], np.uint8)
         return Answer(result.q, to_own[result.state], result.arrays["pose"], values)
 
@@ -324,16 +324,16 @@ class MapJob:
 
     def _is_force_beyond(self, q: Array) -> bool:
         try:
-            found = analyse(self.elastic, q, wrench=self.wrench, **self._acting)
+            result = analyse(self.elastic, q, wrench=self.wrench, **self._acting)
         except CartstiffError:
             return False  # what is wrong there has a name of its own
-        return bool(force_notes(found.elastic, found.posture))
+        return bool(force_notes(result.elastic, result.posture))
 
     def _cost(self, q: Array) -> Array:
         """The first quantity, turned so that less is better."""
         quantity = self.quantities[0]
-        found = self._analysed(q, self._outputs_of([quantity]))
-        value = self._values(found, [quantity])[quantity.name]
+        results = self._analysed(q, self._outputs_of([quantity]))
+        value = self._values(results, [quantity])[quantity.name]
         return value if quantity.better == "smaller" else -value
 
     def _buffers(self, count: int) -> dict[str, Array]:

@@ -61,7 +61,7 @@ class _Stored(_Lazy):
     def box(self, ends: list[tuple[int, int]]) -> Array:
         """Read from the chunks that the box touches, each verified."""
         file, array = self.file, self.file.arrays[self.name]
-        found = np.full([b - a for a, b in ends], array.fill_value, self.dtype)
+        part = np.full([b - a for a, b in ends], array.fill_value, self.dtype)
         for place in product(
             *(range(a // c, ceil(b / c)) for (a, b), c in zip(ends, self.chunks, strict=True))
         ):
@@ -75,8 +75,8 @@ class _Stored(_Lazy):
                 for i, c, (a, b) in zip(place, self.chunks, ends, strict=True)
             ]
             here = tuple(slice(a - s, b - s) for (a, b), (s, _) in zip(there, ends, strict=True))
-            found[here] = array[tuple(slice(*pair) for pair in there)]
-        return found
+            part[here] = array[tuple(slice(*pair) for pair in there)]
+        return part
 
 
 class _Postures(_Lazy):

@@ -154,8 +154,8 @@ def slices(dataset: xarray.Dataset, quantity: str, by: str | None = None, count:
     mesh = None
     for i, part in enumerate(parts):
         axis = axes.flat[i]
-        mesh, found = _cells(axis, part, quantity, norm)
-        reasons |= found
+        mesh, why = _cells(axis, part, quantity, norm)
+        reasons |= why
         value = part[cut]
         axis.set_title(f"{cut} = {float(value):.4g} {value.attrs.get('units', '')}", fontsize=9)
         axis.label_outer()

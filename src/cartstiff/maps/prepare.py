@@ -314,13 +314,13 @@ def _direction(direction: ArrayLike) -> tuple[float, ...]:
 
 
 def _versions() -> dict[str, str]:
-    found = {"cartstiff_version": __version__, "python_version": platform.python_version()}
+    versions = {"cartstiff_version": __version__, "python_version": platform.python_version()}
     for package in ("numpy", "pin", "zarr"):
         try:
-            found[f"{package}_version"] = version(package)
+            versions[f"{package}_version"] = version(package)
         except PackageNotFoundError:
             continue
-    return found
+    return versions
 
 
 def _probe(
@@ -352,8 +352,8 @@ def _require_same(there: dict[str, Any], here: dict[str, Any], path: Path) -> No
     """Refuse to go on with another map's file, saying what differs."""
     # What the load is before the numbers that follow from it.
     for key in sorted(here, key=lambda name: not name.startswith("load")):
-        found = _difference(there.get(key), here[key], key)
-        if found is None:
+        difference = _difference(there.get(key), here[key], key)
+        if difference is None:
             continue
         if key == "probe":
             raise InputError(
@@ -361,7 +361,7 @@ def _require_same(there: dict[str, Any], here: dict[str, Any], path: Path) -> No
                 where=one_line(str(path)),
                 expected="the same geometry, springs and loads, or another file name",
             )
-        part, a, b = found
+        part, a, b = difference
         raise InputError(
             f"the file holds another map: {part} differs",
             where=one_line(str(path)),
@@ -374,8 +374,8 @@ def _difference(a: Any, b: Any, name: str) -> tuple[str, Any, Any] | None:
     """Name and values of the first part that differs; numbers may differ by rounding."""
     if isinstance(a, dict) and isinstance(b, dict):
         for key in {**a, **b}:
-            if (found := _difference(a.get(key), b.get(key), key)) is not None:
-                return found
+            if (difference := _difference(a.get(key), b.get(key), key)) is not None:
+                return difference
         return None
     if _numeric(a) and _numeric(b) and len(a) == len(b):
         x, y = np.array(a, float), np.array(b, float)

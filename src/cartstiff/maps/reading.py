@@ -50,8 +50,8 @@ def each_block(
     parts = [[known[i][name] if i in known else delayed(function)(part)
               for i, part in enumerate(array.data.to_delayed().ravel())]
              for name, array in arrays.items()]  # fmt: skip
-    found: list[list[_T]] = list(compute(*parts))  # type: ignore[no-untyped-call]
-    return found
+    computed: list[list[_T]] = list(compute(*parts))  # type: ignore[no-untyped-call]
+    return computed
 
 
 def facts_of(arrays: Mapping[str, Array]) -> dict[str, Any]:
@@ -122,9 +122,9 @@ def summary(
     ranges = {}
     quantities = quantities_of(dataset)
     ranges_found = each_block(dataset, quantities, finite_range, known)
-    for name, found in zip(quantities, ranges_found, strict=True):
+    for name, extremes in zip(quantities, ranges_found, strict=True):
         array = dataset[name]
-        lows, highs, totals, numbers = zip(*found, strict=True)
+        lows, highs, totals, numbers = zip(*extremes, strict=True)
         low, high, total, number = min(lows), max(highs), sum(totals), sum(numbers)
         ranges[name] = {
             "unit": array.attrs.get("units", ""),
@@ -158,9 +158,9 @@ def branches_found(dataset: xarray.Dataset) -> dict[str, int] | None:
         return None
     sampling = json.loads(dataset.attrs["description"])["sampling"]
     ((*most,),) = each_block(dataset, ["branches"], lambda a: int(np.max(a)))
-    found = max(most)
+    count = max(most)
     return {
-        "starts": 1 + sampling["starts"], "legs": sampling.get("legs", 0), "found": found,
+        "starts": 1 + sampling["starts"], "legs": sampling.get("legs", 0), "found": count,
         "kept": sampling["branches"],
     }  # fmt: skip
 
@@ -211,16 +211,16 @@ def _ranked(
         places = np.transpose(np.unravel_index(valid, values.shape)).tolist()
         return list(zip(flat[valid].tolist(), map(tuple, places), strict=True))
 
-    found: list[tuple[float, tuple[int, ...]]] = []
+    best: list[tuple[float, tuple[int, ...]]] = []
     (parts,) = each_block(dataset, [quantity], least)
     for part, own in zip(blocks(array), parts, strict=True):
         starts = [s.start for s in part.values()]
-        found += [(x, tuple(np.add(cell, starts).tolist())) for x, cell in own]
-        found = heapq.nsmallest(count, found)
+        best += [(x, tuple(np.add(cell, starts).tolist())) for x, cell in own]
+        best = heapq.nsmallest(count, best)
     import xarray
 
     picks = {
-        str(dim): xarray.DataArray([cell[i] for _, cell in found], dims="rank")
+        str(dim): xarray.DataArray([cell[i] for _, cell in best], dims="rank")
         for i, dim in enumerate(array.dims)
     }
     return dataset.isel(picks).compute()

@@ -329,19 +329,19 @@ class Trajectory(Sampling):
             If no column is one.
         """
         base = named_values(real_array(base, "base"), elastic.names, elastic.q, "base")
-        found = [name for name in columns if name != "time" or "time" in elastic.names]
-        for name in found:
+        names = [name for name in columns if name != "time" or "time" in elastic.names]
+        for name in names:
             if name not in elastic.names:
                 raise UnknownNameError("column", name, (*elastic.names, "time"))
-        if not found:
+        if not names:
             raise InputError("a trajectory has no column of a coordinate")
-        length = np.size(columns[found[0]])
+        length = np.size(columns[names[0]])
         q = np.tile(base, (length, 1))
-        for name in found:
+        for name in names:
             q[:, elastic.names.index(name)] = checked_vector(
                 columns[name], length, f"column {name}"
             )
-        time = columns.get("time") if "time" not in found else None
+        time = columns.get("time") if "time" not in names else None
         return cls(q, time)
 
     def postures(

@@ -209,10 +209,10 @@ class MapFile:
         """Chunks that are complete."""
         folder, count = self.path / "done" / "c", len(self.boxes)
         try:
-            found = {int(p.name) for p in folder.iterdir() if p.name.isdecimal()}
+            numbers = {int(p.name) for p in folder.iterdir() if p.name.isdecimal()}
         except FileNotFoundError:
             return set()
-        return {i for i in found if i < count}
+        return {i for i in numbers if i < count}
 
     def is_done(self, chunk: int) -> bool:
         """Whether a chunk is complete."""
@@ -225,8 +225,8 @@ class MapFile:
 
     def damaged(self) -> dict[int, str]:
         """Complete chunks of which a file is missing, or is not the one that was written."""
-        found = ((i, self.damage(i, *self.attributes["parts"])) for i in sorted(self.done()))
-        return {i: what for i, what in found if what is not None}
+        damages = ((i, self.damage(i, *self.attributes["parts"])) for i in sorted(self.done()))
+        return {i: what for i, what in damages if what is not None}
 
     def damage(self, chunk: int, *names: str) -> str | None:
         """What is wrong with a complete chunk, its mark and its files of some arrays: the first."""
@@ -378,7 +378,7 @@ def _writeable(array: Any) -> Any:
 
 def _whole(sampling: Sampling) -> dict[str, tuple[Array, str]]:
     """Arrays in one piece, by name: values, and the dimension they belong to."""
-    found = {name: (axis.values, name) for name, axis in sampling.axes.items()}
+    coordinates = {name: (axis.values, name) for name, axis in sampling.axes.items()}
     if (time := getattr(sampling, "time", None)) is not None:
-        found["time"] = (time, "posture")
-    return found
+        coordinates["time"] = (time, "posture")
+    return coordinates

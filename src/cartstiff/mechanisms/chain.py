@@ -313,12 +313,12 @@ class Chain(Mechanism):
         # A model put together by hand may have masses on joints without a frame.
         joints = {int(j) + 1: str(self.tree.model.names[int(j) + 1]) for j in np.flatnonzero(own)}
         links = sorted({**joints, **self.tree.links()}.items())
-        found = {name: float(own[j - 1]) for j, name in links}
+        masses = {name: float(own[j - 1]) for j, name in links}
         if self.payload is None:
-            return found
+            return masses
         hung, bare = self.payload
         carrier = self.tree.links().get(self.body.joint)
-        return found | ({} if carrier is None else {carrier: bare}) | {"payload": hung}
+        return masses | ({} if carrier is None else {carrier: bare}) | {"payload": hung}
 
     def at(self, q: ArrayLike) -> ChainPosture:
         """Posture at coordinates q (n,)."""
@@ -354,14 +354,14 @@ class Chain(Mechanism):
         movable = np.ones(posture.q.size, bool)
         if held := list(self.held if hold is None else hold):
             movable[held] = False
-            if (found := self._close(posture, movable, tolerance)[0]) is not None:
-                return found
+            if (closed := self._close(posture, movable, tolerance)[0]) is not None:
+                return closed
         movable[:] = True
-        found, iterations, size = self._close(posture, movable, tolerance)
-        if found is None:
+        closed, iterations, size = self._close(posture, movable, tolerance)
+        if closed is None:
             raise ConvergenceError("the closures cannot be assembled from this posture",
                                    iterations=iterations, residual=size)  # fmt: skip
-        return found
+        return closed
 
     def _close(
         self, posture: ChainPosture, movable: Array, tolerance: float

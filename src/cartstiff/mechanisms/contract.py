@@ -369,13 +369,13 @@ def _is_infinite(value: object) -> bool:
 
 def rest_of_turns(coordinates: Sequence[Coordinate], rest: Array) -> list[Remark]:
     """Remark on rest positions of more than a turn, which look like degrees."""
-    found = {
+    turns = {
         c.name: float(x)
         for c, x in zip(coordinates, rest, strict=True)
         if not c.is_length and abs(x) > 2.0 * np.pi
     }
-    if not found:
+    if not turns:
         return []
-    words = "; ".join(f"{name} at {x:g} rad" for name, x in found.items())
+    words = "; ".join(f"{name} at {x:g} rad" for name, x in turns.items())
     words = f"springs at rest after several turns: {words}. Degrees? Angles are in radians"
-    return [Remark("rest-of-turns", words, dict(found))]
+    return [Remark("rest-of-turns", words, dict(turns))]

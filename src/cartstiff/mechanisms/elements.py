@@ -230,10 +230,12 @@ class Elements:
 def law_of(elastic: ElasticMechanism, name: str, where: str | None = None) -> PolynomialLaw:
     """The polynomial spring of a joint; UnknownNameError where it has none."""
     laws = elastic.springs.laws if isinstance(elastic.springs, JointSprings) else {}
-    found = {elastic.names[j]: law for j, law in laws.items() if isinstance(law, PolynomialLaw)}
-    if name not in found:
-        raise UnknownNameError("polynomial spring", name, list(found), where=where)
-    return found[name]
+    polynomials = {
+        elastic.names[j]: law for j, law in laws.items() if isinstance(law, PolynomialLaw)
+    }
+    if name not in polynomials:
+        raise UnknownNameError("polynomial spring", name, list(polynomials), where=where)
+    return polynomials[name]
 
 
 def coefficient(elastic: ElasticMechanism, law: tuple[str, int]) -> float:

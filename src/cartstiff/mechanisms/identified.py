@@ -243,8 +243,8 @@ def linearised(elastic: ElasticMechanism, q: Array) -> ElasticMechanism:
         known.values[others],
         [1.0 / k[elastic.names.index(p.name)] for p in patterns[len(others) :]],
     )
-    found = replace(
+    tangent = replace(
         known, patterns=tuple(patterns), values=values, covariance=T @ known.covariance @ T.T
     )
     springs = JointSprings(k, rest, left, springs.rigid)
-    return replace(elastic, springs=springs, identified=found)
+    return replace(elastic, springs=springs, identified=tangent)

@@ -120,8 +120,10 @@ class RodLimits:
 
     def values(self, q: Array, pose: Array) -> Array:
         """Distances (..., k) at coordinates q (..., n) and poses (..., 4, 4) of M."""
-        found = [distances_of_segments(*a.rod(q, pose), *b.rod(q, pose)) for _, a, b in self._pairs]
-        return np.stack(found, axis=-1) if found else np.empty((*pose.shape[:-2], 0))
+        distances = [
+            distances_of_segments(*a.rod(q, pose), *b.rod(q, pose)) for _, a, b in self._pairs
+        ]
+        return np.stack(distances, axis=-1) if distances else np.empty((*pose.shape[:-2], 0))
 
 
 def _angles(u: Array, axes: Array) -> Array:

@@ -255,8 +255,8 @@ class Platform(Mechanism):
 
     def masses(self) -> dict[str, float]:
         """Mass [kg] of the platform with its payload, and of the legs where they have one."""
-        found = {self.frame: self.mass}
-        return found if self.struts is None else found | {"legs": self.struts.mass}
+        masses = {self.frame: self.mass}
+        return masses if self.struts is None else masses | {"legs": self.struts.mass}
 
     def with_mass(self, mass: float, centre: Array) -> Platform:
         """The same platform with a point mass [kg] added at a point of M."""

@@ -228,16 +228,16 @@ class KinematicTree:
     def mass_matrices(self, q: Array) -> Array:
         """Upper triangles of the masses' matrices (N, n, n) at postures (N, n), without mimics."""
         tree, places = self.depth_first
-        found = np.empty((len(q), self.model.nv, self.model.nv))
+        matrices = np.empty((len(q), self.model.nv, self.model.nv))
         if tree is not self:
-            for full, posture in zip(found, q, strict=True):
+            for full, posture in zip(matrices, q, strict=True):
                 full[np.ix_(places, places)] = tree.mass_matrix(posture[places])
-            return found
+            return matrices
         model, crba = self.model, pin.crba
         with self.workspace() as data:
             for i, posture in enumerate(q):
-                found[i] = crba(model, data, posture)
-        return found
+                matrices[i] = crba(model, data, posture)
+        return matrices
 
     def mass_matrix(self, q: Array) -> Array:
         """Masses' matrix (n, n) at one posture, without mimics."""

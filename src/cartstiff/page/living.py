@@ -101,7 +101,7 @@ def _reason(elastic: ElasticMechanism) -> str | None:
 
 def _words() -> dict[str, Any]:
     return {
-        "definite": {name: list(found) for name, found in DEFINITE.items()},
+        "definite": {name: list(names) for name, names in DEFINITE.items()},
         "near": {code: [level, title] for code, level, title in NEAR},
         "kinds": dict(LOAD_KINDS),
         "lengths": {
@@ -115,7 +115,7 @@ def _mechanism(elastic: ElasticMechanism, result: PostureStiffness) -> dict[str,
     mechanism = elastic.mechanism
     limits = Limits(mechanism)
     chart = [note for note in result.notes if note.code == "no-chart"]
-    found = {
+    described = {
         "platform": isinstance(mechanism, Platform),
         "may_be_loaded": elastic.may_be_loaded,
         "names": list(elastic.spring_names),
@@ -132,17 +132,17 @@ def _mechanism(elastic: ElasticMechanism, result: PostureStiffness) -> dict[str,
         ],
         "base": result.as_dict(),
     }  # fmt: skip
-    found["reach"] = result.posture.length
+    described["reach"] = result.posture.length
     if isinstance(mechanism, Platform):
         bounds = mechanism.limits
-        found |= {
+        described |= {
             "anchors": mechanism.anchors.tolist(),
             "points": mechanism.points.tolist(),
             "length": float(mechanism.length),
             "T_P_M": mechanism.T_P_M.tolist(),
             "leg_limits": None if bounds is None else bounds.tolist(),
         }
-    return found
+    return described
 
 
 def computing(

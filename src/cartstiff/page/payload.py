@@ -349,8 +349,10 @@ def _margins(result: PostureStiffness) -> list[float]:
 
 
 def _asymmetries(matrices: _Matrices) -> dict[str, float | None]:
-    found = {n: M for n, M in matrices.items() if n != "+" and M is not None}
-    sizes = dict.fromkeys(matrices) | dict(zip(found, asymmetries([*found.values()]), strict=True))
+    defined = {n: M for n, M in matrices.items() if n != "+" and M is not None}
+    sizes = dict.fromkeys(matrices) | dict(
+        zip(defined, asymmetries([*defined.values()]), strict=True)
+    )
     return {**sizes, "+": sizes["A"]}  # the transpose
 
 

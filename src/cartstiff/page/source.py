@@ -282,12 +282,12 @@ def _bounds_in_words(elastic: ElasticMechanism) -> dict[str, tuple[str]]:
     """Numbers and units of the limits that a workspace names, as in "leg1, most"."""
     mechanism, limits = elastic.mechanism, Limits(elastic.mechanism)
     types = {c.name: c.type for c in mechanism.coordinates}
-    found: dict[str, tuple[str]] = {}
+    words: dict[str, tuple[str]] = {}
     for name, low, high, angle in zip(
         limits.names, limits.lower, limits.upper, limits.are_angles, strict=True
     ):
         unit = "rad" if angle or types.get(name) == "revolute" else elastic.units.length
-        found |= {
+        words |= {
             f"{name}, least": (f"{low:.4g} {unit}",),
             f"{name}, most": (f"{high:.4g} {unit}",),
         }
@@ -295,5 +295,5 @@ def _bounds_in_words(elastic: ElasticMechanism) -> dict[str, tuple[str]]:
         mechanism.leg_limits is not None else None  # fmt: skip
     for i, pair in enumerate(() if forces is None else forces.tolist(), start=1):
         for side, bound in zip(("least", "most"), pair, strict=True):
-            found[f"force of leg{i}, {side}"] = (f"{bound:.4g} {elastic.units.force}",)
-    return found
+            words[f"force of leg{i}, {side}"] = (f"{bound:.4g} {elastic.units.force}",)
+    return words

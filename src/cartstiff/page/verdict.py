@@ -48,9 +48,9 @@ DEFINITE: dict[str, tuple[Level, str]] = {
 def asymmetries(matrices: list[Array]) -> list[float]:
     """Largest entry of K - K^T of each, 0 where it is only rounding."""
     stack = np.array(matrices).reshape(-1, 6, 6)
-    found = np.abs(stack - stack.swapaxes(1, 2)).max(axis=(1, 2))
+    differences = np.abs(stack - stack.swapaxes(1, 2)).max(axis=(1, 2))
     sizes = np.abs(stack).max(axis=(1, 2))
-    return np.where(found > _ROUNDING * sizes, found, 0.0).tolist()
+    return np.where(differences > _ROUNDING * sizes, differences, 0.0).tolist()
 
 
 def verdict(

@@ -121,14 +121,14 @@ class MountedStruts(FlexureStruts):
         compliance = np.zeros_like(self._springs)
         own = np.ix_(sprung, sprung)
         compliance[own] = np.linalg.inv(self._springs[own])
-        found = np.zeros(len(T), bool)
+        settled = np.zeros(len(T), bool)
         for _ in range(_STEPS):
             told = _pulled(self._row(T, q, W).J, W) @ compliance
-            found = np.abs(told - q).max(axis=1) <= numerics.ROUNDING * np.abs(told).max(axis=1)
+            settled = np.abs(told - q).max(axis=1) <= numerics.ROUNDING * np.abs(told).max(axis=1)
             q = told
-            if found.all() or not np.isfinite(q).all():
+            if settled.all() or not np.isfinite(q).all():
                 break
-        return self._row(T, q, W)._replace(is_found=found)
+        return self._row(T, q, W)._replace(is_found=settled)
 
     @np.errstate(over="ignore", invalid="ignore")  # a search that runs away has found nothing
     def _at_rest_in(self, T: Array, rest_length: Array) -> _Row:

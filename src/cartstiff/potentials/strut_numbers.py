@@ -24,12 +24,12 @@ _ENDS = ("lower", "upper")
 
 def strut_numbers(struts: FlexureStruts, legs: Sequence[str]) -> dict[str, float]:
     """All numbers of struts named `legs`."""
-    found = {f"stiffness.{leg}": float(k) for leg, k in zip(legs, struts.slides, strict=True)}
+    numbers = {f"stiffness.{leg}": float(k) for leg, k in zip(legs, struts.slides, strict=True)}
     for end in _ENDS:
         flexure: Flexure = getattr(struts, end)
-        found |= {_name(end, word): x for word, x in flexure._asdict().items()}
-    found |= dict.fromkeys(_mounts(struts), 1.0)
-    return {name: x for name, x in found.items() if np.isfinite(x)}
+        numbers |= {_name(end, word): x for word, x in flexure._asdict().items()}
+    numbers |= dict.fromkeys(_mounts(struts), 1.0)
+    return {name: x for name, x in numbers.items() if np.isfinite(x)}
 
 
 def _mounts(struts: FlexureStruts) -> dict[str, str]:

@@ -175,8 +175,8 @@ def assemble(
     Examples
     --------
     >>> import cartstiff
-    >>> found = cartstiff.assemble(cartstiff.load("hexapod"))
-    >>> print(found.search)
+    >>> modes = cartstiff.assemble(cartstiff.load("hexapod"))
+    >>> print(modes.search)
     40 paths: 8 real, 32 complex
     """
     checked_elastic(elastic)

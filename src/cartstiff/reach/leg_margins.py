@@ -89,34 +89,34 @@ class LegMargins:
         """Margins (N, k) at poses (N, 4, 4) of M."""
         q, _ = at_poses(self.elastic, self.coordinates(poses))
         known = np.isfinite(q).all(axis=1)
-        found = np.full((len(q), len(self.names)), np.inf)
+        margins = np.full((len(q), len(self.names)), np.inf)
         values = self.limits.values(q, poses)
         n = len(self._lower) + len(self._upper)
-        found[:, :n] = np.hstack([
+        margins[:, :n] = np.hstack([
             values[:, self._lower] - self.limits.lower[self._lower],
             self.limits.upper[self._upper] - values[:, self._upper],
         ])  # fmt: skip
         for i, leg in enumerate(self.chain.legs):
             short = [leg.shape.short_of(T[:3, 3]) for T in poses[~known] @ leg.T_M_end]
-            found[~known, n + i] = np.where(np.array(short) > 0.0, -np.array(short), np.inf)
-        blamed = (found[~known, n : n + len(self.chain.legs)] < 0.0).any(axis=1)
-        found[~known, n + len(self.chain.legs)] = np.where(blamed, np.inf, -1.0)
+            margins[~known, n + i] = np.where(np.array(short) > 0.0, -np.array(short), np.inf)
+        blamed = (margins[~known, n : n + len(self.chain.legs)] < 0.0).any(axis=1)
+        margins[~known, n + len(self.chain.legs)] = np.where(blamed, np.inf, -1.0)
         if self.sign and known.any() and (rates := self.rates(q[known])) is not None:
-            found[known, -1] = self.sign * numerics.determinants(rates)
-        return np.where(np.isnan(found), np.inf, found)
+            margins[known, -1] = self.sign * numerics.determinants(rates)
+        return np.where(np.isnan(margins), np.inf, margins)
 
     def inside(self, poses: Array) -> NDArray[np.bool_]:
         """Which poses (N,) are within all limits."""
         q, _ = at_poses(self.elastic, self.coordinates(poses))
         values = self.limits.values(q, poses)
         with np.errstate(invalid="ignore"):
-            found = np.isfinite(q).all(axis=1)
-            found &= (values >= self.limits.lower).all(axis=1)
-            found &= (values <= self.limits.upper).all(axis=1)
-        rows = np.flatnonzero(found)
+            inside = np.isfinite(q).all(axis=1)
+            inside &= (values >= self.limits.lower).all(axis=1)
+            inside &= (values <= self.limits.upper).all(axis=1)
+        rows = np.flatnonzero(inside)
         if self.sign and rows.size and (rates := self.rates(q[rows])) is not None:
-            found[rows] = self.sign * numerics.determinants(rates) >= 0.0
-        return np.asarray(found)
+            inside[rows] = self.sign * numerics.determinants(rates) >= 0.0
+        return np.asarray(inside)
 
     def distribution(self, pose: Array) -> dict[str, Any]:  # noqa: ARG002
         """Nothing: legs made of joints have no limits of forces."""
@@ -140,22 +140,22 @@ class LegMargins:
     def determinants(self, poses: Array) -> Array:
         """Of `rates` (N,); NaN where the legs do not reach."""
         q, _ = at_poses(self.elastic, self.coordinates(poses))
-        found, known = np.full(len(q), np.nan), np.isfinite(q).all(axis=1)
+        determinants, known = np.full(len(q), np.nan), np.isfinite(q).all(axis=1)
         if known.any() and (rates := self.rates(q[known])) is not None:
-            found[known] = numerics.determinants(rates)
-        return found
+            determinants[known] = numerics.determinants(rates)
+        return determinants
 
     def ratios(self, poses: Array) -> Array | None:
         """Smallest over largest singular value of `rates` (N,); None where these do not exist."""
         q, _ = at_poses(self.elastic, self.coordinates(poses))
-        found = np.full(len(q), np.inf)
+        ratios = np.full(len(q), np.inf)
         known = np.isfinite(q).all(axis=1)
         rates = self.rates(q[known])
         if rates is None:
             return None
         values = np.linalg.svd(rates, compute_uv=False)
-        found[known] = values[:, -1] / values[:, 0]
-        return found
+        ratios[known] = values[:, -1] / values[:, 0]
+        return ratios
 
     def rates(self, q: Array) -> Array | None:
         """The equations (N, p, p) above, lengths over `length`; None if they are not square."""

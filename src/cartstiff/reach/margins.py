@@ -62,7 +62,7 @@ def wrench_margins(lines: Array, wrench: Array, least: Array, most: Array) -> Ar
     Where tensions have no upper limit, infinity means that every wrench can be carried (closure).
     """
     m = lines.shape[1]
-    found, spanned = np.full(len(lines), np.inf), np.zeros(len(lines), bool)
+    margins, spanned = np.full(len(lines), np.inf), np.zeros(len(lines), bool)
     rows = np.arange(6)
     for five in combinations(range(m), 5):
         held = lines[:, five]  # (N, 5, 6)
@@ -84,9 +84,9 @@ def wrench_margins(lines: Array, wrench: Array, least: Array, most: Array) -> Ar
                     pulled > 0.0, pulled * most, np.where(pulled < 0.0, pulled * least, 0.0)
                 ).sum(axis=-1)
             margin = reach - sign * asked
-            found = np.where(regular, np.minimum(found, margin), found)
+            margins = np.where(regular, np.minimum(margins, margin), margins)
     # Without five independent lines nothing is spanned.
-    return np.where(spanned, found, -np.inf)
+    return np.where(spanned, margins, -np.inf)
 
 
 class Margins:
@@ -178,9 +178,9 @@ class Margins:
             asked = self._asked(poses)
             least, most = self.forces.T
             if self.is_spread and self.tensions == "any":
-                found = wrench_margins(lines, asked, least, most)
+                margins = wrench_margins(lines, asked, least, most)
                 # On the edge itself nothing more can be carried, as by cables without tension.
-                parts.append(np.where(found > 0.0, found, np.minimum(found, -1.0))[:, None])
+                parts.append(np.where(margins > 0.0, margins, np.minimum(margins, -1.0))[:, None])
             else:
                 t = (
                     self.middle_tensions(lines, asked)
@@ -200,14 +200,14 @@ class Margins:
 
         Asked only where all `others` are kept; infinity elsewhere.
         """
-        found = np.full((len(poses), 1), np.inf)
+        standing = np.full((len(poses), 1), np.inf)
         for rows in np.array_split(
             np.flatnonzero((others >= 0.0).all(axis=1)), len(poses) // 500 + 1
         ):
             at = struts.many(poses[rows])
             stands = (at.is_found & at.is_stable).all(axis=1)
-            found[rows, 0] = np.where(stands, 1.0, -1.0)
-        return found
+            standing[rows, 0] = np.where(stands, 1.0, -1.0)
+        return standing
 
     def middle_tensions(self, lines: Array, asked: Array) -> Array:
         """The tensions (N, m) nearest to the middle of the limits that carry wrenches (N, 6)."""

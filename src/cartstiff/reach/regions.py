@@ -282,8 +282,8 @@ def inscribed(
         sizes = size(few)
 
         def less(place: Array) -> float:
-            found = room(place, few, sizes)
-            return float(np.linalg.norm(place)) if found is None else -found
+            margin = room(place, few, sizes)
+            return float(np.linalg.norm(place)) if margin is None else -margin
 
         inner = positions.first.min() or 0.1 * reach
         simplex = np.vstack([np.zeros(3), np.eye(3) * max(inner, 0.02 * reach)])

@@ -118,13 +118,13 @@ def crossings(
         return np.asarray(np.sign(values) == sign[ray[rows], step[rows]])
 
     near, far, _ = narrowed(stays, steps[ray, step], steps[ray, step + 1], _HALVINGS)
-    found: Array = near[:, None] * directions[ray]
+    points: Array = near[:, None] * directions[ray]
     # Where a determinant jumps it has no root: legs fold over, or change their branch.
-    if len(found):
+    if len(points):
         low, high = (np.abs(signed(moved(x[:, None] * directions[ray]))) for x in (near, far))
         there = np.abs(signed(moved(steps[ray, step][:, None] * directions[ray])))
-        found = found[np.maximum(low, high) <= numerics.LOST * there]
-    return found
+        points = points[np.maximum(low, high) <= numerics.LOST * there]
+    return points
 
 
 def nearest_singular(
@@ -169,9 +169,9 @@ def nearest_singular(
     ends = crossings(signed, at, best / size[:, None], 1.05 * size, 64)
     if not len(ends):
         return None
-    found = np.zeros(6)
-    found[list(axes)] = min(ends, key=np.linalg.norm)
-    return found
+    nearest = np.zeros(6)
+    nearest[list(axes)] = min(ends, key=np.linalg.norm)
+    return nearest
 
 
 def around(pose: Array, x: Array, length: float) -> Array:

@@ -151,8 +151,8 @@ class Workspace(ShownInLines):
     def slices(self) -> list[tuple[float, float]]:
         """Values of the last axis, and areas across it, at equal distances."""
         (a, b, c), z = self.scales, self.centre[2]
-        found = [] if self.columns is None else self.columns.slices(9)
-        return [(z + c * (x - z), a * b * area) for x, area in found]
+        areas = [] if self.columns is None else self.columns.slices(9)
+        return [(z + c * (x - z), a * b * area) for x, area in areas]
 
     def _lines(self) -> list[str]:
         return [f"Workspace of {self.elastic.name}: volume {self.volume}",
@@ -278,10 +278,10 @@ def workspace(
     else:
         W = None if wrench is None else checked_vector(wrench, 6, "wrench")
         load = None if W is None else partial(carried, kind, W, load_axes)
-        found = _margins(elastic, values, load, through, tensions)
-        if isinstance(found, Workspace):
-            return found
-        margins, pose = found
+        answer = _margins(elastic, values, load, through, tensions)
+        if isinstance(answer, Workspace):
+            return answer
+        margins, pose = answer
         count = directions or (200 if margins.is_slow else 1000)
         most = reach_of_lines(margins.platform, pose, radius)
     axes, scales, moved = _followed(margins, pose, most)

@@ -211,15 +211,15 @@ def _centres(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
             f"  coupling of rotation and translation: {share(frame['coupling_before'])} here, "
             f"{share(frame['coupling'])} at the point of least coupling ({scale})"
         )
-    for what, found in (("normal form", form), ("decoupling frame", frame)):
-        if full and found is not None:
+    for what, place in (("normal form", form), ("decoupling frame", frame)):
+        if full and place is not None:
             lines.append(f"  {what}: axes as columns")
-            lines += [f"{'':<42} {row(r[:3])}" for r in found["T_m_n"][:3]]
+            lines += [f"{'':<42} {row(r[:3])}" for r in place["T_m_n"][:3]]
             if what == "normal form":
                 blocks = np.abs(s["stiffness"])
                 size = float(np.sqrt(blocks[:3, :3].max() * blocks[3:, 3:].max()))
                 lines.append(
-                    f"    coupling there [{u.blocks['tr']}] {numbers(found['coupling'], size=size)}"
+                    f"    coupling there [{u.blocks['tr']}] {numbers(place['coupling'], size=size)}"
                 )
     return lines
 

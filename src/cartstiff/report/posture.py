@@ -89,12 +89,12 @@ def _outside(result: PostureStiffness) -> float:
 
     A weight over the origin of F, say.
     """
-    found, works = 0.0, 0.0
+    total, works = 0.0, 0.0
     for term in result.elastic.parted_terms()[1]:
         energy, gradient, _ = term.evaluate(result.posture)
-        found += energy
+        total += energy
         works += float(np.abs(gradient * result.posture.coordinate_lengths).max(initial=0.0))
-    return 0.0 if abs(found) <= numerics.BLANK * works else found
+    return 0.0 if abs(total) <= numerics.BLANK * works else total
 
 
 def load_lines(result: PostureStiffness, at_rest: bool = False) -> list[str]:

@@ -220,11 +220,11 @@ def _of_points(notes: Iterable[Note]) -> list[str]:
 
 def _spans(points: list[int]) -> str:
     """Ascending numbers as "points 1-3, 7"."""
-    found: list[list[int]] = []
+    spans: list[list[int]] = []
     for point in points:
-        if found and point == found[-1][1] + 1:
-            found[-1][1] = point
+        if spans and point == spans[-1][1] + 1:
+            spans[-1][1] = point
         else:
-            found.append([point, point])
-    shown = ", ".join(f"{a}" if a == b else f"{a}-{b}" for a, b in found)
+            spans.append([point, point])
+    shown = ", ".join(f"{a}" if a == b else f"{a}-{b}" for a, b in spans)
     return f"points {shown}" if len(points) > 1 else f"point {shown}"

@@ -140,8 +140,8 @@ def _check_size(path: Path) -> None:
                          expected=f"one of {', '.join(_PLAIN)}", got=kind)  # fmt: skip
     data = read_bytes(path, _LARGEST)
     if kind in _COUNTED:
-        counts = [int(n) for found in _COUNTED[kind].findall(data[:65536])
-                  for n in (found if isinstance(found, tuple) else (found,))]  # fmt: skip
+        counts = [int(n) for match in _COUNTED[kind].findall(data[:65536])
+                  for n in (match if isinstance(match, tuple) else (match,))]  # fmt: skip
         if sum(counts) > len(data):
             raise InputError("not a usable mesh", where=path.name, got=(
                 f"a header that counts {sum(counts)} elements in {len(data)} bytes"))  # fmt: skip

@@ -37,12 +37,12 @@ class Swing:
     turn: float
 
 
-def swing(found: Modes, number: int, share: float = 0.05, count: int = 17) -> Swing:
+def swing(modes: Modes, number: int, share: float = 0.05, count: int = 17) -> Swing:
     """Postures along the swing of a mode.
 
     Parameters
     ----------
-    found : Modes
+    modes : Modes
         The modes.
     number : int
         Of the mode, from 1.
@@ -57,16 +57,16 @@ def swing(found: Modes, number: int, share: float = 0.05, count: int = 17) -> Sw
     InputError
         For a mode that does not exist, or a share that is not above zero.
     """
-    total = found.shapes.shape[1]
+    total = modes.shapes.shape[1]
     if not 1 <= number <= total:
         raise InputError("no such mode", expected=f"1 to {total}", got=number)
     if not share > 0.0:
         raise InputError("share cannot be used", expected="above zero", got=share)
-    shape = found.shapes[:, number - 1].real / found._sizes
-    shape = found._sizes * shape / max(float(np.abs(shape).max()), numerics.EPSILON)
-    mechanism, q, elastic = found.elastic.mechanism, found.q, found.elastic
-    rest = extent(elastic, found.posture)
-    size = float(np.ptp(rest, axis=0).max()) or found.posture.length
+    shape = modes.shapes[:, number - 1].real / modes._sizes
+    shape = modes._sizes * shape / max(float(np.abs(shape).max()), numerics.EPSILON)
+    mechanism, q, elastic = modes.elastic.mechanism, modes.q, modes.elastic
+    rest = extent(elastic, modes.posture)
+    size = float(np.ptp(rest, axis=0).max()) or modes.posture.length
     a_little = extent(elastic, mechanism.at(mechanism.moved(q, _STEP * shape)))
     most = float(np.linalg.norm(a_little - rest, axis=1).max()) / _STEP
     reach = _TURN if most == 0.0 else min(_TURN, share * size / most)
@@ -80,7 +80,7 @@ def swing(found: Modes, number: int, share: float = 0.05, count: int = 17) -> Sw
             except CartstiffError:
                 pass
         postures.append(mechanism.at(there))
-    between = se3.inverse(found.posture.pose) @ postures[-1].pose
+    between = se3.inverse(modes.posture.pose) @ postures[-1].pose
     twist = se3.log(between)
     return Swing(
         tuple(postures), float(np.linalg.norm(between[:3, 3])), float(np.linalg.norm(twist[:3]))

@@ -156,10 +156,10 @@ def again(state: Equilibrium, elastic: ElasticMechanism, start: Array) -> Equili
         If it rests on other limits.
     """
     touched, system = state._solution.contacts, state._system.of(elastic)
-    found = solve(system, start, contacts=touched, settle=False)
-    if found.contacts != touched:
+    solution = solve(system, start, contacts=touched, settle=False)
+    if solution.contacts != touched:
         raise UndefinedError("it rests on other limits", code="limit-contact")
-    return state_of_rest(system, found, state.start, 1)
+    return state_of_rest(system, solution, state.start, 1)
 
 
 def in_stages(system: System, q: Array, iterations: int, settle: bool) -> Solution | None:

@@ -296,10 +296,10 @@ class _Iteration:
             for _ in range(_FOLLOWED):
                 step, _ = self._direction()
                 t, largest = self._share(step)
-                found = self._trial(t * step) if np.isfinite(t * largest) else None
-                if found is None or found[1] != self.contacts:
+                tried = self._trial(t * step) if np.isfinite(t * largest) else None
+                if tried is None or tried[1] != self.contacts:
                     break
-                self.point, self.balance = found[0], self._balanced(found[0])
+                self.point, self.balance = tried[0], self._balanced(tried[0])
                 gained = energy.energy - self.point.evaluation.energy
                 if gained >= fall and gained > fuzzy:
                     return True
@@ -342,8 +342,8 @@ class _Iteration:
             return []
         taken = {c.quantity for c in (self.contacts if contacts is None else contacts)}
         sides = limits.side(point.limited, sizes(limits, point.posture))
-        found = [Contact(int(i), int(sides[i])) for i in np.flatnonzero(sides)]
-        return [c for c in found if c.quantity not in taken]
+        beyond = [Contact(int(i), int(sides[i])) for i in np.flatnonzero(sides)]
+        return [c for c in beyond if c.quantity not in taken]
 
     def _fraction(self, point: Point, contact: Contact) -> float:
         """Share of the way from the present point at which a limit is met."""

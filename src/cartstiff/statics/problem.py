@@ -151,10 +151,10 @@ class System:
         columns = point.posture.coordinate_lengths
         g = point.evaluation.gradient * columns
         H = point.evaluation.hessian * columns[:, None] * columns
-        found = self.constraints(point.posture, contacts)
+        constraints = self.constraints(point.posture, contacts)
         N, lam, forces, sizes, is_graded = None, np.empty(0), point.forces, point.hardness, False
-        if found is not None:
-            _, to_constraints, units = found
+        if constraints is not None:
+            _, to_constraints, units = constraints
             A = to_constraints.jacobian * columns / units[:, None]
             closed = decompose(A)
             N, follow = closed.N, list(range(len(g)))
@@ -169,7 +169,7 @@ class System:
             H, sizes = H + turning, sizes + np.abs(turning)
         reach = self._reach(point.posture)
         lines = self.elastic.line_springs_apart(point.posture)
-        legs = None if found is not None else self._by_lengths(point, lines, g, reach)
+        legs = None if constraints is not None else self._by_lengths(point, lines, g, reach)
         felt: Array | float = 0.0
         if legs is not None:
             N, H, hardness = legs.motions, legs.stiffness, legs.terms
@@ -229,10 +229,10 @@ class System:
         The tension of a stiff line is known to the rounding of its length, and so would be what it
         adds to the stiffness of soft motions; there it is the one that balances.
         """
-        found = None if parts is None else self._more_tension(point, parts, gradient, reach)
-        if parts is None or found is None:
+        tightened = None if parts is None else self._more_tension(point, parts, gradient, reach)
+        if parts is None or tightened is None:
             return None
-        more, areas, loads = found
+        more, areas, loads = tightened
         if (balanced := self.elastic.line_springs_apart(point.posture, more)) is None:
             return None
         L = point.posture.length  # lengths in natural units, as all coordinates
@@ -258,14 +258,14 @@ class System:
         columns = point.posture.coordinate_lengths
         areas = columns * columns[:, None]
         L = point.posture.length
-        found = by_lengths(lines * columns / L, k * L**2, (rest + loads) * areas)
-        if found is None:
+        legs = by_lengths(lines * columns / L, k * L**2, (rest + loads) * areas)
+        if legs is None:
             return None
-        missed = found.motions.T @ gradient
+        missed = legs.motions.T @ gradient
         more = np.zeros(len(k))
-        blurred = ROUNDINGS * EPSILON * k[found.leading] * L**2 * reach
+        blurred = ROUNDINGS * EPSILON * k[legs.leading] * L**2 * reach
         is_rounding = (np.abs(missed) <= blurred) | is_at_rest
-        more[found.leading] = np.where(is_rounding, -missed / L, 0.0)
+        more[legs.leading] = np.where(is_rounding, -missed / L, 0.0)
         return more, areas, loads
 
     def relieved(self, point: Point) -> Point:
@@ -296,11 +296,11 @@ class System:
         if parts is None or type(springs) is not LineSprings or self.held is not None:
             return elastic
         gradient = point.evaluation.gradient * posture.coordinate_lengths
-        found = self._more_tension(point, parts, gradient, self._reach(posture), True)
-        if found is None:
+        tightened = self._more_tension(point, parts, gradient, self._reach(posture), True)
+        if tightened is None:
             return elastic
         lengths = springs.geometry(posture).lengths
-        tensions = springs.tensions(lengths) + found[0][: len(lengths)]
+        tensions = springs.tensions(lengths) + tightened[0][: len(lengths)]
         return replace(elastic, springs=replace(springs, balanced_at=(lengths, tensions)))
 
     def _are_apart(self, point: Point) -> bool:
@@ -366,10 +366,10 @@ class System:
         for _ in range(_PULLS):
             count()
             posture = mechanism.at(q)
-            found = self.constraints(posture, contacts)
-            if found is None:
+            constraints = self.constraints(posture, contacts)
+            if constraints is None:
                 return q
-            residual, to_constraints, units = found
+            residual, to_constraints, units = constraints
             missed = residual / units
             size = float(np.abs(missed).max(initial=0.0))
             if size <= numerics.FINEST or (size <= numerics.ROUNDING and size >= 0.5 * best):

@@ -219,10 +219,10 @@ class Equilibrium(Result, ShownInLines):
     def full_stiffness(self) -> tuple[Array, Array | None]:
         """K (n, n) on all coordinates with all that acts, and the constraints' Jacobian (m, n)."""
         point, H = self._solution.point, self._solution.point.evaluation.hessian
-        found = self._system.constraints(point.posture, self._solution.contacts)
-        if found is None:
+        constraints = self._system.constraints(point.posture, self._solution.contacts)
+        if constraints is None:
             return H, None
-        to_constraints = found[1]
+        to_constraints = constraints[1]
         H = H + to_constraints.curvature(self._solution.balance.multipliers)
         return H, to_constraints.jacobian
 
@@ -230,11 +230,11 @@ class Equilibrium(Result, ShownInLines):
         posture = self.posture
         evaluation = elastic.evaluate(posture)
         without = System(self.elastic, (), None, self._system.limits)
-        found = without.constraints(posture, self._solution.contacts)
+        constraints = without.constraints(posture, self._solution.contacts)
         reduction = reduce_to(
             posture.motion,
             evaluation,
-            None if found is None else found[1],
+            None if constraints is None else constraints[1],
             posture.length,
             posture.coordinate_lengths,
             force=force,

@@ -142,19 +142,19 @@ def checked_load(kind: str, at: ArrayLike, axes: str, given: bool, own: bool = F
     InputError
         For a point that is not three finite numbers, or where there is no load.
     """
-    found = LoadKind(kind, at)  # type: ignore[arg-type]
+    checked = LoadKind(kind, at)  # type: ignore[arg-type]
     if axes not in _AXES:
         raise UnknownNameError("axes", axes, _AXES)
     if not given:
         for name, is_said in (
             ("load_axes", axes != "body"),
-            ("load_kind", found.kind != "dead" and not own),
-            ("load_at", any(found.at) and not own),
+            ("load_kind", checked.kind != "dead" and not own),
+            ("load_at", any(checked.at) and not own),
         ):
             if is_said:
                 raise InputError("says something of a load, and none is given", where=name,
                                  expected="a wrench as well")  # fmt: skip
-    return found
+    return checked
 
 
 def wrench_in_body(

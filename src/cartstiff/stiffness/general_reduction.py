@@ -73,11 +73,11 @@ def reduce_any(
         orthonormal, lam = closures.N, np.zeros(len(closure.jacobian))
         if closures.rank < len(lam):
             lost = closures.lost / closed[:, None]
-            found = irregular(closure, closures.values, closures.rank, lost, orthonormal, columns)
-            if found is not None:
+            state = irregular(closure, closures.values, closures.rank, lost, orthonormal, columns)
+            if state is not None:
                 return Reduction(
                     None, None, lam, closures.values, 0, orthonormal.shape[1],
-                    motions=orthonormal, states=[found],
+                    motions=orthonormal, states=[state],
                 )  # fmt: skip
         N, leading = numerics.graded_basis(orthonormal, stiff, closures.V)
     motions = None if closure is None else orthonormal

@@ -62,8 +62,8 @@ def compliance_under(reduction: Reduction, change: Array) -> Array | None:
     """Inverse (6, 6) of K^B + D for a change D by the load, found without K; None without one."""
     if reduction.force is None or reduction.free is None:
         return None
-    found = reduction.free.compliance(change)
-    return None if found is None else found.matrix
+    inverse = reduction.free.compliance(change)
+    return None if inverse is None else inverse.matrix
 
 
 def plain_inverses(
@@ -80,10 +80,10 @@ def plain_inverses(
         or not values[-1] * numerics.WELL_CONDITIONED > values[0] or not free.is_far_from_idle
     ):  # fmt: skip
         return None
-    found = numerics.plain_inverses(matrices)
-    if found is None:
+    inverses = numerics.plain_inverses(matrices)
+    if inverses is None:
         return None
-    each, errors = found
+    each, errors = inverses
     # Without a load the first four are one.
     symmetric = each[::4] if any(reduction.force.tolist()) else each
     symmetric[:] = 0.5 * (symmetric + symmetric.swapaxes(1, 2))

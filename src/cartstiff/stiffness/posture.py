@@ -128,10 +128,10 @@ class PostureStiffness(ShownInLines):
         if self.wrench is None:
             raise reduction.undefined()
         D = None if change is None else checked_matrix(change, "change")
-        found = None if reduction.free is None else reduction.free.inverse(D)
-        if found is None or reduction.free is None:
+        inverse = None if reduction.free is None else reduction.free.inverse(D)
+        if inverse is None or reduction.free is None:
             raise UndefinedError("a motion costs nothing: no linear motion", code="no-shares")
-        return reduction.free.motion(found.matrix, checked_vector(wrench, 6, "wrench"))
+        return reduction.free.motion(inverse.matrix, checked_vector(wrench, 6, "wrench"))
 
     @property
     def closure_forces(self) -> Array:

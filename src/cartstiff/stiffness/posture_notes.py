@@ -61,7 +61,7 @@ def notes_on_digits(
     loaded = None
     if change is not None and reduction.free is not None:
         loaded = reduction.free.compliance(change)
-    errors = [found.error for found in (compliance, loaded) if found is not None]
+    errors = [inverse.error for inverse in (compliance, loaded) if inverse is not None]
     error = max(*errors, error_of_forces) if errors else 0.0
     if error > numerics.TELLING:
         notes.append(
@@ -135,8 +135,8 @@ def error_of_chosen_forces(
     if not near or free is None:
         return 0.0
     if inverse is None or not posture.coordinates_are_pose:
-        found = free.inverse()
-        inverse = None if found is None else found.matrix
+        estimate = free.inverse()
+        inverse = None if estimate is None else estimate.matrix
     ratio = numerics.ratio(np.asarray(near[0].values["singular_values"]))
     if inverse is None or not ratio > 0.0:
         return 0.0

@@ -81,8 +81,8 @@ class Reduction(ShownInLines):
     @property
     def compliance(self) -> Array | None:
         """C (6, 6) of equation (3); None where a motion costs nothing."""
-        found = self.compliance_with_error
-        return None if found is None else found.matrix
+        with_error = self.compliance_with_error
+        return None if with_error is None else with_error.matrix
 
     def undefined(self) -> UndefinedError:
         """The error for whoever needs the stiffness where it does not exist."""

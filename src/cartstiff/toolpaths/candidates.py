@@ -170,17 +170,17 @@ class _Cells:
         rows = np.array(keep, int)
         return Layer(both.q[rows], both.cell[rows])
 
-    def new(self, known: Layer, found: Layer) -> Layer:
+    def new(self, known: Layer, layer: Layer) -> Layer:
         """What was found and is not known."""
-        fresh = np.ones(len(found.q), bool)
-        for cell in np.unique(found.cell):
-            own = np.flatnonzero(found.cell == cell)
+        fresh = np.ones(len(layer.q), bool)
+        for cell in np.unique(layer.cell):
+            own = np.flatnonzero(layer.cell == cell)
             old = known.q[known.cell == cell]
-            step = (found.q[own, None, :] - old[None, :, :]) / self.solver.sizes
+            step = (layer.q[own, None, :] - old[None, :, :]) / self.solver.sizes
             turns = np.where(self.solver.periodic, np.round(step / (2 * np.pi)), 0.0)
             near = np.abs(step - 2 * np.pi * turns).max(axis=2) < SAME
             fresh[own] = ~near.any(axis=1)
-        return Layer(found.q[fresh], found.cell[fresh])
+        return Layer(layer.q[fresh], layer.cell[fresh])
 
     def lonely(self, layer: Layer) -> list[Array]:
         """For each direction, the solutions in cells that have more than their neighbour there."""

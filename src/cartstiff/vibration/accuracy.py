@@ -131,13 +131,13 @@ def accuracy(
     >>> import cartstiff
     >>> from cartstiff.analysis.tolerances import Tolerances
     >>> state = cartstiff.equilibrium(cartstiff.load("stewart-gough"), wrench=[0, 0, 0, 0, 0, -50])
-    >>> found = cartstiff.accuracy(state, Tolerances(length=0.01))
-    >>> found.deviations["pose"][3:].round(3).tolist()
+    >>> spread = cartstiff.accuracy(state, Tolerances(length=0.01))
+    >>> spread.deviations["pose"][3:].round(3).tolist()
     [0.046, 0.043, 0.019]
     """
-    found = subject if isinstance(subject, Modes) else modes_of(subject)
-    if found is not None and found.spectrum.is_complex:
-        found = None
+    modes = subject if isinstance(subject, Modes) else modes_of(subject)
+    if modes is not None and modes.spectrum.is_complex:
+        modes = None
     home = Home(subject, tolerances=tolerances or Tolerances())
     named, R = home.parameters.named, home.parameters.correlation
     known = home.nominal.elastic.identified
@@ -153,7 +153,7 @@ def accuracy(
             progress(i + 1, len(named))
         try:
             row = None if given is None else given.row(name)
-            row = home.row(name, found) if row is None else row
+            row = home.row(name, modes) if row is None else row
         except CartstiffError as error:
             missing.append(f"{name} is not varied: {one_line(str(error), 200)}")
             continue
@@ -162,9 +162,9 @@ def accuracy(
             effects.setdefault("pose", []).append(row.pose * t.deviation)
         for letter, dK in zip(MATRICES, row.matrices, strict=True):
             effects.setdefault(letter, []).append(dK * t.deviation)
-        if found is not None:
+        if modes is not None:
             effects.setdefault("frequencies", []).append(
-                in_hertz(found, row.squares[None])[0] * t.deviation
+                in_hertz(modes, row.squares[None])[0] * t.deviation
             )
     if not varied.any():
         raise UndefinedError("; ".join(missing), code="no-parameters")
@@ -174,8 +174,8 @@ def accuracy(
         x = np.array(rows)
         parts = x * np.tensordot(R[np.ix_(varied, varied)], x, 1)
         variance = np.maximum(parts.sum(axis=0), 0.0)
-        if quantity == "frequencies" and found is not None:
-            for alike in found.groups:  # modes with one frequency part: see `intervals`
+        if quantity == "frequencies" and modes is not None:
+            for alike in modes.groups:  # modes with one frequency part: see `intervals`
                 parts[:, alike] = parts[:, alike].sum(axis=1, keepdims=True)
                 variance[alike] = variance[alike].sum()
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -185,8 +185,8 @@ def accuracy(
     nominal = {n: np.asarray(K) for n in MATRICES if (K := matrices[n]) is not None}
     if home.state is not None:
         nominal["pose"] = home.state.displacement
-    if found is not None:
-        nominal["frequencies"] = found.frequencies
+    if modes is not None:
+        nominal["frequencies"] = modes.frequencies
     kept = [name for name in deviations if name in nominal]
     spreads = np.array([t.deviation for t in named.values()])[varied]
     factor = NormalDist().inv_cdf(0.5 + 0.5 * level)
@@ -199,18 +199,18 @@ def accuracy(
     )  # fmt: skip
 
 
-def _by_compliance(found: Modes, measured: Identified) -> Array:
+def _by_compliance(modes: Modes, measured: Identified) -> Array:
     """d(omega^2) (P, k) for a standard deviation along each axis of the compliances' covariance."""
     if not measured.patterns:
-        return np.zeros((0, found.frequencies.size))
-    elastic = linearised(replace(found.elastic, identified=measured), found.posture.q)
+        return np.zeros((0, modes.frequencies.size))
+    elastic = linearised(replace(modes.elastic, identified=measured), modes.posture.q)
     measured, elements = elastic.identified or measured, Elements(elastic)
-    forces = elements.stiffness @ elements.rows(found.posture)
+    forces = elements.stiffness @ elements.rows(modes.posture)
     rows = [
-        change_of_squares(found, -forces.T @ S @ forces)
+        change_of_squares(modes, -forces.T @ S @ forces)
         for S in np.tensordot(measured.roots.T, elements.patterns(measured.patterns), axes=1)
     ]
-    return np.array(rows).reshape(len(rows), found.frequencies.size)
+    return np.array(rows).reshape(len(rows), modes.frequencies.size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,7 +241,7 @@ class FrequencyInterval:
 
 
 def intervals(
-    found: Modes,
+    modes: Modes,
     tolerances: Tolerances | None = None,
     *,
     compliance_covariance: ArrayLike | None = None,
@@ -257,7 +257,7 @@ def intervals(
 
     Parameters
     ----------
-    found : Modes
+    modes : Modes
         The modes.
     tolerances : Tolerances, optional
         Standard deviations of stiffnesses (relative), lengths and angles. Where compliances are
@@ -277,9 +277,9 @@ def intervals(
     InputError
         For a covariance of another shape, unknown joints or a level outside (0, 1).
     """
-    measured = found.elastic.identified
+    measured = modes.elastic.identified
     if compliance_covariance is not None:
-        names = found.elastic.spring_names if joints is None else joints
+        names = modes.elastic.spring_names if joints is None else joints
         patterns = tuple(CompliancePattern(name, ((name, name, 1.0),)) for name in names)
         C = checked_array(compliance_covariance, (len(names),) * 2, "covariance of compliances")
         measured = Identified(patterns, np.zeros(len(names)), C)
@@ -289,8 +289,8 @@ def intervals(
         raise InputError("level cannot be used", expected="between 0 and 1", got=measured.level)
     t = tolerances or Tolerances()
     if given is None and t.any:
-        given = sensitivities(found, geometry=bool(t.length or t.angle))
-    variance = (in_hertz(found, _by_compliance(found, measured)) ** 2).sum(axis=0)
+        given = sensitivities(modes, geometry=bool(t.length or t.angle))
+    variance = (in_hertz(modes, _by_compliance(modes, measured)) ** 2).sum(axis=0)
     found_out = {name for p in measured.patterns for a, b, _ in p.entries for name in (a, b)}
     if given is not None and t.any:
         each = zip(given.names, given.values, given.frequencies, given.angles, strict=True)
@@ -303,10 +303,10 @@ def intervals(
             else:
                 deviation = t.angle if is_angle else t.length
             variance += (row * deviation) ** 2
-    for alike in found.groups:
+    for alike in modes.groups:
         variance[alike] = variance[alike].sum()
     deviations = np.sqrt(variance)
     reach = measured.factor * deviations
     return FrequencyInterval(
-        deviations, found.frequencies - reach, found.frequencies + reach, measured.level
+        deviations, modes.frequencies - reach, modes.frequencies + reach, measured.level
     )

@@ -73,9 +73,9 @@ class Home:
     def at(self, name: str, change: float) -> PostureStiffness | Equilibrium:
         """The same with another value of a parameter."""
         value = self.parameters.value(name) + change
-        found = self._at({name: value}, *self._start(change))
-        self._seen[change] = found.q
-        return found
+        result = self._at({name: value}, *self._start(change))
+        self._seen[change] = result.q
+        return result
 
     def _start(self, change: float) -> tuple[Array, bool]:
         """Coordinates on the polynomial through those at other values of the parameter.
@@ -105,7 +105,7 @@ class Home:
             elastic = elastic.balanced(elastic.mechanism.closed(chosen))
         return again(self.state, elastic, start)
 
-    def row(self, name: str, found: Modes | None) -> Row:
+    def row(self, name: str, modes: Modes | None) -> Row:
         """Derivatives by one parameter; the first step is taken with which two orders agree.
 
         What hardly depends on it shows above the rounding with a wider one, if that agrees, too.
@@ -114,7 +114,7 @@ class Home:
         refused: CartstiffError | None = None
         for step in numerics.EIGHTH_ORDER:
             try:
-                row = self._row(name, step, found)
+                row = self._row(name, step, modes)
             except CartstiffError as error:
                 refused = error
                 continue
@@ -127,22 +127,22 @@ class Home:
             raise refused or InputError(f"{name} cannot be varied")
         if numerics.BLANK < best.effect < numerics.SLIGHT and best.error <= numerics.CONVERGED:
             with suppress(CartstiffError):
-                row = self._row(name, numerics.WIDEST, found)
+                row = self._row(name, numerics.WIDEST, modes)
                 best = row if row.error <= numerics.CONVERGED else best
         return best
 
-    def _observed(self, found: Modes | None) -> tuple[Array, ...]:
+    def _observed(self, modes: Modes | None) -> tuple[Array, ...]:
         if self._here is None:
-            self._here = _observed(self.nominal, found is not None)
+            self._here = _observed(self.nominal, modes is not None)
         return self._here
 
-    def _row(self, name: str, share: float, found: Modes | None) -> Row:
+    def _row(self, name: str, share: float, modes: Modes | None) -> Row:
         natural = self.parameters.size(name)
         shapes: list[tuple[int, ...]] = []
         self._seen = {}
 
         def seen(change: float) -> Array:
-            parts = _observed(self.at(name, change), found is not None)
+            parts = _observed(self.at(name, change), modes is not None)
             shapes[:] = [part.shape for part in parts]
             return np.concatenate([part.ravel() for part in parts])
 
@@ -156,9 +156,9 @@ class Home:
         R = self.nominal.pose[:3, :3]
         turn = dT[:3, :3] @ R.T
         pose = np.array([turn[2, 1], turn[0, 2], turn[1, 0], *dT[:3, 3]])
-        squares = np.zeros(0) if found is None else change_of_squares(found, dH, dM, dC)
+        squares = np.zeros(0) if modes is None else change_of_squares(modes, dH, dM, dC)
         # A matrix that does not depend on the parameter is compared with itself.
-        here = self._observed(found)
+        here = self._observed(modes)
         off = effect = 0.0
         for x, e, there in zip(slopes, errors, here, strict=True):
             size = max(_largest(x), _largest(there) / natural)
@@ -172,9 +172,9 @@ class Home:
             size = max(natural * _largest(x * energies), _largest(K * energies))
             x[np.abs(x) <= noise * size / energies] = 0.0
         pose[np.abs(pose) <= noise * columns] = 0.0
-        if found is not None:
+        if modes is not None:
             least = max(noise, numerics.BLANK / natural)
-            squares[np.abs(squares) <= least * np.abs(found.squares)] = 0.0
+            squares[np.abs(squares) <= least * np.abs(modes.squares)] = 0.0
         return Row(dK, pose, squares, off, effect)
 
 
@@ -209,15 +209,15 @@ def _stiffness_and_constraints(
 
 
 def change_of_squares(
-    found: Modes, dK: Array, dM: Array | None = None, dC: Array | None = None
+    modes: Modes, dK: Array, dM: Array | None = None, dC: Array | None = None
 ) -> Array:
     """d(omega^2) (k,) in 1/s^2 for changes of the matrices on all coordinates."""
-    length, force = convert_length(Units(), found.elastic.units)
-    right, left = found.basis @ found.spectrum.vectors, found.basis @ found.spectrum.left
-    squares, units = found.spectrum.squares, length / force
-    carried = None if dC is None or not len(dC) else _carried(found, right, left, squares)
+    length, force = convert_length(Units(), modes.elastic.units)
+    right, left = modes.basis @ modes.spectrum.vectors, modes.basis @ modes.spectrum.left
+    squares, units = modes.spectrum.squares, length / force
+    carried = None if dC is None or not len(dC) else _carried(modes, right, left, squares)
     rates = np.empty(squares.size)
-    for group in found.groups:
+    for group in modes.groups:
         phi, psi, x = right[:, group], left[:, group], squares[group]
         form = psi.T @ dK @ phi - (0.0 if dM is None else (psi.T @ dM @ phi) * x)
         if dC is not None and carried is not None:
@@ -230,11 +230,11 @@ def change_of_squares(
     return rates * units
 
 
-def _carried(found: Modes, right: Array, left: Array, squares: Array) -> tuple[Array, Array]:
+def _carried(modes: Modes, right: Array, left: Array, squares: Array) -> tuple[Array, Array]:
     """What the constraints carry while each mode swings, to the right and to the left modes."""
-    K, C = _stiffness_and_constraints(found.held if found.state is None else found.state)
-    M = found.full_mass
-    columns = found.posture.coordinate_lengths[:, None]
+    K, C = _stiffness_and_constraints(modes.held if modes.state is None else modes.state)
+    M = modes.full_mass
+    columns = modes.posture.coordinate_lengths[:, None]
     C = ((np.zeros((0, len(K))) if C is None else C).T * columns).astype(float)
     mu_right, mu_left = (
         -np.linalg.lstsq(C, columns * (A @ x - M @ x * squares), rcond=numerics.RANK)[0]

@@ -81,14 +81,14 @@ class Lobes:
 
 
 def _limits(
-    found: Modes, milling: Milling, damping: Damping | float, frequencies: ArrayLike | None
+    modes: Modes, milling: Milling, damping: Damping | float, frequencies: ArrayLike | None
 ) -> tuple[Array, Array, Array]:
     """Chatter frequencies, depths and phases of all eigenvalues with a limit, flat."""
     if frequencies is None:
-        f = found.frequencies[np.isfinite(found.frequencies) & (found.frequencies > 0.0)]
+        f = modes.frequencies[np.isfinite(modes.frequencies) & (modes.frequencies > 0.0)]
         if f.size == 0:
             raise InputError(
-                "no motion vibrates: there is no chatter", got=found.frequencies.tolist()
+                "no motion vibrates: there is no chatter", got=modes.frequencies.tolist()
             )
         # Dense about every mode, as deep as the damping is narrow.
         near = (f[:, None] * (1 + np.geomspace(1e-4, 1.0, 200))).ravel()
@@ -98,8 +98,8 @@ def _limits(
     else:
         hertz = checked_array(frequencies, ("n",), "frequencies")
     how = damping if isinstance(damping, Damping) else Damping(damping)
-    J = _at_tip(found, milling)
-    mu = _eigenvalues(milling.mean @ np.nan_to_num(transfer(found, hertz, how, J, J.T), nan=0.0))
+    J = _at_tip(modes, milling)
+    mu = _eigenvalues(milling.mean @ np.nan_to_num(transfer(modes, hertz, how, J, J.T), nan=0.0))
     with np.errstate(divide="ignore", invalid="ignore"):
         L = -1.0 / mu
         kappa = L.imag / L.real
@@ -110,10 +110,10 @@ def _limits(
     return every, depths, phases
 
 
-def _at_tip(found: Modes, milling: Milling) -> Array:
+def _at_tip(modes: Modes, milling: Milling) -> Array:
     """Motion (2, f) of the tip along feed and normal, per motion of the basis."""
     J = se3.adjoint_of_inverse(se3.pose(translation=milling.at))
-    return np.asarray(milling.directions @ (J @ found.posture.motion.jacobian @ found.basis)[3:])
+    return np.asarray(milling.directions @ (J @ modes.posture.motion.jacobian @ modes.basis)[3:])
 
 
 def _eigenvalues(matrices: Array) -> Array:
@@ -127,19 +127,19 @@ def _eigenvalues(matrices: Array) -> Array:
 
 
 def limiting_depth(
-    found: Modes, milling: Milling, damping: Damping | float = 0.0,
+    modes: Modes, milling: Milling, damping: Damping | float = 0.0,
     frequencies: ArrayLike | None = None,
 ) -> float:  # fmt: skip
     """Depth of cut (unit of length) that is stable at every speed, by the zeroth-order theory.
 
     Infinite where no frequency has a limit.
     """
-    _, depths, _ = _limits(found, milling, damping, frequencies)
+    _, depths, _ = _limits(modes, milling, damping, frequencies)
     return float(np.nanmin(depths)) if np.isfinite(depths).any() else float("inf")
 
 
 def lobes(
-    found: Modes,
+    modes: Modes,
     milling: Milling,
     speeds: ArrayLike,
     damping: Damping | float = 0.0,
@@ -149,7 +149,7 @@ def lobes(
 
     Parameters
     ----------
-    found : Modes
+    modes : Modes
         Modes of the mechanism that holds the tool (or the workpiece), at a posture, under its load.
     milling : Milling
         Cutter and force law.
@@ -168,7 +168,7 @@ def lobes(
     n = checked_array(speeds, ("n",), "speeds")
     if not (n > 0.0).all():
         raise InputError("speeds cannot be used", expected="above zero", got=n.min())
-    hertz, depths, phases = _limits(found, milling, damping, frequencies)
+    hertz, depths, phases = _limits(modes, milling, damping, frequencies)
     best, chatter = np.full(n.size, np.inf), np.full(n.size, np.nan)
     period = 60.0 / (n * milling.teeth)
     for column in range(depths.shape[1]):
@@ -188,14 +188,14 @@ def lobes(
 
 
 def transition_radius(
-    found: Modes, milling: Milling, speed: float, depth: float, damping: Damping | float = 0.0,
+    modes: Modes, milling: Milling, speed: float, depth: float, damping: Damping | float = 0.0,
     steps: int = 40,
 ) -> float:  # fmt: skip
     """Largest factor by which a motion grows over a tooth's period; below 1 the cut is stable.
 
     Parameters
     ----------
-    found, milling, damping
+    modes, milling, damping
         As in `lobes`.
     speed, depth : float
         Revolutions per minute; depth of cut.
@@ -212,7 +212,7 @@ def transition_radius(
     if not speed > 0.0 or steps < 2:
         raise InputError("cannot be used", expected="a speed above zero, two or more steps",
                          got=[speed, steps])  # fmt: skip
-    return _radius(_Cut.of(found, milling, damping), milling, speed, depth, steps)
+    return _radius(_Cut.of(modes, milling, damping), milling, speed, depth, steps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,10 +224,10 @@ class _Cut:
     into: Array
 
     @classmethod
-    def of(cls, found: Modes, milling: Milling, damping: Damping | float) -> _Cut:
+    def of(cls, modes: Modes, milling: Milling, damping: Damping | float) -> _Cut:
         how = damping if isinstance(damping, Damping) else Damping(damping)
-        poles, X, Y = state_space(found, damping_matrix(found, how))
-        J = _at_tip(found, milling)
+        poles, X, Y = state_space(modes, damping_matrix(modes, how))
+        J = _at_tip(modes, milling)
         return cls(poles, J @ X, Y @ J.T)
 
 
@@ -261,14 +261,14 @@ def _radius(cut: _Cut, milling: Milling, speed: float, depth: float, m: int) -> 
 
 
 def depth_by_semi_discretisation(
-    found: Modes, milling: Milling, speed: float, damping: Damping | float = 0.0, *,
+    modes: Modes, milling: Milling, speed: float, damping: Damping | float = 0.0, *,
     steps: int = 40, most: float | None = None, digits: float = 1e-3,
 ) -> float:  # fmt: skip
     """Smallest depth at which a cut at a speed becomes unstable, by bisection.
 
     Parameters
     ----------
-    found, milling, speed, damping, steps
+    modes, milling, speed, damping, steps
         As in `transition_radius`.
     most : float, optional
         Largest depth looked at; default ten times the depth that is stable at every speed.
@@ -280,9 +280,9 @@ def depth_by_semi_discretisation(
     float
         Infinite where it is stable up to `most`.
     """
-    cut = _Cut.of(found, milling, damping)
+    cut = _Cut.of(modes, milling, damping)
     if most is None:
-        most = _BEYOND_LEAST * limiting_depth(found, milling, damping)
+        most = _BEYOND_LEAST * limiting_depth(modes, milling, damping)
     if not np.isfinite(most):
         return float("inf")
     # The first unstable one of a ladder, then bisection below it.

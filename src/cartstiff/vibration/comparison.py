@@ -67,23 +67,23 @@ def _plain(values: Array) -> list[float | None]:
     return [float(x) if np.isfinite(x) else None for x in values]
 
 
-def mass_at_tip(found: Modes) -> Array | None:
+def mass_at_tip(modes: Modes) -> Array | None:
     """Lambda (6, 6): all masses as M feels them; None where M cannot move in every direction."""
-    J, sizes = found.posture.motion.jacobian @ found.basis, np.diag(found.mass)
+    J, sizes = modes.posture.motion.jacobian @ modes.basis, np.diag(modes.mass)
     if not (sizes > 0.0).all():
         return None
-    lengths = np.repeat([1.0, 1.0 / found.posture.length], 3)[:, None]
+    lengths = np.repeat([1.0, 1.0 / modes.posture.length], 3)[:, None]
     values = np.linalg.svd(lengths * J, compute_uv=False)
-    inverse = numerics.invert(found.mass)
+    inverse = numerics.invert(modes.mass)
     if J.shape[1] < 6 or not numerics.is_regular(values) or inverse is None:
         return None
     mobility = numerics.invert(J @ inverse.matrix @ J.T)
     return None if mobility is None else mobility.matrix
 
 
-def _body(found: Modes) -> Array | None:
+def _body(modes: Modes) -> Array | None:
     """Inertia (6, 6) of the rigid body that M is fixed to."""
-    mechanism = found.elastic.mechanism
+    mechanism = modes.elastic.mechanism
     if isinstance(mechanism, Platform):
         return mechanism.body_inertia if mechanism.mass > 0.0 else None
     if not isinstance(mechanism, Chain) or mechanism.body.joint == 0:
@@ -122,12 +122,12 @@ def _errors(hertz: Array | None, true: Array) -> Array | None:
         return hertz / true[np.argmin(away, axis=1)] - 1.0
 
 
-def compare(found: Modes, names: Sequence[str] = COMPARED) -> list[Shortcut]:
+def compare(modes: Modes, names: Sequence[str] = COMPARED) -> list[Shortcut]:
     """Frequencies by 6x6 matrices at the tip beside the true ones.
 
     Parameters
     ----------
-    found : Modes
+    modes : Modes
         Modes of a held posture.
     names : sequence of str
         Of `COMPARED`.
@@ -140,8 +140,8 @@ def compare(found: Modes, names: Sequence[str] = COMPARED) -> list[Shortcut]:
     for name in names:
         if name not in COMPARED:
             raise UnknownNameError("comparison", name, COMPARED)
-    true, result, units = found.frequencies, found.result, found.elastic.units
-    everything, body = mass_at_tip(found), _body(found)
+    true, result, units = modes.frequencies, modes.result, modes.elastic.units
+    everything, body = mass_at_tip(modes), _body(modes)
     answers = []
     for name in names:
         if name == "energy":

@@ -112,20 +112,20 @@ def _half(matrix: Array) -> Array:
 
 
 def _symmetric(matrix: ArrayLike, what: str) -> Array:
-    found = np.asarray(matrix, float)
-    found = checked_matrix(found, what, len(found) if found.ndim else 1)
-    if np.abs(found - found.T).max() > numerics.SYMMETRY * np.abs(found).max():
+    array = np.asarray(matrix, float)
+    array = checked_matrix(array, what, len(array) if array.ndim else 1)
+    if np.abs(array - array.T).max() > numerics.SYMMETRY * np.abs(array).max():
         raise InputError(f"{what} is not symmetric", expected="its symmetric part",
-                         got=f"|A - A^T| up to {np.abs(found - found.T).max():.3g}")  # fmt: skip
-    return _half(found)
+                         got=f"|A - A^T| up to {np.abs(array - array.T).max():.3g}")  # fmt: skip
+    return _half(array)
 
 
 def _ratios(ratios: float | Sequence[float], n: int) -> Array:
-    found = checked_array(np.atleast_1d(np.asarray(ratios, float)), ("m",), "damping ratios")
-    if found.size not in (1, n) or (found < 0.0).any():
+    values = checked_array(np.atleast_1d(np.asarray(ratios, float)), ("m",), "damping ratios")
+    if values.size not in (1, n) or (values < 0.0).any():
         raise InputError("damping ratios cannot be used", expected=f"1 or {n} numbers from zero",
-                         got=found.tolist())  # fmt: skip
-    return np.broadcast_to(found, (n,))
+                         got=values.tolist())  # fmt: skip
+    return np.broadcast_to(values, (n,))
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,13 +190,13 @@ class Impedance:
 
 
 def impedance(
-    found: Modes, wanted: StiffnessTensor | ArrayLike, ratios: float | Sequence[float] = 0.7
+    modes: Modes, wanted: StiffnessTensor | ArrayLike, ratios: float | Sequence[float] = 0.7
 ) -> Impedance:
     """Damping and joint-space gains for a stiffness wanted at M.
 
     Parameters
     ----------
-    found : Modes
+    modes : Modes
         Modes of the arm at the posture: its masses count, its springs do not.
     wanted : StiffnessTensor or array_like (6, 6)
         A tensor at M (see `StiffnessTensor.from_controller`), or a matrix in the axes of M, order
@@ -211,7 +211,7 @@ def impedance(
     InputError
         For a stiffness that is not positive semidefinite.
     """
-    mass = mass_at_tip(found)
+    mass = mass_at_tip(modes)
     if mass is None:
         raise UndefinedError(
             "the masses as the body feels them do not exist here: it cannot move in every "
@@ -230,12 +230,12 @@ def impedance(
     with np.errstate(divide="ignore", invalid="ignore"):
         felt = np.where(squares > 0.0, np.diag(seen) / (2 * np.sqrt(squares)), np.nan)
     size = float(np.abs(seen).max(initial=0.0))
-    J = found.posture.motion.jacobian
+    J = modes.posture.motion.jacobian
     return Impedance(
         fixed(K), fixed(D), fixed(other), fixed(felt),
         float(np.abs(beside).max()) / size if size else 0.0, fixed(mass),
         fixed(np.sqrt(squares) / (2 * np.pi)), fixed(J.T @ K @ J), fixed(J.T @ D @ J),
-        fixed(found.posture.pose), dropped,
+        fixed(modes.posture.pose), dropped,
     )  # fmt: skip
 
 

@@ -63,7 +63,7 @@ class Damping:
         own = self.dampers and elastic.damping is not None
         return own or bool(np.any(self.ratios)) or self.mass > 0.0 or self.stiffness > 0.0
 
-    def of_modes(self, found: Modes) -> Array:
+    def of_modes(self, modes: Modes) -> Array:
         """Ratio (k,) of each mode by `ratios` and Rayleigh's numbers, without dampers.
 
         Raises
@@ -71,20 +71,20 @@ class Damping:
         InputError
             For as many ratios as there are no modes.
         """
-        count = found.squares.size
+        count = modes.squares.size
         ratios = real_array(self.ratios, "damping ratios")
         if ratios.ndim and ratios.size not in (1, count):
             raise InputError("wrong count of damping ratios", expected=f"1 or {count}, one a mode",
                              got=ratios.size)  # fmt: skip
-        omega = np.sqrt(np.maximum(found.squares.real, 0.0))
+        omega = np.sqrt(np.maximum(modes.squares.real, 0.0))
         with np.errstate(divide="ignore", invalid="ignore"):
             more = np.where(omega > 0.0, 0.5 * (self.mass / omega + self.stiffness * omega), 0.0)
         return np.broadcast_to(ratios, (count,)) + more
 
 
-def dampers(found: Modes) -> Array | None:
+def dampers(modes: Modes) -> Array | None:
     """Dampers' matrix (f, f) on the basis of the modes; None without any."""
-    elastic, posture = found.elastic, found.posture
+    elastic, posture = modes.elastic, modes.posture
     if elastic.damping is None:
         return None
     if isinstance(elastic.springs, JointSprings):
@@ -94,27 +94,27 @@ def dampers(found: Modes) -> Array | None:
         full = (lines.T * elastic.damping) @ lines
     else:
         return None
-    return np.asarray(found.basis.T @ full @ found.basis)
+    return np.asarray(modes.basis.T @ full @ modes.basis)
 
 
-def damping_matrix(found: Modes, damping: Damping) -> Array:
+def damping_matrix(modes: Modes, damping: Damping) -> Array:
     """C (f, f) on the basis, in units of force, length and seconds."""
-    length, force = convert_length(Units(), found.elastic.units)
-    M = found.mass * (force / length)
-    C = damping.mass * M + damping.stiffness * found.stiffness
-    own = dampers(found) if damping.dampers else None
+    length, force = convert_length(Units(), modes.elastic.units)
+    M = modes.mass * (force / length)
+    C = damping.mass * M + damping.stiffness * modes.stiffness
+    own = dampers(modes) if damping.dampers else None
     if own is not None:
         C = C + own
-    only = Damping(damping.ratios).of_modes(found)
+    only = Damping(damping.ratios).of_modes(modes)
     if only.any():
-        omega = np.sqrt(np.maximum(found.squares.real, 0.0))
-        carried = M @ found.spectrum.vectors.real
-        left = M.T @ found.spectrum.left.real
+        omega = np.sqrt(np.maximum(modes.squares.real, 0.0))
+        carried = M @ modes.spectrum.vectors.real
+        left = M.T @ modes.spectrum.left.real
         C = C + (carried * (2 * only * omega * length / force)) @ left.T
     return np.asarray(C)
 
 
-def state_space(found: Modes, C: Array) -> tuple[Array, Array, Array]:
+def state_space(modes: Modes, C: Array) -> tuple[Array, Array, Array]:
     """Poles (2 f,), right vectors of the motions (f, 2 f) and left ones of the forces (2 f, f).
 
     Raises
@@ -122,17 +122,17 @@ def state_space(found: Modes, C: Array) -> tuple[Array, Array, Array]:
     UndefinedError
         Where a motion has no mass.
     """
-    spectrum = found.spectrum
-    f = len(found.mass)
+    spectrum = modes.spectrum
+    f = len(modes.mass)
     if spectrum.vectors.shape[1] != f:
         raise UndefinedError(
             "a motion without mass is damped in another order", code="massless-motion"
         )
-    length, force = convert_length(Units(), found.elastic.units)
+    length, force = convert_length(Units(), modes.elastic.units)
     T = spectrum.vectors.real if not spectrum.is_complex else np.eye(f)
-    M = T.T @ found.mass @ T * (force / length)
+    M = T.T @ modes.mass @ T * (force / length)
     inverse = np.linalg.inv(M)
-    K, D = inverse @ T.T @ found.stiffness @ T, inverse @ T.T @ C @ T
+    K, D = inverse @ T.T @ modes.stiffness @ T, inverse @ T.T @ C @ T
     # Time in units in which stiffness and inertia are alike.
     scale = float(np.sqrt(np.abs(K).max(initial=0.0))) or 1.0
     A = np.block([[np.zeros((f, f)), np.eye(f)], [-K / scale**2, -D / scale]])
@@ -141,7 +141,7 @@ def state_space(found: Modes, C: Array) -> tuple[Array, Array, Array]:
     return values * scale, T @ X[:f], Y[:, f:] @ inverse @ T.T / scale
 
 
-def poles(found: Modes, damping: Damping) -> tuple[Array, Array]:
+def poles(modes: Modes, damping: Damping) -> tuple[Array, Array]:
     """Damped frequencies [Hz] and ratios of the modes, by increasing size of the pole.
 
     Raises
@@ -149,7 +149,7 @@ def poles(found: Modes, damping: Damping) -> tuple[Array, Array]:
     UndefinedError
         Where a motion has no mass: its damped motion is of another order.
     """
-    values = state_space(found, damping_matrix(found, damping))[0]
+    values = state_space(modes, damping_matrix(modes, damping))[0]
     upper = values[values.imag > 0.0]
     upper = upper[np.argsort(np.abs(upper))]
     return upper.imag / (2 * np.pi), -upper.real / np.abs(upper)

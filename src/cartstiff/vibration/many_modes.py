@@ -93,25 +93,25 @@ class ManyModes:
         if self._is_plain:
             return _plain(self.elastic, self.q, count)
         if self._loads is None and _on_open_lines(self.elastic):
-            found, known = _on_lines(self.elastic, self.q, count)
+            frequencies, known = _on_lines(self.elastic, self.q, count)
         elif self._loads is None and self.compliances is not None:
-            found, known = _of_body(self.elastic, self.q, self.compliances, count)
+            frequencies, known = _of_body(self.elastic, self.q, self.compliances, count)
         else:
-            return self._each(lambda found: found.frequencies, count)
+            return self._each(lambda modes: modes.frequencies, count)
         rows = np.flatnonzero(~known)[: self.one_by_one]
         left = replace(self, q=self.q[rows], wrenches=None)
-        found[rows] = left._each(lambda found: found.frequencies, count)
-        return found
+        frequencies[rows] = left._each(lambda modes: modes.frequencies, count)
+        return frequencies
 
     def damping_ratios(self, damping: Damping, count: int = 6) -> Array:
         """Ratio (N, count) of each mode, the slowest first; with dampers those of the poles."""
         if not (damping.dampers and self.elastic.damping is not None):
-            return self._each(lambda found: damping.of_modes(found), count)
-        return self._each(lambda found: poles(found, damping)[1], count)
+            return self._each(lambda modes: damping.of_modes(modes), count)
+        return self._each(lambda modes: poles(modes, damping)[1], count)
 
     def limiting_depths(self, milling: Milling, damping: Damping) -> Array:
         """Depth of cut (N,) that is stable at every speed, by the zeroth-order theory."""
-        return self._each(lambda found: [limiting_depth(found, milling, damping)], 1)[:, 0]
+        return self._each(lambda modes: [limiting_depth(modes, milling, damping)], 1)[:, 0]
 
     @property
     def _loads(self) -> Array | None:
@@ -122,7 +122,7 @@ class ManyModes:
         return self._loads is None and is_plain(self.elastic)
 
     def _each(self, answer: Callable[[Modes], ArrayLike], count: int) -> Array:
-        loads, found = self._loads, np.full((len(self.q), count), np.nan)
+        loads, rows = self._loads, np.full((len(self.q), count), np.nan)
         for i, posture in enumerate(self.q):
             wrench = None if loads is None else loads if loads.ndim == 1 else loads[i]
             load = {} if wrench is None else self.load
@@ -130,8 +130,8 @@ class ManyModes:
                 values = np.asarray(answer(modes(self.elastic, posture, wrench=wrench, **load)))
             except UndefinedError:
                 continue
-            found[i, : values.size] = values[:count]
-        return found
+            rows[i, : values.size] = values[:count]
+        return rows
 
 
 def _on_open_lines(elastic: ElasticMechanism) -> bool:
@@ -157,7 +157,7 @@ def _on_lines(elastic: ElasticMechanism, q: Array, count: int) -> tuple[Array, N
     if not (isinstance(platform, Platform) and isinstance(springs, LineSprings)):
         raise TypeError("a platform on lines")
     length, force = convert_length(Units(), elastic.units)
-    found = np.full((len(q), max(count, 6)), np.nan)
+    frequencies = np.full((len(q), max(count, 6)), np.nan)
     sizes = np.repeat([platform.length, 1.0], 3)
     for start in range(0, len(q), _ROWS):
         part = q[start : start + _ROWS]
@@ -175,8 +175,8 @@ def _on_lines(elastic: ElasticMechanism, q: Array, count: int) -> tuple[Array, N
         cost = np.einsum("nij,nik,nkj->nj", twists, np.abs(G.swapaxes(1, 2) @ G), twists)
         omega = np.where(omega**2 <= numerics.IDLE * cost, 0.0, omega)[:, ::-1]
         hertz = omega * np.sqrt(length / force) / (2.0 * np.pi)
-        found[start : start + len(part), :6] = np.where(known[:, None], hertz, np.nan)
-    return found[:, :count], np.isfinite(found[:, 0])
+        frequencies[start : start + len(part), :6] = np.where(known[:, None], hertz, np.nan)
+    return frequencies[:, :count], np.isfinite(frequencies[:, 0])
 
 
 def _platform_masses(platform: Platform, q: Array) -> tuple[LineGeometry, Array]:
@@ -225,7 +225,7 @@ def _of_body(
     mechanism = elastic.mechanism
     length, force = convert_length(Units(), elastic.units)
     sizes = np.repeat([mechanism.at(elastic.q).length, 1.0], 3)
-    found = np.full((len(q), max(count, 6)), np.nan)
+    frequencies = np.full((len(q), max(count, 6)), np.nan)
     known: NDArray[np.bool_] = np.asarray(np.isfinite(compliances).all(axis=(1, 2)))
     for start in range(0, len(q), _ROWS):
         rows = slice(start, start + _ROWS)
@@ -246,8 +246,8 @@ def _of_body(
         known[rows] &= (inverse[:, -1:] >= -lost)[:, 0]  # else a motion grows
         with np.errstate(divide="ignore", invalid="ignore"):
             hertz = 1.0 / (2.0 * np.pi * np.sqrt(inverse))
-        found[rows, :6] = np.where((inverse > lost) & known[rows, None], hertz, np.nan)
-    return found[:, :count], known
+        frequencies[rows, :6] = np.where((inverse > lost) & known[rows, None], hertz, np.nan)
+    return frequencies[:, :count], known
 
 
 def _plain(elastic: ElasticMechanism, q: Array, count: int) -> Array:
@@ -257,7 +257,7 @@ def _plain(elastic: ElasticMechanism, q: Array, count: int) -> Array:
         raise TypeError("an arm on joint springs")
     n = q.shape[1]
     per = 1.0 / np.sqrt(springs.stiffness)
-    found = np.full((len(q), max(count, n)), np.nan)
+    frequencies = np.full((len(q), max(count, n)), np.nan)
     for start in range(0, len(q), _ROWS):
         part = q[start : start + _ROWS]
         mass = chain.tree.mass_matrices(part)
@@ -266,5 +266,5 @@ def _plain(elastic: ElasticMechanism, q: Array, count: int) -> Array:
         least = numerics.EPSILON * n * inverse[:, :1]
         with np.errstate(divide="ignore", invalid="ignore"):
             hertz = 1.0 / (2 * np.pi * np.sqrt(inverse))
-        found[start : start + len(part), :n] = np.where(inverse > least, hertz, np.nan)
-    return found[:, :count]
+        frequencies[start : start + len(part), :n] = np.where(inverse > least, hertz, np.nan)
+    return frequencies[:, :count]

@@ -136,14 +136,14 @@ class Modes(Result, ShownInLines):
         """Numbers (from 0) of the modes, those with the same frequency together."""
         squares = self.squares.real
         size = float(np.abs(squares).max(initial=0.0))
-        found: list[list[int]] = []
+        groups: list[list[int]] = []
         for i, x in enumerate(squares):
             near = numerics.REPEATED * abs(x) + numerics.ZERO * size
-            if found and abs(x - squares[found[-1][-1]]) <= near:
-                found[-1].append(i)
+            if groups and abs(x - squares[groups[-1][-1]]) <= near:
+                groups[-1].append(i)
             else:
-                found.append([i])
-        return found
+                groups.append([i])
+        return groups
 
     @cached_property
     def nodal_axes(self) -> list[Screw]:
@@ -185,9 +185,9 @@ class Modes(Result, ShownInLines):
     @cached_property
     def full_mass(self) -> Array:
         """Masses' matrix (n, n) on all coordinates, kg and the mechanism's unit of length."""
-        found = kinetic_matrix(self.posture, self.elastic.terms(), self.elastic.units)
+        full = kinetic_matrix(self.posture, self.elastic.terms(), self.elastic.units)
         n = self.posture.coordinate_lengths.size
-        return np.zeros((n, n)) if found is None else found
+        return np.zeros((n, n)) if full is None else full
 
     # -- what is told -----------------------------------------------------------------------
 

@@ -72,8 +72,8 @@ def modes(
     Examples
     --------
     >>> import cartstiff
-    >>> found = cartstiff.modes(cartstiff.load("stewart-simscape"))
-    >>> [round(float(f), 1) for f in found.frequencies]
+    >>> modes = cartstiff.modes(cartstiff.load("stewart-simscape"))
+    >>> [round(float(f), 1) for f in modes.frequencies]
     [780.6, 780.6, 903.9, 1061.4, 1061.4, 1269.7]
     """
     if isinstance(subject, ElasticMechanism):
@@ -247,12 +247,12 @@ def _solved(
             code="no-mass", values={"links": list(elastic.mechanism.masses())},
         )  # fmt: skip
     size = np.abs(basis).T @ np.abs(full) @ np.abs(basis)
-    found = spectrum_of(stiffness, 0.5 * (mass + mass.T), terms, size)
-    if found.coupled:
+    spectrum = spectrum_of(stiffness, 0.5 * (mass + mass.T), terms, size)
+    if spectrum.coupled:
         raise UndefinedError(
             "a motion with neither mass nor stiffness takes part in the forces of the others: "
             "there are no modes",
             code="massless-free-motion",
-            values={"shapes": (basis @ found.loose).T.tolist()},
+            values={"shapes": (basis @ spectrum.loose).T.tolist()},
         )
-    return Modes(elastic, posture, basis, stiffness, mass, found, held, rest)
+    return Modes(elastic, posture, basis, stiffness, mass, spectrum, held, rest)

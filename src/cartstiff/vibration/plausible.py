@@ -19,11 +19,11 @@ _HEAVIEST, _LIGHTEST = 2000.0, 0.01
 
 def masses_that_move(elastic: ElasticMechanism) -> dict[str, float]:
     """Masses [kg] by link, of the payload, the legs, and the payloads among the loads."""
-    found = {name: mass for name, mass in elastic.mechanism.masses().items() if mass > 0.0}
+    masses = {name: mass for name, mass in elastic.mechanism.masses().items() if mass > 0.0}
     hung = sum(p.mass for p in elastic.potentials if isinstance(p, DeadForce))
     if hung > 0.0:
-        found["payload among the loads"] = hung * elastic.units.newtons
-    return found
+        masses["payload among the loads"] = hung * elastic.units.newtons
+    return masses
 
 
 def notes_on_masses(elastic: ElasticMechanism) -> list[Note]:

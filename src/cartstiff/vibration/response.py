@@ -113,7 +113,7 @@ class FrequencyResponse:
 
 
 def frequency_response(
-    found: Modes,
+    modes: Modes,
     frequencies: ArrayLike,
     damping: Damping | float = 0.0,
     *,
@@ -125,7 +125,7 @@ def frequency_response(
 
     Parameters
     ----------
-    found : Modes
+    modes : Modes
         Modes under the load.
     frequencies : array_like (N,)
         Hz, not negative.
@@ -147,18 +147,18 @@ def frequency_response(
         raise UnknownNameError("kind of response", kind, RESPONSES)
     hertz, damping = _checked(frequencies, damping)
     point = checked_vector(at, 3, "point")
-    J = se3.adjoint_of_inverse(se3.pose(translation=point)) @ found.posture.motion.jacobian
-    J = J @ found.basis
-    H = transfer(found, hertz, damping, J, J.T, method)
+    J = se3.adjoint_of_inverse(se3.pose(translation=point)) @ modes.posture.motion.jacobian
+    J = J @ modes.basis
+    H = transfer(modes, hertz, damping, J, J.T, method)
     factor = (2j * np.pi * hertz) ** RESPONSES[kind]
     return FrequencyResponse(
-        kind, hertz, fixed(H * factor[:, None, None]), found.elastic.units, damping,
-        _notes(found, damping),
+        kind, hertz, fixed(H * factor[:, None, None]), modes.elastic.units, damping,
+        _notes(modes, damping),
     )  # fmt: skip
 
 
 def transmissibility(
-    found: Modes,
+    modes: Modes,
     frequencies: ArrayLike,
     damping: Damping | float = 0.0,
     *,
@@ -169,7 +169,7 @@ def transmissibility(
 
     Parameters
     ----------
-    found, frequencies, damping, at, method
+    modes, frequencies, damping, at, method
         As in `frequency_response`. The base moves as a whole, without turning.
 
     Raises
@@ -179,17 +179,17 @@ def transmissibility(
     """
     hertz, damping = _checked(frequencies, damping)
     point = checked_vector(at, 3, "point")
-    momentum = found._momentum
+    momentum = modes._momentum
     if momentum is None:
         raise UndefinedError("the mechanism does not give its momentum", code="no-mass")
-    length, force = convert_length(Units(), found.elastic.units)
-    A = momentum[0][3:] @ found.basis * (force / length)
-    J = se3.adjoint_of_inverse(se3.pose(translation=point)) @ found.posture.motion.jacobian
-    out = found.posture.pose[:3, :3] @ J[3:] @ found.basis
-    moved = transfer(found, hertz, damping, out, A.T, method)
+    length, force = convert_length(Units(), modes.elastic.units)
+    A = momentum[0][3:] @ modes.basis * (force / length)
+    J = se3.adjoint_of_inverse(se3.pose(translation=point)) @ modes.posture.motion.jacobian
+    out = modes.posture.pose[:3, :3] @ J[3:] @ modes.basis
+    moved = transfer(modes, hertz, damping, out, A.T, method)
     T = np.eye(3) + (2 * np.pi * hertz)[:, None, None] ** 2 * moved
     return FrequencyResponse(
-        "transmissibility", hertz, fixed(T), found.elastic.units, damping, _notes(found, damping)
+        "transmissibility", hertz, fixed(T), modes.elastic.units, damping, _notes(modes, damping)
     )
 
 
@@ -200,22 +200,22 @@ def _checked(frequencies: ArrayLike, damping: Damping | float) -> tuple[Array, D
     return hertz, damping if isinstance(damping, Damping) else Damping(damping)
 
 
-def _notes(found: Modes, damping: Damping) -> tuple[Note, ...]:
-    own, elastic = dampers(found) if damping.dampers else None, found.elastic
+def _notes(modes: Modes, damping: Damping) -> tuple[Note, ...]:
+    own, elastic = dampers(modes) if damping.dampers else None, modes.elastic
     if own is not None and elastic.damping is not None:
         names = elastic.spring_names
         acting = {n: float(c) for n, c in zip(names, elastic.damping, strict=False) if c > 0.0}
         words = "dampers of the mechanism's or the robot's file act beside the damping given: "
         shown = [f"{name} {value:.4g}" for name, value in list(acting.items())[:8]]
         return (Note("dampers-act", words + ", ".join(shown), acting),)
-    if own is None and not damping.of_modes(found).any():
+    if own is None and not damping.of_modes(modes).any():
         words = "nothing damps: the response is that of undamped motions, infinite at resonance"
         return (Note("undamped-response", words),)
     return ()
 
 
 def transfer(
-    found: Modes,
+    modes: Modes,
     hertz: Array,
     damping: Damping,
     out: Array,
@@ -226,7 +226,7 @@ def transfer(
 
     Parameters
     ----------
-    found : Modes
+    modes : Modes
         The modes.
     hertz : ndarray (N,)
         Frequencies.
@@ -240,26 +240,26 @@ def transfer(
     if method not in ("modes", "matrices"):
         raise UnknownNameError("method", method, ("modes", "matrices"))
     omega = 2 * np.pi * hertz
-    own = dampers(found) if damping.dampers else None
+    own = dampers(modes) if damping.dampers else None
     shape = (hertz.size, out.shape[0], into.shape[1])
     with np.errstate(divide="ignore", invalid="ignore"):
-        if method == "modes" and own is None and not found.spectrum.is_complex:
-            total = _by_real_modes(found, omega, damping, out, into)
+        if method == "modes" and own is None and not modes.spectrum.is_complex:
+            total = _by_real_modes(modes, omega, damping, out, into)
         elif method == "modes" and not (
-            found.spectrum.following.shape[1] or found.spectrum.loose.shape[1]
+            modes.spectrum.following.shape[1] or modes.spectrum.loose.shape[1]
         ):
-            total = _by_complex_modes(found, omega, damping, out, into)
+            total = _by_complex_modes(modes, omega, damping, out, into)
         else:
-            return _by_matrices(found, omega, damping, out, into)
+            return _by_matrices(modes, omega, damping, out, into)
     total = total.reshape(shape)
     total[~np.isfinite(total).all(axis=(1, 2))] = np.nan
     return total
 
 
-def _by_real_modes(found: Modes, omega: Array, damping: Damping, out: Array, into: Array) -> Array:
-    length, force = convert_length(Units(), found.elastic.units)
-    spectrum, ratios = found.spectrum, damping.of_modes(found)
-    squares = found.squares
+def _by_real_modes(modes: Modes, omega: Array, damping: Damping, out: Array, into: Array) -> Array:
+    length, force = convert_length(Units(), modes.elastic.units)
+    spectrum, ratios = modes.spectrum, damping.of_modes(modes)
+    squares = modes.squares
     right, left = out @ spectrum.vectors, spectrum.left.T @ into
     # The modes have phi^T M phi = 1 in kg and the unit of length.
     residues = (right.T[:, :, None] * left[:, None, :]).reshape(squares.size, -1)
@@ -275,21 +275,21 @@ def _by_real_modes(found: Modes, omega: Array, damping: Damping, out: Array, int
 
 
 def _by_complex_modes(
-    found: Modes, omega: Array, damping: Damping, out: Array, into: Array
+    modes: Modes, omega: Array, damping: Damping, out: Array, into: Array
 ) -> Array:
-    values, X, Y = state_space(found, damping_matrix(found, damping))
+    values, X, Y = state_space(modes, damping_matrix(modes, damping))
     right, left = out @ X, Y @ into
     residues = (right.T[:, :, None] * left[:, None, :]).reshape(values.size, -1)
     return np.asarray((1.0 / (1j * omega[:, None] - values)) @ residues)
 
 
-def _by_matrices(found: Modes, omega: Array, damping: Damping, out: Array, into: Array) -> Array:
-    length, force = convert_length(Units(), found.elastic.units)
-    M, C = found.mass * (force / length), damping_matrix(found, damping)
+def _by_matrices(modes: Modes, omega: Array, damping: Damping, out: Array, into: Array) -> Array:
+    length, force = convert_length(Units(), modes.elastic.units)
+    M, C = modes.mass * (force / length), damping_matrix(modes, damping)
     w = omega[:, None, None]
-    dynamic = found.stiffness - w**2 * M + 1j * w * C
+    dynamic = modes.stiffness - w**2 * M + 1j * w * C
     # Angles and lengths alike: the sizes of the motions.
-    size = np.sqrt(np.maximum(np.abs(np.diag(found.stiffness)), numerics.TINY))
+    size = np.sqrt(np.maximum(np.abs(np.diag(modes.stiffness)), numerics.TINY))
     total = np.full((omega.size, out.shape[0], into.shape[1]), np.nan, complex)
     for i, D in enumerate(dynamic / np.outer(size, size)):
         try:

@@ -156,8 +156,8 @@ def sensitivities(
     >>> float(known.stiffness["K"][known.index("stiffness.leg1"), 5, 5].round(3))
     0.496
     """
-    found = subject if isinstance(subject, Modes) else modes_of(subject)
-    if found is not None and found.spectrum.is_complex:
+    modes = subject if isinstance(subject, Modes) else modes_of(subject)
+    if modes is not None and modes.spectrum.is_complex:
         raise UndefinedError("modes that flutter have no sensitivities", code="flutter")
     home = Home(subject, reread)
     rows: dict[str, Row] = {}
@@ -166,19 +166,19 @@ def sensitivities(
              if geometry or name.partition(".")[0] in ("stiffness", "mass")]  # fmt: skip
     for done, name in enumerate(names, 1):
         try:
-            rows[name] = home.row(name, found)
+            rows[name] = home.row(name, modes)
         except CartstiffError as error:
             missing.append(f"{name} is not varied: {one_line(str(error), 200)}")
         if progress is not None:
             progress(done, len(names))
-    k = 0 if found is None else found.frequencies.size
+    k = 0 if modes is None else modes.frequencies.size
     squares = np.array([r.squares for r in rows.values()]).reshape(len(rows), k)
     return Sensitivities(
         tuple(rows), np.array([home.parameters.nominal[name] for name in rows]),
         {letter: np.array([r.matrices[i] for r in rows.values()]).reshape(-1, 6, 6)
          for i, letter in enumerate(MATRICES)},
         np.array([r.pose for r in rows.values()]).reshape(-1, 6), squares,
-        squares if found is None else in_hertz(found, squares),
+        squares if modes is None else in_hertz(modes, squares),
         np.array([r.error for r in rows.values()]),
         tuple(home.parameters.is_angle(name) for name in rows), "; ".join(missing) or None,
     )  # fmt: skip
@@ -192,8 +192,8 @@ def modes_of(subject: PostureStiffness | Equilibrium) -> Modes | None:
         return None
 
 
-def in_hertz(found: Modes, squares: Array) -> Array:
+def in_hertz(modes: Modes, squares: Array) -> Array:
     """Changes (p, k) in Hz of those of omega^2; NaN where f is 0 or does not exist."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        f = found.frequencies
+        f = modes.frequencies
         return np.where(f > 0.0, squares / (8 * np.pi**2 * f), np.nan)

@@ -146,22 +146,22 @@ def read_target(path: Path, order: str | None) -> Target:
         raise error.moved_to(where) from None
     try:
         if path.suffix == ".npy":
-            found = _of_numpy(data)
+            content = _of_numpy(data)
         elif path.suffix == ".csv":
             text = data.decode()
             # The comment that our own files begin with names the order.
             named = [o for o in ORDERS if f"order {o}" in text.partition("\n")[0]]
             said = {"order": named[0]} if text.startswith("#") and named else {}
-            found = np.loadtxt(text.splitlines(), delimiter=",", ndmin=2)
+            content = np.loadtxt(text.splitlines(), delimiter=",", ndmin=2)
         else:
-            found = json.loads(data)
+            content = json.loads(data)
     except unusable as error:
         raise none_held(error) from None
-    if isinstance(found, dict):
-        _check_keys(found, where)
-        said, found = found, found["matrix"]
+    if isinstance(content, dict):
+        _check_keys(content, where)
+        said, content = content, content["matrix"]
     try:
-        matrix = checked_array(found, (6, 6), "matrix")
+        matrix = checked_array(content, (6, 6), "matrix")
     except unusable as error:
         raise none_held(error) from None
     if np.abs(matrix).max() > LARGEST:

@@ -27,13 +27,13 @@ def numbers(text: str | None, count: int, what: str, where: str) -> Array:
         For any other text.
     """
     try:
-        found = np.array([float(word) for word in (text or "").split()])
+        values = np.array([float(word) for word in (text or "").split()])
     except ValueError:
-        found = np.empty(0)
-    if found.size != count or not np.isfinite(found).all():
+        values = np.empty(0)
+    if values.size != count or not np.isfinite(values).all():
         raise InputError(f"{what} cannot be used", where=where, expected=f"{count} numbers",
                          got=repr(one_line((text or "").strip(), 80)))  # fmt: skip
-    return found
+    return values
 
 
 @dataclass(frozen=True)
@@ -57,10 +57,10 @@ class JointOf:
 
     def axis(self, where: str) -> Array:
         """Unit vector of a joint about or along an axis of its own."""
-        found = numbers(self.said.get("axis"), 3, "axis", where)
-        if not found.any():
+        direction = numbers(self.said.get("axis"), 3, "axis", where)
+        if not direction.any():
             raise InputError("axis is zero", where=where)
-        return np.asarray(found / np.linalg.norm(found))
+        return np.asarray(direction / np.linalg.norm(direction))
 
 
 def joint_of(link: ET.Element, where: str) -> JointOf:

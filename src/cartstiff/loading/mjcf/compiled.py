@@ -162,15 +162,15 @@ def pose(position: ArrayLike, quaternion: ArrayLike) -> Array:
 def named(names: list[str], stem: str) -> list[str]:
     """Names, with made ones for things that have none: the stem and a number."""
     taken = {name for name in names if name}
-    found = []
+    listed = []
     for number, name in enumerate(names, start=0 if stem == "body" else 1):
         if not name:
             while f"{stem}{number}" in taken:
                 number += 1
             name = f"{stem}{number}"
             taken.add(name)
-        found.append(name)
-    return found
+        listed.append(name)
+    return listed
 
 
 def free_name(name: str, taken: set[str]) -> str:

@@ -232,12 +232,12 @@ class _Model:
                 carried[child] = parent, moves
 
         def way(link: str) -> set[str]:
-            seen, found = set[str](), set[str]()
+            seen, moving = set[str](), set[str]()
             while link in carried and link not in seen:
                 seen.add(link)
                 link, moves = carried[link]
-                found.update(moves)
-            return found
+                moving.update(moves)
+            return moving
 
         for parent, child, end, moves in loops:
             joints = frozenset((way(parent) ^ way(child)) | set(moves))

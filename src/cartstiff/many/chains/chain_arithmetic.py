@@ -97,8 +97,8 @@ def _curved(chain: ChainNumbers, A: Array, W: Array) -> Array:
     """
     half = 3
     curved = zeros(6, 6)
-    J, found = chain.J, chain.kinematics
-    S = curvature_of(found.J[:, :half], found.wrench(W * 2.0))
+    J, kinematics = chain.J, chain.kinematics
+    S = curvature_of(kinematics.J[:, :half], kinematics.wrench(W * 2.0))
     for a in range(half):
         for b in range(a):
             curved[a] = curved[a] + A[b] * S[a, b]
@@ -179,9 +179,9 @@ def _deficient(chain: ChainNumbers) -> Array:
 
 
 def _compliances(
-    chain: ChainNumbers, W: Array, found: dict[str, Array], wanted: Collection[str]
+    chain: ChainNumbers, W: Array, arrays: dict[str, Array], wanted: Collection[str]
 ) -> Scalar:
-    """Put ``C^X = J (H_L + J^T D J)^-1 J^T`` into `found`, D = K^X - K^B; the verdict on them."""
+    """Put ``C^X = J (H_L + J^T D J)^-1 J^T`` into `arrays`, D = K^X - K^B; the verdict on them."""
     names = [name for name in "ABKF" if f"compliance_{name}" in wanted]
     verdict: Scalar = PLAIN
     if not names:
@@ -196,12 +196,12 @@ def _compliances(
             if not chain.has_chart:
                 continue
             C_F, doubt = (C, PLAIN) if unloaded else _softness(chain, chain.hessian, signed)
-            found["compliance_F"], verdict = C_F, larger(verdict, doubt)
+            arrays["compliance_F"], verdict = C_F, larger(verdict, doubt)
         elif name == "B" or unloaded:
-            found[f"compliance_{name}"] = C
+            arrays[f"compliance_{name}"] = C
         else:
             D = connections(zeros(6, 6), W)[name]
-            found[f"compliance_{name}"], doubt = changed_compliance(C, D, chain.length)
+            arrays[f"compliance_{name}"], doubt = changed_compliance(C, D, chain.length)
             verdict = larger(verdict, doubt)
     return verdict
 

@@ -266,11 +266,11 @@ class ChainKinematics:
 
     def frames(self) -> Array:
         """``T_F_joint`` behind each joint's motion, without the last row (joints, 3, 4)."""
-        found = zeros(len(self._places), 3, 4)
-        for frame, (R, p), turn in zip(found, self._places, self._turns, strict=True):
+        frames = zeros(len(self._places), 3, 4)
+        for frame, (R, p), turn in zip(frames, self._places, self._turns, strict=True):
             frame[:, :3] = self.R_C_F.T @ (R @ turn.T)
             frame[:, 3] = self.R_C_F.T @ (p - self.p_C_F)
-        return found
+        return frames
 
     def wrench(self, W: Array) -> Array:
         """A wrench given in M, in C."""
@@ -279,11 +279,11 @@ class ChainKinematics:
 
     def adjoint(self) -> Array:
         """``Ad(T_C_M)``."""
-        found = zeros(6, 6)
-        found[:3, :3] = found[3:, 3:] = self.R_C_M
+        adjoint = zeros(6, 6)
+        adjoint[:3, :3] = adjoint[3:, 3:] = self.R_C_M
         for i in range(3):
-            found[3:, i] = cross(self.p_C_M, self.R_C_M[:, i])
-        return found
+            adjoint[3:, i] = cross(self.p_C_M, self.R_C_M[:, i])
+        return adjoint
 
 
 def _sums_to_the_end(rows: Array) -> Array:

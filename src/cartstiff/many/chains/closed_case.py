@@ -53,17 +53,17 @@ def tree_constants(chain: Chain) -> TreeConstants:
 
 def _samples(chain: Chain, q: Array) -> list[Array]:
     """Coordinates of a few closed postures about q."""
-    found, rng = list[Array](), np.random.default_rng(0)
+    samples, rng = list[Array](), np.random.default_rng(0)
     for i in range(3 * _SAMPLES):
         away = chain.at(q).coordinate_lengths * rng.uniform(-_AWAY, _AWAY, q.size)
         away[list(chain.virtual)] = 0.0
         try:
-            found.append(chain.closed(q if i == 0 else q + away).q)
+            samples.append(chain.closed(q if i == 0 else q + away).q)
         except ConvergenceError:
             continue
-        if len(found) == _SAMPLES:
+        if len(samples) == _SAMPLES:
             break
-    return found
+    return samples
 
 
 def _rows(
@@ -137,10 +137,10 @@ def closed_case(
         return "no joint on the way to the frame turns"
     samples = _samples(chain, elastic.q)
     held = tuple(chain.held)
-    found, shut = (_rows(constants, samples, some) if samples else None for some in ((), held))
-    if found is None or shut is None:
+    moving, shut = (_rows(constants, samples, some) if samples else None for some in ((), held))
+    if moving is None or shut is None:
         return "the closures have no rank that most postures share"
-    rows, closures, acting = found
+    rows, closures, acting = moving
     n, rank = len(constants.is_length), sum(map(len, rows))
     is_freed = not held or len(held) > n - rank
     if is_freed and acting > rank:

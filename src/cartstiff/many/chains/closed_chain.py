@@ -152,11 +152,11 @@ class _ClosedChain(ChainNumbers):
             D, free = case.dependent, list(case.independent)
             # A vector in no particular direction tells how large the inverse is.
             probe = np.cos(np.arange(1.0, 1.0 + len(D)))
-            found = solution(scaled[:, D], np.column_stack([scaled[:, free], probe]))
+            solved = solution(scaled[:, D], np.column_stack([scaled[:, free], probe]))
             self.N = zeros(n, len(free))
             self.N[free] = np.eye(len(free))
-            self.N[D] = found[:, :-1] * -(sizes[D][:, None] / sizes[free])
-            size = norm_squared(found) / len(D) * norm_squared(scaled[:, D])
+            self.N[D] = solved[:, :-1] * -(sizes[D][:, None] / sizes[free])
+            size = norm_squared(solved) / len(D) * norm_squared(scaled[:, D])
             limit = _CLOSED**2
         else:
             Q = reflections(scaled.T)

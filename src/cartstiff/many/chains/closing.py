@@ -102,9 +102,9 @@ def closing_arrays(tape: Tape, case: ClosedCase) -> dict[str, Array]:
     if len(D) == len(C):
         # A vector in no particular direction tells whether rounding would choose the assembly.
         probe = np.cos(np.arange(1.0, 1.0 + len(D)))
-        found = solution(scaled, np.column_stack([-missed, probe]))
-        step[D] = found[:, 0]
-        size = norm_squared(found[:, 1]) / len(D) * norm_squared(scaled)
+        solved = solution(scaled, np.column_stack([-missed, probe]))
+        step[D] = solved[:, 0]
+        size = norm_squared(solved[:, 1]) / len(D) * norm_squared(scaled)
     else:
         Q = reflections(scaled.T)
         inverse_R = upper_inverse(Q.R)
@@ -126,15 +126,15 @@ def close(ways: Sequence[Callable[[], Any]], q: Array) -> tuple[Array, NDArray[n
     `ways` give what runs the programs of `closing_arrays` of `ClosedCase.ways` on as many rows.
     Where the engine would go on, or end elsewhere, the coordinates stay those given.
     """
-    found, is_closed, which = q.copy(), np.zeros(len(q), bool), np.arange(len(q))
+    closed, is_closed, which = q.copy(), np.zeros(len(q), bool), np.arange(len(q))
     for workspace in ways:
         if not which.size:
             break
         at, done, is_vain = q[which], np.zeros(len(which), bool), np.zeros(len(which), bool)
         _close(workspace(), at, done, is_vain)
-        found[which[done]], is_closed[which[done]] = at[done], True
+        closed[which[done]], is_closed[which[done]] = at[done], True
         which = which[is_vain]
-    return found, is_closed
+    return closed, is_closed
 
 
 def is_shut(size: Any, step: Any, length: Any, before: Any) -> Any:

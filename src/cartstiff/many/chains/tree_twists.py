@@ -121,11 +121,11 @@ class TreeKinematics:
 
     def in_body(self, twists: Array) -> Array:
         """Twists (6, k) in F as twists in M."""
-        found = zeros(*twists.shape)
+        turned = zeros(*twists.shape)
         for a, twist in enumerate(twists.T):
-            found[:3, a] = self.R.T @ twist[:3]
-            found[3:, a] = self.R.T @ (twist[3:] + cross(twist[:3], self.p))
-        return found
+            turned[:3, a] = self.R.T @ twist[:3]
+            turned[3:, a] = self.R.T @ (twist[3:] + cross(twist[:3], self.p))
+        return turned
 
     def from_body(self, W: Array) -> Array:
         """A wrench given in M, in F."""
@@ -134,9 +134,9 @@ class TreeKinematics:
 
     def tied(self, tie: Tie, about: Array | None) -> Array:
         """Relative twist of b against a (6, joints), about the origin of F or a point."""
-        found = zeros(*self.J.shape)
+        tied = zeros(*self.J.shape)
         for j, sign in self.constants.way(tie):
-            found[:, j] = self.J[:, j] * sign
+            tied[:, j] = self.J[:, j] * sign
             if about is not None:
-                found[3:, j] = found[3:, j] + cross(found[:3, j], about)
-        return found
+                tied[3:, j] = tied[3:, j] + cross(tied[:3, j], about)
+        return tied

@@ -51,10 +51,10 @@ def _stiffness(result: PostureStiffness) -> Array:
 def _in_room(result: PostureStiffness, K: Array) -> Array:
     K = se3.to_linear_angular(se3.to_linear_angular(K, 0), 1)
     turned = np.kron(np.eye(2), result.pose[:3, :3])
-    found = turned @ K @ turned.T
-    size = np.sqrt(np.abs(np.diag(found)))
-    noise = np.abs(found) <= numerics.ROUNDING * np.outer(size, size)
-    return np.where(noise, 0.0, 0.5 * (found + found.T))
+    in_room = turned @ K @ turned.T
+    size = np.sqrt(np.abs(np.diag(in_room)))
+    noise = np.abs(in_room) <= numerics.ROUNDING * np.outer(size, size)
+    return np.where(noise, 0.0, 0.5 * (in_room + in_room.T))
 
 
 def _mass(result: PostureStiffness) -> Array | None:
@@ -72,16 +72,16 @@ def _mass(result: PostureStiffness) -> Array | None:
 def _said(result: PostureStiffness) -> list[str]:
     """What a reader of the file must know."""
     units = result.elastic.units
-    found = [
+    lines = [
         f"{result.elastic.name}: stiffness of {result.elastic.mechanism.frame} to the ground",
         f"units {units.force}, {units.length}, s; rad",
         "rows and columns: translation x y z, rotation x y z of the node, along the axes of F",
     ]
     if result.wrench is not None and np.any(result.wrench):
         load = ", ".join(f"{x:.6g}" for x in result.wrench)
-        found.append(f"under the wrench (moment, force; body axes) {load}: K^B, the symmetric part")
+        lines.append(f"under the wrench (moment, force; body axes) {load}: K^B, the symmetric part")
     # A name that ended the line would be read as what follows the comment.
-    return [joined([line]).encode("ascii", "replace").decode() for line in found]
+    return [joined([line]).encode("ascii", "replace").decode() for line in lines]
 
 
 def _nastran(result: PostureStiffness) -> bytes:
@@ -110,8 +110,8 @@ def _nastran(result: PostureStiffness) -> bytes:
 
 def _abaqus(result: PostureStiffness) -> bytes:
     """A node with its matrices as sparse input, lower triangles."""
-    found = {"STIFFNESS": _stiffness(result), "MASS": _mass(result)}
-    known = {kind: K for kind, K in found.items() if K is not None}
+    matrices = {"STIFFNESS": _stiffness(result), "MASS": _mass(result)}
+    known = {kind: K for kind, K in matrices.items() if K is not None}
     at = ", ".join(f"{x:.15e}" for x in result.pose[:3, 3])
     lines = [*[f"** {line}" for line in _said(result)], "*NODE, NSET=BODY", f"1, {at}"]
     for kind, K in known.items():
