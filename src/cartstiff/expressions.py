@@ -115,8 +115,8 @@ class Expression:
         return result
 
     def _none(self, what: str, values: Mapping[str, float]) -> InputError:
-        given = ", ".join(f"{name} = {values[name]:g}" for name in sorted(self.names))
-        text = f"{one_line(self.text, 60)}{f' with {given}' if given else ''}"
+        names = ", ".join(f"{name} = {values[name]:g}" for name in sorted(self.names))
+        text = f"{one_line(self.text, 60)}{f' with {names}' if names else ''}"
         return InputError(what, where=self.where, got=text)
 
     def _value(self, node: ast.expr, values: Mapping[str, float]) -> float:

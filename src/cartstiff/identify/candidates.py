@@ -171,7 +171,9 @@ def _is_within(
     return all(limits[0] <= at[_AXES.index(a)] <= limits[1] for a, limits in box.items())
 
 
-def _ranges(elastic: ElasticMechanism, given: Mapping[str, Sequence[float]]) -> tuple[Array, Array]:
+def _ranges(
+    elastic: ElasticMechanism, ranges: Mapping[str, Sequence[float]]
+) -> tuple[Array, Array]:
     """Lowest and highest coordinates; those that follow others stay where they are."""
     mechanism = elastic.mechanism
     low, high = elastic.q.copy(), elastic.q.copy()
@@ -196,7 +198,7 @@ def _ranges(elastic: ElasticMechanism, given: Mapping[str, Sequence[float]]) -> 
         high[j] = c.upper if np.isfinite(c.upper) and not looped else centre + width
         if not looped and not c.is_length:  # further than a turn away is the same posture
             low[j], high[j] = max(low[j], -_RANGE), min(high[j], _RANGE)
-    for name, (a, b) in given.items():
+    for name, (a, b) in ranges.items():
         if name not in elastic.names:
             raise UnknownNameError("joint", name, elastic.names, where="--range")
         if not a <= b:

@@ -88,15 +88,15 @@ def wrenches(
         The load at `load_at` along the axes of F.
     """
     R = poses[:, :3, :3]
-    given = measured.wrench.reshape(-1, 2, 3)
+    loads = measured.wrench.reshape(-1, 2, 3)
     if measured.axes == "body":
-        given = np.einsum("nij,nkj->nki", R, given)
+        loads = np.einsum("nij,nkj->nki", R, loads)
     elif measured.axes == "base":
-        given = given @ base_rotation(elastic).T
+        loads = loads @ base_rotation(elastic).T
     weight = np.multiply.outer(measured.mass, field_of(elastic)) / elastic.units.newtons
     weight0 = np.multiply.outer(measured.mass0, field_of(elastic)) / elastic.units.newtons
     nothing = np.zeros_like(weight)
-    total = given + np.stack([nothing, weight], axis=1)
+    total = loads + np.stack([nothing, weight], axis=1)
     reference = np.stack([nothing, weight0], axis=1)
     at = np.asarray(measured.load_at)
 

@@ -251,8 +251,8 @@ def _turned(measured: Measurements, R: Array) -> Measurements | None:
         if any(there) and not all(there):
             return None
         if all(there):
-            given = np.stack([values[name] for name in names], axis=1)
-            values |= dict(zip(names, np.einsum("nij,nj->in", R, given), strict=True))
+            vectors = np.stack([values[name] for name in names], axis=1)
+            values |= dict(zip(names, np.einsum("nij,nj->in", R, vectors), strict=True))
             is_turned = True
     direction = np.einsum("nij,nj->ni", R, measured.direction)
     return replace(measured, values=values, direction=direction) if is_turned else None

@@ -165,7 +165,7 @@ def _postures(
     """Coordinates (N, n), closed chains assembled."""
     mechanism = elastic.mechanism
     q = np.tile(elastic.q, (len(cells.rows), 1))
-    given = np.zeros(len(elastic.names), bool)
+    is_given = np.zeros(len(elastic.names), bool)
     for j, coordinate in enumerate(mechanism.coordinates):
         for name in (f"q_{coordinate.name}", coordinate.name):
             if name not in table or name in MEASURED:
@@ -175,23 +175,23 @@ def _postures(
                 row = int(np.flatnonzero(np.isnan(values))[0])
                 raise InputError(f"no posture: column {name!r} is empty", where=cells.places[row])
             q[:, j] = values * (length if coordinate.is_length else 1.0)
-            given[j] = True
+            is_given[j] = True
             column = next(c for c in columns if c.name == name)
             if not coordinate.is_length and not column.declared:
                 _check_angle(name, values, coordinate.lower, coordinate.upper, cells)
-    needed = np.ones(len(given), bool)
+    needed = np.ones(len(is_given), bool)
     if isinstance(mechanism, Chain):
         needed[list(mechanism.virtual | mechanism.rigid)] = False
         if mechanism.closures:
-            passive = np.ones(len(given), bool)
+            passive = np.ones(len(is_given), bool)
             driven = mechanism.actuated
             if driven is None and elastic.springs is not None:
                 driven = tuple(np.flatnonzero(elastic.springs.stiffness > 0))
             passive[list(driven or ())] = False
             needed &= ~passive
-    if isinstance(mechanism, Platform) and not given.any():
+    if isinstance(mechanism, Platform) and not is_given.any():
         needed[:] = False  # it stands at the file's pose
-    missing = [elastic.names[j] for j in np.flatnonzero(needed & ~given)]
+    missing = [elastic.names[j] for j in np.flatnonzero(needed & ~is_given)]
     if missing:
         prefix = "q_" if missing[0] in MEASURED else ""
         raise InputError(
@@ -264,10 +264,14 @@ def _check_sizes(
 
 
 def _measured(
-    table: Mapping[str, Array], cells: Cells, given: dict[str, float], length: float, is_open: bool
+    table: Mapping[str, Array],
+    cells: Cells,
+    deviations: dict[str, float],
+    length: float,
+    is_open: bool,
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Values and deviations by column, in the mechanism's units."""
-    for name in given:
+    for name in deviations:
         if name not in table:
             raise InputError(f"a standard deviation for {name!r}, which is not in the table",
                              where="--sd", expected=f"a column {name!r}")  # fmt: skip
@@ -281,7 +285,7 @@ def _measured(
             continue
         factor = length if kind == "length" else 1.0
         if spread is None:
-            spread = np.full(len(cells.rows), given.get(name, np.nan))
+            spread = np.full(len(cells.rows), deviations.get(name, np.nan))
         bad = (spread <= 0) | (np.isnan(spread) & ~np.isnan(table[name]) & (f"sd_{name}" in table))
         if bad.any():
             row = int(np.argmax(bad))

@@ -118,8 +118,8 @@ def inverse_kinematics(
         return branches[0] if single else branches
     solver = JointPoses(elastic, limits) if solver is None else solver
     begin = _starts(solver, starts, seed)
-    given = not isinstance(starts, (int, np.integer)) and len(begin) > 1
-    near = begin[1 if given else 0]
+    own_starts = not isinstance(starts, (int, np.integer)) and len(begin) > 1
+    near = begin[1 if own_starts else 0]
     legs = legs_of(elastic, limits)
     modes = legs and working_modes(legs, near, wanted, begin, free, tolerance, most)
     if not modes:

@@ -88,7 +88,7 @@ def load(
     """
     if frame is not None and not isinstance(frame, str):
         raise InputError("frame is not a name", expected="text", got=frame)
-    given = {"frame": frame, "locked": _positions(locked), **tool_of(tcp, gravity, payload)}
+    overrides = {"frame": frame, "locked": _positions(locked), **tool_of(tcp, gravity, payload)}
     if isinstance(source, (str, Path)):
         if of_model:
             raise InputError(
@@ -96,8 +96,8 @@ def load(
                 where=one_line(str(source)),
                 expected="frame, locked, stiffness, rest, tcp, gravity, payload",
             )
-        given |= {"parameters": parameters, **_ros_keys(xacro_args, package_path)}
-        loaded = _from_name(source, given)
+        overrides |= {"parameters": parameters, **_ros_keys(xacro_args, package_path)}
+        loaded = _from_name(source, overrides)
     else:
         from cartstiff.loading.pinocchio_model import from_pinocchio, is_pinocchio
 
@@ -110,7 +110,7 @@ def load(
                 expected="str, Path, pinocchio.Model, RobotWrapper or a tuple of models",
                 got=type(source).__name__,
             )
-        loaded = from_pinocchio(source, given=given, **of_model)
+        loaded = from_pinocchio(source, overrides=overrides, **of_model)
     if tcp is not None and np.size(tcp) == 6:
         from cartstiff.loading.plausible import turned
 
@@ -119,7 +119,7 @@ def load(
     if payload is not None and gravity is None:
         from cartstiff.mechanisms.weighed import under_earth
 
-        loaded = under_earth(loaded, given["payload"][0])
+        loaded = under_earth(loaded, overrides["payload"][0])
     return loaded.with_springs(stiffness, rest)
 
 
@@ -132,7 +132,7 @@ def _positions(locked: Any) -> dict[str, float]:
 
 
 def tool_of(tcp: Any, gravity: Any, payload: Any) -> dict[str, Any]:
-    """What hangs on the robot and pulls at it, checked; as `build.with_given` takes it."""
+    """What hangs on the robot and pulls at it, checked; as `build.with_overrides` takes it."""
     from cartstiff.arrays import checked_pose, checked_vector
     from cartstiff.geometry import se3
     from cartstiff.mechanisms.contract import checked_gravity
@@ -176,7 +176,7 @@ def _ros_keys(arguments: Any, folders: Any) -> dict[str, Any]:
     return keys
 
 
-def _from_name(source: str | Path, given: dict[str, Any]) -> ElasticMechanism:
+def _from_name(source: str | Path, overrides: dict[str, Any]) -> ElasticMechanism:
     """A mechanism by its name or path, or XML text."""
     from cartstiff.loading.ros import ROBOT_FILES, is_description_name
 
@@ -184,9 +184,9 @@ def _from_name(source: str | Path, given: dict[str, Any]) -> ElasticMechanism:
     if not text.strip() or "\0" in text:
         raise InputError("mechanism has no name", expected="a name or a path", got=repr(text))
     if isinstance(source, str) and text.lstrip().startswith("<"):
-        if given.get("parameters"):
+        if overrides.get("parameters"):
             raise InputError("parameters belong to mechanism files", got="XML text")
-        return _from_robot(text, "robot", given)
+        return _from_robot(text, "robot", overrides)
     try:
         path = Path(text).expanduser()
         exists = path.exists()
@@ -194,23 +194,24 @@ def _from_name(source: str | Path, given: dict[str, Any]) -> ElasticMechanism:
         raise InputError("not a usable path", where=one_line(text), got=str(error)) from None
     file = bundled(text)
     if file is not None:
-        return _from_file(file, given)
+        return _from_file(file, overrides)
     suffix = path.suffix.lower()
     if suffix in (".yaml", ".yml"):
-        return _from_file(path, given)
-    if given.get("parameters"):
+        return _from_file(path, overrides)
+    if overrides.get("parameters"):
         raise InputError("parameters belong to mechanism files", where=one_line(text),
-                         expected="a .yaml file", got=", ".join(given["parameters"]))  # fmt: skip
+                         expected="a .yaml file",
+                         got=", ".join(overrides["parameters"]))  # fmt: skip
     if suffix == ".xml" and exists:
         from cartstiff.loading.caspr.reading import is_caspr, read_caspr
 
         if is_caspr(path):
-            return read_caspr(path, given)
+            return read_caspr(path, overrides)
     if suffix in ROBOT_FILES:
-        return _from_robot(str(path), path.stem.removesuffix(".urdf"), given)
+        return _from_robot(str(path), path.stem.removesuffix(".urdf"), overrides)
     robots = example_robots()
     if text in robots or (is_description_name(text) and not exists):
-        return _from_robot(text, text, given)
+        return _from_robot(text, text, overrides)
     if exists:
         raise InputError(
             "is a directory" if path.is_dir() else "unknown kind of file",
@@ -222,8 +223,8 @@ def _from_name(source: str | Path, given: dict[str, Any]) -> ElasticMechanism:
     raise UnknownNameError("mechanism", text, [*bundled_files(), *robots])
 
 
-def _from_robot(model: str, name: str, given: dict[str, Any]) -> ElasticMechanism:
-    from cartstiff.loading.build import serial_of, with_given
+def _from_robot(model: str, name: str, overrides: dict[str, Any]) -> ElasticMechanism:
+    from cartstiff.loading.build import serial_of, with_overrides
     from cartstiff.loading.defaults import default_frame
     from cartstiff.loading.keys.checked import robot_alone
     from cartstiff.loading.parts import described, joints_that_move
@@ -234,7 +235,7 @@ def _from_robot(model: str, name: str, given: dict[str, Any]) -> ElasticMechanis
         from cartstiff.loading.schema import SerialFile
 
         alone = SerialFile.model_construct(kind="serial", model=model)
-    serial = with_given(alone, given, where)
+    serial = with_overrides(alone, overrides, where)
     description = described(serial, None)
     facts = description.facts
     said = []
@@ -272,31 +273,31 @@ def file_reader(source: str | Path) -> Callable[[dict[str, Any]], ElasticMechani
     if path.suffix.lower() not in (".yaml", ".yml"):
         return None
     data, lines = read_yaml(path)
-    return lambda given: from_data(data, lines, path, given)
+    return lambda overrides: from_data(data, lines, path, overrides)
 
 
-def _from_file(path: Path, given: dict[str, Any]) -> ElasticMechanism:
+def _from_file(path: Path, overrides: dict[str, Any]) -> ElasticMechanism:
     from cartstiff.loading.from_checked import mechanism_of
     from cartstiff.loading.keys.checked import checked_before
     from cartstiff.loading.yaml_file import read_yaml
 
-    kept = None if given.get("parameters") else checked_before(path)
+    kept = None if overrides.get("parameters") else checked_before(path)
     if kept is not None:
         with suppress(InputError):  # the message needs the lines of the file
-            return mechanism_of(kept[0], Parameters(kept[1], {}), path, given)
-    return from_data(*read_yaml(path), path, given)
+            return mechanism_of(kept[0], Parameters(kept[1], {}), path, overrides)
+    return from_data(*read_yaml(path), path, overrides)
 
 
 def from_data(
-    data: dict[str, Any], lines: Lines, path: Path, given: dict[str, Any]
+    data: dict[str, Any], lines: Lines, path: Path, overrides: dict[str, Any]
 ) -> ElasticMechanism:
     """The mechanism of a file's data, with what was given beside it."""
     from cartstiff.loading.from_checked import mechanism_of
     from cartstiff.loading.mechanism_file import checked_file, located
 
-    file, parameters = checked_file(data, lines, path, given.get("parameters"))
+    file, parameters = checked_file(data, lines, path, overrides.get("parameters"))
     try:
-        return mechanism_of(file, parameters, path, given)
+        return mechanism_of(file, parameters, path, overrides)
     except InputError as error:
         raise located(error, path, lines) from None
 
@@ -358,9 +359,9 @@ def hexapod(
     >>> platform.mechanism.leg_lengths(platform.q).round(4).tolist()
     [0.4432, 0.4432, 0.4432, 0.4432, 0.4432, 0.4432]
     """
-    given = {"base": base, "platform": platform, "height": height, "turn": turn,
+    numbers = {"base": base, "platform": platform, "height": height, "turn": turn,
              "symmetry": symmetry, "cubic": cubic}  # fmt: skip
-    layout = {key: plain(value) for key, value in given.items() if value is not None}
+    layout = {key: plain(value) for key, value in numbers.items() if value is not None}
     data = {"kind": "stewart-gough", "layout": layout, **plain(keys), "name": name}
     data["legs"] = plain(legs) if isinstance(legs, Mapping) else {"stiffness": plain(legs)}
     return from_data(data, {}, Path("hexapod"), {})

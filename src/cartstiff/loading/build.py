@@ -237,11 +237,11 @@ def _body(file: PlatformFile | SpringsFile, T_P_M: Array, where: str) -> tuple[f
 def _struts(file: PlatformFile | SpringsFile, m: int, where: str) -> Struts | None:
     """Masses of the legs, checked."""
     strut = file.legs.strut
-    given = file.legs.mass if strut is None or strut.mass is None else strut.mass
-    if given is None:
+    mass = file.legs.mass if strut is None or strut.mass is None else strut.mass
+    if mass is None:
         return None
     keys = ("fixed", "moving", "fixed_com", "moving_com", "radius")
-    values = [_per_leg(getattr(given, key), m, f"mass.{key}", where) for key in keys]
+    values = [_per_leg(getattr(mass, key), m, f"mass.{key}", where) for key in keys]
     return Struts(*(np.zeros(m) if value is None else value for value in values))
 
 
@@ -256,14 +256,14 @@ def _check_bars(struts: Struts, lengths: np.ndarray, where: str) -> None:
             )  # fmt: skip
 
 
-def with_given(file: Any, given: Mapping[str, Any], where: str) -> Any:
+def with_overrides(file: Any, overrides: Mapping[str, Any], where: str) -> Any:
     """A file with what was given beside it, which counts before what it says itself.
 
     Parameters
     ----------
     file : a model of the schema
         What the file says.
-    given : mapping
+    overrides : mapping
         "frame", "locked", "tcp" (pose of M in that frame), "gravity", "payload" (mass, centre in
         M; added to the file's), "xacro", "package_path"; as many as there are.
     where : str
@@ -275,17 +275,17 @@ def with_given(file: Any, given: Mapping[str, Any], where: str) -> Any:
         For what the file's kind does not have.
     """
     keys: dict[str, Any] = {}
-    if (frame := given.get("frame")) is not None:
+    if (frame := overrides.get("frame")) is not None:
         file = _with_frame(file, frame, where)
-    if locked := given.get("locked"):
+    if locked := overrides.get("locked"):
         if file.kind not in _OF_JOINTS:
             raise InputError(f"kind {file.kind} has no joints to lock", where=where,
                              expected="kind serial or closed-chain")  # fmt: skip
         keys["locked"] = {**file.locked, **locked}
-    if given.get("xacro") or given.get("package_path"):
-        file = _with_ros(file, given, where)
+    if overrides.get("xacro") or overrides.get("package_path"):
+        file = _with_ros(file, overrides, where)
     payload = file.payload
-    if (T := given.get("tcp")) is not None:
+    if (T := overrides.get("tcp")) is not None:
         back = se3.inverse(T)
         if file.kind in _OF_JOINTS:
             keys["offset"] = _model_of(pose_of(file.offset) @ T)
@@ -302,7 +302,7 @@ def with_given(file: Any, given: Mapping[str, Any], where: str) -> Any:
         if payload is not None:
             centre = (back @ np.append(payload.com, 1.0))[:3]
             payload = payload.model_copy(update={"com": centre.tolist()})
-    if (more := given.get("payload")) is not None:
+    if (more := overrides.get("payload")) is not None:
         mass, centre = more
         own, at = (0.0, centre) if payload is None else (payload.mass, payload.com)
         total = own + mass
@@ -310,7 +310,7 @@ def with_given(file: Any, given: Mapping[str, Any], where: str) -> Any:
             (own * np.array(at) + mass * np.array(centre)) / total
         )  # fmt: skip
         payload = Checked("PayloadModel", ("mass", "com"), mass=total, com=com.tolist())
-    if (gravity := given.get("gravity")) is not None:
+    if (gravity := overrides.get("gravity")) is not None:
         keys["gravity"] = list(gravity)
     if payload is not file.payload:
         keys["payload"] = payload
@@ -322,14 +322,17 @@ def _model_of(T: Array) -> Checked:
     return Checked("PoseModel", keys, **keys)
 
 
-def _with_ros(file: Any, given: Mapping[str, Any], where: str) -> Any:
+def _with_ros(file: Any, overrides: Mapping[str, Any], where: str) -> Any:
     """A file whose robots get more xacro arguments, and more folders for packages."""
     if hasattr(file, "model"):
-        keys = {"xacro": {**file.xacro, **given.get("xacro", {})},
-                "package_path": [*given.get("package_path", ()), *file.package_path]}  # fmt: skip
+        keys = {"xacro": {**file.xacro, **overrides.get("xacro", {})},
+                "package_path": [*overrides.get("package_path", ()),
+                                 *file.package_path]}  # fmt: skip
         return file.model_copy(update=keys)
     if isinstance(file.legs, list) and any(leg.drawing is None for leg in file.legs):
-        legs = [_with_ros(leg, given, where) if leg.drawing is None else leg for leg in file.legs]
+        legs = [
+            _with_ros(leg, overrides, where) if leg.drawing is None else leg for leg in file.legs
+        ]
         return file.model_copy(update={"legs": legs})
     raise InputError(f"kind {file.kind} has no robot description", where=where,
                      expected="no xacro arguments and no package path")  # fmt: skip

@@ -104,8 +104,8 @@ def build_parallel(
             end = "contact"
             passive += [f"{prefix}{joint}" for joint, _ in _CONTACTS[leg.contact]]
         names = [c.name for c in tree.coordinates]
-        for given, key in ((leg.springs, "springs"), (leg.passive, "passive"), (leg.q, "q")):
-            for joint in given:
+        for entries, key in ((leg.springs, "springs"), (leg.passive, "passive"), (leg.q, "q")):
+            for joint in entries:
                 if joint not in names:
                     raise UnknownNameError("joint", joint, names, where=f"{place}, key {key}")
         springs |= {prefix + joint: entry for joint, entry in leg.springs.items()}

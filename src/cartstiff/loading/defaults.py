@@ -140,7 +140,7 @@ def chosen_frame(
 
 def default_posture(
     tree: KinematicTree,
-    given: Mapping[str, float],
+    values: Mapping[str, float],
     where: str,
     otherwise: Mapping[str, float] | None = None,
     facts: MjcfFacts | None = None,
@@ -160,7 +160,7 @@ def default_posture(
     for name, value in (otherwise or {}).items():
         if name in names:
             q[names.index(name)] = value
-    for name, value in given.items():
+    for name, value in values.items():
         if name not in names:
             raise UnknownNameError("joint", name, names, where=f"{where}, key q")
         q[names.index(name)] = value

@@ -93,7 +93,7 @@ def _check_coefficient(elastic: ElasticMechanism, law: tuple[str, int], entry: F
 
 
 def mechanism_of(
-    file: Any, parameters: Parameters, path: Path, given: dict[str, Any]
+    file: Any, parameters: Parameters, path: Path, overrides: dict[str, Any]
 ) -> ElasticMechanism:
     """The mechanism of a file that has been checked."""
     from cartstiff.loading import build
@@ -104,7 +104,7 @@ def mechanism_of(
         from cartstiff.loading.legs.tree import with_drawn_legs
 
         file = with_drawn_legs(file, where)
-    file = build.with_given(file, given, where)
+    file = build.with_overrides(file, overrides, where)
     if file.kind == "serial":
         elastic = build.build_serial(file, path.parent, where, name)
     elif file.kind in ("stewart-gough", "springs"):

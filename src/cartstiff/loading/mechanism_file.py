@@ -22,7 +22,7 @@ from cartstiff.loading.yaml_file import Lines
 
 
 def checked_file(
-    data: dict[str, Any], lines: Lines, path: Path, given: Mapping[str, Any] | None = None
+    data: dict[str, Any], lines: Lines, path: Path, values: Mapping[str, Any] | None = None
 ) -> tuple[Any, Parameters]:
     """Model of a file's data, and the values of its parameters.
 
@@ -30,7 +30,7 @@ def checked_file(
     ----------
     data, lines, path
         As read, with the line of each value; messages name the path.
-    given : mapping of str to float, optional
+    values : mapping of str to float, optional
         Values of parameters that count instead of the file's.
 
     Raises
@@ -38,7 +38,7 @@ def checked_file(
     InputError
         The first thing that is wrong, with file, line and key.
     """
-    data, parameters = with_parameters(data, lambda at: place_of(path, lines, at), given)
+    data, parameters = with_parameters(data, lambda at: place_of(path, lines, at), values)
     try:
         if data.get("kind") == "stewart-gough":
             data = _with_layout(data, lines, path)

@@ -88,13 +88,13 @@ def put_together(
             for part in lifted
             if chain.tree.placement(part.body).joint > 0
         ]
-    given = entries or {}
+    joint_springs = entries or {}
     M, damping = chain.tree.mimic, np.array(chain.tree.model.damping, float).reshape(-1)
     if M is not None:
         damping = np.asarray((M * M).T @ damping)  # followers turn by their factor
     for i, n in enumerate(chain.names):
-        if n in given and given[n].damping is not None:
-            damping[i] = given[n].damping
+        if n in joint_springs and joint_springs[n].damping is not None:
+            damping[i] = joint_springs[n].damping
     elastic = replace(elastic, damping=damping if damping.any() else None)
     return elastic.with_potential(*potentials)
 

@@ -19,7 +19,7 @@ from cartstiff.arrays import checked_vector
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.build import serial_of, with_given
+from cartstiff.loading.build import serial_of, with_overrides
 from cartstiff.loading.build_closed import closed_chain_of
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.schema import ClosedChainFile, ClosureModel, SerialFile
@@ -53,7 +53,7 @@ def from_pinocchio(
     actuated: Sequence[str] = (),
     floating: bool = False,
     name: str | None = None,
-    given: Mapping[str, Any] | None = None,
+    overrides: Mapping[str, Any] | None = None,
 ) -> ElasticMechanism:
     """Elastic mechanism of a Pinocchio model.
 
@@ -82,8 +82,8 @@ def from_pinocchio(
         Whether a free-flying root moves; by default it is held where `q` has it.
     name : str, optional
         Name of the mechanism; default the model's.
-    given : mapping, optional
-        More of what `cartstiff.loading.build.with_given` takes: "tcp", "gravity", "payload".
+    overrides : mapping, optional
+        More of what `cartstiff.loading.build.with_overrides` takes: "tcp", "gravity", "payload".
 
     Raises
     ------
@@ -92,7 +92,7 @@ def from_pinocchio(
     UnknownNameError
         For a frame or joint that the model does not have.
     """
-    keys = {"frame": frame, "locked": dict(locked or {}), **(given or {})}
+    keys = {"frame": frame, "locked": dict(locked or {}), **(overrides or {})}
     locked, wrapper = keys["locked"], None
     if isinstance(model, pin.RobotWrapper):
         wrapper, model, visual = model, model.model, visual or model.visual_model
@@ -120,7 +120,7 @@ def from_pinocchio(
     if not ties and actuated:
         raise InputError("actuated joints are named, but there are no closures", where=where,
                          expected="closures=[pinocchio.RigidConstraintModel(...)]")  # fmt: skip
-    serial = with_given(_unsaid().model_copy(update={"model": name}), keys, where)
+    serial = with_overrides(_unsaid().model_copy(update={"model": name}), keys, where)
     if ties:
         common = {
             key: getattr(serial, key) for key in ("frame", "locked", "offset", "gravity", "payload")

@@ -92,7 +92,7 @@ def _called(folder: Path, name: str) -> bool:
     return match is not None and match[1] == name
 
 
-def expanded(path: str, given: dict[str, str], searched: list[str]) -> dict[str, Any]:
+def expanded(path: str, values: dict[str, str], searched: list[str]) -> dict[str, Any]:
     """The XML that a xacro file stands for, or what is wrong with it."""
     import xacro
 
@@ -107,7 +107,7 @@ def expanded(path: str, given: dict[str, str], searched: list[str]) -> dict[str,
     vars(index)["get_package_share_directory"] = folder
     sys.modules["ament_index_python"] = types.ModuleType("ament_index_python")
     sys.modules[index.__name__] = index
-    asked, arguments = _arguments(path), _Read(given)
+    asked, arguments = _arguments(path), _Read(values)
     try:
         document = xacro.process_file(path, mappings=arguments, verbosity=0)
     except Exception as error:
@@ -119,22 +119,22 @@ def expanded(path: str, given: dict[str, str], searched: list[str]) -> dict[str,
             text = f"no value for {text!r}"
         place = [name for name in getattr(xacro, "filestack", []) if name]
         missing = isinstance(inner, LookupError) and "is not found" in str(inner)
-        unread = [name for name in given if name not in arguments.read]
+        unread = [name for name in values if name not in arguments.read]
         return {"error": text if not missing else str(inner.args[0]), "package": missing,
                 "file": str(place[-1]) if place else path, "asked": asked,
                 "unread": unread}  # fmt: skip
     text = document.toxml()
     if len(text) > LARGEST:
         return {"error": f"it expands to more than {LARGEST} bytes"}
-    unread = [name for name in given if name not in arguments.read]
+    unread = [name for name in values if name not in arguments.read]
     return {"xml": text, "asked": asked, "unread": unread}
 
 
 class _Read(dict[str, str]):
     """Values of arguments, and the names that were asked for."""
 
-    def __init__(self, given: dict[str, str]) -> None:
-        super().__init__(given)
+    def __init__(self, values: dict[str, str]) -> None:
+        super().__init__(values)
         self.read: set[object] = set()
 
     def __contains__(self, name: object) -> bool:

@@ -64,8 +64,8 @@ def springs_of(
         moved = set(springs) or set(actuated) or set(names)
         passive = [*passive, *(n for n in names if n not in moved and n not in passive)]
     passive = [*passive, *(n for n in virtual if n not in passive)]
-    for given, key in ((springs, "springs"), (passive, "passive")):
-        for name in given:
+    for entries, key in ((springs, "springs"), (passive, "passive")):
+        for name in entries:
             if name not in names:
                 raise UnknownNameError("joint", name, names, where=f"{where}, key {key}")
     both = set(springs) & set(passive)

@@ -117,14 +117,14 @@ def arrays_for(
     inputs: Mapping[str, Array | None],
 ) -> dict[str, Array]:
     """The arrays to fill: those given in `out`, which share no memory with others, and new ones."""
-    given = {full_name(name): array for name, array in (out or {}).items()}
-    for name in given:
+    own = {full_name(name): array for name, array in (out or {}).items()}
+    for name in own:
         if name not in names:
             raise UnknownNameError("output", str(name), names, where="out")
     arrays: dict[str, Array] = {}
     for name in names:
         expected = _shape(name, *shape)
-        array = given.get(name)
+        array = own.get(name)
         if array is None:
             array = aligned_empty(*expected)
         elif (
@@ -143,7 +143,7 @@ def arrays_for(
                 "array to write into cannot be used", where=f"out, {name}",
                 expected=f"a writeable array of doubles of shape {expected}", got=got,
             )  # fmt: skip
-        others = {**inputs, **{k: arrays[k] for k in given if k in arrays}} if name in given else {}
+        others = {**inputs, **{k: arrays[k] for k in own if k in arrays}} if name in own else {}
         for other, values in others.items():
             if values is not None and overlap(array, values):
                 raise InputError("array to write into shares memory", where=f"out, {name}",

@@ -80,11 +80,11 @@ class Workspace:
         mask = np.empty(length, bool)
         used = {o.arguments[0] for o in program.operations if o.name == "input"}
         self._inputs: dict[str, list[tuple[int, Array]]] = {}
-        given: dict[int, Array] = {}
+        constants: dict[int, Array] = {}
         for i in used:
             array, index = program.inputs[i]
-            given[i] = np.empty(() if array in program.shared else length)
-            self._inputs.setdefault(array, []).append((index, given[i]))
+            constants[i] = np.empty(() if array in program.shared else length)
+            self._inputs.setdefault(array, []).append((index, constants[i]))
         self.staged = {name: np.empty((length, len(s))) for name, s in program.outputs.items()}
         columns: dict[int, list[Array]] = {}
         for name, steps in program.outputs.items():
@@ -97,7 +97,7 @@ class Workspace:
             if name == "constant":
                 values.append(np.array(value))  # NumPy is quickest with arrays of no dimension
             elif name == "input":
-                values.append(given[arguments[0]])
+                values.append(constants[arguments[0]])
             else:
                 read = [values[a] for a in arguments]
                 out = buffers[slots[step]]

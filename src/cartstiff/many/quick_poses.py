@@ -48,8 +48,8 @@ class QuickPoses(JointPoses):
         kernel = self._kernel("errors", lambda: _error_program(constants, self.length, self.sizes))
         arrays = {"e": aligned_empty(count, 6), "jacobian": aligned_empty(count, 6 * n),
                  "verdict": aligned_empty(count, 1)}  # fmt: skip
-        given = {"q": q, "wanted": T_wanted[:, :3].reshape(count, 12)}
-        kernel.run({name: np.ascontiguousarray(a) for name, a in given.items()}, arrays, count)
+        inputs = {"q": q, "wanted": T_wanted[:, :3].reshape(count, 12)}
+        kernel.run({name: np.ascontiguousarray(a) for name, a in inputs.items()}, arrays, count)
         e, J = arrays["e"], arrays["jacobian"].reshape(count, 6, n)
         turned = np.flatnonzero(arrays["verdict"][:, 0] != PLAIN)
         if turned.size:
@@ -65,11 +65,11 @@ class QuickPoses(JointPoses):
             f"step {is_limited}", lambda: _step_program(self.sizes, is_limited)
         )  # fmt: skip
         arrays = {"step": aligned_empty(count, n + n % 2)}
-        given = {
+        inputs = {
             "q": q, "e": e, "jacobian": J.reshape(count, 6 * n), "mu": mu[:, None],
             "lower": self.lower[None], "upper": self.upper[None],
         }  # fmt: skip
-        kernel.run({name: np.ascontiguousarray(a) for name, a in given.items()}, arrays, count)
+        kernel.run({name: np.ascontiguousarray(a) for name, a in inputs.items()}, arrays, count)
         return arrays["step"][:, :n]
 
     def _kernel(self, key: str, program: Callable[[], Program]) -> Any:

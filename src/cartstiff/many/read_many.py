@@ -66,8 +66,8 @@ class Reader:
     ) -> None:  # fmt: skip
         self.elastic, self.readings = elastic, readings
         self._wrench, self._axes = wrench, axes
-        given = "none" if wrench is None else "shared" if axes == "body" else "each"
-        self._plan = plan(elastic, given)
+        load = "none" if wrench is None else "shared" if axes == "body" else "each"
+        self._plan = plan(elastic, load)
         wanted = recorded(outputs)
         self._outputs = tuple(name for name in OUTPUTS if name in wanted or name == "pose")
         self._kernel: Any = None

@@ -56,12 +56,12 @@ class QuickPosture(PostureStiffness):
     """A posture whose numbers machine code has found; the engine is asked for everything else."""
 
     def __init__(
-        self, code: _Code, asked: ElasticMechanism, q: Array, given: Array | None, record: Array
+        self, code: _Code, asked: ElasticMechanism, q: Array, wrench: Array | None, record: Array
     ) -> None:
         record.flags.writeable = False
         vars(self).update(
-            q=q, load=DEAD_AT_ORIGIN, _load_is_given=given is not None and any(given.tolist()),
-            _code=code, _asked=asked, _given=given, _record=record,
+            q=q, load=DEAD_AT_ORIGIN, _load_is_given=wrench is not None and any(wrench.tolist()),
+            _code=code, _asked=asked, _given=wrench, _record=record,
         )  # fmt: skip
 
     _code: _Code
@@ -382,11 +382,11 @@ def _quicker(engine: Ask) -> Ask:
             asked.again(wrench is not None)
             return engine(elastic, q, wrench=wrench)
         values = elastic.mechanism.checked(elastic.q if q is None else q)
-        given = None if wrench is None else checked_vector(wrench, 6, "wrench")
-        record = code.record(values, given)
+        force = None if wrench is None else checked_vector(wrench, 6, "wrench")
+        record = code.record(values, force)
         if record is None:
-            return engine(elastic, values, wrench=given)
-        return QuickPosture(code, elastic, record[0], given, record[1])
+            return engine(elastic, values, wrench=force)
+        return QuickPosture(code, elastic, record[0], force, record[1])
 
     return cast(Ask, analyse)
 

@@ -158,10 +158,10 @@ def vector_code(program: Program, width: int, stream: bool = False, longest: int
         widths[array] = max(widths.get(array, 0), index + 1)
     segments, table = _segments(program, longest), kept_table(program)
     kept = _kept(program, segments)
-    given = [
+    arguments = [
         *(f"ptr %in{i}" for i in range(len(arrays))), "ptr %table", "ptr %memory", "i1 %always"
     ]  # fmt: skip
-    pointers = ", ".join(given)
+    pointers = ", ".join(arguments)
     bodies = []
     for start, stop in segments:
         body = _Body(Writer(width, table), program, arrays, widths, kept)

@@ -114,8 +114,8 @@ def map_job(
     )
     names = [quantities] if isinstance(quantities, str) else list(quantities)
     chosen = choose_quantities(names, settings, elastic)
-    given = None if load is None else tuple(load.tolist())
-    own = elastic, sampling, tuple(q.name for q in chosen), settings, given, load_axes
+    row = None if load is None else tuple(load.tolist())
+    own = elastic, sampling, tuple(q.name for q in chosen), settings, row, load_axes
     if not told and not isinstance(sampling, CommandGrid):
         return MapJob(*own)
     if isinstance(sampling, CartesianGrid) and sampling.redundancy == "best":
@@ -201,11 +201,11 @@ def prepare_map(
         _require_same(there, description, path)
         return replace(job, path=there["path"], by_kernel=there.get("by_kernel", False)), existing
     postures = int(np.prod(sampling.shape, dtype=object))
-    given: Literal["none", "shared", "each"]
-    given = "none" if job.wrench is None else "shared" if job.load_axes == "body" else "each"
+    load: Literal["none", "shared", "each"]
+    load = "none" if job.wrench is None else "shared" if job.load_axes == "body" else "each"
     path_taken: Path_ = "engine"
     if not isinstance(job, CommandedJob):
-        path_taken = lasting_path(elastic, given, job.outputs, postures)
+        path_taken = lasting_path(elastic, load, job.outputs, postures)
     reads = path_taken == "compiled" and postures >= WORTH_READING
     job = replace(job, path=path_taken, by_kernel=reads)
     description |= {"path": job.path, "by_kernel": reads}

@@ -221,8 +221,8 @@ class Stacks:
 
     def _in_body(self, wrench: Sequence[float], at: Sequence[float]) -> Array:
         poses = self.arrays["pose"]
-        given = np.broadcast_to(np.asarray(wrench, float), (len(poses), 6))
-        return wrench_in_body(given, poses, at, "world" if self.settings.world else "body")
+        wrenches = np.broadcast_to(np.asarray(wrench, float), (len(poses), 6))
+        return wrench_in_body(wrenches, poses, at, "world" if self.settings.world else "body")
 
 
 @dataclass(frozen=True)

@@ -325,7 +325,7 @@ class Mechanism(ABC):
 
 
 def named_values(
-    given: float | Sequence[float] | Mapping[str, float] | ArrayLike,
+    numbers: float | Sequence[float] | Mapping[str, float] | ArrayLike,
     names: Sequence[str],
     default: ArrayLike,
     what: str,
@@ -343,9 +343,9 @@ def named_values(
     InputError
         For a wrong count or values that are not finite numbers.
     """
-    if isinstance(given, Mapping):
+    if isinstance(numbers, Mapping):
         values = np.array(np.broadcast_to(np.asarray(default, float), (len(names),)))
-        for name, value in given.items():
+        for name, value in numbers.items():
             if name not in names:
                 raise UnknownNameError("joint", str(name), names, where=what)
             values[names.index(name)] = (
@@ -353,14 +353,14 @@ def named_values(
                 else checked_number(value, f"{what} of {name}")
             )  # fmt: skip
         return values
-    if not isinstance(given, (list, tuple)) and np.ndim(given) == 0:
-        one = np.inf if infinite and _is_infinite(given) else checked_number(given, what)
+    if not isinstance(numbers, (list, tuple)) and np.ndim(numbers) == 0:
+        one = np.inf if infinite and _is_infinite(numbers) else checked_number(numbers, what)
         return np.full(len(names), one)
-    if infinite and isinstance(given, (Sequence, np.ndarray)):
-        rigid = np.array([_is_infinite(value) for value in given], bool)
-        known = [0.0 if r else value for r, value in zip(rigid, given, strict=True)]
+    if infinite and isinstance(numbers, (Sequence, np.ndarray)):
+        rigid = np.array([_is_infinite(value) for value in numbers], bool)
+        known = [0.0 if r else value for r, value in zip(rigid, numbers, strict=True)]
         return np.where(rigid, np.inf, checked_vector(known, len(names), what))
-    return checked_vector(given, len(names), what)
+    return checked_vector(numbers, len(names), what)
 
 
 def _is_infinite(value: object) -> bool:

@@ -264,11 +264,11 @@ def with_coefficients(
 
 def stiffnesses_beside(elastic: ElasticMechanism) -> dict[str, float]:
     """Stiffness of each line, and of each link that gives a factor on its own, which is 1."""
-    given: dict[str, float] = {}
+    stiffnesses: dict[str, float] = {}
     for names, potential in _beside(elastic):
         values = potential.stiffness if isinstance(potential, LineSprings) else [1.0]
-        given |= dict(zip(names, map(float, values), strict=True))
-    return given
+        stiffnesses |= dict(zip(names, map(float, values), strict=True))
+    return stiffnesses
 
 
 def with_stiffnesses_beside(

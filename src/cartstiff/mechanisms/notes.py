@@ -38,15 +38,15 @@ def assumed_stiffness(value: float, joints: Sequence[str], of: Sequence[str]) ->
     )
 
 
-def still_assumed(notes: tuple[Note, ...], given: object) -> tuple[Note, ...]:
+def still_assumed(notes: tuple[Note, ...], stiffness: object) -> tuple[Note, ...]:
     """Notes after stiffnesses were given: to all joints, or to those that a mapping names."""
     kept = []
     for note in notes:
         if note.code != "stiffness-assumed":
             kept.append(note)
-        elif isinstance(given, Mapping):
+        elif isinstance(stiffness, Mapping):
             values: Any = note.values
-            left = [name for name in values.get("joints", ()) if name not in given]
+            left = [name for name in values.get("joints", ()) if name not in stiffness]
             if left:
                 kept.append(assumed_stiffness(values["stiffness"], left, values["all_joints"]))
     return tuple(kept)

@@ -48,8 +48,8 @@ def with_values(
         rests[[j for j in were_rigid if np.isfinite(k[j])]] = np.nan
     # A number given for every joint replaces nonlinear laws as well.
     if isinstance(springs, JointSprings) and stiffness is not None:
-        given = set(stiffness) if isinstance(stiffness, Mapping) else set(names)
-        laws = {j: law for j, law in springs.laws.items() if names[j] not in given}
+        named = set(stiffness) if isinstance(stiffness, Mapping) else set(names)
+        laws = {j: law for j, law in springs.laws.items() if names[j] not in named}
         springs = replace(springs, laws=laws)
     return springs.replaced(k, rests)
 

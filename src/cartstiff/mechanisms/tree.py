@@ -111,8 +111,8 @@ class KinematicTree:
     @cached_property
     def frames(self) -> dict[str, Placement]:
         """All named frames."""
-        given = self.given_frames
-        return given() if callable(given) else given
+        frames = self.given_frames
+        return frames() if callable(frames) else frames
 
     def workspace(self) -> _Workspace:
         """Pinocchio's workspace of the model, for a `with` statement."""
@@ -160,9 +160,9 @@ class KinematicTree:
         UnknownNameError
             With the names that exist.
         """
-        given = self.frames if "frames" in vars(self) else self.given_frames
+        frames = self.frames if "frames" in vars(self) else self.given_frames
         try:
-            return (given(name) if callable(given) else given)[name]
+            return (frames(name) if callable(frames) else frames)[name]
         except KeyError:
             raise UnknownNameError("frame", name, self.frames) from None
 

@@ -133,12 +133,12 @@ class LineSprings(PosePotential):
 
     def __post_init__(self) -> None:
         for name, width in (("anchors", 3), ("points", 3), ("stiffness", 0), ("rest_length", 0)):
-            given = getattr(self, name)
+            numbers = getattr(self, name)
             # What nobody can write to is kept as it is: a platform knows its own points by it.
-            flags = getattr(given, "flags", None)
+            flags = getattr(numbers, "flags", None)
             mine = flags is None or not flags.owndata or flags.writeable
             what = f"line springs: {name}"
-            value = checked_array(given, None, what, finite=False, copy=mine)
+            value = checked_array(numbers, None, what, finite=False, copy=mine)
             shape = (len(self.anchors), width) if width else (len(self.anchors),)
             finite = np.isfinite(value) | (np.isnan(value) & (name == "rest_length"))
             if value.shape != shape or not np.all(finite):

@@ -219,11 +219,11 @@ def _of_platform(
         )
     start = platform.at(q)
     wanted = start.lines.lengths if lengths is None else checked_vector(lengths, 6, "leg lengths")
-    given = dict(zip(elastic.spring_names, map(float, wanted), strict=True))
+    told = dict(zip(elastic.spring_names, map(float, wanted), strict=True))
     notes = list(elastic.notes)
     singular = architecture_of(platform).note()
     if singular is not None:
-        return AssemblyModes(elastic, given, (), None, (*notes, singular))
+        return AssemblyModes(elastic, told, (), None, (*notes, singular))
     poses, counts, search, moving = poses_of_lengths(platform, wanted)
     away = np.linalg.norm(se3.log(se3.inverse(start.pose) @ poses)
                           / [1.0, 1.0, 1.0, *[platform.length] * 3], axis=1)  # fmt: skip
@@ -253,7 +253,7 @@ def _of_platform(
                           "be missing", {"lost": search.lost}))  # fmt: skip
     if listed:
         notes += limit_notes(platform, listed[0].result.posture)
-    return AssemblyModes(elastic, given, tuple(listed), search, tuple(notes))
+    return AssemblyModes(elastic, told, tuple(listed), search, tuple(notes))
 
 
 def _of_chain(
@@ -273,9 +273,9 @@ def _of_chain(
         AssemblyMode(result, _gap(result))
         for result in (stiffness(closed[i]) for i in order[: None if every else 1])
     )
-    given = {elastic.names[j]: float(q[j]) for j in held}
+    fixed = {elastic.names[j]: float(q[j]) for j in held}
     search = Search(int(starts) + 1, (), len(closed), len(listed))
-    return AssemblyModes(elastic, given, listed, search, tuple(elastic.notes))
+    return AssemblyModes(elastic, fixed, listed, search, tuple(elastic.notes))
 
 
 def _gap(result: PostureStiffness) -> float:

@@ -175,13 +175,13 @@ def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
     if s is None:
         return []
     t = s["tolerances"]
-    given = [f"stiffness {percent(t['stiffness'])}"] if t["stiffness"] else []
-    given += [f"lengths {number(t['length'])} {u.length}"] if t["length"] else []
-    given += [f"rotations {number(t['angle'])} {u.angle}"] if t["angle"] else []
+    parts = [f"stiffness {percent(t['stiffness'])}"] if t["stiffness"] else []
+    parts += [f"lengths {number(t['length'])} {u.length}"] if t["length"] else []
+    parts += [f"rotations {number(t['angle'])} {u.angle}"] if t["angle"] else []
     if any(name.startswith(("compliance.", "coefficient.")) for name in s["parameters"]):
-        given.insert(0, "the measured springs")
+        parts.insert(0, "the measured springs")
     how = "to first order" if not s["samples"] else f"{s['samples']} samples"
-    lines = ["", f"uncertainty from {', '.join(given)} ({how}; standard deviations)"]
+    lines = ["", f"uncertainty from {', '.join(parts)} ({how}; standard deviations)"]
     if s["left_out"]:
         lines.append(f"  {s['left_out']}")
     if s["failures"]:

@@ -40,9 +40,9 @@ def share(x: float | None) -> str:
 
 def _each(values: Iterable[float | None], digits: int, size: float) -> list[str]:
     """Numbers; what is only rounding of the largest or of a size is 0."""
-    given = list(values)
-    largest = max(max((abs(x) for x in given if x is not None), default=0.0), size)
-    return [number(x, digits, size=largest) for x in given]
+    entries = list(values)
+    largest = max(max((abs(x) for x in entries if x is not None), default=0.0), size)
+    return [number(x, digits, size=largest) for x in entries]
 
 
 def row(values: Iterable[float | None] | None, digits: int = 5, size: float = 0.0) -> str:

@@ -23,11 +23,11 @@ _STABLE = {True: "yes", False: "NO", None: "-"}
 def describe_assembly(modes: AssemblyModes) -> str:
     """How many modes there are, how completely they are known, and each on a line."""
     elastic, units = modes.elastic, modes.elastic.units
-    given = ", ".join(_held(elastic, name, x) for name, x in modes.given.items())
+    held = ", ".join(_held(elastic, name, x) for name, x in modes.given.items())
     count = len(modes)
     lines = [
         f"{elastic.name}: {elastic.mechanism.kind}, body frame {elastic.mechanism.frame!r}",
-        f"Held: {given}",
+        f"Held: {held}",
         *(load_lines(modes[0].result) if count and modes[0].result.is_loaded else []),
         weighed(elastic).text,
         f"Assembly modes: {count}; searched: {modes.search or 'not, see the notes'}",

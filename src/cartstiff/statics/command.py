@@ -140,8 +140,8 @@ def analyse_commanded(
     InputError
         As `after_command`; ConvergenceError if no equilibrium is found from there.
     """
-    given = load if load.get("wrench") is not None else {}
-    state = after_command(elastic, command, q, **given)
+    wrench = load if load.get("wrench") is not None else {}
+    state = after_command(elastic, command, q, **wrench)
     springs = {key: load[key] for key in ("load_kind", "load_at") if key in load}
     return analyse(state.elastic, state.q, **springs)
 

@@ -113,7 +113,7 @@ def equilibrium(
         if isinstance(q0, Mapping)
         else elastic.mechanism.checked(q0, "q0")
     )  # fmt: skip
-    given = elastic
+    original = elastic
     elastic = elastic.balanced(q)
     start = elastic.mechanism.at(q)
     if held is not None:
@@ -121,7 +121,7 @@ def equilibrium(
     kind = checked_load(load_kind, load_at, load_axes, wrench is not None)
     if wrench is not None:
         loads = (*loads, kind.acting(wrench, start.pose, load_axes))
-    chosen = None if elastic.identified is None else chosen_forces(given, elastic, start)
+    chosen = None if elastic.identified is None else chosen_forces(original, elastic, start)
     system = System(
         elastic, loads, held, Limits(elastic.mechanism, ignore=not limits, contacts=True)
     )

@@ -93,15 +93,15 @@ def motion_by_compliance(
 
 
 def chosen_forces(
-    given: ElasticMechanism, balanced: ElasticMechanism, start: MechanismPosture
+    original: ElasticMechanism, balanced: ElasticMechanism, start: MechanismPosture
 ) -> Chosen:
     """What the springs carry at the start whose rest positions were open."""
     elements = Elements(balanced)
-    springs = given.springs
+    springs = original.springs
     open_ = np.zeros(len(elements.names), bool)
     if springs is not None:
         rest = springs.is_open() if isinstance(springs, JointSprings) else np.isnan(springs.rest)
-        loose = [n for n, is_open in zip(given.spring_names, rest, strict=True) if is_open]
+        loose = [n for n, is_open in zip(original.spring_names, rest, strict=True) if is_open]
         open_ = np.array([name in loose for name in elements.names], bool)
     deflections, own = np.zeros(len(start.q)), balanced.springs
     if isinstance(springs, JointSprings) and isinstance(own, JointSprings):

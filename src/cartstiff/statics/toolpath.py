@@ -120,12 +120,12 @@ def compensate(
 
 def _postures(elastic: ElasticMechanism, path: ArrayLike, q0: ArrayLike | None) -> Array:
     mechanism = elastic.mechanism
-    given = checked_array(path, [("m", len(mechanism.coordinates)), ("m", 4, 4)], "path")
-    if given.ndim == 2:
-        return given
+    rows = checked_array(path, [("m", len(mechanism.coordinates)), ("m", 4, 4)], "path")
+    if rows.ndim == 2:
+        return rows
     q = elastic.q if q0 is None else mechanism.checked(q0, "q0")
     postures = []
-    for index, T in enumerate(given):
+    for index, T in enumerate(rows):
         if not is_pose(T):
             raise InputError(f"pose {index + 1} is not a rigid motion", got=T.tolist())
         try:
@@ -161,8 +161,8 @@ def _loads(
                 (p,) if isinstance(p, Potential) else tuple(p)  # type: ignore[arg-type]
                 for p in wrenches
             ]
-    given = checked_array(wrenches, [(m, 6), (6,)], "array of wrenches")  # type: ignore[arg-type]
-    rows = np.broadcast_to(given, (m, 6))
+    loads = checked_array(wrenches, [(m, 6), (6,)], "array of wrenches")  # type: ignore[arg-type]
+    rows = np.broadcast_to(loads, (m, 6))
     return [(kind.acting(w, T, axes),) for w, T in zip(rows, poses, strict=True)]
 
 

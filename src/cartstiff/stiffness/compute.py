@@ -89,20 +89,20 @@ def analyse(
         given_one = wrench is not None
         kind = checked_load(load_kind, load_at, load_axes, given_one, elastic.may_be_loaded)
     strict = checked_flag(strict, "strict")
-    given = None
+    force = None
     if wrench is not None:
-        given = checked_vector(wrench, 6, "wrench")
+        force = checked_vector(wrench, 6, "wrench")
         if elastic.springs is None:
             raise InputError(
                 "the load of this mechanism follows from its potentials and cannot be given",
                 expected="no wrench here",
             )
     posture = elastic.mechanism.closed(values)
-    if given is not None:
-        posture = settled(elastic, posture, given, kind.at, load_axes)
-        given = wrench_in_body(given, posture.pose, kind.at, load_axes)
+    if force is not None:
+        posture = settled(elastic, posture, force, kind.at, load_axes)
+        force = wrench_in_body(force, posture.pose, kind.at, load_axes)
     try:
-        result = analyse_at(elastic, posture, given, kind)
+        result = analyse_at(elastic, posture, force, kind)
     except UndefinedError as error:
         if strict or not error.code.startswith("strut-"):
             raise
@@ -113,23 +113,23 @@ def analyse(
 
 
 def analyse_at(
-    elastic: ElasticMechanism, posture: MechanismPosture, given: Array | None = None,
+    elastic: ElasticMechanism, posture: MechanismPosture, force: Array | None = None,
     kind: LoadKind = DEAD_AT_ORIGIN,
 ) -> PostureStiffness:  # fmt: skip
-    """`analyse` at a posture whose closures are shut; `given` (6,) is the wrench in M, if any."""
-    elastic, energy = elastic._balanced_with_evaluation(posture, given)
+    """`analyse` at a posture whose closures are shut; `force` (6,) is the wrench in M, if any."""
+    elastic, energy = elastic._balanced_with_evaluation(posture, force)
     reduction = reduce_to(
         posture.motion,
         energy,
         posture.closure,
         posture.length,
         posture.coordinate_lengths,
-        force=given,
+        force=force,
         apart=partial(springs_apart, elastic, posture) if posture.coordinates_are_pose else None,
     )
     return PostureStiffness(
         elastic, fixed(posture.q), posture, energy, reduction, load=kind,
-        _load_is_given=given is not None and any(given.tolist()),
+        _load_is_given=force is not None and any(force.tolist()),
     )  # fmt: skip
 
 

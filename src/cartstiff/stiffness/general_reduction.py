@@ -115,14 +115,14 @@ def reduce_any(
 
     w = U @ (to_output.T @ (Y.T @ g))
     if force is not None:
-        given = force / rows
-        missed = N.T @ (J.T @ given - g)
-        size = np.abs(N.T) @ (np.abs(J.T) @ np.abs(given) + np.abs(g))
+        asked = force / rows
+        missed = N.T @ (J.T @ asked - g)
+        size = np.abs(N.T) @ (np.abs(J.T) @ np.abs(asked) + np.abs(g))
         # Rates that should be zero are rounded, too, beside the others.
-        rounded = numerics.LAST_DIGITS * (np.abs(J).max() * np.abs(given).sum() + np.abs(g).max())
+        rounded = numerics.LAST_DIGITS * (np.abs(J).max() * np.abs(asked).sum() + np.abs(g).max())
         unfelt = np.abs(N.T) @ (rounded + numerics.ROUNDING * stiff)
         if np.all(np.abs(missed) <= numerics.UNFELT * size + unfelt):
-            w = given
+            w = asked
         else:
             states.append(
                 State(

@@ -19,12 +19,12 @@ from cartstiff.stiffness.reduced import Reduction
 from cartstiff.stiffness.rounding import doubtful, norm, without_noise
 
 
-def _is_carried(J: Array, given: Array, energy: Evaluation) -> bool:
+def _is_carried(J: Array, force: Array, energy: Evaluation) -> bool:
     """Whether springs carry a given wrench: their own torques are rounded where they are stiff."""
-    missed = J.T.dot(given) - energy.gradient
+    missed = J.T.dot(force) - energy.gradient
     if not any(missed.tolist()):
         return True
-    size = np.abs(J.T) @ np.abs(given) + np.abs(energy.gradient)
+    size = np.abs(J.T) @ np.abs(force) + np.abs(energy.gradient)
     rounding = numerics.ROUNDING * np.abs(energy.hessian).max(axis=0, initial=0.0)
     return bool(np.all(np.abs(missed) <= numerics.UNFELT * size + rounding))
 
@@ -34,7 +34,7 @@ def reduce_square(
     energy: Evaluation,
     rows: Array,
     columns: Array,
-    given: Array | None,
+    wrench: Array | None,
     apart: Callable[[], FreeMotions | None] | None,
 ) -> Reduction | None:
     """As many coordinates as outputs and no closure: K = J^-T H_L J^-1; None if J is singular."""
@@ -45,8 +45,8 @@ def reduce_square(
         if not values[-1] > numerics.RANK * values[0]:
             return None
         A = numerics.inverted(J, regular=True)
-    is_carried = given is not None and _is_carried(J, given, energy)
-    force = given if given is not None and is_carried else A.T.dot(energy.gradient)
+    is_carried = wrench is not None and _is_carried(J, wrench, energy)
+    force = wrench if wrench is not None and is_carried else A.T.dot(energy.gradient)
     curvature = output.curvature(force)
     H = energy.hessian - curvature
     if energy.energy == energy.energy:  # without the asymmetry of rounding
@@ -55,7 +55,7 @@ def reduce_square(
 
     def terms() -> Array:
         doubt = np.zeros(n)
-        if force is not given:
+        if force is not wrench:
             stiff = np.abs(energy.hessian).max(axis=0)
             doubt = np.abs(A.T) @ doubtful(energy.gradient, stiff)
         least = float((np.abs(force * numerics.EPSILON) + doubt) @ (1 / rows)) / numerics.IDLE
@@ -64,7 +64,7 @@ def reduce_square(
 
     def largest() -> float:
         stiff = norm(energy.hessian)
-        doubt = 0.0 if force is given else numerics.ROUNDING * stiff * norm(A)
+        doubt = 0.0 if force is wrench else numerics.ROUNDING * stiff * norm(A)
         lengths = sqrt(3.0 + 3.0 / rows.item(-1) ** 2)
         least = (numerics.EPSILON * norm(force) + doubt) * lengths / numerics.IDLE
         return stiff + norm(curvature) + least / min(columns.tolist()) ** 2
@@ -82,7 +82,7 @@ def reduce_square(
 
 
 def plainly_redundant(
-    output: Map, energy: Evaluation, rows: Array, columns: Array, given: Array | None
+    output: Map, energy: Evaluation, rows: Array, columns: Array, wrench: Array | None
 ) -> tuple[Array, Array, Array, FreeMotions] | None:
     """The reduction of an arm with more than six joints, or None where it takes more care.
 
@@ -94,7 +94,7 @@ def plainly_redundant(
         In the coordinates.
     rows, columns : ndarray, shapes (6,), (n,)
         Scales of the output's components and natural sizes of the coordinates.
-    given : ndarray, shape (6,), or None
+    wrench : ndarray, shape (6,), or None
         The wrench that the springs balance; without it they must exert nothing.
 
     Returns
@@ -105,13 +105,13 @@ def plainly_redundant(
     J, g, H = output.jacobian, energy.gradient, energy.hessian
     if energy.energy != energy.energy:
         return None
-    missed = g if given is None else J.T @ given - g
+    missed = g if wrench is None else J.T @ wrench - g
     if any(missed.tolist()):
         return None
     values = numerics.singular_values(J * rows[:, None] * columns)
     if not values[-1] * numerics.WELL_CONDITIONED > values[0]:
         return None
-    force = np.zeros(len(J)) if given is None else given
+    force = np.zeros(len(J)) if wrench is None else wrench
     curvature = output.curvature(force)
     H_L = H - curvature
     H_L = 0.5 * (H_L + H_L.T)

@@ -289,8 +289,8 @@ class StiffnessTensor(LabelledMatrix):
         if axes == "base" and pose is None:
             raise InputError("base axes need the pose", expected="pose=T_F_M")
         T = np.eye(4) if pose is None else checked_pose(pose)
-        given = T if axes == "body" else se3.pose(translation=T[:3, 3])
-        tensor = cls(K, NAMED["B"], np.zeros(6), given, frame, units, order)
+        place = T if axes == "body" else se3.pose(translation=T[:3, 3])
+        tensor = cls(K, NAMED["B"], np.zeros(6), place, frame, units, order)
         return tensor if axes == "body" else tensor.to_frame(se3.pose(T[:3, :3]), frame)
 
     def as_controller(

@@ -66,8 +66,8 @@ class Choices:
     @property
     def is_grid(self) -> bool:
         """Whether the cells are values of every free choice, and a constant choice means one."""
-        given = (self.angles is not None) + (self.positions is not None)
-        return given == self.dimension > 0
+        count = (self.angles is not None) + (self.positions is not None)
+        return count == self.dimension > 0
 
     def at(self, cell: int) -> dict[str, float]:
         """The choices of a cell: "angle" and "position", as far as they exist."""

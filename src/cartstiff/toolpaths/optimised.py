@@ -218,9 +218,9 @@ class OptimisedPath:
         """The path's wrenches (m, 6) about M's origin, along M's axes at each posture."""
         if self.path.wrenches is None:
             return None
-        given = np.array([self.path.wrench(i) for i in range(len(self.path))])
+        forces = np.array([self.path.wrench(i) for i in range(len(self.path))])
         axes: Any = "body" if self.path.turns_with_body else "world"
-        return wrench_in_body(given, self.poses, self.load.at, axes)
+        return wrench_in_body(forces, self.poses, self.load.at, axes)
 
     def as_csv(self) -> str:
         """One line a point: coordinates, wrench, free angle, criterion, distance from singularity.

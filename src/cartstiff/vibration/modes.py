@@ -77,9 +77,9 @@ def modes(
     [780.6, 780.6, 903.9, 1061.4, 1061.4, 1269.7]
     """
     if isinstance(subject, ElasticMechanism):
-        given = wrench is not None
-        own = not given and subject.may_be_loaded
-        kind = checked_load(load_kind, load_at, load_axes, given, own)
+        is_loaded = wrench is not None
+        own = not is_loaded and subject.may_be_loaded
+        kind = checked_load(load_kind, load_at, load_axes, is_loaded, own)
         if wrench is not None or load_kind != "dead" or np.any(load_at) or load_axes != "body":
             load: dict[str, Any] = {
                 "wrench": wrench,

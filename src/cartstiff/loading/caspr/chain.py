@@ -18,7 +18,7 @@ from scipy.optimize import linprog
 
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.build import serial_of, with_given
+from cartstiff.loading.build import serial_of, with_overrides
 from cartstiff.loading.caspr.parts import Cable, body_of, numbers
 from cartstiff.loading.keys.springs import LineModel
 from cartstiff.loading.robot_description import RobotDescription
@@ -44,7 +44,7 @@ _FIXED = ("S_FIXED_XYZ", tuple(reversed(_EULER)))
 
 
 def read_chain(
-    links: Sequence[ET.Element], cables: Sequence[Cable], given: dict[str, Any], where: str,
+    links: Sequence[ET.Element], cables: Sequence[Cable], overrides: dict[str, Any], where: str,
     name: str, notes: list[Note],
 ) -> ElasticMechanism:  # fmt: skip
     """The elastic mechanism of bodies on joints, and cables between them."""
@@ -54,9 +54,9 @@ def read_chain(
     passive = [n for n in list(model.names)[1:] if n not in driven]
     frame = f"{bodies[str(len(links))]} end"
     notes.append(Note("default-frame", f"the end of the last body is taken: {frame!r}"))
-    file = with_given(
+    file = with_overrides(
         SerialFile.model_construct(kind="serial", model=name, frame=frame, lines=lines),
-        given, where,
+        overrides, where,
     )  # fmt: skip
     description = RobotDescription(None, model, pieces=())
     bare = serial_of(

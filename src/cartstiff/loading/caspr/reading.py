@@ -20,7 +20,7 @@ import numpy as np
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.build import build_platform, with_given
+from cartstiff.loading.build import build_platform, with_overrides
 from cartstiff.loading.caspr.chain import read_chain
 from cartstiff.loading.caspr.parts import ASSUMED, cable_of, joint_of, mass_of, numbers
 from cartstiff.loading.robot_description import parse_text
@@ -48,7 +48,7 @@ def is_caspr(path: Path) -> bool:
     return re.match(r"\s*(<\?xml[^>]*\?>)?\s*<(cables|links|bodies_system)\b", begin) is not None
 
 
-def read_caspr(path: Path, given: dict[str, Any]) -> ElasticMechanism:
+def read_caspr(path: Path, overrides: dict[str, Any]) -> ElasticMechanism:
     """The elastic mechanism of a CASPR robot; `path` is its file of cables or of bodies.
 
     Raises
@@ -75,7 +75,7 @@ def read_caspr(path: Path, given: dict[str, Any]) -> ElasticMechanism:
         notes.append(Note("stiffness-assumed", words, {"stiffness": ASSUMED, "cables": ideal}))
     alone = len(links) == 1 and joint_of(links[0], of_bodies).kind in _FREE
     if not alone or any(c.rest_length is not None or "0" not in c.links for c in lines):
-        return read_chain(links, lines, given, of_bodies, name, notes)
+        return read_chain(links, lines, overrides, of_bodies, name, notes)
     body, T = _body(links[0], of_bodies, notes)
     ends = np.array([c.points if c.links[0] == "0" else c.points[::-1] for c in lines])
     base, platform = ends[:, 0], ends[:, 1]
@@ -97,7 +97,7 @@ def read_caspr(path: Path, given: dict[str, Any]) -> ElasticMechanism:
             "legs": {"stiffness": stiffness},
         }
     )  # fmt: skip
-    elastic = build_platform(with_given(file, given, where), where, name)
+    elastic = build_platform(with_overrides(file, overrides, where), where, name)
     return replace(elastic, notes=(*notes, *elastic.notes))
 
 

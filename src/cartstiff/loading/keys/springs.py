@@ -125,12 +125,12 @@ class SuperelementModel(FileModel):
 
     def in_place(self, folder: Path) -> tuple[Array, SuperelementMass | None, list[float]]:
         """The 6x6 spring at the tip, the other nodes left free, its mass, and where it stands."""
-        given = {"nodes": self.nodes, "base": self.base, "tip": self.tip, "order": self.order}
+        ends = {"nodes": self.nodes, "base": self.base, "tip": self.tip, "order": self.order}
         K = _matrix(folder / Path(self.K).expanduser())
         mass = None
         if self.M is not None:
-            mass = superelement_mass(_matrix(folder / Path(self.M).expanduser()), K, **given)  # type: ignore[arg-type]
-        return superelement_spring(K, **given), mass, self.nodes[self.tip]  # type: ignore[arg-type]
+            mass = superelement_mass(_matrix(folder / Path(self.M).expanduser()), K, **ends)  # type: ignore[arg-type]
+        return superelement_spring(K, **ends), mass, self.nodes[self.tip]  # type: ignore[arg-type]
 
 
 def _matrix(path: Path) -> Array:

@@ -84,8 +84,8 @@ class UnitsModel(FileModel):
 
 def only_one(model: BaseModel, *keys: str, needed: bool = True) -> None:
     """Refuse a model that gives more than one of the keys, or none where one is needed."""
-    given = sum(getattr(model, key) is not None for key in keys)
-    if needed and given != 1:
+    count = sum(getattr(model, key) is not None for key in keys)
+    if needed and count != 1:
         raise ValueError(f"give exactly one of {', '.join(keys)}")
-    if given > 1:
+    if count > 1:
         raise ValueError(f"give {' or '.join(keys)}, not both")

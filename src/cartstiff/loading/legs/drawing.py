@@ -142,8 +142,10 @@ def _points(
 
 
 def _symmetry(entry: NamedLegsModel) -> int:
-    given = any(r.points is not None or r.angles is not None for r in (entry.base, entry.platform))
-    return entry.symmetry or (1 if given else 3)
+    is_drawn = any(
+        r.points is not None or r.angles is not None for r in (entry.base, entry.platform)
+    )
+    return entry.symmetry or (1 if is_drawn else 3)
 
 
 def _frames(entry: NamedLegsModel, base: list[Array]) -> list[Array]:
@@ -157,23 +159,23 @@ def _frames(entry: NamedLegsModel, base: list[Array]) -> list[Array]:
 
 
 def _directions(
-    given: Any, key: str, base: list[Array], frames: list[Array], mirrored: list[bool], where: str
+    value: Any, key: str, base: list[Array], frames: list[Array], mirrored: list[bool], where: str
 ) -> list[Array]:
     """Unit vectors in F, one for each leg."""
-    m, is_word = len(base), isinstance(given, str)
+    m, is_word = len(base), isinstance(value, str)
     if is_word:
         words = {"radial": [1, 0, 0], "tangential": [0, 1, 0], "vertical": [0, 0, 1]}
-        if given != "vertical":
+        if value != "vertical":
             frames = [_radial(p, base, f"{where}, key legs.{key}") for p in base]
         # About it a positive angle raises a crank that points outwards.
-        given = [0, -1, 0] if (key, given) == ("axis", "tangential") else words[given]
-    one = is_word or not isinstance(given[0], list)
-    if not one and len(given) != m:
+        value = [0, -1, 0] if (key, value) == ("axis", "tangential") else words[value]
+    one = is_word or not isinstance(value[0], list)
+    if not one and len(value) != m:
         raise InputError("wrong count", where=f"{where}, key legs.{key}",
-                         expected=f"one vector, or {m}, one per leg", got=len(given))  # fmt: skip
+                         expected=f"one vector, or {m}, one per leg", got=len(value))  # fmt: skip
     directions = []
     for k in range(m):
-        v = np.array(given if one else given[k], float)
+        v = np.array(value if one else value[k], float)
         size = float(np.linalg.norm(v))
         if size < numerics.TINY:
             raise InputError("a direction has no length", where=f"{where}, key legs.{key}")
@@ -192,11 +194,11 @@ def _radial(p: Array, base: list[Array], where: str) -> Array:
     return turns(_Z, np.arctan2(p[1], p[0]))
 
 
-def one_each(given: Any, m: int, key: str, where: str) -> list[Any]:
+def one_each(value: Any, m: int, key: str, where: str) -> list[Any]:
     """One value for each of m legs."""
-    if not isinstance(given, list):
-        return [given] * m
-    if len(given) != m:
+    if not isinstance(value, list):
+        return [value] * m
+    if len(value) != m:
         raise InputError("wrong count", where=f"{where}, key legs.{key}",
-                         expected=f"one, or {m}, one per leg", got=len(given))  # fmt: skip
-    return given
+                         expected=f"one, or {m}, one per leg", got=len(value))  # fmt: skip
+    return value

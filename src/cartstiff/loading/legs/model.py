@@ -113,13 +113,13 @@ class NamedLegsModel(FileModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _no_strut(cls, given: object) -> object:
-        if isinstance(given, dict) and "strut" in given:
+    def _no_strut(cls, value: object) -> object:
+        if isinstance(value, dict) and "strut" in value:
             raise ValueError(
                 "strut is of kind stewart-gough, whose legs have no joints with names; here joints "
                 "have springs: {u1: {stiffness: 33}, ...}, and links may be flexible"
             )
-        return given
+        return value
 
     @model_validator(mode="after")
     def _fits(self) -> NamedLegsModel:

@@ -169,11 +169,11 @@ def _legs(entry: NamedLegs, T_F_P: Array, where: str) -> list[tuple[LegModel, li
         main = "crank" if shape.family == "crank" else "slide"
         actuated = [main] if entry.actuated is None else entry.actuated
         others = [name for name in names if name != main]
-        for key, given, known in (
+        for key, entries, known in (
             ("actuated", actuated, names), ("springs", entry.springs, names),
             ("turns", entry.turns, others),
         ):  # fmt: skip
-            for name in given:
+            for name in entries:
                 if name not in known:
                     raise UnknownNameError("joint", name, known, where=f"{where}, key legs.{key}")
         limited = {name: ("turns", pair) for name, pair in entry.turns.items()}

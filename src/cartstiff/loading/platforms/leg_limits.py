@@ -50,8 +50,8 @@ def pair_per_leg(value: Any, m: int, where: str, meaning: str) -> Array | None:
     """
     if value is None:
         return None
-    given = np.array(value, float)
-    pairs = np.broadcast_to(given, (m, 2)) if given.ndim == 1 else given
+    numbers = np.array(value, float)
+    pairs = np.broadcast_to(numbers, (m, 2)) if numbers.ndim == 1 else numbers
     if len(pairs) != m:
         raise InputError("wrong count", where=where, expected=f"{m} pairs, one per leg",
                          got=len(pairs))  # fmt: skip
@@ -69,16 +69,16 @@ def _each(value: Any, m: int, where: str) -> Array:
     return np.broadcast_to(values, (m,)).copy()
 
 
-def _joints(given: LegJointsModel | None, m: int, where: str) -> tuple[Array | None, Array | None]:
+def _joints(model: LegJointsModel | None, m: int, where: str) -> tuple[Array | None, Array | None]:
     """Unit axes (m, 3) and largest angles (m,)."""
-    if given is None:
+    if model is None:
         return None, None
-    axes = np.array(given.axis, float)
+    axes = np.array(model.axis, float)
     if axes.ndim == 2 and len(axes) != m:
         raise InputError("wrong count", where=f"{where}.axis", expected=f"{m} axes, one per leg",
                          got=len(axes))  # fmt: skip
     axes = np.broadcast_to(axes, (m, 3))
     sizes = np.linalg.norm(axes, axis=1)
     if not sizes.min() > 0.0:
-        raise InputError("an axis has no direction", where=f"{where}.axis", got=given.axis)
-    return axes / sizes[:, None], _each(given.angle, m, f"{where}.angle")
+        raise InputError("an axis has no direction", where=f"{where}.axis", got=model.axis)
+    return axes / sizes[:, None], _each(model.angle, m, f"{where}.angle")

@@ -76,11 +76,11 @@ def read_sdf(root: ET.Element, where: str) -> tuple[str, MjcfFacts]:
                              expected="links, joints and frames of one model")  # fmt: skip
     axes: dict[str, list[Any]] = {}
     for joint in models[0].iterfind("joint"):
-        given = [part for tag in ("axis", "axis2") if (part := joint.find(tag)) is not None]
-        for axis in given:
+        tags = [part for tag in ("axis", "axis2") if (part := joint.find(tag)) is not None]
+        for axis in tags:
             _complete(axis)
         name = joint.get("name", "")
-        axes[name] = [_element(rod, "Axis", axis, where, name) for axis in given]
+        axes[name] = [_element(rod, "Axis", axis, where, name) for axis in tags]
     parts = {
         tag: [_element(rod, kind, part, where) for part in models[0].findall(tag)]
         for tag, kind in (("link", "Link"), ("joint", "Joint"), ("frame", "Frame"))
@@ -205,8 +205,8 @@ class _Model:
             element, base = self.frames[name], self.frames[name].attached_to
         else:
             raise self._unknown(name)
-        given = None if element.pose is None else element.pose.relative_to
-        return self.pose(given or base, (*seen, name)) @ _matrix(element.pose)
+        frame = None if element.pose is None else element.pose.relative_to
+        return self.pose(frame or base, (*seen, name)) @ _matrix(element.pose)
 
     def as_urdf(self) -> str:
         """The model as URDF."""
@@ -293,8 +293,8 @@ class _Model:
 
     def _along(self, axis: Any, T: Array) -> Array:
         """Direction of an axis in the frame of its joint."""
-        given = axis.xyz.expressed_in
-        R = np.eye(3) if not given else (se3.inverse(T) @ self.pose(given))[:3, :3]
+        frame = axis.xyz.expressed_in
+        R = np.eye(3) if not frame else (se3.inverse(T) @ self.pose(frame))[:3, :3]
         return np.asarray(R @ np.array(axis.xyz.xyz, float))
 
     def _move(self, made: ET.Element, kind: str, along: Array, axis: Any) -> None:

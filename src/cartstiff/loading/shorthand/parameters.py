@@ -40,7 +40,7 @@ class Parameters:
 
 
 def with_parameters(
-    data: dict[str, Any], place: Callable[[Place], str], given: Mapping[str, Any] | None = None
+    data: dict[str, Any], place: Callable[[Place], str], chosen: Mapping[str, Any] | None = None
 ) -> tuple[dict[str, Any], Parameters]:
     """Data of a file without its parameters: numbers in place of the arithmetic.
 
@@ -50,7 +50,7 @@ def with_parameters(
         As read; texts that begin with "=" are arithmetic over the names under ``parameters``.
     place : callable
         From keys to words for messages.
-    given : mapping of str to float, optional
+    chosen : mapping of str to float, optional
         Values that count instead of the file's.
 
     Raises
@@ -59,7 +59,7 @@ def with_parameters(
         For names that cannot be used, are not known, depend on themselves, or are not used.
     """
     asked = {
-        name: checked_number(x, f"parameter {name!r}") for name, x in dict(given or {}).items()
+        name: checked_number(x, f"parameter {name!r}") for name, x in dict(chosen or {}).items()
     }
     entries = data.get("parameters", {})
     if not isinstance(entries, dict):
