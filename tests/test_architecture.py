@@ -21,7 +21,7 @@ PACKAGE = Path(cartstiff.__file__).parent
 LAYERS = [
     {"choices", "errors", "lazily", "matrix_names", "numerics", "version"},
     {"parsing", "expressions", "arrays", "child_process", "figures", "graded", "notebook"},
-    {"geometry"},
+    {"geometry", "notes"},
     {"potentials"},
     {"mechanisms"},
     {"stiffness"},

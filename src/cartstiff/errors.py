@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from importlib import import_module
 from typing import Any
@@ -148,7 +148,9 @@ class UndefinedError(CartstiffError):
         The numbers that show it.
     """
 
-    def __init__(self, message: str, *, code: str, values: dict[str, object] | None = None) -> None:
+    def __init__(
+        self, message: str, *, code: str, values: Mapping[str, object] | None = None
+    ) -> None:
         self.code = code
         self.values = dict(values or {})
         super().__init__(message)

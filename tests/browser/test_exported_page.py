@@ -11,7 +11,7 @@ from tools.screenshot import settled
 import cartstiff
 from cartstiff.geometry import se3
 from cartstiff.page.export import export_page
-from cartstiff.page.source import Source, Trajectory
+from cartstiff.page.source import Playback, Source
 
 LOAD = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -300.0])
 
@@ -152,7 +152,7 @@ def test_a_trajectory_has_a_time_slider(tmp_path, pages):
     q = np.array(
         [chain.mechanism.assembled(chain.q + np.array([m, 0, 0, 0])) for m in (0, 0.1, 0.2)]
     )
-    source = Source(chain, trajectory=Trajectory(q, np.array([0.0, 0.4, 1.0]), True))
+    source = Source(chain, trajectory=Playback(q, np.array([0.0, 0.4, 1.0]), True))
     path = tmp_path / "path.html"
     path.write_text(export_page(source), encoding="utf-8")
     page = pages.open(path.as_uri(), offline=True)

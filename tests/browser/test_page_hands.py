@@ -8,8 +8,8 @@ from tests.browser.test_page_state import TOOL, changed
 from tools.screenshot import settled
 
 import cartstiff
-from cartstiff.page.payload import payload
-from cartstiff.page.state import State
+from cartstiff.page.shown import shown_numbers
+from cartstiff.page.state import ViewState
 
 
 @pytest.mark.parametrize("name", ["hexapod", "panda", "delta"])
@@ -85,7 +85,7 @@ def test_the_way_under_the_load_is_shown_enlarged_by_a_stated_factor(serve, chro
     }"""
     elastic = cartstiff.load(name)
     result = cartstiff.analyse(elastic, wrench=load)
-    way = np.array(payload(result, State(load=load))["moved"]["in_room"])
+    way = np.array(shown_numbers(result, ViewState(load=load))["moved"]["in_room"])
     shown = result.pose[:3, 3] - page.evaluate(place)
     assert np.linalg.norm(shown) > 20 * np.linalg.norm(way)
     assert np.linalg.norm(shown - times * way) < 0.1 * np.linalg.norm(times * way)

@@ -12,7 +12,7 @@ from tools.screenshot import settled
 import cartstiff
 from cartstiff.analysis.screws import eigenscrews
 from cartstiff.geometry import se3
-from cartstiff.page.state import State
+from cartstiff.page.state import ViewState
 
 # Where the tool is on the screen, within [-1, 1] in both directions if it is in the picture.
 TOOL = """() => {
@@ -251,7 +251,7 @@ def test_an_exported_page_keeps_point_axes_and_posture_a(serve, pages, tmp_path)
 
     arm = cartstiff.load("ur5")
     other = [0.1, -1.2, 1.3, -0.2, 0.8, 0.0]
-    state = State(q=arm.q.tolist(), point=(0.0, 0.0, 0.2), axes="inertial", labels=False,
+    state = ViewState(q=arm.q.tolist(), point=(0.0, 0.0, 0.2), axes="inertial", labels=False,
                   ghost=other)  # fmt: skip
     file = tmp_path / "ur5.html"
     file.write_text(export_page(Source(arm), frames=3, state=state), encoding="utf-8")

@@ -20,8 +20,8 @@ from cartstiff.identify.writing import with_result
 from cartstiff.maps.sampling import Trajectory
 from cartstiff.mechanisms.identified import neighbours
 from cartstiff.mechanisms.other_units import in_units
-from cartstiff.page.payload import payload
-from cartstiff.page.state import State
+from cartstiff.page.shown import shown_numbers
+from cartstiff.page.state import ViewState
 from cartstiff.potentials.loads import DeadForce
 from cartstiff.vibration.accuracy import intervals
 
@@ -116,7 +116,7 @@ def test_small_motions_under_the_load_are_too(known, tmp_path):
     factor = elastic.identified.factor
     half = factor * _deviation(elastic, along, tangent=True)[0]
     result = cartstiff.analyse(elastic, Q, wrench=body)
-    shown = payload(result, State(q=Q.tolist()))["moved"]["half_width"]
+    shown = shown_numbers(result, ViewState(q=Q.tolist()))["moved"]["half_width"]
     # By hand there is no geometric stiffness.
     assert shown["length"] == pytest.approx(half, rel=0.03)
     each = factor * _deviation(elastic, R, tangent=True)
@@ -129,7 +129,7 @@ def test_small_motions_under_the_load_are_too(known, tmp_path):
                                   wrench=body, deflect=FORCE, world=True)  # fmt: skip
     assert found["deflection_half_width"].values[0] == pytest.approx(shown["length"], rel=1e-3)
     # Without the load the first coefficient alone counts.
-    still = payload(cartstiff.analyse(elastic, Q), State(q=Q.tolist()))
+    still = shown_numbers(cartstiff.analyse(elastic, Q), ViewState(q=Q.tolist()))
     assert still["moved"] is None
 
 

@@ -20,8 +20,8 @@ from cartstiff.identify.writing import with_result
 from cartstiff.maps.sampling import Trajectory
 from cartstiff.mechanisms.identified import neighbours
 from cartstiff.mechanisms.other_units import in_units
-from cartstiff.page.payload import payload
-from cartstiff.page.state import State
+from cartstiff.page.shown import shown_numbers
+from cartstiff.page.state import ViewState
 from cartstiff.potentials.loads import DeadWrench
 from cartstiff.statics.equilibrium import equilibrium
 from cartstiff.statics.held import displacement_between
@@ -121,7 +121,7 @@ def test_the_page_tells_the_interval_under_the_load(known):
     R = elastic.mechanism.at(q).pose[:3, :3]
     body = np.kron(np.eye(2), R.T) @ FORCE
     result = cartstiff.analyse(elastic, q, wrench=body)
-    shown = payload(result, State(q=q.tolist()))["moved"]["half_width"]
+    shown = shown_numbers(result, ViewState(q=q.tolist()))["moved"]["half_width"]
     # Under the load itself: as the tolerances of one posture say.
     one = analyse_posture(result)["uncertainty"]["numbers"]
     names = {key: n["deviation"] for key, n in _entries(one) if key.startswith("deflection.disp")}
@@ -131,9 +131,9 @@ def test_the_page_tells_the_interval_under_the_load(known):
     _, half, size = _by_hand(elastic, q)
     assert shown["in_room"] == pytest.approx(half, rel=0.02)
     assert shown["length"] == pytest.approx(size, rel=0.02)
-    assert payload(cartstiff.analyse(elastic, q), State(q=q.tolist()))["moved"] is None
+    assert shown_numbers(cartstiff.analyse(elastic, q), ViewState(q=q.tolist()))["moved"] is None
     bare = cartstiff.analyse(cartstiff.load("ur5"), wrench=body)
-    assert payload(bare, State(q=bare.q.tolist()))["moved"]["half_width"] is None
+    assert shown_numbers(bare, ViewState(q=bare.q.tolist()))["moved"]["half_width"] is None
 
 
 def test_a_path_without_intervals_says_why(tmp_path, capfd):

@@ -29,9 +29,10 @@ from tests.support import (
 from cartstiff.errors import UndefinedError
 from cartstiff.mechanisms.chain import Chain, Closure
 from cartstiff.mechanisms.contract import SI, Coordinate, Units
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree_building import plain_tree
+from cartstiff.notes import Note
 from cartstiff.potentials.functions import JointFunction, PoseFunction
 from cartstiff.potentials.gravity import Gravity
 from cartstiff.potentials.line_springs import LineSprings

@@ -31,10 +31,10 @@ from cartstiff.mechanisms.chain import Chain, Closure
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree_building import plain_tree
 from cartstiff.page.answer import Answer
-from cartstiff.page.payload import payload
 from cartstiff.page.session import Session
+from cartstiff.page.shown import shown_numbers
 from cartstiff.page.source import Source
-from cartstiff.page.state import State
+from cartstiff.page.state import ViewState
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.loads import DeadForce, DeadWrench, FollowerWrench
 from cartstiff.potentials.springs import JointSprings
@@ -363,13 +363,13 @@ def check_posture(name, load, distance, decades, seed):
         _same(numbers["deflection"], moved, tolerance, "deflection")
     # 4. The page.
     session = Session(Source(elastic))
-    state = State(q=q.tolist(), quantity="compliance")
+    state = ViewState(q=q.tolist(), quantity="compliance")
     if wrench is not None:
         state = state.model_copy(
             update={"load": tuple(w), "load_kind": how["load_kind"],
                     "load_at": tuple(how["load_at"])}
         )  # fmt: skip
-    shown = json.loads(Answer(payload(session.result(state), state)).pack()[4:])
+    shown = json.loads(Answer(shown_numbers(session.result(state), state)).pack()[4:])
     told = {n["code"] for n in shown["result"]["notes"]}
     assert told == _codes(result)
     if C is not None:

@@ -361,7 +361,7 @@ def test_every_state_has_a_number():
     codes = {
         n.args[0].value
         for n in calls
-        if getattr(n.func, "id", "") == "State" and isinstance(n.args[0], ast.Constant)
+        if getattr(n.func, "id", "") == "Note" and isinstance(n.args[0], ast.Constant)
     }
     assert len(codes) >= 6
     assert codes | {"deficient", "serial-singularity"} <= set(STATES)

@@ -8,8 +8,8 @@ import pytest
 import cartstiff
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
-from cartstiff.page.payload import payload
-from cartstiff.page.state import State
+from cartstiff.page.shown import shown_numbers
+from cartstiff.page.state import ViewState
 from cartstiff.report.analysis import summary_text
 from cartstiff.report.posture import describe
 from cartstiff.scene.quantities import block_ellipsoid
@@ -68,7 +68,7 @@ def test_analysis_page_picture_and_map_read_the_same(loaded):
             found = evaluate(choose_quantities(names, settings, loaded.elastic), arrays, settings)
             assert [found[n][0] for n in names] == pytest.approx(values[[0, 2]], rel=1e-8)
         for quantity, others in (("stiffness", "held"), ("compliance", "free")):
-            page = payload(loaded, State(connection="load", quantity=quantity))
+            page = shown_numbers(loaded, ViewState(connection="load", quantity=quantity))
             assert page["principal"][freedom]["values"] == pytest.approx(
                 truth[quantity, others], rel=1e-8
             )

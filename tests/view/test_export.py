@@ -24,8 +24,8 @@ from cartstiff.page.export import export_page
 from cartstiff.page.files import page_script
 from cartstiff.page.recording import Pictures, common_part, complete, in_order
 from cartstiff.page.session import Session
-from cartstiff.page.source import Source, Trajectory
-from cartstiff.page.state import State
+from cartstiff.page.source import Playback, Source
+from cartstiff.page.state import ViewState
 
 #: A picture's numbers keep seventeen bits.
 PICTURE = 2e-5
@@ -111,7 +111,7 @@ def test_a_trajectory_is_the_frames():
     arm = cartstiff.load("five-bar")
     motor = np.linspace(0.0, 0.2, 4)
     q = np.array([arm.mechanism.assembled(arm.q + np.array([m, 0, 0, 0])) for m in motor])
-    source = Source(arm, trajectory=Trajectory(q, np.array([0.0, 1.0, 2.0, 3.0]), True))
+    source = Source(arm, trajectory=Playback(q, np.array([0.0, 1.0, 2.0, 3.0]), True))
     data, _ = held(export_page(source))
     assert data["path"] == [1, 2, 3, 4]
     assert data["sweeps"] == {}
@@ -122,7 +122,7 @@ def test_a_trajectory_is_the_frames():
 
 def test_the_state_of_a_tab_is_exported():
     arm = cartstiff.load("cubic")
-    state = State(q=[0.01, 0, 0, 0, 0, 0.1], stiffness=[2e6] * 6, connection="A", theme="dark",
+    state = ViewState(q=[0.01, 0, 0, 0, 0, 0.1], stiffness=[2e6] * 6, connection="A", theme="dark",
                   load=(0, 0, 0, 0, 0, -500), point=(0.0, 0.0, 0.1))  # fmt: skip
     data, _ = held(export_page(Source(arm), frames=2, state=state))
     springs = arm.with_springs(2e6)
@@ -153,7 +153,7 @@ def test_the_pictures_are_those_that_are_drawn(platform_page):
     elastic = cartstiff.load("stewart-gough")
     picture = Picture(elastic)
     frame = data["frames"][5]
-    state = State(q=frame["result"]["q"], connection="B")
+    state = ViewState(q=frame["result"]["q"], connection="B")
     picture.draw(cartstiff.analyse(elastic, state.q), state)
     drawn = {path: packed for (kind, path, _), packed in picture.everything_by_path().items()
              if kind == "set_transform"}  # fmt: skip
@@ -177,7 +177,7 @@ def test_meshes_are_kept_on_a_fine_grid():
 
     picture = Picture(cartstiff.load("ur5"))
     result = cartstiff.analyse(cartstiff.load("ur5"))
-    picture.draw(result, State(q=result.q.tolist()))
+    picture.draw(result, ViewState(q=result.q.tolist()))
     key = ("set_object", "/meshcat/cartstiff/mechanism/joint 3/3 forearm_link", "")
     packed = picture.everything_by_path()[key]
     sent = umsgpack.unpackb(packed)["object"]["geometries"][0]["data"]

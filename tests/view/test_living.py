@@ -29,10 +29,10 @@ from cartstiff.many.tape import (
 )
 from cartstiff.page.files import page_script
 from cartstiff.page.living import Tapes, tapes
-from cartstiff.page.payload import payload
 from cartstiff.page.session import Session
+from cartstiff.page.shown import shown_numbers
 from cartstiff.page.source import Source
-from cartstiff.page.state import State
+from cartstiff.page.state import ViewState
 
 MECHANISMS = ("ur5", "ur10", "panda", "xarm7", "cubic", "hexapod", "inclined-hexapod",
               "stewart-gough", "stewart-simscape")  # fmt: skip
@@ -57,7 +57,7 @@ def living(name: str) -> tuple[Any, Tapes]:
     return elastic, found
 
 
-def states(name: str, count: int = STATES) -> list[State]:
+def states(name: str, count: int = STATES) -> list[ViewState]:
     """Postures within a turn, loads of every kind, springs, points, axes, connections."""
     elastic, _ = living(name)
     draw = np.random.default_rng(7)
@@ -68,7 +68,7 @@ def states(name: str, count: int = STATES) -> list[State]:
     found = []
     for k in range(count):
         load = draw.normal(size=6) * force if k % 3 else None
-        found.append(State(
+        found.append(ViewState(
             q=(elastic.q + wide * draw.uniform(-1, 1, n)).tolist(),
             connection=("load", "A", "B", "K", "F", "+")[k % 6],
             quantity=("stiffness", "compliance")[k % 2],
@@ -132,7 +132,7 @@ def without_a_document() -> str:
     return page_script("offline.js")
 
 
-def asked(name: str, wanted: list[State], what: str) -> list[Any]:
+def asked(name: str, wanted: list[ViewState], what: str) -> list[Any]:
     _, made = living(name)
     inputs = json.dumps([s.model_dump() for s in wanted])
     return run(
@@ -154,7 +154,7 @@ def test_a_page_without_a_server_says_what_the_library_says(name):
             continue
         answered += 1
         with np.errstate(all="ignore"):
-            expected = payload(session.result(state), state)
+            expected = shown_numbers(session.result(state), state)
         same(found, json.loads(json.dumps(expected)))
         shown = found["result"][state.quantity] | {"load": found["result"]["load"][state.quantity]}
         there = expected["result"][state.quantity]
@@ -209,7 +209,7 @@ def test_near_singular_states_are_refused_by_both(name, start, coordinate, singu
     wanted = []
     for distance in 10.0 ** -np.arange(0.5, 13.0, 0.5):
         q[coordinate] = singular - distance
-        wanted.append(State(q=q.tolist()))
+        wanted.append(ViewState(q=q.tolist()))
     answered = [one is not None for one in asked(name, wanted, "living.solve(state).K.B")]
     plain = []
     for state in wanted:
@@ -229,8 +229,8 @@ def test_singular_postures_are_not_answered():
     near = [0.3, -1.1, 1e-7, -0.7, 0.9, 0.2]
     assert cartstiff.analyse(arm, straight).matrices["B"] is None
     assert "lost-digits" in [note.code for note in cartstiff.analyse(arm, near).notes]
-    usual = State(q=arm.q.tolist())
-    wanted = [usual, State(q=straight), State(q=near),
+    usual = ViewState(q=arm.q.tolist())
+    wanted = [usual, ViewState(q=straight), ViewState(q=near),
               usual.model_copy(update={"stiffness": [1e-3, *[1e9] * 5]})]  # fmt: skip
     found = asked("ur5", wanted, "living.result(state)")
     assert [one is None for one in found[:3]] == [False, True, True]
@@ -248,7 +248,7 @@ def test_a_hand_is_followed_to_the_pose_and_to_the_limits():
     far[:3, 3] *= 4.0
     poses = json.dumps([goal.tolist(), far.tolist()])
     code = f"{poses}.map((T) => follow(living, state.q, T))"
-    near, away = asked("ur5", [State(q=arm.q.tolist())], code)[0]
+    near, away = asked("ur5", [ViewState(q=arm.q.tolist())], code)[0]
     assert near["reached"]
     assert np.allclose(cartstiff.analyse(arm, near["q"]).pose, goal, atol=1e-5)
     assert not away["reached"]
@@ -259,7 +259,7 @@ def test_a_hand_is_followed_to_the_pose_and_to_the_limits():
     T = cartstiff.analyse(platform).pose
     T_up = se3.pose(translation=[0, 0, 0.02 * platform.mechanism.length]) @ T
     code = f"follow(living, state.q, {json.dumps(T_up.tolist())})"
-    lifted = asked("stewart-simscape", [State(q=start.tolist())], code)[0]
+    lifted = asked("stewart-simscape", [ViewState(q=start.tolist())], code)[0]
     assert np.allclose(cartstiff.analyse(platform, lifted["q"]).pose, T_up, atol=1e-9)
 
 

@@ -12,7 +12,7 @@ import cartstiff
 from cartstiff.errors import CartstiffError, InputError, UnknownNameError
 from cartstiff.page.description import describe_mechanism, slider_coordinates, slider_ranges
 from cartstiff.page.session import Session
-from cartstiff.page.source import Cloud, Source, Trajectory
+from cartstiff.page.source import Cloud, Playback, Source
 from cartstiff.page.state import read_message
 
 
@@ -181,7 +181,7 @@ def test_a_moved_joint_of_a_grasp_stays_where_it_was_put(session):
 def test_a_trajectory(session):
     arm = cartstiff.load("ur5")
     postures = np.array([arm.q, arm.q + 0.1, arm.q + 0.2])
-    one = session("ur5", trajectory=Trajectory(postures, np.array([0.0, 0.5, 2.0]), True))
+    one = session("ur5", trajectory=Playback(postures, np.array([0.0, 0.5, 2.0]), True))
     assert one.hello().data["trajectory"] == {"time": [0.0, 0.5, 2.0], "timed": True}
     found = worked(one, do="series")
     assert found["at"] == [0.0, 0.5, 2.0]

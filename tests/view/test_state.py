@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cartstiff.errors import InputError
-from cartstiff.page.state import LARGEST_MESSAGE, Draw, State, read_message
+from cartstiff.page.state import LARGEST_MESSAGE, Draw, ViewState, read_message
 
 
 def test_a_message_is_read():
@@ -26,8 +26,8 @@ def test_a_message_is_read():
 
 
 def test_what_the_page_sends_back_is_what_it_got():
-    state = State(q=[1.0, 2.0], load=(1, 2, 3, 4, 5, 6), ghost=[0.0, 0.0], theme="dark")
-    assert State.model_validate_json(json.dumps(state.model_dump())) == state
+    state = ViewState(q=[1.0, 2.0], load=(1, 2, 3, 4, 5, 6), ghost=[0.0, 0.0], theme="dark")
+    assert ViewState.model_validate_json(json.dumps(state.model_dump())) == state
 
 
 @pytest.mark.parametrize(

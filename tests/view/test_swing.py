@@ -9,7 +9,7 @@ from cartstiff import load, modes
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.page.session import Session
 from cartstiff.page.source import Source
-from cartstiff.page.state import Draw, Numbers, Response, State, Swing
+from cartstiff.page.state import Draw, Numbers, Response, Swing, ViewState
 from cartstiff.scene.mechanism import extent
 from cartstiff.scene.swing import swing
 
@@ -39,7 +39,7 @@ def test_swing_has_the_size_that_was_asked_for(name):
 def test_a_tab_is_told_modes_pictures_and_curves():
     elastic = load("ur5")
     session = Session(Source(elastic))
-    state = State(q=elastic.q.tolist(), mode=2, load=(0, 0, 0, 0, 0, -200.0), labels=False)
+    state = ViewState(q=elastic.q.tolist(), mode=2, load=(0, 0, 0, 0, 0, -200.0), labels=False)
     first = session.answer(Draw(id=1, do="draw", state=state))
     told = first.data["numbers"]["modes"]
     whole = modes(elastic, wrench=[0, 0, 0, 0, 0, -200.0])
@@ -64,7 +64,7 @@ def test_a_tab_is_told_modes_pictures_and_curves():
 
 def test_without_masses_there_are_words():
     session = Session(Source(load("cubic")))
-    state = State(mode=1)
+    state = ViewState(mode=1)
     told = session.answer(Numbers(id=1, do="numbers", state=state)).data["numbers"]["modes"]
     assert "has a mass" in told["missing"]
     with pytest.raises(UndefinedError, match="has a mass"):

@@ -12,6 +12,7 @@ from cartstiff.analysis.matrices import BY_BLOCK, BY_SOFT_BLOCK, UNITS
 from cartstiff.arrays import plain as plain
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
+from cartstiff.notes import Note
 
 
 class Notes:
@@ -22,7 +23,7 @@ class Notes:
 
     def add(self, error: UndefinedError, what: str) -> None:
         """Note an error once."""
-        note = {"code": error.code, "message": f"{what}: {error}", "values": plain(error.values)}
+        note = Note.of(error, what).as_dict()
         if note not in self.entries:
             self.entries.append(note)
 

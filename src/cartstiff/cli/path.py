@@ -247,11 +247,11 @@ def _region(axes: dict[str, tuple[float, ...]]) -> dict[str, Any]:
         return {}
     import numpy as np
 
-    from cartstiff.toolpaths.placement import PLACES
+    from cartstiff.toolpaths.placement import COORDINATES
 
     for name, (low, high, count) in axes.items():
-        if name not in PLACES:
-            raise UnknownNameError("coordinate", name, PLACES, where="--place")
+        if name not in COORDINATES:
+            raise UnknownNameError("coordinate", name, COORDINATES, where="--place")
         if not (high > low or (high == low and count == 1)):
             raise InputError("values must rise", where=f"--place {name}", expected="LOW below HIGH",
                              got=f"{low:g}:{high:g}")  # fmt: skip

@@ -46,7 +46,7 @@ PREPARING = 50
 _REDUCED: dict[str, Callable[[Array], Array]] = {
     "min": np.min, "max": np.max, "mean": np.mean, "median": np.median,
 }  # fmt: skip
-State = Literal["feasible", "infeasible", "failed"]
+Verdict = Literal["feasible", "infeasible", "failed"]
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Design:
 
     parameters: Mapping[str, float]
     values: Mapping[str, float] = field(default_factory=dict)
-    state: State = "feasible"
+    state: Verdict = "feasible"
     reason: str = ""
 
     def as_dict(self) -> dict[str, Any]:

@@ -15,9 +15,9 @@ from cartstiff.designs.study import Study
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
-from cartstiff.mechanisms.notes import Note
 from cartstiff.mechanisms.weighed import Weighed
 from cartstiff.notebook import ShownInLines
+from cartstiff.notes import Note
 
 #: Name and version of the form of the JSON output.
 DESIGN_SCHEMA = "cartstiff-design/1"

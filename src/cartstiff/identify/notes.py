@@ -14,7 +14,7 @@ from cartstiff.identify.linear_model import LinearModel, small_loads
 from cartstiff.identify.loaded_model import LoadedModel, needs_equilibrium
 from cartstiff.identify.observations import EARTH
 from cartstiff.identify.writing import written_values
-from cartstiff.mechanisms.elastic import Note
+from cartstiff.notes import Note
 from cartstiff.potentials.line_springs import LineSprings
 
 if TYPE_CHECKING:

@@ -16,7 +16,8 @@ from cartstiff.identify.linear_model import Model
 from cartstiff.identify.measurements import Measurements
 from cartstiff.identify.robust import Robust
 from cartstiff.identify.unknowns import Unknowns
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.notes import Note
 
 IDENTIFY_SCHEMA = "cartstiff-identify/1"
 

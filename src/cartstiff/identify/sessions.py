@@ -32,7 +32,7 @@ from cartstiff.identify.loaded_model import needs_equilibrium
 from cartstiff.identify.measurements import Measurements
 from cartstiff.identify.observations import Observations, base_rotation
 from cartstiff.identify.unknowns import Unknowns
-from cartstiff.mechanisms.elastic import Note
+from cartstiff.notes import Note
 
 #: What is unknown of a session's frame.
 OFFSETS = ("none", "translation", "rigid")

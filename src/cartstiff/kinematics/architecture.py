@@ -15,8 +15,8 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.elastic import Note
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.notes import Note
 
 # General poses that the rank is asked of, and their seed: chance hits no singular surface twice.
 _POSES = 4

@@ -21,9 +21,10 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.inverse import inverse_kinematics
 from cartstiff.kinematics.legs import Leg, legs_of
 from cartstiff.mechanisms.chain import Chain, ChainPosture
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note, checked_elastic
+from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.notes import Note
 
 #: What a pose is given by: the position, and angles about fixed axes.
 COORDINATES = ("x", "y", "z", "roll", "pitch", "yaw")

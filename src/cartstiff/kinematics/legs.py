@@ -28,7 +28,7 @@ from cartstiff.kinematics.self_motions import settled
 from cartstiff.mechanisms.chain import Chain, Closure
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
-from cartstiff.mechanisms.tree import Placement
+from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.mechanisms.tree_building import part_of
 from cartstiff.potentials.springs import JointSprings
 
@@ -135,7 +135,7 @@ class Leg(NamedTuple):
         """What differs between solutions: told coordinates, and where the joints are."""
         posture, chain = self.chain.at(q), self.chain
         joints = range(1, chain.tree.model.njoints)
-        places = [posture.pose_at(Placement(j, np.eye(4)))[:3, 3] for j in joints]
+        places = [posture.pose_at(FixedFrame(j, np.eye(4)))[:3, 3] for j in joints]
         own = q[self.told] / self.solver.sizes[self.told]
         angles = own[~chain.is_length[self.told]]
         return np.concatenate(
@@ -173,7 +173,7 @@ def legs_of(elastic: ElasticMechanism, limits: bool = True) -> list[Leg] | None:
     parts: dict[int, list[int]] = {first: []}
     for j in range(1, len(parents)):
         parts.setdefault(first if j == body else leader(j), []).append(j)
-    held: dict[int, list[tuple[Closure, Placement, Placement]]] = {k: [] for k in parts}
+    held: dict[int, list[tuple[Closure, FixedFrame, FixedFrame]]] = {k: [] for k in parts}
     for tie in ties:
         _, a, b = tie
         free_ends = [leader(p.joint) for p in (a, b) if p.joint not in ends]
@@ -193,7 +193,7 @@ def legs_of(elastic: ElasticMechanism, limits: bool = True) -> list[Leg] | None:
 
 def _leg(
     elastic: ElasticMechanism, chain: Chain, joints: list[int],
-    ties: list[tuple[Closure, Placement, Placement]], carries: bool, limits: bool,
+    ties: list[tuple[Closure, FixedFrame, FixedFrame]], carries: bool, limits: bool,
 ) -> Leg | None:  # fmt: skip
     """One leg as a chain of its own."""
     body, parents = chain.body, chain.tree.model.parents
@@ -208,14 +208,14 @@ def _leg(
     local = {j: i for i, j in own.items()}
     before = after = np.eye(4)
     free: Free = "none"
-    end = Placement(local[body.joint], body.T_j_f) if carries else None
+    end = FixedFrame(local[body.joint], body.T_j_f) if carries else None
     closures = []
     for i, (closure, a, b) in enumerate(ties):
         if not carries and far in (a.joint, b.joint):
             if end is not None:
                 return None  # holds the body twice
             ours, theirs = (b, a) if a.joint == far else (a, b)
-            end = Placement(local[ours.joint], ours.T_j_f)
+            end = FixedFrame(local[ours.joint], ours.T_j_f)
             free = "none" if closure.type == "weld" else "rotation"
             if hangs:
                 before, after = body.T_j_f, theirs.T_j_f
@@ -224,7 +224,7 @@ def _leg(
             continue
         names = [f"{_END}, closure {i + 1}{side}" for side in "ab"]
         for name, place in zip(names, (a, b), strict=True):
-            tree.frames[name] = Placement(local[place.joint], place.T_j_f)
+            tree.frames[name] = FixedFrame(local[place.joint], place.T_j_f)
         closures.append(Closure(names[0], names[1], closure.type))
     if end is None:
         return None

@@ -17,7 +17,7 @@ from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.chain import Chain, ChainPosture
-from cartstiff.mechanisms.tree import Placement
+from cartstiff.mechanisms.tree import FixedFrame
 
 #: Begin the names of placements.
 PLACED = ("placement", "frame", "closure")
@@ -102,7 +102,7 @@ class Placements:
             poses[name] = se3.pose(T[:3, :3] @ R, np.array(at))
         frame = poses.pop("frame", self.chain.body.T_j_f)
         ends = {
-            name.removeprefix("closure."): Placement(at.joint, poses.pop(name))
+            name.removeprefix("closure."): FixedFrame(at.joint, poses.pop(name))
             for name, at in self._ends.items() if name in poses
         }  # fmt: skip
         joints = {self._joints[name]: T for name, T in poses.items()}
@@ -129,7 +129,7 @@ class Placements:
         return {f"placement.{names[j]}": j for j in joints if names[j] not in within}
 
     @cached_property
-    def _ends(self) -> dict[str, Placement]:
+    def _ends(self) -> dict[str, FixedFrame]:
         """Frames of the closures."""
         names = (name for c in self.chain.closures for name in (c.frame_a, c.frame_b))
         return {

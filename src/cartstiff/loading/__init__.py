@@ -19,7 +19,8 @@ from cartstiff.loading.catalogue import (
     example_robots,
 )
 from cartstiff.loading.shorthand.parameters import Parameters
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.notes import Note
 
 if TYPE_CHECKING:
     from cartstiff.loading.yaml_file import Lines

@@ -26,10 +26,11 @@ from cartstiff.loading.parts import (
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.springs import link_springs, springs_of, virtual_joints
 from cartstiff.mechanisms.chain import Chain, Closure, Description
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
-from cartstiff.mechanisms.tree import KinematicTree, Placement
+from cartstiff.mechanisms.tree import FixedFrame, KinematicTree
 from cartstiff.mechanisms.tree_building import extended, merged
+from cartstiff.notes import Note
 
 if TYPE_CHECKING:
     from cartstiff.loading.keys.springs import JointSpringModel
@@ -44,7 +45,7 @@ _CONTACTS = {
 
 def _with_frame(tree: KinematicTree, name: str, base: str, T: Array) -> None:
     at = tree.placement(base)
-    tree.frames[name] = Placement(at.joint, at.T_j_f @ T)
+    tree.frames[name] = FixedFrame(at.joint, at.T_j_f @ T)
 
 
 def _actuated(names: Sequence[str], tree: KinematicTree, where: str) -> list[int] | None:
@@ -259,7 +260,7 @@ def _closure(entry: ClosureModel, i: int, tree: KinematicTree, q: Array, where: 
         other = b if a == "world" else a
         T_F_other = tree.at(q).pose(tree.placement(other))
         tied = f"world (closure {i + 1})"
-        tree.frames[tied] = Placement(0, T_F_other)
+        tree.frames[tied] = FixedFrame(0, T_F_other)
         a, b = (tied, other) if a == "world" else (other, tied)
     return Closure(a, b, entry.type)
 

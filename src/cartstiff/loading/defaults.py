@@ -16,9 +16,9 @@ from cartstiff.geometry.se3 import SWAP, Array
 from cartstiff.loading.mjcf.facts import MjcfFacts
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import Note
 from cartstiff.mechanisms.tree import KinematicTree
 from cartstiff.mechanisms.tree_building import find_frame
+from cartstiff.notes import Note
 from cartstiff.numerics import NEAR, is_regular
 
 # Last parts of the names that tools' frames have, the surest first.

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cartstiff.errors import InputError, UnknownNameError, one_line
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import CompliancePattern, Elements, coefficient, law_of
 from cartstiff.mechanisms.identified import Identified
+from cartstiff.notes import Note
 
 if TYPE_CHECKING:
     from cartstiff.loading.keys.identified import FoundModel, IdentifiedModel

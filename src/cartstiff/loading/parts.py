@@ -23,9 +23,10 @@ from cartstiff.loading.robot_description import (
 from cartstiff.loading.ros import ROBOT_FILES, Ros, described_robot, is_description_name
 from cartstiff.loading.springs import extra_lines, give_of, negative_links
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree import KinematicTree
 from cartstiff.mechanisms.tree_building import find_frame, plain_tree
+from cartstiff.notes import Note
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import DeadForce

@@ -25,8 +25,9 @@ from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.schema import ClosedChainFile, ClosureModel, SerialFile
 from cartstiff.loading.urdf import Mimic, UrdfFacts
 from cartstiff.loading.visuals import geometry_pieces
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.joint_kinds import expansion, standing
+from cartstiff.notes import Note
 
 _TYPES = {pin.ContactType.CONTACT_3D: "point", pin.ContactType.CONTACT_6D: "weld"}
 #: Reference configurations that are taken for the posture where none is given, in this order.

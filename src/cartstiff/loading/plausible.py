@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from cartstiff.loading.keys.checked import form_of
-from cartstiff.mechanisms.elastic import Note
+from cartstiff.notes import Note
 
 if TYPE_CHECKING:
     from cartstiff.loading.schema import PlatformFile, SpringsFile

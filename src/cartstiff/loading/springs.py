@@ -16,8 +16,8 @@ from cartstiff.loading.mjcf.facts import MjcfFacts
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import rest_of_turns
 from cartstiff.mechanisms.flexible_links import Give
-from cartstiff.mechanisms.notes import Note, assumed_stiffness
 from cartstiff.mechanisms.tree import KinematicTree
+from cartstiff.notes import Note, assumed_stiffness
 from cartstiff.numerics import ZERO
 from cartstiff.potentials.beams import Beam, Section
 from cartstiff.potentials.contract import Potential
@@ -113,7 +113,7 @@ def springs_of(
             stiffness[j] = ASSUMED_STIFFNESS
             assumed.append(name)
     notes = [assumed_stiffness(ASSUMED_STIFFNESS, assumed, names)] if assumed else []
-    notes += [Note(*remark) for remark in rest_of_turns(tree.coordinates, rest)]
+    notes += rest_of_turns(tree.coordinates, rest)
     notes += softening({name: entry for name, entry in springs.items() if not entry.stiffness})
     if unsprung:
         words = f"joints without a spring in the file move freely: {', '.join(unsprung)}"

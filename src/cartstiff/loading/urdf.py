@@ -20,7 +20,7 @@ from cartstiff.geometry import se3
 from cartstiff.loading.plausible import large_lengths, turned
 from cartstiff.loading.urdf_words import INERTIA, numbers_of, understood
 from cartstiff.loading.yaml_file import LARGEST_NUMBER
-from cartstiff.mechanisms.elastic import Note
+from cartstiff.notes import Note
 
 _MOST_JOINTS = 2000
 #: Pinocchio's workspace takes a second to set up for 200 joints in a row, an hour for 2000.

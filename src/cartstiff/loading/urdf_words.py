@@ -14,7 +14,7 @@ import pinocchio as pin
 from cartstiff import numerics
 from cartstiff.geometry import se3
 from cartstiff.loading.yaml_file import LARGEST_NUMBER
-from cartstiff.mechanisms.elastic import Note
+from cartstiff.notes import Note
 
 _VERSIONS = ("1.0", "1.1", "1.2")
 

@@ -22,7 +22,7 @@ from cartstiff.loading.ros_worker import package_folder
 from cartstiff.mechanisms.chain import Chain, Description
 from cartstiff.mechanisms.contract import SI, convert_length
 from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Piece, Shape, Sphere
-from cartstiff.mechanisms.tree import Placement
+from cartstiff.mechanisms.tree import FixedFrame
 
 Kind = Literal["visual", "collision"]
 _TYPES: dict[Kind, Any] = {"visual": pin.GeometryType.VISUAL,
@@ -37,7 +37,7 @@ class Visual:
     ----------
     link : str
         The link's name in its file.
-    at : Placement
+    at : FixedFrame
         Joint of the plain tree that carries it, and its pose there.
     shape : MeshFile, Box, Cylinder, Capsule or Sphere
         In the length unit of the chain.
@@ -46,7 +46,7 @@ class Visual:
     """
 
     link: str
-    at: Placement
+    at: FixedFrame
     shape: Shape
     colour: tuple[float, float, float, float] | None
 
@@ -83,7 +83,7 @@ def visuals(chain: Chain, kind: Kind = "visual") -> tuple[list[Visual], list[str
             if at is not None:
                 T_l_v = np.array(piece.T_l_v)
                 T_l_v[:3, 3] *= metre
-                placement = Placement(at.joint, at.T_j_f @ T_l_v)
+                placement = FixedFrame(at.joint, at.T_j_f @ T_l_v)
                 link = description.prefix + piece.link
                 shape = piece.shape if metre == 1.0 else _stretched(piece.shape, metre)
                 shown.append(Visual(link, placement, shape, piece.colour))

@@ -23,8 +23,8 @@ from cartstiff.many.reading_arithmetic import Readings
 from cartstiff.many.work import MAKING, timed
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
-Path = Literal["auto", "compiled", "portable", "engine"]
-PATHS = ("auto", "compiled", "portable", "engine")
+Backend = Literal["auto", "compiled", "portable", "engine"]
+BACKENDS = ("auto", "compiled", "portable", "engine")
 
 #: Postures from which on it pays to compile a mechanism that has not been compiled yet.
 WORTH_COMPILING = 5000
@@ -78,7 +78,7 @@ def kernel_for(case: Case, names: tuple[str, ...], count: int, compiled: bool) -
 
 
 def reading_kernel(
-    case: Case, names: tuple[str, ...], readings: Readings, path: Path = "auto"
+    case: Case, names: tuple[str, ...], readings: Readings, path: Backend = "auto"
 ) -> Any:
     """What reads; None where something that is read does not exist, or nothing is quick enough."""
     program = program_for(case, names, readings)
@@ -102,7 +102,11 @@ ASKED = "asked for"
 
 
 def chosen(
-    elastic: ElasticMechanism, loads: Array | None, names: tuple[str, ...], path: Path, count: int
+    elastic: ElasticMechanism,
+    loads: Array | None,
+    names: tuple[str, ...],
+    path: Backend,
+    count: int,
 ) -> tuple[Plan | None, Any, str]:
     """Plan and kernel, or None for the engine; and why not a faster one."""
     kind = "none" if loads is None else "shared" if loads.ndim == 1 else "each"
@@ -148,7 +152,7 @@ def _few_of_closed(elastic: ElasticMechanism, count: int) -> str:
 def lasting_path(
     elastic: ElasticMechanism, wrench: Literal["none", "shared", "each"], names: tuple[str, ...],
     count: int,
-) -> Path:  # fmt: skip
+) -> Backend:  # fmt: skip
     """The path that serves `count` postures, whatever was compiled in this process before."""
     answer = _few_of_closed(elastic, count) or plan(elastic, wrench)
     if isinstance(answer, str):
@@ -167,7 +171,9 @@ def _closing(taken: Plan, compiled: bool, rows: int, threads: int = 1) -> list[C
     return [cache(lambda case=case: make(case, CLOSING).workspace(rows, threads)) for case in ways]
 
 
-def assembled(elastic: ElasticMechanism, q: Array, path: Path) -> tuple[Array, NDArray[np.bool_]]:
+def assembled(
+    elastic: ElasticMechanism, q: Array, path: Backend
+) -> tuple[Array, NDArray[np.bool_]]:
     """Coordinates q (N, n) of a chain closed by recorded steps, what is held kept; and which are.
 
     The others are as given: `path` is "engine", the chain has no such steps, or they do not end.

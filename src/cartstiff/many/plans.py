@@ -17,7 +17,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.many.arithmetic import ENGINE, PLAIN, shared_inputs
 from cartstiff.many.chains.chain_arithmetic import chain_arrays
 from cartstiff.many.chains.chain_numbers import ChainCase
-from cartstiff.many.chains.chain_twists import ChainConstants, Field, numbers, read_chain
+from cartstiff.many.chains.chain_twists import ChainConstants, ForceField, numbers, read_chain
 from cartstiff.many.chains.closed_case import closed_case
 from cartstiff.many.chains.closed_chain import ClosedCase, closed_arrays
 from cartstiff.many.chains.closing import closing_arrays
@@ -269,7 +269,7 @@ def _with_fields(
     joints = len(case.constants.screws) // 6
     if elastic.gravity is not None:
         masses, centres = chain.tree.masses()
-        fields.append(Field(numbers(masses), tuple(map(numbers, centres))))
+        fields.append(ForceField(numbers(masses), tuple(map(numbers, centres))))
         forces.append(elastic.gravity)
     for potential in others:
         if type(potential) is DeadForce and 0 < chain.placement(potential.frame_b).joint <= joints:
@@ -277,7 +277,7 @@ def _with_fields(
             point = at.T_j_f[:3, :3] @ np.asarray(potential.point) + at.T_j_f[:3, 3]
             weights, points = np.zeros(joints), np.zeros((joints, 3))
             weights[at.joint - 1], points[at.joint - 1] = 1.0, point
-            fields.append(Field(numbers(weights), tuple(map(numbers, points))))
+            fields.append(ForceField(numbers(weights), tuple(map(numbers, points))))
             forces.append(potential.force)
         else:
             loose.append(potential)

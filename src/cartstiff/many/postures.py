@@ -34,7 +34,7 @@ from cartstiff.many.arguments import (
     without_digits,
 )
 from cartstiff.many.arithmetic import ENGINE, UNBALANCED
-from cartstiff.many.kernels import ASKED, PATHS, Path, chosen, run
+from cartstiff.many.kernels import ASKED, BACKENDS, Backend, chosen, run
 from cartstiff.many.one_by_one import REGULAR, fill
 from cartstiff.many.portable import PortableKernel
 from cartstiff.many.singular import lost_ranks
@@ -176,7 +176,7 @@ def analyse_many(
     outputs: Sequence[str] = ("stiffness_B",),
     out: Mapping[str, Array] | None = None,
     threads: int | None = None,
-    path: Path = "auto",
+    path: Backend = "auto",
     chunk: int | None = None,
     one_by_one: int | None = None,
 ) -> Postures:
@@ -235,8 +235,8 @@ def analyse_many(
     loads = checked_wrench(elastic, wrench, len(coordinates))
     names = checked_names(outputs)
     count = checked_count("threads", threads) or os.cpu_count() or 1
-    if path not in PATHS:
-        raise UnknownNameError("path", str(path), PATHS)
+    if path not in BACKENDS:
+        raise UnknownNameError("path", str(path), BACKENDS)
     size = checked_count("chunk", chunk)
     if one_by_one is not None and one_by_one < 0:
         raise InputError("count cannot be used", where="one_by_one", expected="0 or more",
@@ -306,7 +306,7 @@ def analyse_many(
 
 def loads_in_body(
     elastic: ElasticMechanism, q: Array, loads: Array, kind: LoadKind,
-    axes: Literal["body", "world"], path: Path, threads: int | None = None,
+    axes: Literal["body", "world"], path: Backend, threads: int | None = None,
     chunk: int | None = None,
 ) -> Array:  # fmt: skip
     """Wrenches about M's origin in the axes of M, from one (6,) or one a posture as given."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.arguments import OUTPUTS, aligned_empty, recorded
-from cartstiff.many.kernels import Path, reading_kernel, run
+from cartstiff.many.kernels import Backend, reading_kernel, run
 from cartstiff.many.plans import Plan, plan
 from cartstiff.many.postures import loads_in_body
 from cartstiff.many.reading_arithmetic import READINGS, Readings
@@ -62,7 +62,8 @@ class Reader:
 
     def __init__(
         self, elastic: ElasticMechanism, readings: Readings, outputs: tuple[str, ...],
-        wrench: Array | None = None, axes: Literal["body", "world"] = "body", path: Path = "auto",
+        wrench: Array | None = None, axes: Literal["body", "world"] = "body",
+        path: Backend = "auto",
     ) -> None:  # fmt: skip
         self.elastic, self.readings = elastic, readings
         self._wrench, self._axes = wrench, axes

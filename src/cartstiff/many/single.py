@@ -26,9 +26,10 @@ from cartstiff.arrays import NamedArrays, checked_vector
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import MechanismPosture
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import force_notes, limit_notes
 from cartstiff.mechanisms.weighed import weighed
+from cartstiff.notes import Note
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Evaluation, Potential
 from cartstiff.potentials.line_springs import LineSprings

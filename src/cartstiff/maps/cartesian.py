@@ -29,7 +29,7 @@ Redundancy = Literal["nearest", "best"]
 
 _NAMES = ("x", "y", "z")
 #: Places that are solved for at once.
-PLACES = 200
+PLACES_AT_ONCE = 200
 # Searches from a start from which on machine code is made for them.
 _MUCH = 20_000
 # Combinations of legs' solutions among which the nearest, or best, are chosen.
@@ -175,8 +175,8 @@ class CartesianGrid(Sampling):
             size: Array = np.linalg.norm(d, axis=-1)
             return size
 
-        for first in range(0, len(places), PLACES):
-            some = list(poses[first : first + PLACES])
+        for first in range(0, len(places), PLACES_AT_ONCE):
+            some = list(poses[first : first + PLACES_AT_ONCE])
             with timed("inverse kinematics of the places", len(some)):
                 part = inverse_kinematics(
                     elastic, some, self.starts(elastic), free=self.free,

@@ -12,8 +12,9 @@ import numpy as np
 
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps.quantity import Quantity
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.identified import neighbours
+from cartstiff.notes import Note
 
 
 def half_width_name(name: str) -> str:

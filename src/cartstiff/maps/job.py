@@ -14,13 +14,13 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.errors import CartstiffError, ConvergenceError
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.kernels import Path, assembled
+from cartstiff.many.kernels import Backend, assembled
 from cartstiff.many.one_by_one import NOT_ASSEMBLED, REGULAR
 from cartstiff.many.postures import Postures, analyse_many
 from cartstiff.many.read_many import Reader
 from cartstiff.many.reading_arithmetic import READINGS, Readings
 from cartstiff.many.work import each_in_turn, timed
-from cartstiff.maps.cartesian import PLACES, CartesianGrid
+from cartstiff.maps.cartesian import PLACES_AT_ONCE, CartesianGrid
 from cartstiff.maps.intervals import half_width_name, half_widths, intervals_of, why_none
 from cartstiff.maps.quantities import choose_quantities, evaluate
 from cartstiff.maps.quantity import Answer, Quantity, Settings, needed_outputs
@@ -91,7 +91,7 @@ class MapJob:
     settings: Settings
     wrench: tuple[float, ...] | None
     load_axes: Literal["body", "world"] = "body"
-    path: Path = "auto"
+    path: Backend = "auto"
     by_kernel: bool = False
     one_by_one: int | None = None
     moves: ClassVar[bool] = False  # whether what is read is at other postures than the map's
@@ -147,7 +147,7 @@ class MapJob:
             yield from ((self.sampling.postures(box, self.elastic), None) for box in boxes)
             return
         most = max(prod(s.stop - s.start for s in box[:3]) for box in boxes) if boxes else 1
-        at_once = max(1, PLACES // most)
+        at_once = max(1, PLACES_AT_ONCE // most)
         for i in range(0, len(boxes), at_once):
             yield from self.sampling.solve(boxes[i : i + at_once], self.elastic, self._cost)
 

@@ -18,8 +18,7 @@ from cartstiff.analysis.metrics import characteristic_length
 from cartstiff.arrays import checked_unit, checked_vector
 from cartstiff.errors import CartstiffError, InputError, UnknownNameError, one_line
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.kernels import WORTH_READING, lasting_path
-from cartstiff.many.kernels import Path as Path_
+from cartstiff.many.kernels import WORTH_READING, Backend, lasting_path
 from cartstiff.maps.cartesian import CartesianGrid
 from cartstiff.maps.commanded import CommandedJob, CommandGrid
 from cartstiff.maps.intervals import half_width_name, why_none
@@ -203,7 +202,7 @@ def prepare_map(
     postures = int(np.prod(sampling.shape, dtype=object))
     load: Literal["none", "shared", "each"]
     load = "none" if job.wrench is None else "shared" if job.load_axes == "body" else "each"
-    path_taken: Path_ = "engine"
+    path_taken: Backend = "engine"
     if not isinstance(job, CommandedJob):
         path_taken = lasting_path(elastic, load, job.outputs, postures)
     reads = path_taken == "compiled" and postures >= WORTH_READING

@@ -26,7 +26,7 @@ from cartstiff.mechanisms.closures import Closure as Closure
 from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.shapes import Piece
-from cartstiff.mechanisms.tree import WORLD, KinematicTree, Placement, TreeState
+from cartstiff.mechanisms.tree import WORLD, FixedFrame, KinematicTree, TreeState
 from cartstiff.numerics import CLOSE, FINEST, LEAST_EFFORT, ROUNDING, STILL
 from cartstiff.potentials.contract import IDENTITY, Evaluation, Map
 
@@ -118,7 +118,7 @@ class ChainPosture(MechanismPosture):
         chain = self._chain
         return np.where(chain.is_length, self.length, 1.0) if chain.has_lengths else chain.angles
 
-    def pose_at(self, placement: Placement) -> Array:
+    def pose_at(self, placement: FixedFrame) -> Array:
         """Pose ``T_F_f`` of a frame fixed to a joint, without its map."""
         return self._state.pose(placement)
 
@@ -245,7 +245,7 @@ class Chain(Mechanism):
         T = np.eye(4) if offset is None else np.asarray(offset, float)
         if not is_pose(T):
             raise InputError("frame offset is not a rigid motion", got=T.tolist())
-        self.body = Placement(at.joint, at.T_j_f @ T)
+        self.body = FixedFrame(at.joint, at.T_j_f @ T)
         #: Mass [kg] of what hangs on the body and is no link, and that of the links there.
         self.payload: tuple[float, float] | None = None
         self.legs: tuple[PlacedLeg, ...] = ()  # those that are known in closed form
@@ -266,8 +266,8 @@ class Chain(Mechanism):
         places = [(self.placement(c.frame_a), self.placement(c.frame_b)) for c in self.closures]
         return Ties(self.closures, places, self.tree) if places else None
 
-    def placement(self, name: str) -> Placement:
-        """Placement of "world", "body" or a named frame of the tree."""
+    def placement(self, name: str) -> FixedFrame:
+        """The frame "world", "body", or a named one of the tree."""
         if name in ("body", "world"):
             return self.body if name == "body" else self.world
         try:
@@ -277,12 +277,12 @@ class Chain(Mechanism):
 
     def with_placements(
         self, placements: Mapping[int, Array], T_j_M: ArrayLike,
-        frames: Mapping[str, Placement] | None = None,
+        frames: Mapping[str, FixedFrame] | None = None,
     ) -> Chain:  # fmt: skip
         """The same chain with joints, the body frame on its last joint, and frames elsewhere."""
         other = copy(self)
         other.tree = self.tree.changed(placements, frames=frames)
-        other.body, other.legs = Placement(self.body.joint, np.array(T_j_M, float)), ()
+        other.body, other.legs = FixedFrame(self.body.joint, np.array(T_j_M, float)), ()
         vars(other).pop("ties", None)
         return other
 

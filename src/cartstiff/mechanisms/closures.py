@@ -17,7 +17,7 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.tree import KinematicTree, Placement, TreeState
+from cartstiff.mechanisms.tree import FixedFrame, KinematicTree, TreeState
 from cartstiff.potentials.contract import Map
 
 #: A step towards closure changes no coordinate by more (rad, or characteristic lengths).
@@ -59,7 +59,7 @@ class Ties:
     ----------
     closures : sequence of Closure
         At least one.
-    places : sequence of (Placement, Placement)
+    places : sequence of (FixedFrame, FixedFrame)
         Places of their frames a and b in the tree.
     tree : KinematicTree
         The joints.
@@ -68,7 +68,7 @@ class Ties:
     def __init__(
         self,
         closures: Sequence[Closure],
-        places: Sequence[tuple[Placement, Placement]],
+        places: Sequence[tuple[FixedFrame, FixedFrame]],
         tree: KinematicTree,
     ) -> None:
         ends = [*(a for a, _ in places), *(b for _, b in places)]

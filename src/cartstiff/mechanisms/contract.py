@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 
 from cartstiff.arrays import Array, checked_number, checked_vector, fixed
 from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.potentials.contract import Evaluation, LineGeometry, Map, Remark
+from cartstiff.notes import Note
+from cartstiff.potentials.contract import Evaluation, LineGeometry, Map
 
 #: Units of length in m, of force in N.
 LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
@@ -367,8 +368,8 @@ def _is_infinite(value: object) -> bool:
     return isinstance(value, float) and value == np.inf
 
 
-def rest_of_turns(coordinates: Sequence[Coordinate], rest: Array) -> list[Remark]:
-    """Remark on rest positions of more than a turn, which look like degrees."""
+def rest_of_turns(coordinates: Sequence[Coordinate], rest: Array) -> list[Note]:
+    """Note on rest positions of more than a turn, which look like degrees."""
     turns = {
         c.name: float(x)
         for c, x in zip(coordinates, rest, strict=True)
@@ -378,4 +379,4 @@ def rest_of_turns(coordinates: Sequence[Coordinate], rest: Array) -> list[Remark
         return []
     words = "; ".join(f"{name} at {x:g} rad" for name, x in turns.items())
     words = f"springs at rest after several turns: {words}. Degrees? Angles are in radians"
-    return [Remark("rest-of-turns", words, dict(turns))]
+    return [Note("rest-of-turns", words, dict(turns))]

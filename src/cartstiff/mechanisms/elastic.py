@@ -21,10 +21,9 @@ from cartstiff.mechanisms.contract import (
     checked_gravity,
     rest_of_turns,
 )
-from cartstiff.mechanisms.notes import Note as Note
-from cartstiff.mechanisms.notes import still_assumed
 from cartstiff.mechanisms.spring_values import borne_by_springs, with_values
 from cartstiff.notebook import ShownInLines, html_table
+from cartstiff.notes import Note, still_assumed
 from cartstiff.potentials.beams import evaluate_together
 from cartstiff.potentials.contract import Evaluation, Potential
 from cartstiff.potentials.gravity import Gravity
@@ -203,8 +202,7 @@ class ElasticMechanism(ShownInLines):
         identified = self.identified if stiffness is None else None
         if rest is not None and isinstance(springs, JointSprings):
             kept = [note for note in notes if note.code != "rest-of-turns"]
-            turned = rest_of_turns(self.mechanism.coordinates, springs.rest)
-            notes = (*kept, *(Note(*remark) for remark in turned))
+            notes = (*kept, *rest_of_turns(self.mechanism.coordinates, springs.rest))
         return replace(self, springs=springs, notes=notes, identified=identified)
 
     @property
@@ -329,7 +327,7 @@ class ElasticMechanism(ShownInLines):
 
     def remarks(self, posture: MechanismPosture) -> list[Note]:
         """What limits the answer at a posture: slack cables, beams beyond their theory."""
-        return [Note(*remark) for term in self.terms() for remark in term.remarks(posture)]
+        return [note for term in self.terms() for note in term.remarks(posture)]
 
     def evaluate(self, posture: MechanismPosture) -> Evaluation:
         """Energy, gradient and Hessian of everything at a posture."""

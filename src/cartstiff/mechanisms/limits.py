@@ -16,9 +16,10 @@ from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Mechanism
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.leg_limits import RodLimits
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.notes import Note
 from cartstiff.potentials.line_springs import LineSprings
 
 #: A limit is kept to within this share of the quantity, or of its natural size: rounding.

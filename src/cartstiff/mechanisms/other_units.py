@@ -20,7 +20,7 @@ from cartstiff.mechanisms.contract import Coordinate, Mechanism, Units, convert_
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.mechanisms.tree import KinematicTree, Placement
+from cartstiff.mechanisms.tree import FixedFrame, KinematicTree
 from cartstiff.potentials.beams import Beam, Section
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.line_springs import LineSprings
@@ -108,7 +108,7 @@ def _chain(chain: Chain, a: float, units: Units) -> Chain:
     other.units = units
     other.tree = _tree(chain.tree, a)
     other.coordinates = other.tree.coordinates
-    other.body = Placement(chain.body.joint, _moved(chain.body.T_j_f, a))
+    other.body = FixedFrame(chain.body.joint, _moved(chain.body.T_j_f, a))
     other.legs = tuple(leg.scaled(a) for leg in chain.legs)
     return other
 
@@ -131,7 +131,7 @@ def _tree(tree: KinematicTree, a: float) -> KinematicTree:
         replace(c, lower=c.lower * s, upper=c.upper * s)
         for c, s in zip(tree.coordinates, own.tolist(), strict=True)
     ]
-    frames = {name: Placement(p.joint, _moved(p.T_j_f, a)) for name, p in tree.frames.items()}
+    frames = {name: FixedFrame(p.joint, _moved(p.T_j_f, a)) for name, p in tree.frames.items()}
     return KinematicTree(model, tuple(coordinates), frames, mimic, offset)
 
 

@@ -28,7 +28,7 @@ from cartstiff.potentials.contract import Evaluation, Map
 
 
 @dataclass(frozen=True)
-class Placement:
+class FixedFrame:
     """A frame fixed to a joint of the tree: ``T_j_f`` with the joint's index."""
 
     joint: int
@@ -41,17 +41,17 @@ class Placement:
 
 
 #: The inertial frame F.
-WORLD = Placement(0, np.eye(4))
+WORLD = FixedFrame(0, np.eye(4))
 
 
 @dataclass(frozen=True)
-class Path:
+class Route:
     """Joints met on the way from one frame to another, in order.
 
     Attributes
     ----------
     order : ndarray of int
-        Joints (counted from 0) in the order of the path: from frame a up to the common ancestor,
+        Joints (counted from 0) in the order of the way: from frame a up to the common ancestor,
         then down to frame b.
     signs : ndarray
         For every joint of the tree: -1 on the way up, +1 on the way down, 0 elsewhere.
@@ -91,7 +91,7 @@ class KinematicTree:
         self,
         model: pin.Model,
         coordinates: tuple[Coordinate, ...],
-        frames: Mapping[str, Placement] | Callable[..., dict[str, Placement]],
+        frames: Mapping[str, FixedFrame] | Callable[..., dict[str, FixedFrame]],
         mimic: Array | None = None,
         offset: Array | None = None,
     ) -> None:
@@ -101,7 +101,7 @@ class KinematicTree:
         self.given_frames = frames if callable(frames) else dict(frames)
         self.mimic, self.offset = mimic, 0.0 if offset is None else offset
         self._parents = [int(p) for p in model.parents]
-        self._paths: dict[tuple[int, int], Path] = {}
+        self._paths: dict[tuple[int, int], Route] = {}
         self._workspaces: list[Any] = []
 
     def __getstate__(self) -> dict[str, Any]:
@@ -109,7 +109,7 @@ class KinematicTree:
         return {**vars(self), "frames": self.frames, "given_frames": {}, "_workspaces": []}
 
     @cached_property
-    def frames(self) -> dict[str, Placement]:
+    def frames(self) -> dict[str, FixedFrame]:
         """All named frames."""
         frames = self.given_frames
         return frames() if callable(frames) else frames
@@ -152,8 +152,8 @@ class KinematicTree:
         places = np.array(order, np.intp) - 1
         return KinematicTree(model, tuple(self.coordinates[k] for k in places), {}), places
 
-    def placement(self, name: str) -> Placement:
-        """Placement of a named frame.
+    def placement(self, name: str) -> FixedFrame:
+        """A named frame, with the joint that carries it.
 
         Raises
         ------
@@ -174,7 +174,7 @@ class KinematicTree:
             joint = self._parents[joint]
         return chain[::-1]
 
-    def path(self, joint_a: int, joint_b: int) -> Path:
+    def path(self, joint_a: int, joint_b: int) -> Route:
         """Path between two joints; joint j has coordinate j - 1."""
         key = (joint_a, joint_b)
         if key not in self._paths:
@@ -187,7 +187,7 @@ class KinematicTree:
             signs = np.zeros(self.model.nv)
             signs[np.array(up[shared:], dtype=np.intp) - 1] = -1.0
             signs[np.array(down[shared:], dtype=np.intp) - 1] = 1.0
-            self._paths[key] = Path(order, signs, identity)
+            self._paths[key] = Route(order, signs, identity)
         return self._paths[key]
 
     def _with_model(self, model: pin.Model) -> KinematicTree:
@@ -198,7 +198,7 @@ class KinematicTree:
     def changed(
         self, placements: Mapping[int, Array] | None = None,
         masses: Mapping[int, float] | None = None,
-        frames: Mapping[str, Placement] | None = None,
+        frames: Mapping[str, FixedFrame] | None = None,
     ) -> KinematicTree:  # fmt: skip
         """The same tree with other poses ``T_parent_joint`` or masses [kg] of joints, from 1.
 
@@ -216,7 +216,7 @@ class KinematicTree:
         other.frames = {**self.frames, **(frames or {})}
         return other
 
-    def with_mass(self, at: Placement, mass: float, point: Array) -> KinematicTree:
+    def with_mass(self, at: FixedFrame, mass: float, point: Array) -> KinematicTree:
         """The same tree with a point mass [kg] at a point (3,) of a frame."""
         model = self.model.copy()
         if at.joint > 0:
@@ -317,7 +317,7 @@ class TreeState:
         """Twists (6, joints) of the joints about F's origin, along F's axes."""
         return self._twists.take(SWAP, axis=0)
 
-    def pose(self, frame: Placement) -> Array:
+    def pose(self, frame: FixedFrame) -> Array:
         """Pose ``T_F_f``."""
         T: Array = self._poses[frame.joint].homogeneous
         return T if frame.is_joint else T @ frame.T_j_f
@@ -327,7 +327,7 @@ class TreeState:
         poses = {joint: self._poses[joint].homogeneous for joint in set(joints)}
         return np.array([poses[joint] for joint in joints])
 
-    def relative(self, a: Placement, b: Placement) -> tuple[Array, Map]:
+    def relative(self, a: FixedFrame, b: FixedFrame) -> tuple[Array, Map]:
         """Pose ``T_a_b`` and its map: body twist of b against a, in components of b."""
         T_F_b, path = self.pose(b), self.tree.path(a.joint, b.joint)
         T_a_b = T_F_b if a.joint == 0 and a.is_joint else se3.inverse(self.pose(a)) @ T_F_b
@@ -375,7 +375,7 @@ class _BracketCurvature:
 
     __slots__ = ("jacobian", "mimic", "path")
 
-    def __init__(self, jacobian: Array, path: Path, mimic: Array | None) -> None:
+    def __init__(self, jacobian: Array, path: Route, mimic: Array | None) -> None:
         self.jacobian = jacobian
         self.path = path
         self.mimic = mimic

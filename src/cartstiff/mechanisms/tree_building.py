@@ -38,7 +38,7 @@ from cartstiff.mechanisms.joint_kinds import (
     set_position,
     standing,
 )
-from cartstiff.mechanisms.tree import WORLD, KinematicTree, Placement
+from cartstiff.mechanisms.tree import WORLD, FixedFrame, KinematicTree
 
 
 def find_frame(model: pin.Model, name: str) -> Any:
@@ -205,11 +205,11 @@ def plain_tree(
             near[i] = (parent, T)
         soften(i)
 
-    def placed(k: int, frame: Any) -> Placement:
+    def placed(k: int, frame: Any) -> FixedFrame:
         joint, T_j = side(k, frame.parentJoint)
-        return Placement(joint, T_j @ frame.placement.homogeneous)
+        return FixedFrame(joint, T_j @ frame.placement.homogeneous)
 
-    def frames(name: str | None = None) -> dict[str, Placement]:
+    def frames(name: str | None = None) -> dict[str, FixedFrame]:
         places_of = {"world": WORLD}
         if name is not None:
             with suppress(UnknownNameError):
@@ -235,7 +235,7 @@ def merged(parts: Sequence[tuple[str, KinematicTree, Array]]) -> KinematicTree:
         return only
     model = pin.Model()
     coordinates: list[Coordinate] = []
-    frames: dict[str, Placement] = {"world": WORLD}
+    frames: dict[str, FixedFrame] = {"world": WORLD}
     blocks: list[tuple[Array, Array]] = []
     for prefix, tree, T_F_root in parts:
         at = {0: 0}
@@ -256,7 +256,7 @@ def merged(parts: Sequence[tuple[str, KinematicTree, Array]]) -> KinematicTree:
         for name, p in tree.frames.items():
             T = T_F_root @ p.T_j_f if p.joint == 0 else p.T_j_f
             if prefix or name != "world":
-                frames[prefix + name] = Placement(at[p.joint], T)
+                frames[prefix + name] = FixedFrame(at[p.joint], T)
         m = tree.model.nv
         matrix = np.eye(m) if tree.mimic is None else tree.mimic
         blocks.append((matrix, np.broadcast_to(np.asarray(tree.offset, float), (m,))))
@@ -283,7 +283,7 @@ def extended(
         joint = model.addJoint(joint, primitive(kind), pin.SE3(T), name)
         new.append(Coordinate(name, "revolute" if kind.startswith("R") else "prismatic"))
         T = np.eye(4)
-    frames = {**tree.frames, end: Placement(joint, T)}
+    frames = {**tree.frames, end: FixedFrame(joint, T)}
     # Pinocchio keeps joints in the order of their addition: the new ones come last.
     if tree.mimic is None:
         return KinematicTree(model, (*tree.coordinates, *new), frames)

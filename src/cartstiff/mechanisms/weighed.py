@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from cartstiff.mechanisms.contract import EARTH
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.notes import Note
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import DeadForce
 

@@ -12,7 +12,7 @@ from cartstiff.arrays import checked_array, checked_vector
 from cartstiff.errors import MissingDependencyError
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.page.source import Source, Trajectory, cloud_of_workspace
+from cartstiff.page.source import Playback, Source, cloud_of_workspace
 from cartstiff.stiffness.compute import analyse
 
 if TYPE_CHECKING:
@@ -171,9 +171,9 @@ def show(
     return page
 
 
-def _trajectory(elastic: ElasticMechanism, postures: ArrayLike) -> Trajectory:
+def _trajectory(elastic: ElasticMechanism, postures: ArrayLike) -> Playback:
     q = checked_array(postures, ("m", len(elastic.mechanism.coordinates)), "trajectory")
-    return Trajectory(q, np.arange(float(len(q))))
+    return Playback(q, np.arange(float(len(q))))
 
 
 def _in_notebook() -> bool:

@@ -27,12 +27,12 @@ from cartstiff.page.compact import compacted
 from cartstiff.page.description import slider_coordinates, slider_ranges
 from cartstiff.page.files import page_document
 from cartstiff.page.living import computing, tapes
-from cartstiff.page.payload import modes_part, payload
 from cartstiff.page.picture import Picture
 from cartstiff.page.recording import Key, Pictures, common_part, complete, in_order
 from cartstiff.page.session import PictureMaker, Session
+from cartstiff.page.shown import modes_part, shown_numbers
 from cartstiff.page.source import Source
-from cartstiff.page.state import State
+from cartstiff.page.state import ViewState
 from cartstiff.report.analysis import summary_text
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.version import __version__
@@ -45,7 +45,7 @@ _NOT_COMPUTED = ("deflection", "screws", "centres")
 _VARIANTS = [
     (quantity, name) for quantity in ("stiffness", "compliance") for name in LETTERS if name != "+"
 ]
-# What of a payload is the same for every connection and quantity.
+# Numbers that are the same for every connection and quantity.
 _COMMON = ("result", "has_compliance", "position", "angles", "singularity", "legs", "moved")
 _MATRICES = ("stiffness", "compliance")
 _MOST_FRAMES = 2_000
@@ -56,7 +56,7 @@ def export_page(
     source: Source,
     *,
     frames: int | None = None,
-    state: State | None = None,
+    state: ViewState | None = None,
     picture: PictureMaker = Picture,
 ) -> str:
     """The page as HTML text.
@@ -68,7 +68,7 @@ def export_page(
     frames : int, optional
         Postures along the sweep of each coordinate; the file then holds these. Default: a file that
         computes where it can, else 25.
-    state : State, optional
+    state : ViewState, optional
         What is shown at first.
     picture : callable
         Makes the picture of a mechanism.
@@ -90,7 +90,7 @@ def export_page(
 def export_steps(
     source: Source,
     elastic: ElasticMechanism,
-    state: State | None,
+    state: ViewState | None,
     frames: int | None,
     *,
     picture: PictureMaker = Picture,
@@ -167,7 +167,7 @@ _Parts = tuple[dict[str, Any], list[list[int]], Pictures]
 
 
 def _framed(
-    session: Session, first: State, base: PostureStiffness, frames: int
+    session: Session, first: ViewState, base: PostureStiffness, frames: int
 ) -> Generator[None, None, _Parts]:
     """Frames and how to reach them; every list of commands, and the commands."""
     frames_of = _sweep_frames if session.source.trajectory is None else _trajectory_frames
@@ -192,7 +192,9 @@ _Frames = Generator[
 ]
 
 
-def _sweep_frames(session: Session, state: State, base: PostureStiffness, count: int) -> _Frames:
+def _sweep_frames(
+    session: Session, state: ViewState, base: PostureStiffness, count: int
+) -> _Frames:
     """The posture, and for every slider `count` postures through it."""
     elastic = session.elastic
     sliders = slider_coordinates(elastic)
@@ -223,7 +225,7 @@ def _sweep_frames(session: Session, state: State, base: PostureStiffness, count:
 
 def _trajectory_frames(
     session: Session,
-    state: State,
+    state: ViewState,
     base: PostureStiffness,
     count: int,  # noqa: ARG001
 ) -> _Frames:
@@ -244,7 +246,7 @@ def _trajectory_frames(
 
 
 def _reached(
-    session: Session, state: State, q: Array, moved: int | None
+    session: Session, state: ViewState, q: Array, moved: int | None
 ) -> PostureStiffness | None:
     try:
         with np.errstate(all="ignore"):
@@ -259,7 +261,7 @@ def _reached(
 class _Recorder:
     """Numbers and pictures of every frame, what is equal kept once."""
 
-    def __init__(self, session: Session, state: State) -> None:
+    def __init__(self, session: Session, state: ViewState) -> None:
         self._picture, self._finished = session.picture, session.with_colour_bar
         self._state = state
         self.pictures = Pictures()
@@ -268,14 +270,14 @@ class _Recorder:
         self._first: PostureStiffness | None = None
         self.pictures.merge(self._picture.everything_by_path())
 
-    def _looks(self) -> list[tuple[str, State]]:
+    def _looks(self) -> list[tuple[str, ViewState]]:
         return [
             (f"{quantity}/{name}",
              self._state.model_copy(update={"quantity": quantity, "connection": name}))
             for quantity, name in _VARIANTS
         ]  # fmt: skip
 
-    def _draw(self, result: PostureStiffness, state: State) -> dict[str, Any]:
+    def _draw(self, result: PostureStiffness, state: ViewState) -> dict[str, Any]:
         at = state.model_copy(update={"q": result.q.tolist()})
         legend: dict[str, Any] = self._picture.draw(result, at)
         self.pictures.merge(self._picture.changes_by_path())
@@ -289,7 +291,7 @@ class _Recorder:
         frame["modes"] = modes_part(result)
         with np.errstate(all="ignore"):
             for key, look in self._looks():
-                numbers = payload(result, look, whole=True)
+                numbers = shown_numbers(result, look, whole=True)
                 legend = self._draw(result, look)
                 # The matrices of a reference point: the same for every connection.
                 frame |= {n: numbers[n] for n in (*_COMMON, look.quantity, "frame")}

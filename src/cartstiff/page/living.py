@@ -27,7 +27,7 @@ from cartstiff.page.answer import Answer
 from cartstiff.page.compact import compacted
 from cartstiff.page.recording import Key, Pictures, in_order
 from cartstiff.page.session import Session
-from cartstiff.page.state import State
+from cartstiff.page.state import ViewState
 from cartstiff.page.verdict import DEFINITE, NEAR
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.stiffness.compute import PostureStiffness
@@ -146,7 +146,7 @@ def _mechanism(elastic: ElasticMechanism, result: PostureStiffness) -> dict[str,
 
 
 def computing(
-    session: Session, shown: State, base: PostureStiffness
+    session: Session, shown: ViewState, base: PostureStiffness
 ) -> tuple[dict[str, Any], list[list[int]], Pictures]:
     """One picture in both themes with every part that another state needs."""
     pictures, picture = Pictures(), session.picture

@@ -21,7 +21,7 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import SI, Units, convert_length, named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.mechanisms.tree import Placement
+from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.mechanisms.weighed import weighed
 from cartstiff.page.export import export_page
 from cartstiff.page.source import Source
@@ -243,7 +243,9 @@ def _skeleton(elastic: ElasticMechanism, q: Array) -> str:
         }
         for end in ends:
             way = [int(j) for j in tree.model.supports[end]]
-            places = [state.pose(Placement(j, np.eye(4)))[:3, 3] if j else np.zeros(3) for j in way]
+            places = [
+                state.pose(FixedFrame(j, np.eye(4)))[:3, 3] if j else np.zeros(3) for j in way
+            ]
             lines.append(
                 np.array([*places, *([posture.pose[:3, 3]] * (end == mechanism.body.joint))])
             )

@@ -13,7 +13,7 @@ from cartstiff.errors import UndefinedError
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.page.source import Cloud
-from cartstiff.page.state import State
+from cartstiff.page.state import ViewState
 from cartstiff.scene.canvas import Node
 from cartstiff.scene.scene import Look, Scene
 from cartstiff.scene.window import RecordingWindow
@@ -28,7 +28,7 @@ class Picture:
         self._window = RecordingWindow(writes=True)
         self._scene = Scene(Node(self._window, "/meshcat"), elastic)
 
-    def draw(self, result: PostureStiffness, state: State) -> dict[str, Any]:
+    def draw(self, result: PostureStiffness, state: ViewState) -> dict[str, Any]:
         """Move everything to a posture; returns what the picture's sizes mean."""
         nodal = None
         if state.mode is not None:
@@ -51,7 +51,7 @@ class Picture:
             "per_length": legend["length"]["scene_units_per_unit"], "screws": legend["screws"],
         }  # fmt: skip
 
-    def kit(self, result: PostureStiffness, state: State) -> dict[str, Any]:
+    def kit(self, result: PostureStiffness, state: ViewState) -> dict[str, Any]:
         """Every part that another state needs is sent; what places them, see `Scene.kit`."""
         return self._scene.kit(result, _look(state))
 
@@ -97,7 +97,7 @@ class Picture:
         return self._window.snapshot()
 
 
-def _look(state: State, nodal: tuple[int, float, Screw] | None = None) -> Look:
+def _look(state: ViewState, nodal: tuple[int, float, Screw] | None = None) -> Look:
     """What the picture of a state shows."""
     measures = state.measures
     kept = None if measures is None else {str(f): one.model_dump() for f, one in measures.items()}

@@ -27,9 +27,9 @@ from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.weighed import weighed
 from cartstiff.page.answer import Answer
 from cartstiff.page.description import describe_mechanism, slider_ranges
-from cartstiff.page.payload import payload, response_curves, series_row
 from cartstiff.page.picture import Picture
 from cartstiff.page.refining import Rows, outwards, refine
+from cartstiff.page.shown import response_curves, series_row, shown_numbers
 from cartstiff.page.source import Source, changed
 from cartstiff.page.state import (
     Analysis,
@@ -41,9 +41,9 @@ from cartstiff.page.state import (
     Response,
     Result,
     Series,
-    State,
     Sweep,
     Swing,
+    ViewState,
 )
 from cartstiff.report.analysis import summary_text
 from cartstiff.scene.swing import swing
@@ -106,10 +106,10 @@ class Session:
         return self._elastic
 
     @property
-    def start(self) -> State:
+    def start(self) -> ViewState:
         """What is shown at first: the matrix that exists, stiffness where there is one."""
         source = self.source
-        state = State(
+        state = ViewState(
             q=self._q.tolist(), load=_six(source.load), load_kind=source.load_kind,
             load_at=source.load_at, load_axes=source.load_axes, command=source.command,
         )  # fmt: skip
@@ -127,7 +127,7 @@ class Session:
 
     # -- answers ----------------------------------------------------------------------------
 
-    def hello(self, number: int = 0, now: State | None = None) -> Answer:
+    def hello(self, number: int = 0, now: ViewState | None = None) -> Answer:
         """Everything a new page needs, and the whole picture as it is; `now` is shown at once."""
         source, trajectory, cloud = self.source, self.source.trajectory, self.source.cloud
         state = self.start
@@ -206,7 +206,7 @@ class Session:
 
     # -- postures ---------------------------------------------------------------------------
 
-    def result(self, state: State) -> PostureStiffness:
+    def result(self, state: ViewState) -> PostureStiffness:
         """The posture of a state, with its springs, its load and what its drives are told."""
         commanded = state.command is not None and any(state.command)
         elastic, q = self._placed(state, is_left=not commanded)
@@ -222,7 +222,7 @@ class Session:
         command = {n: x for n, x in zip(elastic.spring_names, told.tolist(), strict=True) if x}
         return analyse_commanded(elastic, command, q, **load)
 
-    def _placed(self, state: State, is_left: bool = False) -> tuple[ElasticMechanism, Array]:
+    def _placed(self, state: ViewState, is_left: bool = False) -> tuple[ElasticMechanism, Array]:
         """The mechanism with the springs of a state, and its coordinates before any command."""
         elastic = self.changed(state)
         mechanism = elastic.mechanism
@@ -237,22 +237,22 @@ class Session:
                 q = mechanism.closed(q, hold=hold).q
         return elastic, q
 
-    def _numbers(self, result: PostureStiffness, state: State) -> dict[str, Any]:
+    def _numbers(self, result: PostureStiffness, state: ViewState) -> dict[str, Any]:
         """Its numbers; "q" is where the sliders stand, before the drives move on."""
         q = result.q if not state.command else self._placed(state)[1]
-        numbers = payload(result, state) | {"q": q.tolist()}
+        numbers = shown_numbers(result, state) | {"q": q.tolist()}
         if state.gravity is not None or state.payload is not None:
             numbers["weighed"] = weighed(result.elastic).text
         return numbers
 
-    def changed(self, state: State) -> ElasticMechanism:
+    def changed(self, state: ViewState) -> ElasticMechanism:
         """The mechanism with the springs, the payload and the gravity of a state."""
         key = state.stiffness, state.payload, state.gravity
         if self._variant[0] != key:
             self._variant = (key, changed(self._elastic, *key))
         return self._variant[1]
 
-    def _draw(self, result: PostureStiffness, state: State) -> dict[str, Any]:
+    def _draw(self, result: PostureStiffness, state: ViewState) -> dict[str, Any]:
         cloud, wanted = self.source.cloud, state.quantity_of_map
         if cloud is not None and wanted is not None and wanted != self._cloud_shown:
             if wanted not in cloud.values:
@@ -357,7 +357,7 @@ class Session:
         return Answer({"id": message.id, "do": "series", "at": trajectory.time.tolist(),
                        "rows": rows})  # fmt: skip
 
-    def _row(self, state: State, q: Array, moved: int | None) -> dict[str, Any] | None:
+    def _row(self, state: ViewState, q: Array, moved: int | None) -> dict[str, Any] | None:
         """One posture of a series; None where it cannot be reached."""
         at = state.model_copy(update={"q": q.tolist(), "moved": moved})
         try:
@@ -367,7 +367,7 @@ class Session:
             return None
 
 
-def _seen_from(state: State, T: Array) -> State:
+def _seen_from(state: ViewState, T: Array) -> ViewState:
     """The same with another frame N of the body, ``T_N_M``: numbers at N, the load where it was."""
     new: dict[str, Any] = {"point": (0.0, 0.0, 0.0)}
     if state.payload is not None:

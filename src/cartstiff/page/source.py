@@ -37,7 +37,7 @@ _SINGULAR = "singular surface"
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class Playback:
     """Postures in order, with their times.
 
     Attributes
@@ -96,12 +96,12 @@ class Source:
     load : ndarray (6,) or None
         Wrench shown at first.
     load_kind, load_at, load_axes
-        What it does, where and along which axes, as in `cartstiff.page.state.State`.
+        What it does, where and along which axes, as in `cartstiff.page.state.ViewState`.
     command : list of float or None
         What the drives are told at first, one number a spring.
     reload : callable or None
         Gives the mechanism with another frame of interest, by name.
-    trajectory : Trajectory or None
+    trajectory : Playback or None
         Postures for the time slider.
     cloud : Cloud or None
         Points of a map.
@@ -111,7 +111,7 @@ class Source:
     q: Array | None = None
     load: Array | None = None
     reload: Callable[[str], ElasticMechanism] | None = None
-    trajectory: Trajectory | None = None
+    trajectory: Playback | None = None
     cloud: Cloud | None = None
     load_kind: Literal["dead", "follower", "conservative"] = "dead"
     load_at: tuple[float, float, float] | None = None
@@ -138,7 +138,7 @@ def changed(
 def read_trajectory(
     path: Path, names: tuple[str, ...], units: Units = SI,
     factors: Mapping[str, float] = MappingProxyType({}),
-) -> Trajectory:  # fmt: skip
+) -> Playback:  # fmt: skip
     """A trajectory from CSV: one posture a line, in joint order or under a line of names.
 
     A column named ``t`` or ``time``, or a first one more than there are coordinates, is the time in
@@ -162,7 +162,7 @@ def read_trajectory(
     time = table[:, 0] if timed else np.arange(float(len(table)))
     if np.any(np.diff(time) < 0):
         raise InputError("times must not decrease", where=where)
-    return Trajectory(table[:, -len(names) :], time, timed, unused)
+    return Playback(table[:, -len(names) :], time, timed, unused)
 
 
 def read_cloud(path: Path, elastic: ElasticMechanism | None = None) -> Cloud:

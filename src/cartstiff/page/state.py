@@ -42,7 +42,7 @@ class Measure(_Strict):
     length_per_decade: Annotated[float, Field(gt=0.0, le=_LARGEST)] | None = None
 
 
-class State(_Strict):
+class ViewState(_Strict):
     """Everything that decides what a tab shows; the default is what it shows at first.
 
     Attributes
@@ -124,7 +124,7 @@ class State(_Strict):
 
 class _Asked(_Strict):
     id: int = Field(ge=0, le=2**53)
-    state: State = State()
+    state: ViewState = ViewState()
 
 
 class Towards(_Strict):

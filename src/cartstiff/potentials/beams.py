@@ -30,7 +30,8 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.geometry.jets import variables
 from cartstiff.geometry.se3 import Array, read_only
-from cartstiff.potentials.contract import Evaluation, Posture, Potential, Remark
+from cartstiff.notes import Note
+from cartstiff.potentials.contract import Evaluation, Posture, Potential
 from cartstiff.potentials.segment_shapes import (
     deformations,
     power_series,
@@ -181,10 +182,10 @@ class Beam(Potential):
         """Tension (m,) of the segments."""
         return self._segments(q[self.indices]).axial_forces.copy()
 
-    def remarks(self, posture: Posture) -> list[Remark]:
+    def remarks(self, posture: Posture) -> list[Note]:
         """Segments that are compressed or bent beyond what six coordinates can follow."""
         x = posture.q[self.indices]
-        remarks: list[Remark] = []
+        remarks: list[Note] = []
         if not x.any():
             return remarks
         _, _, _, N, turns = self._segments(x)
@@ -198,14 +199,14 @@ class Beam(Potential):
                 "clamped ends, which its six coordinates do not show: give more segments"
             )
             values = {"link": self.link, "share": share, "segments": count}
-            remarks.append(Remark("beam-compressed", message, values))
+            remarks.append(Note("beam-compressed", message, values))
         if bent > _BENT:
             message = (
                 f"{many}: one turns by {bent:.2g} rad against its chord, beyond the theory of "
                 "small turns: give more segments"
             )
             values = {"link": self.link, "turn": bent, "segments": count}
-            remarks.append(Remark("beam-bent", message, values))
+            remarks.append(Note("beam-bent", message, values))
         return remarks
 
     @property

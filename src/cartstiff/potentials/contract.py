@@ -15,6 +15,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from cartstiff.geometry.se3 import Array
+from cartstiff.notes import Note
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,14 +68,6 @@ class LineGeometry(NamedTuple):
     lines: Array
 
 
-class Remark(NamedTuple):
-    """What a reader must know about an energy at a posture: a code, words, numbers."""
-
-    code: str
-    message: str
-    values: dict[str, object]
-
-
 class Posture(Protocol):
     """What a potential may ask of a mechanism at given coordinates."""
 
@@ -99,7 +92,7 @@ class Potential(ABC):
     def evaluate(self, posture: Posture) -> Evaluation:
         """Energy, gradient and Hessian at a posture."""
 
-    def remarks(self, posture: Posture) -> list[Remark]:  # noqa: ARG002
+    def remarks(self, posture: Posture) -> list[Note]:  # noqa: ARG002
         """What limits the answer at a posture; nothing by default."""
         return []
 

@@ -19,11 +19,11 @@ from cartstiff.arrays import checked_array
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.notes import Note
 from cartstiff.potentials.contract import (
     Evaluation,
     PosePotential,
     Posture,
-    Remark,
     pulled_back,
 )
 from cartstiff.potentials.contract import (
@@ -175,12 +175,12 @@ class LineSprings(PosePotential):
         lengths = self.geometry(posture).lengths
         return [int(i) + 1 for i in np.flatnonzero(lengths < self.rest_length)]
 
-    def remarks(self, posture: Posture) -> list[Remark]:
+    def remarks(self, posture: Posture) -> list[Note]:
         """The cables that carry nothing, by their numbers from 1."""
         slack = self.slack(posture)
         numbers = ", ".join(str(i) for i in slack)
         message = f"cables {numbers} are slack and carry nothing"
-        return [Remark("slack", message, {"slack": slack})] if slack else []
+        return [Note("slack", message, {"slack": slack})] if slack else []
 
     @property
     def rest(self) -> Array:

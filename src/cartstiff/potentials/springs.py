@@ -18,7 +18,8 @@ from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
-from cartstiff.potentials.contract import Evaluation, Posture, Potential, Remark
+from cartstiff.notes import Note
+from cartstiff.potentials.contract import Evaluation, Posture, Potential
 
 # Share of a link's Euler load from which on a note says that a 6x6 spring does not feel it: the
 # deflection is then too small by about as much.
@@ -346,7 +347,7 @@ class CoupledSprings(Potential):
         hessian[np.ix_(at, at)] = self.matrix
         return Evaluation(0.5 * float(force @ q[at]), gradient, hessian)
 
-    def remarks(self, posture: Posture) -> list[Remark]:
+    def remarks(self, posture: Posture) -> list[Note]:
         """Compression that would matter in a cantilever with the same compliance.
 
         Its length l and its axis follow from where a pure force turns the far side: the cross
@@ -372,4 +373,4 @@ class CoupledSprings(Potential):
             f"link {self.link!r} carries {100 * share:.0f} % of the Euler load of a cantilever "
             "with its compliance; a 6x6 spring does not feel its own axial force: give it as beam"
         )
-        return [Remark("link-compressed", message, {"link": self.link, "share": share})]
+        return [Note("link-compressed", message, {"link": self.link, "share": share})]

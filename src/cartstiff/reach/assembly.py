@@ -23,11 +23,12 @@ from cartstiff.kinematics.branches import Search
 from cartstiff.kinematics.platform_assembly import PathCount, poses_of_lengths
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note, checked_elastic
+from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.limits import limit_notes
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.weighed import weighed
 from cartstiff.notebook import ShownInLines
+from cartstiff.notes import Note
 from cartstiff.potentials.flexure_struts import FlexureStruts
 from cartstiff.reach.assembly_mode import AssemblyMode as AssemblyMode
 from cartstiff.reach.starts import closed_from

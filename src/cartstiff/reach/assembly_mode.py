@@ -11,8 +11,8 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.elastic import Note
 from cartstiff.notebook import ShownInLines
+from cartstiff.notes import Note
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.vibration.modes import modes
 

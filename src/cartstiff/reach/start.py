@@ -10,8 +10,8 @@ from cartstiff.arrays import checked_length
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.architecture import architecture_of, orientation_rank
-from cartstiff.mechanisms.elastic import Note
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.notes import Note
 from cartstiff.reach.margins import LoadAt, Margins
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 

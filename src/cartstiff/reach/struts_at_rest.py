@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 from cartstiff.errors import ConvergenceError, UndefinedError
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.notes import Note
 from cartstiff.potentials.flexure_struts import FlexureStruts
 from cartstiff.statics.equilibrium import equilibrium
 from cartstiff.stiffness.compute import PostureStiffness, analyse

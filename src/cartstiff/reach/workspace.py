@@ -27,10 +27,11 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.at_pose import COORDINATES
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note, checked_elastic
+from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.weighed import weighed
 from cartstiff.notebook import ShownInLines
+from cartstiff.notes import Note
 from cartstiff.reach.leg_margins import LegMargins
 from cartstiff.reach.margins import LoadAt, Margins
 from cartstiff.reach.regions import (

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 
 from cartstiff import numerics
-from cartstiff.mechanisms.notes import Note
+from cartstiff.notes import Note
 
 #: Size that components of unit vectors are shown beside: one below 1e-9 tells nothing.
 COSINES = numerics.TELLING / numerics.BLANK

@@ -9,10 +9,11 @@ from cartstiff.arrays import csv_rows
 from cartstiff.errors import joined
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.other_units import shown, shown_factors
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.weighed import weighed
+from cartstiff.notes import Note
 from cartstiff.reach.assembly import AssemblyMode, AssemblyModes
 from cartstiff.report.layout import note_lines, number, numbers, table
 from cartstiff.report.posture import load_lines

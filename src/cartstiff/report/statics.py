@@ -9,7 +9,7 @@ import numpy as np
 
 from cartstiff.errors import joined
 from cartstiff.mechanisms.contract import MechanismPosture
-from cartstiff.mechanisms.elastic import Note
+from cartstiff.notes import Note
 from cartstiff.report.layout import row, wide_row
 from cartstiff.report.posture import describe
 from cartstiff.statics.compensation import CompensatedPath

@@ -11,7 +11,7 @@ from cartstiff.mechanisms.chain import Chain, ChainPosture
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform, PlatformPosture
-from cartstiff.mechanisms.tree import Placement
+from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
 from cartstiff.scene import theme
 from cartstiff.scene.canvas import Node
@@ -30,7 +30,7 @@ def extent(elastic: ElasticMechanism, posture: MechanismPosture) -> Array:
         points = [*mechanism.anchors, *(mechanism.points @ R.T + p)]
     elif isinstance(mechanism, Chain) and isinstance(posture, ChainPosture):
         count = mechanism.tree.model.njoints
-        points += [posture.pose_at(Placement(j, np.eye(4)))[:3, 3] for j in range(count)]
+        points += [posture.pose_at(FixedFrame(j, np.eye(4)))[:3, 3] for j in range(count)]
     points += [end for ends in _lines(elastic, posture) for pair in ends[1:] for end in pair]
     return np.array(points)
 

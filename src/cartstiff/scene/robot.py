@@ -11,7 +11,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.loading.visuals import Visual, visuals
 from cartstiff.mechanisms.chain import Chain, ChainPosture
 from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Shape
-from cartstiff.mechanisms.tree import Placement
+from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.scene import objects, shapes, theme
 from cartstiff.scene.canvas import Node, scaled
@@ -58,16 +58,16 @@ class ChainPicture:
     ) -> None:
         self._chain, self._size, self._theme, self._ghost = chain, size, look, ghost
         self._node = node
-        self._boxes: list[tuple[Placement, Array]] = []
+        self._boxes: list[tuple[FixedFrame, Array]] = []
         pieces, self._missing = visuals(chain)
-        self._joints: dict[int, tuple[Node, Placement]] = {}
+        self._joints: dict[int, tuple[Node, FixedFrame]] = {}
         # Lengths of a robot description are metres, as are those of its mechanism.
         shown = [self._piece(i, visual) for i, visual in enumerate(pieces)]
         self.notes: list[str] = []
         if self._missing:
             others = f" (and {n} more like it)" if (n := len(self._missing) - 1) else ""
             self.notes.append(self._missing[0] + others)
-        self._sliders: list[tuple[Node, Placement, Array, Placement]] = []
+        self._sliders: list[tuple[Node, FixedFrame, Array, FixedFrame]] = []
         if self.notes or not any(shown):
             self._sticks(skeleton(chain, lines))
             if self.notes:
@@ -104,7 +104,7 @@ class ChainPicture:
 
     def _on(self, joint: int) -> Node:
         if joint not in self._joints:
-            self._joints[joint] = (self._node[f"joint {joint}"], Placement(joint, np.eye(4)))
+            self._joints[joint] = (self._node[f"joint {joint}"], FixedFrame(joint, np.eye(4)))
         return self._joints[joint][0]
 
     def _piece(self, i: int, visual: Visual) -> bool:
@@ -123,7 +123,7 @@ class ChainPicture:
             ends = np.array([mesh.positions.min(axis=0), mesh.positions.max(axis=0)], float)
             box = np.array([[x, y, z] for x in ends[:, 0] for y in ends[:, 1] for z in ends[:, 2]])
             box = box @ M[:3, :3].T + M[:3, 3]
-            self._boxes.append((Placement(visual.at.joint, np.eye(4)), box))
+            self._boxes.append((FixedFrame(visual.at.joint, np.eye(4)), box))
         colour, opacity = self._paint(visual, mesh)
         for k, (geometry, own) in enumerate(_geometries(visual.shape, mesh, not self._ghost)):
             part = node if k == 0 else node[f"part {k}"]
@@ -175,7 +175,7 @@ class ChainPicture:
         for slider in figure.sliders:
             node = self._node[f"slider {slider.joint}"]
             node.set_object(shapes.rod(0.7 * radius, link, opacity))
-            parent, joint = (Placement(j, np.eye(4)) for j in (slider.parent, slider.joint))
+            parent, joint = (FixedFrame(j, np.eye(4)) for j in (slider.parent, slider.joint))
             self._sliders.append((node, parent, slider.start, joint))
 
 

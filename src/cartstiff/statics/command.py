@@ -14,7 +14,8 @@ from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note, checked_elastic
+from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
+from cartstiff.notes import Note
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.equilibrium import equilibrium

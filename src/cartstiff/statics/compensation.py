@@ -9,9 +9,10 @@ import numpy as np
 
 from cartstiff.arrays import csv_text
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.other_units import shown
 from cartstiff.mechanisms.weighed import Weighed
+from cartstiff.notes import Note
 from cartstiff.statics.held import shown_displacements
 from cartstiff.stiffness.compute import SCHEMA
 

@@ -1,8 +1,8 @@
 r"""Load-deflection curves through limit points, critical loads, and the branches that start there.
 
 The loads are multiplied by a factor p that the curve is free to lower again; see
-`cartstiff.statics.path`. The linear prediction that the curve is compared with is the one of the
-compliance at its start, u = p C W.
+`cartstiff.statics.load_path`. The linear prediction that the curve is compared with is the one of
+the compliance at its start, u = p C W.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from cartstiff.statics.critical import CriticalPoint, crossings
 from cartstiff.statics.curves import LoadCurve, Reason
 from cartstiff.statics.flutter import MASSLESS, UNDAMPED
 from cartstiff.statics.held import Held, displacement_between
+from cartstiff.statics.load_path import CurvePoint, LoadPath
 from cartstiff.statics.newton import solve
-from cartstiff.statics.path import LoadPath, State
 from cartstiff.statics.problem import System
 from cartstiff.stiffness.applied_load import checked_load
 
@@ -169,7 +169,7 @@ def branch(curve: LoadCurve, index: int = 0, direction: int = 1, points: int = 2
     return _trace(curve, [critical._state, first], points)
 
 
-def _linear_rate(origin: State, path: LoadPath) -> Array:
+def _linear_rate(origin: CurvePoint, path: LoadPath) -> Array:
     """Displacement (6,) per unit of the factor, by the compliance at the start."""
     posture, balance = origin.point.posture, origin.balance
     values = np.linalg.svd(balance.scaled, compute_uv=False)
@@ -181,7 +181,7 @@ def _linear_rate(origin: State, path: LoadPath) -> Array:
     return np.concatenate([R @ twist[:3], R @ twist[3:]])
 
 
-def _trace(seed: LoadCurve, states: list[State], points: int) -> LoadCurve:
+def _trace(seed: LoadCurve, states: list[CurvePoint], points: int) -> LoadCurve:
     """Go on from the last of `states` until a reason to stop."""
     path, goal = seed._path, seed._goal
     critical: list[CriticalPoint] = []
@@ -221,12 +221,12 @@ def _trace(seed: LoadCurve, states: list[State], points: int) -> LoadCurve:
     return _collected(seed, states, critical, reason)
 
 
-def _is_singular(state: State) -> bool:
+def _is_singular(state: CurvePoint) -> bool:
     values = np.abs(state.eigenvalues)
     return bool(values.size and values.min() <= numerics.CLOSE * values.max())
 
 
-def _advance(path: LoadPath, here: State, size: float) -> tuple[State, float] | None:
+def _advance(path: LoadPath, here: CurvePoint, size: float) -> tuple[CurvePoint, float] | None:
     """The next point, with the step halved until the curve turns gently."""
     while size >= _SMALLEST:
         try:
@@ -240,7 +240,9 @@ def _advance(path: LoadPath, here: State, size: float) -> tuple[State, float] | 
     return None
 
 
-def _land(path: LoadPath, here: State, there: State, goal: float, size: float) -> State | None:
+def _land(
+    path: LoadPath, here: CurvePoint, there: CurvePoint, goal: float, size: float
+) -> CurvePoint | None:
     """The point of the curve at a given factor, between two neighbours."""
     hold = np.zeros(here.direction.size)
     hold[-1] = 1.0
@@ -255,7 +257,7 @@ def _land(path: LoadPath, here: State, there: State, goal: float, size: float) -
     return landed
 
 
-def _verdict(state: State) -> bool | None:
+def _verdict(state: CurvePoint) -> bool | None:
     """Whether an equilibrium is stable; None where that is not decided."""
     if not state.is_conservative:
         moving = state.vibrations
@@ -267,7 +269,7 @@ def _verdict(state: State) -> bool | None:
 
 
 def _collected(
-    seed: LoadCurve, states: list[State], critical: list[CriticalPoint], reason: Reason
+    seed: LoadCurve, states: list[CurvePoint], critical: list[CriticalPoint], reason: Reason
 ) -> LoadCurve:
     factors = np.array([s.factor for s in states])
     conservative = all(s.is_conservative for s in states)

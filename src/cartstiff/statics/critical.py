@@ -11,7 +11,7 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.errors import ConvergenceError
 from cartstiff.geometry.se3 import Array
-from cartstiff.statics.path import LoadPath, State
+from cartstiff.statics.load_path import CurvePoint, LoadPath
 
 # Share of f_N along the mode below which the load does not excite it: then curves cross.
 _UNFELT = numerics.UNFELT
@@ -50,24 +50,24 @@ class CriticalPoint:
     mode: Array
     eigenvalue: float
     frequency: float | None
-    _state: State
+    _state: CurvePoint
 
     def __repr__(self) -> str:
         swing = "" if self.frequency is None else f", {self.frequency:.4g} Hz"
         return f"<{self.kind} at factor {self.factor:.6g}{swing}>"
 
 
-def _negative(state: State) -> int:
+def _negative(state: CurvePoint) -> int:
     """Number of negative eigenvalues; without an energy the parity of the determinant."""
     if state.is_conservative:
         return int(np.sum(state.eigenvalues < 0.0))
     return int(np.linalg.slogdet(state.balance.stiffness)[0] < 0.0)
 
 
-def _measure(index: int) -> Callable[[State], float]:
+def _measure(index: int) -> Callable[[CurvePoint], float]:
     """What changes its sign at the critical point."""
 
-    def value(state: State) -> float:
+    def value(state: CurvePoint) -> float:
         if state.is_conservative:
             return float(state.eigenvalues[index])
         size = max(float(np.abs(state.eigenvalues).max(initial=0.0)), numerics.TINY)
@@ -76,7 +76,9 @@ def _measure(index: int) -> Callable[[State], float]:
     return value
 
 
-def crossings(path: LoadPath, start: State, end: State, size: float) -> list[CriticalPoint]:
+def crossings(
+    path: LoadPath, start: CurvePoint, end: CurvePoint, size: float
+) -> list[CriticalPoint]:
     """Critical points between two neighbours on a curve, `size` apart along its direction."""
     before, after = _negative(start), _negative(end)
     points = []
@@ -95,17 +97,21 @@ def crossings(path: LoadPath, start: State, end: State, size: float) -> list[Cri
     return sorted(points, key=lambda c: float((c.q - start.point.q) @ (c.q - start.point.q)))
 
 
-def _flutters(state: State) -> bool:
+def _flutters(state: CurvePoint) -> bool:
     return state.vibrations is not None and state.vibrations.growing == "flutter"
 
 
-def _grows(state: State) -> bool:
+def _grows(state: CurvePoint) -> bool:
     return state.vibrations is not None and state.vibrations.growing is not None
 
 
 def _onset(
-    path: LoadPath, start: State, end: State, size: float, is_beyond: Callable[[State], bool]
-) -> State:
+    path: LoadPath,
+    start: CurvePoint,
+    end: CurvePoint,
+    size: float,
+    is_beyond: Callable[[CurvePoint], bool],
+) -> CurvePoint:
     """The first state in which vibrations grow, by halving."""
     a, b = 0.0, size
     for _ in range(_BISECTIONS):
@@ -123,7 +129,7 @@ def _onset(
     return end
 
 
-def _fluttering(state: State) -> CriticalPoint:
+def _fluttering(state: CurvePoint) -> CriticalPoint:
     vibrations = state.vibrations
     mode = np.zeros(state.point.q.size) if vibrations is None else vibrations.mode
     frequency = None if vibrations is None else vibrations.frequency
@@ -131,8 +137,12 @@ def _fluttering(state: State) -> CriticalPoint:
 
 
 def _located(
-    path: LoadPath, start: State, end: State, size: float, measure: Callable[[State], float]
-) -> State:
+    path: LoadPath,
+    start: CurvePoint,
+    end: CurvePoint,
+    size: float,
+    measure: Callable[[CurvePoint], float],
+) -> CurvePoint:
     """Root by secants kept in their bracket (every third step halves it)."""
     a, b = 0.0, size
     value_a, value_b = measure(start), measure(end)
@@ -163,7 +173,7 @@ def _located(
     return best
 
 
-def _named(state: State, stiffest: float) -> CriticalPoint:
+def _named(state: CurvePoint, stiffest: float) -> CriticalPoint:
     H = state.balance.stiffness
     U, values, Vt = np.linalg.svd(H)
     left, mode = U[:, -1], Vt[-1]

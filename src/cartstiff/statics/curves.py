@@ -11,13 +11,14 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.arrays import Result, csv_text
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.other_units import shown
 from cartstiff.mechanisms.weighed import Weighed, weighed
+from cartstiff.notes import Note
 from cartstiff.statics.critical import CriticalPoint
 from cartstiff.statics.held import shown_displacements
-from cartstiff.statics.path import LoadPath
+from cartstiff.statics.load_path import LoadPath
 from cartstiff.stiffness.compute import SCHEMA
 
 #: Why a curve ends.

@@ -21,7 +21,7 @@ import numpy as np
 
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Units, convert_length
-from cartstiff.mechanisms.elastic import Note
+from cartstiff.notes import Note
 from cartstiff.numerics import IDLE
 from cartstiff.potentials.contract import Potential
 from cartstiff.statics.balance import Balance

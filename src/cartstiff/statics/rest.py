@@ -13,9 +13,10 @@ from cartstiff import numerics
 from cartstiff.arrays import Result, fixed, read_only
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements
 from cartstiff.notebook import ShownInLines
+from cartstiff.notes import Note
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import Load
 from cartstiff.statics.held import displacement_between
@@ -242,8 +243,7 @@ class Equilibrium(Result, ShownInLines):
             if posture.coordinates_are_pose
             else None,
         )
-        states = (Note(*state) for state in reduction.states)
-        notes = (*self.notes, *states, *near_constraint(reduction))
+        notes = (*self.notes, *reduction.states, *near_constraint(reduction))
         # What loads exert is no rounding, however stiff the springs are that carry it.
         W = reduction.force
         is_given = W is not None and force is not None and force.any() and np.allclose(W, force)

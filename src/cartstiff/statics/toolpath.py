@@ -23,9 +23,10 @@ from cartstiff.arrays import checked_array, is_pose
 from cartstiff.errors import CartstiffError, ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note, checked_elastic
+from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.limits import Limits, finite, limit_notes
 from cartstiff.mechanisms.weighed import weighed
+from cartstiff.notes import Note
 from cartstiff.potentials.contract import Potential
 from cartstiff.statics.compensation import CompensatedPath
 from cartstiff.statics.equilibrium import Equilibrium, equilibrium

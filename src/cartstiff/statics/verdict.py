@@ -8,9 +8,10 @@ from cartstiff import numerics
 from cartstiff.arrays import read_only
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits, force_notes, limit_notes
 from cartstiff.mechanisms.weighed import weighed
+from cartstiff.notes import Note
 from cartstiff.numerics import EPSILON, IDLE
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.balance import Balance, spectrum

@@ -11,19 +11,12 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
+from cartstiff.notes import Note
 from cartstiff.potentials.contract import Map
 
 #: Forms below this share of the largest vanish: they are sums of products of closures that are met
 #: to about 1e-14, and of motions found from these.
 _VANISHING = numerics.VANISHING
-
-
-class State(NamedTuple):
-    """A named state of the mechanism, with the numbers that show it."""
-
-    code: str
-    message: str
-    values: dict[str, object]
 
 
 class Closures(NamedTuple):
@@ -62,7 +55,7 @@ def decompose(matrix: Array) -> Closures:
 
 def irregular(
     closure: Map, values: Array, rank: int, lost: Array, N: Array, columns: Array
-) -> State | None:
+) -> Note | None:
     """Name closures whose lost rank matters; None for redundant ones that are harmless.
 
     Along each covector nu with nu C = 0 the residual grows like the form x nu c'' x of the free
@@ -99,13 +92,13 @@ def irregular(
         "motions": (columns[:, None] * N).T.tolist(),
     }
     if root is not None:
-        return State(
+        return Note(
             "constraint-singularity",
             "the closures lose rank here and branches of motion meet: the energy has no second "
             "derivative along them",
             {**seen, "branch": (columns * (N @ root)).tolist()},
         )
-    return State(
+    return Note(
         "non-regular-redundancy",
         "the closures lose rank here and block to second order what is free to first order: the "
         "mechanism is shaky, and its closure forces are not determined",

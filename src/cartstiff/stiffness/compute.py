@@ -14,12 +14,13 @@ from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture, named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
+from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation
 from cartstiff.stiffness.applied_load import LoadKind, checked_load, wrench_in_body
 from cartstiff.stiffness.posture import DEAD_AT_ORIGIN
 from cartstiff.stiffness.posture import SCHEMA as SCHEMA
 from cartstiff.stiffness.posture import PostureStiffness as PostureStiffness
-from cartstiff.stiffness.reduction import Reduction, State, reduce_to, scaled_values
+from cartstiff.stiffness.reduction import Reduction, reduce_to, scaled_values
 from cartstiff.stiffness.settled_links import settled
 from cartstiff.stiffness.springs_apart import springs_apart
 
@@ -139,7 +140,7 @@ def _without_energy(
     """A posture in which a part of the mechanism does not stand, so that no energy is known."""
     n = posture.motion.jacobian.shape[1]
     nothing = Evaluation(np.nan, np.full(n, np.nan), np.full((n, n), np.nan))
-    state = State(error.code, str(error), dict(error.values))
+    state = Note.of(error)
     values = scaled_values(posture)
     reduction = Reduction(None, None, np.zeros(0), values, len(values), n, states=[state])
     return PostureStiffness(elastic, fixed(posture.q), posture, nothing, reduction, load=load)

@@ -17,7 +17,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.connections import Connection
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
-from cartstiff.mechanisms.elastic import Note
+from cartstiff.notes import Note
 from cartstiff.potentials.contract import IDENTITY, Evaluation, Map
 from cartstiff.stiffness.reduction import Reduction
 

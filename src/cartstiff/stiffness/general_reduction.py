@@ -10,8 +10,9 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
+from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation, Map
-from cartstiff.stiffness.closures import State, decomposed, irregular
+from cartstiff.stiffness.closures import decomposed, irregular
 from cartstiff.stiffness.free_motions import FreeMotions
 from cartstiff.stiffness.reduced import Reduction
 from cartstiff.stiffness.rounding import doubtful, norm, symmetric_part, without_noise
@@ -56,7 +57,7 @@ def reduce_any(
     what: str,
 ) -> Reduction:
     """Any number of coordinates, closures, lost ranks: in scaled units throughout."""
-    states, short = list[State](), None
+    states, short = list[Note](), None
     J = output.jacobian * rows[:, None] * columns
     g = energy.gradient * columns
     H = energy.hessian * columns[:, None] * columns
@@ -103,7 +104,7 @@ def reduce_any(
     ):
         torque = along @ (along.T @ g) / columns
         states.append(
-            State(
+            Note(
                 "unbalanced",
                 f"no wrench at the {what} balances this posture: a torque acts along the "
                 "self-motion and the mechanism would move; choose rest positions that balance it, "
@@ -125,7 +126,7 @@ def reduce_any(
             w = asked
         else:
             states.append(
-                State(
+                Note(
                     "wrench-ignored",
                     "the wrench given is not the one that the springs exert on the reachable "
                     "motions; the wrench of least norm is used",
@@ -152,7 +153,7 @@ def reduce_any(
         kind = "deficient" if freedoms < len(rows) else "serial-singularity"
         short = len(states)
         states.append(
-            State(
+            Note(
                 kind,
                 f"the {what} cannot move in {len(rows) - rank} of {len(rows)} directions here"
                 + ("" if kind == "deficient" else " (serial singularity)")
@@ -195,13 +196,12 @@ def reduce_any(
             columns[:, None] * B, energy.energy == energy.energy,
         )  # fmt: skip
     if short is not None and reachable is not None:
-        states[short].values["reachable_motions"] = reachable.T.tolist()
-        states[short].values["reachable_stiffness"] = (
-            None if reachable_K is None else reachable_K.tolist()
-        )
+        words = states[short].message
         if free is not None and free.inverse() is None:
-            words = states[short].message.replace(_COMPLIANCE_ALONE, _NEITHER)
-            states[short] = states[short]._replace(message=words)
+            words = words.replace(_COMPLIANCE_ALONE, _NEITHER)
+        K_there = None if reachable_K is None else reachable_K.tolist()
+        more = {"reachable_motions": reachable.T.tolist(), "reachable_stiffness": K_there}
+        states[short] = Note(states[short].code, words, {**states[short].values, **more})
     return Reduction(
         w * rows, K, lam, values, rank, freedoms, free, reachable, reachable_K, rates, motions,
         states, None if closures is None else closures.values,
@@ -215,7 +215,7 @@ def _held_self_motions(
     Z: Array,
     along: Array,
     columns: Array,
-    states: list[State],
+    states: list[Note],
 ) -> tuple[Array, Array] | None:
     """Self-motions (n, k) that stiffness holds, and the inverse (k, k) of it; None if one is not.
 
@@ -236,7 +236,7 @@ def _held_self_motions(
         block = along.T @ H @ along
         stiffness, modes = np.linalg.eigh(0.5 * (block + block.T))
         states.append(
-            State(
+            Note(
                 "buckled",
                 "the self-motion is unstable: the energy has no minimum over it, the mechanism "
                 "would snap away from this posture",
@@ -253,7 +253,7 @@ def _held_self_motions(
         coupled = bool(np.abs(every.T @ H @ Z0).max() > np.sqrt(numerics.IDLE))
         Z0 = Z0 / np.linalg.norm(Z0, axis=0)
         states.append(
-            State(
+            Note(
                 "idle-self-motion",
                 f"{int(idle.sum())} self-motion(s) cost no energy"
                 + (

@@ -17,8 +17,9 @@ from cartstiff.geometry.connections import NAMED, Connection
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import MechanismPosture, Units
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.notebook import ShownInLines
+from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation
 from cartstiff.stiffness import inverses, posture_notes
 from cartstiff.stiffness.applied_load import LoadKind

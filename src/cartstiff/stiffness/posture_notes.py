@@ -9,9 +9,10 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import force_notes, limit_notes
 from cartstiff.mechanisms.weighed import weighed
+from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation
 from cartstiff.stiffness.reduction import Reduction
 from cartstiff.stiffness.rounding import norm, without_cancelled
@@ -23,7 +24,7 @@ def notes_on_posture(
     """What was assumed in loading, the states found, what limits the answer at a posture."""
     return (
         *elastic.notes,
-        *(Note(*state) for state in reduction.states),
+        *reduction.states,
         *(near_serial(posture, reduction.singular_values) if reduction.rank == 6 else ()),
         *near_type_2(posture, reduction.motions),
         *near_constraint(reduction),

@@ -9,7 +9,7 @@ from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.notebook import ShownInLines
-from cartstiff.stiffness.closures import State
+from cartstiff.notes import Note
 from cartstiff.stiffness.free_motions import FreeMotions
 
 
@@ -40,7 +40,7 @@ class Reduction(ShownInLines):
         Coordinate rates per output rate, N J_N^-1, where that is one to one.
     motions : ndarray (n, f) or None
         Motions that keep the closures, in scaled coordinates; None if all do.
-    states : list of State
+    states : list of Note
         Named states found.
     closures : ndarray or None
         Singular values of the length-scaled closures, where there are any.
@@ -57,7 +57,7 @@ class Reduction(ShownInLines):
     reachable_stiffness: Array | None = None
     rates: Array | None = None
     motions: Array | None = None
-    states: list[State] = field(default_factory=list)
+    states: list[Note] = field(default_factory=list)
     closures: Array | None = None
 
     def _lines(self) -> list[str]:

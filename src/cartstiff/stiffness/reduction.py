@@ -30,7 +30,6 @@ from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.potentials.contract import Evaluation, Map
-from cartstiff.stiffness.closures import State as State
 from cartstiff.stiffness.closures import decomposed
 from cartstiff.stiffness.free_motions import FreeMotions
 from cartstiff.stiffness.general_reduction import reduce_any

@@ -10,9 +10,9 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.geometry import se3
-from cartstiff.mechanisms.elastic import Note
 from cartstiff.mechanisms.weighed import weighed
 from cartstiff.notebook import html_table
+from cartstiff.notes import Note
 
 if TYPE_CHECKING:
     from cartstiff.stiffness.posture import PostureStiffness

@@ -13,8 +13,9 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.many.postures import analyse_many
 from cartstiff.maps.intervals import half_widths, intervals_of, why_none
 from cartstiff.maps.quantities import QUANTITIES, Quantity, Settings, choose_quantities, evaluate
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.notes import Note
 from cartstiff.potentials.line_springs import line_geometry
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 from cartstiff.toolpaths.tool_path import ToolPath

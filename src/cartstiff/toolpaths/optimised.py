@@ -12,8 +12,9 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.loading.collisions import NOT_CHECKED
 from cartstiff.maps.intervals import half_width_name
 from cartstiff.maps.quantities import Quantity
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.other_units import shown
+from cartstiff.notes import Note
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
 from cartstiff.stiffness.compute import SCHEMA
 from cartstiff.stiffness.labelled import AXES

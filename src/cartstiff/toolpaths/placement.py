@@ -26,12 +26,12 @@ from cartstiff.toolpaths.optimised import OptimisedPath
 from cartstiff.toolpaths.tool_path import ToolPath
 
 #: Names of a workpiece's coordinates: translation, and rotation about F's z axis (rad).
-PLACES = ("x", "y", "z", "yaw")
+COORDINATES = ("x", "y", "z", "yaw")
 
 
 def workpiece_pose(place: Mapping[str, float]) -> Array:
     """Pose ``T_F_P`` of a workpiece from its coordinates; those left out are zero."""
-    x, y, z, yaw = (float(place.get(name, 0.0)) for name in PLACES)
+    x, y, z, yaw = (float(place.get(name, 0.0)) for name in COORDINATES)
     return se3.from_roll_pitch_yaw([x, y, z], [0.0, 0.0, yaw])
 
 
@@ -198,12 +198,12 @@ def best_placement(
 
 def _axes(region: Mapping[str, ArrayLike]) -> dict[str, Array]:
     if not region:
-        raise InputError("a region needs a coordinate", expected=", ".join(PLACES))
+        raise InputError("a region needs a coordinate", expected=", ".join(COORDINATES))
     axes = {}
     for name in region:
-        if name not in PLACES:
-            raise UnknownNameError("coordinate of the workpiece", str(name), PLACES)
-    for name in (n for n in PLACES if n in region):
+        if name not in COORDINATES:
+            raise UnknownNameError("coordinate of the workpiece", str(name), COORDINATES)
+    for name in (n for n in COORDINATES if n in region):
         values = checked_array(region[name], ("m",), f"list of values of {name}")
         if np.any(np.diff(values) <= 0):
             raise InputError(f"values of {name} must rise", got=values.tolist())

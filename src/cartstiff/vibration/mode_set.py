@@ -15,8 +15,9 @@ from cartstiff.arrays import Result, fixed
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture, Units, convert_length
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.notebook import ShownInLines
+from cartstiff.notes import Note
 from cartstiff.statics.rest import Equilibrium
 from cartstiff.statics.small_motions import Spectrum, kinetic_matrix
 from cartstiff.stiffness.compute import PostureStiffness

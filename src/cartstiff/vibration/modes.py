@@ -25,7 +25,8 @@ from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import MechanismPosture, Units, named_values
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.notes import Note
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.rest import Equilibrium

@@ -7,8 +7,9 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Units, convert_length
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.notes import Note
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.loads import DeadForce
 

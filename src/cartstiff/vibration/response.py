@@ -27,7 +27,7 @@ from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Units, convert_length
-from cartstiff.mechanisms.elastic import Note
+from cartstiff.notes import Note
 from cartstiff.vibration.damping import Damping, dampers, damping_matrix, state_space
 from cartstiff.vibration.mode_set import Modes
 

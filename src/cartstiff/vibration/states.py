@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.elastic import Note
+from cartstiff.notes import Note
 from cartstiff.statics.small_motions import Spectrum
 
 

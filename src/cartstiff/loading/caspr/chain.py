@@ -24,7 +24,8 @@ from cartstiff.loading.keys.springs import LineModel
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.schema import SerialFile
 from cartstiff.loading.springs import extra_lines
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.notes import Note
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
 from cartstiff.potentials.springs import JointSprings
 

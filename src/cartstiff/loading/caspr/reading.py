@@ -26,7 +26,8 @@ from cartstiff.loading.caspr.parts import ASSUMED, cable_of, joint_of, mass_of, 
 from cartstiff.loading.robot_description import parse_text
 from cartstiff.loading.schema import SpringsFile
 from cartstiff.loading.yaml_file import read_text
-from cartstiff.mechanisms.elastic import ElasticMechanism, Note
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.notes import Note
 
 _FREE = ("SPATIAL_EULER_XYZ", "SPATIAL_QUATERNION")
 # A document type as these files have: attributes' types, or the name of a file that has them, which

@@ -9,7 +9,7 @@ from typing import Any
 from cartstiff.arrays import checked_number
 from cartstiff.errors import InputError, UnknownNameError, one_line
 from cartstiff.expressions import Expression, is_name
-from cartstiff.mechanisms.notes import Note
+from cartstiff.notes import Note
 
 #: Keys of a file whose texts are for readers.
 _WORDS = ("name", "description", "source")

@@ -26,7 +26,7 @@ from cartstiff.many.arithmetic import (
     limited,
     noteworthy,
 )
-from cartstiff.many.chains.chain_twists import ChainConstants, ChainKinematics, Field
+from cartstiff.many.chains.chain_twists import ChainConstants, ChainKinematics, ForceField
 from cartstiff.many.chains.tree_twists import TreeKinematics
 from cartstiff.many.tape import Scalar, Tape, larger, pick, square_root
 
@@ -45,7 +45,7 @@ class ChainCase:
         Coordinates whose rest position is chosen posture by posture; None without springs.
     wrench : {"none", "shared", "each"}
         Whether a wrench is given: one for all postures, or one for each.
-    fields : tuple of Field
+    fields : tuple of ForceField
     coupled : tuple of (indices, flat matrix)
         Springs over several coordinates.
     derivatives : bool
@@ -57,7 +57,7 @@ class ChainCase:
     constants: ChainConstants
     open: tuple[bool, ...] | None
     wrench: str = "none"
-    fields: tuple[Field, ...] = ()
+    fields: tuple[ForceField, ...] = ()
     coupled: tuple[tuple[tuple[int, ...], tuple[float, ...]], ...] = ()
     derivatives: bool = False
     singular: bool = False

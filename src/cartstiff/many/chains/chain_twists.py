@@ -26,7 +26,7 @@ _ROUNDED = numerics.TWO_UNITS
 
 
 @dataclass(frozen=True)
-class Field:
+class ForceField:
     """Where a constant vector in F acts: gravity on masses, or a dead force on a point.
 
     Attributes
@@ -217,7 +217,11 @@ class ChainKinematics:
     """
 
     def __init__(
-        self, constants: ChainConstants, position: Array, fields: tuple[Field, ...], middle: int
+        self,
+        constants: ChainConstants,
+        position: Array,
+        fields: tuple[ForceField, ...],
+        middle: int,
     ) -> None:
         links = Links(constants, position)
         joints = len(links.turning)

@@ -13,7 +13,7 @@ from cartstiff.many.chains.closed_chain import ClosedCase
 from cartstiff.many.chains.tree_twists import Tie, TreeConstants, TreeKinematics
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.tree import Placement
+from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.springs import CoupledSprings, JointSprings
@@ -32,7 +32,7 @@ def tree_constants(chain: Chain) -> TreeConstants:
     tree = chain.tree
     places = [(chain.placement(c.frame_a), chain.placement(c.frame_b)) for c in chain.closures]
 
-    def tie(a: Placement, b: Placement, is_weld: bool) -> Tie:
+    def tie(a: FixedFrame, b: FixedFrame, is_weld: bool) -> Tie:
         return Tie(a.joint, _flat(a.T_j_f), b.joint, _flat(b.T_j_f), is_weld)
 
     return TreeConstants(

@@ -15,7 +15,7 @@ import numpy as np
 
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import cross, zeros
-from cartstiff.many.chains.chain_twists import ChainConstants, Field, Links, Walk
+from cartstiff.many.chains.chain_twists import ChainConstants, ForceField, Links, Walk
 
 
 class Tie(NamedTuple):
@@ -74,7 +74,7 @@ class TreeKinematics:
     """
 
     def __init__(
-        self, constants: TreeConstants, position: Array, fields: tuple[Field, ...] = ()
+        self, constants: TreeConstants, position: Array, fields: tuple[ForceField, ...] = ()
     ) -> None:
         self.constants = constants
         self.links = links = Links(constants, position, (*constants.parents, constants.carrier))
@@ -98,7 +98,7 @@ class TreeKinematics:
         self.outward = [[b for b in range(joints) if a in supports[b]] for a in range(joints)]
         self.beyond = [self._beyond(field) for field in fields]
 
-    def _beyond(self, field: Field) -> tuple[Array, Array]:
+    def _beyond(self, field: ForceField) -> tuple[Array, Array]:
         """Mass and first moment in F of each joint's body and of all that hang on it."""
         mass, first = zeros(len(self.outward)), zeros(len(self.outward), 3)
         for j, (weight, point) in enumerate(zip(field.weights, field.points, strict=True)):

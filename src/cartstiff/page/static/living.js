@@ -138,7 +138,7 @@ export class Living {
 
   // -- numbers --------------------------------------------------------------------------------
 
-  /** As `cartstiff.page.payload.payload`. */
+  /** As `cartstiff.page.shown.shown_numbers`. */
   numbers(state, m = this.solve(state)) {
     const T = state.axes === "body" && !state.point.some((x) => x) ? null
       : motion(state.axes === "body" ? identity(3) : transposed(rotation(m.pose)), state.point);

@@ -1,7 +1,7 @@
 r"""The numbers of the page, as plain values for JSON; everything is asked of the library.
 
-A payload holds the object of ``cartstiff analyse --json`` under "result", and besides what depends
-on the tab: the matrices for another reference point or along the axes of F, principal values,
+`shown_numbers` gives the object of ``cartstiff analyse --json`` under "result", and what depends on
+the tab: the matrices for another reference point or along the axes of F, principal values,
 condition, distance to singularities, legs, and the verdict in words.
 """
 
@@ -24,7 +24,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.single import QuickPosture
 from cartstiff.mechanisms.platform import PlatformPosture
-from cartstiff.page.state import State
+from cartstiff.page.state import ViewState
 from cartstiff.page.verdict import asymmetries, verdict
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.scene.quantities import block_ellipsoid
@@ -38,14 +38,16 @@ _Matrices = Mapping[str, Array | None]
 _FREEDOMS: tuple[Freedom, Freedom] = ("translation", "rotation")
 
 
-def payload(result: PostureStiffness, state: State, whole: bool = False) -> dict[str, Any]:
+def shown_numbers(
+    result: PostureStiffness, state: ViewState, whole: bool = False
+) -> dict[str, Any]:
     """Everything that the page shows as numbers at one posture.
 
     Parameters
     ----------
     result : PostureStiffness
         The posture.
-    state : State
+    state : ViewState
         What the tab shows.
     whole : bool
         Whether "result" is all that ``cartstiff analyse --json`` prints; else without the Jacobian
@@ -94,7 +96,7 @@ def payload(result: PostureStiffness, state: State, whole: bool = False) -> dict
     return answer
 
 
-def reference_frame(result: PostureStiffness, state: State) -> Array | None:
+def reference_frame(result: PostureStiffness, state: ViewState) -> Array | None:
     """``T_M_N`` of the point and axes that the numbers are for; None if N is M itself."""
     if state.axes == "body" and not any(state.point):
         return None
@@ -129,14 +131,14 @@ def modes_part(result: PostureStiffness) -> dict[str, Any]:
     return {"names": names, **{key: told[key] for key in keys}}
 
 
-def response_curves(result: PostureStiffness, state: State, ratio: float) -> dict[str, Any]:
+def response_curves(result: PostureStiffness, state: ViewState, ratio: float) -> dict[str, Any]:
     """Size of the receptance at the reference point along x, y, z of the body, over all modes.
 
     Parameters
     ----------
     result : PostureStiffness
         The posture.
-    state : State
+    state : ViewState
         For its reference point.
     ratio : float
         Damping ratio of every mode, beside the mechanism's own dampers.
@@ -166,7 +168,7 @@ def response_curves(result: PostureStiffness, state: State, ratio: float) -> dic
     }
 
 
-def _principal(here: StiffnessInFrame, state: State) -> dict[str, Any] | None:
+def _principal(here: StiffnessInFrame, state: ViewState) -> dict[str, Any] | None:
     """Principal values of the diagonal blocks of the shown matrix, with their axes."""
     shown = {}
     for freedom in _FREEDOMS:
@@ -273,7 +275,7 @@ def _legs(result: PostureStiffness) -> list[dict[str, Any]] | None:
     ]
 
 
-def _deflection(result: PostureStiffness, state: State, notes: Notes | None = None) -> Any:
+def _deflection(result: PostureStiffness, state: ViewState, notes: Notes | None = None) -> Any:
     """What the analysis says of the deflection under the load; None where the load is not resisted.
 
     With a negative compliance the load would move the body on and on.
@@ -291,7 +293,7 @@ def _resists(result: PostureStiffness) -> bool:
     return C is None or bool(numerics.eigenvalues(C)[0] >= 0.0)
 
 
-def _moved(result: PostureStiffness, state: State) -> dict[str, Any] | None:
+def _moved(result: PostureStiffness, state: ViewState) -> dict[str, Any] | None:
     """How far the load moves the reference point: to first order, from the rest without it."""
     notes = Notes()
     section = _deflection(result, state, notes)
@@ -314,7 +316,7 @@ def _moved(result: PostureStiffness, state: State) -> dict[str, Any] | None:
     }
 
 
-def series_row(result: PostureStiffness, state: State) -> dict[str, Any]:
+def series_row(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
     """One posture of a sweep or a trajectory: principal values and distance to singularity."""
     T = reference_frame(result, state)
     try:

@@ -34,7 +34,7 @@ _LARGEST = 0.5
 
 
 @dataclass(slots=True, eq=False)
-class State:
+class CurvePoint:
     """A point of the curve.
 
     Attributes
@@ -108,7 +108,7 @@ class LoadPath:
             pushed += g
         return point, pushed * columns * self.span
 
-    def state(self, q: Array, factor: float, direction: Array, corrections: int = 0) -> State:
+    def state(self, q: Array, factor: float, direction: Array, corrections: int = 0) -> CurvePoint:
         """The state at given coordinates, its direction along that of a neighbour."""
         point, push = self._at(q, factor)
         balance = self.system.balance(point)
@@ -124,7 +124,7 @@ class LoadPath:
         if not conservative:
             units = self.system.elastic.units
             moving = vibrations(point, balance, units, self.system.terms)
-        return State(point, balance, factor, along, values, moving, push, corrections)
+        return CurvePoint(point, balance, factor, along, values, moving, push, corrections)
 
     @staticmethod
     def _solved(balance: Balance, push: Array, direction: Array, right: Array) -> Array:
@@ -144,7 +144,7 @@ class LoadPath:
         solved = np.linalg.lstsq(matrix, scaled, rcond=numerics.LAST_DIGITS)[0]
         return np.append(per * solved[:-1], solved[-1] / column)
 
-    def step(self, start: State, size: float, direction: Array | None = None) -> State:
+    def step(self, start: CurvePoint, size: float, direction: Array | None = None) -> CurvePoint:
         """The point at a distance `size` along a direction (default: the curve's own).
 
         Raises
@@ -157,7 +157,7 @@ class LoadPath:
         factor = start.factor + size * direction[-1] * self.span
         return self.corrected(q, factor, direction)
 
-    def corrected(self, q: Array, factor: float, direction: Array) -> State:
+    def corrected(self, q: Array, factor: float, direction: Array) -> CurvePoint:
         """Newton's method at right angles to a direction; (0, 1) holds the load."""
         system = self.system
         q = system.retracted(q)

@@ -11,10 +11,10 @@ import cartstiff
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.geometry import se3
 from cartstiff.page.description import describe_mechanism
-from cartstiff.page.payload import payload, reference_frame, series_row
 from cartstiff.page.session import Session
+from cartstiff.page.shown import reference_frame, series_row, shown_numbers
 from cartstiff.page.source import Source
-from cartstiff.page.state import State
+from cartstiff.page.state import ViewState
 from cartstiff.potentials.loads import DeadForce
 from cartstiff.scene.look import Look
 from cartstiff.statics.equilibrium import equilibrium
@@ -36,9 +36,9 @@ def loaded(arm):
 
 def test_the_payload_holds_the_object_of_analyse(loaded):
     whole = loaded.as_dict()
-    assert payload(loaded, State(), whole=True)["result"] == whole
+    assert shown_numbers(loaded, ViewState(), whole=True)["result"] == whole
     for quantity in ("stiffness", "compliance"):
-        numbers = payload(loaded, State(quantity=quantity))
+        numbers = shown_numbers(loaded, ViewState(quantity=quantity))
         again = json.loads(json.dumps(numbers, allow_nan=False))["result"]
         assert again == {key: whole[key] for key in again}
         assert quantity in again
@@ -47,7 +47,7 @@ def test_the_payload_holds_the_object_of_analyse(loaded):
 
 @pytest.mark.parametrize("name", ["A", "B", "K", "F", "+"])
 def test_principal_values_are_those_of_the_blocks(loaded, name):
-    numbers = payload(loaded, State(connection=name))
+    numbers = shown_numbers(loaded, ViewState(connection=name))
     K = loaded.tensor(name).symmetric_part
     for freedom, block in (("translation", K[3:, 3:]), ("rotation", K[:3, :3])):
         found = numbers["principal"][freedom]
@@ -57,7 +57,7 @@ def test_principal_values_are_those_of_the_blocks(loaded, name):
 
 
 def test_symmetric_is_said_of_the_right_ones(loaded):
-    found = payload(loaded, State())["symmetric"]
+    found = shown_numbers(loaded, ViewState())["symmetric"]
     assert found["B"] == found["K"] == found["F"] == 0.0
     # K^A - K^A^T is made of the load: its largest entry here is the force.
     assert found["A"] == pytest.approx(100.0, rel=1e-9)
@@ -65,17 +65,17 @@ def test_symmetric_is_said_of_the_right_ones(loaded):
 
 
 def test_another_point_and_axes_are_another_frame_of_the_same_body(arm, loaded):
-    state = State(point=(0.05, -0.02, 0.1), axes="inertial")
+    state = ViewState(point=(0.05, -0.02, 0.1), axes="inertial")
     T = reference_frame(loaded, state)
     assert np.allclose((loaded.pose @ T)[:3, :3], np.eye(3), atol=1e-12)
-    here, shown, Ad = loaded.at(T), payload(loaded, state), se3.adjoint(T)
+    here, shown, Ad = loaded.at(T), shown_numbers(loaded, state), se3.adjoint(T)
     for name in ("A", "B", "K", "F", "+", "load"):
         moved = Ad.T @ loaded.tensor(name).matrix @ Ad
         assert np.allclose(here.matrices[name], moved, rtol=1e-9, atol=1e-6), name
         assert np.allclose(here.matrices[name] @ here.compliances[name], np.eye(6), atol=1e-9)
     assert np.allclose(shown["wrench"], Ad.T @ loaded.wrench, atol=1e-9)
     assert np.array_equal(shown["stiffness"]["K"], here.matrices["K"])
-    assert payload(loaded, State())["stiffness"] is None
+    assert shown_numbers(loaded, ViewState())["stiffness"] is None
 
 
 def test_compliance_at_another_point_without_a_stiffness():
@@ -92,7 +92,7 @@ def test_the_load_acts_at_the_reference_point_and_the_picture_shows_its_motion(a
     """Against the equilibrium under that dead force, which is not linear, at a small force."""
     session = Session(Source(arm))
     force = np.array([0.3, 0.0, 0.0])
-    state = State(point=point, load=(0, 0, 0, *force), deflection=True)
+    state = ViewState(point=point, load=(0, 0, 0, *force), deflection=True)
     result = session.result(state)
     assert result.load.at == point
     legend = session.picture._scene.draw(result, Look(point=point, deflection=True))
@@ -104,7 +104,7 @@ def test_the_load_acts_at_the_reference_point_and_the_picture_shows_its_motion(a
     p = np.append(point, 1.0)
     expected = np.linalg.norm((settled.pose @ p - free.pose @ p)[:3])
     assert moved["displacement"] == pytest.approx(expected, rel=1e-4)
-    assert payload(result, state)["result"]["load"]["at"] == list(point)
+    assert shown_numbers(result, state)["result"]["load"]["at"] == list(point)
     # Numbers and picture read one object.
     T = reference_frame(result, state)
     assert result.at(T) is result.at(T)
@@ -112,12 +112,12 @@ def test_the_load_acts_at_the_reference_point_and_the_picture_shows_its_motion(a
 
 def test_the_load_acts_where_it_is_put(arm):
     session, at = Session(Source(arm)), (0.1, 0.0, 0.0)
-    state = State(point=(0, 0, 0.25), load=(0, 0, 0, 30.0, 20.0, 0), load_at=at)
+    state = ViewState(point=(0, 0, 0.25), load=(0, 0, 0, 30.0, 20.0, 0), load_at=at)
     result = session.result(state)
     assert np.allclose(result.wrench, [*np.cross(at, [30.0, 20.0, 0]), 30.0, 20.0, 0], atol=1e-9)
     follower = session.result(state.model_copy(update={"load_kind": "follower"}))
     assert np.allclose(follower.tangent, follower.matrices["A"])
-    assert session.result(State(point=(0, 0, 0.25))).load.at == (0.0, 0.0, 0.0)
+    assert session.result(ViewState(point=(0, 0, 0.25))).load.at == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -133,14 +133,14 @@ def test_the_load_acts_where_it_is_put(arm):
 )
 def test_the_verdict(name, q, load, level, words):
     result = cartstiff.analyse(cartstiff.load(name), q, wrench=load)
-    found = payload(result, State())["verdict"]
+    found = shown_numbers(result, ViewState())["verdict"]
     assert found["level"] == level
     assert words in found["title"]
 
 
 def test_no_flat_matrix_of_a_redundant_arm():
     result = cartstiff.analyse(cartstiff.load("panda"))
-    numbers = payload(result, State(connection="F"))
+    numbers = shown_numbers(result, ViewState(connection="F"))
     assert numbers["verdict"]["title"].startswith("No K^F")
     assert numbers["verdict"]["code"] == "no-chart"
     assert numbers["principal"] is None
@@ -151,36 +151,38 @@ def test_buckled_is_bad():
     """Compression beyond the critical load of the paper's platform: not positive any more."""
     elastic = cartstiff.load("cubic")
     pushed = cartstiff.analyse(elastic, wrench=[0, 0, 0, 0, 0, -3e6])
-    assert payload(pushed, State())["verdict"]["level"] == "bad"
+    assert shown_numbers(pushed, ViewState())["verdict"]["level"] == "bad"
 
 
 def test_legs_of_a_platform():
     elastic = cartstiff.load("hexapod")
-    legs = payload(cartstiff.analyse(elastic), State())["legs"]
+    legs = shown_numbers(cartstiff.analyse(elastic), ViewState())["legs"]
     lengths = elastic.mechanism.leg_lengths(elastic.q)
     assert [leg["length"] for leg in legs] == lengths.tolist()
     assert {leg["lower"] for leg in legs} == {0.5}
-    assert payload(cartstiff.analyse(cartstiff.load("ur5")), State())["legs"] is None
+    assert shown_numbers(cartstiff.analyse(cartstiff.load("ur5")), ViewState())["legs"] is None
 
 
 def test_distance_to_singularity_vanishes_where_it_must():
     arm = cartstiff.load("ur5")
-    (serial,) = payload(cartstiff.analyse(arm, [0.0] * 6), State())["singularity"]
+    (serial,) = shown_numbers(cartstiff.analyse(arm, [0.0] * 6), ViewState())["singularity"]
     assert serial["kind"] == "serial"
     assert serial["ratio"] < 1e-10
-    (type_2,) = payload(cartstiff.analyse(cartstiff.load("cubic")), State())["singularity"]
+    (type_2,) = shown_numbers(cartstiff.analyse(cartstiff.load("cubic")), ViewState())[
+        "singularity"
+    ]
     assert type_2["kind"] == "type-2"
     # Six orthogonal pairs of legs: far from any singularity.
     assert type_2["ratio"] > 0.3
 
 
 def test_a_row_of_a_series(loaded):
-    row = series_row(loaded, State(quantity="compliance"))
+    row = series_row(loaded, ViewState(quantity="compliance"))
     block = loaded.compliances["K"][3:, 3:]
     assert np.allclose(row["translation"], np.linalg.eigvalsh(block), rtol=1e-9)
-    singular = series_row(cartstiff.analyse(cartstiff.load("ur5"), [0.0] * 6), State())
+    singular = series_row(cartstiff.analyse(cartstiff.load("ur5"), [0.0] * 6), ViewState())
     assert singular["translation"] is None
-    moved = payload(loaded, State())["moved"]["displacement"]
+    moved = shown_numbers(loaded, ViewState())["moved"]["displacement"]
     assert row["deflection"] == [pytest.approx(np.linalg.norm(moved), rel=1e-14)]
     assert singular["deflection"] is None
     assert singular["singularity"] < 1e-10
@@ -190,9 +192,9 @@ def test_a_row_of_a_series(loaded):
 def test_how_far_the_load_moves_it_is_what_the_analysis_says(name):
     elastic = cartstiff.load(name)
     point, at = (0.01, -0.02, 0.1), (0.0, 0.05, 0.0)
-    state = State(load=(1.0, 2.0, 0.0, 3.0, -40.0, 60.0), point=point, load_at=at)
+    state = ViewState(load=(1.0, 2.0, 0.0, 3.0, -40.0, 60.0), point=point, load_at=at)
     result = Session(Source(elastic)).result(state)
-    moved = payload(result, state)["moved"]
+    moved = shown_numbers(result, state)["moved"]
     told = analyse_posture(result, connection="load", at=se3.pose(np.eye(3), point))["deflection"]
     assert moved["displacement"] == told["displacement"]
     assert moved["rotation"] == told["twist"][:3]

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cartstiff.arrays import plain
+from cartstiff.errors import UndefinedError
 
 
 @dataclass(frozen=True)
@@ -16,6 +17,11 @@ class Note:
     code: str
     message: str
     values: Mapping[str, object] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, error: UndefinedError, what: str = "") -> Note:
+        """Why a quantity does not exist, as a note."""
+        return cls(error.code, f"{what}: {error}" if what else str(error), dict(error.values))
 
     def __str__(self) -> str:
         return f"[{self.code}] {self.message}"
