@@ -9,7 +9,7 @@ from pathlib import Path
 
 SOURCES = Path(__file__).resolve().parents[2] / "src" / "cartstiff"
 # Calls whose first argument is a code and whose second is the message.
-_BY_POSITION = {"Note", "Remark", "State"}
+_BY_POSITION = {"Note"}
 
 
 @dataclass(frozen=True)
