@@ -11,7 +11,7 @@ import pytest
 
 from cartstiff.cli.main import command as group
 from cartstiff.cli.main import main
-from cartstiff.cli.requests.json_units import JsonUnitsCommand
+from cartstiff.cli.requests.units import UnitsCommand
 from cartstiff.cli.types import OptionType, Pairs
 
 MM = ("--units", "mm,deg")
@@ -214,7 +214,10 @@ def test_every_option_with_a_length_is_tried_here():
     tried = {word for _, si, _ in CASES.values() for word in si if word.startswith("--")}
     for name in group.list_commands(click.Context(group)):
         command = group.get_command(click.Context(group), name)
-        if not isinstance(command, JsonUnitsCommand):
+        options = {option for p in command.params for option in p.opts}
+        if "--units" in options and name != "design":  # a study is in one unit alone
+            assert isinstance(command, UnitsCommand), name
+        if not getattr(command, "has_json_of_file", False) or "--json" not in options:
             continue
         for option in command.params:
             if isinstance(option.type, OptionType) and (

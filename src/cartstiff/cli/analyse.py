@@ -20,8 +20,8 @@ from cartstiff.cli.options import (
 )
 from cartstiff.cli.output import json_text, say
 from cartstiff.cli.requests.analysis import AnalysisRequest, analysis_options
-from cartstiff.cli.requests.json_units import JsonUnitsCommand
 from cartstiff.cli.requests.parameters import add_sensitivities, sensitivities_option
+from cartstiff.cli.requests.units import UnitsCommand
 from cartstiff.cli.types import (
     OutputFile,
     Values,
@@ -81,7 +81,7 @@ _options = option_group(
 )  # fmt: skip
 
 
-@click.command(name="analyse", cls=JsonUnitsCommand, epilog=_EPILOG)
+@click.command(name="analyse", cls=UnitsCommand, epilog=_EPILOG)
 @mechanism_options(
     load_help="Wrench on the body: moment about and force at the point --load-at, in the body's "
     "axes; rest positions are chosen so that the springs balance it."

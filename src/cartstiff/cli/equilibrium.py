@@ -17,7 +17,6 @@ from cartstiff.cli.options import (
     mechanism_options,
 )
 from cartstiff.cli.output import say_unused, tell
-from cartstiff.cli.requests.json_units import JsonUnitsCommand, column_factors
 from cartstiff.cli.requests.parameters import (
     add_accuracy,
     add_sensitivities,
@@ -26,6 +25,7 @@ from cartstiff.cli.requests.parameters import (
     tolerance_option,
 )
 from cartstiff.cli.requests.path_file import WRENCH
+from cartstiff.cli.requests.units import UnitsCommand, column_factors
 from cartstiff.cli.types import (
     PICTURE,
     Number,
@@ -82,7 +82,7 @@ _options = option_group(
 )  # fmt: skip
 
 
-@click.command(name="equilibrium", cls=JsonUnitsCommand, epilog=_EPILOG)
+@click.command(name="equilibrium", cls=UnitsCommand, epilog=_EPILOG)
 @mechanism_options(
     load_help="Wrench on the body: moment about and force at the point --load-at, in the axes of "
     "the unloaded body frame; see --load-kind."

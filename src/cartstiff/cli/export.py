@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from cartstiff.cli.output import say
+from cartstiff.cli.requests.units import UnitsCommand
 from cartstiff.cli.requests.view import needs_view, page_options, source_from_options
 from cartstiff.cli.types import OutputFile
 from cartstiff.errors import one_line
@@ -20,7 +21,7 @@ Examples:
 """
 
 
-@click.command(name="export", epilog=_EPILOG)
+@click.command(name="export", cls=UnitsCommand, epilog=_EPILOG)
 @page_options
 @click.option(
     "-o", "--output", required=True, type=OutputFile("PAGE.html", ".html", ".htm"),

@@ -6,13 +6,13 @@ import click
 
 from cartstiff.cli.options import MechanismRequest, mechanism_options
 from cartstiff.cli.output import tell
-from cartstiff.cli.requests.json_units import JsonUnitsCommand
+from cartstiff.cli.requests.units import UnitsCommand
 from cartstiff.cli.types import json_option
 
 
 @click.command(
     name="frames",
-    cls=JsonUnitsCommand,
+    cls=UnitsCommand,
     epilog="\b\nExamples:\n  cartstiff frames ur5\n  cartstiff frames my_arm.urdf --json",
 )
 @mechanism_options(placed=False)

@@ -19,8 +19,8 @@ from cartstiff.cli.requests.identify import (
     ties_of,
     units_of,
 )
-from cartstiff.cli.requests.json_units import JsonUnitsCommand, given_length
 from cartstiff.cli.requests.plan import PlanRequest, say_read
+from cartstiff.cli.requests.units import UnitsCommand, given_length
 from cartstiff.cli.types import (
     PICTURE,
     POINT,
@@ -191,7 +191,7 @@ class _Request:
         }  # fmt: skip
 
 
-@click.command(name="identify", cls=JsonUnitsCommand, epilog=_EPILOG)
+@click.command(name="identify", cls=UnitsCommand, epilog=_EPILOG)
 @click.argument("mechanism")
 @click.argument("table", metavar="[DATA.csv]", required=False)
 @gathered(option_group(_about_the_table, _about_the_fit), "request", _Request)
@@ -225,7 +225,7 @@ def command(
         request.check_without_fit(is_plan=table is None)
         elastic = robot.in_frame(robot.frame)
         if table is None:
-            data, text = asked.run_plan(robot, elastic, of_table, request)
+            data, text = asked.run_plan(elastic, of_table, request)
         else:
             data, text = asked.run_simulation(elastic, table, of_table, request)
         tell(as_json, data, robot.mechanism, text)

@@ -20,6 +20,7 @@ from cartstiff.cli.requests.map import (
     sampling_from_options,
     sampling_options,
 )
+from cartstiff.cli.requests.units import UnitsCommand
 from cartstiff.cli.types import (
     DIRECTION,
     PICTURE,
@@ -79,8 +80,10 @@ def _list_quantities(context: click.Context, _: click.Parameter, asked: bool) ->
     context.exit()
 
 
-class _Remembering(click.Command):
+class _Remembering(UnitsCommand):
     """Keeps the words that it was called with: the map says how it was made."""
+
+    has_json_of_file = False
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         ctx.meta["words"] = ["cartstiff", "map", *args]
@@ -154,7 +157,7 @@ _options = option_group(
         "coordinate), or the axis that slices cut.",
     ),
     repeated_option(
-        "--slice", "cuts", type=Pairs("NAME=VALUE"),
+        "--slice", "cuts", type=Pairs("NAME=VALUE", axes=True),
         help="Draw and list only the part of the map at this value of an axis.",
     ),
     click.option(
@@ -245,9 +248,9 @@ def command(
     if deflect_at is not None:
         asked["deflect_at"] = deflect_at
     elastic, q = request.load()
-    sampling, asked["told"] = sampling_from_options(elastic, q, request=request, **where)
+    sampling, asked["told"] = sampling_from_options(elastic, q, **where)
     # Dimensions have dots where names of coordinates have slashes.
-    cuts = {n.replace("/", "."): value for n, value in request.radians(cuts, elastic).items()}
+    cuts = {n.replace("/", "."): value for n, value in cuts.items()}
     check_cuts(cuts, sampling)
     if picture is not None:
         _check_picture(kind, by, sampling, cuts, elastic)

@@ -12,7 +12,6 @@ from cartstiff.cli.controller import ControllerRequest
 from cartstiff.cli.milling import LobesRequest, cutting_options
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import tell
-from cartstiff.cli.requests.json_units import JsonUnitsCommand
 from cartstiff.cli.requests.parameters import (
     add_accuracy,
     add_intervals,
@@ -21,6 +20,7 @@ from cartstiff.cli.requests.parameters import (
     sensitivities_option,
     tolerance_option,
 )
+from cartstiff.cli.requests.units import UnitsCommand
 from cartstiff.cli.response import KINDS, ResponseRequest
 from cartstiff.cli.types import (
     DIRECTION,
@@ -119,7 +119,7 @@ _options = option_group(
 )  # fmt: skip
 
 
-@click.command(name="modes", cls=JsonUnitsCommand, epilog=_EPILOG)
+@click.command(name="modes", cls=UnitsCommand, epilog=_EPILOG)
 @mechanism_options(
     load_help="Wrench on the body: moment about and force at the point --load-at, in the body's "
     "axes; rest positions are chosen so that the springs balance it. The modes without "

@@ -19,6 +19,7 @@ from cartstiff.cli.types import (
     TCP,
     WRENCH,
     Arguments,
+    Factors,
     JointValues,
     Numbers,
     Pairs,
@@ -116,30 +117,6 @@ class MechanismRequest:
     parameters: dict[str, float] | None = None
 
     @property
-    def degree(self) -> float:
-        """Radians of the angles that options are in."""
-        return math.pi / 180.0 if (self.units or {}).get("angle") == "deg" else 1.0
-
-    def radians(self, values: Any, elastic: Any) -> Any:
-        """Numbers for coordinates, a list or by name, with angles in radians."""
-        if self.degree == 1.0 or values is None:
-            return values
-        sizes = {c.name: 1.0 if c.is_length else self.degree
-                 for c in elastic.mechanism.coordinates}  # fmt: skip
-        if isinstance(values, dict):
-            return {n: _scaled(x, sizes.get(n.removeprefix("command_"), 1.0))
-                    for n, x in values.items()}  # fmt: skip
-        if isinstance(values, float):
-            values = [values] * len(sizes)
-        return [value * size for value, size in zip(values, sizes.values(), strict=True)]
-
-    def turned(self, numbers: list[float] | None) -> list[float] | None:
-        """Position and roll, pitch, yaw, these in radians."""
-        if numbers is None:
-            return None
-        return [*numbers[:3], *(x * self.degree for x in numbers[3:])]
-
-    @property
     def balanced_wrench(self) -> list[float] | None:
         """The wrench, where rest positions follow from it and cannot be given as well."""
         if self.wrench is not None and self.rest is not None:
@@ -161,19 +138,14 @@ class MechanismRequest:
             if are_lines:
                 _check_range(self.rest, "zero or more")
             rest = self.rest.of(names)
-            rest = rest if are_lines else self.radians(rest, elastic)
         return elastic.with_springs(stiffness, rest), q
 
     def command(self, told: Values, elastic: Any) -> dict[str, float]:
-        """What --command tells each drive, in radians and the mechanism's unit of length."""
-        names = elastic.spring_names
-        values = told.of(names)
+        """What --command tells each drive."""
+        values = told.of(elastic.spring_names)
         if isinstance(values, dict):
-            steps = values
-        else:
-            numbers = values if isinstance(values, list) else [values] * len(names)
-            steps = {n: x for n, x in zip(names, numbers, strict=True) if x}
-        return steps if names != elastic.names else dict(self.radians(steps, elastic))
+            return values
+        return {n: x for n, x in zip(elastic.spring_names, values, strict=True) if x}
 
     def at_posture(self) -> Any:
         """The elastic mechanism with the posture that was given as its own."""
@@ -189,6 +161,32 @@ class MechanismRequest:
 
     def in_frame(self, frame: str | None) -> Any:
         """The mechanism as its file has it, with tool and weight, and another frame of interest."""
+        tool: dict[str, Any] = {"tcp": self.tcp, "payload": self.payload}
+        if self.units is None:
+            return self._loaded(frame, **tool)
+        from cartstiff.mechanisms.contract import Units, convert_length
+        from cartstiff.mechanisms.other_units import in_units
+
+        bare = self.bare(frame)
+        length = self.units.get("length", bare.units.length)
+        factor, _ = convert_length(Units(length), bare.units)
+        for name, kind in (("tcp", TCP), ("payload", PAYLOAD)):  # of the file, in its units
+            if (numbers := tool[name]) is not None:
+                tool[name] = kind.converted(numbers, Factors(factor), bare)
+        if any(numbers is not None for numbers in tool.values()):
+            bare = self._loaded(frame, **tool)
+        return in_units(bare, length, self.units.get("angle", "rad"))
+
+    def bare(self, frame: str | None) -> Any:
+        """The mechanism in its file's units, without the tool; read once a command."""
+        context = click.get_current_context(silent=True)
+        kept = {} if context is None else context.meta
+        key = f"cartstiff.bare {frame!r}"
+        if key not in kept:
+            kept[key] = self._loaded(frame)
+        return kept[key]
+
+    def _loaded(self, frame: str | None, **tool: Any) -> Any:
         from cartstiff.loading import load
 
         try:
@@ -199,25 +197,10 @@ class MechanismRequest:
             ) from None
         if frame is not None and not 0 < len(one_line(frame, 4000)) < 4000:
             raise InputError("unknown frame", where="--frame", expected="a name", got=repr(frame))
-        tool: dict[str, Any] = {"tcp": self.turned(self.tcp), "payload": self.payload}
-        given: dict[str, Any] = {
-            "frame": frame, "gravity": self.gravity, "xacro_args": self.xacro_args,
-            "package_path": self.package_path, "parameters": self.parameters,
-        }  # fmt: skip
-        if self.units is None:
-            return load(self.mechanism, **tool, **given)
-        from cartstiff.mechanisms.contract import Units, convert_length
-        from cartstiff.mechanisms.other_units import in_units
-
-        bare = load(self.mechanism, **given)
-        length = self.units.get("length", bare.units.length)
-        factor, _ = convert_length(Units(length), bare.units)
-        for name, kind in (("tcp", TCP), ("payload", PAYLOAD)):  # of the file, in its units
-            if (numbers := tool[name]) is not None:
-                tool[name] = kind.converted(numbers, factor, bare)
-        if any(numbers is not None for numbers in tool.values()):
-            bare = load(self.mechanism, **tool, **given)
-        return in_units(bare, length, self.units.get("angle", "rad"))
+        return load(
+            self.mechanism, frame=frame, gravity=self.gravity, xacro_args=self.xacro_args,
+            package_path=self.package_path, parameters=self.parameters, **tool,
+        )  # fmt: skip
 
     def _coordinates(self, elastic: Any) -> tuple[Any, tuple[Any, ...]]:
         """Coordinates from --q, --pose or --lengths, None without any; and notes on them."""
@@ -239,20 +222,12 @@ class MechanismRequest:
             from cartstiff.geometry import se3
             from cartstiff.kinematics.at_pose import at_pose
 
-            x = (*(self.turned(self.tcp) or ()), *[0.0] * 6)[:6]
+            x = (*(self.tcp or ()), *[0.0] * 6)[:6]
             try:
-                return at_pose(elastic, self.turned(self.pose) or (),
-                               se3.from_roll_pitch_yaw(x[:3], x[3:]))  # fmt: skip
+                return at_pose(elastic, self.pose, se3.from_roll_pitch_yaw(x[:3], x[3:]))
             except InputError as error:
                 raise error.moved_to("--pose") from None
-        return None if self.q is None else self.radians(self.q.of(elastic.names), elastic), ()
-
-
-def _scaled(value: Any, size: float) -> Any:
-    """A number, or the first two of several (low, high, count), times a size."""
-    if isinstance(value, tuple):
-        return (*(x * size for x in value[:2]), *value[2:])
-    return value * size
+        return None if self.q is None else self.q.of(elastic.names), ()
 
 
 def _check_range(values: Values, expected: str, finite: bool = False) -> None:

@@ -11,7 +11,7 @@ import click
 from cartstiff.cli.milling import vibration_options
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import Progress, tell
-from cartstiff.cli.requests.json_units import JsonUnitsCommand, column_factors
+from cartstiff.cli.requests.units import UnitsCommand, column_factors
 from cartstiff.cli.types import (
     DIRECTION,
     PICTURE,
@@ -138,7 +138,7 @@ _options = option_group(
 )  # fmt: skip
 
 
-@click.command(name="path", cls=JsonUnitsCommand, epilog=_EPILOG)
+@click.command(name="path", cls=UnitsCommand, epilog=_EPILOG)
 @mechanism_options(placed=False)
 @click.argument("path_file", metavar="PATH.csv", type=click.Path(path_type=Path))
 @_options
@@ -184,8 +184,6 @@ def command(
                          expected="--loaded as well")  # fmt: skip
     free = "rotation" if free_rotation else free_axis or "none"
     region = _region(place)
-    if "yaw" in region:
-        region["yaw"] = region["yaw"] * request.degree
     elastic = request.at_posture()
 
     from cartstiff.cli.requests.path_file import read_path_file
@@ -207,7 +205,7 @@ def command(
     options |= {"free": free, "loaded": loaded, "load_kind": applied.load_kind,
                 "load_at": applied.acts_at, **vibration}  # fmt: skip
     if max_step is not None:
-        options["max_step"] = request.radians(max_step.of(elastic.names, broadcast=True), elastic)
+        options["max_step"] = max_step.of(elastic.names, broadcast=True)
     if singular is not None:
         options["singular"] = singular
     for name, (low, high) in ranges.items():
@@ -216,9 +214,9 @@ def command(
         if not low <= high:
             raise InputError("values must rise", where=f"--range {name}",
                              expected="LOW at most HIGH", got=f"{low:g}:{high:g}")  # fmt: skip
-    options["ranges"] = request.radians(ranges, elastic)
+    options["ranges"] = ranges
     if near is not None:
-        options["near"] = request.radians(near.of(elastic.names), elastic)
+        options["near"] = near.of(elastic.names)
     if excluded:
         from cartstiff.loading.collisions import Collisions
 

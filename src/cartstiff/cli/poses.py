@@ -8,6 +8,7 @@ import click
 
 from cartstiff.cli.options import MechanismRequest, mechanism_options
 from cartstiff.cli.output import say, say_unused
+from cartstiff.cli.requests.units import UnitsCommand
 from cartstiff.cli.types import OutputFile, option
 
 _EPILOG = """\b
@@ -17,7 +18,7 @@ Examples:
 """
 
 
-@click.command(name="poses", epilog=_EPILOG)
+@click.command(name="poses", cls=UnitsCommand, epilog=_EPILOG)
 @mechanism_options(placed=False, gives=False)
 @click.argument("table", metavar="TABLE.csv", type=click.Path(path_type=Path))
 @click.option(

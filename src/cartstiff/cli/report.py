@@ -10,6 +10,7 @@ import click
 
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import say
+from cartstiff.cli.requests.units import UnitsCommand
 from cartstiff.cli.types import OutputFile, option
 from cartstiff.errors import InputError, one_line
 
@@ -22,7 +23,7 @@ Examples:
 """
 
 
-@click.command(name="report", epilog=_EPILOG)
+@click.command(name="report", cls=UnitsCommand, epilog=_EPILOG)
 @mechanism_options(
     load_help="Wrench on the body: moment about and force at the point --load-at, in the axes of "
     "the unloaded body frame; the report says what it does to the tip."

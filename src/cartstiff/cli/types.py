@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import wraps
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import click
 
@@ -20,6 +20,17 @@ from cartstiff.parsing import parse_numbers
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 # No axis of a map has more values: it would take years.
 _MOST = 10**12
+
+
+#: What stands in place of a power of length: the number is an angle.
+ANGLE = None
+
+
+class Factors(NamedTuple):
+    """What lengths and angles are multiplied by, to be in the units that are computed in."""
+
+    length: float = 1.0
+    angle: float = 1.0
 
 
 class OptionType(click.ParamType):  # type: ignore[type-arg]
@@ -41,27 +52,32 @@ class OptionType(click.ParamType):  # type: ignore[type-arg]
         """The value of a text given to the option `where`."""
         raise NotImplementedError
 
-    def converted(self, value: Any, a: float, elastic: Any) -> Any:  # noqa: ARG002
-        """The value in another unit of length, in which lengths are a times as large."""
+    def converted(self, value: Any, by: Factors, elastic: Any) -> Any:  # noqa: ARG002
+        """The value in other units."""
         return value
 
 
 class Numbers(OptionType):
     """Comma-separated numbers, as many as one of `counts` (any number without).
 
-    `powers` are those of length in their units, of which the last is that of all further numbers.
+    `powers` are those of length in their units, or `ANGLE`; the last holds for all further numbers.
     """
 
     def __init__(
-        self, shape: str, *counts: int, powers: tuple[int, ...] = (0,), above_zero: bool = False
+        self,
+        shape: str,
+        *counts: int,
+        powers: tuple[int | None, ...] = (0,),
+        above_zero: bool = False,
     ) -> None:
         super().__init__(shape)
         self.counts, self.powers, self.above_zero = counts, powers, above_zero
 
-    def converted(self, value: Any, a: float, elastic: Any) -> Any:  # noqa: ARG002
-        """Each number times its power of a."""
+    def converted(self, value: Any, by: Factors, elastic: Any) -> Any:  # noqa: ARG002
+        """Each number in its other unit."""
         powers = (*self.powers, *[self.powers[-1]] * len(value))
-        return [x * a**power for x, power in zip(value, powers, strict=False)]
+        return [x * (by.angle if power is ANGLE else by.length**power)
+                for x, power in zip(value, powers, strict=False)]  # fmt: skip
 
     def parsed(self, text: str, where: str) -> Any:
         """List of floats."""
@@ -83,9 +99,9 @@ class Number(Numbers):
         """The number."""
         return super().parsed(text, where)[0]
 
-    def converted(self, value: Any, a: float, elastic: Any) -> Any:
-        """The number times its power of a."""
-        return super().converted([value], a, elastic)[0]
+    def converted(self, value: Any, by: Factors, elastic: Any) -> Any:
+        """The number in its other unit."""
+        return super().converted([value], by, elastic)[0]
 
 
 class Amount(OptionType):
@@ -130,18 +146,19 @@ PAYLOAD = Numbers("MASS[,X,Y,Z]", 1, 4, powers=(0, 1))
 WRENCH = Numbers("MX,MY,MZ,FX,FY,FZ", 6, powers=(1, 1, 1, 0))
 POINT = Numbers("X,Y,Z", 3, powers=(1,))
 DIRECTION = Numbers("X,Y,Z", 3)
-POSE = Numbers("X,Y,Z,R,P,Y", 6, powers=(1, 1, 1, 0))
-TCP = Numbers("X,Y,Z[,R,P,Y]", 3, 6, powers=(1, 1, 1, 0))
+POSE = Numbers("X,Y,Z,R,P,Y", 6, powers=(1, 1, 1, ANGLE))
+TCP = Numbers("X,Y,Z[,R,P,Y]", 3, 6, powers=(1, 1, 1, ANGLE))
 TOLERANCE = Numbers("REL[,LENGTH[,ANGLE]]", 1, 2, 3, powers=(0, 1, 0))
-_FRAME = ("x", "y", "z")
 
 
-def _sizes(elastic: Any, a: float, *, frame: bool = False) -> dict[str, float]:
+def _sizes(elastic: Any, by: Factors, *, frame: bool = False) -> dict[str, float]:
     """What numbers by name are multiplied by: positions of a frame, of joints, lengths of legs."""
-    sizes = dict.fromkeys(_FRAME, a)
+    sizes = {**dict.fromkeys(("x", "y", "z"), by.length), "yaw": by.angle}
     if not frame:
-        sizes |= dict.fromkeys(elastic.spring_names, a)
-        sizes |= {c.name: a if c.is_length else 1.0 for c in elastic.mechanism.coordinates}
+        sizes |= dict.fromkeys(elastic.spring_names, by.length)
+        sizes |= {c.name: by.length if c.is_length else by.angle
+                  for c in elastic.mechanism.coordinates}  # fmt: skip
+        sizes |= {f"command_{name}": size for name, size in sizes.items()}
     return sizes
 
 
@@ -186,11 +203,15 @@ class JointValues(OptionType):
         super().__init__("VALUES")
         self.stiffness, self.springs, self.broadcast = stiffness, springs, broadcast
 
-    def converted(self, value: Values, a: float, elastic: Any) -> Values:
-        """Lengths times a; stiffnesses of what slides over a, of what turns times a."""
-        sizes = _sizes(elastic, a)
+    def converted(self, value: Values, by: Factors, elastic: Any) -> Values:
+        """Lengths and angles; with lengths a times as large in number, joints that turn are a times
+        as stiff, and those that slide 1/a times.
+        """  # noqa: D205
+        sizes = _sizes(elastic, by)
         if self.stiffness:
-            sizes = {name: a if size == 1.0 else 1.0 / a for name, size in sizes.items()}
+            a = by.length
+            sizes = {n: a if size == 1.0 else 1.0 / a
+                     for n, size in _sizes(elastic, Factors(a)).items()}  # fmt: skip
         numbers = value.numbers
         if isinstance(numbers, dict):
             return replace(value, numbers={n: x * sizes.get(n, 1.0) for n, x in numbers.items()})
@@ -220,16 +241,17 @@ class JointValues(OptionType):
 class Pairs(OptionType):
     """``NAME=VALUE`` pairs as a mapping; of `names` only, if there are any.
 
-    They are as the mechanism's file has them, or of a `frame`.
+    They are as the mechanism's file has them, or of a `frame`, or of axes, as those of `Axes`.
     """
 
-    def __init__(self, shape: str, names: tuple[str, ...] = (), *, frame: bool = False) -> None:
+    def __init__(self, shape: str, names: tuple[str, ...] = (), *, frame: bool = False,
+                 axes: bool = False) -> None:  # fmt: skip
         super().__init__(shape)
-        self.names, self.frame = names, frame
+        self.names, self.frame, self.axes = names, frame, axes
 
-    def converted(self, value: Any, a: float, elastic: Any) -> Any:
-        """Lengths times a."""
-        sizes = _sizes(elastic, a, frame=True) if self.frame else {}
+    def converted(self, value: Any, by: Factors, elastic: Any) -> Any:
+        """Lengths and angles in their other units."""
+        sizes = _sizes(elastic, by, frame=self.frame) if self.frame or self.axes else {}
         return {name: x * sizes.get(name, 1.0) for name, x in value.items()}
 
     def parsed(self, text: str, where: str) -> dict[str, float]:
@@ -255,9 +277,9 @@ class Axes(OptionType):
         super().__init__(shape)
         self.single, self.frame = single, frame
 
-    def converted(self, value: Any, a: float, elastic: Any) -> Any:
-        """Lengths times a."""
-        sizes = _sizes(elastic, a, frame=self.frame)
+    def converted(self, value: Any, by: Factors, elastic: Any) -> Any:
+        """Lengths and angles in their other units."""
+        sizes = _sizes(elastic, by, frame=self.frame)
         return {
             name: (*(x * sizes.get(name, 1.0) for x in numbers[:2]), *numbers[2:])
             for name, numbers in value.items()

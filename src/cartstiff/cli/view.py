@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from cartstiff.cli.output import say
+from cartstiff.cli.requests.units import UnitsCommand
 from cartstiff.cli.requests.view import needs_view, page_options, source_from_options
 from cartstiff.errors import InputError, joined
 
@@ -23,7 +24,7 @@ Examples:
 """
 
 
-@click.command(name="view", epilog=_EPILOG)
+@click.command(name="view", cls=UnitsCommand, epilog=_EPILOG)
 @page_options
 @click.argument("others", nargs=-1, metavar="[OTHER]...")
 @click.option(

@@ -9,7 +9,7 @@ import click
 
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import Progress, tell
-from cartstiff.cli.requests.json_units import JsonUnitsCommand
+from cartstiff.cli.requests.units import UnitsCommand
 from cartstiff.cli.types import POSE, Numbers, OutputFile, json_option, option, option_group
 from cartstiff.errors import InputError, UndefinedError
 
@@ -39,7 +39,7 @@ _options = option_group(
 )  # fmt: skip
 
 
-@click.command(name="assemble", cls=JsonUnitsCommand, epilog=_EPILOG)
+@click.command(name="assemble", cls=UnitsCommand, epilog=_EPILOG)
 @mechanism_options(
     "Wrench on the body in its own frame. The held legs or actuators carry it in every mode, and "
     "the stiffness is the one under this load.",

@@ -9,7 +9,7 @@ import click
 from cartstiff.choices import TENSIONS, Distribution
 from cartstiff.cli.options import LoadRequest, MechanismRequest, load_options, mechanism_options
 from cartstiff.cli.output import Progress, tell
-from cartstiff.cli.requests.json_units import JsonUnitsCommand
+from cartstiff.cli.requests.units import UnitsCommand
 from cartstiff.cli.types import (
     PICTURE,
     POSE,
@@ -57,7 +57,7 @@ _options = option_group(
 )  # fmt: skip
 
 
-@click.command(name="workspace", cls=JsonUnitsCommand, epilog=_EPILOG)
+@click.command(name="workspace", cls=UnitsCommand, epilog=_EPILOG)
 @mechanism_options(
     "Wrench on the body in its own frame at the pose the rays start from, where forces or "
     "tensions are limited.",

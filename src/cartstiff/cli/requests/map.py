@@ -9,17 +9,28 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cartstiff.cli.output import say_unused
-from cartstiff.cli.types import Axes, option, option_group, repeated_option
+from cartstiff.cli.types import ANGLE, Axes, Factors, Numbers, option, option_group, repeated_option
 from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.parsing import parse_numbers
 
 if TYPE_CHECKING:
-    from cartstiff.cli.options import MechanismRequest
     from cartstiff.maps.sampling import Axis, Sampling
 
 # A map of more postures than this would take years.
 _MOST = 10**12
 _LARGEST_FILE = 2**30
+
+
+class _Orientation(Numbers):
+    """Roll, pitch and yaw, or "keep"."""
+
+    def parsed(self, text: str, where: str) -> Any:
+        """The numbers, or the word."""
+        return text if text == "keep" else super().parsed(text, where)
+
+    def converted(self, value: Any, by: Factors, elastic: Any) -> Any:
+        """The angles in their other unit."""
+        return value if value == "keep" else super().converted(value, by, elastic)
+
 
 #: The command takes them as keywords for `sampling_from_options`.
 sampling_options = option_group(
@@ -55,7 +66,8 @@ sampling_options = option_group(
         help="Seed of random postures and starts.",
     ),
     click.option(
-        "--orientation", metavar="R,P,Y|keep", default="keep", show_default=True,
+        "--orientation", type=_Orientation("R,P,Y|keep", 3, powers=(ANGLE,)), default="keep",
+        show_default=True,
         help="With --cartesian: roll, pitch, yaw about fixed axes.",
     ),
     click.option(
@@ -103,8 +115,7 @@ def sampling_from_options(
     told: Mapping[str, tuple[float, ...]],
     trajectory: Path | None,
     seed: int,
-    orientation: str,
-    request: MechanismRequest,
+    orientation: Any,
     **search: Any,
 ) -> tuple[Sampling, dict[str, float]]:
     """The sampling that the options ask for, and what drives are told at all of its postures.
@@ -118,7 +129,6 @@ def sampling_from_options(
     from cartstiff.maps.sampling import Grid, RandomPostures, Trajectory
     from cartstiff.mechanisms.contract import named_values
 
-    told = request.radians(dict(told), elastic)
     steps = {name: values[0] for name, values in told.items() if len(values) == 1}
     over = {name: values for name, values in told.items() if len(values) > 1}
     if sum(bool(kind) for kind in (grid, random, cartesian, trajectory, over)) != 1:
@@ -131,7 +141,6 @@ def sampling_from_options(
     base = elastic.q
     if q is not None:
         base = np.asarray(named_values(q, elastic.names, elastic.q, "--q"), float)
-    grid, ranges = request.radians(dict(grid), elastic), request.radians(dict(ranges), elastic)
     if trajectory is not None:
         return Trajectory.from_table(_table(trajectory, elastic), elastic, base), steps
     option = "--command" if over else "--grid" if grid else "--range" if random else "--cartesian"
@@ -147,8 +156,7 @@ def sampling_from_options(
         if orientation != "keep":
             from cartstiff.geometry import se3
 
-            angles = [x * request.degree for x in parse_numbers(orientation, "--orientation", 3)]
-            turn = se3.from_roll_pitch_yaw(angles=angles)[:3, :3]
+            turn = se3.from_roll_pitch_yaw(angles=orientation)[:3, :3]
         axes = _axes(cartesian, option)
         return CartesianGrid(axes, elastic, base, turn, seed=seed, **search), steps
     except InputError as error:

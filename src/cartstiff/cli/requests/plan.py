@@ -64,7 +64,7 @@ class PlanRequest:
             raise InputError("--q and --load are for --criterion posture")
 
     def run_plan(
-        self, robot: Any, elastic: Any, of_table: dict[str, Any], request: Any
+        self, elastic: Any, of_table: dict[str, Any], request: Any
     ) -> _Answer:  # fmt: skip
         """Rows to be measured."""
         import numpy as np
@@ -80,14 +80,13 @@ class PlanRequest:
         spreads = _deviations(of_table["deviations"], elastic)
         unknowns = unknowns_of(elastic, **request.of_unknowns(elastic))
         point = of_table["point"]
-        ranges = robot.radians(self.ranges, elastic)
         quick = elastic.mechanism.kind == "serial" and self.criterion in (None, "worst")
         offered = candidates(
             elastic, spreads, count=self.candidates or (10_000 if quick else 1000),
             mass=self.mass or 0.0, force=(self.force or 0.0) / elastic.units.newtons,
-            ranges=ranges, within=self.within, point=point, load_at=of_table["load_at"],
+            ranges=self.ranges, within=self.within, point=point, load_at=of_table["load_at"],
         )  # fmt: skip
-        near = partial(beside, elastic, ranges=ranges, within=self.within)
+        near = partial(beside, elastic, ranges=self.ranges, within=self.within)
         have = None
         if self.have is not None:
             have = read_measurements(self.have, elastic, **of_table)
@@ -100,7 +99,7 @@ class PlanRequest:
 
             given = elastic.q
             if self.q is not None:
-                given = robot.radians(self.q.of(elastic.names), elastic)
+                given = self.q.of(elastic.names)
             q = named_values(given, elastic.names, elastic.q, "--q")
             test = elastic.mechanism.assembled(q), np.array(self.load)
         chosen = plan(unknowns, offered, self.count or 1, criterion=self.criterion or "worst",  # type: ignore[arg-type]

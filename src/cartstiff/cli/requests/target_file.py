@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from cartstiff import numerics
 from cartstiff.choices import ORDERS
-from cartstiff.cli.requests.json_units import given_length
+from cartstiff.cli.requests.units import given_length
 from cartstiff.errors import InputError, one_line
 from cartstiff.parsing import LARGEST
 

@@ -1,32 +1,38 @@
-"""``--units`` beside ``--json``: numbers are given in these units, the answer is in the file's."""
+"""``--units``: numbers of options become those of the mechanism's units, and radians."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import click
 
-from cartstiff.cli.types import OptionType
+from cartstiff.cli.types import Factors, OptionType
 
 _FACTOR = "cartstiff.given_length"
 
 
-class JsonUnitsCommand(click.Command):
-    """A command whose JSON is in the units of the mechanism's file, whatever --units says.
+class UnitsCommand(click.Command):
+    """A command with --units; it sees the options' numbers converted.
 
-    The options' numbers are converted before the command sees them.
+    Angles become radians. With --json, lengths become those of the mechanism's file, as does all
+    that comes out; without, the mechanism is put into the unit that was given.
     """
+
+    #: Whether the JSON is in the units of the mechanism's file.
+    has_json_of_file = True
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command."""
-        units = ctx.params.get("units")
+        units = ctx.params.get("units") or {}
         if isinstance(units, str):  # of identify, which has forces as well
             from cartstiff.cli.requests.identify import units_of
 
             units = units_of(units)
-        given = (units or {}).get("length")
-        if given is not None and ctx.params.get("as_json"):
-            _convert(ctx, given)
+        is_json = self.has_json_of_file and ctx.params.get("as_json")
+        length = units.get("length") if is_json else None
+        if length is not None or units.get("angle") == "deg":
+            _convert(ctx, length, math.pi / 180.0 if units.get("angle") == "deg" else 1.0)
         return super().invoke(ctx)
 
 
@@ -46,18 +52,20 @@ def column_factors(elastic: Any) -> dict[str, float]:
     return {**({} if a == 1.0 else dict.fromkeys(lengths, a)), **shown_factors(elastic)}
 
 
-def _convert(ctx: click.Context, given: str) -> None:
+def _convert(ctx: click.Context, length: str | None, angle: float) -> None:
     from cartstiff.cli.options import MechanismRequest
     from cartstiff.mechanisms.contract import Units, convert_length
 
-    read = ("mechanism", "frame", "xacro_args", "package_path", "parameters")
+    read = ("mechanism", "frame", "gravity", "xacro_args", "package_path", "parameters")
     request = MechanismRequest(**{k: v for k, v in ctx.params.items() if k in read})
-    elastic = request.in_frame(request.frame)
-    a, _ = convert_length(Units(given), elastic.units)
+    elastic = request.bare(request.frame)
+    a = 1.0 if length is None else convert_length(Units(length), elastic.units)[0]
     for option in ctx.command.params:
         value = ctx.params.get(option.name or "")
         if value is not None and isinstance(option.type, OptionType):
-            ctx.params[str(option.name)] = option.type.converted(value, a, elastic)
-    if isinstance(ctx.params["units"], dict):
-        ctx.params["units"]["length"] = elastic.units.length
-    ctx.meta[_FACTOR] = a
+            converted = option.type.converted(value, Factors(a, angle), elastic)
+            ctx.params[str(option.name)] = converted
+    if length is not None:
+        if isinstance(ctx.params["units"], dict):
+            ctx.params["units"]["length"] = elastic.units.length
+        ctx.meta[_FACTOR] = a
