@@ -24,6 +24,7 @@ _MOST = 10**12
 
 #: What stands in place of a power of length: the number is an angle.
 ANGLE = None
+_Powers = tuple[int | None, ...]
 
 
 class Factors(NamedTuple):
@@ -64,11 +65,7 @@ class Numbers(OptionType):
     """
 
     def __init__(
-        self,
-        shape: str,
-        *counts: int,
-        powers: tuple[int | None, ...] = (0,),
-        above_zero: bool = False,
+        self, shape: str, *counts: int, powers: _Powers = (0,), above_zero: bool = False
     ) -> None:
         super().__init__(shape)
         self.counts, self.powers, self.above_zero = counts, powers, above_zero
@@ -204,9 +201,7 @@ class JointValues(OptionType):
         self.stiffness, self.springs, self.broadcast = stiffness, springs, broadcast
 
     def converted(self, value: Values, by: Factors, elastic: Any) -> Values:
-        """Lengths and angles; with lengths a times as large in number, joints that turn are a times
-        as stiff, and those that slide 1/a times.
-        """  # noqa: D205
+        """Lengths and angles; stiffnesses of what slides over the factor, of what turns times it."""
         sizes = _sizes(elastic, by)
         if self.stiffness:
             a = by.length
