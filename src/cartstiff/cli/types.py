@@ -201,7 +201,7 @@ class JointValues(OptionType):
         self.stiffness, self.springs, self.broadcast = stiffness, springs, broadcast
 
     def converted(self, value: Values, by: Factors, elastic: Any) -> Values:
-        """Lengths and angles; stiffnesses of what slides over the factor, of what turns times it."""
+        """Lengths and angles; a stiffness by what its joint does: it slides or turns."""
         sizes = _sizes(elastic, by)
         if self.stiffness:
             a = by.length
