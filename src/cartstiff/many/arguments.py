@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from math import prod
 
 import numpy as np
+from numpy.lib.array_utils import byte_bounds
 from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
@@ -118,38 +120,49 @@ def arrays_for(
 ) -> dict[str, Array]:
     """The arrays to fill: those given in `out`, which share no memory with others, and new ones."""
     own = {full_name(name): array for name, array in (out or {}).items()}
-    for name in own:
+    for name, array in own.items():
         if name not in names:
             raise UnknownNameError("output", str(name), names, where="out")
-    arrays: dict[str, Array] = {}
-    for name in names:
-        expected = _shape(name, *shape)
-        array = own.get(name)
-        if array is None:
-            array = aligned_empty(*expected)
-        elif (
-            not isinstance(array, np.ndarray)
-            or array.shape != expected
-            or array.dtype != np.float64
-            or not array.flags.writeable
-        ):
-            got = (
-                f"shape {array.shape}, {array.dtype}"
-                + ("" if array.flags.writeable else ", read-only")
-                if isinstance(array, np.ndarray)
-                else type(array).__name__
-            )
-            raise InputError(
-                "array to write into cannot be used", where=f"out, {name}",
-                expected=f"a writeable array of doubles of shape {expected}", got=got,
-            )  # fmt: skip
-        others = {**inputs, **{k: arrays[k] for k in own if k in arrays}} if name in own else {}
+        _check_writable(name, array, _shape(name, *shape))
+    _check_apart(own, inputs)
+    return with_room(names, own, shape)
+
+
+def with_room(
+    names: Sequence[str], arrays: Mapping[str, Array], shape: tuple[int, ...]
+) -> dict[str, Array]:
+    """Those of the arrays that are named, and new ones for the other names."""
+    return {
+        name: arrays[name] if name in arrays else aligned_empty(*_shape(name, *shape))
+        for name in names
+    }
+
+
+def _check_writable(name: str, array: object, shape: tuple[int, ...]) -> None:
+    is_array = isinstance(array, np.ndarray)
+    if is_array and array.shape == shape and array.dtype == np.float64 and array.flags.writeable:
+        return
+    got = type(array).__name__
+    if is_array:
+        got = f"shape {array.shape}, {array.dtype}" + ", read-only" * (not array.flags.writeable)
+    raise InputError(
+        "array to write into cannot be used", where=f"out, {name}",
+        expected=f"a writeable array of doubles of shape {shape}", got=got,
+    )  # fmt: skip
+
+
+def _check_apart(own: Mapping[str, Array], inputs: Mapping[str, Array | None]) -> None:
+    """Refuse arrays to write into that share memory with each other or with inputs."""
+    others = {name: values for name, values in inputs.items() if values is not None}
+    ends = sorted((*byte_bounds(array), name) for name, array in {**others, **own}.items())
+    if all(end <= start for (_, end, _), (start, _, _) in pairwise(ends)):
+        return  # as nearly always, and soon seen
+    for name, array in own.items():
         for other, values in others.items():
-            if values is not None and overlap(array, values):
+            if overlap(array, values):
                 raise InputError("array to write into shares memory", where=f"out, {name}",
                                  expected="its own", got=f"that of {other}")  # fmt: skip
-        arrays[name] = array
-    return arrays
+        others[name] = array
 
 
 def address_of(array: Array) -> int:

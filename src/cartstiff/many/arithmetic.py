@@ -8,6 +8,7 @@ inside the regular ones gets the verdict `ENGINE` and is computed by the engine 
 from __future__ import annotations
 
 from collections.abc import Collection
+from itertools import combinations_with_replacement
 
 import numpy as np
 
@@ -25,6 +26,11 @@ PLAIN, ENGINE, UNBALANCED = 0.0, 1.0, 2.0
 #: which the engine equilibrates or tells what is lost.
 JACOBIAN_CONDITION, STIFFNESS_CONDITION = numerics.PLAIN_JACOBIAN, numerics.PLAIN_STIFFNESS
 
+
+#: How well the norm of an inverse is known where it has lost nearly all of its digits.
+_KNOWN_TO = 0.8
+#: Squared norm beyond which other sizes than those of the diagonal are taken for a matrix.
+_UNEVEN = 1e2
 
 #: Largest angle (rad) whose sine the vector code finds to the last digit.
 LARGEST_ANGLE = 1e6
@@ -50,24 +56,50 @@ def scaled_inverse(K: Array, length: Scalar) -> tuple[Array, Scalar]:
     return _in_length(inverted, length, length), norm_squared(scaled) * norm_squared(inverted)
 
 
-def holds_soft_directions(K: Array, wanted: Collection[str]) -> Scalar:
-    """The verdict on a stiffness K^B (6, 6) that is wanted without its inverse.
+def is_alone(wanted: Collection[str]) -> bool:
+    """Whether stiffness is wanted without compliance, beside which it need not hold soft ways."""
+    kinds = {name.partition("_")[0] for name in wanted}
+    return "stiffness" in kinds and "compliance" not in kinds
 
-    Beside a compliance it need not hold its softer directions. They are judged by the trace of the
-    inverse ``L^-T d^-1 L^-1`` on a diagonal of K scaled to 1: pivots alone may all be large.
+
+def holds_soft_directions(K: Array, wanted: Collection[str]) -> Scalar:
+    r"""The verdict on K^B (6, 6) that is wanted without its inverse.
+
+    Beside a compliance it need not hold its softer directions. The engine judges them by
+    ``|K| |K^-1|`` in the sizes of the diagonal. With ``K = L d L^T`` the second norm is no more
+    than these sizes times the diagonal of ``L^-T |d|^-1 L^-1``: of a positive K that is its trace.
+    Where pivots are negative it may be far more, but less so in one of two orders.
     """
-    verdict: Scalar = PLAIN
-    if any(name.startswith("stiffness") for name in wanted) and not any(
-        name.startswith("compliance") for name in wanted
-    ):
-        L, inverses, _ = positive_factor(K)
-        solved = below(L, np.eye(len(K)))
-        softest: Scalar = 0.0
-        for k, column in zip(K.diagonal(), solved.T, strict=True):
-            for inverse, x in zip(inverses, column, strict=True):
-                softest = softest + absolute(k * inverse) * (x * x)
-        verdict = limited(softest, 1.0 / numerics.PLAIN_SOFTNESS)
-    return verdict
+    kinds = {name.partition("_")[0] for name in wanted}
+    if "stiffness" not in kinds or "compliance" in kinds:
+        return PLAIN
+    sizes = [absolute(x) for x in K.diagonal()]
+    squares: Scalar = 0.0
+    for i, j in combinations_with_replacement(range(6), 2):
+        squares = squares + K[i, j] * K[i, j] / (sizes[i] * sizes[j]) * (1.0 + (i < j))
+    totals: list[Scalar] = []
+    for order in (slice(None), slice(None, None, -1)):
+        total: Scalar = 0.0
+        L, inverses, _ = positive_factor(K[order, order])
+        for size, column in zip(sizes[order], below(L, np.eye(6)).T, strict=True):
+            for one, x in zip(inverses, column, strict=True):
+                total = total + absolute(one) * size * (x * x)
+        totals.append(total)
+    softest = pick(*totals, *totals)
+    return limited(squares * softest * softest, (_KNOWN_TO * numerics.LOST / EPSILON) ** 2)
+
+
+def equilibrated_squares(matrix: Array, inverse: Array) -> tuple[Scalar, Scalar]:
+    """Squared norms of a matrix and its inverse in the sizes of the diagonal."""
+    sizes = [absolute(x) for x in matrix.diagonal()]
+    squares: Scalar = 0.0
+    others: Scalar = 0.0
+    for i, row in enumerate(sizes):
+        for j, column in enumerate(sizes):
+            size = row * column
+            squares = squares + matrix[i, j] * matrix[i, j] / size
+            others = others + inverse[i, j] * inverse[i, j] * size
+    return squares, others
 
 
 def unsymmetric_part(W: Array) -> Array:
@@ -109,17 +141,10 @@ def noteworthy(
     finds them in another order, or along other motions.
     """
     lost: Scalar = 0.0
-    for matrix, other in pairs:
-        sizes = [absolute(x) for x in matrix.diagonal()]
-        squares: Scalar = 0.0
-        others: Scalar = 0.0
-        for i, row in enumerate(sizes):
-            for j, column in enumerate(sizes):
-                size = row * column
-                squares = squares + matrix[i, j] * matrix[i, j] / size
-                others = others + other[i, j] * other[i, j] * size
+    for pair in pairs:
+        squares, others = equilibrated_squares(*pair)
         lost = larger(lost, squares * others * (margin * EPSILON / TELLING) ** 2)
-        lost = larger(lost, squares * 1e-2)  # else other sizes are taken
+        lost = larger(lost, squares / _UNEVEN)
     return np.array([squared_condition * (1.01 * NEAR) ** 2, lost], object)
 
 

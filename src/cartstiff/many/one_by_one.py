@@ -29,7 +29,9 @@ def state_of(result: PostureStiffness, outputs: Collection[str] = ()) -> str:
     if result.reduction.states:
         return result.reduction.states[-1].code
     kinds = {name.partition("_")[0] for name in outputs}
-    notes = result.notes if kinds & {"stiffness", "compliance"} else result.notes_on_posture
+    notes = result.notes_on_posture
+    if kinds & {"stiffness", "compliance"}:
+        notes = result.notes if "compliance" in kinds else result.notes_on_stiffness
     codes = {note.code for note in notes}
     for code in ("type-2-singularity", "singular-stiffness"):
         if code in codes:

@@ -31,16 +31,17 @@ from cartstiff.many.arguments import (
     checked_wrench,
     full_name,
     recorded,
+    with_room,
     without_digits,
 )
 from cartstiff.many.arithmetic import ENGINE, UNBALANCED
-from cartstiff.many.kernels import ASKED, BACKENDS, Backend, chosen, run
+from cartstiff.many.kernels import ASKED, BACKENDS, WORTH_RECORDING, Backend, chosen, run
 from cartstiff.many.one_by_one import REGULAR, fill
 from cartstiff.many.portable import PortableKernel
 from cartstiff.many.singular import lost_ranks
 from cartstiff.many.work import BY_ENGINE, timed
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.stiffness.applied_load import LoadKind, checked_load, wrench_in_body
+from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind, checked_load, wrench_in_body
 from cartstiff.stiffness.labelled import AXES, labelled
 
 #: State of postures that nobody has looked at one by one.
@@ -171,7 +172,7 @@ def analyse_many(
     *,
     wrench: ArrayLike | None = None,
     load_kind: Literal["dead", "follower", "conservative"] = "dead",
-    load_at: ArrayLike = (0.0, 0.0, 0.0),
+    load_at: ArrayLike = DEAD_AT_ORIGIN.at,
     load_axes: Literal["body", "world"] = "body",
     outputs: Sequence[str] = ("stiffness_B",),
     out: Mapping[str, Array] | None = None,
@@ -261,8 +262,7 @@ def analyse_many(
                         len(state))  # fmt: skip
     if each is not None:
         each = loads_in_body(elastic, coordinates, each, kind, load_axes, path, threads, chunk)
-    by_kernel = arrays_for(known, {n: a for n, a in arrays.items() if n in known},
-                           coordinates.shape, {})  # fmt: skip
+    by_kernel = with_room(known, arrays, coordinates.shape)
     run(taken, kernel, coordinates, each, by_kernel, state, count, size)
     _under_load(kind, by_kernel, arrays, state)
     lost = without_digits(names, by_kernel, state.shape)
@@ -271,35 +271,36 @@ def analyse_many(
         if name.startswith("root"):
             arrays[name][...] = np.nan
     ran: str = "portable" if isinstance(kernel, PortableKernel) else "compiled"
+    if not state.any():
+        state[:] = _index(codes, taken.regular)
+        return Postures(coordinates, arrays, state, tuple(codes), ran, reason, elastic.names)
     doubtful = np.flatnonzero(state == ENGINE)
     lost_state, lost_rank = "", doubtful[:0]
-    if not any(name.startswith("root") for name in names):
+    is_rooted = any(name.startswith("root") for name in names)
+    if len(doubtful) >= WORTH_RECORDING and not is_rooted:
         lost_state, lost_rank, torn = lost_ranks(
             taken, coordinates, each, by_kernel, doubtful, ran == "compiled", count, size
         )
         state[torn] = UNBALANCED
         lost_rank = _under_load_again(kind, by_kernel, arrays, lost_rank)
         doubtful = np.setdiff1d(doubtful, np.concatenate([lost_rank, torn]))
-    if state.any():
-        unbalanced = np.flatnonzero(state == UNBALANCED)
-        state[:] = _index(codes, taken.regular)
-        if len(lost_rank):
-            state[lost_rank] = _index(codes, lost_state)
-        if len(unbalanced):
-            state[unbalanced] = _index(codes, "unbalanced")
-            for name in names:
-                if name.startswith(("wrench", "stiffness", "compliance")):
-                    arrays[name][unbalanced] = np.nan
-        if one_by_one is not None and len(doubtful) > one_by_one:
-            left = np.ones(len(doubtful), bool)
-            left[np.linspace(0, len(doubtful) - 1, one_by_one).astype(int)] = False
-            state[doubtful[left]] = _index(codes, UNDECIDED)
-            for array in arrays.values():
-                array[doubtful[left]] = np.nan
-            doubtful = doubtful[~left]
-        _by_engine(elastic, coordinates, loads, arrays, doubtful, state, codes, kind, load_axes)
-    elif len(state):
-        state[:] = _index(codes, taken.regular)
+    unbalanced = np.flatnonzero(state == UNBALANCED)
+    state[:] = _index(codes, taken.regular)
+    if len(lost_rank):
+        state[lost_rank] = _index(codes, lost_state)
+    if len(unbalanced):
+        state[unbalanced] = _index(codes, "unbalanced")
+        for name in names:
+            if name.startswith(("wrench", "stiffness", "compliance")):
+                arrays[name][unbalanced] = np.nan
+    if one_by_one is not None and len(doubtful) > one_by_one:
+        left = np.ones(len(doubtful), bool)
+        left[np.linspace(0, len(doubtful) - 1, one_by_one).astype(int)] = False
+        state[doubtful[left]] = _index(codes, UNDECIDED)
+        for array in arrays.values():
+            array[doubtful[left]] = np.nan
+        doubtful = doubtful[~left]
+    _by_engine(elastic, coordinates, loads, arrays, doubtful, state, codes, kind, load_axes)
     return Postures(coordinates, arrays, state, tuple(codes), ran, reason, elastic.names,
                     len(doubtful))  # fmt: skip
 

@@ -35,7 +35,8 @@ from cartstiff.potentials.contract import Evaluation, Potential
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import CoupledSprings
 from cartstiff.stiffness import compute
-from cartstiff.stiffness.posture import DEAD_AT_ORIGIN, PostureStiffness
+from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN
+from cartstiff.stiffness.posture import PostureStiffness
 from cartstiff.stiffness.posture_notes import hardly_held, near_serial, near_type_2
 from cartstiff.stiffness.reduction import Reduction, scaled_values
 

@@ -18,7 +18,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.many.arguments import aligned_empty
 from cartstiff.many.arithmetic import PLAIN
 from cartstiff.many.chains.chain_numbers import ChainCase
-from cartstiff.many.kernels import WORTH_RECORDING, kernel_for, run
+from cartstiff.many.kernels import kernel_for, run
 from cartstiff.many.plans import Plan
 from cartstiff.numerics import BALANCE, RANK, ROUNDING
 
@@ -40,7 +40,7 @@ def lost_ranks(
         Some of `which`; of the latter nothing but pose, Jacobian and energy is filled.
     """
     case = taken.case
-    if len(which) < WORTH_RECORDING or type(case) is not ChainCase:
+    if type(case) is not ChainCase:
         return "", which[:0], which[:0]
     n = len(case.constants.is_length)
     state = "deficient" if n < 6 else "serial-singularity"

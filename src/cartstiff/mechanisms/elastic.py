@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from cartstiff.arrays import checked_number, checked_vector, fixed
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
+from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import (
     Mechanism,
     MechanismPosture,
@@ -309,7 +310,7 @@ class ElasticMechanism(ShownInLines):
             terms.append(Gravity(self.gravity))
         return tuple(terms)
 
-    @property
+    @cached_property
     def may_be_loaded(self) -> bool:
         """Whether a load may be left for the environment to hold although none is given.
 

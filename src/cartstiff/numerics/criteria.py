@@ -57,9 +57,6 @@ BLANK: Final = 1e-12
 #: answers; beyond them the engine does, which names what is lost.
 PLAIN_JACOBIAN: Final = 1e8
 PLAIN_STIFFNESS: Final = 1e6
-#: Least stiffness, as a share of the diagonal entries, up to which a stiffness matrix alone holds
-#: its softer directions: hundreds of what leaves them four digits.
-PLAIN_SOFTNESS: Final = 1e-9
 #: Condition number of a stiffness, or of a block of one, up to which it alone has digits enough for
 #: all its eigenvalues.
 PLAIN_BLOCK: Final = 1e4

@@ -32,8 +32,7 @@ from cartstiff.statics.compensation import CompensatedPath
 from cartstiff.statics.equilibrium import Equilibrium, equilibrium
 from cartstiff.statics.held import Held, displacement_between
 from cartstiff.statics.problem import System
-from cartstiff.stiffness.applied_load import LoadKind
-from cartstiff.stiffness.posture import DEAD_AT_ORIGIN
+from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind
 
 # What springs cannot balance, as a share of what acts, above which a posture is refused.
 _UNBALANCED = numerics.TELLING

@@ -122,6 +122,9 @@ class LoadKind:
         return SemitangentialWrench(inertial, R, point=self.at)
 
 
+DEAD_AT_ORIGIN = LoadKind()
+
+
 def checked_load(kind: str, at: ArrayLike, axes: str, given: bool, own: bool = False) -> LoadKind:
     """The kind of a load, refused where there is no load that it says something of.
 
@@ -142,6 +145,8 @@ def checked_load(kind: str, at: ArrayLike, axes: str, given: bool, own: bool = F
     InputError
         For a point that is not three finite numbers, or where there is no load.
     """
+    if kind == "dead" and at is DEAD_AT_ORIGIN.at and axes == "body":
+        return DEAD_AT_ORIGIN  # as nearly always
     checked = LoadKind(kind, at)  # type: ignore[arg-type]
     if axes not in _AXES:
         raise UnknownNameError("axes", axes, _AXES)

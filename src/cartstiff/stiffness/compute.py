@@ -16,8 +16,12 @@ from cartstiff.mechanisms.contract import MechanismPosture, named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation
-from cartstiff.stiffness.applied_load import LoadKind, checked_load, wrench_in_body
-from cartstiff.stiffness.posture import DEAD_AT_ORIGIN
+from cartstiff.stiffness.applied_load import (
+    DEAD_AT_ORIGIN,
+    LoadKind,
+    checked_load,
+    wrench_in_body,
+)
 from cartstiff.stiffness.posture import SCHEMA as SCHEMA
 from cartstiff.stiffness.posture import PostureStiffness as PostureStiffness
 from cartstiff.stiffness.reduction import Reduction, reduce_to, scaled_values
@@ -85,10 +89,7 @@ def analyse(
         values = named_values(q, elastic.names, elastic.q, "q")
     else:
         values = elastic.mechanism.checked(q)
-    kind = DEAD_AT_ORIGIN
-    if load_kind != "dead" or load_at is not kind.at or load_axes != "body":
-        given_one = wrench is not None
-        kind = checked_load(load_kind, load_at, load_axes, given_one, elastic.may_be_loaded)
+    kind = checked_load(load_kind, load_at, load_axes, wrench is not None, elastic.may_be_loaded)
     strict = checked_flag(strict, "strict")
     force = None
     if wrench is not None:

@@ -2,7 +2,7 @@ r"""Everything known about a mechanism's stiffness at one posture."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -22,7 +22,7 @@ from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation
 from cartstiff.stiffness import inverses, posture_notes
-from cartstiff.stiffness.applied_load import LoadKind
+from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind
 from cartstiff.stiffness.flat_chart import FlatChart, flat_chart, flat_connection, pose_by_chart
 from cartstiff.stiffness.in_frame import StiffnessInFrame, stiffness_in_frame
 from cartstiff.stiffness.named_tensor import named_tensor
@@ -33,7 +33,6 @@ from cartstiff.stiffness.showing import load_dict, posture_dict, posture_lines
 from cartstiff.stiffness.tensor import Compliance, StiffnessTensor
 
 #: What a load is taken for where nothing else is said.
-DEAD_AT_ORIGIN = LoadKind()
 
 _EYE_4 = np.eye(4)
 
@@ -320,9 +319,16 @@ class PostureStiffness(ShownInLines):
     def notes(self) -> tuple[Note, ...]:
         """What was assumed, and why something does not exist."""
         reason = self._flat.note
-        return (*self.notes_on_posture, *(() if reason is None else (reason,)), *self._on_digits())
+        digits = self._on_digits(lambda: self._inverses.B)
+        return (*self.notes_on_posture, *(() if reason is None else (reason,)), *digits)
 
-    def _on_digits(self) -> list[Note]:
+    @property
+    def notes_on_stiffness(self) -> tuple[Note, ...]:
+        """The `notes` without that on K^F, sooner where no compliance is asked for."""
+        digits = self._on_digits(lambda: self.reduction.compliance_with_error)
+        return (*self.notes_on_posture, *digits)
+
+    def _on_digits(self, compliance: Callable[[], numerics.Inverse | None]) -> list[Note]:
         plain = self._plain_inverses
         parts = self.elastic, self.posture, self.evaluation, self.reduction, self.notes_on_posture
         error = posture_notes.error_of_chosen_forces(*parts, plain and plain.matrices["B"])
@@ -331,7 +337,7 @@ class PostureStiffness(ShownInLines):
         if error <= numerics.TELLING and plain and (plain.has_load or not self._load_is_given):
             return []
         change = self.change_by_load if self._load_is_given else None
-        known = self._inverses.B, self._natural, change, error
+        known = compliance(), self._natural, change, error
         return posture_notes.notes_on_digits(self.reduction, *known)
 
     @cached_property

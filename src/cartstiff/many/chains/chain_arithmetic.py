@@ -41,9 +41,11 @@ from cartstiff.many.arithmetic import (
     ENGINE,
     JACOBIAN_CONDITION,
     PLAIN,
+    STIFFNESS_CONDITION,
     UNBALANCED,
     changed_compliance,
     connections,
+    equilibrated_squares,
     holds_soft_directions,
     limited,
     scaled_inverse,
@@ -51,13 +53,13 @@ from cartstiff.many.arithmetic import (
 )
 from cartstiff.many.chains.chain_numbers import ChainCase, ChainNumbers, against, curvature_of
 from cartstiff.many.chains.chain_twists import ChainConstants
-from cartstiff.many.tape import Scalar, Tape, absolute, larger, pick, square_root
+from cartstiff.many.tape import Scalar, Tape, larger, pick, square_root
 from cartstiff.numerics import BALANCE, ROUNDING
 
 #: Least pivot of the Hessian, as a share of its diagonal entry: what is lost is four digits.
 _SHARE = numerics.LOST
-#: Most that factors of mixed signs may exceed the entries of their row.
-_GROWTH = 100.0
+#: Most that one step of Newton's method may change an inverse: it leaves the square of that.
+_LOST_TO_PIVOTS = 1e-7
 #: Least pivot of the self-motion's stiffness, and least size of what it leaves, as shares of the
 #: largest entry, that are trusted.
 _PIVOT = numerics.LOST
@@ -207,23 +209,30 @@ def _compliances(
 
 
 def _softness(chain: ChainNumbers, H: Array, signed: bool = False) -> tuple[Array, Scalar]:
-    """``J H^-1 J^T`` and the verdict on it; `signed` admits pivots of either sign.
-
-    Of a positive H the sum over k of ``L_ak^2 d_k`` is its diagonal entry; where signs are mixed,
-    that of their sizes says what the factors can lose. It is compared with the row's largest entry.
-    """
+    """``J H^-1 J^T`` and the verdict on it; `signed` admits an H that is not positive."""
+    if signed:
+        found, verdict = _signed_inverse(H)
+        return congruence(chain.J.T, found), verdict
     L, inverses, pivots = positive_factor(H)
-    sizes = np.array([absolute(pivot) for pivot in pivots], object)
-    scaled = H * chain.columns / chain.columns[:, None] if signed else H
     verdict: Scalar = PLAIN
     for a, pivot in enumerate(pivots):
-        if signed:
-            grown = sizes[: a + 1] @ (L[a, : a + 1] * L[a, : a + 1])
-            verdict = larger(verdict, pick(grown, largest(scaled[a]) * _GROWTH, PLAIN, ENGINE))
-            verdict = larger(verdict, pick(grown * _SHARE, sizes[a], PLAIN, ENGINE))
-        else:
-            verdict = larger(verdict, pick(H[a, a] * _SHARE, pivot, PLAIN, ENGINE))
+        verdict = larger(verdict, pick(H[a, a] * _SHARE, pivot, PLAIN, ENGINE))
     return congruence(below(L, chain.J.T), np.diag(inverses)), verdict
+
+
+def _signed_inverse(H: Array) -> tuple[Array, Scalar]:
+    """Inverse of a symmetric matrix of either sign, and the verdict on it.
+
+    Factors without pivoting lose digits where a pivot is small by chance. One step of Newton's
+    method, ``X (2 - H X)``, squares what they have lost, as long as that is little.
+    """
+    L, inverses, _ = positive_factor(H)
+    X = congruence(below(L, np.eye(len(H))), np.diag(inverses))
+    found = symmetric_product(X, np.eye(len(H)) - H @ X, X)
+    size, inverse_size = equilibrated_squares(H, found)
+    change = equilibrated_squares(H, found - X)[1]
+    verdict = limited(size * inverse_size, STIFFNESS_CONDITION**2)
+    return found, larger(verdict, pick(change, inverse_size * _LOST_TO_PIVOTS**2, PLAIN, ENGINE))
 
 
 def chain_motion(tape: Tape, constants: ChainConstants) -> tuple[Array, Array]:

@@ -1,0 +1,57 @@
+"""What a stiffness alone does not hold, and inverses of either sign: decided as the engine does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import cartstiff
+from cartstiff.many.postures import analyse_many
+
+COUNT = 40
+
+
+def near_singular(name: str) -> tuple[cartstiff.ElasticMechanism, np.ndarray]:
+    """Postures that come nearer to a singularity, from plainly regular to hardly resolved."""
+    elastic = cartstiff.load(name)
+    rng = np.random.default_rng(5)
+    q = rng.uniform(-1.2, 1.2, (COUNT, len(elastic.names)))
+    if name == "ur5":
+        q[:, 4] = 10.0 ** -np.linspace(1.0, 6.5, COUNT)  # the wrist is singular at 0
+    else:
+        q[:, [1, 2, 4, 5]] *= 10.0 ** -np.linspace(0.0, 6.0, COUNT)[:, None]  # stretched out
+    return elastic, q
+
+
+@pytest.mark.parametrize("path", ["portable", "compiled"])
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+@pytest.mark.parametrize("wrench", [None, [1.0, 2.0, -3.0, 20.0, -10.0, 40.0]])
+def test_a_stiffness_alone_is_called_without_digits_where_the_engine_does(name, wrench, path):
+    elastic, q = near_singular(name)
+    outputs = ("stiffness_B", "stiffness_A")
+    engine = analyse_many(elastic, q, wrench=wrench, outputs=outputs, path="engine")
+    fast = analyse_many(elastic, q, wrench=wrench, outputs=outputs, path=path)
+    assert [fast.codes[s] for s in fast.state] == [engine.codes[s] for s in engine.state]
+    assert {"regular", "lost-digits"} <= set(engine.counts())
+    assert fast.by_engine <= engine.counts()["lost-digits"] + COUNT // 5
+    for letter in "AB":
+        size = np.abs(engine[letter]).max(axis=(1, 2), keepdims=True)
+        loss = np.linalg.cond(analyse_many(elastic, q, outputs=["jacobian"])["jacobian"])
+        assert np.all(np.abs(fast[letter] - engine[letter]) < 1e-12 * loss[:, None, None] * size)
+
+
+@pytest.mark.parametrize("path", ["portable", "compiled"])
+def test_springs_far_from_rest_leave_inverses_of_either_sign_to_the_tape(path):
+    """Preload far above the springs' own stiffness: one Hessian in ten has small pivots."""
+    elastic = cartstiff.load("ur5").with_springs(rest=[0.1, -0.4, 0.3, 0.2, 0.5, -0.6])
+    q = np.random.default_rng(3).uniform(-2.0, 2.0, (400, 6))
+    outputs = ("compliance_B", "compliance_F", "stiffness_B")
+    fast = analyse_many(elastic, q, outputs=outputs, path=path)
+    assert fast.by_engine <= 1
+    assert np.count_nonzero(np.linalg.eigvalsh(fast["B"])[:, 0] < 0.0) > 200
+    engine = analyse_many(elastic, q, outputs=outputs, path="engine")
+    loss = np.linalg.cond(engine["B"]) ** 0.5
+    for output in outputs[:2]:
+        size = np.abs(engine[output]).max(axis=(1, 2))
+        error = np.abs(fast[output] - engine[output]).max(axis=(1, 2)) / size
+        assert np.all(error < 1e-12 * loss)
