@@ -139,12 +139,12 @@ def with_room(
 
 
 def _check_writable(name: str, array: object, shape: tuple[int, ...]) -> None:
-    is_array = isinstance(array, np.ndarray)
-    if is_array and array.shape == shape and array.dtype == np.float64 and array.flags.writeable:
-        return
     got = type(array).__name__
-    if is_array:
-        got = f"shape {array.shape}, {array.dtype}" + ", read-only" * (not array.flags.writeable)
+    if isinstance(array, np.ndarray):
+        is_open = array.flags.writeable
+        if array.shape == shape and array.dtype == np.float64 and is_open:
+            return
+        got = f"shape {array.shape}, {array.dtype}" + ", read-only" * (not is_open)
     raise InputError(
         "array to write into cannot be used", where=f"out, {name}",
         expected=f"a writeable array of doubles of shape {shape}", got=got,
@@ -153,16 +153,16 @@ def _check_writable(name: str, array: object, shape: tuple[int, ...]) -> None:
 
 def _check_apart(own: Mapping[str, Array], inputs: Mapping[str, Array | None]) -> None:
     """Refuse arrays to write into that share memory with each other or with inputs."""
-    others = {name: values for name, values in inputs.items() if values is not None}
-    ends = sorted((*byte_bounds(array), name) for name, array in {**others, **own}.items())
-    if all(end <= start for (_, end, _), (start, _, _) in pairwise(ends)):
+    others = [(name, values) for name, values in inputs.items() if values is not None]
+    bounds = sorted(byte_bounds(array) for _, array in (*others, *own.items()))
+    if all(end <= start for (_, end), (start, _) in pairwise(bounds)):
         return  # as nearly always, and soon seen
     for name, array in own.items():
-        for other, values in others.items():
+        for other, values in others:
             if overlap(array, values):
                 raise InputError("array to write into shares memory", where=f"out, {name}",
                                  expected="its own", got=f"that of {other}")  # fmt: skip
-        others[name] = array
+        others.append((name, array))
 
 
 def address_of(array: Array) -> int:

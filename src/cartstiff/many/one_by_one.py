@@ -30,8 +30,11 @@ def state_of(result: PostureStiffness, outputs: Collection[str] = ()) -> str:
         return result.reduction.states[-1].code
     kinds = {name.partition("_")[0] for name in outputs}
     notes = result.notes_on_posture
-    if kinds & {"stiffness", "compliance"}:
-        notes = result.notes if "compliance" in kinds else result.notes_on_stiffness
+    if "compliance" in kinds:
+        notes = result.notes
+    elif "stiffness" in kinds:  # other inverses need not be found
+        of_b = result.notes_on_digits(lambda: result.reduction.compliance_with_error)
+        notes = *notes, *of_b
     codes = {note.code for note in notes}
     for code in ("type-2-singularity", "singular-stiffness"):
         if code in codes:

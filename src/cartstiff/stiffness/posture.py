@@ -318,17 +318,11 @@ class PostureStiffness(ShownInLines):
     @cached_property
     def notes(self) -> tuple[Note, ...]:
         """What was assumed, and why something does not exist."""
-        reason = self._flat.note
-        digits = self._on_digits(lambda: self._inverses.B)
-        return (*self.notes_on_posture, *(() if reason is None else (reason,)), *digits)
+        reason = () if self._flat.note is None else (self._flat.note,)
+        return (*self.notes_on_posture, *reason, *self.notes_on_digits(lambda: self._inverses.B))
 
-    @property
-    def notes_on_stiffness(self) -> tuple[Note, ...]:
-        """The `notes` without that on K^F, sooner where no compliance is asked for."""
-        digits = self._on_digits(lambda: self.reduction.compliance_with_error)
-        return (*self.notes_on_posture, *digits)
-
-    def _on_digits(self, compliance: Callable[[], numerics.Inverse | None]) -> list[Note]:
+    def notes_on_digits(self, compliance: Callable[[], numerics.Inverse | None]) -> list[Note]:
+        """Those of the `notes` on lost digits, from a way to C^B with its error."""
         plain = self._plain_inverses
         parts = self.elastic, self.posture, self.evaluation, self.reduction, self.notes_on_posture
         error = posture_notes.error_of_chosen_forces(*parts, plain and plain.matrices["B"])

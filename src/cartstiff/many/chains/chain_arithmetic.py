@@ -59,7 +59,7 @@ from cartstiff.numerics import BALANCE, ROUNDING
 #: Least pivot of the Hessian, as a share of its diagonal entry: what is lost is four digits.
 _SHARE = numerics.LOST
 #: Most that one step of Newton's method may change an inverse: it leaves the square of that.
-_LOST_TO_PIVOTS = 1e-7
+_LOST_TO_PIVOTS = numerics.LAST_DIGITS**0.5
 #: Least pivot of the self-motion's stiffness, and least size of what it leaves, as shares of the
 #: largest entry, that are trusted.
 _PIVOT = numerics.LOST
@@ -210,11 +210,11 @@ def _compliances(
 
 def _softness(chain: ChainNumbers, H: Array, signed: bool = False) -> tuple[Array, Scalar]:
     """``J H^-1 J^T`` and the verdict on it; `signed` admits an H that is not positive."""
-    if signed:
-        found, verdict = _signed_inverse(H)
-        return congruence(chain.J.T, found), verdict
-    L, inverses, pivots = positive_factor(H)
     verdict: Scalar = PLAIN
+    if signed:
+        inverse, verdict = _signed_inverse(H)
+        return congruence(chain.J.T, inverse), verdict
+    L, inverses, pivots = positive_factor(H)
     for a, pivot in enumerate(pivots):
         verdict = larger(verdict, pick(H[a, a] * _SHARE, pivot, PLAIN, ENGINE))
     return congruence(below(L, chain.J.T), np.diag(inverses)), verdict
@@ -228,11 +228,11 @@ def _signed_inverse(H: Array) -> tuple[Array, Scalar]:
     """
     L, inverses, _ = positive_factor(H)
     X = congruence(below(L, np.eye(len(H))), np.diag(inverses))
-    found = symmetric_product(X, np.eye(len(H)) - H @ X, X)
-    size, inverse_size = equilibrated_squares(H, found)
-    change = equilibrated_squares(H, found - X)[1]
+    inverse = symmetric_product(X, np.eye(len(H)) - H @ X, X)
+    size, inverse_size = equilibrated_squares(H, inverse)
+    change = equilibrated_squares(H, inverse - X)[1]
     verdict = limited(size * inverse_size, STIFFNESS_CONDITION**2)
-    return found, larger(verdict, pick(change, inverse_size * _LOST_TO_PIVOTS**2, PLAIN, ENGINE))
+    return inverse, larger(verdict, pick(change, inverse_size * _LOST_TO_PIVOTS**2, PLAIN, ENGINE))
 
 
 def chain_motion(tape: Tape, constants: ChainConstants) -> tuple[Array, Array]:
