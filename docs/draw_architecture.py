@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import sys
+from collections import Counter
 from pathlib import Path
 
 SOURCES = Path(__file__).resolve().parents[1] / "src" / "cartstiff"
@@ -88,6 +89,29 @@ def imports() -> dict[str, dict[str, int]]:
         for other in seen - {"", package} - SMALL:
             counts[other] = counts.get(other, 0) + 1
     return found
+
+
+def sizes() -> list[tuple[str, int, int, int]]:
+    """Package, files, lines, and lines of code: neither blank nor comments nor docstrings."""
+    table: dict[str, Counter[str]] = {}
+    for path in SOURCES.rglob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        words = {
+            line
+            for node in ast.walk(ast.parse(text))
+            if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+            for line in range(node.lineno, (node.end_lineno or node.lineno) + 1)
+        }
+        lines = [line.strip() for line in text.splitlines()]
+        code = sum(
+            bool(line) and not line.startswith("#") and i not in words
+            for i, line in enumerate(lines, start=1)
+        )
+        parts = path.relative_to(SOURCES).parts
+        for name in (parts[0] if len(parts) > 1 else "(files at the top)", "all"):
+            table.setdefault(name, Counter()).update(files=1, lines=len(lines), code=code)
+    ordered = sorted(table.items(), key=lambda item: item[1]["lines"])
+    return [(name, row["files"], row["lines"], row["code"]) for name, row in ordered]
 
 
 def upward(found: dict[str, dict[str, int]]) -> list[tuple[str, str]]:
@@ -181,3 +205,5 @@ if __name__ == "__main__":
         print(f"{name:<12} imports {', '.join(sorted(others)) or 'nothing of the package'}")
     for lower, higher in upward(imports()):
         print(f"points the wrong way: {lower} imports {higher}")
+    for name, *numbers in sizes():
+        print(f"{name:<18}", *(f"{n:>7}" for n in numbers))

@@ -9,6 +9,7 @@ Directives, for pages in reStructuredText (``command-help`` for MyST pages as we
 - ``other-modules NAME ...``: the same for all packages that are not named;
 - ``state-codes PACKAGE``: the codes of notes and states of a package, with their messages;
 - ``import-picture``: the packages and their imports, as SVG;
+- ``lines-table``: files and lines of each package;
 - ``published-cases``: the cases with their values;
 - ``gallery``: one picture and one paragraph for every example.
 
@@ -388,6 +389,18 @@ class ImportPicture(SphinxDirective):
         return [nodes.raw("", f'<div class="picture">{picture}</div>', format="html")]
 
 
+class LinesTable(_Text):
+    """Files and lines of each package."""
+
+    def text(self) -> Iterator[str]:
+        """A list table."""
+        yield from (".. list-table::", "   :header-rows: 1", "")
+        head = ("package", "files", "lines", "of which code")
+        for row in (head, *draw_architecture.sizes()):
+            for i, cell in enumerate(row):
+                yield f"   {'* -' if i == 0 else '  -'} {cell}"
+
+
 # -- bibliography keys ------------------------------------------------------------------------
 
 
@@ -416,5 +429,6 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.add_directive("gallery", Gallery)
     app.add_directive("published-cases", PublishedCases)
     app.add_directive("import-picture", ImportPicture)
+    app.add_directive("lines-table", LinesTable)
     app.add_role("key", Key())
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}
