@@ -69,11 +69,12 @@ _options = option_group(
     ),
     click.option(
         "--order", type=click.Choice(ORDERS),
-        help="Also the matrices as a controller has them: linear-angular is translation first.",
+        help="Also print the matrices as a controller has them: linear-angular is translation "
+        "first.",
     ),
     click.option(
         "--axes", type=click.Choice(("body", "base")),
-        help="Also the matrices along these axes, about the body frame's origin.",
+        help="Also print the matrices along these axes, about the body frame's origin.",
     ),
     sensitivities_option,
     explain_option,

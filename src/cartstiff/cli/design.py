@@ -34,7 +34,7 @@ Example: study.yaml holds
   cartstiff design study.yaml --tcp 0,0,50 --load 0,0,0,0,0,-100 --units mm,deg
   cartstiff design study.yaml -o designs.jsonl --csv designs.csv --plot front.png --workers 2
 
-Interrupted or killed, the same command with the same -o goes on where it stopped.
+After an interruption, the same command with the same -o goes on where it stopped.
 """
 
 

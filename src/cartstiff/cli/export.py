@@ -35,7 +35,7 @@ Examples:
 def command(output: Path, frames: int | None, **texts: Any) -> None:
     """Write the page of `cartstiff view` as one HTML file that opens anywhere, without a network.
 
-    The file of an arm, or of a body on line legs, computes: any posture, load, springs and point.
+    For an arm, or a body on line legs, the file computes any posture, load, springs and point.
     Other files, and those asked for with --frames, hold the posture given and a sweep of every
     coordinate through it, or the postures of a trajectory.
     """

@@ -71,17 +71,22 @@ _about_the_fit = option_group(
         "links; a link that gives: LINK (its 6x6), LINK:diagonal, LINK:rx,ry.",
     ),
     click.option("--tie", metavar="A=B", multiple=True, help="Springs that are equal."),
-    click.option("--known", metavar="NAME=K", multiple=True, help="A stiffness that is held."),
+    click.option("--known", metavar="NAME=K", multiple=True,
+                 help="A stiffness that is known and kept."),
     click.option("--prior", metavar="NAME=K,SD", multiple=True,
-                 help="A stiffness that is known up to a standard deviation."),
+                 help="A stiffness that is known with this standard deviation."),
     click.option("--offsets", type=click.Choice(["rigid", "translation", "none"]), default="rigid",
-                 show_default=True, help="What is unknown of the measuring frame in each session."),
+                 show_default=True,
+                 help="What no session knows of its measuring frame: position and rotation "
+                 "(rigid), position alone, or nothing."),
     click.option("--loaded", is_flag=True,
-                 help="Fit the equilibrium under load, not displacements linear in it."),
+                 help="Fit equilibria under the load instead of displacements that are linear in "
+                 "it."),
     click.option("--fit", type=click.Choice(["plain", "robust"]), default="plain",
                  show_default=True, help="Which fit's estimates come first."),
-    option("--reject", metavar="RULE", help="Leave rows out: suspects of the robust fit, or those "
-           "beyond so many standard deviations from it."),
+    option("--reject", metavar="RULE",
+           help="Leave rows out: the suspects of the robust fit, or all that are farther from it "
+           "than this number of standard deviations."),
     click.option("--level", type=float, default=_LEVEL, show_default=True,
                  help="Probability of the intervals."),
 )  # fmt: skip

@@ -55,7 +55,7 @@ Examples:
   cartstiff map panda --trajectory path.csv --quantity deflection \\
       --deflect 0,0,0,0,0,-50 --world -o path.zarr --json
 
-Interrupted or killed, the same command goes on where it stopped.
+After an interruption, the same command goes on where it stopped.
 """
 
 

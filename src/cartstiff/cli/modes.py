@@ -94,9 +94,9 @@ _options = option_group(
     option("--plot", type=PICTURE, help="Draw the response as a Bode diagram, or the lobes."),
     option(
         "--impedance", type=click.Path(path_type=Path), metavar="FILE",
-        help="Stiffness wanted of a controller at the body frame (6x6; .json, .csv or .npy): "
-        "damping by double diagonalisation with the masses at the posture, joint-space gains, and "
-        "the parameter layouts of controllers with what they lose.",
+        help="Stiffness that a controller shall give at the body frame (6x6; .json, .csv or "
+        ".npy). The answer has the damping by double diagonalisation with the masses at the "
+        "posture, joint-space gains, and parameters for known controllers with what each loses.",
     ),
     click.option(
         "--order", type=click.Choice(ORDERS),

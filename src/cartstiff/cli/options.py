@@ -52,9 +52,9 @@ stiffness_option = option(
 #: What the drives are told, for `MechanismRequest.command`.
 command_option = option(
     "--command", "told", type=JointValues(springs=True),
-    help="How far drives move on from the posture, such as leg1/slide=0.001 (rad, lengths; leg1 of "
-    "a platform): the rest positions of their springs are shifted, and the "
-    "resulting pose is found.",
+    help="How far drives move from the posture (rad or lengths), such as leg1/slide=0.001, or "
+    "leg1=0.001 of a platform. The rest positions of their springs shift by so much, and "
+    "the pose of the new rest is found.",
 )  # fmt: skip
 
 
@@ -252,10 +252,11 @@ _tcp_option = option(
 tool_options = option_group(
     _tcp_option,
     option("--gravity", type=DIRECTION,
-           help="Acceleration of gravity in F in m/s^2, such as 0,0,-9.81, instead of the file's."),
+           help="Acceleration of gravity in F in m/s^2, such as 0,0,-9.81; it replaces the "
+           "file's."),
     option("--payload", type=PAYLOAD,
-           help="A mass on the body, always in kg, and its centre in M; it weighs "
-           "under the gravity of the file or option, else 9.81 m/s^2 along -z."),
+           help="Mass on the body, always in kg, and its centre in M. It has weight under the "
+           "gravity of --gravity or the file; without either under 9.81 m/s^2 along -z."),
 )  # fmt: skip
 #: How a file is read.
 file_options = option_group(
@@ -267,10 +268,10 @@ file_options = option_group(
 )  # fmt: skip
 units_option = option("--units", type=UnitList("UNITS"),
        help="Units of numbers given and shown, such as mm,deg. Lengths in m, cm, mm, um or in: "
-       "with mm, moments are in N mm, stiffnesses in N mm/rad and N/mm. The head of a CSV file "
-       "may name others. deg is for joints, roll, pitch, yaw, and tables of postures. With "
-       "--json all that comes out is in the units of MECHANISM's file and in radians; of `map` "
-       "and `design` in the unit of length given here, which it names.")  # fmt: skip
+       "with mm, moments are in N mm, stiffnesses in N mm/rad and N/mm. The head of a CSV "
+       "file may name others. deg is for joints, roll, pitch, yaw, and tables of postures. "
+       "With --json, numbers come out in the units of MECHANISM's file and in radians; the "
+       "JSON of `map` and `design` keeps the unit of length given here, and names it.")  # fmt: skip
 #: Which robot it is, and what it carries: the same on every command, for `MechanismRequest`.
 robot_options = option_group(
     frame_option,
@@ -305,7 +306,8 @@ def mechanism_options(
                help="Posture of a six-legged platform by its leg lengths, near the file's pose."),
         robot_options,
         option("--rest", type=JointValues(springs=True),
-               help="Rest positions of the joints (rest lengths of legs), as for --q."),
+               help="Rest positions of the joints, or rest lengths of the legs; written as for "
+               "--q."),
         load,
     ) if placed else option_group(
         click.argument("mechanism"), *([posture, robot_options] if gives else

@@ -48,7 +48,7 @@ _options = option_group(
         "--free-axis", type=click.Choice(["x", "y", "z"]),
         help="The body may turn about this axis of its own frame, the tool's axis.",
     ),
-    click.option("--free-rotation", is_flag=True, help="The body may turn as it likes."),
+    click.option("--free-rotation", is_flag=True, help="The body may turn in any way."),
     option(
         "--redundant", metavar="JOINT",
         help="The spare joint whose position is sampled; default: the one that moves most.",

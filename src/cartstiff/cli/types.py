@@ -388,7 +388,7 @@ def gathered(options: Callable[[Any], Any], keyword: str, kind: type[Any]) -> Ca
 
 explain_option = click.option(
     "--explain", is_flag=True,
-    help="Also what computed the answer, how long each part took, and what limits it on this "
+    help="Also say what computed the answer, how long each part took, and what limits it on this "
     "machine.",
 )  # fmt: skip
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")

@@ -40,8 +40,8 @@ Examples:
 def command(port: int, host: str, no_open: bool, others: tuple[str, ...], **texts: Any) -> None:
     """Serve a page on which MECHANISM moves and shows its stiffness; ends with Ctrl-C.
 
-    Up to three OTHER mechanisms, to which the same options apply, are set beside it: their
-    numbers as ratios, their pictures at one scale under one camera.
+    Up to three OTHER mechanisms stand beside it, with the same options: their numbers as ratios,
+    their pictures at one scale and under one camera.
 
     The page needs no network and loads nothing from outside. The address that is printed holds a
     secret, without which nothing is answered. MECHANISM is a bundled name (see

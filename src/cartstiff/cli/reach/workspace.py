@@ -34,8 +34,8 @@ _options = option_group(
            help="Orientation that is kept, and position around which rotations are tried: "
            "position and roll, pitch, yaw about fixed axes; default the file's."),
     click.option("--directions", type=click.IntRange(8, 1_000_000),
-                 help="About how many rays, and columns; default 1000, 200 for tensions and "
-                 "for legs made of joints."),
+                 help="Number of rays and columns, roughly; default 1000, or 200 for tensions "
+                 "and for legs made of joints."),
     click.option("--scan", type=click.IntRange(2, 100_000), default=48, show_default=True,
                  help="Poses along each ray; parts that are thinner than a step may be missed."),
     option("--radius", type=Number("LENGTH", power=1, above_zero=True),
@@ -44,7 +44,7 @@ _options = option_group(
                  help="Which tensions of cables count: any within their limits, or those in closed "
                  "form that are nearest to the middle of the limits."),
     click.option("--through-singularities", is_flag=True,
-                 help="Count poses beyond singular ones as well."),
+                 help="Also count poses beyond singular ones."),
     option("--csv", type=OutputFile("FILE.csv", ".csv"),
            help="Write the boundary: positions, and the limit that cuts each. `cartstiff view "
            "MECHANISM --workspace` draws it on the page."),
@@ -82,8 +82,9 @@ def command(
 ) -> None:
     """Where the platform, cable robot or body on legs MECHANISM can be within all its limits.
 
-    Volume and slices with one orientation, the rotations at one position, which limit cuts which
-    share of the boundary, the largest sphere and cube inside, and how near singular poses are.
+    The answer has the volume and its slices for one orientation, the rotations at one position,
+    the share of the boundary that each limit cuts, the largest sphere and cube inside, and the
+    distance to singular poses.
     """
     if request.stiffness is not None:
         raise InputError("stiffness does not bear on where a body can be", where="--stiffness",

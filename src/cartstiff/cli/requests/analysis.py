@@ -47,7 +47,7 @@ _options = option_group(
     ),
     option(
         "--direction", type=DIRECTION,
-        help="Also the stiffness along and about this direction, in the body's axes.",
+        help="Also print the stiffness along and about this direction, in the body's axes.",
     ),
     option(
         "--deflect", type=WRENCH,
@@ -65,8 +65,8 @@ _options = option_group(
     ),
     option(
         "--inertia", type=Numbers("MASS,IXX,IYY,IZZ", 4, above_zero=True),
-        help="Rigid body with its mass centre at the point, in kg and kg m^2: natural "
-        "frequencies, and its radius of gyration as the length.",
+        help="Rigid body with its mass centre at the point, in kg and kg m^2: gives natural "
+        "frequencies, and its radius of gyration as the characteristic length.",
     ),
     option(
         "--tolerance", type=TOLERANCE,

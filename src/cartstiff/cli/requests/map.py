@@ -53,8 +53,8 @@ sampling_options = option_group(
     ),
     repeated_option(
         "--command", "told", type=Axes("NAME=LOW:HIGH:COUNT", single=True),
-        help="How far a drive moves on from the posture, such as leg1=-0.001:0.001:11 for a map "
-        "over commands from --q, or leg1/slide=0.001 at every posture of a map; what is read is "
+        help="How far a drive moves from the posture: leg1=-0.001:0.001:11 maps commands from "
+        "--q, leg1/slide=0.001 holds at every posture of a map. The map holds what is true "
         "where the machine comes to rest.",
     ),
     option(
@@ -73,7 +73,7 @@ sampling_options = option_group(
     click.option(
         "--free", type=click.Choice(["none", "x", "y", "z", "rotation"]), default="none",
         show_default=True,
-        help="With --cartesian: the body may turn about this axis of its own, or as it likes.",
+        help="With --cartesian: the body may turn about this axis of its own, or in any way.",
     ),
     click.option(
         "--redundancy", type=click.Choice(["nearest", "best"]), default="nearest",
