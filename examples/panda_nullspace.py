@@ -9,30 +9,20 @@ from pathlib import Path
 import numpy as np
 
 import cartstiff
-from cartstiff.geometry import se3
 
 STEP = 0.05  # rad, length of a step in joint space
 
 
 def walk(arm: cartstiff.ElasticMechanism, steps: int, sign: float) -> list[np.ndarray]:
     """Postures along the self-motion from the default one; the hand's pose is kept."""
-    q, goal = arm.q, arm.mechanism.at(arm.q).pose
-    direction = None
-    postures = [q]
+    postures, goal = [arm.q], arm.mechanism.at(arm.q).pose
+    direction = sign * np.eye(7)[0]
     for _ in range(steps):
-        J = arm.mechanism.at(q).motion.jacobian
-        null = np.linalg.svd(J)[2][-1]
-        if direction is None:
-            null = null * sign * np.sign(null[0])
-        elif null @ direction < 0:
-            null = -null
-        direction = null
-        q = q + STEP * null
-        for _ in range(5):
-            posture = arm.mechanism.at(q)
-            error = se3.log(se3.inverse(posture.pose) @ goal)
-            q = q + np.linalg.pinv(posture.motion.jacobian) @ error
-        postures.append(q)
+        motion = np.linalg.svd(arm.mechanism.at(postures[-1]).motion.jacobian)[2][-1]
+        direction = motion if motion @ direction > 0 else -motion
+        postures.append(
+            cartstiff.inverse_kinematics(arm, goal, [postures[-1] + STEP * direction])[0]
+        )
     return postures
 
 

@@ -6,7 +6,6 @@ downwards: the frequencies belong to a load. Below, the stability lobes of a mil
 at half immersion: the zeroth-order theory as a line, semi-discretisation as points.
 """
 
-import sys
 from math import pi
 from pathlib import Path
 
@@ -52,9 +51,6 @@ def draw(
     picture: Path,
 ) -> None:  # fmt: skip
     """Receptance over frequency; depth of cut over speed."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     import matplotlib.pyplot as plt
 
     figure, (above, below) = plt.subplots(2, 1, figsize=(6, 5.6), layout="constrained")
@@ -71,9 +67,3 @@ def draw(
     below.set(xlabel="speed [rev/min]", ylabel="depth of cut [mm]", ylim=(0, None))
     below.legend(fontsize="small")
     figure.savefig(picture, dpi=80)
-    plt.close(figure)
-
-
-if __name__ == "__main__":
-    for key, value in main(Path(sys.argv[1]) if sys.argv[1:] else None).items():
-        print(f"{key:<42} {value}")
