@@ -279,9 +279,9 @@ class Parameters:
         with other parameters, and leaves them open.
         """
         elastic = self.result.elastic
-        told = {n.removeprefix(_FILE): x for n, x in values.items() if n.startswith(_FILE)}
-        if told and self.reread is not None:
-            elastic = self.reread(told)
+        parameters = {n.removeprefix(_FILE): x for n, x in values.items() if n.startswith(_FILE)}
+        if parameters and self.reread is not None:
+            elastic = self.reread(parameters)
         if isinstance(elastic.springs, FlexureStruts):
             struts = with_strut_numbers(elastic.springs, elastic.spring_names, values)
             rest = np.array([values.get(f"rest.{name}", x) for name, x in zip(

@@ -48,26 +48,26 @@ class ControllerRequest:
             pose=modes.posture.pose, frame=modes.elastic.mechanism.frame, units=modes.elastic.units,
         )  # fmt: skip
         answer = impedance(modes, wanted, self.ratio or 0.7)
-        told = {
+        gains = {
             "given": {"order": target.order, "axes": self.axes, "ratios": self.ratio or [0.7]},
             "q": dict(zip(modes.elastic.names, modes.q.tolist(), strict=True)),
             "units": modes.elastic.units.as_dict(),
             **answer.as_dict(),
         }
-        data["impedance"] = told
+        data["impedance"] = gains
         if self.output is not None:
             from cartstiff.report.output import write_whole
 
-            write_whole(self.output, _text(told, self.output.suffix).encode())
+            write_whole(self.output, _text(gains, self.output.suffix).encode())
         return describe_impedance(answer, modes.elastic.units)
 
 
-def _text(told: dict[str, Any], ending: str) -> str:
+def _text(gains: dict[str, Any], ending: str) -> str:
     """JSON, or the same as YAML: one key a line, rows of matrices in brackets."""
     if ending == ".json":
-        return json.dumps(told, allow_nan=False, indent=1) + "\n"
+        return json.dumps(gains, allow_nan=False, indent=1) + "\n"
     lines = []
-    for key, value in told.items():
+    for key, value in gains.items():
         if isinstance(value, dict):
             lines.append(f"{key}:")
             lines += [f"  {json.dumps(k)}: {json.dumps(v)}" for k, v in value.items()]

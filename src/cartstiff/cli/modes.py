@@ -184,8 +184,8 @@ def command(
         return
     data = swinging.as_dict()
     if bare is not None:
-        told = bare.as_dict()
-        data["unloaded"] = {key: told[key] for key in ("frequencies", "eigenvalues", "load")}
+        unloaded = bare.as_dict()
+        data["unloaded"] = {key: unloaded[key] for key in ("frequencies", "eigenvalues", "load")}
     from cartstiff.report.modes import describe_modes
 
     extra = _more(swinging, request, data, compare, sensitivities, tolerance)
@@ -215,11 +215,11 @@ def _more(
         lines += describe_comparison(shortcuts)
     known = None
     if wanted:
-        told, known = add_sensitivities(modes, request, data)
-        lines += told
+        more, known = add_sensitivities(modes, request, data)
+        lines += more
     if tolerance is not None or modes.elastic.identified is not None:
-        told, known = add_intervals(modes, tolerance, data, known)
-        lines += told
+        more, known = add_intervals(modes, tolerance, data, known)
+        lines += more
     if tolerance is not None:
         lines += add_accuracy(modes, tolerance, data, known)
     return lines

@@ -104,14 +104,14 @@ def identify(
     seen = model.observations
     checks = checked(model, chosen, unknowns, measured, rows_in_fit(robust, fit, len(seen)))
     inflation = inflation_of(checks)
-    told = estimates(chosen.solved, unknowns, level, inflation)
+    springs = estimates(chosen.solved, unknowns, level, inflation)
     if not model.is_linear:
         from cartstiff.identify.profile import with_profiles
 
-        told = with_profiles(told, model, unknowns, chosen, measured, offsets, level)
+        springs = with_profiles(springs, model, unknowns, chosen, measured, offsets, level)
     result = Identification(
-        elastic, unknowns, measured, len(rows), rejected, model, chosen, plain, robust, tuple(told),
-        checks, level, fit, offsets, isinstance(model, LoadedModel), inflation,
+        elastic, unknowns, measured, len(rows), rejected, model, chosen, plain, robust,
+        tuple(springs), checks, level, fit, offsets, isinstance(model, LoadedModel), inflation,
     )  # fmt: skip
     doubts = other_axes(unknowns, measured, chosen.solved.residual, seen.target, offsets)
     return replace(result, notes=(*doubts, *notes_of(result)))

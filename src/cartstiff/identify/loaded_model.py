@@ -167,7 +167,7 @@ class LoadedModel:
         return _State(posture.pose, posture.motion.jacobian @ motion)
 
 
-def _solved(system: System, start: Array, told: Array, *, is_first: bool) -> Solution:
+def _solved(system: System, start: Array, forces: Array, *, is_first: bool) -> Solution:
     """Equilibrium near where it should be, else near where the motors are told to be.
 
     In the first search of a row the load is put on step by step if nothing else helps.
@@ -176,11 +176,11 @@ def _solved(system: System, start: Array, told: Array, *, is_first: bool) -> Sol
         return solve(system, start, settle=False)
     except CartstiffError:
         if is_first:
-            staged = in_stages(system, told, _STEPS, settle=False)
+            staged = in_stages(system, forces, _STEPS, settle=False)
             if staged is None:
                 raise
             return staged
-        return solve(system, told, settle=False)
+        return solve(system, forces, settle=False)
 
 
 def _bare(elastic: ElasticMechanism) -> ElasticMechanism:

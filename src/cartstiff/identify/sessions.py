@@ -180,11 +180,11 @@ def other_axes(
 
     if count * fdtrc(freedom, freedom, ratio**2) > _BY_CHANCE:
         return []
-    told = (
+    passage = (
         f"the rows fit much better with {words}: residuals of {rms:.3g} instead of "
         f"{declared[1]:.3g} (rms); if so they were measured, the springs above are wrong"
     )
-    return [Note("other-axes", told, {"residual_rms": declared[1], "other_rms": rms})]
+    return [Note("other-axes", passage, {"residual_rms": declared[1], "other_rms": rms})]
 
 
 def _left(
@@ -275,7 +275,7 @@ def _exchanged(measured: Measurements) -> Iterator[tuple[str, Measurements]]:
                     spreads[to] = measured.deviations[name]
                     if to != name or sign * turn < 0:
                         words.append(f"{name} as {'-' if sign * turn < 0 else ''}{to}")
-        told = ", ".join(words)
-        if told and told not in known:
-            known.add(told)
-            yield told, replace(measured, values=values, deviations=spreads)
+        text = ", ".join(words)
+        if text and text not in known:
+            known.add(text)
+            yield text, replace(measured, values=values, deviations=spreads)

@@ -75,7 +75,7 @@ def simulated(
         rigid = -seen.target[i] if seen.column[i] in POSITION else 0.0
         error = rng.normal() + gross[seen.row[i]]
         values[seen.column[i]][seen.row[i]] = rigid + y[i] + error * deviations[seen.column[i]]
-    told: dict[str, Array] = (
+    exact: dict[str, Array] = (
         spread if tell_deviations else {name: np.full(N, np.nan) for name in deviations}
     )
-    return replace(settings, values=values, deviations=told)
+    return replace(settings, values=values, deviations=exact)

@@ -359,8 +359,8 @@ def _by_engine(
 ) -> None:  # fmt: skip
     """Fill some postures one by one; `q` takes the coordinates of assembled chains."""
     assembled = _is_assembled(elastic)
-    told = BY_ENGINE if reason in ("", ASKED) else f"{BY_ENGINE} ({reason})"
-    with timed(told, len(which)):
+    way = BY_ENGINE if reason in ("", ASKED) else f"{BY_ENGINE} ({reason})"
+    with timed(way, len(which)):
         for i in which.tolist():
             load = loads if loads is None or loads.ndim == 1 else loads[i]
             rows = {name: array[i : i + 1] for name, array in arrays.items()}

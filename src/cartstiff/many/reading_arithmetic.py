@@ -252,8 +252,8 @@ def _on_axis(r: _Reader, freedom: str, others: str) -> Scalar:
     if others == "free":
         return 1.0 / on_axis
     terms: Any = sum(absolute(x) for x in (block * np.outer(u, u)).ravel())
-    told = absolute(on_axis) * (numerics.TELLING / numerics.EPSILON)
-    r.require(pick(terms, told, PLAIN, ENGINE))
+    rounding = absolute(on_axis) * (numerics.TELLING / numerics.EPSILON)
+    r.require(pick(terms, rounding, PLAIN, ENGINE))
     return on_axis
 
 

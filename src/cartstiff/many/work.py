@@ -123,7 +123,7 @@ def explained(work: Work, seconds: float, spent: float) -> dict[str, Any]:
         operations and bytes take on this machine, "arithmetic" and "writing"), "limit".
     """
     machine: dict[str, float] | None = None
-    told: dict[str, Any] = {"processor": None, "lanes": None}
+    hardware: dict[str, Any] = {"processor": None, "lanes": None}
     try:
         limits = Machine(1 << 22)
     except ImportError:
@@ -132,7 +132,7 @@ def explained(work: Work, seconds: float, spent: float) -> dict[str, Any]:
         measured = limits.flops, limits.bytes_written
         rates = (max(rate(1) for _ in range(_TRIES)) for rate in measured)
         machine = dict(zip(("operations", "bytes_written"), rates, strict=True))
-        told = {"processor": _binding().get_host_cpu_name(), "lanes": limits.width}
+        hardware = {"processor": _binding().get_host_cpu_name(), "lanes": limits.width}
     shares = []
     for what, share in work.shares.items():
         row: dict[str, Any] = {"what": what, **vars(share), "arithmetic": None, "writing": None}
@@ -144,7 +144,7 @@ def explained(work: Work, seconds: float, spent: float) -> dict[str, Any]:
     shares.append({"what": "all else", **vars(Share(0, max(spent - known, 0.0))),
                    "arithmetic": None, "writing": None})  # fmt: skip
     largest = max(shares, key=lambda row: row["seconds"])
-    return {"seconds": seconds, "processor_seconds": spent, **told, "machine": machine,
+    return {"seconds": seconds, "processor_seconds": spent, **hardware, "machine": machine,
             "shares": shares, "limit": _limit(largest)}  # fmt: skip
 
 
@@ -157,11 +157,11 @@ def _limit(largest: dict[str, Any]) -> str:
     return f"{what}: {kind}, which alone takes {100.0 * largest[kind] / seconds:.0f} % of its time"
 
 
-def describe(told: dict[str, Any]) -> list[str]:
+def describe(facts: dict[str, Any]) -> list[str]:
     """The same as lines."""
-    lines = ["", f"How it was computed: {told['seconds']:.3g} s, "
-             f"{told['processor_seconds']:.3g} s of processor time"]  # fmt: skip
-    for row in told["shares"]:
+    lines = ["", f"How it was computed: {facts['seconds']:.3g} s, "
+             f"{facts['processor_seconds']:.3g} s of processor time"]  # fmt: skip
+    for row in facts["shares"]:
         line = f"  {row['what']}: {round(row['seconds'], 9):.3g} s"
         if row["postures"]:
             each = 10**6 * row["seconds"] / row["postures"]
@@ -172,13 +172,13 @@ def describe(told: dict[str, Any]) -> list[str]:
                 f"{row['arithmetic']:.2g} s and {row['writing']:.2g} s at least"
             )
         lines.append(line)
-    if (machine := told["machine"]) is not None:
+    if (machine := facts["machine"]) is not None:
         flops, written = (machine[key] / 10**9 for key in ("operations", "bytes_written"))
         lines.append(
-            f"  this machine ({told['processor']}, vectors of {told['lanes']}): "
+            f"  this machine ({facts['processor']}, vectors of {facts['lanes']}): "
             f"{flops:.3g} Gflop/s, {written:.3g} GB/s written, on one thread"
         )
-    return [*lines, f"  what limits: {told['limit']}"]
+    return [*lines, f"  what limits: {facts['limit']}"]
 
 
 def _code(width: int) -> str:

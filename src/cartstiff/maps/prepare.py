@@ -286,11 +286,11 @@ def _about_intervals(job: MapJob) -> dict[str, str]:
         return {"intervals": "no intervals after a command: where it leads depends on the springs"}
     if (none := why_none(job.elastic, job.wrench is not None)) is not None:
         return {"intervals": none.message}
-    told = f"half widths of {100 * known.level:g} % intervals, from springs measured"
-    told += f" on {known.date} in {known.rows} rows" if known.date else f" in {known.rows} rows"
+    words = f"half widths of {100 * known.level:g} % intervals, from springs measured"
+    words += f" on {known.date} in {known.rows} rows" if known.date else f" in {known.rows} rows"
     if known.undetermined:
-        told += f"; not in them: {', '.join(known.undetermined)}, which the rows do not show"
-    return {"intervals": told}
+        words += f"; not in them: {', '.join(known.undetermined)}, which the rows do not show"
+    return {"intervals": words}
 
 
 def _vibration(settings: Settings) -> dict[str, Any]:

@@ -108,13 +108,13 @@ def export_steps(
     weighs = {"gravity": None, "payload": None}
     if first.command is not None and any(first.command):
         # The file is of the machine as it was told: its springs have their new rest positions.
-        told = session.result(first)
-        here = replace(source, q=told.q, load=None, command=None)
+        result = session.result(first)
+        here = replace(source, q=result.q, load=None, command=None)
         state = first.model_copy(
-            update={"command": None, "load": None, "stiffness": None, "q": told.q.tolist(),
+            update={"command": None, "load": None, "stiffness": None, "q": result.q.tolist(),
                     "load_at": first.acts_at, **weighs}
         )  # fmt: skip
-        steps = export_steps(here, told.elastic, state, frames, picture=picture, number=number,
+        steps = export_steps(here, result.elastic, state, frames, picture=picture, number=number,
                              address=address)  # fmt: skip
         return (yield from steps)
     if first.gravity is not None or first.payload is not None:

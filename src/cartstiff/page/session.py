@@ -218,8 +218,8 @@ class Session:
             load |= {"load_kind": state.load_kind, "load_at": state.acts_at}
         if state.command is None or not commanded:
             return analyse(elastic, q, **load)
-        told = named_values(state.command, elastic.spring_names, state.command, "command")
-        command = {n: x for n, x in zip(elastic.spring_names, told.tolist(), strict=True) if x}
+        steps = named_values(state.command, elastic.spring_names, state.command, "command")
+        command = {n: x for n, x in zip(elastic.spring_names, steps.tolist(), strict=True) if x}
         return analyse_commanded(elastic, command, q, **load)
 
     def _placed(self, state: ViewState, is_left: bool = False) -> tuple[ElasticMechanism, Array]:

@@ -121,14 +121,14 @@ def _part(result: PostureStiffness, quantity: str) -> dict[str, Any]:
 def modes_part(result: PostureStiffness) -> dict[str, Any]:
     """Of the object of ``cartstiff modes --json`` what the page shows, or why there are none."""
     try:
-        told = modes(result).as_dict()
+        answer = modes(result).as_dict()
     except UndefinedError as error:
         return {"missing": str(error)}
-    names = told["mechanism"]["joints"]
+    names = answer["mechanism"]["joints"]
     if result.posture.coordinates_are_pose:
         names = ["rx", "ry", "rz", "x", "y", "z"]
     keys = ("frequencies", "participation", "nodal_axes", "effective_masses", "repeated", "notes")
-    return {"names": names, **{key: told[key] for key in keys}}
+    return {"names": names, **{key: answer[key] for key in keys}}
 
 
 def response_curves(result: PostureStiffness, state: ViewState, ratio: float) -> dict[str, Any]:

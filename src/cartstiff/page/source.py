@@ -195,11 +195,11 @@ def read_cloud(path: Path, elastic: ElasticMechanism | None = None) -> Cloud:
     shape = position.shape[:-1]
     flat = position.reshape(-1, position.shape[-1])
     values: dict[str, Array] = {}
-    told: dict[str, str] = {}
+    units: dict[str, str] = {}
     for name, variable in data.data_vars.items():
         if variable.shape == shape and variable.dtype.kind in "fiub" and name != "state":
             values[str(name)] = np.asarray(variable.values, float).reshape(-1)
-            told[str(name)] = str(variable.attrs.get("units", ""))
+            units[str(name)] = str(variable.attrs.get("units", ""))
     if position.shape[-1] != 3 or not values:
         raise InputError(
             "map cannot be shown", where=where,
@@ -208,7 +208,7 @@ def read_cloud(path: Path, elastic: ElasticMechanism | None = None) -> Cloud:
     reached = np.isfinite(flat).all(axis=1)  # places of a Cartesian grid that no posture reaches
     if not reached.any():
         raise InputError("map holds no posture", where=where, expected="a finite position")
-    cloud = _thinned(Cloud(flat[reached], {n: v[reached] for n, v in values.items()}, told),
+    cloud = _thinned(Cloud(flat[reached], {n: v[reached] for n, v in values.items()}, units),
                      0 if elastic is None else len(elastic.names))  # fmt: skip
     own = [] if elastic is None or "q" not in data else [str(name) for name in data["joint"].values]
     if elastic is None or own != list(elastic.names):

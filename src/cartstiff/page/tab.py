@@ -146,8 +146,8 @@ class TabSocket(Guarded, WebSocketHandler):
             await asyncio.sleep(0)
             source = self._page.source_of(self.number)
             names = [one.elastic.name for one in (self._page.source, *self._page.beside)]
-            told = {"mechanisms": names, "number": self.number}
-            self._session = Session(source, self._page.picture, told)
+            facts = {"mechanisms": names, "number": self.number}
+            self._session = Session(source, self._page.picture, facts)
             await self._send(self._session.hello())
             while True:
                 await self._awake.wait()

@@ -199,8 +199,8 @@ class FlexureStruts(LineSprings):
         M = np.zeros((N, m, n + 6, n + 6))
         right = np.zeros((N, m, n + 6))
         missed, settled = np.full((N, m), np.inf), np.zeros((N, m), bool)
-        told = np.zeros((N, m, n + 6))
-        told[..., slide] = self.slides * x_size[:, slide]
+        gradients = np.zeros((N, m, n + 6))
+        gradients[..., slide] = self.slides * x_size[:, slide]
         to_end = se3.adjoint_of_inverse(ends)
         back = to_end.swapaxes(-1, -2)
         diagonal = np.arange(n)
@@ -225,7 +225,7 @@ class FlexureStruts(LineSprings):
             if np.all(settled | ~np.isfinite(now)):
                 break
             missed = np.fmin(missed, now)
-            steps = solved(M, np.stack([right, told], axis=-1))
+            steps = solved(M, np.stack([right, gradients], axis=-1))
             if gradient is not None:
                 G = (back @ (steps[..., n:, 1] * W_size)[..., None])[..., 0][:, free]
                 W_next = W + steps[..., n:, 0] * W_size

@@ -123,9 +123,9 @@ class MountedStruts(FlexureStruts):
         compliance[own] = np.linalg.inv(self._springs[own])
         settled = np.zeros(len(T), bool)
         for _ in range(_STEPS):
-            told = _pulled(self._row(T, q, W).J, W) @ compliance
-            settled = np.abs(told - q).max(axis=1) <= numerics.ROUNDING * np.abs(told).max(axis=1)
-            q = told
+            pulled = _pulled(self._row(T, q, W).J, W) @ compliance
+            settled = abs(pulled - q).max(axis=1) <= numerics.ROUNDING * np.abs(pulled).max(axis=1)
+            q = pulled
             if settled.all() or not np.isfinite(q).all():
                 break
         return self._row(T, q, W)._replace(is_found=settled)

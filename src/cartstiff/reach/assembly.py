@@ -101,11 +101,11 @@ class AssemblyModes(ShownInLines):
     def as_dict(self) -> dict[str, Any]:
         """For JSON: numbers, lists, texts, None."""
         elastic, search = self.elastic, self.search
-        told: dict[str, Any] | None = None
+        method: dict[str, Any] | None = None
         if isinstance(search, PathCount):
-            told = {"method": "homotopy", **search.as_dict()}
+            method = {"method": "homotopy", **search.as_dict()}
         elif search is not None:
-            told = {"method": "starts", "starts": search.starts, "found": search.found,
+            method = {"method": "starts", "starts": search.starts, "found": search.found,
                     "complete": False}  # fmt: skip
         units = elastic.units
         return {
@@ -116,7 +116,7 @@ class AssemblyModes(ShownInLines):
             "units": {"length": units.length, "force": units.force, "angle": "rad"},
             "given": dict(self.given),
             **weighed(elastic).as_dict(),
-            "search": told,
+            "search": method,
             "modes": [mode.as_dict() for mode in self.modes],
             "notes": [note.as_dict() for note in self.notes],
         }  # fmt: skip
@@ -220,11 +220,11 @@ def _of_platform(
         )
     start = platform.at(q)
     wanted = start.lines.lengths if lengths is None else checked_vector(lengths, 6, "leg lengths")
-    told = dict(zip(elastic.spring_names, map(float, wanted), strict=True))
+    lengths_by_leg = dict(zip(elastic.spring_names, map(float, wanted), strict=True))
     notes = list(elastic.notes)
     singular = architecture_of(platform).note()
     if singular is not None:
-        return AssemblyModes(elastic, told, (), None, (*notes, singular))
+        return AssemblyModes(elastic, lengths_by_leg, (), None, (*notes, singular))
     poses, counts, search, moving = poses_of_lengths(platform, wanted)
     away = np.linalg.norm(se3.log(se3.inverse(start.pose) @ poses)
                           / [1.0, 1.0, 1.0, *[platform.length] * 3], axis=1)  # fmt: skip
@@ -254,7 +254,7 @@ def _of_platform(
                           "be missing", {"lost": search.lost}))  # fmt: skip
     if listed:
         notes += limit_notes(platform, listed[0].result.posture)
-    return AssemblyModes(elastic, told, tuple(listed), search, tuple(notes))
+    return AssemblyModes(elastic, lengths_by_leg, tuple(listed), search, tuple(notes))
 
 
 def _of_chain(

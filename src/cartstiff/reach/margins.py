@@ -224,12 +224,12 @@ class Margins:
         """Name of the distribution, and the nearest to the middle of the limits at a pose."""
         if self.forces is None or not self.is_spread:
             return {}
-        told: dict[str, Any] = {"distribution": self.tensions, "at_centre": None}
+        answer: dict[str, Any] = {"distribution": self.tensions, "at_centre": None}
         if np.isfinite(self.forces).all():
             lines = lines_at(self.platform, pose[None])[1]
             t = self.middle_tensions(lines, self._asked(pose[None]))
-            told["at_centre"] = t[0].tolist() if np.isfinite(t).all() else None
-        return told
+            answer["at_centre"] = t[0].tolist() if np.isfinite(t).all() else None
+        return answer
 
     def determinants(self, poses: Array) -> Array:
         """Of six legs' lines (N,), moments over the body's length."""

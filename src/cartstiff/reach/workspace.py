@@ -286,11 +286,11 @@ def workspace(
         count = directions or (200 if margins.is_slow else 1000)
         most = reach_of_lines(margins.platform, pose, radius)
     axes, scales, moved = _followed(margins, pose, most)
-    told = None if wrench is None else {
+    about_load = None if wrench is None else {
         "wrench": np.asarray(wrench, float).tolist(), "kind": kind.kind, "at": list(kind.at),
         "axes": load_axes,
     }  # fmt: skip
-    here = Workspace(elastic, pose, axes=axes, scales=scales, load=told, notes=tuple(notes))
+    here = Workspace(elastic, pose, axes=axes, scales=scales, load=about_load, notes=tuple(notes))
 
     def turned(vectors: Array) -> Array:
         poses = np.tile(pose, (len(vectors), 1, 1))

@@ -46,8 +46,8 @@ def deflection_lines(d: Section, u: Units, full: bool) -> list[str]:
         titles = ["spring", "elongation", "", "share", "change of force"]
     ranked = sorted(shares, key=lambda s: -abs(s["share"] or 0.0))
     if not full:
-        told = [s for s in ranked[:3] if abs(s["share"] or 0.0) >= _TOLD] or ranked[:1]
-        parts = [f"{s['name']} {_share(s['share'])}" for s in told]
+        main = [s for s in ranked[:3] if abs(s["share"] or 0.0) >= _TOLD] or ranked[:1]
+        parts = [f"{s['name']} {_share(s['share'])}" for s in main]
         return [*lines, f"  largest shares {meaning}: {', '.join(parts)}"]
     rows = []
     sizes = [max((abs(s[first]) for s in shares if s["is_length"] is kind), default=0.0)

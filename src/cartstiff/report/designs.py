@@ -94,9 +94,9 @@ def _reasons(answer: Designs, state: str) -> list[str]:
     first: dict[str, int] = {}
     for (i, _), reason in zip(designs, words, strict=True):
         first.setdefault(reason, i)
-    told = Counter(words).most_common(_REASONS)
-    lines = [f"  {n:>5}  {reason} (design {first[reason] + 1})" for reason, n in told]
-    more = len(first) - len(told)
+    reasons = Counter(words).most_common(_REASONS)
+    lines = [f"  {n:>5}  {reason} (design {first[reason] + 1})" for reason, n in reasons]
+    more = len(first) - len(reasons)
     return [*lines, *([f"         ... {more} other reasons"] if more > 0 else [])]
 
 

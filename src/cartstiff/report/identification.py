@@ -83,11 +83,11 @@ def _how_good(plan: Plan) -> list[str]:
     worst, count = plan.worst, len(plan.rows)
     if not np.isfinite(worst):
         return []
-    told = "not all springs" if not np.isfinite(plan.by_chance) else (
+    chance = "not all springs" if not np.isfinite(plan.by_chance) else (
         f"{plan.by_chance / worst:.2f} times this widest interval"
     )  # fmt: skip
     return [
-        f"{count} of the candidates drawn at random determine {told} (median of many draws); no "
+        f"{count} of the candidates drawn at random determine {chance} (median of many draws); no "
         f"choice of {count} from the rows looked at gives less than {plan.bound / worst:.2f} of it",
     ]
 
@@ -122,8 +122,8 @@ def describe_plan(plan: Plan) -> str:
     lines += ["", "Widest interval with the number of rows"]
     for factor, entry in zip(plan.factors, data["by_rows"], strict=True):
         worst = entry["worst_relative_sd"]
-        told = "not all are determined" if worst is None else f"+- {100 * factor * worst:.3g} %"
-        lines.append(f"  {entry['rows']:>4}  {told}")
+        widest = "not all are determined" if worst is None else f"+- {100 * factor * worst:.3g} %"
+        lines.append(f"  {entry['rows']:>4}  {widest}")
     if plan.lost:
         lines.append(f"no candidate tells anything about {', '.join(plan.lost)}")
     return joined(lines)

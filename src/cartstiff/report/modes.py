@@ -196,11 +196,11 @@ def describe_sensitivities(known: Sensitivities, units: Units) -> list[str]:
     rows.sort(key=lambda entry: -float(np.nanmax(np.abs(entry[2]), initial=0.0)))
     lines = ["", f"Sensitivities: {what}"]
     sizes = np.nanmax([np.abs(entry[2]) for entry in rows], axis=0, initial=0.0)
-    told = [
+    cells = [
         [name, unit, *(number(x, 3, size=size) for x, size in zip(shown, sizes, strict=True))]
         for name, unit, shown in rows[:_ROWS]
     ]
-    lines += table(["parameter", "", *titles], told)
+    lines += table(["parameter", "", *titles], cells)
     if len(rows) > _ROWS:
         lines.append(f"  {len(rows) - _ROWS} more, which matter less, with --json")
     if known.left_out:

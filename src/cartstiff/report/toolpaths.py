@@ -80,8 +80,8 @@ def describe_optimised_path(result: OptimisedPath, *, is_written: bool = False) 
         lines.append(f"  ... and {len(result.q) - _MOST} more points{hint}")
     lengths = [c.name for c in result.elastic.mechanism.coordinates if c.is_length]
     angle = units.shown_angle
-    told = f"{angle}; {units.length} for {', '.join(lengths)}" if lengths else angle
-    return joined([*lines, f"  coordinates in {told}"])
+    of_ranges = f"{angle}; {units.length} for {', '.join(lengths)}" if lengths else angle
+    return joined([*lines, f"  coordinates in {of_ranges}"])
 
 
 def _free(result: OptimisedPath) -> str:
@@ -114,7 +114,7 @@ def describe_placement(placement: Placement, *, is_written: bool = False) -> str
         lines.append(f"  ... and {len(body) - _MOST} more places (--json has all)")
     unusable = placement.counts()
     if unusable:
-        told = ", ".join(f"{n} {code}" for code, n in unusable.items())
-        lines.append(f"  {sum(unusable.values())} of {len(body)} places cannot be used: {told}")
+        counts = ", ".join(f"{n} {code}" for code, n in unusable.items())
+        lines.append(f"  {sum(unusable.values())} of {len(body)} places cannot be used: {counts}")
     path = describe_optimised_path(placement.path, is_written=is_written).split("\n")
     return joined([*lines, "", "The path there", "", *path])

@@ -69,7 +69,7 @@ def commanded(
         raise InputError(f"{elastic.name} has no springs to command", where="command")
     rigid = springs.rigid if isinstance(springs, JointSprings) else frozenset()
     shifts = {n: x for n, x in steps.items() if names.index(n) not in rigid}
-    told = {names.index(n): x for n, x in steps.items() if names.index(n) in rigid}
+    rigid_steps = {names.index(n): x for n, x in steps.items() if names.index(n) in rigid}
     moved = elastic.with_springs(
         rest={n: float(springs.rest[names.index(n)]) + x for n, x in shifts.items()} or None
     )
@@ -77,7 +77,7 @@ def commanded(
     units = {n: elastic.units.length if units.get(n, "m") == "m" else "rad" for n in names}
     words = ", ".join(f"{n} by {x:+g} {units[n]}" for n, x in steps.items())
     note = Note("commanded", f"drives are told to move on: {words}", {"command": steps})
-    return moved.with_notes(note), _driven(mechanism, at, told)
+    return moved.with_notes(note), _driven(mechanism, at, rigid_steps)
 
 
 def after_command(
@@ -116,8 +116,8 @@ def after_command(
     before = analyse(elastic, q, wrench=wrench, **(said if wrench is not None else {}))
     kind = checked_load(load_kind, load_at, load_axes, wrench is not None)
     loads = () if wrench is None else (kind.acting(wrench, before.pose, load_axes),)
-    told, start = commanded(before.elastic, command, before.q)
-    return equilibrium(told, *loads, q0=start, limits=limits)
+    shifted, start = commanded(before.elastic, command, before.q)
+    return equilibrium(shifted, *loads, q0=start, limits=limits)
 
 
 def analyse_commanded(
@@ -181,18 +181,18 @@ def _undriven(springs: JointSprings) -> set[int]:
     return set(np.flatnonzero(springs.is_passive).tolist()) - springs.rigid
 
 
-def _driven(mechanism: Any, q: Array, told: Mapping[int, float]) -> Array:
+def _driven(mechanism: Any, q: Array, steps: Mapping[int, float]) -> Array:
     """Coordinates with rigid drives moved, the closures met by the others."""
-    if not told:
+    if not steps:
         return q
     wanted = np.array(q)
-    for j, x in told.items():
+    for j, x in steps.items():
         wanted[j] += x
     if not isinstance(mechanism, Chain) or not mechanism.closures:
         return wanted
     held = sorted(mechanism.rigid | mechanism.virtual)
     assembled = mechanism.closed(wanted, hold=held).q
-    gap = float(np.abs(assembled - wanted)[list(told)].max())
+    gap = float(np.abs(assembled - wanted)[list(steps)].max())
     if gap > numerics.CLOSE:
         raise InputError("the machine cannot follow its rigid drives there", where="command",
                          expected="a smaller command", got=f"{gap:.3g} away")  # fmt: skip

@@ -73,25 +73,25 @@ class Accuracy:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data."""
-        told: dict[str, Any] = {}
+        answer: dict[str, Any] = {}
         for quantity, sd in self.deviations.items():
             diagonal = [(i, i) if sd.ndim == 2 else (i,) for i in range(len(sd))]
-            told[quantity] = {
+            answer[quantity] = {
                 "nominal": _or_none(self.nominal[quantity]), "deviation": _or_none(sd),
                 "main": [[{"name": n, "share": x} for n, x in self.main(quantity, i)]
                          for i in diagonal],
             }  # fmt: skip
         pairs = zip(self.names, self.spreads.tolist(), strict=True)
         return {
-            "level": self.level, "factor": self.factor, "left_out": self.left_out, **told,
+            "level": self.level, "factor": self.factor, "left_out": self.left_out, **answer,
             "parameters": [{"name": name, "deviation": x} for name, x in pairs],
         }  # fmt: skip
 
 
 def _or_none(values: Array) -> list[Any]:
-    told = np.where(np.isfinite(values), values, np.nan).astype(object)
-    told[~np.isfinite(values)] = None
-    return list(told.tolist())
+    cells = np.where(np.isfinite(values), values, np.nan).astype(object)
+    cells[~np.isfinite(values)] = None
+    return list(cells.tolist())
 
 
 def accuracy(
@@ -146,7 +146,7 @@ def accuracy(
     if not 0.0 < level < 1.0:
         raise InputError("level cannot be used", expected="between 0 and 1", got=level)
     effects: dict[str, list[Array]] = {}
-    missing = [] if (told := home.parameters.left_out) is None else [told]
+    missing = [] if (left_out := home.parameters.left_out) is None else [left_out]
     varied = np.zeros(len(named), bool)
     for i, (name, t) in enumerate(named.items()):
         if progress is not None:

@@ -270,13 +270,13 @@ def _load_and_notes(result: PostureStiffness) -> tuple[Mapping[str, Any], tuple[
         "meaning": result.load.words,
         "words": f"under its {result.load.kind} load" if loaded else "unloaded",
     }  # fmt: skip
-    told = list(result.notes_on_posture)
-    told = [n for n in told if n.code not in ("deficient", "near-singular")]
+    notes = list(result.notes_on_posture)
+    notes = [n for n in notes if n.code not in ("deficient", "near-singular")]
     if loaded and not result._load_is_given:
-        told.append(Note(
+        notes.append(Note(
             "load-from-springs",
             "no load was given: the wrench that the springs exert here is taken for a "
             f"{result.load.kind} load that holds the posture",
             {"wrench": W.tolist()},
         ))  # fmt: skip
-    return load, tuple(told)
+    return load, tuple(notes)

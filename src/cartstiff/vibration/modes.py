@@ -110,7 +110,7 @@ def _at_rest(state: Equilibrium) -> Modes:
     columns = posture.coordinate_lengths
     basis = np.diag(columns) if balance.free is None else columns[:, None] * balance.free
     sizes = np.abs(balance.stiffness) + np.diag(balance.hardness)
-    told = tuple(n for n in state.notes if n.code not in ("unstable", "flutter", "divergence"))
+    notes = tuple(n for n in state.notes if n.code not in ("unstable", "flutter", "divergence"))
     load = {
         "kind": "potentials", "at": None, "wrench": None, "given": bool(state.loads),
         "meaning": "the loads of the equilibrium, each as it is",
@@ -118,7 +118,7 @@ def _at_rest(state: Equilibrium) -> Modes:
     }  # fmt: skip
     elastic = state.elastic.with_potential(*state.loads)
     solved = _solved(
-        elastic, posture, basis, balance.stiffness, sizes, terms, units, rest=(load, told)
+        elastic, posture, basis, balance.stiffness, sizes, terms, units, rest=(load, notes)
     )
     return replace(solved, state=state)
 

@@ -161,7 +161,7 @@ def sensitivities(
         raise UndefinedError("modes that flutter have no sensitivities", code="flutter")
     home = Home(subject, reread)
     rows: dict[str, Row] = {}
-    missing: list[str] = [] if (told := home.parameters.left_out) is None else [told]
+    missing: list[str] = [] if (left_out := home.parameters.left_out) is None else [left_out]
     names = [name for name in home.parameters.nominal
              if geometry or name.partition(".")[0] in ("stiffness", "mass")]  # fmt: skip
     for done, name in enumerate(names, 1):

@@ -98,7 +98,7 @@ def searched(G: Array, start: Array, chosen: list[int], ways: list[Cost]) -> lis
 
 
 def refined(
-    rows: Measurements, told: Callable[[Measurements], Array], beside: Beside, start: Array,
+    rows: Measurements, information: Callable[[Measurements], Array], beside: Beside, start: Array,
     ways: list[Cost],
 ) -> tuple[Measurements, Array]:  # fmt: skip
     """Rows moved, each to the best of many places near it, ever nearer; what all places tell.
@@ -107,7 +107,7 @@ def refined(
     ----------
     rows : Measurements
         Chosen.
-    told : callable
+    information : callable
         Informations (N, P, P) of rows.
     beside : callable
         Rows near those given; the first of each is it itself.
@@ -123,12 +123,12 @@ def refined(
     tried : ndarray (k, P, P)
         Informations of all rows that were tried.
     """
-    rng, tried, best = np.random.default_rng(0), [told(rows)], rows
+    rng, tried, best = np.random.default_rng(0), [information(rows)], rows
     least = float(ways[-1]((start + tried[0].sum(axis=0))[None])[0])
     for share in _SHARES:
         near, owner = beside(rows, share, rng)
         try:
-            G = told(near)
+            G = information(near)
         except CartstiffError:  # a place without an answer
             continue
         tried.append(G)

@@ -78,10 +78,10 @@ def read_chain(
         words = "no tensions within the file's limits balance at its pose: cables are without any"
         notes.append(Note("cables-not-balanced", words))
         tensions = np.zeros(len(cables))
-    told = {c.name: round(float(t), 12) for c, t in zip(cables, tensions, strict=True) if t}
-    if told:
+    pulled = {c.name: round(float(t), 12) for c, t in zip(cables, tensions, strict=True) if t}
+    if pulled:
         words = "cables are tensioned so that they balance at the file's pose, with the least sum"
-        notes.append(Note("tensions-assumed", words, {"tensions": told}))
+        notes.append(Note("tensions-assumed", words, {"tensions": pulled}))
     taut = [
         line if line.rest_length is not None else line.model_copy(update={
             "preload": float(t), "stiffness": c.product / size if c.product else line.stiffness,

@@ -78,10 +78,10 @@ def compare_maps(
     state = np.where(np.isfinite(u), b["state"].values, a["state"].values)
     words = str(x.attrs.get("long_name", quantity))
     names = _names(first, second)
-    told = f"{words}: {names[0]} {'over' if how == 'ratio' else 'less'} {names[1]}"
+    title = f"{words}: {names[0]} {'over' if how == 'ratio' else 'less'} {names[1]}"
     difference = a[[quantity, "state"]].copy()
     difference[quantity] = x.dims, values, {
-        "units": "1" if how == "ratio" else ux, "long_name": told, "comparison": how,
+        "units": "1" if how == "ratio" else ux, "long_name": title, "comparison": how,
         **({"better": x.attrs["better"]} if "better" in x.attrs else {}),
     }  # fmt: skip
     difference["state"] = x.dims, state, a["state"].attrs
@@ -152,5 +152,5 @@ def _check_axes(x: xarray.DataArray, y: xarray.DataArray) -> None:
         size = max(float(np.abs(a).max(initial=0.0)), numerics.TINY)
         if units[0] != units[1] or len(a) != len(b) or np.abs(a - b).max() > _SAME_PLACE * size:
             both = zip((a, b), units, strict=True)
-            told = [f"{v[0]:g} to {v[-1]:g} {u} in {len(v)}" for v, u in both]
-            raise InputError(f"axis {dim} differs between the maps", expected=told[0], got=told[1])
+            axes = [f"{v[0]:g} to {v[-1]:g} {u} in {len(v)}" for v, u in both]
+            raise InputError(f"axis {dim} differs between the maps", expected=axes[0], got=axes[1])

@@ -304,8 +304,8 @@ def geometry_csv(result: PostureStiffness) -> bytes:
         names += [f"shortest [{unit}]", f"longest [{unit}]"]
         rows = np.column_stack([platform.anchors, heads, platform.points, posture.lines.lengths,
                                 elastic.springs.stiffness, limits])  # fmt: skip
-        told = ([f"leg{i + 1}", *_known(row)] for i, row in enumerate(rows))
-        return csv_rows(names, told).encode()
+        cells = ([f"leg{i + 1}", *_known(row)] for i, row in enumerate(rows))
+        return csv_rows(names, cells).encode()
     chain, springs = elastic.mechanism, elastic.springs
     if not isinstance(chain, Chain):
         raise InputError("a table of geometry is of platforms and of joints", got=chain.kind)
