@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 import cartstiff
-from cartstiff.vibration.many_modes import frequencies_of_many
+from cartstiff.vibration.many_modes import ManyModes
 from cartstiff.vibration.response import frequency_response
 
 ROUNDS = 9
@@ -45,7 +45,7 @@ def main() -> int:
     times = {
         "modes of a posture": seconds(lambda: cartstiff.modes(arm, single).frequencies, 200),
         # On one core, ten times a tenth of them.
-        "10^5 postures": 10 * seconds(lambda: frequencies_of_many(arm, q), 1),
+        "10^5 postures": 10 * seconds(lambda: ManyModes(arm, q).frequencies(), 1),
         "1000 frequencies": seconds(lambda: frequency_response(found, hertz, 0.02), 20),
     }
     for name, value in times.items():

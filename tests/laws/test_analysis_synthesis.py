@@ -268,7 +268,7 @@ def test_deflection_does_not_depend_on_the_frame(seed: int) -> None:
     here = compliance_deflection(np.linalg.inv(K), W, p)
     there = compliance_deflection(
         np.linalg.inv(move_stiffness(K, T)),
-        se3.transport_wrench(se3.inverse(T), W),
+        se3.adjoint(T).T @ W,
         R.T @ (p - T[:3, 3]),
     )
     assert np.allclose(R @ there.displacement, here.displacement, rtol=1e-6, atol=1e-9)

@@ -27,8 +27,6 @@ from cartstiff.geometry.connections import (
     NAMED,
     Connection,
     Field,
-    covariant_derivative,
-    covariant_derivative_of_form,
     flat,
     from_bilinear_map,
     from_symbols,
@@ -289,6 +287,20 @@ def test_user_array_is_copied():
 
 
 # -- fields -------------------------------------------------------------------------------------
+
+
+def covariant_derivative(connection: Connection, y: Field, x: Field, T: np.ndarray) -> np.ndarray:
+    """``nabla_Y X`` at a pose: Y(X^k) L_k + X^j Y^i nabla_{L_i} L_j; components (6,)."""
+    at_y = y.at(T)
+    return x.along(T, at_y) + connection(at_y, x.at(T))
+
+
+def covariant_derivative_of_form(
+    connection: Connection, y: Field, form: Field, T: np.ndarray
+) -> np.ndarray:
+    """``nabla_Y F`` of a one-form, [ZK]_ eq. 29: components Y(F_i) - <F; nabla_Y L_i>."""
+    at_y, at_f = y.at(T), form.at(T)
+    return form.along(T, at_y) - connection.wrench_term(at_f) @ at_y
 
 
 def _field(seed: int) -> Field:

@@ -24,29 +24,29 @@ from cartstiff.mechanisms.other_units import in_units
 from cartstiff.toolpaths.cost import criteria
 from cartstiff.vibration.chatter import limiting_depth, limiting_depths
 from cartstiff.vibration.damping import Damping, poles
-from cartstiff.vibration.many_modes import ManyModes, frequencies_of_many, moves_as_body
+from cartstiff.vibration.many_modes import ManyModes, moves_as_body
 from cartstiff.vibration.milling import Milling
 
 
 def test_arrays_equal_single_postures():
     elastic = load("ur5")
     q = np.random.default_rng(0).uniform(-2, 2, (7, 6))
-    found = frequencies_of_many(elastic, q)
+    found = ManyModes(elastic, q).frequencies()
     one = np.array([modes(elastic, x).frequencies for x in q])
     assert found == pytest.approx(one, rel=1e-10)
     W = np.array([0, 0, 0, 100.0, 0, -400.0])
-    loaded = frequencies_of_many(elastic, q[:2], 6, W, load_axes="world")
+    loaded = ManyModes(elastic, q[:2], W, {"load_axes": "world"}).frequencies()
     assert loaded[1] == pytest.approx(
         modes(elastic, q[1], wrench=W, load_axes="world").frequencies, rel=1e-12
     )
-    each = frequencies_of_many(elastic, q[:2], 3, np.stack([W, 0 * W]))
+    each = ManyModes(elastic, q[:2], np.stack([W, 0 * W])).frequencies(3)
     assert each.shape == (2, 3)
     assert each[1] == pytest.approx(one[1, :3], rel=1e-10)
 
 
 def test_motions_without_mass_have_none():
     bare = column(masses=(2.0, 0.0))
-    found = frequencies_of_many(bare, np.zeros((1, 2)), 3)
+    found = ManyModes(bare, np.zeros((1, 2))).frequencies(3)
     assert found[0, 0] == pytest.approx(modes(bare).frequencies[0])
     assert np.isnan(found[0, 1:]).all()
 
@@ -161,7 +161,7 @@ def test_platforms_equal_single_postures(units):
     rng = np.random.default_rng(1)
     q = at + rng.normal(size=(5, 6)) * [*[0.1 * size] * 3, 0.3, 0.3, 0.3]
     q[3, :5], q[3, 5] = at[:5], np.pi / 2
-    found = frequencies_of_many(elastic, q)
+    found = ManyModes(elastic, q).frequencies()
     one = np.array([modes(elastic, x).frequencies for x in q])
     assert found == pytest.approx(one, rel=1e-10)
     assert found[3, 0] == 0.0 < found[3, 1]
@@ -169,7 +169,7 @@ def test_platforms_equal_single_postures(units):
 
 def test_a_platform_whose_mass_is_a_point_is_asked_one_by_one():
     elastic = load("inclined-hexapod").with_payload(2.0, [0.0, 0.0, 0.1])
-    found = frequencies_of_many(elastic, elastic.q[None])[0]
+    found = ManyModes(elastic, elastic.q[None]).frequencies()[0]
     one = modes(elastic).frequencies
     assert found[: len(one)] == pytest.approx(one, rel=1e-10)
     assert np.isnan(found[len(one) :]).all()

@@ -326,17 +326,3 @@ class Field:
             return np.asarray(self.derivative(T), float) @ twist
         step = STEP / max(1.0, float(np.linalg.norm(twist)))
         return derivative(lambda t: self.at(T @ se3.exp(t * twist)), step)
-
-
-def covariant_derivative(connection: Connection, y: Field, x: Field, T: ArrayLike) -> Array:
-    """``nabla_Y X`` at a pose: Y(X^k) L_k + X^j Y^i nabla_{L_i} L_j; components (6,)."""
-    at_y = y.at(T)
-    return x.along(T, at_y) + connection(at_y, x.at(T))
-
-
-def covariant_derivative_of_form(
-    connection: Connection, y: Field, form: Field, T: ArrayLike
-) -> Array:
-    """``nabla_Y F`` of a one-form, [ZK]_ eq. 29: components Y(F_i) - <F; nabla_Y L_i>."""
-    at_y, at_f = y.at(T), form.at(T)
-    return form.along(T, at_y) - connection.wrench_term(at_f) @ at_y

@@ -150,20 +150,6 @@ def adjoint_of_inverse(T_a_b: ArrayLike) -> Array:
     return m
 
 
-def transport_twist(T_a_b: ArrayLike, twist_b: ArrayLike) -> Array:
-    """Components in frame a of a twist given in frame b: ``Ad(T_a_b) @ twist_b``."""
-    return (adjoint(T_a_b) @ real_array(twist_b)[..., None])[..., 0]
-
-
-def transport_wrench(T_a_b: ArrayLike, wrench_b: ArrayLike) -> Array:
-    """Components in frame a of a wrench given in frame b: ``Ad(T_b_a)^T @ wrench_b``.
-
-    Power does not change: ``transport_wrench(T, W) @ transport_twist(T, V) == W @ V``.
-    """
-    m = np.swapaxes(adjoint_of_inverse(T_a_b), -1, -2)
-    return (m @ real_array(wrench_b)[..., None])[..., 0]
-
-
 #: ``STRUCTURE_CONSTANTS[i, j, k]``: [L_i, L_j] = sum_k C[i, j, k] L_k, [ZK]_ eq. 6 and 7.
 STRUCTURE_CONSTANTS: Final[Array] = np.swapaxes(ad(np.eye(6)), -1, -2)
 STRUCTURE_CONSTANTS.flags.writeable = False

@@ -30,36 +30,6 @@ from cartstiff.vibration.modes import is_plain, modes
 _ROWS = 2048
 
 
-def frequencies_of_many(
-    elastic: ElasticMechanism,
-    q: Array,
-    count: int = 6,
-    wrenches: Array | None = None,
-    **load: Any,
-) -> Array:
-    """The lowest frequencies [Hz] of many postures.
-
-    Parameters
-    ----------
-    elastic : ElasticMechanism
-        The mechanism.
-    q : ndarray (N, n)
-        Postures; closures are met.
-    count : int
-        How many frequencies.
-    wrenches : ndarray (6,) or (N, 6), optional
-        Load, as in `cartstiff.modes`.
-    **load
-        `load_kind`, `load_at`, `load_axes` of it.
-
-    Returns
-    -------
-    ndarray (N, count)
-        NaN where a motion grows, where a posture has no modes, and beyond the last mode.
-    """
-    return ManyModes(elastic, q, wrenches, load).frequencies(count)
-
-
 @dataclass(frozen=True, eq=False)
 class ManyModes:
     """Small vibrations at many postures.
@@ -89,7 +59,10 @@ class ManyModes:
     one_by_one: int | None = None
 
     def frequencies(self, count: int = 6) -> Array:
-        """As `frequencies_of_many`."""
+        """The lowest ones [Hz], (N, count).
+
+        NaN where a motion grows, where a posture has no modes, and beyond the last mode.
+        """
         if self._is_plain:
             return _plain(self.elastic, self.q, count)
         if self._loads is None and _on_open_lines(self.elastic):
