@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.laws.test_batch_engine import assert_same
+from tests.laws.test_many_engine import assert_same
 
 import cartstiff
 from cartstiff.errors import InputError

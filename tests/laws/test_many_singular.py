@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from tests.laws.test_batch_engine import arm, assert_same
+from tests.laws.test_many_engine import arm, assert_same
 from tests.mechanisms.machines import joint, write_urdf
 
 import cartstiff

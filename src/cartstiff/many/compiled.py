@@ -80,7 +80,7 @@ class CompiledKernel:
 
 @lru_cache(maxsize=4)
 def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, thread_name_prefix="cartstiff-batch")
+    return ThreadPoolExecutor(threads, thread_name_prefix="cartstiff-many")
 
 
 if hasattr(os, "register_at_fork"):
