@@ -279,8 +279,7 @@ class _Search:
         T = se3.from_roll_pitch_yaw(at[:, :3], at[:, 3:])
         q = np.tile(self.q, (len(at), 1))
         for leg in legs:
-            target = leg.before @ (np.linalg.inv(T) if leg.hangs else T) @ leg.after
-            own, good = leg.solver.solve(target, q[:, leg.columns])
+            own, good = leg.solver.solve(leg.target(T), q[:, leg.columns])
             q[:, leg.columns] = own
             q[~good] = np.nan
         return q[len(near) :] if np.isfinite(q[: len(near)]).all() else None

@@ -83,6 +83,10 @@ class Leg(NamedTuple):
         """Whether the solutions with the leg's links undeformed follow from a closed form."""
         return self.closed is not None and not any(near[sorted(self.chain.virtual)].tolist())
 
+    def target(self, T_F_M: Array) -> Array:
+        """Where the leg's end must be with the body at poses (N, 4, 4)."""
+        return self.before @ (np.linalg.inv(T_F_M) if self.hangs else T_F_M) @ self.after
+
     def in_closed_form(self, poses: Array, near: Array, tolerance: float) -> list[Array]:
         """Solutions at poses of M, within the limits."""
         if self.closed is None:
@@ -104,8 +108,7 @@ class Leg(NamedTuple):
         self, T_F_M: Array, begin: Array, near: Array, free: Free, tolerance: float
     ) -> list[Array]:
         """Different solutions (k, n) at each pose, the nearest to `near` first."""
-        target = self.before @ (np.linalg.inv(T_F_M) if self.hangs else T_F_M) @ self.after
-        solver = self.solver
+        target, solver = self.target(T_F_M), self.solver
         turns = np.array([not c.is_length for c in self.chain.coordinates])
 
         def away(q: Array) -> Array:

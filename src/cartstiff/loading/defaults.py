@@ -206,9 +206,7 @@ def regular_posture(chain: Chain, q: Array) -> tuple[Array, list[Note]]:
     sizes = posture.coordinate_lengths
 
     def ratios(jacobians: Array) -> Array:
-        values = np.linalg.svd((jacobians * rows * sizes)[..., free], compute_uv=False)
-        ratio: Array = values[..., -1] / np.maximum(values[..., 0], numerics.TINY)
-        return ratio
+        return numerics.ratios((jacobians * rows * sizes)[..., free])
 
     at_zero = float(ratios(posture.motion.jacobian))
     if at_zero > NEAR:

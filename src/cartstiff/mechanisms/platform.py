@@ -321,7 +321,7 @@ class Platform(Mechanism):
             previous = error
             scaled = geometry.lines * scale
             values = np.linalg.svd(scaled, compute_uv=False)
-            if values[-1] < numerics.RANK * values[0]:
+            if not numerics.is_regular(values):
                 raise UndefinedError(
                     "the legs' lines are dependent (type-2 singularity): the pose does not follow "
                     "from the leg lengths",

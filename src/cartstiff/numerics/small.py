@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from cartstiff.numerics.policy import Array
+from cartstiff.numerics.policy import TINY, Array
 
 
 def _routine(name: str) -> Any:
@@ -51,6 +51,12 @@ def singular_values(matrix: Array) -> Array:
     if _SINGULAR_VALUES is None or not matrix.size:
         return np.asarray(np.linalg.svd(matrix, compute_uv=False), float)
     return np.asarray(_SINGULAR_VALUES(matrix))
+
+
+def ratios(matrices: Array) -> Array:
+    """Smallest over largest singular value of each matrix of a stack; 0 where all vanish."""
+    values = np.linalg.svd(matrices, compute_uv=False)
+    return np.asarray(values[..., -1] / np.maximum(values[..., 0], TINY))
 
 
 def determinants(matrices: Array) -> Array:

@@ -153,8 +153,7 @@ class LegMargins:
         rates = self.rates(q[known])
         if rates is None:
             return None
-        values = np.linalg.svd(rates, compute_uv=False)
-        ratios[known] = values[:, -1] / values[:, 0]
+        ratios[known] = numerics.ratios(rates)
         return ratios
 
     def rates(self, q: Array) -> Array | None:

@@ -238,8 +238,7 @@ class Margins:
     def ratios(self, poses: Array) -> Array | None:
         """Smallest over largest singular value of six legs' lines (N,)."""
         lines = lines_at(self.platform, poses)[1]
-        values = np.linalg.svd(lines, compute_uv=False)
-        return values[:, -1] / values[:, 0] if lines.shape[1] == 6 else None
+        return numerics.ratios(lines) if lines.shape[1] == 6 else None
 
     @property
     def is_slow(self) -> bool:
