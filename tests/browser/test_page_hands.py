@@ -97,7 +97,7 @@ def test_the_way_under_the_load_is_shown_enlarged_by_a_stated_factor(serve, chro
 def test_two_coordinates_are_a_map_of_colours(serve, pages):
     page = pages.open(serve("ur5").url + "#load=0,0,0,0,0,-100")
     page.wait_for_function("() => window.cartstiff.source.local")
-    page.click("#strip [data-value=deflection]")
+    page.select_option("select[aria-label='Values of']", "deflection")
     page.select_option("select[aria-label='And along what']", "1")
     page.wait_for_function(
         "() => document.querySelectorAll('.plot.heat rect').length >= 31 * 21 + 24", timeout=300_000

@@ -209,3 +209,28 @@ def test_the_command_line_tells_intervals(known, capfd):
             )
         else:
             assert max(shown["displacement_uncertainty"]["sd"]) > 0
+
+
+def test_a_path_tells_the_interval_at_each_place(known, tmp_path, capfd):
+    """Of a small load's deflection: the first coefficient alone counts."""
+    elastic = load(known)
+    lines = ["x,y,z,roll,pitch,yaw"]
+    for q in (Q, Q + 0.02):
+        pose = elastic.mechanism.at(q).pose
+        angles = cartstiff.geometry.se3.roll_pitch_yaw(pose)
+        lines.append(",".join(repr(float(x)) for x in (*pose[:3, 3], *angles)))
+    (tmp_path / "path.csv").write_text("\n".join(lines) + "\n")
+    with pytest.raises(SystemExit) as exit_:
+        main(["path", str(known), str(tmp_path / "path.csv"), "--world", "--json", "--load",
+              ",".join(map(str, FORCE))])  # fmt: skip
+    out, err = capfd.readouterr()
+    assert exit_.value.code == 0, err
+    shown = json.loads(out)
+    for q, half in zip(shown["q"], shown["half_widths"], strict=True):
+        J = jacobian(elastic, np.array(q))
+        columns = J[3:, [0, 2, 3, 4, 5, 1]] * (J.T @ FORCE)[[0, 2, 3, 4, 5, 1]]
+        moved = columns @ elastic.identified.values[:6]
+        along = columns.T @ moved / np.linalg.norm(moved)
+        by_hand = np.sqrt(along @ elastic.identified.covariance[:6, :6] @ along)
+        assert half == pytest.approx(elastic.identified.factor * by_hand, rel=1e-4)
+    assert shown["values"][-1] == pytest.approx(np.linalg.norm(moved), rel=1e-6)

@@ -185,7 +185,20 @@ def test_a_row_of_a_series(loaded):
     moved = shown_numbers(loaded, ViewState())["moved"]["displacement"]
     assert row["deflection"] == [pytest.approx(np.linalg.norm(moved), rel=1e-14)]
     assert singular["deflection"] is None
-    assert singular["singularity"] < 1e-10
+    assert singular["singularity"][0] < 1e-10
+    turned = shown_numbers(loaded, ViewState())["moved"]["rotation"]
+    assert row["turn"] == [pytest.approx(np.linalg.norm(turned), rel=1e-14)]
+    assert row["energy"] == [loaded.energy]
+    assert row["leg_force"] is None
+    numbers = shown_numbers(loaded, ViewState())["indices"]
+    names = "condition_number", "translational_condition", "rotational_condition"
+    assert row["condition"] == [numbers[name] for name in names]
+
+
+def test_a_row_of_a_platform_has_its_largest_leg_force():
+    result = cartstiff.analyse(cartstiff.load("cubic"), wrench=[1.0, 2.0, -3.0, 40.0, 0.0, -90.0])
+    forces = np.linalg.solve(result.posture.actuation.T, result.wrench)
+    assert series_row(result, ViewState())["leg_force"] == [pytest.approx(np.abs(forces).max())]
 
 
 @pytest.mark.parametrize("name", ["ur5", "stewart-gough"])

@@ -317,21 +317,38 @@ def _moved(result: PostureStiffness, state: ViewState) -> dict[str, Any] | None:
 
 
 def series_row(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
-    """One posture of a sweep or a trajectory: principal values and distance to singularity."""
-    T = reference_frame(result, state)
+    """One posture of a sweep or a trajectory: what ``static/curves.js`` plots, each a list or None.
+
+    "translation", "rotation": principal values; "condition" of the stiffness and of its blocks;
+    "singularity": the least ratio of singular values; "deflection", "turn" under the load;
+    "energy"; "leg_force", the largest.
+    """
+    here = result.at(reference_frame(result, state))
     try:
-        principal = _principal(result.at(T), state)
+        principal = _principal(here, state)
     except UndefinedError:
         principal = None
+    K, C = here.pair(state.connection, "held")
+    indices = None if K is None else _indices(here, state.connection, K, C)
+    names = "condition_number", "translational_condition", "rotational_condition"
+    conditions = [] if indices is None else [indices[name] for name in names]
     ratios = [entry["ratio"] for entry in distance_to_singularity(result)]
     moved = _deflection(result, state)
+    forces = [leg["tension"] for leg in _legs(result) or () if leg["tension"] is not None]
+    ways = (None, None) if moved is None else (moved["displacement"], moved["twist"][:3])
+    deflection, turn = (None if way is None else [float(np.linalg.norm(way))] for way in ways)
+    energy = plain(result.energy)
     return {
         "q": result.q.tolist(),
         "position": result.pose[:3, 3].tolist(),
         "translation": None if principal is None else principal["translation"]["values"],
         "rotation": None if principal is None else principal["rotation"]["values"],
-        "deflection": None if moved is None else [float(np.linalg.norm(moved["displacement"]))],
-        "singularity": min(ratios, default=None),
+        "condition": conditions if any(x is not None for x in conditions) else None,
+        "singularity": [min(ratios)] if ratios else None,
+        "deflection": deflection,
+        "turn": turn,
+        "energy": None if energy is None else [energy],
+        "leg_force": [max(map(abs, forces))] if forces else None,
         "margins": _margins(result),
     }
 

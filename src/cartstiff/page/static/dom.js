@@ -1,7 +1,11 @@
 // Small helpers: elements, numbers as text, downloads.
 
-/** An element with attributes, listeners (on...) and children. */
 import { BLANK } from "./numerics.js";
+
+/** What the server says where it answers a later question of the same kind instead. */
+export const SUPERSEDED = "a newer question took the place of this one";
+
+/** An element with attributes, listeners (on...) and children. */
 export function el(tag, attributes = {}, ...children) {
   const node = document.createElement(tag);
   for (const [name, value] of Object.entries(attributes)) {

@@ -1,5 +1,6 @@
 // Answers from the frames of an exported page: what a server would say, computed beforehand.
 
+import { rowOf } from "./curves.js";
 import { toast } from "./dom.js";
 import { FileSource } from "./file.js";
 import { CLOSE, ROUNDING } from "./numerics.js";
@@ -94,10 +95,7 @@ export class FramesSource extends FileSource {
     return indices.map((i) => {
       if (i === null) return null;
       const frame = this.data.frames[i];
-      const { principal } = this.variant(frame, state).numbers;
-      return { q: frame.result.q, position: frame.position, translation: principal?.translation.values ?? null,
-        rotation: principal?.rotation.values ?? null,
-        deflection: frame.moved?.resisted ? [Math.hypot(...frame.moved.displacement)] : null };
+      return rowOf(this.numbers(frame, state), frame.result.q);
     });
   }
 

@@ -1,4 +1,4 @@
-// Hands in the picture: handles at the tool, at the load's arrows, and the view by keyboard.
+// Hands in the picture: handles at the tool and at the load's arrows.
 
 /* global MeshCat */
 import { byId, chop, el, short } from "./dom.js";
@@ -20,9 +20,6 @@ const LEVER = 0.1;
 // What is held of the tool, and of the load.
 const TOOL = ["ball", "arm", "ring"];
 const LOAD = ["force", "moment", "twirl"];
-// Turn of the camera (rad) and share of its distance for a key.
-const TURN = Math.PI / 36;
-const ZOOM = 1.1;
 
 export function hands(store) {
   const { pane } = store;
@@ -391,25 +388,6 @@ export function hands(store) {
     pinned = on;
     viewer.set_dirty();
   }
-
-  // -- the view by keyboard
-
-  const keys = { ArrowLeft: [TURN, 0], ArrowRight: [-TURN, 0], ArrowUp: [0, -TURN], ArrowDown: [0, TURN], "+": ZOOM, "=": ZOOM, "-": 1 / ZOOM };
-  pane.node.addEventListener("keydown", (event) => {
-    const found = keys[event.key];
-    if (!found || event.ctrlKey || event.metaKey || event.altKey) return;
-    event.preventDefault();
-    event.stopPropagation();
-    const { camera, controls } = viewer;
-    const way = new THREE.Spherical().setFromVector3(camera.position.clone().sub(controls.target));
-    if (Array.isArray(found)) {
-      way.theta += found[0];
-      way.phi = Math.max(0.02, Math.min(Math.PI - 0.02, way.phi + found[1]));
-    } else way.radius /= found;
-    camera.position.copy(controls.target).add(vector().setFromSpherical(way));
-    controls.update();
-    viewer.set_dirty();
-  });
 
   return { toggle: () => pin(!pinned) };
 }

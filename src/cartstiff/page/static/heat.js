@@ -1,6 +1,6 @@
 // A quantity over two coordinates, as colours: sweeps of the first, one for each value of the second.
 
-import { clamp, download, el, short } from "./dom.js";
+import { SUPERSEDED, clamp, download, el, short } from "./dom.js";
 import { drawing, provenance, saveDrawing, table } from "./plotfiles.js";
 
 // Values of the second coordinate, and steps of each sweep.
@@ -13,6 +13,11 @@ const WIDE = 20;
 const EDGE = { left: 62, right: 76, top: 8, bottom: 18 };
 // Time (ms) without a change after which it is computed anew.
 const CALM = 700;
+// Cells that are seen at least, and the factor of one step towards that.
+const FEWEST = 3;
+// Wait (ms) for curves that are asked for.
+const PAUSE = 30;
+export const CLOSER = 1.25;
 
 const hue = (share) => {
   const at = clamp(share, 0, 1) * (STOPS.length - 1);
@@ -20,10 +25,10 @@ const hue = (share) => {
   return `rgb(${STOPS[k].map((x, i) => Math.round(x + (at - k) * (STOPS[k + 1][i] - x))).join(" ")})`;
 };
 
-/** `what` says what is drawn: {svg, along, value, unit, title, key}. */
+/** `what` says what is drawn: {svg, shown, along, key, busy}, and is told: {choose, zoom, toggle, read}. */
 export function heat(store, what) {
   const { svg } = what;
-  const select = el("select", { "aria-label": "And along what", title: "A second coordinate: the values become colours", onchange: () => { show(); request(); } });
+  const select = el("select", { "aria-label": "And along what", title: "A second coordinate: the values become colours", onchange: () => what.choose(select.value) });
   const plot = svg("svg", { role: "img", class: "plot heat", "aria-label": "no values yet" });
   let map = null; // {key, first, second, xs, ys, rows}
   let asked = null;
@@ -37,6 +42,7 @@ export function heat(store, what) {
 
   const on = () => select.value !== "" && what.along() !== null;
   const second = () => Number(select.value);
+  const valueOf = (row) => what.shown().values(row)?.[0] ?? null;
   const times = (i) => (store.hello.mechanism.coordinates[i].is_length || store.angle === "rad" ? 1 : 180 / Math.PI);
   const word = (i, x) => `${short(x * times(i), 3)}${times(i) === 1 ? ` ${store.hello.mechanism.coordinates[i].unit}` : "°"}`;
 
@@ -71,10 +77,7 @@ export function heat(store, what) {
       if (own) {
         found.rows.push(found.xs.map((x) => own.row(state.q.with(i, x), state)));
         await new Promise((done) => setTimeout(done));
-      } else {
-        const answer = await store.ask({ do: "sweep", coordinate: i, steps: COLUMNS, refined: false, state }).catch(() => null);
-        found.rows.push(answer?.rows ?? found.xs.map(() => null));
-      }
+      } else found.rows.push((await swept(i, state, key)) ?? found.xs.map(() => null));
       if (asked !== key) return;
       map = found;
       draw();
@@ -83,10 +86,48 @@ export function heat(store, what) {
     request();
   }
 
+  /** Rows along a coordinate: of two sweeps at once the server answers the newer, and curves go first. */
+  async function swept(coordinate, state, key) {
+    while (asked === key) {
+      if (what.busy()) await new Promise((done) => setTimeout(done, PAUSE));
+      else {
+        try {
+          return (await store.ask({ do: "sweep", coordinate, steps: COLUMNS, refined: false, state })).rows;
+        } catch ({ message }) {
+          if (message !== SUPERSEDED) return null;
+        }
+      }
+    }
+    return null;
+  }
+
   const values = () => map.rows.map((line) => line.map((row) => {
-    const x = what.value(row);
+    const x = valueOf(row);
     return x !== null && x > 0 ? x : null;
   }));
+
+  /** Ends of what is seen, across and down, in cells. */
+  function ends() {
+    const { seen } = store.plot;
+    if (seen?.length !== 4) return [0, map.xs.length, 0, map.ys.length];
+    const cell = (list, x) => ((x - list[0]) / (list.at(-1) - list[0])) * (list.length - 1) + 0.5;
+    return [cell(map.xs, seen[0]), cell(map.xs, seen[1]), cell(map.ys, seen[2]), cell(map.ys, seen[3])];
+  }
+
+  /** See so many times less, about a place (shares of what is seen) that stays where it is. */
+  function zoom(times, across = 0.5, up = 0.5) {
+    if (!map) return;
+    const [x0, x1, y0, y1] = ends();
+    const part = (low, high, count, share) => {
+      const size = Math.max(FEWEST, Math.min(count, (high - low) / times));
+      const start = clamp(low + share * (high - low) - share * size, 0, count - size);
+      return [start, start + size];
+    };
+    const [a, b, c, d] = [...part(x0, x1, map.xs.length, across), ...part(y0, y1, map.ys.length, up)];
+    const value = (list, cell) => list[0] + ((cell - 0.5) / (list.length - 1)) * (list.at(-1) - list[0]);
+    const isAll = b - a >= map.xs.length && d - c >= map.ys.length;
+    what.zoom(isAll ? null : [value(map.xs, a), value(map.xs, b), value(map.ys, c), value(map.ys, d)]);
+  }
 
   function draw() {
     if (!on() || !map || width < 120 || height < 50) return;
@@ -95,52 +136,70 @@ export function heat(store, what) {
     const [low, high] = [Math.min(...all), Math.max(...all)];
     const isLog = high > WIDE * low;
     const share = (x) => (high === low ? 0.5 : isLog ? Math.log(x / low) / Math.log(high / low) : (x - low) / (high - low));
-    const [across, down] = [(width - EDGE.left - EDGE.right) / map.xs.length, (height - EDGE.top - EDGE.bottom) / map.ys.length];
-    plot.replaceChildren();
+    const [x0, x1, y0, y1] = ends();
+    const [across, down] = [(width - EDGE.left - EDGE.right) / (x1 - x0), (height - EDGE.top - EDGE.bottom) / (y1 - y0)];
+    const { unit, title } = what.shown();
+    plot.replaceChildren(svg("defs", {}, svg("clipPath", { id: "seen-cells" },
+      svg("rect", { x: EDGE.left, y: EDGE.top, width: width - EDGE.left - EDGE.right, height: height - EDGE.top - EDGE.bottom }))));
+    const cells = svg("g", { "clip-path": "url(#seen-cells)" });
+    plot.append(cells);
     const text = (x, y, words, anchor = "start", kind = "") => {
       const node = svg("text", { x, y, "text-anchor": anchor, class: kind });
       node.textContent = words;
       plot.append(node);
     };
     grid.forEach((line, j) => line.forEach((x, i) => {
-      const cell = svg("rect", { x: EDGE.left + i * across, y: height - EDGE.bottom - (j + 1) * down, width: across + 0.4, height: down + 0.4 });
+      if (i + 1 <= x0 || i >= x1 || j + 1 <= y0 || j >= y1) return;
+      const cell = svg("rect", { x: EDGE.left + (i - x0) * across, y: height - EDGE.bottom - (j + 1 - y0) * down, width: across + 0.4, height: down + 0.4 });
       if (x === null) cell.setAttribute("class", "gap");
       else cell.setAttribute("style", `fill: ${hue(share(x))}`);
-      plot.append(cell);
+      cells.append(cell);
     }));
     const right = width - EDGE.right;
-    for (const [at, anchor, x] of [[EDGE.left, "start", map.xs[0]], [right, "end", map.xs.at(-1)]]) text(at, height - 4, word(map.first, x), anchor);
+    // Ends of a list are the middles of its outer cells.
+    const at = (list, cell) => clamp(list[0] + ((cell - 0.5) / (list.length - 1)) * (list.at(-1) - list[0]), list[0], list.at(-1));
+    for (const [place, anchor, x] of [[EDGE.left, "start", at(map.xs, x0)], [right, "end", at(map.xs, x1)]]) text(place, height - 4, word(map.first, x), anchor);
     text((EDGE.left + right) / 2, height - 4, store.hello.mechanism.coordinates[map.first].name, "middle");
-    text(EDGE.left - 4, height - EDGE.bottom, word(map.second, map.ys[0]), "end");
-    text(EDGE.left - 4, EDGE.top + 9, word(map.second, map.ys.at(-1)), "end");
+    text(EDGE.left - 4, height - EDGE.bottom, word(map.second, at(map.ys, y0)), "end");
+    text(EDGE.left - 4, EDGE.top + 9, word(map.second, at(map.ys, y1)), "end");
     if (all.length) {
       const bar = height - EDGE.top - EDGE.bottom - 14;
       for (let k = 0; k < 24; k++) plot.append(svg("rect", { x: right + 8, y: EDGE.top + 14 + (bar * k) / 24, width: 9, height: bar / 24 + 0.4, style: `fill: ${hue(1 - k / 23)}` }));
       text(right + 20, EDGE.top + 22, short(high, 3));
       text(right + 20, height - EDGE.bottom, short(low, 3));
-      text(width - 2, EDGE.top + 8, what.unit(), "end", "unit");
+      text(width - 2, EDGE.top + 8, unit, "end", "unit");
       if (isLog) text(right + 20, (EDGE.top + height - EDGE.bottom) / 2 + 8, "log");
     }
     // Where the mechanism stands.
-    const put = (list, x, from, step) => from + step * (0.5 + ((x - list[0]) / (list.at(-1) - list[0] || 1)) * (list.length - 1));
-    const [x, y] = [put(map.xs, store.state.q[map.first], EDGE.left, across), put(map.ys, store.state.q[map.second], height - EDGE.bottom, -down)];
-    plot.append(svg("circle", { class: "here", cx: x, cy: y, r: 5 }));
-    plot.setAttribute("aria-label", `${what.title()} and ${store.hello.mechanism.coordinates[map.second].name}, as colours from ${short(low, 3)} to ${short(high, 3)}${isLog ? ", by logarithms" : ""}`);
+    const put = (list, x, low, from, step) => from + step * (0.5 - low + ((x - list[0]) / (list.at(-1) - list[0] || 1)) * (list.length - 1));
+    const [x, y] = [put(map.xs, store.state.q[map.first], x0, EDGE.left, across), put(map.ys, store.state.q[map.second], y0, height - EDGE.bottom, -down)];
+    if (x >= EDGE.left && x <= right && y >= EDGE.top && y <= height - EDGE.bottom) plot.append(svg("circle", { class: "here", cx: x, cy: y, r: 5 }));
+    plot.setAttribute("aria-label", `${title} along ${store.hello.mechanism.coordinates[map.first].name} and ${store.hello.mechanism.coordinates[map.second].name}, as colours from ${short(low, 3)} to ${short(high, 3)}${isLog ? ", by logarithms" : ""}`);
   }
 
   /** The row of the grid under a pointer. */
   function under(event) {
     if (!map) return null;
     const box = plot.getBoundingClientRect();
-    const i = Math.floor(((event.clientX - box.left - EDGE.left) / (width - EDGE.left - EDGE.right)) * map.xs.length);
-    const j = Math.floor(((box.bottom - event.clientY - EDGE.bottom) / (height - EDGE.top - EDGE.bottom)) * map.ys.length);
-    return i in map.xs && map.rows[j] ? { row: map.rows[j][i], x: map.xs[i], y: map.ys[j] } : null;
+    const [x0, x1, y0, y1] = ends();
+    const across = (event.clientX - box.left - EDGE.left) / (width - EDGE.left - EDGE.right);
+    const up = (box.bottom - event.clientY - EDGE.bottom) / (height - EDGE.top - EDGE.bottom);
+    if (!(across >= 0 && across <= 1 && up >= 0 && up <= 1)) return null;
+    const [i, j] = [Math.floor(x0 + across * (x1 - x0)), Math.floor(y0 + up * (y1 - y0))];
+    return i in map.xs && map.rows[j] ? { row: map.rows[j][i], x: map.xs[i], y: map.ys[j], across, up } : null;
   }
+
+  plot.addEventListener("wheel", (event) => {
+    const found = event.ctrlKey ? null : under(event);
+    if (!found) return;
+    event.preventDefault();
+    zoom(event.deltaY < 0 ? CLOSER : 1 / CLOSER, found.across, found.up);
+  }, { passive: false });
 
   plot.addEventListener("pointermove", (event) => {
     const found = under(event);
-    const value = found && what.value(found.row);
-    what.read(event, found && `${word(map.first, found.x)}, ${word(map.second, found.y)}: ${value === null ? "nothing exists here" : `${short(value, 5)} ${what.unit()}`}`);
+    const value = found && valueOf(found.row);
+    what.read(event, found && `${word(map.first, found.x)}, ${word(map.second, found.y)}: ${value === null ? "nothing exists here" : `${short(value, 5)} ${what.shown().unit}`}`);
   });
   plot.addEventListener("pointerleave", () => what.read(null, null));
   plot.addEventListener("click", (event) => {
@@ -149,14 +208,15 @@ export function heat(store, what) {
   });
 
   /** The map as a file. */
-  function keep(kind, name) {
+  function keep(kind, name, along) {
     if (!map) return;
     const { coordinates } = store.hello.mechanism;
-    const lines = provenance(store, `${what.title()} and ${coordinates[map.second].name}`);
+    const { title, unit } = what.shown();
+    const lines = provenance(store, `${title} [${unit}] along ${along} and ${coordinates[map.second].name}`);
     if (kind !== "csv") return saveDrawing(kind, name, drawing(plot, lines, ["colours as in the bar; grey: nothing exists, or the value is not above zero; ring: the posture"]));
     const head = [map.first, map.second].map((i) => `${coordinates[i].name} [${coordinates[i].unit}]`);
-    const rows = map.ys.flatMap((y, j) => map.xs.map((x, i) => [x, y, map.rows[j] ? what.value(map.rows[j][i]) : null]));
-    download(`${name}.csv`, table(lines, [...head, `value [${what.unit()}]`], rows), "text/csv");
+    const rows = map.ys.flatMap((y, j) => map.xs.map((x, i) => [x, y, map.rows[j] ? valueOf(map.rows[j][i]) : null]));
+    download(`${name}.csv`, table(lines, [...head, `value [${unit}]`], rows), "text/csv");
   }
 
   store.on("hello", ({ mechanism }) => {
@@ -167,5 +227,5 @@ export function heat(store, what) {
     show();
   });
   store.on("numbers", () => { request(); });
-  return { select, plot, on, show, request, draw, keep };
+  return { select, plot, on, show, request, draw, keep, zoom };
 }

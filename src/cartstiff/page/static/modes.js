@@ -1,6 +1,6 @@
 // Modes in a table, played in the picture, and the response of the body over frequency.
 
-import { byId, el, short } from "./dom.js";
+import { SUPERSEDED, byId, el, short } from "./dom.js";
 import { svg } from "./grid.js";
 import { CLOSE } from "./numerics.js";
 import { MARGIN } from "./strip.js";
@@ -123,7 +123,7 @@ export function modesPanel(store) {
       if (!playing) show(phase);
       if (playing === true) run();
     } catch (error) {
-      if (mine === asked && error.message !== "newer") words.textContent = error.message;
+      if (mine === asked && error.message !== SUPERSEDED) words.textContent = error.message;
     }
   }
 

@@ -1,6 +1,7 @@
 // Answers from recorded arithmetic in a page without a server: any posture, load, springs and point.
 
 import { angles, back, inverse, moved, place, product, rotation, times, transposed } from "./algebra.js";
+import { rowOf } from "./curves.js";
 import { clamp } from "./dom.js";
 import { Drawing } from "./drawing.js";
 import { FileSource } from "./file.js";
@@ -53,9 +54,7 @@ export class LivingSource extends FileSource {
   row(q, state) {
     try {
       const m = this.living.solve({ ...state, q });
-      const { principal, moved, singularity } = this.living.numbers({ ...state, q, mode: null }, m);
-      return { q, position: place(m.pose), translation: principal?.translation.values ?? null, rotation: principal?.rotation.values ?? null,
-        deflection: moved?.resisted ? [Math.hypot(...moved.displacement)] : null, singularity: singularity[0].ratio, margins: [] };
+      return rowOf(this.living.numbers({ ...state, q, mode: null }, m), q);
     } catch {
       return null;
     }

@@ -9,6 +9,11 @@ import { CLOSE } from "./numerics.js";
 const REST = 250;
 // Directions from the mechanism to the camera.
 const DIRECTIONS = { iso: [1, -1.05, 0.75], front: [1, 0, 0.12], side: [0, -1, 0.12], top: [0, -1e-3, 1] };
+// Turn of the camera (rad) and share of its distance for a key, and of what is left beside its poles.
+const TURN = Math.PI / 36;
+const ZOOM = 1.1;
+const POLE = 0.02;
+const WAYS = { ArrowLeft: [TURN, 0], ArrowRight: [-TURN, 0], ArrowUp: [0, -TURN], ArrowDown: [0, TURN], "+": ZOOM, "=": ZOOM, "-": 1 / ZOOM };
 // First byte of a command in JSON.
 const BRACE = 0x7b;
 // Distance of the camera over that at which the sphere around everything just fits.
@@ -24,6 +29,7 @@ export class Pane {
     this.node = node;
     this.over = over;
     this.viewer = new MeshCat.Viewer(this.node);
+    this.node.addEventListener("keydown", (event) => this.turn(event));
     // The viewer takes the window's height for its own; the pane has another.
     const sized = this.viewer.set_3d_pane_size.bind(this.viewer);
     this.viewer.set_3d_pane_size = () => {
@@ -60,6 +66,24 @@ export class Pane {
       this.rendered = performance.now();
       for (const callback of this.after.splice(0)) callback();
     };
+  }
+
+  /** The view by keyboard. */
+  turn(event) {
+    const wish = WAYS[event.key];
+    if (!wish || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    event.stopPropagation();
+    const { THREE } = MeshCat;
+    const { camera, controls } = this.viewer;
+    const way = new THREE.Spherical().setFromVector3(camera.position.clone().sub(controls.target));
+    if (Array.isArray(wish)) {
+      way.theta += wish[0];
+      way.phi = Math.max(POLE, Math.min(Math.PI - POLE, way.phi + wish[1]));
+    } else way.radius /= wish;
+    camera.position.copy(controls.target).add(new THREE.Vector3().setFromSpherical(way));
+    controls.update();
+    this.viewer.set_dirty();
   }
 
   /** Where a pointer is in the picture, from -1 to 1. */

@@ -17,6 +17,8 @@ const WORDS = {
   connection: ["load", "A", "B", "K", "F", "+"], quantity: ["stiffness", "compliance"], axes: ["body", "inertial"],
   load_axes: ["body", "inertial"], load_kind: ["dead", "follower", "conservative"], scale: ["root", "linear", "log"],
 };
+// Of the plot: names in an address, and in `store.plot`.
+const PLOT = [["plot", "of"], ["along", "along"], ["and", "and"], ["seen", "seen"]];
 const COUNTS = { point: 3, load: 6, load_at: 3, gravity: 3, payload: 4 };
 
 /** What of a state differs from the first one. */
@@ -39,6 +41,7 @@ export function toHash(store) {
   if (store.fine) parts.set("lengths", store.fine);
   if (store.angle !== "deg") parts.set("angles", store.angle);
   if (String(store.pane.view) !== store.pane.first) parts.set("camera", String(store.pane.view));
+  for (const [key, name] of PLOT) if (store.plot && String(store.plot[name]) !== String(store.usualPlot[name])) parts.set(key, String(store.plot[name]));
   return parts.toString().replaceAll("%2C", ",");
 }
 
@@ -96,6 +99,10 @@ export function sharing(store) {
     store.tell("angles", asked.get("angles") === "rad" ? "rad" : "deg");
     const view = (asked.get("camera") ?? "").split(",").map(Number);
     if (view.length === 6 && view.every(Number.isFinite)) store.pane.view = view;
+    store.wishedPlot = Object.fromEntries(PLOT.filter(([key]) => asked.has(key)).map(([key, name]) => [name, asked.get(key)]));
+    const seen = (store.wishedPlot.seen ?? "").split(",").map(Number);
+    store.wishedPlot.seen = [2, 4].includes(seen.length) && seen.every(Number.isFinite) ? seen : null;
+    if (applied && store.plot) store.tell("replot");
   }
 
   let timer = null;
@@ -140,7 +147,7 @@ export function sharing(store) {
   };
   store.on("numbers", settle);
   store.on("rows", () => store.numbers && settle());
-  store.on("units", () => store.numbers && settle());
+  for (const event of ["units", "plot"]) store.on(event, () => store.numbers && settle());
   window.addEventListener("hashchange", () => {
     const asked = new URLSearchParams(location.hash.slice(1));
     if ([...asked.keys()].some((key) => /^(frame|kept[ABC])$/.test(key))) return location.reload();

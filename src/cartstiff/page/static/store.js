@@ -19,7 +19,7 @@ export class Store {
     this.pinned = null; // posture A: {q, numbers}
     this.angle = "deg";
     this.error = null;
-    this.listeners = { hello: [], state: [], numbers: [], pinned: [], error: [], pose: [], units: [], angles: [], rows: [], local: [] };
+    this.listeners = { hello: [], state: [], numbers: [], pinned: [], error: [], pose: [], units: [], angles: [], rows: [], local: [], plot: [], replot: [] };
     this.fine = null; // the unit of length in which translations are read, if not the file's
     this.busy = null;
     this.wanted = false;

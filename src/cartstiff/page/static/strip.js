@@ -1,56 +1,46 @@
-// Principal values along a sweep of one coordinate or along a trajectory, with a linked cursor.
+// A quantity along a sweep of one coordinate or along a trajectory, with a linked cursor.
 
-import { byId, choice, clamp, download, el, short } from "./dom.js";
-import { FINE } from "./deflection.js";
-import { heat } from "./heat.js";
+import { CURVES, shown } from "./curves.js";
+import { SUPERSEDED, byId, clamp, download, el, short } from "./dom.js";
+import { CLOSER, heat } from "./heat.js";
 import { BLANK } from "./numerics.js";
 import { grid, lettered, svg } from "./grid.js";
+import { player } from "./player.js";
 import { drawing, provenance, saveDrawing, table } from "./plotfiles.js";
 
 export const MARGIN = { left: 52, right: 12, top: 8, bottom: 18 };
 // What of a state curves depend on, besides the posture.
 const OF = ["connection", "quantity", "point", "axes", "stiffness", "load", "load_axes", "load_kind", "load_at", "gravity", "payload", "command"];
-// Share of a curve that is seen at least (a step of a sweep is 1/60), and the factor of one step towards that.
+// Share of a curve that is seen at least (a step of a sweep is 1/60).
 const LEAST_SEEN = 0.02;
-const CLOSER = 1.25;
 // A sweep that took longer than this (s) is not repeated by itself.
 const QUICK = 1;
 
 export function strip(store) {
   let series = null; // {kind, coordinate, at, rows, key, others}
-  let freedom = "translation";
   let position = 0; // index into the series
-  let playing = null;
   let asked = null;
   let timer = null;
   let slow = false;
-  let seen = null; // ends of what is seen of the series, null for all of it
+  // What is plotted, which an address holds: the quantity, along what, against what else, and the ends of what is seen.
+  const usual = { of: "translation", along: "", and: "", seen: null };
+  store.plot = { ...usual };
+  store.usualPlot = usual;
+  const now = () => shown(store, store.plot.of);
 
-  const what = el("select", { "aria-label": "Along what", onchange: () => {
-    request(true);
-    map.show();
-    map.request();
-  } });
-  const [freedoms, chooseFreedom] = choice("Values of", [
-    ["deflection", "deflection", "How far the load moves the reference point"],
-    ["translation", "translation", "Principal values of translation"],
-    ["rotation", "rotation", "Principal values of rotation"]], (value) => {
-    freedom = value;
-    chooseFreedom(value);
-    draw();
-    map.draw();
-  });
-  chooseFreedom(freedom);
+  const what = el("select", { "aria-label": "Along what", onchange: () => plotted({ along: what.value, seen: null }) });
+  const quantity = el("select", { "aria-label": "Values of", title: "What the curves show", onchange: () => plotted({ of: quantity.value }) },
+    ...CURVES.map(({ key, words }) => el("option", { value: key }, words)));
   const map = heat(store, {
-    svg, unit: () => unitOf(), title: () => titleOf(), value: (row) => valuesOf(row)?.[0] ?? null,
-    along: () => (what.value.startsWith("sweep") && what.value !== `sweep:${map.select.value}` ? Number(what.value.slice(6)) : null),
-    key: () => OF.map((name) => store.state[name]),
+    svg, shown: now, zoom: (seen) => plotted({ seen }), choose: (and) => plotted({ and, seen: null }),
+    along: () => (what.value.startsWith("sweep") && what.value !== `sweep:${store.plot.and}` ? Number(what.value.slice(6)) : null),
+    key: () => OF.map((name) => store.state[name]), busy: () => asked !== null,
     toggle: (on) => { plot.style.display = on ? "none" : ""; },
     read: (event, words) => tell(event, words),
   });
   const play = el("button", { type: "button", class: "play", title: "Play or pause (p)", "aria-label": "Play", onclick: () => toggle() }, "▶");
   const time = el("input", { type: "range", id: "time", min: 0, max: 1, step: 1, value: 0, "aria-label": "Time", title: "+ and \u2212 zoom the curves here" });
-  const whole = el("button", { type: "button", class: "quiet", hidden: true, title: "The whole of the curves (double click)", onclick: () => zoom(0) }, "whole");
+  const whole = el("button", { type: "button", class: "quiet", hidden: true, title: "The whole of the curves (double click)", onclick: () => plotted({ seen: null }) }, "whole");
   const label = el("span", { class: "num small time-label" });
   const again = el("button", { type: "button", class: "quiet", hidden: true, title: "The posture or the load has changed since this was computed", onclick: () => request(true) }, "↻ compute");
   const save = el("select", { "aria-label": "Save the plot", class: "save", title: "The plot as a file, with what it shows", onchange: () => keep(save.value) },
@@ -59,21 +49,24 @@ export function strip(store) {
   const plot = svg("svg", { role: "img", class: "plot", "aria-label": "no curves yet" });
   const cursor = svg("line", { class: "cursor" });
   byId("strip").append(
-    el("div", { class: "row" }, el("span", { class: "dim" }, "Along"), what, map.select, freedoms, again, whole,
+    el("div", { class: "row" }, el("span", { class: "dim" }, "Along"), what, map.select, quantity, again, whole,
       el("span", { class: "grow" }), label),
     el("div", { class: "plots" }, plot, map.plot), reading,
     el("div", { class: "row time-row" }, play, time, save));
 
   time.addEventListener("input", () => go(time.valueAsNumber));
   time.addEventListener("keydown", ({ key: pressed }) => {
-    if (series && "+=-".includes(pressed)) zoom(pressed === "-" ? 1 / CLOSER : CLOSER, series.at[position]);
+    if (!series || !"+=-".includes(pressed)) return;
+    const times = pressed === "-" ? 1 / CLOSER : CLOSER;
+    if (map.on()) map.zoom(times);
+    else zoom(times, series.at[position]);
   });
   plot.addEventListener("wheel", (event) => {
     if (!series || event.ctrlKey) return;
     event.preventDefault();
     zoom(event.deltaY < 0 ? CLOSER : 1 / CLOSER, under(event));
   }, { passive: false });
-  plot.addEventListener("dblclick", () => zoom(0));
+  plot.addEventListener("dblclick", () => plotted({ seen: null }));
   plot.addEventListener("pointerdown", (event) => {
     if (!series) return;
     plot.setPointerCapture(event.pointerId);
@@ -95,8 +88,9 @@ export function strip(store) {
   function read(event) {
     if (!series) return tell(event, null);
     const k = nearest(event);
-    const values = valuesOf(series.rows[k]);
-    tell(event, `${atText(series.at[k])}: ${values ? `${values.map((x) => short(x, 5)).join(", ")} ${unitOf()}` : "nothing exists here"}`);
+    const { values, unit } = now();
+    const found = values(series.rows[k]);
+    tell(event, `${atText(series.at[k])}: ${found ? `${found.map((x) => short(x, 5)).join(", ")} ${unit}` : "nothing exists here"}`);
   }
 
   /** Words beside a pointer, or none. */
@@ -109,42 +103,46 @@ export function strip(store) {
     reading.style.top = `${clamp(event.clientY - strip.top - 30, 2, strip.height - 26)}px`;
   }
 
-  const fine = () => FINE[store.unit("length")] ?? [1, store.unit("length")];
-  const valuesOf = (row) => row?.[freedom]?.map({ translation: (x) => store.read(x), rotation: (x) => x, deflection: (x) => x * fine()[0] }[freedom]);
-  const unitOf = () => ({ translation: store.blockUnits()[1][1], rotation: store.blockUnits()[0][0], deflection: fine()[1] })[freedom];
-  const titleOf = () => `${freedom === "deflection" ? "How far the load moves the point" : `Principal ${store.state.quantity} of ${freedom}`} [${unitOf()}] along ${what.selectedOptions[0].text}`;
+  /** Show something else. */
+  function plotted(change) {
+    Object.assign(store.plot, change);
+    [what.value, quantity.value, map.select.value] = [store.plot.along, store.plot.of, store.plot.and];
+    whole.hidden = !store.plot.seen;
+    store.tell("plot");
+    request(true);
+    map.show();
+    draw();
+    map.request();
+  }
 
   /** The plot as a file. */
   function keep(kind) {
     save.value = "";
-    if (!series || !kind) return;
-    const title = titleOf();
-    const name = `${store.hello.mechanism.name}-${freedom}`.replaceAll(/[^\w.-]+/g, "_");
-    if (map.on()) return map.keep(kind, name);
-    const lines = provenance(store, title);
+    if (!kind || !(series || map.on())) return;
+    const { title, lines: names, unit, values, legend } = now();
+    const along = what.selectedOptions[0].text;
+    const name = `${store.hello.mechanism.name}-${store.plot.of}`.replaceAll(/[^\w.-]+/g, "_");
+    if (map.on()) return map.keep(kind, name, along);
+    const lines = provenance(store, `${title} [${unit}] along ${along}`);
     if (kind === "csv") {
-      const along = series.kind === "sweep" ? `${what.selectedOptions[0].text} [${store.hello.mechanism.coordinates[series.coordinate].unit}]`
+      const first = series.kind === "sweep" ? `${along} [${store.hello.mechanism.coordinates[series.coordinate].unit}]`
         : store.hello.trajectory.timed ? "time [s]" : "posture";
-      const words = freedom === "deflection" ? ["deflection"] : ["least", "middle", "largest"];
-      const names = [along, ...words.map((word) => `${word} [${unitOf()}]`)];
-      const rows = series.at.map((x, k) => [x, ...(valuesOf(series.rows[k]) ?? words.map(() => null))]);
-      return download(`${name}.csv`, table(lines, names, rows), "text/csv");
+      const rows = series.at.map((x, k) => [x, ...(values(series.rows[k]) ?? names.map(() => null))]);
+      return download(`${name}.csv`, table(lines, [first, ...names.map((word) => `${word} [${unit}]`)], rows), "text/csv");
     }
-    const legend = freedom === "deflection" ? ["grey: nothing exists, or the load is not resisted"] : ["line: least value; dashes: middle; dots: largest; grey: nothing exists; hatched: a value is negative"];
-    if (series.others.length) legend.push(`dash-dot, with a name: least value of ${series.others.map(({ title }) => title).join(", ")}`);
+    if (series.others.length) legend.push(`dash-dot, with a name: ${names[0]} of ${series.others.map(({ title: of }) => of).join(", ")}`);
     saveDrawing(kind, name, drawing(plot, lines, legend));
   }
 
-  const ends = () => seen ?? [series.at[0], series.at.at(-1)];
+  const ends = () => (store.plot.seen?.length === 2 && store.plot.seen) || [series.at[0], series.at.at(-1)];
 
-  /** See so many times less of the series, about a place that stays where it is; 0: all. */
+  /** See so many times less of the series, about a place that stays where it is. */
   function zoom(times, at) {
     if (!series) return;
     const [[low, high], [first, last]] = [ends(), [series.at[0], series.at.at(-1)]];
     const size = Math.max(LEAST_SEEN * (last - first), (high - low) / times);
     const start = clamp(at - ((at - low) * size) / (high - low), first, last - size);
-    seen = size < last - first ? [start, start + size] : null;
-    draw();
+    plotted({ seen: size < last - first ? [start, start + size] : null });
   }
 
   /** Where along the series a pointer is. */
@@ -178,39 +176,11 @@ export function strip(store) {
     showCursor();
   }
 
-  function toggle() {
-    if (playing !== null) return stop();
-    if (!series) return;
-    play.textContent = "❚❚";
-    play.setAttribute("aria-label", "Pause");
-    if (position >= series.at.length - 1) position = 0;
-    let place = position;
-    let direction = 1;
-    let last = performance.now();
-    const duration = series.kind === "series" && store.hello.trajectory.timed
-      ? series.at.at(-1) - series.at[0] : series.at.length / 15;
-    const rate = (series.at.length - 1) / Math.max(0.5, duration); // places per second
-    const step = (now) => {
-      place += direction * rate * Math.min(0.1, (now - last) / 1000);
-      last = now;
-      const end = series.at.length - 1;
-      if (series.kind === "sweep" && (place > end || place < 0)) direction = place > end ? -1 : 1;
-      else if (place > end) {
-        go(end);
-        return stop();
-      }
-      if (Math.round(clamp(place, 0, end)) !== position) go(place);
-      playing = requestAnimationFrame(step);
-    };
-    playing = requestAnimationFrame(step);
-  }
-
-  function stop() {
-    cancelAnimationFrame(playing);
-    playing = null;
-    play.textContent = "▶";
-    play.setAttribute("aria-label", "Play");
-  }
+  const { toggle, stop, isPlaying } = player(play, {
+    places: () => series?.at.length ?? 0, position: () => position, go,
+    duration: () => (series.kind === "series" && store.hello.trajectory.timed ? series.at.at(-1) - series.at[0] : series.at.length / 15),
+    returns: () => series.kind === "sweep",
+  });
 
   /** What the curves depend on, besides the coordinate that runs. */
   function key() {
@@ -230,7 +200,7 @@ export function strip(store) {
     }
     clearTimeout(timer);
     again.hidden = !slow || now;
-    if (playing !== null) return;
+    if (isPlaying()) return;
     if (slow && !now) return;
     timer = setTimeout(() => compute(wanted), now ? 0 : 350);
   }
@@ -246,7 +216,7 @@ export function strip(store) {
         const answer = await store.ask(kind === "series" ? { do: "series" } : { do: "sweep", coordinate: Number(index), steps: 61, refined });
         if (asked !== wanted) return;
         series = { kind, coordinate: Number(index), at: answer.at, rows: answer.rows, key: refined && wanted, others: [] };
-        if (seen && (seen[0] < answer.at[0] || seen[1] > answer.at.at(-1))) seen = null;
+        if (ends()[0] < answer.at[0] || ends()[1] > answer.at.at(-1)) plotted({ seen: null });
         slow = (seconds += answer.seconds) > QUICK;
         again.hidden = true;
         time.max = series.at.length - 1;
@@ -259,7 +229,7 @@ export function strip(store) {
       }
       if (series.others.length) draw();
     } catch (error) {
-      if (asked === wanted && error.message !== "newer") store.tell("error", error.message);
+      if (asked === wanted && error.message !== SUPERSEDED) store.tell("error", error.message);
     } finally {
       if (asked === wanted) asked = null;
       plot.classList.remove("computing");
@@ -281,7 +251,7 @@ export function strip(store) {
 
   function showCursor() {
     if (!series) return;
-    if (series.kind === "sweep" && playing === null) {
+    if (series.kind === "sweep" && !isPlaying()) {
       const x = store.state.q[series.coordinate];
       let best = 0;
       series.at.forEach((value, i) => { if (Math.abs(value - x) < Math.abs(series.at[best] - x)) best = i; });
@@ -307,21 +277,19 @@ export function strip(store) {
 
   function draw() {
     if (!series || width < 80 || height < 40) return;
-    const lines = [0, 1, 2].map((k) => series.rows.map((row) => valuesOf(row)?.[k] ?? null));
+    const { values: valuesOf, unit, nothing, title: heading, lines: names } = now();
+    const curves = names.map((_, k) => series.rows.map((row) => valuesOf(row)?.[k] ?? null));
     // Of what is compared with the least value, dashed.
     const overlaid = series.others.map(({ title, at, rows }) => ({ title, at, values: rows.map((row) => valuesOf(row)?.[0] ?? null) }));
     const [first, last] = ends();
-    whole.hidden = !seen;
     // With the next one on either side, to which the curves go on.
     const isSeen = (at, i) => (at[i + 1] ?? at[i]) >= first && (at[i - 1] ?? at[i]) <= last;
-    const positive = [...lines.map((values) => [series.at, values]), ...overlaid.map(({ at, values }) => [at, values])]
+    const positive = [...curves.map((values) => [series.at, values]), ...overlaid.map(({ at, values }) => [at, values])]
       .flatMap(([at, values]) => values.filter((x, i) => x !== null && x > 0 && isSeen(at, i)));
-    const unit = unitOf();
     plot.replaceChildren();
     if (!positive.length) {
-      const other = freedom === "deflection" ? "no load: nothing moves" : store.state.quantity === "stiffness" ? "the stiffness does not exist here; the compliance may" : "the compliance does not exist here";
       plot.append(svg("text", { x: width / 2, y: height / 2, class: "nothing", "text-anchor": "middle" }));
-      plot.lastChild.textContent = other;
+      plot.lastChild.textContent = nothing;
       plot.append(cursor);
       return showCursor();
     }
@@ -338,7 +306,7 @@ export function strip(store) {
     svg("clipPath", { id: "seen" }, svg("rect", { x: MARGIN.left, y: 0, width: width - MARGIN.left - MARGIN.right, height }))));
     // Where nothing exists, or a value is negative, the ground is marked.
     series.rows.forEach((row, i) => {
-      const values = row?.[freedom];
+      const values = valuesOf(row);
       if (values && !(values[0] < -BLANK * Math.max(...values.map(Math.abs)))) return;
       const middle = (a, b) => placeX(clamp((series.at[a] + series.at[clamp(b, 0, series.at.length - 1)]) / 2, first, last), width);
       const x = middle(i, i - 1);
@@ -360,7 +328,7 @@ export function strip(store) {
       plot.append(svg("path", { d: path, class: `curve ${kind}`, "clip-path": "url(#seen)" }));
       return last;
     };
-    lines.forEach((values, k) => line(values, series.at, `${freedom} curve-${k}`));
+    curves.forEach((values, k) => line(values, series.at, `${store.plot.of} curve-${k}`));
     for (const { title, at, values } of overlaid) {
       const end = line(values, at, "other");
       if (!end) continue;
@@ -368,24 +336,33 @@ export function strip(store) {
       for (const box of [...plot.querySelectorAll(".name")].map((name) => name.getBBox())) if (Math.abs(box.y + box.height - end[1]) < box.height) x = Math.min(x, box.x - 6);
       plot.append(lettered(x, end[1] - 4, title, "end", "unit name"));
     }
-    plot.setAttribute("aria-label", titleOf());
+    plot.setAttribute("aria-label", `${heading} [${unit}] along ${what.selectedOptions[0].text}`);
     plot.append(cursor);
     showCursor();
   }
 
   store.on("hello", (hello) => {
     stop();
-    series = asked = seen = null;
+    series = asked = null;
     slow = false;
     const { coordinates, sliders } = hello.mechanism;
     what.replaceChildren();
     if (hello.trajectory) what.append(el("option", { value: "series:0" }, "the trajectory"));
     if (!hello.only_trajectory) for (const i of sliders) what.append(el("option", { value: `sweep:${i}` }, coordinates[i].name));
     // The coordinate in the middle of the chain usually tells most.
-    if (!hello.trajectory) what.value = `sweep:${sliders[Math.floor((sliders.length - 1) / 2)]}`;
+    usual.along = hello.trajectory ? "series:0" : `sweep:${sliders[Math.floor((sliders.length - 1) / 2)]}`;
     plot.replaceChildren();
-    request(true);
+    again.hidden = true;
+    replot();
   });
+  /** What an address asks for, as far as there is such a thing. */
+  function replot() {
+    const wishes = { ...usual, ...store.wishedPlot };
+    const has = (select, value) => [...select.options].some((option) => option.value === value);
+    plotted({ ...wishes, of: has(quantity, wishes.of) ? wishes.of : usual.of, along: has(what, wishes.along) ? wishes.along : usual.along,
+      and: has(map.select, wishes.and) ? wishes.and : "" });
+  }
+  store.on("replot", replot);
   store.on("units", () => {
     draw();
     map.draw();

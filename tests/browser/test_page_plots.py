@@ -1,0 +1,121 @@
+"""What plots show: the library's numbers, live and from a file, and as the address says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tools.screenshot import settled
+
+import cartstiff
+from cartstiff.page.shown import series_row
+from cartstiff.page.state import ViewState
+
+LOAD = (1.0, 2.0, -3.0, 40.0, 20.0, -90.0)
+QUANTITY, ALONG, AND = (
+    f"select[aria-label='{words}']" for words in ("Values of", "Along what", "And along what")
+)
+#: What one unit of a row is in the unit that is shown.
+SHOWN = {"deflection": 1e3, "turn": 1e3}
+
+
+def read_table(download, path) -> tuple[list[str], list[str], np.ndarray]:
+    """Comments, names and numbers of a saved plot."""
+    download.save_as(path)
+    lines = path.read_text("utf-8").splitlines()
+    comments = [line for line in lines if line.startswith("#")]
+    names, *rows = lines[len(comments) :]
+    numbers = [[float(x) if x else np.nan for x in row.split(",")] for row in rows]
+    return comments, names.split(","), np.array(numbers)
+
+
+def saved(page, kind: str, path):
+    with page.expect_download() as download:
+        page.select_option("select[aria-label='Save the plot']", kind)
+    return read_table(download.value, path)
+
+
+@pytest.mark.parametrize(
+    ("name", "i", "has_legs"), [("ur5", 2, False), ("cubic", 2, True), ("6-ups", 8, False)]
+)
+def test_every_quantity_is_what_the_library_says(serve, pages, tmp_path, name, i, has_legs):
+    page = pages.open(serve(name).url + f"#load={','.join(map(str, LOAD))}")
+    settled(page)
+    elastic = cartstiff.load(name)
+    state = ViewState(load=LOAD)
+    page.select_option(ALONG, f"sweep:{i}")
+    settled(page)
+    keys = page.eval_on_selector_all(f"{QUANTITY} option", "(all) => all.map((o) => o.value)")
+    assert keys[0] == "deflection"
+    for key in keys:
+        page.select_option(QUANTITY, key)
+        if key == "leg_force" and not has_legs:
+            assert "no legs" in page.text_content("#strip .plot .nothing")
+            continue
+        page.wait_for_selector(f"#strip .plot .{key}.curve-0")
+        comments, names, table = saved(page, "csv", tmp_path / "plot.csv")
+        assert comments[0].startswith("# ")
+        assert f"load ({', '.join(f'{x:g}' for x in LOAD)})" in comments[1]
+        assert all("[" in one for one in names)
+        near = int(np.argmin(np.abs(table[:, 0] - elastic.q[i])))
+        q = np.array(elastic.q)
+        q[i] = table[near, 0]
+        row = series_row(cartstiff.analyse(elastic, q, wrench=LOAD), state)
+        expected = np.array(row[key]) * SHOWN.get(key, 1.0)
+        assert table[near, 1:] == pytest.approx(expected, rel=1e-6), key
+    page.context.close()
+
+
+def test_an_address_holds_the_plot_and_what_is_seen_of_it(serve, pages):
+    url = serve("ur5").url
+    page = pages.open(url + "#load=0,0,0,0,0,-100")
+    page.wait_for_selector("#strip .plot .curve-2")
+    page.select_option(QUANTITY, "turn")
+    page.select_option(ALONG, "sweep:1")
+    page.wait_for_selector("#strip .plot .turn.curve-0")
+    box = page.locator("#strip .plot").first.bounding_box()
+    page.mouse.move(box["x"] + 0.7 * box["width"], box["y"] + 0.5 * box["height"])
+    for _ in range(4):
+        page.mouse.wheel(0, -100)
+    page.wait_for_function("() => location.hash.includes('seen=')")
+    plot = page.evaluate("() => window.cartstiff.plot")
+    again = pages.open(page.url)
+    again.wait_for_selector("#strip .plot .turn.curve-0")
+    assert again.evaluate("() => window.cartstiff.plot") == plot
+    assert plot["of"] == "turn"
+    assert plot["along"] == "sweep:1"
+    assert again.input_value(QUANTITY) == "turn"
+    assert plot["seen"][1] - plot["seen"][0] < 4 * np.pi / 2
+    # What is not there is left out.
+    other = pages.open(url + "#plot=flavour&along=sweep:77&seen=1,x")
+    other.wait_for_selector("#strip .plot .curve-2")
+    assert other.evaluate("() => window.cartstiff.plot.of") == "translation"
+    for each in (page, again, other):
+        each.context.close()
+
+
+def test_a_map_of_colours_is_zoomed_and_saved(serve, pages, tmp_path):
+    page = pages.open(serve("cubic").url + "#and=3&plot=condition&along=sweep:2")
+    page.wait_for_function("() => document.querySelectorAll('.plot.heat rect').length > 31 * 21")
+    settled(page)
+    _, names, table = saved(page, "csv", tmp_path / "map.csv")
+    assert [name.split(" ")[0] for name in names] == ["z", "roll", "value"]
+    elastic = cartstiff.load("cubic")
+    q = np.array(elastic.q)
+    for row in table[[40, 333, 620]]:
+        q[2:4] = row[:2]
+        numbers = series_row(cartstiff.analyse(elastic, q), ViewState())
+        assert row[2] == pytest.approx(numbers["condition"][0], rel=1e-6)
+    box = page.locator(".plot.heat").bounding_box()
+    x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
+    page.mouse.move(x, y)
+    said = page.inner_text(".reading")
+    before = page.locator(".plot.heat g rect").count()
+    for _ in range(5):
+        page.mouse.wheel(0, -100)
+    page.wait_for_function("() => window.cartstiff.plot.seen?.length === 4")
+    page.mouse.move(x + 0.5, y)
+    assert page.inner_text(".reading").split(":")[0] == said.split(":")[0]  # stays where it was
+    assert page.locator(".plot.heat g rect").count() < 0.3 * before
+    page.click("#strip button[title*=whole]")
+    assert page.locator(".plot.heat g rect").count() == before
+    page.context.close()
