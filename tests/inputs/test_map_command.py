@@ -180,6 +180,8 @@ def test_quantities_are_listed(run: Run) -> None:
          ("--orientation", "3 numbers")),
         ((*CUBIC, "--random", "5", "-o", "m.zarr"), ("--range", "no limits")),
         ((*CUBIC, *GRID, "--range", "x=0:1", "-o", "m.zarr"), ("--range goes with --random",)),
+        ((*CUBIC, *GRID, "--free", "none", "-o", "m.zarr"), ("--free: goes with --cartesian",)),
+        ((*CUBIC, *GRID, "--starts", "3", "-o", "m.zarr"), ("--starts: goes with --cartesian",)),
         ((*CUBIC, "--trajectory", "none.csv", "-o", "m.zarr"), ("none.csv",)),
         (("map", "cubic", "--quantity", "softness", *GRID, "-o", "m.zarr"),
          ("unknown quantity", "softness")),

@@ -138,6 +138,10 @@ def sampling_from_options(
         )  # fmt: skip
     if ranges and random is None:
         raise InputError("--range goes with --random")
+    context = click.get_current_context()
+    for name in () if cartesian else ("orientation", "free", "redundancy", "branches", "starts"):
+        if context.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT:
+            raise InputError("goes with --cartesian", where=f"--{name}")
     base = elastic.q
     if q is not None:
         base = np.asarray(named_values(q, elastic.names, elastic.q, "--q"), float)
