@@ -11,9 +11,9 @@ import numpy as np
 
 import cartstiff
 from cartstiff.analysis.asymmetry import compare_connections
-from cartstiff.analysis.centres import centres
+from cartstiff.analysis.centres import centres_of
 from cartstiff.analysis.ellipsoids import stiffness_ellipsoid
-from cartstiff.analysis.indices import best_conditioned_length, condition_numbers, indices
+from cartstiff.analysis.indices import best_conditioned_length, condition_numbers, indices_of
 from cartstiff.analysis.metrics import natural_length
 from cartstiff.analysis.screws import eigenscrews
 from cartstiff.analysis.synthesis import realise
@@ -26,7 +26,7 @@ def main(picture: Path | None = None) -> dict[str, object]:
     """The readings, with units in their names."""
     arm = cartstiff.load("ur5")
     K = cartstiff.analyse(arm, wrench=[0, 0, 0, 0, 0, -100]).B.matrix
-    points, screws, springs = centres(K), eigenscrews(K), realise(K)
+    points, screws, springs = centres_of(K), eigenscrews(K), realise(K)
     changes = []
     for force in FORCES:
         loaded = cartstiff.analyse(arm, wrench=[0, 0, 0, 0, 0, -force])
@@ -42,8 +42,8 @@ def main(picture: Path | None = None) -> dict[str, object]:
         "from flange to centre of compliance, m": float(np.linalg.norm(points.compliance)),
         "smallest pitch, m/rad": min(abs(e.screw.pitch) for e in screws.screws),
         "natural length, m": length,
-        "condition number there": indices(K, length).condition_number,
-        "condition number in metres": indices(K, 1.0).condition_number,
+        "condition number there": indices_of(K, length).condition_number,
+        "condition number in metres": indices_of(K, 1.0).condition_number,
         "best condition number": best_conditioned_length(K)[1],
         "springs that do the same": [s.kind for s in springs.springs],
         "largest change by the connection at 100 N, %": max(changes[0].values()),

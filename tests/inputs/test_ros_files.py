@@ -66,7 +66,7 @@ def test_a_xacro_file_loads_in_one_line(workspace):
     assert reach(short) == 0.6
     assert short.mechanism.tree.coordinates[0].lower == pytest.approx(np.radians(-170))
     assert reach(cartstiff.load(file, xacro_args={"kind": "long"})) == 1.8
-    shown, missing = visuals.visuals(short.mechanism)
+    shown, missing = visuals.visuals_of(short.mechanism)
     assert missing == []
     assert {v.shape.path.name for v in shown} == {"rod.stl"}
 

@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import cartstiff
-from cartstiff.analysis.asymmetry import asymmetry, compare_connections
+from cartstiff.analysis.asymmetry import asymmetry_of, compare_connections
 from cartstiff.analysis.centres import (
     centre_of_compliance,
     centre_of_elasticity,
     centre_of_stiffness,
-    centres,
+    centres_of,
     point_of_least_coupling,
 )
 from cartstiff.analysis.compliant_axes import (
@@ -32,7 +32,7 @@ from cartstiff.analysis.ellipsoids import (
     stiffness_block,
     stiffness_ellipsoid,
 )
-from cartstiff.analysis.indices import best_conditioned_length, condition_numbers, indices
+from cartstiff.analysis.indices import best_conditioned_length, condition_numbers, indices_of
 from cartstiff.analysis.matrices import move_compliance, move_stiffness, scale_lengths
 from cartstiff.analysis.metrics import inertia_metric, length_metric, modes, natural_length
 from cartstiff.analysis.normal_forms import (
@@ -113,7 +113,7 @@ def test_all_centres_are_the_decoupling_point_where_one_exists(seed: int) -> Non
     K[:3, 3:] = K[3:, :3] = 0.0
     T = frame(rng)
     moved = move_stiffness(K, se3.inverse(T))
-    found = centres(moved)
+    found = centres_of(moved)
     for point in (found.stiffness, found.compliance, found.elasticity, found.least_coupling):
         assert point is not None
         assert np.allclose(point, T[:3, 3], atol=CLOSE)
@@ -314,7 +314,7 @@ def test_directional_stiffness_is_what_a_force_feels(seed: int) -> None:
 def test_natural_length_and_determinant_are_frame_independent(seed: int) -> None:
     _, K, _, moved = pair(seed)
     assert np.isclose(natural_length(K), natural_length(moved), rtol=1e-8)
-    a, b = indices(K, 0.2), indices(moved, 0.5)
+    a, b = indices_of(K, 0.2), indices_of(moved, 0.5)
     assert np.isclose(a.determinant, b.determinant, rtol=1e-7)
     assert a.definiteness == b.definiteness == "positive"
 
@@ -332,7 +332,7 @@ def test_condition_exponent_is_its_derivative(seed: int) -> None:
     step = 1e-5
     low, high = condition_numbers(K, [0.3 * np.exp(-step), 0.3 * np.exp(step)])
     slope = (np.log(high) - np.log(low)) / (2 * step)
-    assert np.isclose(indices(K, 0.3).condition_exponent, slope, atol=1e-4)
+    assert np.isclose(indices_of(K, 0.3).condition_exponent, slope, atol=1e-4)
 
 
 @given(seeds)
@@ -347,7 +347,7 @@ def test_no_length_conditions_better_than_the_best(seed: int) -> None:
 @given(seeds)
 def test_minimum_stiffness_belongs_to_its_twist(seed: int) -> None:
     _, K, _, _ = pair(seed)
-    n = indices(K, 0.25)
+    n = indices_of(K, 0.25)
     t = n.minimum_twist
     assert np.isclose(t @ length_metric(0.25) @ t, 1.0)
     assert np.isclose(t @ K @ t, n.minimum_stiffness)
@@ -394,11 +394,11 @@ def loaded(seed: int) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
 @given(seeds)
 def test_asymmetry_is_that_of_the_wrench(seed: int) -> None:
     _, W, matrices = loaded(seed)
-    found = asymmetry(matrices["A"], W)
+    found = asymmetry_of(matrices["A"], W)
     assert found.agrees
-    assert not asymmetry(matrices["A"], 1.1 * W).agrees
-    assert not asymmetry(matrices["+"], W).agrees
-    assert asymmetry(matrices["B"], W).size < 1e-12
+    assert not asymmetry_of(matrices["A"], 1.1 * W).agrees
+    assert not asymmetry_of(matrices["+"], W).agrees
+    assert asymmetry_of(matrices["B"], W).size < 1e-12
 
 
 @given(seeds)

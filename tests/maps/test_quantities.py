@@ -15,7 +15,7 @@ from cartstiff.analysis.ellipsoids import (
     stiffness_along,
     stiffness_ellipsoid,
 )
-from cartstiff.analysis.indices import indices
+from cartstiff.analysis.indices import indices_of
 from cartstiff.analysis.matrices import stiffness_of_motion, symmetric_part
 from cartstiff.analysis.metrics import natural_length
 from cartstiff.analysis.posture import analyse_posture
@@ -97,7 +97,7 @@ def _single(result, connection, world):
         values[f"along_{others}"] = stiffness_along(pairs[others][0], u, others=others)
         values[f"about_{others}"] = stiffness_about(pairs[others][0], u, others=others)
     twist = compliance_deflection(result.at().compliances[connection], W).twist
-    i = indices(symmetric_part(K), LENGTH)
+    i = indices_of(symmetric_part(K), LENGTH)
     J = result.jacobian
     columns = np.array(
         [LENGTH if c.is_length else 1.0 for c in result.elastic.mechanism.coordinates]
@@ -389,5 +389,5 @@ def test_what_is_read_of_bodies_with_mass_needs_no_frequencies(name, tmp_path):
         elastic, cartstiff.Trajectory(q), ["condition"], tmp_path / "m.zarr"
     )
     length = found.attrs["characteristic_length"]
-    expected = indices(cartstiff.analyse(elastic, q[0]).matrices["B"], length).condition_number
+    expected = indices_of(cartstiff.analyse(elastic, q[0]).matrices["B"], length).condition_number
     assert float(found["condition"][0]) == pytest.approx(expected, rel=1e-9)

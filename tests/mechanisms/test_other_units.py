@@ -97,12 +97,12 @@ def test_there_and_back():
 
 
 def test_pictures_have_the_size_of_the_mechanism():
-    from cartstiff.loading.visuals import visuals
+    from cartstiff.loading.visuals import visuals_of
     from cartstiff.mechanisms.shapes import Box
 
     box = "<visual><geometry><box size='.1 .2 .3'/></geometry><origin xyz='0 0 1'/></visual>"
     arm = cartstiff.load(SLIDING.replace("<link name='l3'/>", f"<link name='l3'>{box}</link>"))
-    shown = visuals(in_units(arm, "mm").mechanism)[0][0]
+    shown = visuals_of(in_units(arm, "mm").mechanism)[0][0]
     assert isinstance(shown.shape, Box)
     assert shown.shape.sides == pytest.approx((100.0, 200.0, 300.0))
     assert shown.at.T_j_f[2, 3] == pytest.approx(1000.0)

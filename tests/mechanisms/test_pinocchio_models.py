@@ -15,7 +15,7 @@ import cartstiff
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.differences import jacobian
 from cartstiff.loading.catalogue import example_robot
-from cartstiff.loading.visuals import visuals
+from cartstiff.loading.visuals import visuals_of
 from cartstiff.mechanisms.tree import TreeState
 from cartstiff.mechanisms.tree_building import plain_tree
 
@@ -89,7 +89,7 @@ def test_a_tuple_brings_what_the_links_look_like():
         pin.GeometryObject("box", model.frames[frame].parentJoint, frame, at, box)
     )
     arm = cartstiff.load((model, None, geometry), frame="l3")
-    ((piece,), missing) = visuals(arm.mechanism)
+    ((piece,), missing) = visuals_of(arm.mechanism)
     assert missing == []
     assert piece.link == "l2"
     assert piece.shape.sides == pytest.approx((0.1, 0.2, 0.3))
@@ -99,7 +99,7 @@ def test_a_tuple_brings_what_the_links_look_like():
     seen = arm.mechanism.at(q).pose_at(piece.at)
     np.testing.assert_allclose(seen, (data.oMf[frame] * T).homogeneous, atol=1e-14)
     again = pickle.loads(pickle.dumps(arm))
-    assert len(visuals(again.mechanism)[0]) == 1
+    assert len(visuals_of(again.mechanism)[0]) == 1
 
 
 def test_configurations_of_every_kind_of_joint():

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cartstiff.analysis.centres import centres
+from cartstiff.analysis.centres import centres_of
 from cartstiff.analysis.compliant_axes import twist_compliant_axes, wrench_compliant_axes
 from cartstiff.analysis.congruence import cartesian_stiffness
 from cartstiff.analysis.deflection import compliance_deflection, joint_shares
 from cartstiff.analysis.ellipsoids import stiffness_block, stiffness_ellipsoid
-from cartstiff.analysis.indices import best_conditioned_length, indices, isotropy
+from cartstiff.analysis.indices import best_conditioned_length, indices_of, isotropy
 from cartstiff.analysis.metrics import (
     characteristic_length,
     inertia_metric,
@@ -67,7 +67,7 @@ def test_cubic_platform(edge: float, k: float, d: float) -> None:
     assert np.allclose(K[:3, :3], np.diag([across, across, 6.0 * k * H**2]), atol=EXACT * size)
     coupling = 2.0 * k * d * se3.skew([0.0, 0.0, 1.0])
     assert np.allclose(K[:3, 3:], coupling, atol=EXACT * size)
-    found = centres(K)
+    found = centres_of(K)
     for point in (found.stiffness, found.compliance, found.elasticity, found.least_coupling):
         assert point is not None
         assert np.allclose(point, [0.0, 0.0, d], atol=1e-12)
@@ -98,7 +98,7 @@ def test_one_line_spring() -> None:
     assert np.isclose(spring.stiffness, k)
     assert np.allclose(spring.direction, u)
     assert np.allclose(spring.point, p - u * (u @ p))
-    missing = centres(K)
+    missing = centres_of(K)
     assert missing.stiffness is None
     assert missing.reasons["stiffness"].code == "no-centre-of-stiffness"
     assert missing.reasons["compliance"].code == "singular"
@@ -138,22 +138,22 @@ def test_screws_of_simple_twists_and_wrenches() -> None:
 
 def test_indices_of_a_diagonal_matrix() -> None:
     K = np.diag([1.0, 2.0, 4.0, 100.0, 200.0, 400.0])
-    n = indices(K, 0.1)  # rotation becomes 100, 200, 400
+    n = indices_of(K, 0.1)  # rotation becomes 100, 200, 400
     assert np.allclose(n.eigenvalues, [100, 100, 200, 200, 400, 400])
     assert np.isclose(n.condition_number, 4.0)
     assert np.isclose(n.determinant, 8.0 * 8e6)
     assert np.isclose(n.isotropy, 200.0 / (1400.0 / 6.0))
     assert np.isclose(n.translational_condition, 4.0)
     assert np.isclose(n.rotational_condition, 4.0)
-    assert np.isclose(indices(K, 0.2).condition_number, 16.0)
+    assert np.isclose(indices_of(K, 0.2).condition_number, 16.0)
     # Smallest is rotational (exponent -2 of its own), largest translational: 2.
-    assert np.isclose(indices(K, 0.2).condition_exponent, 2.0)
+    assert np.isclose(indices_of(K, 0.2).condition_exponent, 2.0)
     assert best_conditioned_length(K) == pytest.approx((0.1, 4.0), rel=1e-6)
-    singular = indices(np.diag([0.0, 2.0, 4.0, 100.0, 200.0, 400.0]), 0.1)
+    singular = indices_of(np.diag([0.0, 2.0, 4.0, 100.0, 200.0, 400.0]), 0.1)
     assert singular.condition_number == float("inf")
     assert singular.isotropy == 0.0
     assert np.isnan(singular.condition_exponent)
-    indefinite = indices(np.diag([-1.0, 2.0, 4.0, 100.0, 200.0, 400.0]), 0.1)
+    indefinite = indices_of(np.diag([-1.0, 2.0, 4.0, 100.0, 200.0, 400.0]), 0.1)
     assert indefinite.minimum_stiffness == pytest.approx(-100.0)
     assert indefinite.definiteness == "indefinite"
     assert np.isnan(indefinite.isotropy)
@@ -252,7 +252,7 @@ def test_monte_carlo_agrees_with_the_exact_moments_of_a_product() -> None:
 def test_both_propagations_agree_on_a_stiffness_index() -> None:
     def minimum(p: dict[str, float]) -> dict[str, Any]:
         springs = np.array([p["k"], 2.0, 3.0, 4.0, 5.0, 6.0]) * 1e3
-        return {"minimum": indices(np.diag(springs), p["length"]).minimum_stiffness}
+        return {"minimum": indices_of(np.diag(springs), p["length"]).minimum_stiffness}
 
     tolerances = {"k": Tolerance(1.0, 0.02), "length": Tolerance(1.0, 0.01)}
     first = propagate_first_order(minimum, tolerances)

@@ -12,7 +12,7 @@ from tests.support import robot_file
 from tests.view.viewer import Viewer
 
 import cartstiff
-from cartstiff.loading.visuals import visuals
+from cartstiff.loading.visuals import visuals_of
 from cartstiff.scene import Look, RecordingWindow, Scene
 from cartstiff.scene.canvas import Node
 
@@ -112,7 +112,7 @@ def test_shapes_and_mesh_files_of_a_urdf(tmp_path, place):
             "file": f"file://{file}"}[place]  # fmt: skip
     (folder / "r.urdf").write_text(URDF.format(mesh=name), encoding="utf-8")
     arm = cartstiff.load(folder / "r.urdf")
-    pieces, missing = visuals(arm.mechanism)
+    pieces, missing = visuals_of(arm.mechanism)
     assert missing == []
     box, cylinder, ball, mesh = pieces
     assert box.shape.sides == (0.2, 0.3, 0.1)
@@ -179,7 +179,7 @@ def test_shapes_of_an_mjcf(tmp_path, gone):
     )
     (tmp_path / "arm.xml").write_text(MJCF.format(gone=gone), encoding="utf-8")
     arm = cartstiff.load(tmp_path / "arm.xml", frame="arm")
-    pieces, missing = visuals(arm.mechanism)
+    pieces, missing = visuals_of(arm.mechanism)
     assert missing == (["body arm: mesh gone.stl is missing"] if gone else [])
     capsule, ball, mesh = pieces
     assert (capsule.shape.radius, capsule.shape.length) == (0.04, pytest.approx(0.4))

@@ -11,14 +11,14 @@ from cartstiff.page.session import Session
 from cartstiff.page.source import Source
 from cartstiff.page.state import Draw, Numbers, Response, Swing, ViewState
 from cartstiff.scene.mechanism import extent
-from cartstiff.scene.swing import swing
+from cartstiff.scene.swing import swing_of
 
 
 @pytest.mark.parametrize("name", ["ur5", "stewart-simscape", "five-bar"])
 def test_swing_has_the_size_that_was_asked_for(name):
     elastic = load(name)
     found = modes(elastic)
-    swung = swing(found, 1, share=0.01, count=5)
+    swung = swing_of(found, 1, share=0.01, count=5)
     corners = [extent(elastic, posture) for posture in swung.postures]
     size = np.ptp(corners[2], axis=0).max()
     assert swung.postures[2].q == pytest.approx(found.q, abs=1e-9)
@@ -31,9 +31,9 @@ def test_swing_has_the_size_that_was_asked_for(name):
     twist = found.posture.pose[:3, :3] @ found.twists[3:, 0]
     assert abs(way @ twist) == pytest.approx(np.linalg.norm(way) * np.linalg.norm(twist), rel=1e-3)
     with pytest.raises(InputError, match="no such mode"):
-        swing(found, 99)
+        swing_of(found, 99)
     with pytest.raises(InputError, match="share"):
-        swing(found, 1, share=0.0)
+        swing_of(found, 1, share=0.0)
 
 
 def test_a_tab_is_told_modes_pictures_and_curves():

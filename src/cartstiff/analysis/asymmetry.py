@@ -59,7 +59,7 @@ class Asymmetry(Result):
     agrees: bool
 
 
-def asymmetry(stiffness: ArrayLike, wrench: ArrayLike) -> Asymmetry:
+def asymmetry_of(stiffness: ArrayLike, wrench: ArrayLike) -> Asymmetry:
     """Compare K^A - (K^A)^T with ``-bracket_form(wrench)``.
 
     Parameters

@@ -157,7 +157,7 @@ class Centres(Result):
     reasons: dict[str, UndefinedError]
 
 
-def centres(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Centres:
+def centres_of(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Centres:
     """All centres at once; the compliance is inverted from the stiffness unless given."""
     points: dict[str, Array] = {}
     reasons: dict[str, UndefinedError] = {}

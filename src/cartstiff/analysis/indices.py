@@ -95,7 +95,7 @@ def _isotropy(values: Array) -> float:
     return 0.0 if kind == "positive semidefinite" else float("nan")
 
 
-def indices(
+def indices_of(
     stiffness: ArrayLike,
     length: float,
     compliance: ArrayLike | None = None,
@@ -150,9 +150,9 @@ def indices(
 def spectrum(
     K: Array, length: float, C: Array | None = None, root: Array | None = None
 ) -> tuple[Array, Array, Definiteness]:
-    """Eigenvalues (6,) and eigenvectors (6, 6) of K_l and the definiteness, as `indices` has them.
+    """Eigenvalues (6,) and eigenvectors (6, 6) of K_l, and the definiteness, as in `indices_of`.
 
-    Parameters and errors are those of `indices`; K and C are symmetric.
+    Parameters and errors are those of `indices_of`; K and C are symmetric.
     """
     scaled = scale_lengths(K, checked_length(length))
     inverse = None if C is None else scale_lengths(C, 1.0 / length)

@@ -36,7 +36,7 @@ from cartstiff.potentials.flexure_struts import FlexureStruts
 from cartstiff.potentials.line_springs import LineSprings, second_derivative
 from cartstiff.potentials.springs import CoupledSprings, JointSprings
 from cartstiff.stiffness.compute import PostureStiffness
-from cartstiff.stiffness.influence import influence
+from cartstiff.stiffness.influence import influence_of
 
 
 def change_from_symmetric(r: PostureStiffness, name: str) -> Array:
@@ -122,7 +122,7 @@ def deflection_half_width(r: PostureStiffness, point: Array) -> dict[str, Any] |
         return None
     elastic = linearised(r.elastic, r.q)
     known, elements = elastic.identified or known, Elements(elastic)
-    effects = influence(r, elements)
+    effects = influence_of(r, elements)
     felt = effects.forces @ r.wrench
     twist = effects.compliance @ r.wrench
     changes = effects.forces.T @ (elements.patterns(known.patterns) @ felt).T

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.analysis import asymmetry as asymmetries
-from cartstiff.analysis.centres import centres
+from cartstiff.analysis.centres import centres_of
 from cartstiff.analysis.compliant_axes import (
     CompliantAxis,
     twist_compliant_axes,
@@ -26,7 +26,7 @@ from cartstiff.analysis.ellipsoids import (
     stiffness_along,
     stiffness_ellipsoid,
 )
-from cartstiff.analysis.indices import best_conditioned_length, indices
+from cartstiff.analysis.indices import best_conditioned_length, indices_of
 from cartstiff.analysis.matrices import (
     as_symmetric,
     invert,
@@ -131,7 +131,7 @@ def summarise(
     W = checked_vector(wrench, 6, "wrench")
     name = _chosen(stiffness, connection)
     base = None if name is None else _moved(stiffness[name], None, move_stiffness)
-    skewness = 0.0 if base is None else asymmetries.asymmetry(base, W).size
+    skewness = 0.0 if base is None else asymmetries.asymmetry_of(base, W).size
     if is_singular:
         what = "stiffness is singular: it has no inverse"
         notes.add(UndefinedError(what, code="singular"), "compliance")
@@ -182,7 +182,7 @@ def summarise(
     minus = stiffness.get("A")
     result["asymmetry"] = result["connections"] = None
     if minus is not None:
-        predicted = asymmetries.asymmetry(minus, W)
+        predicted = asymmetries.asymmetry_of(minus, W)
         result["asymmetry"] = section(("size", "residual", "agrees", "predicted"), predicted)
     if name is not None:
         result["connections"] = asymmetries.compare_connections(
@@ -317,12 +317,12 @@ def _of_stiffness(
     if K is None:
         return dict.fromkeys(_OF_STIFFNESS)
     K = as_symmetric(K)
-    points = centres(K, C)
+    points = centres_of(K, C)
     for what, reason in points.reasons.items():
         notes.add(reason, f"centre ({what.replace('_', ' ')})")
     screws = eigenscrews(K)
     twists = notes.attempt("twist-compliant axes", twist_compliant_axes, K, C)
-    numbers = notes.attempt("indices", indices, K, length, C, G)
+    numbers = notes.attempt("indices", indices_of, K, length, C, G)
     best = notes.attempt("indices", best_conditioned_length, K, C, G)
     judgement = realisability(K)
     realised = realise(K, length) if springs and judgement.passive else None

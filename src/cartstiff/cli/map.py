@@ -305,7 +305,7 @@ def command(
     answer = _answer(dataset, file, output, computed, seconds, known)
     answer |= {"slice": places_of(whole, cuts)}
     lists = {"best": best, "worst": worst}
-    from cartstiff.mechanisms.weighed import weighed
+    from cartstiff.mechanisms.weighed import weights_of
     from cartstiff.report.maps import describe_map, ranked
 
     answer |= {
@@ -338,7 +338,7 @@ def command(
     if as_json:
         say(json.dumps(answer, allow_nan=False))
     else:
-        lines = [describe_map(answer, elastic.names_with_units, weighed(elastic).text)]
+        lines = [describe_map(answer, elastic.names_with_units, weights_of(elastic).text)]
         say("\n".join([*lines, *(describe(told) if told else [])]))
 
 

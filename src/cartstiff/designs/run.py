@@ -21,7 +21,7 @@ from cartstiff.designs.results import Designs
 from cartstiff.designs.search import search
 from cartstiff.errors import CartstiffError, InputError
 from cartstiff.maps.cluster import shared_out
-from cartstiff.mechanisms.weighed import weighed
+from cartstiff.mechanisms.weighed import weights_of
 
 
 def design(
@@ -111,7 +111,7 @@ def design(
     return Designs(
         asked, evaluation.home.name, designs, better,
         {name: evaluation.unit(measure) for name, measure in asked.measures.items()},
-        record.damaged, weighed(evaluation.home),
+        record.damaged, weights_of(evaluation.home),
     )  # fmt: skip
 
 

@@ -33,7 +33,7 @@ from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.loads import Load, Scaled
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.stiffness.compute import analyse
-from cartstiff.stiffness.influence import influence
+from cartstiff.stiffness.influence import influence_of
 
 # Of differences, in shares of a parameter's natural size.
 _STEP = numerics.WIDE_DIFFERENCE
@@ -187,7 +187,7 @@ class LinearModel:
         parts = []
         for row, weight in zip(q, weights, strict=True):
             try:
-                parts.append(influence(analyse(elastic, row), elements, weight))
+                parts.append(influence_of(analyse(elastic, row), elements, weight))
             except UndefinedError as error:
                 place = np.flatnonzero((self.measured.q == row).all(axis=1))[0]
                 raise InputError(

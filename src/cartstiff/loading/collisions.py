@@ -16,7 +16,7 @@ import pinocchio as pin
 
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.visuals import visuals
+from cartstiff.loading.visuals import visuals_of
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Shape, Sphere
@@ -50,7 +50,7 @@ class Collisions:
         chain = elastic.mechanism
         if not isinstance(chain, Chain):
             raise InputError("collisions are tested between links of arms", got=chain.kind)
-        shapes, missing = visuals(chain, "collision")
+        shapes, missing = visuals_of(chain, "collision")
         if missing:
             raise InputError("collisions cannot be tested", got=one_line(missing[0]))
         if not shapes:

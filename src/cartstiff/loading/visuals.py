@@ -51,7 +51,7 @@ class Visual:
     colour: tuple[float, float, float, float] | None
 
 
-def visuals(chain: Chain, kind: Kind = "visual") -> tuple[list[Visual], list[str]]:
+def visuals_of(chain: Chain, kind: Kind = "visual") -> tuple[list[Visual], list[str]]:
     """Pictures of a chain's links, and in words what is missing.
 
     Parameters

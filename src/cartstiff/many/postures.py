@@ -42,7 +42,7 @@ from cartstiff.many.singular import lost_ranks
 from cartstiff.many.work import BY_ENGINE, timed
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind, checked_load, wrench_in_body
-from cartstiff.stiffness.labelled import AXES, labelled
+from cartstiff.stiffness.labelled import AXES, with_labels
 
 #: State of postures that nobody has looked at one by one.
 UNDECIDED = "undecided"
@@ -138,7 +138,7 @@ class Postures:
             short = {"stiffness": f"K_{letter}", "compliance": f"C_{letter}", "wrench": "W"}
             arrays[short.get(kind, name)] = ("posture", *axes[kind]), array
         labels = {**AXES, "posture": range(len(self)), "coordinate": self.names}
-        return labelled(arrays, labels, path=self.path)
+        return with_labels(arrays, labels, path=self.path)
 
     def to_pandas(self) -> Any:
         """`pandas.DataFrame` of the 6x6 matrices: a row an entry, a column a matrix.

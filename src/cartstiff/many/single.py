@@ -28,7 +28,7 @@ from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import force_notes, limit_notes
-from cartstiff.mechanisms.weighed import weighed
+from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.notes import Note
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Evaluation, Potential
@@ -251,7 +251,7 @@ class _Code:
         self.is_inner = not elastic.parted_terms()[1]
         chart = here.chart()
         self.notes_on_chart = (Note("no-chart", chart),) if isinstance(chart, str) else ()
-        self.notes_on_weight = tuple(weighed(elastic).notes)
+        self.notes_on_weight = tuple(weights_of(elastic).notes)
 
     def record(self, q: Array, wrench: Array | None) -> tuple[Array, Array] | None:
         """Coordinates and all numbers of a posture; None where it is not plainly regular."""

@@ -76,7 +76,7 @@ class Weighed:
         return [Note("massless", words, {"links": list(self.massless)})]
 
 
-def weighed(elastic: ElasticMechanism, loads: Sequence[Potential] = ()) -> Weighed:
+def weights_of(elastic: ElasticMechanism, loads: Sequence[Potential] = ()) -> Weighed:
     """What gravity acts on in a mechanism, and the payloads among its loads."""
     acting = (*elastic.potentials, *loads)
     # Weights are in the unit of force: so is the mass that a load remembers.

@@ -13,7 +13,7 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Coordinate
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.mechanisms.weighed import weighed
+from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.statics.command import drives
 
@@ -74,7 +74,7 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array, frames: bool = True)
         ],
         "takes_load": springs is not None,
         "source": elastic.source,
-        "weighed": weighed(elastic).text,
+        "weighed": weights_of(elastic).text,
         "gravity": None if elastic.gravity is None else elastic.gravity.tolist(),
         "size": float(mechanism.at(q).length),
         "platform": isinstance(mechanism, Platform),

@@ -22,7 +22,7 @@ from cartstiff.mechanisms.contract import SI, Units, convert_length, named_value
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree import FixedFrame
-from cartstiff.mechanisms.weighed import weighed
+from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.page.export import export_page
 from cartstiff.page.source import Source
 from cartstiff.statics.equilibrium import equilibrium
@@ -319,7 +319,7 @@ def _acting(
             f"({', '.join(f'{x:g}' for x in f)}) {units.force} along the axes of {of}, at "
             f"({', '.join(f'{x:g}' for x in kind.at)}) {units.length} in M; {kind.words}"
         ]
-    return [*lines, weighed(elastic).text]
+    return [*lines, weights_of(elastic).text]
 
 
 def _matrix(result: PostureStiffness) -> str:

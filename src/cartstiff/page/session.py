@@ -24,7 +24,7 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.mechanisms.weighed import weighed
+from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.page.answer import Answer
 from cartstiff.page.description import describe_mechanism, slider_ranges
 from cartstiff.page.picture import Picture
@@ -46,7 +46,7 @@ from cartstiff.page.state import (
     ViewState,
 )
 from cartstiff.report.analysis import summary_text
-from cartstiff.scene.swing import swing
+from cartstiff.scene.swing import swing_of
 from cartstiff.statics.command import analyse_commanded
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.version import __version__
@@ -242,7 +242,7 @@ class Session:
         q = result.q if not state.command else self._placed(state)[1]
         numbers = shown_numbers(result, state) | {"q": q.tolist()}
         if state.gravity is not None or state.payload is not None:
-            numbers["weighed"] = weighed(result.elastic).text
+            numbers["weighed"] = weights_of(result.elastic).text
         return numbers
 
     def changed(self, state: ViewState) -> ElasticMechanism:
@@ -306,7 +306,7 @@ class Session:
     def _swing(self, message: Swing) -> Answer:
         """Commands of every picture of a swing; those of the rest come last."""
         swings = modes(self.result(message.state))
-        swung = swing(swings, message.state.mode or 1, message.share)
+        swung = swing_of(swings, message.state.mode or 1, message.share)
         pictures = self.picture.along([*swung.postures, swings.posture])
         return Answer(
             {

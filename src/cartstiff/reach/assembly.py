@@ -26,7 +26,7 @@ from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.limits import limit_notes
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.mechanisms.weighed import weighed
+from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
 from cartstiff.potentials.flexure_struts import FlexureStruts
@@ -115,7 +115,7 @@ class AssemblyModes(ShownInLines):
             "frame": elastic.mechanism.frame,
             "units": {"length": units.length, "force": units.force, "angle": "rad"},
             "given": dict(self.given),
-            **weighed(elastic).as_dict(),
+            **weights_of(elastic).as_dict(),
             "search": method,
             "modes": [mode.as_dict() for mode in self.modes],
             "notes": [note.as_dict() for note in self.notes],

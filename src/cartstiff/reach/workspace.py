@@ -29,7 +29,7 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.mechanisms.weighed import weighed
+from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
 from cartstiff.reach.leg_margins import LegMargins
@@ -170,7 +170,7 @@ class Workspace(ShownInLines):
             "frame": elastic.mechanism.frame,
             "units": {"length": units.length, "force": units.force, "angle": "rad"},
             "pose": self.pose.tolist(),
-            **weighed(elastic).as_dict(),
+            **weights_of(elastic).as_dict(),
             "load": None if self.load is None else dict(self.load),
             "volume": self.volume,
             "volume_error": self.volume_error,

@@ -12,7 +12,7 @@ from cartstiff.geometry import se3
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.mechanisms.weighed import weighed
+from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.report.layout import vector
@@ -43,7 +43,7 @@ def frames_of(elastic: ElasticMechanism) -> dict[str, Any]:
         "closures": [],
         "legs": [],
         "payload": mechanism.masses().get("payload"),
-        "gravity": weighed(elastic).as_dict()["gravity"],
+        "gravity": weights_of(elastic).as_dict()["gravity"],
         "pose": elastic.mechanism.at(elastic.q).pose.tolist(),
         "notes": [note.as_dict() for note in elastic.notes],
     }

@@ -12,7 +12,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.other_units import shown, shown_factors
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.mechanisms.weighed import weighed
+from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.notes import Note
 from cartstiff.reach.assembly import AssemblyMode, AssemblyModes
 from cartstiff.report.layout import note_lines, number, numbers, table
@@ -30,7 +30,7 @@ def describe_assembly(modes: AssemblyModes) -> str:
         f"{elastic.name}: {elastic.mechanism.kind}, body frame {elastic.mechanism.frame!r}",
         f"Held: {held}",
         *(load_lines(modes[0].result) if count and modes[0].result.is_loaded else []),
-        weighed(elastic).text,
+        weights_of(elastic).text,
         f"Assembly modes: {count}; searched: {modes.search or 'not, see the notes'}",
     ]
     if modes.search is not None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
-from cartstiff.loading.visuals import Visual, visuals
+from cartstiff.loading.visuals import Visual, visuals_of
 from cartstiff.mechanisms.chain import Chain, ChainPosture
 from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Shape
 from cartstiff.mechanisms.tree import FixedFrame
@@ -59,7 +59,7 @@ class ChainPicture:
         self._chain, self._size, self._theme, self._ghost = chain, size, look, ghost
         self._node = node
         self._boxes: list[tuple[FixedFrame, Array]] = []
-        pieces, self._missing = visuals(chain)
+        pieces, self._missing = visuals_of(chain)
         self._joints: dict[int, tuple[Node, FixedFrame]] = {}
         # Lengths of a robot description are metres, as are those of its mechanism.
         shown = [self._piece(i, visual) for i, visual in enumerate(pieces)]

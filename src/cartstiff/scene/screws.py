@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.analysis.centres import centres
+from cartstiff.analysis.centres import centres_of
 from cartstiff.analysis.compliant_axes import twist_compliant_axes, wrench_compliant_axes
 from cartstiff.analysis.screws import Screw, eigenscrews
 from cartstiff.arrays import checked_pose
@@ -147,7 +147,7 @@ class CentresPicture:
 
     def draw(self, K: Array, C: Array | None, T: Array, labels: bool) -> dict[str, Any]:
         """Show the centres of a symmetric stiffness in the frame with pose T."""
-        places = centres(K, C)
+        places = centres_of(K, C)
         points = {name: getattr(places, name) for name in _NAMES}
         near = {
             name: p

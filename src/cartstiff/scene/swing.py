@@ -37,7 +37,7 @@ class Swing:
     turn: float
 
 
-def swing(modes: Modes, number: int, share: float = 0.05, count: int = 17) -> Swing:
+def swing_of(modes: Modes, number: int, share: float = 0.05, count: int = 17) -> Swing:
     """Postures along the swing of a mode.
 
     Parameters

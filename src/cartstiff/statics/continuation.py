@@ -19,7 +19,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.limits import Limits, limit_notes
-from cartstiff.mechanisms.weighed import weighed
+from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.numerics import IDLE
 from cartstiff.potentials.contract import Potential
 from cartstiff.statics.critical import CriticalPoint, crossings
@@ -112,7 +112,7 @@ def load_curve(
     notes = (
         *elastic.notes,
         *limit_notes(elastic.mechanism, posture, _START),
-        *weighed(elastic).notes,
+        *weights_of(elastic).notes,
     )
     seed = LoadCurve(
         elastic, np.zeros(1), origin.point.q[None], np.zeros((1, 6)), np.zeros((1, 6)),

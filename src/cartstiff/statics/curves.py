@@ -14,7 +14,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.other_units import shown
-from cartstiff.mechanisms.weighed import Weighed, weighed
+from cartstiff.mechanisms.weighed import Weighed, weights_of
 from cartstiff.notes import Note
 from cartstiff.statics.critical import CriticalPoint
 from cartstiff.statics.held import shown_displacements
@@ -74,7 +74,7 @@ class LoadCurve(Result):
     @property
     def weighed(self) -> Weighed:
         """What gravity acts on, and payloads among the loads (at factor 1)."""
-        return weighed(self.elastic, (*self._path.system.loads, *self._path.loads))
+        return weights_of(self.elastic, (*self._path.system.loads, *self._path.loads))
 
     @cached_property
     def deviation(self) -> Array:

@@ -25,7 +25,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.limits import Limits, finite, limit_notes
-from cartstiff.mechanisms.weighed import weighed
+from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Potential
 from cartstiff.statics.compensation import CompensatedPath
@@ -108,7 +108,7 @@ def compensate(
         stable.append(_verdict(elastic, rest, acting, q, index, notes))
         _note_limits(elastic, rest, index, notes)
         notes += limit_notes(elastic.mechanism, elastic.mechanism.at(q), f"point {index + 1}: ")
-    mass = weighed(elastic, loads[0])
+    mass = weights_of(elastic, loads[0])
     notes += mass.notes
     return CompensatedPath(
         elastic, np.array(poses), postures, np.array(commands), np.array(unloaded),

@@ -10,7 +10,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits, force_notes, limit_notes
-from cartstiff.mechanisms.weighed import weighed
+from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.notes import Note
 from cartstiff.numerics import EPSILON, IDLE
 from cartstiff.potentials.springs import JointSprings
@@ -61,7 +61,7 @@ def state_of_rest(
         notes += limit_notes(system.elastic.mechanism, point.posture, "at rest: ")
     notes += force_notes(system.elastic, point.posture)
     notes += system.elastic.remarks(point.posture)
-    notes += weighed(system.elastic).notes
+    notes += weights_of(system.elastic).notes
     notes += _drowned(system.elastic, point)
     if stable is not False:  # at an unstable one nothing stays
         notes += unresolved

@@ -42,7 +42,7 @@ class Influence(NamedTuple):
     weight_twist: Array
 
 
-def influence(
+def influence_of(
     result: PostureStiffness, elements: Elements, generalised: Array | None = None
 ) -> Influence:
     """Forces in all elements per unit wrench at a posture, by the engine's own reduction.

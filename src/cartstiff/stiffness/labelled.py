@@ -21,7 +21,7 @@ from cartstiff.stiffness.showing import BlockUnits, matrix_html
 AXES = {"wrench": ("mx", "my", "mz", "fx", "fy", "fz"), "motion": ("rx", "ry", "rz", "x", "y", "z")}
 
 
-def labelled(
+def with_labels(
     arrays: Mapping[str, tuple[Sequence[str], Array]],
     axes: Mapping[str, Sequence[Any]] = AXES,
     **about: object,
@@ -94,7 +94,7 @@ class LabelledMatrix:
         """`xarray.DataArray` with the components' names; MissingDependencyError without xarray."""
         angular = self.order == se3.ANGULAR_LINEAR
         axes = {n: v if angular else (*v[3:], *v[:3]) for n, v in AXES.items()}
-        return labelled({self._letter: (self._axes, self.matrix)}, axes)[self._letter]
+        return with_labels({self._letter: (self._axes, self.matrix)}, axes)[self._letter]
 
     def to_pandas(self) -> Any:
         """`pandas.DataFrame` with the components' names on rows and columns."""

@@ -118,7 +118,7 @@ def _turned_about(poses: Array, axis: str, angle: Array) -> Array:
     return turned
 
 
-def choices(
+def choices_of(
     solver: PathSolver, free: Free, redundant: str | None, samples: int, names: list[str]
 ) -> Choices:
     """The grid for a mechanism and a freedom.

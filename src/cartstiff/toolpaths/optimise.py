@@ -29,7 +29,14 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.numerics import NEAR
 from cartstiff.stiffness.applied_load import checked_load
 from cartstiff.toolpaths.candidates import Layer, layers
-from cartstiff.toolpaths.choices import NEARBY, Choices, Counter, PathSolver, choices, path_solver
+from cartstiff.toolpaths.choices import (
+    NEARBY,
+    Choices,
+    Counter,
+    PathSolver,
+    choices_of,
+    path_solver,
+)
 from cartstiff.toolpaths.cost import Judged, PathCost, criteria, ready
 from cartstiff.toolpaths.dynamic_programming import Objective, Steps, best_way
 from cartstiff.toolpaths.optimised import ConstantChoice, OptimisedPath
@@ -155,7 +162,7 @@ def optimise_path(
     if not 0.0 <= smoothness < np.inf:
         raise InputError("smoothness cannot be used", expected="0 or more", got=smoothness)
     solver = path_solver(elastic, ranges, near)
-    grid = choices(solver, free, redundant, samples, list(elastic.names))
+    grid = choices_of(solver, free, redundant, samples, list(elastic.names))
     connection = connection or ("load" if loaded else "B")
     load = checked_load(load_kind, load_at, "body", given=path.wrenches is not None)
     if load.kind != "dead" and not loaded:
