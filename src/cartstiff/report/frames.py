@@ -10,6 +10,7 @@ import numpy as np
 
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.contract import Units
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.weighed import weights_of
@@ -155,11 +156,11 @@ def _legs(mechanism: Any, springs: LineSprings) -> list[dict[str, Any]]:
 
 def describe_frames(answer: Mapping[str, Any], angle: str = "rad", length: float = 0.0) -> str:
     """The answer of ``cartstiff frames``, for reading, with postures in "rad" or "deg"."""
-    units, joints = answer["units"], answer["joints"]
+    units, joints = Units.from_dict(answer["units"]), answer["joints"]
     mechanism = answer["mechanism"]
     lines = [
         f"{mechanism['name']}: {mechanism['kind']}, body frame {answer['frame']!r}, "
-        f"lengths in {units['length']}, forces in {units['force']}, masses in kg",
+        f"lengths in {units.length}, forces in {units.force}, masses in kg",
         "",
         f"F: {', '.join(answer['frames'])}",
     ]
@@ -187,7 +188,7 @@ def describe_frames(answer: Mapping[str, Any], angle: str = "rad", length: float
     turned = np.degrees(se3.roll_pitch_yaw(pose))
     lines += [
         "",
-        f"M at {vector(pose[:3, 3], 6, length)} {units['length']} in F, roll, pitch, yaw "
+        f"M at {vector(pose[:3, 3], 6, length)} {units.length} in F, roll, pitch, yaw "
         f"{vector(turned, 6, 1.0)} deg",
         "Gravity: none" if answer["gravity"] is None
         else f"Gravity: {vector(answer['gravity'], 6)} m/s^2",
@@ -205,12 +206,10 @@ def _range(low: float | None, high: float | None, size: float = 1.0) -> str:
     return f"[{ends[0]}, {ends[1]}]"
 
 
-def _joint_words(joint: Mapping[str, Any], units: Mapping[str, str], angle: str) -> str:
+def _joint_words(joint: Mapping[str, Any], units: Units, angle: str) -> str:
     words = [f"{joint['name']}: {joint['type']}"]
     turns = joint["type"] != "prismatic"
-    shown, size = (
-        (angle, degrees(1.0) if angle == "deg" else 1.0) if turns else (units["length"], 1)
-    )
+    shown, size = (angle, degrees(1.0) if angle == "deg" else 1.0) if turns else (units.length, 1)
     if joint["follows"] is not None:
         words.append(f"follows {joint['follows']}")
     elif joint["q"] is not None:
@@ -227,26 +226,23 @@ def _joint_words(joint: Mapping[str, Any], units: Mapping[str, str], angle: str)
     return ", ".join(words)
 
 
-def _spring_words(
-    spring: Mapping[str, Any] | None, units: Mapping[str, str], turns: bool, size: float
-) -> str:
+def _spring_words(spring: Mapping[str, Any] | None, units: Units, turns: bool, size: float) -> str:
     if spring is None:
         return "passive"
     if spring["rigid"]:
         return "rigid"
     if spring["law"]:
         return "nonlinear spring"
-    force, length = units["force"], units["length"]
-    unit = f"{force} {length}/rad" if turns else f"{force}/{length}"
+    unit = units.stiffness["rotation" if turns else "translation"]
     rest = "" if spring["rest"] is None else f" at rest at {spring['rest'] * size:.6g}"
     return f"{spring['stiffness']:.6g} {unit}{rest}"
 
 
-def _leg_words(leg: Mapping[str, Any], units: Mapping[str, str]) -> str:
+def _leg_words(leg: Mapping[str, Any], units: Units) -> str:
     ends = [", ".join(f"{x:.4g}" for x in leg[key]) for key in ("from", "to")]
-    words = [f"{leg['stiffness']:.6g} {units['force']}/{units['length']}"]
+    words = [f"{leg['stiffness']:.6g} {units.stiffness['translation']}"]
     if leg["rest"] is not None:
         words.append(f"rest length {leg['rest']:.6g}")
     if leg["longest"] is not None:
-        words.append(f"{_range(leg['shortest'], leg['longest'])} {units['length']}")
+        words.append(f"{_range(leg['shortest'], leg['longest'])} {units.length}")
     return f"  {leg['name']}: ({ends[0]}) to ({ends[1]}), {', '.join(words)}"

@@ -183,9 +183,8 @@ def describe_sensitivities(known: Sensitivities, units: Units) -> list[str]:
     if not titles:
         slopes = np.diagonal(known.stiffness["K"], axis1=1, axis2=2)
         titles = ["m_x/r_x", "m_y/r_y", "m_z/r_z", "f_x/x", "f_y/y", "f_z/z"]
-        what = (
-            f"change of the diagonal of K^K in {units.moment}/rad and {units.force}/{units.length}"
-        )
+        of = units.stiffness
+        what = f"change of the diagonal of K^K in {of['rotation']} and {of['translation']}"
     rows = []
     for name, x, row, is_angle in zip(known.names, known.values, slopes, known.angles, strict=True):
         group = name.partition(".")[0]
@@ -216,7 +215,7 @@ def describe_accuracy(known: Accuracy, units: Units) -> list[str]:
         ("pose", ["turn x", "turn y", "turn z", "place x", "place y", "place z"],
          [units.angle] * 3 + [units.length] * 3),
         ("K", ["K^K m_x/r_x", "K^K m_y/r_y", "K^K m_z/r_z", "K^K f_x/x", "K^K f_y/y", "K^K f_z/z"],
-         [f"{units.moment}/rad"] * 3 + [f"{units.force}/{units.length}"] * 3),
+         [units.stiffness["rotation"]] * 3 + [units.stiffness["translation"]] * 3),
         ("frequencies", [f"mode {i + 1}" for i in range(len(known.nominal.get("frequencies", ())))],
          ["Hz"] * len(known.nominal.get("frequencies", ()))),
     ]  # fmt: skip

@@ -44,7 +44,7 @@ def describe_assembly(modes: AssemblyModes) -> str:
         lines += [
             "",
             f"min K: smallest eigenvalue of the tangent stiffness, angles times the body's length "
-            f"[{units.force}/{units.length}]",
+            f"[{units.stiffness['translation']}]",
         ]
         if isinstance(elastic.mechanism, Platform):
             lines.append("det: of the legs' lines, moments over that length")
@@ -130,7 +130,7 @@ def assembly_csv(modes: AssemblyModes) -> str:
     units = modes.elastic.units
     head = [
         *modes.elastic.names_with_units, f"residual [{units.length}]", "multiplicity",
-        f"smallest_eigenvalue [{units.force}/{units.length}]", "stable", "determinant",
+        f"smallest_eigenvalue [{units.stiffness['translation']}]", "stable", "determinant",
         *(f"frequency_{i + 1} [Hz]" for i in range(most)),
     ]  # fmt: skip
     rows = []

@@ -290,7 +290,7 @@ def large_field(x: float) -> str:
 def geometry_csv(result: PostureStiffness) -> bytes:
     """A row a leg, or a joint: where it is at the posture, in F, its stiffness and its limits."""
     elastic, posture = result.elastic, result.posture
-    unit, force = elastic.units.length, elastic.units.force
+    unit, of = elastic.units.length, elastic.units.stiffness
     if isinstance(posture, PlatformPosture):
         platform = elastic.mechanism
         if not isinstance(platform, Platform) or not isinstance(elastic.springs, LineSprings):
@@ -300,7 +300,7 @@ def geometry_csv(result: PostureStiffness) -> bytes:
         if platform.limits is not None:
             limits = platform.limits
         names = [f"{end}_{a} [{unit}]" for end in ("foot", "head", "head_in_M") for a in "xyz"]
-        names = ["leg", *names, f"length [{unit}]", f"stiffness [{force}/{unit}]"]
+        names = ["leg", *names, f"length [{unit}]", f"stiffness [{of['translation']}]"]
         names += [f"shortest [{unit}]", f"longest [{unit}]"]
         rows = np.column_stack([platform.anchors, heads, platform.points, posture.lines.lengths,
                                 elastic.springs.stiffness, limits])  # fmt: skip
@@ -314,7 +314,7 @@ def geometry_csv(result: PostureStiffness) -> bytes:
     k = springs.stiffness if isinstance(springs, JointSprings) else np.full(len(posture.q), np.nan)
     names = ["joint", "type", *(f"{a} [{unit}]" for a in "xyz"), *(f"axis_{a}" for a in "xyz")]
     names += [f"position [rad or {unit}]", f"lower [rad or {unit}]", f"upper [rad or {unit}]",
-              f"stiffness [{force} {unit}/rad or {force}/{unit}]"]  # fmt: skip
+              f"stiffness [{of['rotation']} or {of['translation']}]"]  # fmt: skip
     table = []
     for i, c in enumerate(chain.coordinates[: len(places)]):
         axis = places[i][:3, :3] @ (screws[i, 3:] if c.is_length else screws[i, :3])
