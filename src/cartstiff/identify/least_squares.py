@@ -221,18 +221,20 @@ class _Basis:
         natural = np.append(sizes, np.ones(divided.shape[1] - parameters))
         norms = np.linalg.norm(divided, axis=0) * natural
         largest = float(norms[:parameters].max(initial=0.0))
-        seen = norms > numerics.RANK * largest
-        seen[parameters:] = norms[parameters:] > 0.0
-        self.scale = np.where(seen, natural / np.where(seen, norms, 1.0), 0.0)
-        self.kept = np.where(seen, divided, 0.0)
+        is_seen = norms > numerics.RANK * largest
+        is_seen[parameters:] = norms[parameters:] > 0.0
+        self.scale = np.where(is_seen, natural / np.where(is_seen, norms, 1.0), 0.0)
+        self.kept = np.where(is_seen, divided, 0.0)
         self._U, self.values, Vt = np.linalg.svd(divided * self.scale, full_matrices=False)
         self.directions = Vt.T
         self.rank = numerics.rank(self.values)
         lost = Vt[self.rank :].T
-        self.is_determined = seen & (np.linalg.norm(lost, axis=1) <= _UNSEEN)
-        if lost.shape[1] + self.rank < len(seen):  # fewer rows than columns: the rest is lost too
+        self.is_determined = is_seen & (np.linalg.norm(lost, axis=1) <= _UNSEEN)
+        if lost.shape[1] + self.rank < len(
+            is_seen
+        ):  # fewer rows than columns: the rest is lost too
             inside = np.linalg.norm(Vt[: self.rank], axis=0)
-            self.is_determined = seen & (np.abs(1.0 - inside) <= _UNSEEN)
+            self.is_determined = is_seen & (np.abs(1.0 - inside) <= _UNSEEN)
         self.leverage = np.einsum("ij,ij->i", self._U[:, : self.rank], self._U[:, : self.rank])
 
     def solution(self, right: Array) -> Array:

@@ -168,9 +168,9 @@ def _rigid(points: Array, R: Array, base: Array, measured: Measurements) -> dict
         known = np.flatnonzero(~np.isnan(turned[:, 0]))
         error = np.full((len(turned), 3), np.nan)
         for n in known:
-            seen = se3.from_roll_pitch_yaw(np.zeros(3), turned[n])[:3, :3]
+            rotation = se3.from_roll_pitch_yaw(np.zeros(3), turned[n])[:3, :3]
             T = np.eye(4)
-            T[:3, :3] = seen @ (base.T @ R[n]).T
+            T[:3, :3] = rotation @ (base.T @ R[n]).T
             error[n] = se3.log(T)[:3]
         for i, name in enumerate(TURN):
             columns[name] = error[:, i]

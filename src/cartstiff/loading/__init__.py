@@ -239,13 +239,13 @@ def _from_robot(model: str, name: str, overrides: dict[str, Any]) -> ElasticMech
     serial = with_overrides(alone, overrides, where)
     description = described(serial, None)
     facts = description.facts
-    said = []
+    notes = []
     if facts.gravity is not None and serial.gravity is None:
         gravity = facts.gravity.tolist()
         serial = serial.model_copy(update={"gravity": gravity})
         shown = ", ".join(f"{g:g}" for g in facts.gravity)
         words = f"gravity ({shown}) m/s^2 acts, as the file says"
-        said.append(Note("gravity-of-file", words, {"gravity": gravity}))
+        notes.append(Note("gravity-of-file", words, {"gravity": gravity}))
     if facts.closures:
         moving = joints_that_move(
             description,
@@ -259,8 +259,8 @@ def _from_robot(model: str, name: str, overrides: dict[str, Any]) -> ElasticMech
                 kind="closed-chain",
                 **{key: getattr(serial, key) for key in _SHARED},
             )
-            return closed_chain_of(description, closed, where, name, said=said, alone=True)
-    return serial_of(description, serial, where, name, said=said)
+            return closed_chain_of(description, closed, where, name, said=notes, alone=True)
+    return serial_of(description, serial, where, name, said=notes)
 
 
 def file_reader(source: str | Path) -> Callable[[dict[str, Any]], ElasticMechanism] | None:

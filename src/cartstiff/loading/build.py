@@ -48,8 +48,8 @@ _OF_JOINTS, _OF_LINES = ("serial", "closed-chain"), ("stewart-gough", "springs")
 def build_serial(file: SerialFile, beside: Path | None, where: str, name: str) -> ElasticMechanism:
     """Elastic mechanism of a serial arm."""
     description = described(file, beside)
-    said = gravity_left_out(file, description)
-    return serial_of(description, file, where, name, said=said)
+    notes = gravity_left_out(file, description)
+    return serial_of(description, file, where, name, said=notes)
 
 
 def serial_of(

@@ -182,8 +182,8 @@ def build_closed_chain(
 ) -> ElasticMechanism:
     """A tree whose frames are tied by closures, from a file or from MJCF equalities."""
     description = described(file, beside, floating=file.floating)
-    said = gravity_left_out(file, description)
-    return closed_chain_of(description, file, where, name, said=said)
+    notes = gravity_left_out(file, description)
+    return closed_chain_of(description, file, where, name, said=notes)
 
 
 def closed_chain_of(

@@ -61,14 +61,14 @@ def package_folder(name: str, beside: Path, searched: Sequence[str] = ()) -> Pat
 
 def _below(top: Path, name: str) -> Path | None:
     """The package in a folder: the folder itself, or one of those below it."""
-    level, seen = [top], 0
+    level, count = [top], 0
     for _ in range(_DEEPEST):
         for folder in level:
             if (folder.name == name and folder.is_dir()) or _called(folder, name):
                 return folder
         level = [inner for folder in level for inner in _folders(folder)]
-        seen += len(level)
-        if seen > _MOST_FOLDERS:
+        count += len(level)
+        if count > _MOST_FOLDERS:
             return None
     return None
 

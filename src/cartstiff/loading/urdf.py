@@ -250,11 +250,11 @@ def _check_tree(links: dict[str, ET.Element], parent_of: dict[str, str], refuse:
 
 
 def _check_mimic(name: str, mimics: dict[str, Mimic], refuse: Any) -> None:
-    seen = [name]
-    while (leader := mimics[seen[-1]].leader) in mimics:
-        if leader in seen:
-            raise refuse("mimic joints follow each other", got=" -> ".join([*seen, leader]))
-        seen.append(leader)
+    followed = [name]
+    while (leader := mimics[followed[-1]].leader) in mimics:
+        if leader in followed:
+            raise refuse("mimic joints follow each other", got=" -> ".join([*followed, leader]))
+        followed.append(leader)
 
 
 def _check_inertial(link: ET.Element, what: str, refuse: Any) -> bool:

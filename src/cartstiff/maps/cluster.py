@@ -177,8 +177,8 @@ def shared_out(scheduler: str) -> Iterator[Any]:
 
 def _require_folder(client: Any, path: Path) -> None:
     """Refuse workers that would write somewhere else."""
-    seen = client.run(_sees, str(path))
-    blind = [str(worker) for worker, sees in seen.items() if not sees]
+    answers = client.run(_sees, str(path))
+    blind = [str(worker) for worker, sees in answers.items() if not sees]
     if blind:
         raise InputError(
             "a worker does not see the map's folder", where=one_line(str(path)),

@@ -132,14 +132,14 @@ class CommandedJob(MapJob):
     def _row(self, q: Array, told: Mapping[str, float], quantities: Sequence[Quantity]) -> Answer:
         """What is known after one command."""
         load = self.settings.load
-        said: dict[str, Any] = {"load_kind": load.kind, "load_at": load.at}
+        about_load: dict[str, Any] = {"load_kind": load.kind, "load_at": load.at}
         if self.wrench is not None:
-            said |= {"wrench": self.wrench, "load_axes": self.load_axes}
+            about_load |= {"wrench": self.wrench, "load_axes": self.load_axes}
         none = {x.name: np.full(1, np.nan) for x in quantities}
         nowhere = Answer(q[None], _one(NO_REST), np.full((1, 4, 4), np.nan), none)
         try:
             with np.errstate(all="ignore"):
-                at_rest = analyse_commanded(self.elastic, told, q, **said)
+                at_rest = analyse_commanded(self.elastic, told, q, **about_load)
         except CartstiffError as error:
             # Rigid drives may not go there; other bad input was refused before.
             if isinstance(error, InputError) and error.where != "command":

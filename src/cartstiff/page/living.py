@@ -194,10 +194,12 @@ def brought(session: Session, number: int) -> tuple[Answer, str]:
     state = fresh.start
     base = fresh.result(state)
     recorded = tapes(session.elastic, base)
-    said: dict[str, Any] = {"id": number, "do": "living"}
+    message: dict[str, Any] = {"id": number, "do": "living"}
     if isinstance(recorded, str):
-        return Answer(said | {"why": recorded}), ""
+        return Answer(message | {"why": recorded}), ""
     hello = fresh.hello().data
     data, lists, pictures = computing(fresh, state.model_copy(update={"mode": None}), base)
     data["commands"], binary = compacted(pictures.commands, lists)
-    return Answer(data | said | {"living": recorded.data, "hello": hello}, binary), recorded.script
+    return Answer(
+        data | message | {"living": recorded.data, "hello": hello}, binary
+    ), recorded.script

@@ -82,14 +82,14 @@ def report_page(
         result = analyse(elastic, start, **load)
         analysis = analyse_posture(result)
         swept = _swept(elastic, start, load) if wrench is not None else {}
-        said, notes = _answer(elastic, start, wrench, kind, load_axes, result, analysis, swept)
+        lines, notes = _answer(elastic, start, wrench, kind, load_axes, result, analysis, swept)
         picture = _picture(elastic, result, wrench, load_kind, load_at, load_axes, frames)
     title = f"{elastic.name}: stiffness at {elastic.mechanism.frame}"
     parts = [
         f"<h1>{_text(title)}</h1>",
         f'<p class="quiet">Lengths in {elastic.units.length}, forces in {elastic.units.force} '
         "unless said otherwise; M is the tool's frame, F the room.</p>",
-        f'<div class="answer"><ul>{_items(said)}</ul></div>',
+        f'<div class="answer"><ul>{_items(lines)}</ul></div>',
         f'<section class="screen"><h2>In three dimensions</h2>{picture}</section>',
         f"<section><h2>Posture</h2><figure>{_skeleton(elastic, start)}</figure>"
         f"{_joints(elastic, start, analysis)}</section>",
@@ -125,28 +125,28 @@ def _answer(
     result: PostureStiffness, analysis: dict[str, Any], swept: dict[str, tuple[Array, Array]],
 ) -> tuple[list[str], list[str]]:  # fmt: skip
     """The sentences of the answer, and everything that was assumed."""
-    said: list[str] = []
+    lines: list[str] = []
     notes = {str(note): None for note in result.notes}
     mm = convert_length(elastic.units, Units("mm", SI.force))[0]
     loads = [] if wrench is None else [kind.acting(wrench, result.pose, axes)]
     try:
         state = equilibrium(elastic, *loads, q0=start)
     except CartstiffError as error:
-        said.append(f"No equilibrium was found: {error}")
+        lines.append(f"No equilibrium was found: {error}")
         state = None
     if state is not None:
         notes |= {str(note): None for note in state.notes}
         if loads:
             turned, moved = np.split(state.displacement, 2)
             along = ", ".join(f"{mm * x:+.3g}" for x in moved)
-            said.append(
+            lines.append(
                 f"The tip moves {mm * np.linalg.norm(moved):.3g} mm ({along} mm along the axes of "
                 f"F) and turns {np.degrees(np.linalg.norm(turned)):.3g} deg."
             )
         shares = (analysis.get("deflection") or {}).get("shares") or []
         if shares:
             most = max(shares, key=lambda part: abs(part["share"] or 0.0))
-            said.append(f"{most['name']} gives {100 * (most['share'] or 0.0):.0f} % of it.")
+            lines.append(f"{most['name']} gives {100 * (most['share'] or 0.0):.0f} % of it.")
     C = result.tangent_compliance if result.is_loaded else result.compliances["B"]
     if C is not None:
         values, vectors = np.linalg.eigh((C[3:, 3:] + C[3:, 3:].T) / 2)
@@ -155,9 +155,9 @@ def _answer(
         along = ", ".join(f"{x:.2f}" for x in direction + 0.0)
         if values[-1] > 0:
             soft = elastic.units.newtons / mm / values[-1]
-            said.append(f"Softest direction: ({along}) in F, {soft:.4g} N/mm.")
+            lines.append(f"Softest direction: ({along}) in F, {soft:.4g} N/mm.")
     if state is not None:
-        said.append(
+        lines.append(
             {True: "The equilibrium is stable.", False: "The equilibrium is NOT stable.",
              None: "Whether the equilibrium is stable is not decided."}[state.stable]
         )  # fmt: skip
@@ -173,13 +173,13 @@ def _answer(
             where = elastic.mechanism.coordinates[elastic.names.index(name)]
             length = f"{at:.4g} {elastic.units.length}"
             place = length if where.is_length else f"{np.degrees(at):.1f} deg"
-            said.append(
+            lines.append(
                 f"Better, of one coordinate at a time: {name} at {place} instead, "
                 f"{100 * (1 - least / here):.0f} % less displacement (the tip is elsewhere then)."
             )
         else:
-            said.append("No single coordinate, moved from here, makes it better by 1 %.")
-    return said, list(notes)
+            lines.append("No single coordinate, moved from here, makes it better by 1 %.")
+    return lines, list(notes)
 
 
 def _swept(

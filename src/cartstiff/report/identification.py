@@ -33,10 +33,10 @@ def describe_identification(result: Identification) -> str:
     lines += ["", "Scatter"]
     body = []
     for name, entry in result.noise().items():
-        said = "estimated" if entry["sigma_is_estimated"] else "given"
+        origin = "estimated" if entry["sigma_is_estimated"] else "given"
         body.append((
             name, str(entry["count"]), number(entry["residual_rms"]), number(entry["sigma"]),
-            said, number(entry["leave_one_out_rms"]), entry["unit"],
+            origin, number(entry["leave_one_out_rms"]), entry["unit"],
         ))  # fmt: skip
     heads = ("", "numbers", "residual rms", "sd of one", "", "left-out rms", "unit")
     lines += table(heads, body)

@@ -168,12 +168,12 @@ def map_section(path: Path, quantity: str | None, elastic: ElasticMechanism) -> 
     name = quantity or quantities_of(dataset)[0]
     words = quantity_of(dataset, name).attrs
     figure = draw_map(dataset, name, angle=elastic.units.shown_angle)
-    drawn, said = figure_content(figure, ".svg").decode(), summary(dataset)
+    drawn, facts = figure_content(figure, ".svg").decode(), summary(dataset)
     ends = ", ".join(
-        f"{end} {number(said['quantities'][name][end])} {words['units']}"
+        f"{end} {number(facts['quantities'][name][end])} {words['units']}"
         for end in ("smallest", "largest")
     )
-    states = ", ".join(f"{count} {state}" for state, count in said["states"].items())
+    states = ", ".join(f"{count} {state}" for state, count in facts["states"].items())
     text = f"{words['long_name']}: {ends}; postures: {states}."
     if about.get("command"):
         text += f" Made by {one_line(about['command'], 400)}"

@@ -204,17 +204,17 @@ def describe_path(path: CompensatedPath, *, is_written: bool = False) -> str:
 
 def _of_points(notes: Iterable[Note]) -> list[str]:
     """Notes; what is said of several points stands once, with all of them."""
-    said: dict[tuple[str, str], list[int]] = {}
+    passages: dict[tuple[str, str], list[int]] = {}
     for note in notes:
         place, _, words = note.message.partition(": ")
         number = note.values.get("point")
         of_point = words and place == f"point {number}"
-        points = said.setdefault((note.code, words if of_point else note.message), [])
+        points = passages.setdefault((note.code, words if of_point else note.message), [])
         if of_point:
             points.append(int(place.removeprefix("point ")))
     return [
         f"  {Note(code, f'{_spans(points)}: {words}' if points else words)}"
-        for (code, words), points in said.items()
+        for (code, words), points in passages.items()
     ]
 
 

@@ -85,7 +85,7 @@ def irregular(
         return None
     forms = [form for form in forms if np.abs(form).max() > _VANISHING * size]
     root = _common_root(np.array(forms) / size)
-    seen: dict[str, object] = {
+    numbers: dict[str, object] = {
         "rank": rank,
         "singular_values": values.tolist(),
         "second_order": [np.linalg.eigvalsh(form).tolist() for form in forms],
@@ -96,13 +96,13 @@ def irregular(
             "constraint-singularity",
             "the closures lose rank here and branches of motion meet: the energy has no second "
             "derivative along them",
-            {**seen, "branch": (columns * (N @ root)).tolist()},
+            {**numbers, "branch": (columns * (N @ root)).tolist()},
         )
     return Note(
         "non-regular-redundancy",
         "the closures lose rank here and block to second order what is free to first order: the "
         "mechanism is shaky, and its closure forces are not determined",
-        seen,
+        numbers,
     )
 
 

@@ -225,11 +225,11 @@ def impedance(
     D, V, squares = double_diagonalisation(mass, K, ratios)
     zeta = float(np.mean(_ratios(ratios, 6)))
     other = square_root_damping(mass, K, zeta)
-    seen = V.T @ other @ V
-    beside = seen - np.diag(np.diag(seen))
+    projected = V.T @ other @ V
+    beside = projected - np.diag(np.diag(projected))
     with np.errstate(divide="ignore", invalid="ignore"):
-        felt = np.where(squares > 0.0, np.diag(seen) / (2 * np.sqrt(squares)), np.nan)
-    size = float(np.abs(seen).max(initial=0.0))
+        felt = np.where(squares > 0.0, np.diag(projected) / (2 * np.sqrt(squares)), np.nan)
+    size = float(np.abs(projected).max(initial=0.0))
     J = modes.posture.motion.jacobian
     return Impedance(
         fixed(K), fixed(D), fixed(other), fixed(felt),

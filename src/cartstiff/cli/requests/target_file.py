@@ -134,7 +134,7 @@ def read_target(path: Path, order: str | None) -> Target:
     expected = "a 6x6 matrix of numbers"
     if path.suffix not in (".json", ".csv", ".npy"):
         raise InputError("unknown file ending", where=where, expected=".json, .csv or .npy")
-    said: dict[str, Any] = {}
+    fields: dict[str, Any] = {}
     unusable = (ValueError, TypeError, RecursionError, MemoryError)
 
     def none_held(error: BaseException) -> InputError:
@@ -151,7 +151,7 @@ def read_target(path: Path, order: str | None) -> Target:
             text = data.decode()
             # The comment that our own files begin with names the order.
             named = [o for o in ORDERS if f"order {o}" in text.partition("\n")[0]]
-            said = {"order": named[0]} if text.startswith("#") and named else {}
+            fields = {"order": named[0]} if text.startswith("#") and named else {}
             content = np.loadtxt(text.splitlines(), delimiter=",", ndmin=2)
         else:
             content = json.loads(data)
@@ -159,7 +159,7 @@ def read_target(path: Path, order: str | None) -> Target:
         raise none_held(error) from None
     if isinstance(content, dict):
         _check_keys(content, where)
-        said, content = content, content["matrix"]
+        fields, content = content, content["matrix"]
     try:
         matrix = checked_array(content, (6, 6), "matrix")
     except unusable as error:
@@ -170,7 +170,7 @@ def read_target(path: Path, order: str | None) -> Target:
     if np.abs(matrix - matrix.T).max() > numerics.NEARBY * np.abs(matrix).max():
         raise InputError("matrix is not symmetric", where=where,
                          expected="a symmetric stiffness (K^B)")  # fmt: skip
-    own = said.get("order")
+    own = fields.get("order")
     if own is not None and own not in ORDERS:
         raise InputError("unknown order", where=where, expected=" or ".join(ORDERS), got=repr(own))
     if own is not None and order is not None and own != order:
@@ -181,17 +181,17 @@ def read_target(path: Path, order: str | None) -> Target:
         0.5 * (matrix + matrix.T),
         order or own or ORDERS[0],
         source,
-        _units(said.get("units"), where),
-        _frame(said.get("frame"), where),
+        _units(fields.get("units"), where),
+        _frame(fields.get("frame"), where),
         where,
     )
 
 
-def _check_keys(said: dict[str, Any], where: str) -> None:
-    if "matrix" not in said:
+def _check_keys(fields: dict[str, Any], where: str) -> None:
+    if "matrix" not in fields:
         raise InputError("there is no key matrix", where=where, expected='{"matrix": [6 rows]}',
-                         got=_listed(said) or "no key")  # fmt: skip
-    if strange := said.keys() - {"matrix", *_SAID, *_SAVED}:
+                         got=_listed(fields) or "no key")  # fmt: skip
+    if strange := fields.keys() - {"matrix", *_SAID, *_SAVED}:
         raise InputError(f"unknown key {_listed(strange)}", where=where,
                          expected=f"matrix, {', '.join(_SAID)}")  # fmt: skip
 

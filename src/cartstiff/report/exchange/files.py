@@ -161,11 +161,11 @@ def _latex(result: PostureStiffness) -> bytes:
         shown.append(f"K^{name} &= \\begin{{bmatrix}}\n{rows}\n\\end{{bmatrix}}")
     if not shown:
         raise result.reduction.undefined()
-    said = [f"% {line}" for line in _said(result)[:2]]
-    said.append(f"% rows (moment, force), columns (rotation, translation): {units.force}, "
+    comments = [f"% {line}" for line in _said(result)[:2]]
+    comments.append(f"% rows (moment, force), columns (rotation, translation): {units.force}, "
                 f"{units.length}, rad; \\usepackage{{amsmath}}")  # fmt: skip
     body = " \\\\\n".join(shown)
-    return ("\n".join([*said, "\\begin{align*}", body, "\\end{align*}"]) + "\n").encode()
+    return ("\n".join([*comments, "\\begin{align*}", body, "\\end{align*}"]) + "\n").encode()
 
 
 def _mujoco(result: PostureStiffness) -> bytes:
