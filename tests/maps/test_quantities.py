@@ -119,7 +119,7 @@ def _single(result, connection, world):
         "determinant": i.determinant,
         "unstable_directions": float(np.sum(np.linalg.eigvalsh(symmetric_part(K)) < 0)),
         "natural_length": _natural_length(K),
-        "asymmetry": asymmetries.asymmetry(result.matrices["A"], result.wrench).size,
+        "asymmetry": asymmetries.asymmetry_of(result.matrices["A"], result.wrench).size,
         "connection_change": max(changes),
         "singular_value_ratio": singular[0] / singular[1],
         "manipulability": np.sqrt(np.linalg.det(J @ J.T)),
