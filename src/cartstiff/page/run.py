@@ -69,37 +69,16 @@ def serve(
 
 
 class Background:
-    """A page served by a thread of this process.
+    """A page served by a thread of this process; options and errors are those of `PageServer`."""
 
-    Raises
-    ------
-    InputError
-        If the address cannot be used.
-    """
-
-    def __init__(
-        self,
-        source: Source,
-        *,
-        host: str = "127.0.0.1",
-        port: int = 0,
-        token: str | None = None,
-        picture: Any = None,
-        beside: Sequence[Source] = (),
-    ) -> None:
+    def __init__(self, source: Source, **options: Any) -> None:
         self._loop = asyncio.new_event_loop()
         self._end = asyncio.Event()
         self._started = threading.Event()
         self._error: BaseException | None = None
         self._server: PageServer | None = None
         self._thread = threading.Thread(
-            target=self._run,
-            args=(
-                source,
-                {"host": host, "port": port, "token": token, "picture": picture, "beside": beside},
-            ),
-            name="cartstiff page",
-            daemon=True,
+            target=self._run, args=(source, options), name="cartstiff page", daemon=True
         )
         self._thread.start()
         self._started.wait()
