@@ -49,10 +49,9 @@ export function strip(store) {
   const plot = svg("svg", { role: "img", class: "plot", "aria-label": "no curves yet" });
   const cursor = svg("line", { class: "cursor" });
   byId("strip").append(
-    el("div", { class: "row" }, el("span", { class: "dim" }, "Along"), what, map.select, quantity, again, whole,
-      el("span", { class: "grow" }), label),
+    el("div", { class: "row" }, el("span", { class: "dim along" }, "Along"), what, map.select, quantity, again, whole),
     el("div", { class: "plots" }, plot, map.plot), reading,
-    el("div", { class: "row time-row" }, play, time, save));
+    el("div", { class: "row time-row" }, play, time, label, save));
 
   time.addEventListener("input", () => go(time.valueAsNumber));
   time.addEventListener("keydown", ({ key: pressed }) => {
