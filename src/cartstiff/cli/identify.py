@@ -265,9 +265,9 @@ def _check_written(robot: MechanismRequest) -> None:
     """Refuse to write a file that would not hold what options say of the robot."""
     options = {"--tcp": robot.tcp, "--payload": robot.payload, "--xacro-arg": robot.xacro_args,
             "--package-path": robot.package_path}  # fmt: skip
-    if given := [name for name, value in options.items() if value]:
+    if names := [name for name, value in options.items() if value]:
         raise InputError(
-            f"the file written would not hold what {', '.join(given)} say", where="-o",
+            f"the file written would not hold what {', '.join(names)} say", where="-o",
             expected="a mechanism file that says it, as MECHANISM",
         )  # fmt: skip
 

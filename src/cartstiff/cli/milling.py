@@ -67,10 +67,10 @@ def damping_of(damping: list[float] | None, rayleigh: list[float] | None) -> Dam
     """
     from cartstiff.vibration.damping import Damping
 
-    for name, given in (("damping", damping), ("rayleigh", rayleigh)):
-        if given is not None and min(given) < 0.0:
+    for name, value in (("damping", damping), ("rayleigh", rayleigh)):
+        if value is not None and min(value) < 0.0:
             raise InputError("cannot be used", where=f"--{name}", expected="zero or more",
-                             got=given)  # fmt: skip
+                             got=value)  # fmt: skip
     alpha, beta = rayleigh or (0.0, 0.0)
     ratios = 0.0 if damping is None else damping[0] if len(damping) == 1 else tuple(damping)
     return Damping(ratios, alpha, beta)

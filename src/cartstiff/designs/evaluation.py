@@ -136,8 +136,8 @@ class Evaluation:
         """The mechanism of a design."""
         return self._made({"parameters": {**self.study.set, **parameters}})
 
-    def _made(self, given: dict[str, Any]) -> ElasticMechanism:
-        elastic, units = self._read({**self._tool, **given}), self.study.units
+    def _made(self, values: dict[str, Any]) -> ElasticMechanism:
+        elastic, units = self._read({**self._tool, **values}), self.study.units
         if self.study.payload is not None and self.study.gravity is None:
             elastic = under_earth(elastic, self.study.payload[0])
         return elastic if units is None else in_units(elastic, self._length, units.angle)
@@ -252,10 +252,10 @@ class Evaluation:
         if all(q is not None and q.asks != "length" for q in known):
             keywords["length"] = keywords["length"] or 1.0  # nothing depends on it
         job = map_job(elastic, sampling, quantities, **keywords)
-        given: Literal["none", "shared", "each"]
-        given = "none" if case.wrench is None else "shared" if case.load_axes == "body" else "each"
+        kind: Literal["none", "shared", "each"]
+        kind = "none" if case.wrench is None else "shared" if case.load_axes == "body" else "each"
         total = self.study.size * max(sampling.size, PREPARING)
-        path = lasting_path(elastic, given, job.outputs, total)
+        path = lasting_path(elastic, kind, job.outputs, total)
         # Machine code is worth its time where it serves all designs.
         if path == "compiled" and not isinstance(mechanism, Platform):
             path = "portable" if sampling.size < 5000 else path

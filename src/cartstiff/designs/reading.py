@@ -57,10 +57,10 @@ def read_study(
     return study, path.parent
 
 
-def _with(data: dict[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+def _with(data: dict[str, Any], options: Mapping[str, Any]) -> dict[str, Any]:
     """A study's data, and what is said beside it."""
-    load = given.get("load")
-    own = {key: value for key, value in given.items() if key != "load" and value is not None}
+    load = options.get("load")
+    own = {key: value for key, value in options.items() if key != "load" and value is not None}
     if load:
         cases = data.get("cases") or {"load": {}}
         if isinstance(cases, dict) and all(isinstance(case, dict) for case in cases.values()):

@@ -112,16 +112,16 @@ def _local(
     """Nelder and Mead's simplex: it needs no derivatives, and goes round designs that fail."""
     from scipy.optimize import minimize
 
-    given = {**home, **study.set, **(study.method.start or {})}
+    start_at = {**home, **study.set, **(study.method.start or {})}
     start = []
     for name, variable in study.variables.items():
         low, high = variable.low or 0.0, variable.high or 0.0
-        if not low <= given[name] <= high:
+        if not low <= start_at[name] <= high:
             raise InputError(
                 f"start of {name!r} is not in its range", where="method.start",
-                expected=f"{low:g} to {high:g}", got=f"{given[name]:g}",
+                expected=f"{low:g} to {high:g}", got=f"{start_at[name]:g}",
             )  # fmt: skip
-        start.append(variable.share(given[name]))
+        start.append(variable.share(start_at[name]))
     n, left, step = len(start), count, _FIRST_STEP
     best, x = np.inf, np.array(start)
     # A simplex that meets a bound or a constraint may fall flat: it is made anew at the best point

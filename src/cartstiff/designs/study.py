@@ -194,9 +194,9 @@ class Measure(StudyModel):
     @model_validator(mode="after")
     def _one(self) -> Measure:
         only_one(self, "quantity", "value")
-        given = [key for key in ("of", "above", "below", "case") if getattr(self, key) is not None]
-        if self.value is not None and given:
-            raise ValueError(f"{given[0]} is for quantities")
+        keys = [key for key in ("of", "above", "below", "case") if getattr(self, key) is not None]
+        if self.value is not None and keys:
+            raise ValueError(f"{keys[0]} is for quantities")
         bounds = [key for key in ("above", "below") if getattr(self, key) is not None]
         if self.of == "share" and not bounds:
             raise ValueError("share needs above or below")

@@ -183,8 +183,8 @@ def unloaded_compliances(arrays: Mapping[str, Array]) -> Array | None:
     if not {"compliance_B", "wrench"} <= arrays.keys():  # nobody asked for frequencies
         return None
     C = arrays["compliance_B"]
-    given = np.abs(C @ arrays["wrench"][:, :, None]).max(axis=1) > numerics.ROUNDING
-    return np.where(given[:, None], np.nan, C)
+    moves = np.abs(C @ arrays["wrench"][:, :, None]).max(axis=1) > numerics.ROUNDING
+    return np.where(moves[:, None], np.nan, C)
 
 
 def _of_body(

@@ -77,7 +77,7 @@ def stiffnesses_of(texts: Iterable[str], option: str, count: int) -> dict[str, l
 
 
 def in_own_units(
-    given: Mapping[str, list[float]], a: float, elastic: Any
+    springs: Mapping[str, list[float]], a: float, elastic: Any
 ) -> dict[str, list[float]]:
     """Stiffnesses by spring where lengths of `elastic` are a times as large in number."""
     from cartstiff.mechanisms.elements import Elements
@@ -86,7 +86,7 @@ def in_own_units(
     slides = dict(zip(elements.names, elements.is_length, strict=True))
     slides |= {c.name: c.is_length for c in elastic.mechanism.coordinates}
     return {name: [k / a if slides.get(name) else k * a for k in numbers]
-            for name, numbers in given.items()}  # fmt: skip
+            for name, numbers in springs.items()}  # fmt: skip
 
 
 def ties_of(texts: Iterable[str]) -> list[list[str]]:

@@ -199,15 +199,15 @@ def check_cuts(cuts: dict[str, float], sampling: Any) -> None:
 
 
 def level_of(
-    given: tuple[float, str] | None, where: str, quantity: str, elastic: Any
+    limit: tuple[float, str] | None, where: str, quantity: str, elastic: Any
 ) -> float | None:
     """The value of --below or --above in the unit of the quantity."""
     from cartstiff.maps.quantities import QUANTITIES
     from cartstiff.mechanisms.contract import FORCES, LENGTHS
 
-    if given is None or not given[1]:
-        return None if given is None else given[0]
-    value, unit = given
+    if limit is None or not limit[1]:
+        return None if limit is None else limit[0]
+    value, unit = limit
     own = QUANTITIES[quantity].unit_in(elastic.units) if quantity in QUANTITIES else ""
     known = {**LENGTHS, "rad": 1.0, "deg": 0.017453292519943295}
     kinds = [LENGTHS, {k: known[k] for k in ("rad", "deg")}]

@@ -83,10 +83,10 @@ def read_path_file(
         return np.column_stack([table[n] for n in group]) if group[0] in table else None
 
     wrenches, directions = columns(WRENCH), columns(_DIRECTION)
-    for option, given, column in (
+    for option, value, column in (
         ("--load", wrench, wrenches), ("--direction", direction, directions),
     ):  # fmt: skip
-        if given is not None and column is not None:
+        if value is not None and column is not None:
             raise InputError(f"give {option} or columns of {where}, not both")
     wrenches = wrench if wrenches is None else wrenches
     directions = direction if directions is None else directions

@@ -97,10 +97,10 @@ class PlanRequest:
                                  expected="--load")  # fmt: skip
             from cartstiff.mechanisms.contract import named_values
 
-            given = elastic.q
+            posture = elastic.q
             if self.q is not None:
-                given = self.q.of(elastic.names)
-            q = named_values(given, elastic.names, elastic.q, "--q")
+                posture = self.q.of(elastic.names)
+            q = named_values(posture, elastic.names, elastic.q, "--q")
             test = elastic.mechanism.assembled(q), np.array(self.load)
         chosen = plan(unknowns, offered, self.count or 1, criterion=self.criterion or "worst",  # type: ignore[arg-type]
                      test=test, have=have, beside=near, level=request.level)  # fmt: skip
@@ -121,8 +121,8 @@ class PlanRequest:
         if self.csv is None:
             raise InputError("simulated measurements need a file", where="--simulate",
                              expected="--csv FILE.csv")  # fmt: skip
-        given = {**of_table, "deviations": None}
-        settings = read_measurements(Path(table), elastic, **given, open_cells=True)
+        reading = {**of_table, "deviations": None}
+        settings = read_measurements(Path(table), elastic, **reading, open_cells=True)
         say_read(table, settings, of_table["axes"])
         if self.outliers is not None and self.outliers > len(settings):
             raise InputError("more outliers than rows", where="--outliers",
@@ -143,13 +143,13 @@ class PlanRequest:
         return data, lambda: words
 
 
-def _deviations(given: dict[str, float], elastic: Any) -> dict[str, float]:
+def _deviations(spreads: dict[str, float], elastic: Any) -> dict[str, float]:
     """Standard deviations of --sd in the mechanism's units."""
     from cartstiff.identify.columns import MEASURED
     from cartstiff.mechanisms.contract import SI, convert_length
 
-    if not given:
+    if not spreads:
         raise InputError("what is to be measured, and how well?", where="--sd",
                          expected="COLUMN=VALUE for each column, such as d=0.005mm")  # fmt: skip
     length, _ = convert_length(SI, elastic.units)
-    return {n: s * (length if MEASURED[n] == "length" else 1.0) for n, s in given.items()}
+    return {n: s * (length if MEASURED[n] == "length" else 1.0) for n, s in spreads.items()}
