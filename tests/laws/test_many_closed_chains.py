@@ -148,6 +148,18 @@ def test_a_start_from_which_rounding_chooses_the_assembly_goes_to_the_engine():
     assert found.codes[found.state[0]] == engine.codes[engine.state[0]] == "unbalanced"
 
 
+def test_coordinates_are_the_closed_ones_whatever_the_state():
+    """Also where springs cannot carry the load: joints of the fingers have none."""
+    elastic = cartstiff.load("grasp")
+    q = np.tile(elastic.q, (2, 1))
+    q[1, 0] += 0.05
+    found = analyse_many(elastic, q, wrench=[1.0, -2.0, 3.0, 20.0, 30.0, -40.0])
+    assert found.counts() == {"unbalanced": 2}
+    closed = np.array([elastic.mechanism.closed(start).q for start in q])
+    np.testing.assert_array_equal(found.q, closed)
+    assert np.abs(found.q - q).max() > 1e-3
+
+
 @pytest.mark.parametrize(
     ("name", "change", "wrench", "why"),
     [

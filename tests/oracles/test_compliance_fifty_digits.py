@@ -191,6 +191,22 @@ def test_springs_of_fifteen_decades(joints, distance, loaded):
         assert _error(many[f"compliance_{name}"][1], result.compliances[name]) <= TEN_DIGITS
 
 
+@pytest.mark.parametrize("distance", [3e-10, 3e-11, 1e-12, 0.0])
+def test_a_lost_rank_keeps_its_small_motion(distance):
+    """Where rank counts as lost, the compliance is that of the Jacobian as it is."""
+    arm = _Arm(6, 6)
+    q = arm.q.copy()
+    q[-2] = distance
+    k, W = np.linspace(1e3, 5e3, 6), np.array([1.0, -2.0, 3.0, 20.0, 30.0, -40.0])
+    elastic = ElasticMechanism("arm", arm.chain, q, JointSprings(k, q))
+    result = cartstiff.analyse(elastic, q, wrench=W)
+    assert result.matrices["B"] is None
+    with mp.workdps(_DIGITS):
+        expected = arm.compliances(q, k, W)
+    for name in "ABK":
+        assert _error(result.compliances[name], expected[name]) <= 1e-14
+
+
 @pytest.mark.parametrize("distance", [1e-2, 1e-4, 1e-5, 1e-6, 1e-8])
 def test_what_is_free_near_a_singularity(distance):
     """Principal values, direction, condition, least stiffness: of one posture, and of a map."""

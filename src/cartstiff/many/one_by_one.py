@@ -65,7 +65,10 @@ def fill(
     elastic: ElasticMechanism, q: Array, wrench: Array | None, rows: Mapping[str, Array],
     load: LoadKind, axes: Literal["body", "world"],
 ) -> tuple[str, Array]:  # fmt: skip
-    """Write one posture's arrays into `rows`; its state, and its assembled coordinates."""
+    """Write one posture's arrays into `rows`; its state, and its coordinates.
+
+    Those of a chain that can be closed are the closed ones, whatever its state.
+    """
     for row in rows.values():
         row[...] = np.nan
     try:
@@ -75,15 +78,19 @@ def fill(
     except ConvergenceError:
         return NOT_ASSEMBLED, q
     except UndefinedError as error:
-        return error.code, q
+        return error.code, _closed(elastic, q)
     except InputError:
         # Everything given has been checked: the springs cannot carry this load here.
-        return "unbalanced", q
+        return "unbalanced", _closed(elastic, q)
     for name, row in rows.items():
         value = _output(result, name)
         if value is not None:
             row[...] = value
     return state_of(result, rows), result.q
+
+
+def _closed(elastic: ElasticMechanism, q: Array) -> Array:
+    return np.asarray(elastic.mechanism.closed(elastic.mechanism.checked(q)).q)
 
 
 def _output(result: PostureStiffness, name: str) -> Array | float | None:

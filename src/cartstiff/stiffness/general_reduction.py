@@ -184,11 +184,11 @@ def reduce_any(
             K = without_noise(K, rows)
             if along.shape[1] == 0:
                 rates = columns[:, None] * (Y @ to_output @ U.T) * rows
-        B, J_Y = np.concatenate([Y, Z], axis=1), J @ Y
-        # Rates that are rounding of the basis are none: a rotation that the closures forbid.
-        size = np.outer(np.abs(J).sum(axis=1), np.abs(Y).max(axis=0, initial=0.0))
-        J_Y[np.abs(J_Y) <= n * numerics.EPSILON * size] = 0.0
-        J_B = np.concatenate([J_Y, np.zeros((len(rows), Z.shape[1]))], axis=1)
+        B = np.concatenate([Y, Z], axis=1)
+        # Self-motions keep what little they move the output: a lost rank need not be zero. Rates
+        # that are rounding of the basis are none: a rotation that the closures forbid.
+        J_B, size = J @ B, np.outer(np.abs(J).sum(axis=1), np.abs(B).max(axis=0, initial=0.0))
+        J_B[np.abs(J_B) <= n * numerics.EPSILON * size] = 0.0
         free = FreeMotions(
             J_B / rows[:, None], symmetric_part(B.T @ H_L @ B, energy),
             lambda: np.abs(B.T) @ terms() @ np.abs(B),
