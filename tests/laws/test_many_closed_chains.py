@@ -119,6 +119,16 @@ def test_far_from_home(name, count):
     np.testing.assert_allclose(found.q, engine.q, rtol=0, atol=100 * ASSEMBLED)
 
 
+def test_more_motors_than_motions_far_from_home():
+    """They are let go where they cannot all stay: on the tape, too, but not for maps."""
+    elastic = cartstiff.load("4-rrr")
+    q = starts(elastic, 0.6, 24)
+    found, engine = (analyse_many(elastic, q, path=path) for path in ("portable", "engine"))
+    assert found.by_engine <= 1
+    np.testing.assert_allclose(found.q, engine.q, rtol=0, atol=100 * ASSEMBLED)
+    assert not assembled(elastic, q, "portable")[1].any()
+
+
 def test_near_type_2():
     """The arms of a five-bar stretched, and nearly: the motors lose it."""
     elastic = cartstiff.load("five-bar")

@@ -182,7 +182,7 @@ def assembled(
     if isinstance(taken, str) or not taken.is_closed:
         return q, np.zeros(len(q), bool)
     rows = min(len(q), CLOSED_CHUNK)
-    ways = _closing(taken, path == "compiled", rows)
+    ways = _closing(taken, path == "compiled", rows)[:1]  # the next lets go of what is held
     parts = [close(ways, q[i : i + rows]) for i in range(0, len(q), rows)]
     return np.concatenate([at for at, _ in parts]), np.concatenate(
         [is_shut for _, is_shut in parts]

@@ -41,8 +41,10 @@ from cartstiff.mechanisms.closures import FUTILE, LONGEST_STEP
 _COTANGENT = (-1 / 12, -1 / 720, -1 / 30240, -1 / 1209600, -1 / 47900160, -691 / 1307674368000,
               -1 / 74724249600, -3617 / 10670622842880000, -43867 / 5109094217170944000,
               -174611 / 802857662698291200000)  # fmt: skip
-#: Steps after which the engine goes on.
-STEPS = 40
+#: Steps after which rounding may choose the assembly, and after which the engine gives up. What
+#: other way may then be taken, `ClosedCase.ways` tells: more coordinates than there are motions
+#: are not held by chance; as many may be, in another assembly, which is left to the engine.
+STEPS, LAST = 40, 100
 
 
 def _series(x: Any, coefficients: list[float]) -> Any:
@@ -154,13 +156,13 @@ def _close(
     """Take steps from q, in place; where they close the chain, and where they end in vain."""
     n, which, before = q.shape[1], np.arange(len(q)), np.full(len(q), np.inf)
     best, futile = before, np.zeros(len(q), int)
-    for _ in range(STEPS):
+    for taken in range(LAST):
         moved = {"next": aligned_empty(len(which), n + n % 2), "left": aligned_empty(len(which), 4)}
         at = q if len(which) == len(q) else q[which]
         workspace.run({"q": np.ascontiguousarray(at)}, moved, len(which))
         size, step, length, doubt = moved["left"].T
         done = is_shut(size, step, length, before)
-        is_closed[which[done]] = True
+        is_closed[which[done]] = taken < STEPS
         futile = np.where(size < 0.9 * best, 0, futile + 1)
         goes_on = ~done & (doubt == PLAIN) & np.isfinite(step)
         vain = goes_on & ((step <= numerics.STILL) | (futile >= FUTILE) & (step < LONGEST_STEP))
@@ -171,3 +173,4 @@ def _close(
         if not which.size:
             return
         q[which] = moved["next"][goes_on, :n]
+    is_vain[which] = True
