@@ -7,7 +7,9 @@ import pytest
 from tools.screenshot import settled
 
 import cartstiff
+from cartstiff.page.export import export_page
 from cartstiff.page.shown import series_row
+from cartstiff.page.source import Source
 from cartstiff.page.state import ViewState
 
 LOAD = (1.0, 2.0, -3.0, 40.0, 20.0, -90.0)
@@ -62,6 +64,36 @@ def test_every_quantity_is_what_the_library_says(serve, pages, tmp_path, name, i
         row = series_row(cartstiff.analyse(elastic, q, wrench=LOAD), state)
         expected = np.array(row[key]) * SHOWN.get(key, 1.0)
         assert table[near, 1:] == pytest.approx(expected, rel=1e-6), key
+    page.context.close()
+
+
+@pytest.mark.parametrize(("name", "i"), [("ur5", 2), ("cubic", 2), ("five-bar", 0)])
+def test_a_file_plots_the_same_quantities(pages, tmp_path, name, i):
+    """By its own arithmetic, or from its frames."""
+    elastic = cartstiff.load(name)
+    path = tmp_path / "page.html"
+    path.write_text(export_page(Source(elastic, load=np.array(LOAD))), "utf-8")
+    page = pages.open(path.as_uri(), offline=True)
+    page.wait_for_selector("#strip .plot .curve-0, #strip .plot .nothing", state="attached")
+    page.select_option(ALONG, f"sweep:{i}")
+    quantity = page.evaluate("() => window.cartstiff.state.quantity")
+    for key in page.eval_on_selector_all(f"{QUANTITY} option", "(all) => all.map((o) => o.value)"):
+        page.select_option(QUANTITY, key)
+        drawn = f"#strip .plot .{key}.curve-0, #strip .plot .nothing"
+        page.wait_for_selector(drawn, state="attached")
+        _, _, table = saved(page, "csv", tmp_path / "plot.csv")
+        near = int(np.argmin(np.abs(table[:, 0] - elastic.q[i])))
+        q = np.array(elastic.q)
+        q[i] = table[near, 0]
+        row = series_row(cartstiff.analyse(elastic, q, wrench=LOAD), ViewState(quantity=quantity))[
+            key
+        ]
+        if row is None:
+            assert np.isnan(table[near, 1:]).all(), key
+        else:
+            assert table[near, 1:] == pytest.approx(
+                np.array(row, float) * SHOWN.get(key, 1.0), rel=1e-6, abs=1e-15, nan_ok=True
+            ), key
     page.context.close()
 
 
