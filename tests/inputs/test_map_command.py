@@ -182,6 +182,7 @@ def test_quantities_are_listed(run: Run) -> None:
         ((*CUBIC, *GRID, "--range", "x=0:1", "-o", "m.zarr"), ("--range goes with --random",)),
         ((*CUBIC, *GRID, "--free", "none", "-o", "m.zarr"), ("--free: goes with --cartesian",)),
         ((*CUBIC, *GRID, "--starts", "3", "-o", "m.zarr"), ("--starts: goes with --cartesian",)),
+        ((*CUBIC, *GRID, "--seed", "3", "-o", "m.zarr"), ("--seed: goes with --random or",)),
         ((*CUBIC, "--trajectory", "none.csv", "-o", "m.zarr"), ("none.csv",)),
         (("map", "cubic", "--quantity", "softness", *GRID, "-o", "m.zarr"),
          ("unknown quantity", "softness")),
