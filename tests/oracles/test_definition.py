@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.laws.test_connections import covariant_derivative
 from tests.support import exp_reference, general_legs, legs_as_platform, slope
 
 from cartstiff.geometry.connections import (
     NAMED,
     Field,
-    covariant_derivative,
     from_symbols,
     levi_civita,
 )
