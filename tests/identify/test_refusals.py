@@ -220,3 +220,15 @@ def test_a_tool_given_by_option_is_that_point(folder, capfd, tmp_path):
     code, _, error = found("--gravity", "0,0,-3.7", "-o", str(file))
     assert code == 0, error
     assert "gravity: [0.0, 0.0, -3.7]\n" in file.read_text()
+
+
+def test_radians_that_are_read_as_degrees_are_doubted(folder, capfd):
+    """A campaign in which no joint leaves zero by more than a few degrees; the fit goes on."""
+    tables = folder / "elbow.yaml", folder / "good.csv"
+    for units, is_doubtful in ((["--units", "mm,deg"], True), ([], False)):
+        with pytest.raises(SystemExit) as end:
+            main(["identify", *map(str, tables), "--json", *units])
+        out, error = capfd.readouterr()
+        assert end.value.code == 0, error
+        codes = [note["code"] for note in json.loads(out)["notes"]]
+        assert ("small-angles" in codes) == is_doubtful

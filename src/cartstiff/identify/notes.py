@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 _FEW = 5.0
 # Standard deviations of an error that is called gross, and rows that are shown in words.
 _GROSS, _SHOWN = 20.0, 8
+# Joints that move in a campaign of which all that is small is doubtful.
+_SWUNG = 3
 # Rows whose equilibrium is looked at: those that move most.
 _LOOKED_AT = 3
 
@@ -35,6 +37,7 @@ def notes_of(result: Identification) -> list[Note]:
 def _assumed(result: Identification) -> list[Note]:
     elastic, measured = result.elastic, result.measured
     notes = [n for n in elastic.notes if n.code not in ("stiffness-assumed", "default-posture")]
+    notes += _angles(result)
     masses = bool(measured.mass.any() or measured.mass0.any())
     if masses and elastic.gravity is None:
         words = "hung masses pull with 9.81 m/s^2 along -z of F: the mechanism names no gravity"
@@ -238,6 +241,24 @@ def _against_equilibrium(result: Identification, values: Array) -> list[Note]:
     )
     values_ = {"row": row, "linear": float(straight[i]), "loaded": float(bent[i])}
     return [Note("linear-differs", words, values_)]
+
+
+def _angles(result: Identification) -> list[Note]:
+    """Names a campaign of an arm whose joints hardly leave zero: radians that were read as degrees.
+
+    What is larger than a turn, degrees read as radians, is refused where it is read.
+    """
+    mechanism, q = result.elastic.mechanism, result.measured.q
+    rotary = [not c.is_length for c in mechanism.coordinates]
+    largest = float(np.abs(q[:, rotary]).max(initial=0.0))
+    moving = int(np.count_nonzero(np.ptp(q[:, rotary], axis=0)))
+    if mechanism.kind != "serial" or moving < _SWUNG or largest > np.radians(np.pi):
+        return []
+    words = (
+        f"no joint is farther than {np.degrees(largest):.3g} degrees from zero in any row: "
+        'if these columns are radians, say so in their heads, "NAME [rad]"'
+    )
+    return [Note("small-angles", words, {"largest": largest})]
 
 
 def _doubts(result: Identification) -> list[Note]:

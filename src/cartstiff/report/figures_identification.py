@@ -57,7 +57,8 @@ def draw_residuals(result: Identification) -> Any:
         for column in dict.fromkeys(seen.column):
             mine = (columns == column) & ~suspect
             axis.plot(x[mine], standard[mine], ".", label=printable(column))
-        axis.plot(x[suspect], standard[suspect], "x", color=_SUSPECT, label="suspect")
+        if suspect.any():
+            axis.plot(x[suspect], standard[suspect], "x", color=_SUSPECT, label="suspect")
         for level in (-2.0, 0.0, 2.0):
             axis.axhline(level, color="0.7", linewidth=0.7, zorder=0)
         axis.set_xlabel(label)
