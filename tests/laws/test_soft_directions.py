@@ -51,7 +51,7 @@ def test_springs_far_from_rest_leave_inverses_of_either_sign_to_the_tape(path):
     q = np.random.default_rng(3).uniform(-2.0, 2.0, (400, 6))
     outputs = ("compliance_B", "compliance_F", "stiffness_B")
     fast = analyse_many(elastic, q, outputs=outputs, path=path)
-    assert fast.by_engine <= 1
+    assert fast.by_engine <= 4
     assert np.count_nonzero(np.linalg.eigvalsh(fast["B"])[:, 0] < 0.0) > 200
     engine = analyse_many(elastic, q, outputs=outputs, path="engine")
     loss = np.linalg.cond(engine["B"]) ** 0.5

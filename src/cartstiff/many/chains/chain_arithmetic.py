@@ -41,7 +41,6 @@ from cartstiff.many.arithmetic import (
     ENGINE,
     JACOBIAN_CONDITION,
     PLAIN,
-    STIFFNESS_CONDITION,
     UNBALANCED,
     changed_compliance,
     connections,
@@ -53,11 +52,13 @@ from cartstiff.many.arithmetic import (
 )
 from cartstiff.many.chains.chain_numbers import ChainCase, ChainNumbers, against, curvature_of
 from cartstiff.many.chains.chain_twists import ChainConstants
-from cartstiff.many.tape import Scalar, Tape, larger, pick, square_root
+from cartstiff.many.tape import Scalar, Tape, absolute, larger, pick, square_root
 from cartstiff.numerics import BALANCE, ROUNDING
 
 #: Least pivot of the Hessian, as a share of its diagonal entry: what is lost is four digits.
 _SHARE = numerics.LOST
+#: Most that factors of mixed signs may exceed the entries of their row.
+_GROWTH = 100.0
 #: Most that one step of Newton's method may change an inverse: it leaves the square of that.
 _LOST_TO_PIVOTS = numerics.LAST_DIGITS**0.5
 #: Least pivot of the self-motion's stiffness, and least size of what it leaves, as shares of the
@@ -209,30 +210,33 @@ def _compliances(
 
 
 def _softness(chain: ChainNumbers, H: Array, signed: bool = False) -> tuple[Array, Scalar]:
-    """``J H^-1 J^T`` and the verdict on it; `signed` admits an H that is not positive."""
-    verdict: Scalar = PLAIN
-    if signed:
-        inverse, verdict = _signed_inverse(H)
-        return congruence(chain.J.T, inverse), verdict
-    L, inverses, pivots = positive_factor(H)
-    for a, pivot in enumerate(pivots):
-        verdict = larger(verdict, pick(H[a, a] * _SHARE, pivot, PLAIN, ENGINE))
-    return congruence(below(L, chain.J.T), np.diag(inverses)), verdict
+    """``J H^-1 J^T`` and the verdict on it; `signed` admits an H that is not positive.
 
-
-def _signed_inverse(H: Array) -> tuple[Array, Scalar]:
-    """Inverse of a symmetric matrix of either sign, and the verdict on it.
-
-    Factors without pivoting lose digits where a pivot is small by chance. One step of Newton's
-    method, ``X (2 - H X)``, squares what they have lost, as long as that is little.
+    Of a positive H the sum over k of ``L_ak^2 d_k`` is its diagonal entry; where signs are mixed,
+    that of their sizes says what the factors lose for want of pivoting. Where that is much, one
+    step of Newton's method, ``X (2 - H X)``, squares what is lost, as long as it is little. It is
+    not taken elsewhere: what H has next to its softest motion the factors know better.
     """
-    L, inverses, _ = positive_factor(H)
+    L, inverses, pivots = positive_factor(H)
+    C = congruence(below(L, chain.J.T), np.diag(inverses))
+    verdict: Scalar = PLAIN
+    if not signed:
+        for a, pivot in enumerate(pivots):
+            verdict = larger(verdict, pick(H[a, a] * _SHARE, pivot, PLAIN, ENGINE))
+        return C, verdict
+    sizes = np.array([absolute(pivot) for pivot in pivots], object)
+    scaled = H * chain.columns / chain.columns[:, None]
+    for a in range(len(H)):
+        grown = sizes[: a + 1] @ (L[a, : a + 1] * L[a, : a + 1])
+        verdict = larger(verdict, pick(grown, largest(scaled[a]) * _GROWTH, PLAIN, ENGINE))
+        verdict = larger(verdict, pick(grown * _SHARE, sizes[a], PLAIN, ENGINE))
     X = congruence(below(L, np.eye(len(H))), np.diag(inverses))
-    inverse = symmetric_product(X, np.eye(len(H)) - H @ X, X)
-    size, inverse_size = equilibrated_squares(H, inverse)
-    change = equilibrated_squares(H, inverse - X)[1]
-    verdict = limited(size * inverse_size, STIFFNESS_CONDITION**2)
-    return inverse, larger(verdict, pick(change, inverse_size * _LOST_TO_PIVOTS**2, PLAIN, ENGINE))
+    step = symmetric_product(X, np.eye(len(H)) - H @ X, zeros(*H.shape))
+    size, inverse_size = equilibrated_squares(H, X + step)
+    known = limited(size * inverse_size, numerics.WELL_CONDITIONED**2)
+    change = equilibrated_squares(H, step)[1]
+    known = larger(known, pick(change, inverse_size * _LOST_TO_PIVOTS**2, PLAIN, ENGINE))
+    return C + congruence(chain.J.T, step) * verdict, pick(verdict, 0.5, PLAIN, known)
 
 
 def chain_motion(tape: Tape, constants: ChainConstants) -> tuple[Array, Array]:
