@@ -10,9 +10,11 @@ from tests.browser.test_page import close, matrix
 from tools.screenshot import settled
 
 import cartstiff
+from cartstiff.analysis.posture import analyse_posture
 from cartstiff.analysis.screws import eigenscrews
 from cartstiff.geometry import se3
 from cartstiff.page.state import ViewState
+from cartstiff.report.analysis import summary_text
 
 # Where the tool is on the screen, within [-1, 1] in both directions if it is in the picture.
 TOOL = """() => {
@@ -279,6 +281,12 @@ def test_an_exported_page_keeps_point_axes_and_posture_a(serve, pages, tmp_path)
     assert not page.evaluate(shown)
     page.keyboard.press("i")
     page.wait_for_selector("#report h2:has-text('in the posture of the file, q = ')")
+    heading = page.inner_text("#report h2")
+    assert [float(x) for x in heading.split("q = ")[1].split(",")] == pytest.approx(arm.q, rel=1e-5)
+    connection = heading.split("K^")[1].split(" ")[0]
+    at = se3.pose(translation=[0, 0, 0.2])
+    analysis = analyse_posture(result, connection=connection, at=at)
+    assert page.text_content("#report pre") == summary_text(analysis, arm.units, "full")
     page.context.close()
 
 
