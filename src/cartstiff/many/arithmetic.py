@@ -8,7 +8,6 @@ inside the regular ones gets the verdict `ENGINE` and is computed by the engine 
 from __future__ import annotations
 
 from collections.abc import Collection
-from itertools import combinations_with_replacement
 
 import numpy as np
 
@@ -56,12 +55,6 @@ def scaled_inverse(K: Array, length: Scalar) -> tuple[Array, Scalar]:
     return _in_length(inverted, length, length), norm_squared(scaled) * norm_squared(inverted)
 
 
-def is_alone(wanted: Collection[str]) -> bool:
-    """Whether stiffness is wanted without compliance, beside which it need not hold soft ways."""
-    kinds = {name.partition("_")[0] for name in wanted}
-    return "stiffness" in kinds and "compliance" not in kinds
-
-
 def holds_soft_directions(K: Array, wanted: Collection[str]) -> Scalar:
     r"""The verdict on K^B (6, 6) that is wanted without its inverse.
 
@@ -73,10 +66,7 @@ def holds_soft_directions(K: Array, wanted: Collection[str]) -> Scalar:
     kinds = {name.partition("_")[0] for name in wanted}
     if "stiffness" not in kinds or "compliance" in kinds:
         return PLAIN
-    sizes = [absolute(x) for x in K.diagonal()]
-    squares: Scalar = 0.0
-    for i, j in combinations_with_replacement(range(6), 2):
-        squares = squares + K[i, j] * K[i, j] / (sizes[i] * sizes[j]) * (1.0 + (i < j))
+    sizes = np.array([absolute(x) for x in K.diagonal()], object)
     totals: list[Scalar] = []
     for order in (slice(None), slice(None, None, -1)):
         total: Scalar = 0.0
@@ -86,20 +76,20 @@ def holds_soft_directions(K: Array, wanted: Collection[str]) -> Scalar:
                 total = total + absolute(one) * size * (x * x)
         totals.append(total)
     softest = pick(*totals, *totals)
-    return limited(squares * softest * softest, (_KNOWN_TO * numerics.LOST / EPSILON) ** 2)
+    return limited(
+        squares_over(K, sizes) * softest * softest, (_KNOWN_TO * numerics.LOST / EPSILON) ** 2
+    )
+
+
+def squares_over(matrix: Array, sizes: Array) -> Scalar:
+    """Squared norm of a matrix in sizes of its rows and columns."""
+    return (matrix * matrix / np.multiply.outer(sizes, sizes)).sum()
 
 
 def equilibrated_squares(matrix: Array, inverse: Array) -> tuple[Scalar, Scalar]:
     """Squared norms of a matrix and its inverse in the sizes of the diagonal."""
-    sizes = [absolute(x) for x in matrix.diagonal()]
-    squares: Scalar = 0.0
-    others: Scalar = 0.0
-    for i, row in enumerate(sizes):
-        for j, column in enumerate(sizes):
-            size = row * column
-            squares = squares + matrix[i, j] * matrix[i, j] / size
-            others = others + inverse[i, j] * inverse[i, j] * size
-    return squares, others
+    sizes = np.array([absolute(x) for x in matrix.diagonal()], object)
+    return squares_over(matrix, sizes), squares_over(inverse, 1.0 / sizes)
 
 
 def unsymmetric_part(W: Array) -> Array:

@@ -139,12 +139,13 @@ def sampling_from_options(
     if ranges and random is None:
         raise InputError("--range goes with --random")
     context = click.get_current_context()
-    of_places = ("orientation", "free", "redundancy", "branches", "starts")
-    drawn = bool(cartesian) or random is not None
-    idle = {} if cartesian else dict.fromkeys(of_places, "--cartesian")
-    for name, wanted in (idle if drawn else {**idle, "seed": "--random or --cartesian"}).items():
-        if context.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT:
-            raise InputError(f"goes with {wanted}", where=f"--{name}")
+    of_places = "--cartesian", bool(cartesian)
+    wanted = dict.fromkeys(("orientation", "free", "redundancy", "branches", "starts"), of_places)
+    wanted["seed"] = "--random or --cartesian", bool(cartesian) or random is not None
+    for name, (options, is_there) in wanted.items():
+        source = context.get_parameter_source(name)
+        if not is_there and source is not click.core.ParameterSource.DEFAULT:
+            raise InputError(f"goes with {options}", where=f"--{name}")
     base = elastic.q
     if q is not None:
         base = np.asarray(named_values(q, elastic.names, elastic.q, "--q"), float)
