@@ -76,6 +76,25 @@ def test_the_page_loads_without_an_error(ur5):
     assert ur5.locator("#left input[id^=slider-]").count() == 6
 
 
+@pytest.mark.parametrize(("theme", "questions"), [("light", 0), ("dark", 1)])
+def test_the_first_picture_takes_four_files_and_one_answer(serve, pages, theme, questions):
+    page = pages.blank(theme=theme)
+    page.add_init_script("""window.seen = {sent: 0, rendered: 0};
+        for (const what in seen) document.addEventListener(`cartstiff:${what}`, () => seen[what]++);
+        addEventListener("load", () => { seen.loaded = window.cartstiff === undefined; });""")
+    server = serve("ur5")
+    page.goto(server.url)
+    page.wait_for_function("() => seen.rendered")
+    page.wait_for_function("() => !cartstiff.busy")
+    asked = [url.removeprefix(server.url) for url in page.watch.requests if url.startswith("http")]
+    assert sorted(asked) == ["", "page/main.js", "page/style.css", "viewer.js"]
+    # The picture that comes with the greeting is the one that is wanted, in the light theme.
+    assert page.evaluate("() => seen") == {"sent": questions, "rendered": 1, "loaded": True}
+    assert page.evaluate("() => cartstiff.numbers.verdict") == page.evaluate(
+        """async () => (await cartstiff.ask({do: "numbers"})).numbers.verdict""")  # fmt: skip
+    page.close()
+
+
 @pytest.mark.parametrize(("width", "height"), [(1280, 720), (1920, 1080), (1100, 700)])
 def test_nothing_sticks_out(serve, pages, width, height):
     page = pages.shared(serve("cubic").url)

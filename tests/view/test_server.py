@@ -7,6 +7,7 @@ import gzip
 import json
 import random
 import socket
+import threading
 import time
 import urllib.error
 import urllib.request
@@ -56,7 +57,46 @@ def test_the_page_and_its_files(page):
     assert "Server" not in headers
     for path in ("page/main.js", "page/style.css", "viewer.js"):
         assert get(page.url, path)[0] == 200
+    # Modules are put together: one by one a browser would ask for them one after another.
+    assert get(page.url, "page/store.js")[0] == 404
+    assert b"class Store " in get(page.url, "page/main.js")[1]
     assert page.url.startswith("http://127.0.0.1:")
+
+
+def test_the_first_picture_is_prepared_before_anybody_asks(platform):
+    asked = []
+
+    class Kept(NoPicture):
+        def __init__(self, elastic):
+            asked.append(threading.current_thread())
+            super().__init__(elastic)
+
+    server = Background(Source(platform), picture=Kept)
+    try:
+        while not server.server.prepared.done():
+            time.sleep(0.01)
+        assert len(asked) == 1
+        first = Tab(server.url)
+        assert first.read()["do"] == "hello"
+        assert len(asked) == 2  # a tab's picture is its own
+        assert asked[0] is not asked[1]  # files were served meanwhile
+        first.close()
+    finally:
+        server.close()
+
+
+def test_a_tab_is_told_why_there_is_no_picture(platform):
+    class Broken(NoPicture):
+        def draw(self, result, state):
+            raise InputError("no such mesh")
+
+    server = Background(Source(platform), picture=Broken)
+    try:
+        tab = Tab(server.url)
+        assert "no such mesh" in tab.read()["error"]
+        tab.close()
+    finally:
+        server.close()
 
 
 def test_files_are_small_on_the_way_and_not_sent_twice(page):

@@ -57,9 +57,11 @@ def page_files() -> dict[str, tuple[str, bytes]]:
     files = {
         f"/page/{path.name}": (_KINDS[path.suffix], path.read_bytes())
         for path in sorted(_PAGE.iterdir())
-        if path.suffix in _KINDS
+        if path.suffix in _KINDS and path.suffix != ".js"
     }
     files["/"] = files.pop("/page/index.html")
+    # One script instead of one for each module, which a browser would ask for one after another.
+    files["/page/main.js"] = (_KINDS[".js"], page_script().encode())
     files["/viewer.js"] = (_KINDS[".js"], viewer_script())
     return files
 

@@ -11,6 +11,7 @@ import gzip
 import secrets
 import socket
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 from math import inf
@@ -23,6 +24,7 @@ from cartstiff.errors import InputError
 from cartstiff.page.answer import Answer
 from cartstiff.page.files import page_files
 from cartstiff.page.gate import Gate, GatedServer, Guarded
+from cartstiff.page.session import Session
 from cartstiff.page.source import Source
 from cartstiff.page.tab import TabSocket
 
@@ -149,6 +151,14 @@ class PageServer:
         shown = f"[{shown}]" if ":" in shown else shown
         self.port: int = listening.getsockname()[1]
         self.url = f"http://{shown}:{self.port}/{token}/"
+        #: Done once the first picture is at hand; a browser starts meanwhile.
+        self.prepared = asyncio.ensure_future(asyncio.to_thread(self._prepare))
+
+    def _prepare(self) -> None:
+        """Read the meshes of a picture, and import what that takes, before anybody asks."""
+        for source in (self.source, *self.beside):
+            with suppress(Exception):  # the tab that asks is told
+                Session(source, self.picture).hello()
 
     def source_of(self, number: int) -> Source:
         """The mechanism of that number: 0 is the first."""
@@ -163,6 +173,7 @@ class PageServer:
     async def stop(self) -> None:
         """Close every socket and the port."""
         self._server.stop()
+        await self.prepared
         tabs = list(self.tabs)
         for tab in tabs:
             tab.close(1001, "the server ends")

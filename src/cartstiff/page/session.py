@@ -127,8 +127,13 @@ class Session:
 
     # -- answers ----------------------------------------------------------------------------
 
-    def hello(self, number: int = 0, now: ViewState | None = None) -> Answer:
-        """Everything a new page needs, and the whole picture as it is; `now` is shown at once."""
+    def hello(
+        self, number: int = 0, now: ViewState | None = None, *, with_numbers: bool = False
+    ) -> Answer:
+        """Everything a new page needs, and the whole picture as it is; `now` is shown at once.
+
+        With the numbers of that picture a page that wants nothing else need not ask for them.
+        """
         source, trajectory, cloud = self.source, self.source.trajectory, self.source.cloud
         state = self.start
         data = {
@@ -152,8 +157,11 @@ class Session:
             },
         }
         result = self.result(state)
-        self._draw(result, state)
+        legend = self._draw(result, state)
         data["bounds"] = self.picture.bounds(result)
+        if with_numbers:
+            data["first"] = {"numbers": self._numbers(result, state), "legend": legend,
+                             "followed": None}  # fmt: skip
         return Answer(data, self.picture.whole())
 
     def answer(self, message: Message) -> Answer:

@@ -143,12 +143,12 @@ class TabSocket(Guarded, WebSocketHandler):
     async def _serve(self) -> None:
         """Answer until the socket closes: what is quick first, slices of what is long."""
         try:
-            await asyncio.sleep(0)
+            await asyncio.shield(self._page.prepared)
             source = self._page.source_of(self.number)
             names = [one.elastic.name for one in (self._page.source, *self._page.beside)]
             facts = {"mechanisms": names, "number": self.number}
             self._session = Session(source, self._page.picture, facts)
-            await self._send(self._session.hello())
+            await self._send(self._session.hello(with_numbers=True))
             while True:
                 await self._awake.wait()
                 answer = self._next(self._session)

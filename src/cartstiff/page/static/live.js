@@ -31,6 +31,7 @@ export class LiveSource {
     this.onstatus = () => {};
     this.local = null; // the page's own arithmetic, once it is there
     this.alone = false; // whether it answers for the server
+    this.early = []; // what happened before there was a page to show it
   }
 
   /** Have the arithmetic brought: it answers between the server's answers, and without a server. */
@@ -87,36 +88,57 @@ export class LiveSource {
     else this.socket?.close();
   }
 
+  /** Answer from now on, beginning with what has come already. */
   start() {
+    if (!this.socket) this.connect();
+    const { early } = this;
+    this.early = null;
+    for (const act of early) act();
+  }
+
+  /** Have the server begin; its words are kept until `start`. */
+  connect() {
     this.socket = new WebSocket(this.url);
     this.socket.binaryType = "arraybuffer";
-    let whole = null; // of a large answer what has come, behind its size
+    this.whole = null; // of a large answer what has come, behind its size
     loaded(FILES);
-    this.socket.onmessage = ({ data }) => {
-      this.delay = 500;
-      this.alone = false;
-      this.onstatus("connected");
-      if (typeof data === "string") whole = { bytes: new Uint8Array(Number(data)), filled: 0 };
-      else if (whole) {
-        whole.bytes.set(new Uint8Array(data), whole.filled);
-        whole.filled += data.byteLength;
-        loaded(FILES + ((PICTURE - FILES) * whole.filled) / whole.bytes.length);
-      }
-      if (whole && whole.filled < whole.bytes.length) return;
-      const answer = whole ? whole.bytes.buffer : data;
-      whole = null;
-      this.onanswer(...unpack(answer));
-    };
-    this.socket.onclose = async (event) => {
-      this.onlost();
-      if (this.closed) return;
-      if (event.code === FULL) return; // the server has said why
-      this.goAlone();
-      this.onstatus("lost");
-      if (await this.strange()) this.onstatus("strange");
-      setTimeout(() => this.start(), this.delay);
-      this.delay = Math.min(5000, this.delay * 1.5);
-    };
+    this.socket.onmessage = ({ data }) => this.act(() => this.hear(data));
+    this.socket.onclose = ({ code }) => this.act(() => this.lose(code));
+  }
+
+  /** Do it, at the earliest when there is a page. */
+  act(what) {
+    if (this.early) this.early.push(what);
+    else what();
+  }
+
+  /** The socket has closed: try again, unless that was wanted. */
+  async lose(code) {
+    this.onlost();
+    if (this.closed) return;
+    if (code === FULL) return; // the server has said why
+    this.goAlone();
+    this.onstatus("lost");
+    if (await this.strange()) this.onstatus("strange");
+    setTimeout(() => this.connect(), this.delay);
+    this.delay = Math.min(5000, this.delay * 1.5);
+  }
+
+  /** A message of the server: an answer, or a piece of one. */
+  hear(data) {
+    this.delay = 500;
+    this.alone = false;
+    this.onstatus("connected");
+    let { whole } = this;
+    if (typeof data === "string") this.whole = whole = { bytes: new Uint8Array(Number(data)), filled: 0 };
+    else if (whole) {
+      whole.bytes.set(new Uint8Array(data), whole.filled);
+      whole.filled += data.byteLength;
+      loaded(FILES + ((PICTURE - FILES) * whole.filled) / whole.bytes.length);
+    }
+    if (whole && whole.filled < whole.bytes.length) return;
+    this.whole = null;
+    this.onanswer(...unpack(whole ? whole.bytes.buffer : data));
   }
 
   /** Whether a server answers that does not know this page's token. */

@@ -112,17 +112,21 @@ async function fromFile() {
   build(new (data.living ? LivingSource : FramesSource)(data, commands));
 }
 
-if (byId("frames")) {
-  fromFile().catch(cannot);
-} else {
+/** From a server, which begins while the viewer is brought and the page is built.
+ *
+ * The viewer is imported, so that neither the page nor its load event waits for it.
+ */
+async function fromServer() {
   const address = new URL("socket", location.href); // beside the page, behind the same token
   address.protocol = "ws:";
   address.hash = "";
   const number = new URLSearchParams(location.search).get("mechanism");
   if (number) address.searchParams.set("mechanism", number);
-  try {
-    build(new LiveSource(address.href));
-  } catch (error) {
-    cannot(error);
-  }
+  const source = new LiveSource(address.href);
+  const viewer = import(new URL("viewer.js", location.href));
+  source.connect();
+  await viewer;
+  build(source);
 }
+
+(byId("frames") ? fromFile : fromServer)().catch(cannot);

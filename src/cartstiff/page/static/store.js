@@ -168,7 +168,12 @@ export class Store {
     this.tell("state", this.state);
     waiting?.resolve(data);
     if (data.now && this.pinned) this.refreshPinned();
-    this.draw();
+    if (this.busy !== null) return;
+    // What is wanted may be what the picture shows already.
+    if (data.first && JSON.stringify(this.state) === JSON.stringify(data.state)) {
+      this.sentQ = this.state.q;
+      this.accept({ id: data.id, ...data.first }, []);
+    } else this.draw();
   }
 
   accept(data, commands) {
