@@ -83,7 +83,7 @@ def test_the_first_picture_takes_four_files_and_one_answer(serve, pages, theme, 
         for (const what in seen) document.addEventListener(`cartstiff:${what}`, () => seen[what]++);
         """)
     held: list[Any] = []
-    page.route("**/viewer.js", held.append)
+    page.route("**/viewer.js", lambda route: held.append(route))
     server = serve("ur5")
     page.goto(server.url, wait_until="load")  # the viewer is not there yet
     page.wait_for_function("() => performance.getEntriesByType('resource').length >= 2")
