@@ -92,12 +92,37 @@ LINK = """<link name="l{k}"><visual><geometry><mesh filename="gone{k}.stl"/></ge
 <limit lower="-3" upper="3" effort="1" velocity="1"/></joint>"""
 
 
-def test_missing_meshes_are_one_line_and_leave_the_picture_free(serve, pages, tmp_path):
+@pytest.fixture
+def long_arm(tmp_path):
+    """A file of eleven joints whose meshes are missing."""
     links = [LINK.format(k=k, parent=f"l{k - 1}" if k else "base", roll=1.2 * (k % 2))
              for k in range(11)]  # fmt: skip
     text = f'<robot name="r"><link name="base"/>{"".join(links)}</robot>'
     (tmp_path / "r.urdf").write_text(text, encoding="utf-8")
-    page = pages.open(serve(str(tmp_path / "r.urdf")).url)
+    return str(tmp_path / "r.urdf")
+
+
+def test_a_long_list_of_joints_is_searched(serve, pages, long_arm):
+    page = pages.open(serve(long_arm).url)
+    sliders = page.locator("#left input[id^=slider-]:visible")
+    assert sliders.count() == 11
+    page.get_by_label("Find a joint").fill(" J1")
+    assert sliders.count() == 2  # j1 and j10
+    before = page.evaluate("() => window.cartstiff.numbers.result.q")
+    sliders.nth(1).focus()
+    page.keyboard.press("ArrowRight")
+    settled(page)
+    after = page.evaluate("() => window.cartstiff.numbers.result.q")
+    assert [i for i, (x, y) in enumerate(zip(before, after, strict=True)) if x != y] == [10]
+    page.get_by_label("Find a joint").fill("")
+    assert sliders.count() == 11
+    page.context.close()
+    few = pages.shared(serve("ur5").url)
+    assert not few.get_by_label("Find a joint").is_visible()
+
+
+def test_missing_meshes_are_one_line_and_leave_the_picture_free(serve, pages, long_arm):
+    page = pages.open(serve(long_arm).url)
     lines = page.evaluate("() => window.cartstiff.legend.lines")
     notes = [line["text"] for line in lines if line["mark"] == "note"]
     assert len([text for text in notes if "gone" in text]) == 1
