@@ -4,13 +4,26 @@
     const found = [];
     const name = (node) => `${node.id ? "#" + node.id : "." + node.className} "${node.textContent.trim().slice(0, 40)}"`;
     const seen = (node) => node.checkVisibility({ visibilityProperty: true, opacityProperty: true });
+    const hides = (overflow) => overflow === "hidden" || overflow === "clip";
+    // Whether a line of words ends below a box that hides it; one that is scrolled shows it in time.
+    const cut = (words) => {
+        const range = document.createRange();
+        range.selectNodeContents(words);
+        const { bottom, height } = range.getBoundingClientRect();
+        for (let box = words.parentElement; height && box; box = box.parentElement) {
+            const { overflowY } = getComputedStyle(box);
+            if (/auto|scroll/.test(overflowY)) return false;
+            const inside = box.getBoundingClientRect();
+            if (hides(overflowY) && inside.height && bottom > inside.bottom + 3) return true;
+        }
+        return false;
+    };
     for (const node of document.querySelectorAll("body *")) {
         if (!seen(node) || node.closest("svg")) continue;
-        const { overflowX, overflowY } = getComputedStyle(node);
-        const hides = (overflow) => overflow === "hidden" || overflow === "clip";
-        const words = [...node.childNodes].some((child) => child.nodeType === 3 && child.data.trim());
+        const { overflowX } = getComputedStyle(node);
+        const words = [...node.childNodes].filter((child) => child.nodeType === 3 && child.data.trim());
         if (node.scrollWidth > node.clientWidth && hides(overflowX) && node.clientWidth) found.push(`cut: ${name(node)}`);
-        if (words && node.scrollHeight > node.clientHeight + 1 && hides(overflowY) && node.clientHeight) found.push(`cut below: ${name(node)}`);
+        if (words.some(cut)) found.push(`cut below: ${name(node)}`);
         if (node.matches("select") && !node.matches(".save")) {
             const pen = document.createElement("canvas").getContext("2d");
             pen.font = getComputedStyle(node).font;
