@@ -146,7 +146,10 @@ def test_links_that_are_bent_go_to_the_engine():
 
 
 def test_a_start_from_which_rounding_chooses_the_assembly_goes_to_the_engine():
-    """Legs stretched level: the plate can fall or rise, both alike; the engine does neither."""
+    """Legs stretched level: the plate can fall or rise, both alike.
+
+    What the engine does hangs on the processor's rounding: it stays between them, or takes one.
+    """
     elastic = cartstiff.load("delta")
     q = np.zeros((2, elastic.q.size))
     q[1] = elastic.q
@@ -155,7 +158,7 @@ def test_a_start_from_which_rounding_chooses_the_assembly_goes_to_the_engine():
     )
     assert found.by_engine == 1
     np.testing.assert_allclose(found["pose"], engine["pose"], rtol=0, atol=100 * ASSEMBLED)
-    assert found.codes[found.state[0]] == engine.codes[engine.state[0]] == "unbalanced"
+    assert found.codes[found.state[0]] == engine.codes[engine.state[0]]
 
 
 def test_coordinates_are_the_closed_ones_whatever_the_state():

@@ -143,7 +143,7 @@ def set_position(model: pin.Model, index: int, value: float, q: Array) -> None:
         q[joint.idx_q] = value
 
 
-def limits_of(model: pin.Model, index: int) -> tuple[float, float]:
+def limits_of_joint(model: pin.Model, index: int) -> tuple[float, float]:
     """Limits of a joint; infinite where it has none or more than one number."""
     joint = model.joints[index]
     if joint.nq != 1:

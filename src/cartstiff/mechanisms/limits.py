@@ -143,13 +143,15 @@ class Limits:
 
 
 #: Limits follow from the mechanism alone and are asked for at every posture.
-_KNOWN: WeakKeyDictionary[Mechanism, Limits] = WeakKeyDictionary()
+_KNOWN: WeakKeyDictionary[Mechanism, dict[tuple[bool, bool], Limits]] = WeakKeyDictionary()
 
 
-def _limits_of(mechanism: Mechanism) -> Limits:
-    limits = _KNOWN.get(mechanism)
+def limits_of(mechanism: Mechanism, *, ignore: bool = False, contacts: bool = False) -> Limits:
+    """The limits of a mechanism, see `Limits`; the same ones whenever it is asked."""
+    known = _KNOWN.setdefault(mechanism, {})
+    limits = known.get((ignore, contacts))
     if limits is None:
-        limits = _KNOWN[mechanism] = Limits(mechanism)
+        limits = known[ignore, contacts] = Limits(mechanism, ignore, contacts=contacts)
     return limits
 
 
@@ -170,7 +172,7 @@ def limit_notes(mechanism: Mechanism, posture: _Placed, what: str = "") -> list[
     what : str
         Words before the message: which posture is meant.
     """
-    limits = _limits_of(mechanism)
+    limits = limits_of(mechanism)
     turned: dict[str, float] = {}
     farthest = max(map(abs, posture.q.tolist()), default=0.0)
     # Joints may turn several times; the angles of a pose hardly do.

@@ -32,7 +32,7 @@ from cartstiff.mechanisms.joint_kinds import (
     PLAIN,
     check_coordinates,
     expansion,
-    limits_of,
+    limits_of_joint,
     planar,
     primitive,
     set_position,
@@ -195,7 +195,7 @@ def plain_tree(
             if names[i] in (planar_axes or {}):
                 parts = planar(names[i], (planar_axes or {})[names[i]])
             for k, (name, kind, joint, T_part) in enumerate(parts, start=int(model.idx_vs[i])):
-                lower, upper = limits_of(model, i) if len(parts) == 1 else (-np.inf, np.inf)
+                lower, upper = limits_of_joint(model, i) if len(parts) == 1 else (-np.inf, np.inf)
                 unique = _unique(name, [c.name for c in coordinates])
                 parent = plain.addJoint(parent, joint, pin.SE3(T @ T_part), unique)
                 plain.armature[plain.idx_vs[parent]] = model.armature[k]

@@ -60,19 +60,34 @@ class Load(Potential):
         energy, alpha, rate = self.on_pose(T_F_b)
         J = to_pose.jacobian
         rate = rate + 0.5 * se3.bracket_form(alpha)
-        return Evaluation(energy, J.T @ alpha, J.T @ rate @ J + to_pose.curvature(alpha))
+        # On matrices this small `dot` takes half the time of `@`.
+        hessian = J.T.dot(rate).dot(J) + to_pose.curvature(alpha)
+        return Evaluation(energy, alpha.dot(J), hessian)
+
+
+def _forms_of_force() -> Array:
+    """alpha and K^A (12, 42) of a force -f at a point c: linear in f and in the entries of f c^T."""
+    forms = np.zeros((4, 3, 42))
+    for i, f in enumerate(np.eye(3)):
+        forms[0, i, 3:6] = f
+        forms[0, i, 6:].reshape(6, 6)[3:, :3] = se3.skew(f)
+        for j, c in enumerate(np.eye(3)):
+            forms[1 + i, j, :3] = np.cross(c, f)
+            # K[i, j] = f . (w_j x (w_i x c + v_i))
+            forms[1 + i, j, 6:].reshape(6, 6)[:3, :3] = np.outer(f, c) - (f @ c) * np.eye(3)
+    return forms.reshape(12, 42)
+
+
+_OF_FORCE = _forms_of_force()
 
 
 def _dead_force(T_F_b: Array, force: Array, point: Array) -> tuple[float, Array, Array]:
     """Energy, alpha and K^A of a force constant in the world at a point of frame b."""
     R = T_F_b[:3, :3]
-    f = -R.T @ force
-    alpha = np.concatenate([se3.skew(point) @ f, f])
-    rate = np.zeros((6, 6))
-    # K[i, j] = f . (w_j x (w_i x c + v_i))
-    rate[:3, :3] = np.outer(f, point) - (f @ point) * np.eye(3)
-    rate[3:, :3] = se3.skew(f)
-    return -float(force @ (R @ point + T_F_b[:3, 3])), alpha, rate
+    f = -force.dot(R)
+    forms = np.concatenate((f, np.multiply.outer(f, point).ravel())).dot(_OF_FORCE)
+    energy = -float(force.dot(R.dot(point) + T_F_b[:3, 3]))
+    return energy, forms[:6], forms[6:].reshape(6, 6)
 
 
 @dataclass(frozen=True)

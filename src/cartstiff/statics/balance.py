@@ -8,10 +8,11 @@ import numpy as np
 
 from cartstiff import graded
 from cartstiff.geometry.se3 import Array
+from cartstiff.lazily import cached_property
 from cartstiff.numerics import eigenvalues, invert
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(eq=False)
 class Balance:
     """Forces and stiffness on the motions that the constraints leave, in natural units.
 
@@ -48,29 +49,29 @@ class Balance:
     hardness: Array
     is_skewed: bool = False
 
-    @property
+    @cached_property
     def unbalanced(self) -> Array:
         """g_N (f,) where it is more than rounding, else 0."""
         return np.where(np.abs(self.force) > self.rounding, self.force, 0.0)
 
-    @property
+    @cached_property
     def residual(self) -> float:
         """Largest unbalanced force over the forces that act on the same motion."""
         missed = np.abs(self.unbalanced)
         shares = np.divide(missed, self.acting, out=np.zeros_like(missed), where=missed > 0.0)
         return float(shares.max(initial=0.0))
 
-    @property
+    @cached_property
     def is_rounding(self) -> bool:
         """Whether all that is unbalanced may be rounding."""
         return bool((np.abs(self.force) <= self.doubt).all())
 
-    @property
+    @cached_property
     def miss(self) -> float:
         """Size of all unbalanced forces, each measured by the stiffness of its motion."""
         return float(np.linalg.norm(self.unbalanced / np.sqrt(self.hardness)))
 
-    @property
+    @cached_property
     def unsure(self) -> float:
         """How far `scaled` may be off: forces that are left move the posture, and with it H_N.
 
@@ -80,12 +81,13 @@ class Balance:
         hardness = self.hardness.tolist()
         return left * max(hardness) / min(hardness) if hardness else 0.0
 
-    @property
+    @cached_property
     def scaled(self) -> Array:
         """H_N over the geometric mean of its motions' hardness: springs of any ratio alike."""
         per = 1 / np.sqrt(self.hardness)
         return self.stiffness * per[:, None] * per
 
+    @cached_property
     def modes(self) -> tuple[Array, Array]:
         """Eigenvalues (f,) of `scaled` and motions (f, f): H_N between them is diagonal."""
         values, vectors = np.linalg.eigh(0.5 * (self.scaled + self.scaled.T))

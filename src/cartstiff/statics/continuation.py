@@ -18,7 +18,7 @@ from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.mechanisms.limits import Limits, limit_notes
+from cartstiff.mechanisms.limits import limit_notes, limits_of
 from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.numerics import IDLE
 from cartstiff.potentials.contract import Potential
@@ -103,7 +103,7 @@ def load_curve(
         loads = (*loads, kind.acting(wrench, posture.pose, load_axes))
     if held is not None:
         held = (held if isinstance(held, Held) else Held(held)).at_start(posture)
-    limits = Limits(elastic.mechanism, contacts=True)
+    limits = limits_of(elastic.mechanism, contacts=True)
     start = solve(System(elastic, fixed, held), q)
     path = LoadPath(elastic, loads, fixed, held, abs(to))
     upwards = np.zeros(start.point.posture.coordinate_lengths.size + 1)
@@ -262,7 +262,7 @@ def _verdict(state: CurvePoint) -> bool | None:
     if not state.is_conservative:
         moving = state.vibrations
         return False if moving is not None and moving.growing else None
-    scaled = state.balance.modes()[0]
+    scaled = state.balance.modes[0]
     if np.abs(scaled).min(initial=np.inf) <= IDLE:
         return None
     return bool(np.all(scaled > 0.0))

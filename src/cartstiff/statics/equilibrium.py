@@ -21,7 +21,7 @@ from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.mechanisms.limits import Limits
+from cartstiff.mechanisms.limits import limits_of
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import Scaled
 from cartstiff.statics.continuation import load_curve
@@ -34,7 +34,7 @@ from cartstiff.statics.rest import Equilibrium as Equilibrium
 from cartstiff.statics.rest import Reactions as Reactions
 from cartstiff.statics.sensitivity import chosen_forces
 from cartstiff.statics.verdict import state_of_rest
-from cartstiff.stiffness.applied_load import checked_load
+from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, checked_load
 
 # Steps in which loads and displacements are put on where they cannot be put on at once.
 _STAGES = 8
@@ -47,7 +47,7 @@ def equilibrium(
     *loads: Potential,
     wrench: ArrayLike | None = None,
     load_kind: Literal["dead", "follower", "conservative"] = "dead",
-    load_at: ArrayLike = (0.0, 0.0, 0.0),
+    load_at: ArrayLike = DEAD_AT_ORIGIN.at,
     load_axes: Literal["body", "world"] = "body",
     q0: ArrayLike | Mapping[str, float] | None = None,
     held: Held | Mapping[str, float] | None = None,
@@ -123,7 +123,7 @@ def equilibrium(
         loads = (*loads, kind.acting(wrench, start.pose, load_axes))
     chosen = None if elastic.identified is None else chosen_forces(original, elastic, start)
     system = System(
-        elastic, loads, held, Limits(elastic.mechanism, ignore=not limits, contacts=True)
+        elastic, loads, held, limits_of(elastic.mechanism, ignore=not limits, contacts=True)
     )
     stages = 1
     with bounded(elastic):

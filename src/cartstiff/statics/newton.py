@@ -190,7 +190,7 @@ class _Iteration:
         b = self.balance
         if np.isnan(self.point.evaluation.energy):
             return b.motion(-b.solved(b.force, _SOFTEST)), np.nan
-        values, modes = b.modes()
+        values, modes = b.modes
         stiff = np.maximum(np.abs(values), _SOFTEST)
         y = -modes @ ((modes.T @ b.force) / stiff)
         return b.motion(y), float(b.force @ y)
@@ -218,7 +218,7 @@ class _Iteration:
         before = self.balance.miss
         if np.isnan(self.point.evaluation.energy) or self.balance.stiffness.size == 0:
             return False
-        if self.balance.modes()[0][0] >= -_SADDLE:
+        if self.balance.modes[0][0] >= -_SADDLE:
             return False
         try:
             for _ in range(1 + _FOLLOWED if self._is_stiff() else 1):
@@ -338,7 +338,8 @@ class _Iteration:
 
     def _violated(self, point: Point, contacts: tuple[Contact, ...] | None = None) -> list[Contact]:
         limits = self.system.limits
-        if not len(limits):
+        posture = point.posture
+        if not len(limits) or limits.holds(posture.q, posture.pose):
             return []
         taken = {c.quantity for c in (self.contacts if contacts is None else contacts)}
         sides = limits.side(point.limited, sizes(limits, point.posture))
@@ -381,7 +382,7 @@ class _Iteration:
         energy = self.point.evaluation.energy
         if np.isnan(energy) or b.stiffness.size == 0:
             return False
-        values, modes = b.modes()
+        values, modes = b.modes
         if values[0] >= -_SADDLE:
             return False
         down = b.motion(modes[:, 0])

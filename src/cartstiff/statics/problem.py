@@ -25,7 +25,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.limits import Limits, limit_notes
+from cartstiff.mechanisms.limits import Limits, limit_notes, limits_of
 from cartstiff.numerics import EPSILON, IDLE, RANK
 from cartstiff.potentials.contract import Evaluation, Map, Potential
 from cartstiff.potentials.line_springs import LineSprings
@@ -91,13 +91,13 @@ class System:
         self.elastic = elastic
         self.loads = tuple(loads)
         self.held = held
-        self.limits = Limits(elastic.mechanism, ignore=True) if limits is None else limits
+        self.limits = limits_of(elastic.mechanism, ignore=True) if limits is None else limits
         self.terms = (*elastic.terms(), *self.loads)
         self.softest = np.inf  # stiffness that a motion has had
 
     def of(self, elastic: ElasticMechanism) -> System:
         """The same loads, held components and limits on another mechanism."""
-        limits = Limits(elastic.mechanism, ignore=not len(self.limits), contacts=True)
+        limits = limits_of(elastic.mechanism, ignore=not len(self.limits), contacts=True)
         return System(elastic, self.loads, self.held, limits)
 
     def at(self, q: ArrayLike) -> Point:
@@ -330,6 +330,13 @@ class System:
         k = springs.stiffness * lengths**2
         return float(k.max() / k[k > 0.0].min())
 
+    @cached_property
+    def _is_tied(self) -> bool:
+        """Whether closures or held components tie the coordinates, wherever they are."""
+        at_home = self.elastic.mechanism.at(self.elastic.q)
+        return self.held is not None or at_home.closure is not None
+
+    @cached_property
     def _ease(self) -> Array | float:
         """How far each coordinate moves (n,) where all are pushed alike; the softest: 1."""
         springs = self.elastic.springs
@@ -344,8 +351,12 @@ class System:
         """Largest angle of a step in natural units."""
         if posture.coordinates_are_pose:
             return float(np.abs(step[:3]).max())
-        angles = [not c.is_length for c in self.elastic.mechanism.coordinates]
-        return float(np.abs(step[angles]).max(initial=0.0))
+        return float(np.abs(step[self._angles]).max(initial=0.0))
+
+    @cached_property
+    def _angles(self) -> list[bool]:
+        """Which coordinates are angles."""
+        return [not c.is_length for c in self.elastic.mechanism.coordinates]
 
     def moved(self, point: Point, step: Array) -> Array:
         """Coordinates after a step in natural units, before the constraints are restored."""
@@ -361,7 +372,9 @@ class System:
         ConvergenceError
             If they cannot be met from there.
         """
-        mechanism, ease, start = self.elastic.mechanism, self._ease(), q
+        if not self._is_tied and not contacts:
+            return q
+        mechanism, ease, start = self.elastic.mechanism, self._ease, q
         best = size = np.inf
         for _ in range(_PULLS):
             count()

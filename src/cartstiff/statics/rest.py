@@ -19,6 +19,7 @@ from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import Load
+from cartstiff.statics.balance import spectrum
 from cartstiff.statics.held import displacement_between
 from cartstiff.statics.newton import Solution
 from cartstiff.statics.problem import System
@@ -104,11 +105,12 @@ class Equilibrium(Result, ShownInLines):
     iterations: int
     history: tuple[float, ...]
     stable: bool | None
-    eigenvalues: Array
     reactions: Reactions
     notes: tuple[Note, ...]
     _system: System
     _solution: Solution
+    #: omega^2 of the vibrations where there is no energy.
+    _squares: Array | None = None
     #: Forces (E,) of the elements at the start whose rest positions were chosen there; or None.
     _chosen: Chosen | None = None
 
@@ -138,6 +140,15 @@ class Equilibrium(Result, ShownInLines):
         return not np.isnan(self.energy)
 
     @cached_property
+    def eigenvalues(self) -> Array:
+        """Of H_N; without an energy omega^2 of the vibrations."""
+        return (
+            spectrum(self._solution.balance, conservative=True)
+            if self._squares is None
+            else self._squares
+        )
+
+    @cached_property
     def displacement(self) -> Array:
         """From the start: rotation vector and translation (6,) of the body frame, axes of F."""
         return displacement_between(self.start.pose, self.pose)
@@ -148,7 +159,7 @@ class Equilibrium(Result, ShownInLines):
         balance = self._solution.balance
         if self.stable is not None or not self.is_conservative or not balance.stiffness.size:
             return False
-        values, modes = balance.modes()
+        values, modes = balance.modes
         idle = balance.motion(modes[:, np.abs(values) <= max(numerics.IDLE, balance.unsure)])
         lengths = self.posture.coordinate_lengths[:, None]
         body = self.posture.motion.jacobian @ (lengths * idle)

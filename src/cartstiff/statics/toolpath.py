@@ -24,7 +24,7 @@ from cartstiff.errors import CartstiffError, ConvergenceError, InputError, Undef
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.mechanisms.limits import Limits, finite, limit_notes
+from cartstiff.mechanisms.limits import finite, limit_notes, limits_of
 from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Potential
@@ -282,7 +282,7 @@ def _verdict(
 
 def _note_limits(elastic: ElasticMechanism, rest: Array, index: int, notes: list[Note]) -> None:
     """Commands that the joints, or the legs of a platform, cannot take."""
-    limits = Limits(elastic.mechanism, contacts=True)
+    limits = limits_of(elastic.mechanism, contacts=True)
     commands = rest[limits.columns]
     for i in np.flatnonzero(limits.side(commands)):
         name, r = limits.names[i], float(commands[i])

@@ -9,7 +9,7 @@ from cartstiff.arrays import read_only
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.limits import Limits, force_notes, limit_notes
+from cartstiff.mechanisms.limits import force_notes, limit_notes, limits_of
 from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.notes import Note
 from cartstiff.numerics import EPSILON, IDLE
@@ -39,7 +39,7 @@ def state_of_rest(
     unresolved = _unresolved(point, balance, start)
     known = [n.values.get("largest") for n in unresolved]
     is_anywhere = any(isinstance(x, float) and x >= 1.0 for x in known)
-    stable, values, remarks = (
+    stable, squares, remarks = (
         _by_energy(balance, is_anywhere) if conservative else _by_vibrations(system, point, balance)
     )
     notes += remarks
@@ -56,12 +56,13 @@ def state_of_rest(
         words = ". The limits act from there on: the displacement begins with the way back to them"
         beyond = [Note(n.code, n.message + words, n.values) for n in beyond]
     notes += beyond
-    beside = Limits(system.elastic.mechanism)
+    beside = limits_of(system.elastic.mechanism)
     if not len(system.limits) or len(beside) > len(system.limits):
         notes += limit_notes(system.elastic.mechanism, point.posture, "at rest: ")
     notes += force_notes(system.elastic, point.posture)
     notes += system.elastic.remarks(point.posture)
-    notes += weights_of(system.elastic).notes
+    if system.elastic.gravity is not None:
+        notes += weights_of(system.elastic).notes
     notes += _drowned(system.elastic, point)
     if stable is not False:  # at an unstable one nothing stays
         notes += unresolved
@@ -80,31 +81,30 @@ def state_of_rest(
         solution.iterations,
         tuple(solution.history),
         stable,
-        values,
         reactions,
         tuple(notes),
         system,
         solution,
+        squares,
     )
 
 
-def _by_energy(balance: Balance, is_anywhere: bool) -> tuple[bool | None, Array, list[Note]]:
-    """Verdict by the energy's second derivative, its eigenvalues, and notes.
+def _by_energy(balance: Balance, is_anywhere: bool) -> tuple[bool | None, None, list[Note]]:
+    """Verdict by the energy's second derivative, no vibrations, and notes.
 
     There is none of a posture that may be anywhere.
     """
-    values = spectrum(balance, conservative=True)
-    scaled, modes = balance.modes()
+    scaled, modes = balance.modes
     zero = max(IDLE, balance.unsure)
-    if not is_anywhere and np.all(scaled > zero):
-        return True, values, []
-    facts: dict[str, object] = {"eigenvalues": values.tolist()}
-    if is_anywhere or np.all(scaled >= -zero):
-        return None, values, [Note("neutral", _NEUTRAL, facts)]
+    if not is_anywhere and (scaled > zero).all():
+        return True, None, []
+    facts: dict[str, object] = {"eigenvalues": spectrum(balance, conservative=True).tolist()}
+    if is_anywhere or (scaled >= -zero).all():
+        return None, None, [Note("neutral", _NEUTRAL, facts)]
     direction = balance.motion(modes[:, 0])
     facts["direction"] = (direction / np.linalg.norm(direction)).tolist()
     words = "the equilibrium is unstable: the mechanism leaves it by itself"
-    return False, values, [Note("unstable", words, facts)]
+    return False, None, [Note("unstable", words, facts)]
 
 
 def _by_vibrations(
