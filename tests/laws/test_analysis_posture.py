@@ -16,7 +16,7 @@ from cartstiff.analysis.deflection import joint_shares
 from cartstiff.analysis.plain import numbers
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.analysis.springs import Spring, parallel_stiffness
-from cartstiff.analysis.tolerances import Parameters, Tolerances
+from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
 from cartstiff.choices import LEVELS
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
@@ -274,7 +274,7 @@ def test_inertia_gives_frequencies() -> None:
 def test_nominal_parameters_give_the_nominal_mechanism(name: str) -> None:
     result = arm(7) if name == "arm" else cartstiff.analyse(cartstiff.load(name))
     before = result.elastic.springs.stiffness.copy()
-    parameters = Parameters(result, Tolerances(0.1, 1e-3, 1e-3))
+    parameters = UncertainParameters(result, Tolerances(0.1, 1e-3, 1e-3))
     nominal = {name: t.nominal for name, t in parameters.named.items()}
     again = parameters.at(nominal)
     assert np.allclose(again.B.matrix, result.B.matrix, rtol=1e-9)
@@ -287,7 +287,7 @@ def test_nominal_parameters_give_the_nominal_mechanism(name: str) -> None:
 @pytest.mark.parametrize("name", ["stewart-gough", "cable-robot"])
 def test_a_moved_platform_carries_the_same_load(name: str) -> None:
     result = cartstiff.analyse(cartstiff.load(name))
-    parameters = Parameters(result, Tolerances(0.1, 1e-3))
+    parameters = UncertainParameters(result, Tolerances(0.1, 1e-3))
     moved = {name: t.nominal + t.deviation for name, t in parameters.named.items()}
     again = parameters.at(moved)
     assert np.allclose(again.wrench, result.wrench, rtol=1e-8, atol=1e-8)
@@ -297,7 +297,7 @@ def test_a_moved_platform_carries_the_same_load(name: str) -> None:
 def test_a_joint_placement_is_where_the_joint_stands() -> None:
     """Moving the frame on the last joint is a change of body frame."""
     result = arm(6, wrench=None)
-    parameters = Parameters(result, Tolerances(length=1e-3, angle=1e-3))
+    parameters = UncertainParameters(result, Tolerances(length=1e-3, angle=1e-3))
     named = parameters.named
     shift = {f"frame.{a}": named[f"frame.{a}"].nominal + 0.1 * i for i, a in enumerate("xyz")}
     again = parameters.at(shift)
@@ -352,4 +352,4 @@ def test_refusals() -> None:
     with pytest.raises(InputError, match="tolerance of the length cannot be used"):
         Tolerances(length=-1.0)
     with pytest.raises(UndefinedError, match="no parameter"):
-        _ = Parameters(result, Tolerances()).named
+        _ = UncertainParameters(result, Tolerances()).named

@@ -10,7 +10,7 @@ from tests.support import loaded_arm
 
 import cartstiff
 from cartstiff.analysis.posture import analyse_posture
-from cartstiff.analysis.tolerances import Parameters, Tolerances
+from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
 from cartstiff.analysis.uncertainty import Tolerance, propagate_first_order
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.springs import JointSprings
@@ -61,7 +61,7 @@ def test_one_common_factor_scales_everything() -> None:
     result = cartstiff.analyse(cartstiff.load("cubic"))
 
     def function(p: dict[str, float]) -> dict[str, np.ndarray]:
-        parameters = Parameters(result, Tolerances(0.1))
+        parameters = UncertainParameters(result, Tolerances(0.1))
         values = {name: t.nominal * p["factor"] for name, t in parameters.named.items()}
         return {"K": parameters.at(values).B.matrix}
 

@@ -8,7 +8,7 @@ import pytest
 from tests.mechanisms.machines import write_file
 
 import cartstiff
-from cartstiff.analysis.tolerances import Parameters, Tolerances
+from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
 from cartstiff.errors import ConvergenceError
 from cartstiff.geometry import se3
 from cartstiff.kinematics.placements import PLACED, Placements
@@ -140,7 +140,7 @@ def test_what_parts_the_loops_has_no_derivative():
     for name in ("placement.left_elbow.z", "closure.right_tip.z", "placement.left_motor.rx"):
         assert name not in known.names
         assert name in known.left_out
-    placements = Parameters(result, Tolerances(1.0, 1.0, 1.0))._placements
+    placements = UncertainParameters(result, Tolerances(1.0, 1.0, 1.0))._placements
     for name in placements.misfits:  # each, a little larger, leaves a gap at every posture near
         moved = placements.moved({name: placements._all[name] + 1e-6})
         try:
@@ -153,7 +153,7 @@ def test_what_parts_the_loops_has_no_derivative():
 def test_links_that_give_have_no_joints_to_be_placed():
     """Virtual joints are how a link bends, not parts that someone mounts."""
     elastic = cartstiff.load("delta")
-    names = Parameters(cartstiff.analyse(elastic), Tolerances(length=1.0)).named
+    names = UncertainParameters(cartstiff.analyse(elastic), Tolerances(length=1.0)).named
     assert "placement.leg1/wrist_tilt.x" in names
     assert not [n for n in names if "forearm." in n and n.startswith("placement")]
 
@@ -162,7 +162,7 @@ def test_moved_frames_of_a_weld_turn_the_body_of_the_other_leg():
     """A leg's grip moved one way is all other grips, and the frame, moved the other way."""
     result = cartstiff.analyse(cartstiff.load("6-rus"))
     chain, q = result.elastic.mechanism, result.q
-    placements = Parameters(result, Tolerances(1.0, 1.0, 1.0))._placements
+    placements = UncertainParameters(result, Tolerances(1.0, 1.0, 1.0))._placements
     T = se3.pose(translation=[1e-3, 0.0, 0.0])
     name = "closure.body of leg 2"
     moved = placements.moved({f"{name}.x": placements._all[f"{name}.x"] + 1e-3})

@@ -12,7 +12,7 @@ from tests.vibration.test_modes import LENGTH, M_1, K, column
 from tests.vibration.test_modes_command import run
 
 from cartstiff import analyse, load, modes
-from cartstiff.analysis.tolerances import Parameters, Tolerances
+from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.mechanisms.identified import neighbours
 from cartstiff.vibration.accuracy import intervals
@@ -25,7 +25,7 @@ DIFFERENCES = 1e-5
 
 def _by_differences(result, name, step):
     """df/dp from frequencies at a neighbouring parameter."""
-    parameters = Parameters(result, Tolerances(1e-3, 1e-3, 1e-3))
+    parameters = UncertainParameters(result, Tolerances(1e-3, 1e-3, 1e-3))
     nominal = parameters.named[name].nominal
     ends = [modes(parameters.at({name: nominal + s * step})).frequencies for s in (1, -1)]
     return (ends[0] - ends[1]) / (2 * step)

@@ -29,7 +29,7 @@ from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.in_frame import StiffnessInFrame
 
 if TYPE_CHECKING:
-    from cartstiff.analysis.tolerances import Parameters, Tolerances
+    from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
     from cartstiff.analysis.uncertainty import Propagation
 
 
@@ -54,7 +54,7 @@ def analyse_posture(
 ) -> dict[str, Any]:
     r"""Analyse a mechanism at a posture, in any state.
 
-    Parameters
+    UncertainParameters
     ----------
     result : PostureStiffness
         From `cartstiff.analyse`.
@@ -148,10 +148,10 @@ def analyse_posture(
         answer["synthesis"] = {**(answer["synthesis"] or {}), "target": plain(section)}
     answer["uncertainty"] = None
     if tolerances is not None or result.elastic.identified is not None:
-        from cartstiff.analysis.tolerances import Parameters, Tolerances
+        from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
 
         tolerances = tolerances or Tolerances()  # measured springs bring their own
-        parameters = Parameters(result, tolerances)
+        parameters = UncertainParameters(result, tolerances)
         answer["uncertainty"] = plain(
             notes.attempt(
                 "uncertainty",
@@ -196,7 +196,7 @@ def _load(r: PostureStiffness, connection: str) -> dict[str, Any] | None:
 
 
 def _uncertainty(
-    parameters: Parameters,
+    parameters: UncertainParameters,
     nominal: Mapping[str, Array],
     evaluate: Callable[[PostureStiffness], dict[str, Array]],
     samples: int,

@@ -56,7 +56,7 @@ _FILE = "parameter."
 
 
 @dataclass(frozen=True, eq=False)
-class Parameters:
+class UncertainParameters:
     """The parameters of a mechanism at a posture.
 
     Attributes

@@ -113,7 +113,7 @@ def command(
     wrench = request.balanced_wrench
     analysis = replace(analysis, world=applied.world)
     applied.check_world(load=wrench, deflect=analysis.deflect, direction=analysis.direction)
-    steps = Steps()
+    steps = StepTimes()
     elastic, q = request.load()
     steps.end("reading the mechanism")
 
@@ -177,7 +177,7 @@ def command(
         raise click.exceptions.Exit(3)
 
 
-class Steps:
+class StepTimes:
     """Processor time of what follows each other, for --explain."""
 
     def __init__(self) -> None:

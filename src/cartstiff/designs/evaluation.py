@@ -80,7 +80,7 @@ class _NoValueError(Exception):
     """A quantity does not exist where it must."""
 
 
-class Evaluation:
+class StudyEvaluator:
     """A study with its mechanism's file read: gives the `Design` of parameters.
 
     Parameters

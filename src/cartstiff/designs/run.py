@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from cartstiff.arrays import checked_number
-from cartstiff.designs.evaluation import Design, Evaluation
+from cartstiff.designs.evaluation import Design, StudyEvaluator
 from cartstiff.designs.reading import read_study
 from cartstiff.designs.record import Record, digest_of
 from cartstiff.designs.results import Designs
@@ -80,7 +80,7 @@ def design(
         raise InputError("a scheduler has its own workers" if count > 1 else
                          "a local search looks at one design after the other",
                          where="scheduler", expected="no workers, and another method")  # fmt: skip
-    evaluation = Evaluation(asked, folder)
+    evaluation = StudyEvaluator(asked, folder)
     better = {name: evaluation.better(name) for name in asked.objectives}
     record = Record(None if output is None else Path(output), digest_of(asked, folder))
     done = 0
@@ -135,12 +135,12 @@ def _pool(workers: int) -> ProcessPoolExecutor:
 
 
 @lru_cache(maxsize=2)
-def _evaluation(job: bytes) -> Evaluation:
+def _evaluation(job: bytes) -> StudyEvaluator:
     """Of a study and its folder, once in each process."""
     from threadpoolctl import threadpool_limits
 
     threadpool_limits(1)
-    return Evaluation(*pickle.loads(job))
+    return StudyEvaluator(*pickle.loads(job))
 
 
 def _one(job: bytes, parameters: Mapping[str, float]) -> Design:

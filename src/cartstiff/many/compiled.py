@@ -73,9 +73,9 @@ class CompiledKernel:
         engine.finalize_object()
         return engine, _SIGNATURE(engine.get_function_address("kernel"))
 
-    def workspace(self, length: int, threads: int = 1) -> Workspace:  # noqa: ARG002
+    def workspace(self, length: int, threads: int = 1) -> Buffers:  # noqa: ARG002
         """Scratch memory for some threads."""
-        return Workspace(self, threads)
+        return Buffers(self, threads)
 
 
 @lru_cache(maxsize=4)
@@ -88,7 +88,7 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_pool.cache_clear)
 
 
-class Workspace:
+class Buffers:
     """A kernel with scratch memory for each thread."""
 
     def __init__(self, kernel: CompiledKernel, threads: int) -> None:

@@ -18,7 +18,7 @@ from cartstiff.many.arguments import OUTPUTS, aligned_empty, recorded
 from cartstiff.many.arithmetic import ENGINE
 from cartstiff.many.chains.closed_chain import ClosedCase
 from cartstiff.many.chains.closing import close
-from cartstiff.many.plans import CLOSING, Case, Plan, known_plan, plan, program_for
+from cartstiff.many.plans import CLOSING, BoundCase, Case, known_plan, plan, program_for
 from cartstiff.many.reading_arithmetic import Readings
 from cartstiff.many.work import MAKING, timed
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -107,8 +107,8 @@ def chosen(
     names: tuple[str, ...],
     path: Backend,
     count: int,
-) -> tuple[Plan | None, Any, str]:
-    """Plan and kernel, or None for the engine; and why not a faster one."""
+) -> tuple[BoundCase | None, Any, str]:
+    """Case and kernel, or None for the engine; and why not a faster one."""
     kind = "none" if loads is None else "shared" if loads.ndim == 1 else "each"
     if path == "engine":
         known = known_plan(elastic, kind)  # for a map it was looked at before
@@ -164,7 +164,9 @@ def lasting_path(
     return "portable"
 
 
-def _closing(taken: Plan, compiled: bool, rows: int, threads: int = 1) -> list[Callable[[], Any]]:
+def _closing(
+    taken: BoundCase, compiled: bool, rows: int, threads: int = 1
+) -> list[Callable[[], Any]]:
     """What `close` asks for, made when it does."""
     make = _compiled_kernel if compiled else _portable_kernel
     ways = taken.case.ways if isinstance(taken.case, ClosedCase) else ()
@@ -190,7 +192,7 @@ def assembled(
 
 
 def run(
-    taken: Plan, kernel: Any, q: Array, loads: Array | None, arrays: Mapping[str, Array],
+    taken: BoundCase, kernel: Any, q: Array, loads: Array | None, arrays: Mapping[str, Array],
     verdicts: NDArray[np.uint8], threads: int, size: int | None,
 ) -> None:  # fmt: skip
     """Fill the arrays by a kernel, chunk by chunk; what does not exist becomes NaN.
@@ -203,7 +205,7 @@ def run(
             _run(taken, kernel, q, loads, arrays, verdicts, threads, size)
 
 
-def _way(taken: Plan, kernel: Any) -> str:
+def _way(taken: BoundCase, kernel: Any) -> str:
     """What a kernel is, in words."""
     is_portable = isinstance(kernel, portable.PortableKernel)
     way = "recorded arithmetic over NumPy's arrays" if is_portable else "machine code"
@@ -212,7 +214,7 @@ def _way(taken: Plan, kernel: Any) -> str:
 
 
 def _run(
-    taken: Plan, kernel: Any, q: Array, loads: Array | None, arrays: Mapping[str, Array],
+    taken: BoundCase, kernel: Any, q: Array, loads: Array | None, arrays: Mapping[str, Array],
     verdicts: NDArray[np.uint8], threads: int, size: int | None,
 ) -> None:  # fmt: skip
     count = len(q)

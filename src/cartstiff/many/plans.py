@@ -45,7 +45,7 @@ _UNSYMMETRIC = numerics.ROUNDING
 
 
 @dataclass(frozen=True)
-class Plan:
+class BoundCase:
     """A case of the arithmetic with its inputs.
 
     Attributes
@@ -163,10 +163,10 @@ def program_for(case: Case, outputs: tuple[str, ...], readings: Readings | None 
 
 
 #: The last plans, with what they were made for: mechanisms do not change.
-_plans: deque[tuple[ElasticMechanism, str, Plan | str]] = deque(maxlen=8)
+_plans: deque[tuple[ElasticMechanism, str, BoundCase | str]] = deque(maxlen=8)
 
 
-def plan(elastic: ElasticMechanism, wrench: str) -> Plan | str:
+def plan(elastic: ElasticMechanism, wrench: str) -> BoundCase | str:
     """The arithmetic that serves a mechanism, or why none does; the last few are kept.
 
     `wrench` is "none", "shared" or "each".
@@ -179,13 +179,13 @@ def plan(elastic: ElasticMechanism, wrench: str) -> Plan | str:
     return planned
 
 
-def known_plan(elastic: ElasticMechanism, wrench: str) -> Plan | str | None:
+def known_plan(elastic: ElasticMechanism, wrench: str) -> BoundCase | str | None:
     """What `plan` has kept; None if that is nothing."""
     of_it = (p for known, kind, p in tuple(_plans) if known is elastic and kind == wrench)
     return next(of_it, None)
 
 
-def _planned(elastic: ElasticMechanism, wrench: str) -> Plan | str:
+def _planned(elastic: ElasticMechanism, wrench: str) -> BoundCase | str:
     mechanism = elastic.mechanism
     if isinstance(mechanism, Chain):
         of_chain = _closed_plan if mechanism.closures else _chain_plan
@@ -207,7 +207,7 @@ def chain_constants(chain: Chain) -> ChainConstants | str:
         return _constants[chain]
 
 
-def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> Plan | str:
+def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> BoundCase | str:
     constants = chain_constants(chain)
     if isinstance(constants, str):
         return constants
@@ -239,7 +239,7 @@ def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> Plan | 
     return _with_fields(elastic, chain, case, loose, shared, laws, n)
 
 
-def _closed_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> Plan | str:
+def _closed_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> BoundCase | str:
     answer = closed_case(elastic, chain, wrench)
     if isinstance(answer, str):
         return answer
@@ -263,7 +263,7 @@ def _spring_values(springs: JointSprings) -> tuple[dict[str, Array], Mapping[int
 def _with_fields(
     elastic: ElasticMechanism, chain: Chain, case: ChainCase, others: Sequence[Potential],
     shared: dict[str, Array], laws: Mapping[int, SpringLaw], freedoms: int,
-) -> Plan:  # fmt: skip
+) -> BoundCase:  # fmt: skip
     """The plan of a chain on which gravity and forces act, and what is evaluated beside it."""
     fields, forces, loose = [], [], []
     joints = len(case.constants.screws) // 6
@@ -286,10 +286,10 @@ def _with_fields(
     if fields or loose or laws:
         case = replace(case, fields=tuple(fields), derivatives=bool(loose or laws))
     regular = "deficient" if freedoms < 6 else "regular"
-    return Plan(case, shared, regular, elastic, tuple(loose), laws)
+    return BoundCase(case, shared, regular, elastic, tuple(loose), laws)
 
 
-def _platform_plan(elastic: ElasticMechanism, platform: Platform, wrench: str) -> Plan | str:
+def _platform_plan(elastic: ElasticMechanism, platform: Platform, wrench: str) -> BoundCase | str:
     springs = elastic.springs
     if isinstance(springs, FlexureStruts):
         return _strut_plan(elastic, platform, springs, wrench)
@@ -331,7 +331,7 @@ def _platform_plan(elastic: ElasticMechanism, platform: Platform, wrench: str) -
         shared |= {"anchors": platform.anchors.reshape(1, -1),
                    "points": platform.points.reshape(1, -1),
                    "length": np.array([[float(platform.length)]])}  # fmt: skip
-    return Plan(case, shared, "regular", elastic, tuple(loose))
+    return BoundCase(case, shared, "regular", elastic, tuple(loose))
 
 
 def _forces(
@@ -355,7 +355,7 @@ def _forces(
 
 def _strut_plan(
     elastic: ElasticMechanism, platform: Platform, struts: FlexureStruts, wrench: str
-) -> Plan | str:
+) -> BoundCase | str:
     """Struts as derivatives that are given, beside lines that carry nothing."""
     if (struts.frame_a, struts.frame_b) != ("world", "body"):
         return "the struts are not the platform's own"
@@ -370,4 +370,4 @@ def _strut_plan(
     shared = {"stiffness": np.zeros((1, m)), "rest": np.zeros((1, m))}
     if forces:
         shared["forces"] = np.concatenate(forces)[None]
-    return Plan(case, shared, "regular", elastic, tuple(loose), struts=struts)
+    return BoundCase(case, shared, "regular", elastic, tuple(loose), struts=struts)

@@ -40,9 +40,9 @@ class PortableKernel:
         self.program = program
         self._slots, self._count = _assigned(program)
 
-    def workspace(self, length: int, threads: int = 1) -> Workspace:  # noqa: ARG002
+    def workspace(self, length: int, threads: int = 1) -> Buffers:  # noqa: ARG002
         """Buffers and calls for chunks of `length` postures; threads would wait for Python."""
-        return Workspace(self.program, self._slots, self._count, length)
+        return Buffers(self.program, self._slots, self._count, length)
 
 
 def _assigned(program: Program) -> tuple[list[int], int]:
@@ -71,7 +71,7 @@ def _assigned(program: Program) -> tuple[list[int], int]:
     return slots, count
 
 
-class Workspace:
+class Buffers:
     """The program bound to buffers of one length."""
 
     def __init__(self, program: Program, slots: list[int], count: int, length: int) -> None:

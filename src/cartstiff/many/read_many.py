@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.arguments import OUTPUTS, aligned_empty, recorded
 from cartstiff.many.kernels import Backend, reading_kernel, run
-from cartstiff.many.plans import Plan, plan
+from cartstiff.many.plans import BoundCase, plan
 from cartstiff.many.postures import loads_in_body
 from cartstiff.many.reading_arithmetic import READINGS, Readings
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -73,7 +73,7 @@ class Reader:
         self._outputs = tuple(name for name in OUTPUTS if name in wanted or name == "pose")
         self._kernel: Any = None
         self.state = ""
-        if isinstance(self._plan, Plan):
+        if isinstance(self._plan, BoundCase):
             self.state = self._plan.regular
             self._kernel = reading_kernel(self._plan.case, self._outputs, readings, path)
 
@@ -84,7 +84,7 @@ class Reader:
 
     def read(self, q: Array) -> Values:
         """Read postures q (N, n)."""
-        if not isinstance(self._plan, Plan):
+        if not isinstance(self._plan, BoundCase):
             raise TypeError(self._plan)
         count = len(q)
         loads = self._wrench

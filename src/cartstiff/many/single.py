@@ -41,7 +41,7 @@ from cartstiff.stiffness.posture_notes import hardly_held, near_serial, near_typ
 from cartstiff.stiffness.reduction import Reduction, scaled_values
 
 if TYPE_CHECKING:
-    from cartstiff.many.plans import Plan
+    from cartstiff.many.plans import BoundCase
     from cartstiff.many.tape import Program
 
 Ask = TypeVar("Ask", bound=Callable[..., PostureStiffness])
@@ -228,7 +228,7 @@ class _Recorded:
 class _Code:
     """Machine code for a mechanism under a wrench, or under none."""
 
-    def __init__(self, elastic: ElasticMechanism, taken: Plan) -> None:
+    def __init__(self, elastic: ElasticMechanism, taken: BoundCase) -> None:
         from cartstiff.many.plans import CLOSING, program_for
 
         n, case = len(elastic.mechanism.coordinates), taken.case
@@ -347,7 +347,7 @@ class _Asked:
             self.code = _Code(elastic, chosen)
 
 
-def _is_plain(elastic: ElasticMechanism, loaded: bool, taken: Plan) -> bool:
+def _is_plain(elastic: ElasticMechanism, loaded: bool, taken: BoundCase) -> bool:
     """Whether nothing of it can change, and no energy has a remark on a posture."""
     # What a closed chain has of these is not bent where its code answers.
     silent = (LineSprings,) if not taken.is_closed else (Beam, CoupledSprings)

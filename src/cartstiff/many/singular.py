@@ -19,7 +19,7 @@ from cartstiff.many.arguments import aligned_empty
 from cartstiff.many.arithmetic import PLAIN
 from cartstiff.many.chains.chain_numbers import ChainCase
 from cartstiff.many.kernels import kernel_for, run
-from cartstiff.many.plans import Plan
+from cartstiff.many.plans import BoundCase
 from cartstiff.numerics import BALANCE, RANK, ROUNDING
 
 #: How far from a limit there is no doubt.
@@ -27,7 +27,7 @@ _MARGIN = 10.0
 
 
 def lost_ranks(
-    taken: Plan, q: Array, loads: Array | None, arrays: Mapping[str, Array],
+    taken: BoundCase, q: Array, loads: Array | None, arrays: Mapping[str, Array],
     which: NDArray[np.intp], compiled: bool, threads: int, size: int | None,
 ) -> tuple[str, NDArray[np.intp], NDArray[np.intp]]:  # fmt: skip
     """Fill those of some postures that have plainly lost rank.

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from cartstiff.errors import CartstiffError, InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps.job import BEYOND, NO_REST, STATES, MapJob, Solved
-from cartstiff.maps.quantity import Answer, Quantity
+from cartstiff.maps.quantity import MapRows, Quantity
 from cartstiff.maps.sampling import Axis, Grid, Sampling
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import force_notes
@@ -118,10 +118,10 @@ class CommandedJob(MapJob):
         part = replace(self, rows=self.rows[rows]) if self.rows else self
         return super(CommandedJob, part)._compute_rows(q, rows, arrays)
 
-    def _by_matrices(self, q: Array, quantities: Sequence[Quantity]) -> Answer:
+    def _by_matrices(self, q: Array, quantities: Sequence[Quantity]) -> MapRows:
         told = self.rows or [self.told or {}] * len(q)
         answers = [self._row(x, row, quantities) for x, row in zip(q, told, strict=True)]
-        return Answer(
+        return MapRows(
             np.concatenate([a.q for a in answers]),
             np.concatenate([a.state for a in answers]),
             np.concatenate([a.poses for a in answers]),
@@ -129,14 +129,14 @@ class CommandedJob(MapJob):
              for quantity in quantities},
         )  # fmt: skip
 
-    def _row(self, q: Array, told: Mapping[str, float], quantities: Sequence[Quantity]) -> Answer:
+    def _row(self, q: Array, told: Mapping[str, float], quantities: Sequence[Quantity]) -> MapRows:
         """What is known after one command."""
         load = self.settings.load
         about_load: dict[str, Any] = {"load_kind": load.kind, "load_at": load.at}
         if self.wrench is not None:
             about_load |= {"wrench": self.wrench, "load_axes": self.load_axes}
         none = {x.name: np.full(1, np.nan) for x in quantities}
-        nowhere = Answer(q[None], _one(NO_REST), np.full((1, 4, 4), np.nan), none)
+        nowhere = MapRows(q[None], _one(NO_REST), np.full((1, 4, 4), np.nan), none)
         try:
             with np.errstate(all="ignore"):
                 at_rest = analyse_commanded(self.elastic, told, q, **about_load)
@@ -146,7 +146,7 @@ class CommandedJob(MapJob):
                 raise
             return nowhere
         if force_notes(at_rest.elastic, at_rest.posture):
-            return Answer(at_rest.q[None], _one(BEYOND), at_rest.pose[None], none)
+            return MapRows(at_rest.q[None], _one(BEYOND), at_rest.pose[None], none)
         own = {name: getattr(self, name) for name in ("sampling", "names", "settings")}
         job = MapJob(at_rest.elastic, **own, wrench=None, path="engine")
         answer = job._by_matrices(at_rest.q[None], quantities)

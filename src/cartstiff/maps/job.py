@@ -23,7 +23,7 @@ from cartstiff.many.work import each_in_turn, timed
 from cartstiff.maps.cartesian import PLACES_AT_ONCE, CartesianGrid
 from cartstiff.maps.intervals import half_width_name, half_widths, intervals_of, why_none
 from cartstiff.maps.quantities import choose_quantities, evaluate
-from cartstiff.maps.quantity import Answer, Quantity, Settings, needed_outputs
+from cartstiff.maps.quantity import MapRows, Quantity, Settings, needed_outputs
 from cartstiff.maps.sampling import LEAST, Grid, Sampling
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -230,7 +230,7 @@ class MapJob:
             unread = rows.start + (unknown if whole else np.flatnonzero(there)[unknown])
         return unread
 
-    def _fill(self, arrays: dict[str, Array], at: slice | Array, answer: Answer) -> None:
+    def _fill(self, arrays: dict[str, Array], at: slice | Array, answer: MapRows) -> None:
         """Keep what is known of the postures at some rows."""
         beyond = self._beyond(answer.q, answer.poses)
         some = bool(beyond.any())
@@ -239,7 +239,7 @@ class MapJob:
         arrays["state"][at] = np.where(beyond, STATES.index(BEYOND), answer.state)
         arrays["position"][at] = answer.poses[:, :3, 3]
 
-    def _answer(self, q: Array) -> tuple[Answer, Array]:
+    def _answer(self, q: Array) -> tuple[MapRows, Array]:
         """What is known of postures (N, n), and which of them (k,) machine code cannot read."""
         if (reader := self._reader) is None:
             return self._by_matrices(q, self.quantities), np.zeros(0, int)
@@ -250,9 +250,9 @@ class MapJob:
         others = [quantity for quantity in self.quantities if quantity.name not in values]
         if others:
             values |= self._by_matrices(q, others).values
-        return Answer(q, state, read.poses, values), unknown
+        return MapRows(q, state, read.poses, values), unknown
 
-    def _by_matrices(self, q: Array, quantities: Sequence[Quantity]) -> Answer:
+    def _by_matrices(self, q: Array, quantities: Sequence[Quantity]) -> MapRows:
         """What is known of postures (N, n), read from stored matrices."""
         outputs = self._outputs_of(quantities)
         buffers = self._buffers(len(q)) if outputs == self.outputs else None
@@ -265,7 +265,7 @@ class MapJob:
             )  # fmt: skip
             values |= {half_width_name(name): width for name, width in widths.items()}
         to_own = np.array([_code(c) for c in result.codes], np.uint8)
-        return Answer(result.q, to_own[result.state], result.arrays["pose"], values)
+        return MapRows(result.q, to_own[result.state], result.arrays["pose"], values)
 
     @cached_property
     def _reader(self) -> Reader | None:

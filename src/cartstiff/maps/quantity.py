@@ -278,7 +278,7 @@ def needed_outputs(quantities: Sequence[Quantity], settings: Settings) -> tuple[
     return tuple(sorted(needed))
 
 
-class Answer(NamedTuple):
+class MapRows(NamedTuple):
     """Postures (N, n) as assembled, what state they are in, where they are, and their numbers."""
 
     q: Array

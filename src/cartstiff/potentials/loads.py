@@ -66,7 +66,7 @@ class Load(Potential):
 
 
 def _forms_of_force() -> Array:
-    """alpha and K^A (12, 42) of a force -f at a point c: linear in f and in the entries of f c^T."""
+    """Alpha and K^A (12, 42) of a force -f at a point c, from f and the entries of f c^T."""
     forms = np.zeros((4, 3, 42))
     for i, f in enumerate(np.eye(3)):
         forms[0, i, 3:6] = f

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.analysis.tolerances import Parameters, Tolerances
+from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
 from cartstiff.errors import CartstiffError, InputError, UndefinedError
 from cartstiff.geometry.differences import derivative_with_error
 from cartstiff.geometry.se3 import Array
@@ -60,7 +60,7 @@ class Home:
                 "there has no derivatives", code="neutral",
             )  # fmt: skip
         result = subject.elastic_stiffness if isinstance(subject, Equilibrium) else subject
-        self.parameters = Parameters(result, tolerances, reread, self.state is not None)
+        self.parameters = UncertainParameters(result, tolerances, reread, self.state is not None)
         self.nominal: PostureStiffness | Equilibrium = subject
         #: Its stiffness; at rest with the part of its loads.
         self.result = subject.stiffness if isinstance(subject, Equilibrium) else subject

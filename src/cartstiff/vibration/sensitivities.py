@@ -41,7 +41,7 @@ class Sensitivities(Result):
     Attributes
     ----------
     names : tuple of str
-        As in `cartstiff.analysis.tolerances.Parameters.nominal`.
+        As in `cartstiff.analysis.tolerances.UncertainParameters.nominal`.
     values : ndarray (p,)
         Nominal values.
     stiffness : mapping of str to ndarray (p, 6, 6)
