@@ -19,10 +19,9 @@ from hypothesis import strategies as st
 
 import cartstiff
 from cartstiff.cli.main import command
-from cartstiff.designs.evaluation import Design
+from cartstiff.designs.evaluation import Design, StudyEvaluator
 from cartstiff.designs.reading import read_study
 from cartstiff.designs.results import Designs
-from cartstiff.designs.run import Evaluation
 from cartstiff.designs.study import Study
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.many import postures
@@ -159,7 +158,7 @@ def test_poses_are_drawn_and_names_of_others_refused() -> None:
     asked = {"mechanism": "3-rps", "variables": {"k": [0, 1]}, **STIFF}
     with pytest.raises(InputError, match="unknown parameter"):
         cartstiff.design(asked)
-    evaluation = Evaluation(*read_study(study(poses={"random": {"count": 4, "ranges": {}}})))
+    evaluation = StudyEvaluator(*read_study(study(poses={"random": {"count": 4, "ranges": {}}})))
     machine = cartstiff.load("6-pus")
     drawn = {"poses": {"random": {"count": 5, "ranges": {"x": [-0.01, 0.01]}}, "about_home": True}}
     evaluation.study = Study.model_validate(study(**drawn))
@@ -315,9 +314,9 @@ def test_a_study_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.Monkey
     asked = study(method={"kind": "sobol", "designs": 8, "seed": 5})
     whole = cartstiff.design(asked, output=path)
     made: list[Any] = []
-    true = Evaluation.__call__
+    true = StudyEvaluator.__call__
     monkeypatch.setattr(
-        Evaluation, "__call__", lambda self, given: made.append(given) or true(self, given)
+        StudyEvaluator, "__call__", lambda self, given: made.append(given) or true(self, given)
     )
     assert cartstiff.design(asked, output=path).designs == whole.designs
     assert made == []

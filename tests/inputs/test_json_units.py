@@ -90,7 +90,7 @@ CASES = {
          "--inertia", "2,0.1,0.2,0.3", "--stiffness", "2e4"),
         ("--q", DEG, *TOOL[1], *LOADED[1], "--payload", "2,0,0,50", "--gravity", "0,0,-9.81",
          "--at", "100,0,0", "--deflect", "1000,0,0,0,5,0", "--deflect-at", "0,100,0", "--length",
-         "300", "--tolerance", "0.05,0.1,0.001", "--direction", "1,2,0",
+         "300", "--tolerance", f"0.05,0.1,{math.degrees(0.001)!r}", "--direction", "1,2,0",
          "--inertia", "2,0.1,0.2,0.3", "--stiffness", "2e7"),
     ),
     "analyse legs": (
@@ -121,7 +121,7 @@ CASES = {
     "equilibrium held": (
         ("equilibrium", "hexapod"),
         ("--hold", "x=0.001,rz=0.002", "--lengths", "0.6,0.6,0.6,0.6,0.6,0.6"),
-        ("--hold", "x=1,rz=0.002", "--lengths", "600,600,600,600,600,600"),
+        ("--hold", f"x=1,rz={math.degrees(0.002)!r}", "--lengths", "600,600,600,600,600,600"),
     ),
     "modes": (
         ("modes", "ur5"),
@@ -129,8 +129,8 @@ CASES = {
          "--damping", "0.02", "--lobes", "9000:9500:2", "--milling", "6e8,0.3,3,0,3.1416",
          "--tip", "0,0,0.02", "--impedance", "K.csv"),
         ("--q", DEG, *TOOL[1], *LOADED[1], "--response", "10:20:5", "--point", "0,100,0",
-         "--damping", "0.02", "--lobes", "9000:9500:2", "--milling", "600,0.3,3,0,3.1416",
-         "--tip", "0,0,20", "--impedance", "K_mm.csv"),
+         "--damping", "0.02", "--lobes", "9000:9500:2", "--milling",
+         f"600,0.3,3,0,{math.degrees(3.1416)!r}", "--tip", "0,0,20", "--impedance", "K_mm.csv"),
     ),
     "path": (
         ("path", "ur5"),

@@ -187,11 +187,22 @@ def _straighten(F: Array) -> Array:
         if d[i] * d[j] >= 0.0:
             continue  # both are zero up to rounding
         # tan of the angle from the root of d_i + 2 n_ij t + d_j t^2 = 0 without cancellation.
-        s = N[i, j] + np.copysign(np.sqrt(N[i, j] ** 2 - d[i] * d[j]), N[i, j])
+        # Columns are as a rule at right angles at first: no root is chosen by the sign of rounding.
+        root = float(np.sqrt(N[i, j] ** 2 - d[i] * d[j]))
+        s = N[i, j] + (root if N[i, j] >= -numerics.ROUNDING * root else -root)
         t = -d[i] / s
         c = 1.0 / np.sqrt(1.0 + t * t)
         F[:, [i, j]] = F[:, [i, j]] @ np.array([[c, -t * c], [t * c, c]])
     return F
+
+
+def _with_signs(F: Array) -> Array:
+    """The columns with their first large entry positive: what comes of them hangs on no routine."""
+    size = np.abs(F)
+    if not size.size:
+        return F
+    first = np.argmax(size >= 0.9 * size.max(axis=0), axis=0)
+    return np.asarray(F * np.sign(F[first, np.arange(F.shape[1])]))
 
 
 def realise(stiffness: ArrayLike, length: float | None = None) -> Realisation:
@@ -219,6 +230,7 @@ def realise(stiffness: ArrayLike, length: float | None = None) -> Realisation:
     values, vectors = np.linalg.eigh(scale_lengths(K, scale))
     kept = values > _DROPPED * max(float(values[-1]), numerics.TINY)
     screws, rest = _split(vectors[:, kept] * np.sqrt(values[kept]), judgement.by_line_springs)
+    rest = _with_signs(rest)
     rng = np.random.default_rng(0)
     lines, best = rest, -1.0
     for attempt in range(_ATTEMPTS if rest.shape[1] else 0):
@@ -228,7 +240,7 @@ def realise(stiffness: ArrayLike, length: float | None = None) -> Realisation:
         columns = _straighten(turned)
         sizes = np.linalg.norm(columns, axis=0)
         quality = float((np.linalg.norm(columns[3:], axis=0) / sizes).min())
-        if quality > best:
+        if quality > best + numerics.ROUNDING * abs(best):
             lines, best = columns, quality
     unscale = np.repeat([scale, 1.0], 3)
     springs = tuple(_spring(w * unscale, scale, True) for w in lines.T)

@@ -8,7 +8,7 @@ from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cartstiff.cli.types import DIRECTION, POINT, Numbers, option, option_group
+from cartstiff.cli.types import ANGLE, DIRECTION, POINT, Numbers, option, option_group
 from cartstiff.errors import InputError
 from cartstiff.parsing import parse_numbers
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 cutting_options = option_group(
     option(
-        "--milling", type=Numbers("KT,KR,TEETH,ENTRY,EXIT", 5, powers=(-2, 0)),
+        "--milling", type=Numbers("KT,KR,TEETH,ENTRY,EXIT", 5, powers=(-2, 0, 0, ANGLE)),
         help="Force law of a mill: tangential force per area, radial over tangential, teeth, and "
         "angles (rad) at which a tooth enters and leaves (slot 0,3.1416; half up 0,1.5708).",
     ),

@@ -269,7 +269,8 @@ file_options = option_group(
 units_option = option("--units", type=UnitList("UNITS"),
        help="Units of numbers given and shown, such as mm,deg. Lengths in m, cm, mm, um or in: "
        "with mm, moments are in N mm, stiffnesses in N mm/rad and N/mm. The head of a CSV "
-       "file may name others. deg is for joints, roll, pitch, yaw, and tables of postures. "
+       "file may name others. deg is for every angle that is given, and for joints, roll, pitch, "
+       "yaw and tables of postures that are shown; stiffnesses stay per radian. "
        "With --json, numbers come out in the units of MECHANISM's file and in radians; the "
        "JSON of `map` and `design` keeps the unit of length given here, and names it.")  # fmt: skip
 #: Which robot it is, and what it carries: the same on every command, for `MechanismRequest`.

@@ -145,12 +145,13 @@ POINT = Numbers("X,Y,Z", 3, powers=(1,))
 DIRECTION = Numbers("X,Y,Z", 3)
 POSE = Numbers("X,Y,Z,R,P,Y", 6, powers=(1, 1, 1, ANGLE))
 TCP = Numbers("X,Y,Z[,R,P,Y]", 3, 6, powers=(1, 1, 1, ANGLE))
-TOLERANCE = Numbers("REL[,LENGTH[,ANGLE]]", 1, 2, 3, powers=(0, 1, 0))
+TOLERANCE = Numbers("REL[,LENGTH[,ANGLE]]", 1, 2, 3, powers=(0, 1, ANGLE))
 
 
 def _sizes(elastic: Any, by: Factors, *, frame: bool = False) -> dict[str, float]:
     """What numbers by name are multiplied by: positions of a frame, of joints, lengths of legs."""
-    sizes = {**dict.fromkeys(("x", "y", "z"), by.length), "yaw": by.angle}
+    turns = dict.fromkeys(("yaw", "rx", "ry", "rz"), by.angle)
+    sizes = {**dict.fromkeys(("x", "y", "z"), by.length), **turns}
     if not frame:
         sizes |= dict.fromkeys(elastic.spring_names, by.length)
         sizes |= {c.name: by.length if c.is_length else by.angle

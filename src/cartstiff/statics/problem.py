@@ -196,17 +196,8 @@ class System:
         )
         unit = ROUNDINGS * EPSILON
         rounding = unit * (hardness.sum(axis=1) * reach + float(point.forces.max(initial=0.0)))
-        return Balance(
-            N,
-            lam,
-            g,
-            H,
-            forces,
-            rounding,
-            rounding + unit * felt,
-            own,
-            legs is not None or is_graded,
-        )
+        doubt, is_skewed = rounding + unit * felt, legs is not None or is_graded
+        return Balance(N, lam, g, H, forces, rounding, doubt, own, is_skewed)
 
     def _felt(self, posture: MechanismPosture, lines: Lines | None, N: Array) -> Array:
         """Stiffnesses (f,) with which the rounding of each spring's own length is felt by motions.
@@ -321,29 +312,32 @@ class System:
         return max(1.0, float(np.abs(posture.q / posture.coordinate_lengths).max(initial=0.0)))
 
     @cached_property
-    def _spread(self) -> float:
-        """Largest over smallest stiffness of the springs of joints, in natural units."""
+    def _of_joints(self) -> Array | None:
+        """Stiffnesses (n,) of the springs of joints, in natural units; None without springs."""
         springs = self.elastic.springs
         if not isinstance(springs, JointSprings) or not springs.stiffness.any():
-            return 1.0
+            return None
         lengths = self.elastic.mechanism.at(self.elastic.q).coordinate_lengths
-        k = springs.stiffness * lengths**2
-        return float(k.max() / k[k > 0.0].min())
+        return np.asarray(springs.stiffness * lengths**2)
+
+    @cached_property
+    def _spread(self) -> float:
+        """Largest over smallest stiffness of the springs of joints, in natural units."""
+        k = self._of_joints
+        return 1.0 if k is None else float(k.max() / k[k > 0.0].min())
 
     @cached_property
     def _is_tied(self) -> bool:
         """Whether closures or held components tie the coordinates, wherever they are."""
-        at_home = self.elastic.mechanism.at(self.elastic.q)
-        return self.held is not None or at_home.closure is not None
+        closure = self.elastic.mechanism.at(self.elastic.q).closure
+        return closure is not None or self.held is not None
 
     @cached_property
     def _ease(self) -> Array | float:
         """How far each coordinate moves (n,) where all are pushed alike; the softest: 1."""
-        springs = self.elastic.springs
-        if not isinstance(springs, JointSprings) or not springs.stiffness.any():
+        k = self._of_joints
+        if k is None:
             return 1.0
-        lengths = self.elastic.mechanism.at(self.elastic.q).coordinate_lengths
-        k = springs.stiffness * lengths**2
         softest = float(k[k > 0.0].min())
         return np.maximum(np.sqrt(softest / np.maximum(k, softest)), _LEAST_EASE)
 
@@ -355,7 +349,6 @@ class System:
 
     @cached_property
     def _angles(self) -> list[bool]:
-        """Which coordinates are angles."""
         return [not c.is_length for c in self.elastic.mechanism.coordinates]
 
     def moved(self, point: Point, step: Array) -> Array:
@@ -379,8 +372,7 @@ class System:
         for _ in range(_PULLS):
             count()
             posture = mechanism.at(q)
-            constraints = self.constraints(posture, contacts)
-            if constraints is None:
+            if (constraints := self.constraints(posture, contacts)) is None:
                 return q
             residual, to_constraints, units = constraints
             missed = residual / units
@@ -398,8 +390,7 @@ class System:
         if size <= numerics.REACHED:
             return q
         kinds = ("closures", posture.closure), ("held displacement", self.held)
-        what = [name for name, there in kinds if there is not None]
-        what += ["limits"] if contacts else []
+        what = [name for name, one in kinds if one is not None] + ["limits"] * bool(contacts)
         beyond = limit_notes(mechanism, mechanism.at(start)) if contacts else []
         raise ConvergenceError(
             f"the {' and '.join(what)} cannot be met from this posture"

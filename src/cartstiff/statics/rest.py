@@ -142,11 +142,9 @@ class Equilibrium(Result, ShownInLines):
     @cached_property
     def eigenvalues(self) -> Array:
         """Of H_N; without an energy omega^2 of the vibrations."""
-        return (
-            spectrum(self._solution.balance, conservative=True)
-            if self._squares is None
-            else self._squares
-        )
+        if self._squares is not None:
+            return fixed(self._squares)
+        return read_only(spectrum(self._solution.balance, conservative=True))
 
     @cached_property
     def displacement(self) -> Array:
