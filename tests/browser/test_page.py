@@ -102,6 +102,20 @@ def test_the_first_picture_takes_four_files_and_one_answer(serve, pages, theme, 
     page.close()
 
 
+def test_a_picture_that_is_replaced_at_once_is_not_drawn(ur5):
+    frames = "() => cartstiff.pane.viewer.renderer.info.render.frame"
+    ur5.evaluate("() => { cartstiff.pane.wait(); cartstiff.pane.waiting = Infinity; }")
+    before = ur5.evaluate(frames)
+    ur5.evaluate("""async () => {
+        cartstiff.pane.viewer.set_dirty();
+        for (let i = 0; i < 3; i++) await new Promise(requestAnimationFrame);
+    }""")
+    assert ur5.evaluate(frames) == before
+    ur5.evaluate("() => cartstiff.move(0, 0.2)")
+    settled(ur5)
+    assert ur5.evaluate(frames) > before
+
+
 @pytest.mark.parametrize(("width", "height"), [(1280, 720), (1920, 1080), (1100, 700)])
 def test_nothing_sticks_out(serve, pages, width, height):
     page = pages.shared(serve("cubic").url)

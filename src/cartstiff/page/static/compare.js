@@ -8,7 +8,7 @@ import { LOOKS, METRES, Store } from "./store.js";
 
 const LETTERS = ["A", "B", "C"];
 // A picture that nobody sees.
-const NONE = { reset() {}, apply() {}, holding: false };
+const NONE = { reset() {}, apply() {}, wait() {}, holding: false };
 // What another mechanism shares with the one in hand, its posture where its coordinates are the same.
 const SHARED = ["load", "load_axes", "load_kind", "load_at", "point", "axes"];
 

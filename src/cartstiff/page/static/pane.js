@@ -7,6 +7,8 @@ import { CLOSE } from "./numerics.js";
 
 // Time (ms) without a picture after which the next is not left to wait for the screen's turn.
 const REST = 250;
+// How long (ms) a picture is kept back for one that is wanted more.
+const PATIENCE = 500;
 // Directions from the mechanism to the camera.
 const DIRECTIONS = { iso: [1, -1.05, 0.75], front: [1, 0, 0.12], side: [0, -1, 0.12], top: [0, -1e-3, 1] };
 // Turn of the camera (rad) and share of its distance for a key, and of what is left beside its poles.
@@ -58,8 +60,10 @@ export class Pane {
     this.after = [];
     const render = this.viewer.render.bind(this.viewer);
     this.rendered = 0;
+    this.waiting = 0; // until when no picture is drawn
     this.before = []; // called before each picture
     this.viewer.render = () => {
+      if (performance.now() < this.waiting) return; // the viewer asks again
       for (const callback of this.before) callback();
       arrange(this.viewer.scene, this.viewer.camera, (freedom) => this.every || this.lit === freedom, this.boxes);
       render();
@@ -126,11 +130,17 @@ export class Pane {
       }
     }
     if (then) {
+      this.waiting = 0;
       this.after.push(then);
       // After a rest at once; while pictures follow each other at the pace of the screen.
       if (performance.now() - this.rendered > REST) this.viewer.render();
       else this.viewer.set_dirty();
     }
+  }
+
+  /** Draw nothing until the next answer, for a while: a first picture takes long, and so would two. */
+  wait() {
+    this.waiting = performance.now() + PATIENCE;
   }
 
   /** Move parts that there are. */
@@ -252,6 +262,7 @@ export class Pane {
 
   /** The picture as a PNG file. */
   image() {
+    this.waiting = 0;
     this.viewer.render();
     return new Promise((resolve) => this.viewer.renderer.domElement.toBlob(resolve, "image/png"));
   }

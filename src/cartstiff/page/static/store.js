@@ -173,7 +173,10 @@ export class Store {
     if (data.first && JSON.stringify(this.state) === JSON.stringify(data.state)) {
       this.sentQ = this.state.q;
       this.accept({ id: data.id, ...data.first }, []);
-    } else this.draw();
+    } else {
+      this.draw();
+      this.pane.wait();
+    }
   }
 
   accept(data, commands) {
