@@ -54,7 +54,7 @@ def analyse_posture(
 ) -> dict[str, Any]:
     r"""Analyse a mechanism at a posture, in any state.
 
-    UncertainParameters
+    Parameters
     ----------
     result : PostureStiffness
         From `cartstiff.analyse`.
