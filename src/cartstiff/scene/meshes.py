@@ -184,17 +184,22 @@ def corner_normals(corners: Array) -> NDArray[np.int8]:
     order = np.argsort(at, kind="stable")
     counts = np.bincount(at)
     starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    face = order // 3
-    total = np.zeros_like(corners)
-    # Corner by corner around each point: as many rounds as triangles meet in the busiest one.
-    place = np.arange(len(order)) - starts[at[order]]
+    # Corner by corner around each point: as many rounds as triangles meet in the busiest one. What
+    # follows is in the order of the points; `take` is twice as fast as an index.
+    face, size, start = order // 3, counts[at[order]], starts[at[order]]
+    left, place = np.arange(len(order)), np.arange(len(order)) - start
+    own, sums = units.take(face, axis=0), np.zeros_like(corners)
     for step in range(min(int(counts.max()), _MOST_AROUND)):
-        size = counts[at[order]]
-        live = step < size
-        other = starts[at[order[live]]] + (place[live] + step) % size[live]
-        a, b = face[live], face[other]
-        close = np.einsum("ij,ij->i", units[a], units[b]) > _SMOOTH
-        total[order[live][close]] += areas[b[close]]
+        if not (busy := size > step).all():
+            size, start, place, left = size[busy], start[busy], place[busy], left[busy]
+            own = own.compress(busy, axis=0)
+        around = place + step
+        around -= np.where(around >= size, size, 0)
+        b = face.take(start + around)
+        close = np.flatnonzero(np.einsum("ij,ij->i", own, units.take(b, axis=0)) > _SMOOTH)
+        sums[left.take(close)] += areas.take(b.take(close), axis=0)
+    total = np.empty_like(sums)
+    total[order] = sums
     own = np.repeat(units, 3, axis=0)
     length = np.linalg.norm(total, axis=1, keepdims=True)
     normals = np.divide(total, length, out=own, where=length > 0)
