@@ -356,8 +356,14 @@ def test_posture_a_against_posture_b(ur5):
 
 
 def test_a_sweep_is_plotted_and_followed(ur5):
-    # Those of the test before may stand until these are drawn.
-    ur5.wait_for_function("() => document.querySelectorAll('#strip .plot .curve').length === 3")
+    # Those of the test before may stand until these are drawn; where a sweep takes more than a
+    # second, the page asks before it computes another.
+    ur5.wait_for_function("""() => {
+        const again = [...document.querySelectorAll("#strip button")]
+            .find((one) => one.textContent.includes("compute") && one.checkVisibility());
+        again?.click();
+        return document.querySelectorAll("#strip .plot .curve").length === 3;
+    }""")
     box = ur5.locator("#strip .plot:not(.heat)").bounding_box()
     ur5.mouse.click(box["x"] + 0.9 * box["width"], box["y"] + box["height"] / 2)
     settled(ur5)
