@@ -24,7 +24,7 @@ ALLOWED = {
     "loading/yaml_file.py": "the largest number that is read",
     "loading/sdf/reading.py": "limits that stand for none",
     "many/arithmetic.py": "the largest angle that the sine of the fast code takes",
-    "many/vector_writer.py": "coefficients of sine and cosine",
+    "many/machine_code/vector_writer.py": "coefficients of sine and cosine",
     "mechanisms/contract.py": "units",
     "mechanisms/joint_kinds.py": "limits that stand for none",
     "page/api.py": "bytes to megabytes",

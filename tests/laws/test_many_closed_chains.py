@@ -176,7 +176,6 @@ def test_coordinates_are_the_closed_ones_whatever_the_state():
 @pytest.mark.parametrize(
     ("name", "change", "wrench", "why"),
     [
-        ("delta", None, "shared", "links that give"),
         ("delta", weighed, "none", "beside closures"),
         ("grasp", None, "none", "beside closures"),
     ],

@@ -2,12 +2,45 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from cartstiff.geometry.se3 import Array
+
+# Of the arc tangent of numbers that are recorded: exact to rounding up to 0.2.
+_ARC_TANGENT = [(-1.0) ** k / (2 * k + 1) for k in range(12)]
+
+
+def _each(name: str, x: Array) -> Array:
+    """A function of every number; those that are recorded have it themselves."""
+    if x.dtype != object:
+        return np.asarray(getattr(np, name)(x))
+    own = [getattr(v, name)() if hasattr(v, name) else getattr(math, name)(v) for v in x.flat]
+    values = np.empty(x.size, object)
+    values[:] = own
+    return values.reshape(x.shape)
+
+
+def sines_of(x: Array) -> Array:
+    """Sines, of numbers that are recorded as well."""
+    return _each("sin", x)
+
+
+def cosines_of(x: Array) -> Array:
+    """Cosines, of numbers that are recorded as well."""
+    return _each("cos", x)
+
+
+def _arc_tangents(x: Array) -> Array:
+    if x.dtype != object:
+        return np.asarray(np.arctan(x))
+    squares, total = x * x, np.zeros(x.shape, object)
+    for c in reversed(_ARC_TANGENT):
+        total = total * squares + c
+    return total * x
 
 
 class Jet:
@@ -28,7 +61,7 @@ class Jet:
         """Function of this jet with the given value and derivatives there."""
         g = self.gradient
         H = slope[..., None, None] * self.hessian
-        H += curvature[..., None, None] * (g[..., :, None] * g[..., None, :])
+        H = H + curvature[..., None, None] * (g[..., :, None] * g[..., None, :])
         return Jet(value, slope[..., None] * g, H)
 
     def __add__(self, other: Jet | Array | float) -> Jet:
@@ -84,23 +117,23 @@ class Jet:
 
     def sin(self) -> Jet:
         """Sine."""
-        s, c = np.sin(self.value), np.cos(self.value)
+        s, c = sines_of(self.value), cosines_of(self.value)
         return self.apply(s, c, -s)
 
     def cos(self) -> Jet:
         """Cosine."""
-        s, c = np.sin(self.value), np.cos(self.value)
+        s, c = sines_of(self.value), cosines_of(self.value)
         return self.apply(c, -s, -c)
 
     def tan(self) -> Jet:
         """Tangent."""
-        t = np.tan(self.value)
+        t = sines_of(self.value) / cosines_of(self.value)
         return self.apply(t, 1 + t * t, 2 * t * (1 + t * t))
 
     def atan(self) -> Jet:
         """Arc tangent."""
-        slope = 1 / (1 + self.value**2)
-        return self.apply(np.arctan(self.value), slope, -2 * self.value * slope**2)
+        slope = 1 / (1 + self.value * self.value)
+        return self.apply(_arc_tangents(self.value), slope, -2 * self.value * (slope * slope))
 
 
 def variables(values: Array) -> list[Jet]:

@@ -282,6 +282,14 @@ def below(L: Array, right: Array) -> Array:
     return solved
 
 
+def above(L: Array, right: Array) -> Array:
+    """``L^-T right`` for L with a unit diagonal and nothing above it."""
+    solved = right.astype(object)
+    for i in reversed(range(len(L) - 1)):
+        solved[i] = solved[i] - L[i + 1 :, i] @ solved[i + 1 :]
+    return solved
+
+
 def eliminated(matrix: Array, keep: slice) -> tuple[Array, Scalar]:
     """A block ``M_aa - M_ab M_bb^-1 M_ba`` of a positive matrix, the inverse of that of M^-1.
 

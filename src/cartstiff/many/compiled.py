@@ -14,8 +14,8 @@ import numpy as np
 
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.arguments import address_of, aligned_empty
+from cartstiff.many.machine_code.vector_code import LONGEST, input_arrays, scratch_size, vector_code
 from cartstiff.many.tape import Program
-from cartstiff.many.vector_code import LONGEST, input_arrays, scratch_size, vector_code
 
 #: Bytes of output beyond which writing past the cache pays.
 STREAMED = 1 << 23

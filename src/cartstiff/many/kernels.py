@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from functools import cache, lru_cache
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache, lru_cache, partial
 from importlib.util import find_spec
 from threading import Lock
 from typing import Any, Literal
@@ -15,10 +16,12 @@ from cartstiff.errors import InputError, MissingDependencyError
 from cartstiff.geometry.se3 import Array
 from cartstiff.many import portable
 from cartstiff.many.arguments import OUTPUTS, aligned_empty, recorded
-from cartstiff.many.arithmetic import ENGINE
+from cartstiff.many.arithmetic import ENGINE, PLAIN
+from cartstiff.many.chains.chain_numbers import ChainCase
 from cartstiff.many.chains.closed_chain import ClosedCase
 from cartstiff.many.chains.closing import close
-from cartstiff.many.plans import CLOSING, BoundCase, Case, known_plan, plan, program_for
+from cartstiff.many.chains.settling import settle
+from cartstiff.many.plans import CLOSING, SETTLING, BoundCase, Case, known_plan, plan, program_for
 from cartstiff.many.reading_arithmetic import Readings
 from cartstiff.many.work import MAKING, timed
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -164,13 +167,76 @@ def lasting_path(
     return "portable"
 
 
-def _closing(
-    taken: BoundCase, compiled: bool, rows: int, threads: int = 1
-) -> list[Callable[[], Any]]:
-    """What `close` asks for, made when it does."""
-    make = _compiled_kernel if compiled else _portable_kernel
-    ways = taken.case.ways if isinstance(taken.case, ClosedCase) else ()
-    return [cache(lambda case=case: make(case, CLOSING).workspace(rows, threads)) for case in ways]
+class _Standing:
+    """Ways to postures that can be looked at: chains closed, links bent by the load."""
+
+    def __init__(
+        self, taken: BoundCase, compiled: bool, rows: int, threads: int = 1,
+        along_f: tuple[float, float, float] | None = None,
+    ) -> None:  # fmt: skip
+        make = _compiled_kernel if compiled else _portable_kernel
+        case, shared = taken.case, min(threads, rows // LEAST_PER_THREAD)
+        ways = case.ways if isinstance(case, ClosedCase) else ()
+        self._closing = [
+            cache(lambda way=way: make(way, CLOSING).workspace(rows, max(1, shared)))
+            for way in ways
+        ]
+        self._settling: Any = None
+        self._evaluate = partial(taken.beside.derivatives, compiled=compiled)
+        if taken.settles and isinstance(case, ChainCase):
+            case = replace(case, along_f=along_f)
+            if program_for(case, SETTLING).size > LARGEST_PROGRAM:
+                make = _portable_kernel
+            self._settling = make(case, SETTLING).workspace(rows, max(1, shared))
+
+    def __bool__(self) -> bool:
+        return bool(self._closing) or self._settling is not None
+
+    def closed(self, q: Array, first: int | None = None) -> tuple[Array, NDArray[np.bool_]]:
+        """Coordinates (N, n) that close the chain, and where they do; by the first few ways."""
+        return close(self._closing[:first], q)
+
+    def found(
+        self, q: Array, inputs: Mapping[str, Array]
+    ) -> tuple[Array, NDArray[np.bool_], Array | None]:
+        """Coordinates, whether they stand, and loads (N, 6) in M where links carry them."""
+        stands, loads = np.ones(len(q), bool), None
+        if self._closing:
+            q, stands = self.closed(q)
+        if self._settling is not None:
+            moved, which = q.copy(), np.flatnonzero(stands)
+            which, loads = settle(self._settling, self._evaluate, inputs, moved, which)
+            stands = np.isin(np.arange(len(q)), which)
+            q = np.where(stands[:, None], moved, q)
+        return q, stands, loads
+
+
+def bent(
+    elastic: ElasticMechanism, q: Array, loads: Array, at: tuple[float, float, float],
+    path: Backend, threads: int,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Coordinates (N, n) of links that carry loads (N, 6) given along the axes of F, at a point.
+
+    Also the loads in M, about its origin: NaN, with the coordinates as given, where the engine has
+    to look.
+    """
+    taken = "" if path == "engine" or not len(q) else plan(elastic, "each")
+    nowhere = np.full((len(q), 6), np.nan)
+    if isinstance(taken, str) or not taken.settles:
+        return q, nowhere
+    compiles = path == "compiled" or (path == "auto" and len(q) >= WORTH_COMPILING)
+    is_compiled = compiles and has_package("llvmlite")
+    rows = min(len(q), EVALUATED_CHUNK)
+    standing = _Standing(taken, is_compiled, rows, threads, along_f=at)
+    shared = {name: np.ascontiguousarray(array) for name, array in taken.shared.items()}
+    moved = q.copy()
+    for start in range(0, len(q), rows):
+        part = slice(start, start + rows)
+        inputs = {**shared, "wrench": np.ascontiguousarray(loads[part])}
+        moved[part], stands, own = standing.found(np.ascontiguousarray(q[part]), inputs)
+        if own is not None:
+            nowhere[part][stands] = own[stands]
+    return moved, nowhere
 
 
 def assembled(
@@ -184,8 +250,9 @@ def assembled(
     if isinstance(taken, str) or not taken.is_closed:
         return q, np.zeros(len(q), bool)
     rows = min(len(q), CLOSED_CHUNK)
-    ways = _closing(taken, path == "compiled", rows)[:1]  # the next lets go of what is held
-    parts = [close(ways, q[i : i + rows]) for i in range(0, len(q), rows)]
+    standing = _Standing(taken, path == "compiled", rows)
+    # The first way; the next lets go of what is held.
+    parts = [standing.closed(q[i : i + rows], 1) for i in range(0, len(q), rows)]
     return np.concatenate([at for at, _ in parts]), np.concatenate(
         [is_shut for _, is_shut in parts]
     )
@@ -197,8 +264,8 @@ def run(
 ) -> None:  # fmt: skip
     """Fill the arrays by a kernel, chunk by chunk; what does not exist becomes NaN.
 
-    Coordinates of closed chains are replaced by those that close them; where none are found they
-    stay, and the engine decides.
+    Coordinates of closed chains are replaced by those that close them, those of links that give by
+    those where they carry the load; where none are found they stay, and the engine decides.
     """
     if len(q):
         with timed(_way(taken, kernel), len(q), kernel.program):
@@ -210,7 +277,8 @@ def _way(taken: BoundCase, kernel: Any) -> str:
     is_portable = isinstance(kernel, portable.PortableKernel)
     way = "recorded arithmetic over NumPy's arrays" if is_portable else "machine code"
     way += ", quantities read at once" * ("readings" in kernel.program.outputs)
-    return way + ", chains closed by it too" * taken.is_closed
+    way += ", chains closed by it too" * taken.is_closed
+    return way + ", links bent by it too" * taken.settles
 
 
 def _run(
@@ -232,13 +300,11 @@ def _run(
             kernel.entry(options["stream"])
     if taken.has_derivatives:
         length = min(length, EVALUATED_CHUNK)
-    closing = None
+    is_compiled = not isinstance(kernel, portable.PortableKernel)
     if taken.is_closed:
         length = min(length, CLOSED_CHUNK)
-        is_compiled = not isinstance(kernel, portable.PortableKernel)
-        closing = _closing(taken, is_compiled, length,
-                           max(1, min(threads, length // LEAST_PER_THREAD)))  # fmt: skip
     length = min(length, count)
+    standing = _Standing(taken, is_compiled, length, threads)
     shared = {name: np.ascontiguousarray(array) for name, array in taken.shared.items()}
     if loads is not None and loads.ndim == 1:
         shared["wrench"] = np.ascontiguousarray(loads)[None]
@@ -250,12 +316,13 @@ def _run(
         inputs = {**shared, "q": np.ascontiguousarray(q[start:stop])}
         if loads is not None and loads.ndim == 2:
             inputs["wrench"] = np.ascontiguousarray(loads[start:stop])
-        if closing is not None:
-            q[start:stop], is_closed = close(closing, inputs["q"])
+        stands = None
+        if standing:
+            q[start:stop], stands, _ = standing.found(inputs["q"], inputs)
             inputs["q"] = np.ascontiguousarray(q[start:stop])
         doubts = None
         if taken.has_derivatives:
-            more, doubts = taken.derivatives(inputs["q"])
+            more, doubts = taken.beside.derivatives(inputs["q"], is_compiled, inputs.get("wrench"))
             inputs.update(more)
         chunk, copies = {"verdict": verdict}, []
         for name, width in exists.items():
@@ -269,7 +336,8 @@ def _run(
         for part, values in copies:
             part[...] = values.reshape(part.shape)
         verdicts[start:stop] = verdict[:rows, 0]
-        if closing is not None:
-            verdicts[start:stop][~is_closed] = ENGINE
         if doubts is not None:
-            verdicts[start:stop][doubts == ENGINE] = ENGINE
+            doubted = doubts != PLAIN
+            verdicts[start:stop][doubted] = doubts[doubted]
+        if stands is not None:
+            verdicts[start:stop][~stands] = ENGINE

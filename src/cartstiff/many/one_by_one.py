@@ -81,7 +81,10 @@ def fill(
         return error.code, _closed(elastic, q)
     except InputError:
         # Everything given has been checked: the springs cannot carry this load here.
-        return "unbalanced", _closed(elastic, q)
+        at = elastic.mechanism.closed(elastic.mechanism.checked(q))
+        if "pose" in rows:
+            rows["pose"][...] = at.pose
+        return "unbalanced", np.asarray(at.q)
     for name, row in rows.items():
         value = _output(result, name)
         if value is not None:

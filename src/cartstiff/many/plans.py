@@ -4,23 +4,23 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from threading import Lock
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from cartstiff import numerics
-from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.arithmetic import ENGINE, PLAIN, shared_inputs
+from cartstiff.many.arithmetic import shared_inputs
 from cartstiff.many.chains.chain_arithmetic import chain_arrays
 from cartstiff.many.chains.chain_numbers import ChainCase
 from cartstiff.many.chains.chain_twists import ChainConstants, ForceField, numbers, read_chain
 from cartstiff.many.chains.closed_case import closed_case
 from cartstiff.many.chains.closed_chain import ClosedCase, closed_arrays
 from cartstiff.many.chains.closing import closing_arrays
+from cartstiff.many.chains.settling import settling_arrays
+from cartstiff.many.evaluated import Evaluated
 from cartstiff.many.platform_arithmetic import PlatformCase, platform_arrays
 from cartstiff.many.reading_arithmetic import Readings, read
 from cartstiff.many.tape import Program, Tape, larger
@@ -28,20 +28,17 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.flexure_struts import FlexureStruts
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.loads import DeadForce
 from cartstiff.potentials.springs import CoupledSprings, JointSprings, SpringLaw
+from cartstiff.stiffness.settled_links import settled_coordinates
 
 Case = ChainCase | PlatformCase
-#: The output that stands for steps towards closure.
-CLOSING = ("next", "left")
-
-#: Postures whose struts are condensed at once: their matrices fit into the caches.
-_STACKED = 64
-#: Unsymmetric derivatives beyond this share of their largest entry are not those of an energy.
-_UNSYMMETRIC = numerics.ROUNDING
+#: The outputs that stand for steps towards closure, and towards rest of links under a load.
+CLOSING, SETTLING = ("next", "left"), ("settled", "moved", "load")
 
 
 @dataclass(frozen=True)
@@ -56,71 +53,14 @@ class BoundCase:
         Inputs that are the same for all postures.
     regular : str
         State of the postures that the program deals with.
-    loose : tuple of Potential
-        Potentials that are evaluated posture by posture.
-    laws : dict of int to SpringLaw
-        Nonlinear joint springs.
-    struts : FlexureStruts, optional
-        A platform's, condensed in stacks.
+    beside : Evaluated
+        Energies whose derivatives the program takes as inputs.
     """
 
     case: Case
     shared: dict[str, Array]
     regular: str
-    elastic: ElasticMechanism
-    loose: tuple[Potential, ...] = ()
-    laws: Mapping[int, SpringLaw] = field(default_factory=dict)
-    struts: FlexureStruts | None = None
-
-    def derivatives(self, q: Array) -> tuple[dict[str, Array], Array]:
-        """Energies, gradients, Hessians of loose potentials and laws; verdicts on the postures."""
-        N, n = q.shape
-        energies, gradients = np.zeros((N, 1)), np.zeros((N, n))
-        hessians, verdicts = np.zeros((N, n, n)), np.full(N, PLAIN)
-        if self.struts is not None:
-            self._add_struts(self.struts, q, energies, gradients, hessians, verdicts)
-        for j, law in self.laws.items():
-            rest = float(self.shared["rest"][0, j])
-            for i, x in enumerate((q[:, j] - rest).tolist()):
-                energy, torque, stiffness = law.at(x)
-                energies[i] += energy
-                gradients[i, j] += torque
-                hessians[i, j, j] += stiffness
-        if self.loose:
-            for i in range(N):
-                posture = self.elastic.mechanism.at(q[i])
-                for potential in self.loose:
-                    try:
-                        terms = potential.evaluate(posture)
-                    except (ArithmeticError, ValueError, RuntimeError):
-                        verdicts[i] = ENGINE
-                        break
-                    energies[i] += terms.energy
-                    gradients[i] += terms.gradient
-                    hessians[i] += terms.hessian
-                H = hessians[i]
-                if np.abs(H - H.T).max() > _UNSYMMETRIC * np.abs(H).max():
-                    verdicts[i] = ENGINE
-        arrays = {
-            "energies": energies, "gradients": gradients, "hessians": hessians.reshape(N, n * n),
-        }  # fmt: skip
-        return arrays, verdicts
-
-    def _add_struts(
-        self, struts: FlexureStruts, q: Array, energies: Array, gradients: Array, hessians: Array,
-        verdicts: Array,
-    ) -> None:  # fmt: skip
-        T_P_M = np.reshape(getattr(self.case, "T_P_M"), (4, 4))  # noqa: B009 - a platform's
-        poses = se3.from_roll_pitch_yaw(q[:, :3], q[:, 3:]) @ T_P_M
-        for start in range(0, len(q), _STACKED):
-            own = slice(start, start + _STACKED)
-            balanced = struts.many(poses[own])
-            energies[own, 0] += balanced.energy.sum(axis=1)
-            gradients[own] += balanced.wrench.sum(axis=1)
-            hessians[own] += balanced.stiffness.sum(axis=1)
-            verdicts[own] = np.where(
-                (balanced.is_found & balanced.is_stable).all(axis=1), PLAIN, ENGINE
-            )
+    beside: Evaluated
 
     @property
     def is_closed(self) -> bool:
@@ -128,9 +68,14 @@ class BoundCase:
         return isinstance(self.case, ClosedCase)
 
     @property
+    def settles(self) -> bool:
+        """Whether links are deflected first by the load."""
+        return isinstance(self.case, ChainCase) and bool(self.case.settled)
+
+    @property
     def has_derivatives(self) -> bool:
-        """Whether some of the energy is evaluated posture by posture."""
-        return bool(self.loose or self.laws or self.struts)
+        """Whether some of the energy is evaluated beside the program."""
+        return bool(self.beside)
 
 
 @lru_cache(maxsize=64)
@@ -143,6 +88,8 @@ def program_for(case: Case, outputs: tuple[str, ...], readings: Readings | None 
     tape = Tape()
     if isinstance(case, ClosedCase) and outputs == CLOSING:
         return tape.program(closing_arrays(tape, case), [])
+    if isinstance(case, ChainCase) and outputs == SETTLING:
+        return tape.program(settling_arrays(tape, case), shared_inputs(case.wrench))
     needed = outputs if readings is None else (*outputs, *readings.needs)
     if isinstance(case, ClosedCase):
         arrays = closed_arrays(tape, case, needed)
@@ -221,7 +168,7 @@ def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> BoundCa
         laws = springs.laws
         if any(chosen[j] for j in laws):
             return "the rest position of a nonlinear spring is found posture by posture"
-        if wrench != "none" and springs.is_passive.any():
+        if wrench != "none" and springs.is_passive.any() and not chain.virtual:
             return "whether joints without a spring feel the wrench is seen posture by posture"
         shared, laws = _spring_values(springs)
         is_open = tuple(chosen.tolist())
@@ -229,14 +176,9 @@ def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> BoundCa
         return "line springs of a chain have no arithmetic of their own"
     if elastic.gravity is not None and len(constants.screws) < 6 * chain.tree.model.nv:
         return "bodies beside the way to the frame have weight"
-    case, loose = ChainCase(constants, is_open, wrench), list[Potential]()
-    for potential in elastic.potentials:
-        if type(potential) is CoupledSprings:
-            indices = tuple(int(i) for i in potential.indices)
-            case = replace(case, coupled=(*case.coupled, (indices, numbers(potential.matrix))))
-        else:
-            loose.append(potential)
-    return _with_fields(elastic, chain, case, loose, shared, laws, n)
+    settled = settled_coordinates(elastic).tolist() if wrench != "none" else []
+    case = ChainCase(constants, is_open, wrench, settled=tuple(settled))
+    return _with_fields(elastic, chain, case, elastic.potentials, shared, laws, n)
 
 
 def _closed_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> BoundCase | str:
@@ -265,7 +207,7 @@ def _with_fields(
     shared: dict[str, Array], laws: Mapping[int, SpringLaw], freedoms: int,
 ) -> BoundCase:  # fmt: skip
     """The plan of a chain on which gravity and forces act, and what is evaluated beside it."""
-    fields, forces, loose = [], [], []
+    fields, forces, loose, beams = [], [], [], list[Beam]()
     joints = len(case.constants.screws) // 6
     if elastic.gravity is not None:
         masses, centres = chain.tree.masses()
@@ -279,14 +221,21 @@ def _with_fields(
             weights[at.joint - 1], points[at.joint - 1] = 1.0, point
             fields.append(ForceField(numbers(weights), tuple(map(numbers, points))))
             forces.append(potential.force)
+        elif type(potential) is CoupledSprings:
+            indices = tuple(int(i) for i in potential.indices)
+            case = replace(case, coupled=(*case.coupled, (indices, numbers(potential.matrix))))
+        elif isinstance(potential, Beam):
+            beams.append(potential)
         else:
             loose.append(potential)
     if forces:
         shared["forces"] = np.concatenate(forces)[None]
-    if fields or loose or laws:
-        case = replace(case, fields=tuple(fields), derivatives=bool(loose or laws))
-    regular = "deficient" if freedoms < 6 else "regular"
-    return BoundCase(case, shared, regular, elastic, tuple(loose), laws)
+    rest = shared["rest"][0]
+    beside = Evaluated(chain, tuple(loose), laws, rest, tuple(beams))
+    if fields or beside:
+        case = replace(case, fields=tuple(fields), derivatives=beside.is_dense,
+                       segments=beside.segments)  # fmt: skip
+    return BoundCase(case, shared, "deficient" if freedoms < 6 else "regular", beside)
 
 
 def _platform_plan(elastic: ElasticMechanism, platform: Platform, wrench: str) -> BoundCase | str:
@@ -331,7 +280,7 @@ def _platform_plan(elastic: ElasticMechanism, platform: Platform, wrench: str) -
         shared |= {"anchors": platform.anchors.reshape(1, -1),
                    "points": platform.points.reshape(1, -1),
                    "length": np.array([[float(platform.length)]])}  # fmt: skip
-    return BoundCase(case, shared, "regular", elastic, tuple(loose))
+    return BoundCase(case, shared, "regular", Evaluated(platform, tuple(loose)))
 
 
 def _forces(
@@ -360,9 +309,8 @@ def _strut_plan(
     if (struts.frame_a, struts.frame_b) != ("world", "body"):
         return "the struts are not the platform's own"
     forces, points, loose = _forces(elastic, platform)
-    if wrench != "none" or (not struts.is_complete and (forces or loose)):
-        return "rest lengths of struts under a load are found posture by posture"
     m = len(struts.stiffness)
+    # The wrench is known to the struts' rest lengths; to the program it is what they exert.
     case = PlatformCase(
         numbers(platform.anchors), numbers(platform.points), numbers(platform.T_P_M),
         float(platform.length), points_of_forces=tuple(points), derivatives=True,
@@ -370,4 +318,8 @@ def _strut_plan(
     shared = {"stiffness": np.zeros((1, m)), "rest": np.zeros((1, m))}
     if forces:
         shared["forces"] = np.concatenate(forces)[None]
-    return BoundCase(case, shared, "regular", elastic, tuple(loose), struts=struts)
+    beside = Evaluated(
+        platform, tuple(loose), struts=struts, forces=tuple(forces),
+        points=tuple(map(np.array, points)), is_loaded=wrench != "none",
+    )  # fmt: skip
+    return BoundCase(case, shared, "regular", beside)

@@ -35,7 +35,7 @@ from cartstiff.many.arguments import (
     without_digits,
 )
 from cartstiff.many.arithmetic import ENGINE, UNBALANCED
-from cartstiff.many.kernels import ASKED, BACKENDS, WORTH_RECORDING, Backend, chosen, run
+from cartstiff.many.kernels import ASKED, BACKENDS, WORTH_RECORDING, Backend, bent, chosen, run
 from cartstiff.many.one_by_one import REGULAR, fill
 from cartstiff.many.portable import PortableKernel
 from cartstiff.many.singular import lost_ranks
@@ -43,7 +43,9 @@ from cartstiff.many.work import BY_ENGINE, timed
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind, checked_load, wrench_in_body
 from cartstiff.stiffness.labelled import AXES, with_labels
+from cartstiff.stiffness.settled_links import settled_coordinates
 
+_HERE = np.eye(4)[None]
 #: State of postures that nobody has looked at one by one.
 UNDECIDED = "undecided"
 
@@ -55,7 +57,7 @@ class Postures:
     Attributes
     ----------
     q : ndarray (N, n)
-        Coordinates; those of a closed chain as assembled.
+        Coordinates; those of a closed chain as assembled, of links that give as a load bends them.
     arrays : dict of str to ndarray, shape (N, ...)
         What was asked for, by name.
     state : ndarray of uint8 (N,)
@@ -252,7 +254,7 @@ def analyse_many(
     codes = [REGULAR]
     known = recorded(names)
     taken, kernel, reason = chosen(elastic, each, known, path, len(coordinates))
-    if _is_assembled(elastic):
+    if _is_moved(elastic, loads):
         coordinates = coordinates.copy()
     if taken is None:
         everything = np.arange(len(state))
@@ -290,8 +292,11 @@ def analyse_many(
         state[lost_rank] = _index(codes, lost_state)
     if len(unbalanced):
         state[unbalanced] = _index(codes, "unbalanced")
+        unknown: tuple[str, ...] = ("wrench", "stiffness", "compliance")
+        if taken.beside.struts is not None:  # what is not found has no energy either
+            unknown += ("energy", "jacobian")
         for name in names:
-            if name.startswith(("wrench", "stiffness", "compliance")):
+            if name.startswith(unknown):
                 arrays[name][unbalanced] = np.nan
     if one_by_one is not None and len(doubtful) > one_by_one:
         left = np.ones(len(doubtful), bool)
@@ -310,12 +315,20 @@ def loads_in_body(
     axes: Literal["body", "world"], path: Backend, threads: int | None = None,
     chunk: int | None = None,
 ) -> Array:  # fmt: skip
-    """Wrenches about M's origin in the axes of M, from one (6,) or one a posture as given."""
+    """Wrenches about M's origin in the axes of M, from one (6,) or one a posture as given.
+
+    Coordinates of links that give are replaced by those where they carry loads along the axes of F;
+    where that is not found, the wrench is NaN.
+    """
     if axes == "body" and not any(kind.at):
         return loads
-    posed = np.broadcast_to(np.eye(4), (1, 4, 4)) if axes == "body" else analyse_many(
-        elastic, q, wrench=np.zeros(6), outputs=("pose",), threads=threads, path=path, chunk=chunk,
-    )["pose"]  # fmt: skip
+    if axes == "body":
+        return wrench_in_body(loads, _HERE, kind.at, axes).reshape(loads.shape)
+    if settled_coordinates(elastic).size:  # links that give turn M
+        q[...], found = bent(elastic, q, loads, kind.at, path, threads or 1)
+        return found
+    posed = analyse_many(elastic, q, wrench=np.zeros(6), outputs=("pose",), threads=threads,
+                         path=path, chunk=chunk)["pose"]  # fmt: skip
     return wrench_in_body(loads, posed, kind.at, axes).reshape(loads.shape)
 
 
@@ -348,8 +361,10 @@ def _under_load_again(
     return which[state != ENGINE]
 
 
-def _is_assembled(elastic: ElasticMechanism) -> bool:
-    return bool(getattr(elastic.mechanism, "closures", ()))
+def _is_moved(elastic: ElasticMechanism, loads: Array | None) -> bool:
+    """Whether coordinates are changed: by closing the chain, or by links that bend."""
+    bends = loads is not None and bool(settled_coordinates(elastic).size)
+    return bends or bool(getattr(elastic.mechanism, "closures", ()))
 
 
 def _by_engine(
@@ -358,14 +373,14 @@ def _by_engine(
     axes: Literal["body", "world"], reason: str = "",
 ) -> None:  # fmt: skip
     """Fill some postures one by one; `q` takes the coordinates of assembled chains."""
-    assembled = _is_assembled(elastic)
+    is_moved = _is_moved(elastic, loads)
     way = BY_ENGINE if reason in ("", ASKED) else f"{BY_ENGINE} ({reason})"
     with timed(way, len(which)):
         for i in which.tolist():
             load = loads if loads is None or loads.ndim == 1 else loads[i]
             rows = {name: array[i : i + 1] for name, array in arrays.items()}
             code, closed = fill(elastic, q[i], load, rows, kind, axes)
-            if assembled:
+            if is_moved:
                 q[i] = closed
             state[i] = _index(codes, code)
 

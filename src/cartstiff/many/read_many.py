@@ -87,6 +87,7 @@ class Reader:
         if not isinstance(self._plan, BoundCase):
             raise TypeError(self._plan)
         count = len(q)
+        q = q.copy() if self._plan.is_closed or self._plan.settles else q
         loads = self._wrench
         if loads is not None:
             if self._axes == "world":
@@ -99,7 +100,6 @@ class Reader:
             "pose": aligned_empty(count, 4, 4),
         }
         verdicts = np.zeros(count, np.uint8)
-        q = q.copy() if self._plan.is_closed else q
         run(self._plan, self._kernel, q, loads, arrays, verdicts, 1, None)
         return Values(_finished(arrays["readings"], self.readings), arrays["pose"], verdicts == 0)
 

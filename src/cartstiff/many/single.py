@@ -338,6 +338,7 @@ class _Asked:
             isinstance(chosen, str)
             or chosen.regular != "regular"
             or chosen.has_derivatives
+            or chosen.settles
             or not _is_plain(elastic, loaded, chosen)
         ):
             return

@@ -40,7 +40,7 @@ def lost_ranks(
         Some of `which`; of the latter nothing but pose, Jacobian and energy is filled.
     """
     case = taken.case
-    if type(case) is not ChainCase:
+    if type(case) is not ChainCase or case.settled:
         return "", which[:0], which[:0]
     n = len(case.constants.is_length)
     state = "deficient" if n < 6 else "serial-singularity"

@@ -222,6 +222,14 @@ class Number:
             return self * (1.0 / other)
         return self.tape.record("div", self, other)
 
+    def sin(self) -> Number | float:
+        """Sine, by the name that functions of arrays call."""
+        return self.tape.record("sin", self)
+
+    def cos(self) -> Number | float:
+        """Cosine, likewise."""
+        return self.tape.record("cos", self)
+
     def __rtruediv__(self, other: float) -> Number | float:
         return 0.0 if other == 0 else self.tape.record("div", other, self)
 

@@ -237,6 +237,8 @@ class RandomPostures(Sampling):
     ) -> RandomPostures:
         """Between the mechanism's limits, or within a turn where an angle has none.
 
+        Virtual joints of links that give stay where `elastic` has them: a load bends them.
+
         Parameters
         ----------
         elastic : ElasticMechanism
@@ -255,8 +257,10 @@ class RandomPostures(Sampling):
         for name in ranges or {}:
             if name not in elastic.names:
                 raise UnknownNameError("coordinate", name, elastic.names)
-        for c in elastic.mechanism.coordinates:
-            low, high = (ranges or {}).get(c.name, (c.lower, c.upper))
+        virtual = getattr(elastic.mechanism, "virtual", ())
+        for j, c in enumerate(elastic.mechanism.coordinates):
+            own = (elastic.q[j], elastic.q[j]) if j in virtual else (c.lower, c.upper)
+            low, high = (ranges or {}).get(c.name, own)
             if not c.is_length:
                 low, high = max(low, -np.pi) if np.isinf(low) else low, high
                 high = min(high, np.pi) if np.isinf(high) else high

@@ -70,7 +70,7 @@ def tapes(elastic: ElasticMechanism, result: PostureStiffness) -> Tapes | str:
         chosen = plan(elastic, wrench)
         if isinstance(chosen, str):
             return chosen
-        if chosen.has_derivatives:
+        if chosen.has_derivatives or chosen.settles:
             return "some of its potentials are evaluated posture by posture"
         if chosen.regular != "regular":
             return "it has fewer than six freedoms"

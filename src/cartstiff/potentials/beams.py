@@ -19,7 +19,7 @@ ends, and the axial force, the end moments and the tangent stiffness are its der
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import pi
@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.geometry.jets import variables
+from cartstiff.geometry.jets import Jet, variables
 from cartstiff.geometry.se3 import Array, read_only
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation, Posture, Potential
@@ -41,7 +41,7 @@ from cartstiff.potentials.segment_shapes import (
 
 # Below this |x| the series of z(x) is exact to rounding with the terms kept (it converges up to
 # 4 pi^2); above it the closed forms, and their derivatives by recursion, lose hardly a digit.
-_SERIES = 4.0
+SERIES = 4.0
 _TERMS = 20
 # Share of its clamped buckling load (under tension: of the shear stiffness) up to which a segment
 # follows its axial force; beyond it the force stays, as that of a buckled bar does. Forces nearer
@@ -68,12 +68,16 @@ def stability_functions(x: Array) -> tuple[Array, Array, Array]:
     """z(x) = (m coth m - 1) / x with 4 m^2 = x, and its first two derivatives.
 
     x = N h^2 / EI is positive under tension, and above -4 pi^2, where a clamped segment buckles.
+    Of numbers that are recorded (an array of objects) only the series is: up to `SERIES`.
     """
-    small = np.abs(x) < _SERIES
+    if x.dtype == object:
+        z, z1, z2 = power_series(_Z, x)
+        return z, z1, z2
+    small = np.abs(x) < SERIES
     z, z1, z2 = power_series(_Z, np.where(small, x, 0.0))
     if small.all():
         return z, z1, z2
-    far = np.where(small, _SERIES, x)
+    far = np.where(small, SERIES, x)
     m = 0.5 * np.sqrt(np.abs(far))
     # (m / sinh m)^2, which is nothing long before its parts overflow.
     r = np.where(far > 0, m / np.sinh(np.minimum(m, 300.0)), m / np.sin(m)) ** 2
@@ -222,7 +226,7 @@ class Beam(Potential):
         return -float(limits.min())
 
     @cached_property
-    def _bounds(self) -> tuple[float, float]:
+    def bounds(self) -> tuple[float, float]:
         """Axial forces between which a segment is followed."""
         return _FLOOR * self._lowest, _FLOOR * min(self.section.shear)
 
@@ -242,6 +246,21 @@ class Beam(Potential):
         return segments
 
     def _evaluated(self, x: Array) -> _Segments:
+        phi, stretch, turns = shapes = self.shapes(x)
+        N, *rotational = self._axial_force(stretch.value, turns.value)
+        # Along the equation of N, which is at its maximum unless it stands at a bound.
+        low, high = self.bounds
+        at_bound = ((1 - _NEAR) * low >= N) | ((1 - _NEAR) * high <= N)
+        terms = self.terms(shapes, N, rotational, np.where(at_bound, 0.0, 1.0))
+        bent = np.maximum(np.abs(phi.value), np.abs(turns.value).max(axis=-1))
+        return _Segments(*terms, N, bent)
+
+    def segments(self, x: Array) -> tuple[Array, Array, Array]:
+        """Energies (m,), gradients (m, 6), Hessians (m, 6, 6) of segments at coordinates (m, 6)."""
+        return self._evaluated(x)[:3]
+
+    def shapes(self, x: Array) -> tuple[Jet, Jet, Jet]:
+        """Twist (m,), elongation (m,), turns (m, 4) of segments at coordinates x (m, 6)."""
         h = self.length
         f = np.array(self.section.bending) / (np.array(self.section.shear) * h * h)
         ratios = f / (1 / 12 + f)
@@ -249,33 +268,37 @@ class Beam(Potential):
         stretch = variables(x)[2]
         if ratios.any():
             stretch, turns = sheared(stretch, turns, h, ratios)
+        return phi, stretch, turns
+
+    def terms(
+        self, shapes: tuple[Jet, Jet, Jet], N: Array, rotational: Sequence[Array], follows: Array
+    ) -> tuple[Array, Array, Array]:
+        """Energies (m,), gradients (m, 6) and Hessians (m, 6, 6) under axial forces N (m,).
+
+        From `shapes`, `rotational` at N, and where (1, else 0) N follows the elongation.
+        """
+        (phi, stretch, turns), (s, s1, s2), h = shapes, rotational, self.length
         u, theta = stretch.value, turns.value
-        N, s, s1, s2 = self._axial_force(u, theta)
         squares = theta * theta
         torsion = self.section.torsion / h
         energy = N * u - N * N * h / (2 * self.section.axial) + (s * squares).sum(axis=-1)
-        energy += 0.5 * torsion * phi.value**2
+        energy = energy + 0.5 * torsion * (phi.value * phi.value)
         gradient = torsion * phi.value[:, None] * phi.gradient
         hessian = torsion * (
             phi.gradient[:, :, None] * phi.gradient[:, None, :]
             + phi.value[:, None, None] * phi.hessian
         )
         mixed = stretch.gradient.copy()  # d^2 U / dN dx
-        gradient += N[:, None] * stretch.gradient
-        hessian += N[:, None, None] * stretch.hessian
+        gradient = gradient + N[:, None] * stretch.gradient
+        hessian = hessian + N[:, None, None] * stretch.hessian
         G, moments = turns.gradient, 2 * s * theta
-        gradient += (moments[:, None] @ G)[:, 0]
-        mixed += ((2 * s1 * theta)[:, None] @ G)[:, 0]
-        hessian += np.einsum("mk,mkab->mab", moments, turns.hessian)
-        hessian += G.swapaxes(1, 2) @ ((2 * s)[:, :, None] * G)
-        # Along the equation of N, which is at its maximum unless it stands at a bound.
-        softness = h / self.section.axial - (s2 * squares).sum(axis=-1)
-        low, high = self._bounds
-        at_bound = ((1 - _NEAR) * low >= N) | ((1 - _NEAR) * high <= N)
-        answers = np.where(at_bound, 0.0, 1 / softness)
-        hessian += answers[:, None, None] * mixed[:, :, None] * mixed[:, None, :]
-        bent = np.maximum(np.abs(phi.value), np.abs(theta).max(axis=-1))
-        return _Segments(energy, gradient, hessian, N, bent)
+        gradient = gradient + (moments[:, None] @ G)[:, 0]
+        mixed = mixed + ((2 * s1 * theta)[:, None] @ G)[:, 0]
+        hessian = hessian + np.einsum("mk,mkab->mab", moments, turns.hessian)
+        hessian = hessian + G.swapaxes(1, 2) @ ((2 * s)[:, :, None] * G)
+        answers = follows / (h / self.section.axial - (s2 * squares).sum(axis=-1))
+        hessian = hessian + answers[:, None, None] * mixed[:, :, None] * mixed[:, None, :]
+        return energy, gradient, hessian
 
     def _axial_force(self, u: Array, theta: Array) -> tuple[Array, Array, Array, Array]:
         """Tension at which elongation and bowing make up u, by Newton's method in a bracket.
@@ -283,10 +306,10 @@ class Beam(Potential):
         And there s (m, 4) with its first two derivatives by N.
         """
         squares, softness = theta * theta, self.length / self.section.axial
-        low, high = (np.full(u.shape, bound) for bound in self._bounds)
+        low, high = (np.full(u.shape, bound) for bound in self.bounds)
         N = np.zeros(u.shape)
         for _ in range(_STEPS):
-            s, s1, s2 = self._rotational(N)
+            s, s1, s2 = self.rotational(N)
             missing = u - N * softness + (s1 * squares).sum(axis=-1)
             low, high = np.where(missing > 0, N, low), np.where(missing < 0, N, high)
             step = missing / (softness - (s2 * squares).sum(axis=-1))
@@ -299,7 +322,7 @@ class Beam(Potential):
             N = np.where(outside, middle, following)
         return N, s, s1, s2
 
-    def _rotational(self, N: Array) -> tuple[Array, Array, Array]:
+    def rotational(self, N: Array) -> tuple[Array, Array, Array]:
         """s_s about y and z, s_a about y and z (m, 4), and their first two derivatives by N."""
         h = self.length
         EI, GA = np.array(self.section.bending), np.array(self.section.shear)
@@ -321,13 +344,18 @@ class Beam(Potential):
         return s, s1, s2
 
 
+def alike(beams: Iterable[Beam]) -> Iterable[list[Beam]]:
+    """Beams in groups whose segments are the same."""
+    groups: dict[tuple[float, Section], list[Beam]] = {}
+    for beam in beams:
+        groups.setdefault((beam.length, beam.section), []).append(beam)
+    return groups.values()
+
+
 def evaluate_together(terms: Sequence[Potential], posture: Posture) -> list[Evaluation]:
     """Each potential at a posture; segments of beams that are alike in one go, as one costs."""
-    alike: dict[tuple[float, Section], list[Beam]] = {}
-    for term in terms:
-        if isinstance(term, Beam) and posture.q[term.indices].any():
-            alike.setdefault((term.length, term.section), []).append(term)
-    for beams in alike.values():
+    bent = (t for t in terms if isinstance(t, Beam) and posture.q[t.indices].any())
+    for beams in alike(bent):
         xs = [posture.q[beam.indices] for beam in beams]
         if len(beams) > 1 and any(
             x.tobytes() not in b._last for b, x in zip(beams, xs, strict=True)

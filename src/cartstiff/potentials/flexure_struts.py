@@ -272,15 +272,14 @@ class FlexureStruts(LineSprings):
                              "which they were made")  # fmt: skip
         return replace(self, rest_length=at.rest_length[0])
 
-    def many(self, T_a_b: Array) -> Struck:
-        """`at_poses` (N, 4, 4), with open rest lengths so that nothing is left to be held."""
-        free = np.isnan(self.rest_length)
+    def many(self, T_a_b: Array, gradients: Array, every: bool = False) -> Struck:
+        """`at_poses` (N, 4, 4), with open rest lengths, or all, at which they exert gradients."""
+        free = np.isnan(self.rest_length) | every
         rest = np.broadcast_to(self.rest_length, (len(T_a_b), len(free)))
         if not free.any():
             return self.at_poses(T_a_b, rest)
-        return self._balancing(
-            T_a_b, np.where(free, self._lengths(T_a_b), rest), np.zeros((len(T_a_b), 6)), free
-        )
+        start = np.where(np.isnan(rest), self._lengths(T_a_b), rest)
+        return self._balancing(T_a_b, start, gradients, free)
 
     def _balancing(self, T_a_b: Array, rest: Array, gradient: Array, free: Any) -> Struck:
         """`at_poses` with a gradient; found where the rest lengths alone lead to it, too.

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from cartstiff.geometry.jets import Jet, stacked, variables
+from cartstiff.geometry.jets import Jet, cosines_of, sines_of, stacked, variables
 from cartstiff.geometry.se3 import Array
 
 # Below this w, 0.6 rad, the series of asin(sqrt w) / sqrt(w (1 - w)) is exact to rounding.
-_SMALL_TURN = 0.09
+SMALL_TURN = 0.09
 _TURN_TERMS = np.cumprod([1.0, *((2 * k + 2) / (2 * k + 3) for k in range(18))])
 # Of the sine and cosine of a slant.
 _TERMS = 20
@@ -27,6 +27,11 @@ def with_derivatives(c: Array) -> Array:
 
 def power_series(coefficients: Array, x: Array) -> list[Array]:
     """The three power series at x."""
+    if x.dtype == object:  # numbers that are recorded have no powers
+        totals = [np.zeros(x.shape, object) for _ in range(3)]
+        for row in coefficients[::-1]:
+            totals = [total * x + c for total, c in zip(totals, row, strict=True)]
+        return totals
     values = x[..., None] ** np.arange(len(coefficients)) @ coefficients
     return [values[..., k] for k in range(3)]
 
@@ -107,13 +112,13 @@ def _swing(angles: Array) -> Jet:
     Angles (..., 2), found (..., 3) in these two variables.
     """
     both = stacked(variables(angles))
-    sine, cosine = np.sin(angles), np.cos(angles)
-    squares = both.apply(np.sin(0.5 * angles) ** 2, 0.5 * sine, 0.5 * cosine)
+    sine, cosine, half = sines_of(angles), cosines_of(angles), sines_of(0.5 * angles)
+    squares = both.apply(half * half, 0.5 * sine, 0.5 * cosine)
     p, q = squares[..., 0], squares[..., 1]
     w = p + q - 2 * (p * q)
     stretch = w.apply(*_turn(w.value))
-    sines, about_z = both.apply(sine, cosine, -sine), angles[..., 1]
-    cosine_z = both[..., 1].apply(np.cos(about_z), -sine[..., 1], -np.cos(about_z))
+    sines = both.apply(sine, cosine, -sine)
+    cosine_z = both[..., 1].apply(cosine[..., 1], -sine[..., 1], -cosine[..., 1])
     y = stretch * (sines[..., 0] * cosine_z)
     z = stretch * sines[..., 1]
     tangents = (0.5 * both).tan()
@@ -121,8 +126,14 @@ def _swing(angles: Array) -> Jet:
 
 
 def _turn(w: Array) -> tuple[Array, Array, Array]:
-    """Angle over sine of an angle, by w = sin^2 of its half, with two derivatives."""
-    small = w < _SMALL_TURN
+    """Angle over sine of an angle, by w = sin^2 of its half, with two derivatives.
+
+    Of numbers that are recorded only the series is: up to `SMALL_TURN`.
+    """
+    if w.dtype == object:
+        h, h1, h2 = power_series(_STRETCH, w)
+        return h, h1, h2
+    small = w < SMALL_TURN
     h, h1, h2 = power_series(_STRETCH, np.where(small, w, 0.0))
     if small.all():
         return h, h1, h2

@@ -9,6 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import pi
+from typing import Any
 
 import numpy as np
 
@@ -32,6 +33,10 @@ class SpringLaw(ABC):
     @abstractmethod
     def at(self, x: float) -> tuple[float, float, float]:
         """Energy, torque and tangent stiffness at deflection x."""
+
+    @abstractmethod
+    def many(self, x: Array) -> tuple[Array, Array, Array]:
+        """`at` at many deflections (N,)."""
 
     @abstractmethod
     def deflection_for(self, torque: float) -> float:
@@ -64,11 +69,18 @@ class PolynomialLaw(SpringLaw):
 
     def at(self, x: float) -> tuple[float, float, float]:
         """Energy, torque and tangent stiffness at deflection x."""
+        return self._sums(x)
+
+    def many(self, x: Array) -> tuple[Array, Array, Array]:
+        """`at` at many deflections (N,)."""
+        return self._sums(x)
+
+    def _sums(self, x: Any) -> tuple[Any, Any, Any]:
         energy = torque = stiffness = 0.0
         for power, c in enumerate(self.coefficients, start=1):
-            energy += c * x ** (power + 1) / (power + 1)
-            torque += c * x**power
-            stiffness += power * c * x ** (power - 1)
+            energy = energy + c * x ** (power + 1) / (power + 1)
+            torque = torque + c * x**power
+            stiffness = stiffness + power * c * x ** (power - 1)
         return energy, torque, stiffness
 
     def change_at_torque(self, power: int, x: float) -> float:
@@ -115,39 +127,54 @@ class TabulatedLaw(SpringLaw):
             raise InputError("deflections of a spring table must increase strictly", got=x.tolist())
 
     @cached_property
-    def _cubic(self) -> tuple[Array, Array, Array, Array]:
-        """Knots, values, slopes of the interpolant, and the energy at each knot from x = 0."""
+    def _cubic(self) -> tuple[Array, Array, Array]:
+        """Knots, values, slopes of the interpolant."""
         from scipy.interpolate import PchipInterpolator
 
         x, y = np.asarray(self.deflections, float), np.asarray(self.torques, float)
-        slopes = PchipInterpolator(x, y).derivative()(x)
+        return x, y, PchipInterpolator(x, y).derivative()(x)
+
+    @cached_property
+    def _pieces(self) -> Array:
+        """Of each piece, the straight ones at both ends included, a row.
+
+        The knot that it is counted from, the energy (from the first point), torque and slope there,
+        and the next two coefficients of the torque.
+        """
+        x, y, slopes = self._cubic
         h = np.diff(x)
-        pieces = h * (y[1:] + y[:-1]) / 2 + h * h * (slopes[:-1] - slopes[1:]) / 12
-        return x, y, slopes, np.concatenate([[0.0], np.cumsum(pieces)])
+        energies = h * (y[1:] + y[:-1]) / 2 + h * h * (slopes[:-1] - slopes[1:]) / 12
+        secants = np.diff(y) / h
+        rows = np.zeros((len(x) + 1, 6))
+        rows[1:, 0], rows[2:, 1] = x, np.cumsum(energies)
+        rows[1:, 2], rows[1:, 3] = y, slopes
+        rows[1:-1, 4] = (3 * secants - 2 * slopes[:-1] - slopes[1:]) / h
+        rows[1:-1, 5] = (slopes[:-1] + slopes[1:] - 2 * secants) / (h * h)
+        rows[0, 0], rows[0, 2:4] = x[0], (y[0], slopes[0])
+        return rows
 
     def at(self, x: float) -> tuple[float, float, float]:
         """Energy (zero at the first point), torque and tangent stiffness at deflection x."""
-        knots, y, slopes, energies = self._cubic
-        if x <= knots[0] or x >= knots[-1]:
-            end = 0 if x <= knots[0] else -1
-            d = x - knots[end]
-            energy = energies[end] + y[end] * d + slopes[end] * d * d / 2
-            return float(energy), float(y[end] + slopes[end] * d), float(slopes[end])
-        i = int(np.searchsorted(knots, x, side="right")) - 1
-        h = knots[i + 1] - knots[i]
-        t = (x - knots[i]) / h
-        secant = (y[i + 1] - y[i]) / h
-        c2 = 3 * secant - 2 * slopes[i] - slopes[i + 1]
-        c3 = slopes[i] + slopes[i + 1] - 2 * secant
-        d = t * h
-        torque = y[i] + d * (slopes[i] + t * (c2 + t * c3))
-        stiffness = slopes[i] + t * (2 * c2 + 3 * t * c3)
-        energy = energies[i] + d * (y[i] + d * (slopes[i] / 2 + t * (c2 / 3 + t * c3 / 4)))
-        return float(energy), float(torque), float(stiffness)
+        row = self._pieces[int(np.searchsorted(self._cubic[0], x, side="right"))]
+        return self._on(row.tolist(), x)
+
+    def many(self, x: Array) -> tuple[Array, Array, Array]:
+        """`at` at many deflections (N,)."""
+        return self._on(self._pieces[np.searchsorted(self._cubic[0], x, side="right")].T, x)
+
+    @staticmethod
+    def _on(piece: Any, x: Any) -> tuple[Any, Any, Any]:
+        knot, energy, torque, slope, second, third = piece
+        d = x - knot
+        return (
+            energy + d * (torque + d * (slope / 2 + d * (second / 3 + d * (third / 4)))),
+            torque + d * (slope + d * (second + d * third)),
+            slope + d * (2 * second + 3 * d * third),
+        )
 
     def deflection_for(self, torque: float) -> float:
         """Deflection by bisection on the monotone branch that brackets the torque."""
-        knots, y, slopes, _ = self._cubic
+        knots, y, slopes = self._cubic
         for end, outward in ((0, -1.0), (-1, 1.0)):
             beyond = (torque - y[end]) * outward
             if slopes[end] != 0 and beyond / slopes[end] > 0 and self._outside(torque, y):

@@ -204,7 +204,7 @@ class Margins:
         for rows in np.array_split(
             np.flatnonzero((others >= 0.0).all(axis=1)), len(poses) // 500 + 1
         ):
-            at = struts.many(poses[rows])
+            at = struts.many(poses[rows], np.zeros((len(poses[rows]), 6)))
             stands = (at.is_found & at.is_stable).all(axis=1)
             standing[rows, 0] = np.where(stands, 1.0, -1.0)
         return standing

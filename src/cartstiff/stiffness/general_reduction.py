@@ -99,9 +99,11 @@ def reduce_any(
 
     # Balance: a self-motion must feel no torque, whatever wrench acts on the output.
     felt = np.abs(Z.T @ g)
-    if felt.size and np.any(
-        felt > np.abs(Z.T) @ (numerics.BALANCE * np.abs(g) + numerics.ROUNDING * stiff)
-    ):
+    # What of Z is less than `RANK` may be missing, and with it the forces there.
+    unseen = numerics.RANK * float(np.abs(g).sum())
+    most = np.abs(Z.T) @ (numerics.BALANCE * np.abs(g) + numerics.ROUNDING * stiff)
+    most += np.abs(Z).max(axis=0, initial=0.0) * unseen
+    if felt.size and np.any(felt > most):
         torque = along @ (along.T @ g) / columns
         states.append(
             Note(

@@ -17,9 +17,25 @@ from cartstiff.potentials.beams import evaluate_together
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.stiffness.applied_load import LoadKind
 
-_STEPS = 60
-# Natural units: the largest step taken at once, and the one that ends the search.
-_CAP, _STILL = 0.2, numerics.SHARP
+#: Steps after which the search is given up.
+STEPS = 60
+#: Natural units: the largest step taken at once, and the one that ends the search. One that is
+#: somewhat longer in the last step of all is rounding.
+LONGEST, LAST, ROUNDED = 0.2, numerics.SHARP, 1e3 * numerics.SHARP
+
+
+def settled_coordinates(elastic: ElasticMechanism) -> Array:
+    """Coordinates (k,) that come to rest under a wrench: those without springs of their own.
+
+    None where no link gives, or where nothing says what moves the mechanism.
+    """
+    chain, springs = elastic.mechanism, elastic.springs
+    if not isinstance(chain, Chain) or not chain.virtual or not isinstance(springs, JointSprings):
+        return np.zeros(0, int)
+    free = np.flatnonzero(springs.is_passive)
+    if chain.closures and chain.actuated is None and free.size == chain.tree.n:
+        return np.zeros(0, int)
+    return free
 
 
 def settled(
@@ -40,17 +56,14 @@ def settled(
     ConvergenceError
         If they find no rest: the load is beyond what the links carry.
     """
-    chain, springs = elastic.mechanism, elastic.springs
-    if not isinstance(chain, Chain) or not chain.virtual or not isinstance(springs, JointSprings):
+    free = settled_coordinates(elastic)
+    if not free.size:
         return posture
     # Components are given at the posture that is sought: they stay what they are in their axes.
     kind = LoadKind("dead" if axes == "world" else "follower", tuple(at))  # type: ignore[arg-type]
     load = kind.acting(wrench, posture.pose, axes)
-    free = np.flatnonzero(springs.is_passive)
-    if chain.closures and chain.actuated is None and free.size == chain.tree.n:
-        return posture
     lam = np.zeros(0)
-    for _ in range(_STEPS):
+    for _ in range(STEPS):
         parts = evaluate_together((*elastic.terms(springs=False), load), posture)
         sizes = posture.coordinate_lengths
         gradient = sum(p.gradient for p in parts) * sizes
@@ -71,14 +84,14 @@ def settled(
         if not np.isfinite(largest):
             break
         move = np.zeros(sizes.size)
-        move[free] = step * sizes[free] * min(1.0, _CAP / max(largest, _STILL))
-        posture = chain.at(posture.q + move)
-        if largest <= _STILL:  # a step that small is a force still, where a link is stiff
+        move[free] = step * sizes[free] * min(1.0, LONGEST / max(largest, LAST))
+        posture = elastic.mechanism.at(posture.q + move)
+        if largest <= LAST:  # a step that small is a force still, where a link is stiff
             return posture
-    if largest <= 1e3 * _STILL:
+    if largest <= ROUNDED:
         return posture
     raise ConvergenceError(
         "the links find no rest under this load, which may be beyond what they carry",
-        iterations=_STEPS,
+        iterations=STEPS,
         residual=largest,
     )

@@ -41,7 +41,7 @@ sampling_options = option_group(
     ),
     click.option(
         "--random", type=click.IntRange(1, _MOST), metavar="N",
-        help="N random postures within the limits of the joints.",
+        help="N random postures within the limits of the joints; links that give start unbent.",
     ),
     repeated_option(
         "--range", "ranges", type=Axes("NAME=LOW:HIGH"),

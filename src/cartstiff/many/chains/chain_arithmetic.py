@@ -293,7 +293,7 @@ def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
     elif chain.n == 6:
         W, K_B, K_F = _six(chain)
         stiffness = {**connections(K_B, W), "F": K_F}
-    elif chain.is_closed:
+    elif chain.is_closed or chain.case.settled:
         W, K_B = _through_compliance(chain)
         stiffness = connections(K_B, W)
     else:

@@ -50,6 +50,14 @@ class ChainCase:
         Springs over several coordinates.
     derivatives : bool
         Whether energy, gradient and Hessian of further potentials are given as arrays.
+    segments : tuple of tuples of int
+        Coordinates of segments of beams, whose derivatives are given segment by segment.
+    settled : tuple of int
+        Coordinates without springs of their own that are at rest under the wrench before
+        anything is asked: `settling` finds where.
+    along_f : tuple of 3 floats, optional
+        Point of M at which a dead load acts whose components are along the axes of F: `settling`
+        alone reads it, and finds the load in M.
     singular : bool
         Whether it is for postures that have lost rank: what needs no inverse of the Jacobian.
     """
@@ -60,6 +68,9 @@ class ChainCase:
     fields: tuple[ForceField, ...] = ()
     coupled: tuple[tuple[tuple[int, ...], tuple[float, ...]], ...] = ()
     derivatives: bool = False
+    segments: tuple[tuple[int, ...], ...] = ()
+    settled: tuple[int, ...] = ()
+    along_f: tuple[float, float, float] | None = None
     singular: bool = False
 
 
@@ -79,6 +90,11 @@ def _field_terms(
         for b in kinematics.outward[a]:
             hessian[a, b] = hessian[b, a] = -(across @ S[b])
     return energy, gradient, hessian
+
+
+def _lower(matrix: Array) -> Array:
+    """A symmetric matrix by its lower triangle."""
+    return np.where(np.tri(len(matrix), dtype=bool), matrix, matrix.T)
 
 
 def against(twist: Array, W: Array) -> Array:
@@ -143,11 +159,16 @@ class ChainNumbers:
         case, n = self.case, len(self.q)
         energy: Any = 0.0
         gradient, hessian = zeros(n), zeros(n, n)
-        if case.derivatives:
+        if case.derivatives or case.segments:
             energy = tape.input("energies", 0)
+        if case.derivatives:
             gradient = tape.vector("gradients", n)
-            hessian = tape.vector("hessians", n * n).reshape(n, n)
-            hessian = np.where(np.tri(n, dtype=bool), hessian, hessian.T)
+            hessian = _lower(tape.vector("hessians", n * n).reshape(n, n))
+        own = tape.vector("segment_gradients", 6 * len(case.segments)).reshape(-1, 6)
+        each = tape.vector("segment_hessians", 36 * len(case.segments)).reshape(-1, 6, 6)
+        for indices, g, H in zip(map(list, case.segments), own, each, strict=True):
+            gradient[indices] = gradient[indices] + g
+            hessian[np.ix_(indices, indices)] = hessian[np.ix_(indices, indices)] + _lower(H)
         forces = tape.vector("forces", 3 * len(case.fields)).reshape(-1, 3)
         for force, beyond in zip(forces, self.kinematics.beyond, strict=True):
             E, g, H = _field_terms(force, self.kinematics, beyond)
@@ -170,7 +191,7 @@ class ChainNumbers:
             stiffness = tape.vector("stiffness", n)
             rest = tape.vector("rest", n)
             wanted = zeros(n) if self.W is None else self.J.T @ self.W
-            for a in range(n):
+            for a in (a for a in range(n) if a not in case.settled):
                 hessian[a, a] = hessian[a, a] + stiffness[a]
                 if self.W is not None or case.open[a]:
                     torque = wanted[a] - gradient[a]

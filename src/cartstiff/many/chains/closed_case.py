@@ -17,6 +17,7 @@ from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.springs import CoupledSprings, JointSprings
+from cartstiff.stiffness.settled_links import settled_coordinates
 
 #: Postures that closures are looked at in, and how far from home they are sought (rad, or shares
 #: of the characteristic length).
@@ -149,22 +150,23 @@ def closed_case(
     if actuated is not None and not set(actuated) <= set(held):
         return "the actuated coordinates are not those that are held"
 
+    settled = settled_coordinates(elastic).tolist() if wrench != "none" else []
     still, others = list[tuple[tuple[int, ...], tuple[float, ...]]](), list[Potential]()
     for potential in elastic.potentials:
-        if isinstance(potential, Beam):
+        if settled:
+            others.append(potential)
+        elif isinstance(potential, Beam):
             blocks = zip(potential.indices, potential._straight, strict=True)
             still += [(tuple(map(int, at)), _flat(K)) for at, K in blocks]
         elif type(potential) is CoupledSprings:
             still.append((tuple(map(int, potential.indices)), _flat(potential.matrix)))
         else:
             others.append(potential)
-    if wrench != "none" and chain.virtual:
-        return "links that give are deflected by a wrench posture by posture"
     own = np.zeros(n, bool) if springs is None else ~springs.is_passive
     is_open = np.zeros(n, bool) if springs is None else springs.is_open(wrench != "none")
     if springs is not None and any(is_open[j] for j in springs.laws):
         return "the rest position of a nonlinear spring is found posture by posture"
-    springy = {*np.flatnonzero(own).tolist(), *(j for at, _ in still for j in at)}
+    springy = {*np.flatnonzero(own).tolist(), *(j for at, _ in still for j in at), *settled}
     if springy < set(held) and not others and elastic.gravity is None:
         return "coordinates that are held without a spring are judged posture by posture"
     acts = bool(others) or elastic.gravity is not None or bool((own & ~is_open).any())
@@ -173,6 +175,10 @@ def closed_case(
     independent = _independent(chain, closures, n - rank)
     if not is_open.any():
         balance = "given"
+    elif settled:
+        if not set(np.flatnonzero(is_open).tolist()) <= set(independent):
+            return "what springs carry beside links that give is found posture by posture"
+        balance = "chosen"
     elif set(np.flatnonzero(is_open).tolist()) == set(independent):
         balance = "chosen"
     elif wrench == "none" and not acts:
@@ -195,6 +201,7 @@ def closed_case(
         balance=balance,
         springs=tuple(np.flatnonzero(own).tolist()),
         still=tuple(still),
+        settled=tuple(settled),
         has_chart=actuated is not None and len(actuated) == 6 == n - rank,
         is_driven=actuated is not None and set(actuated) == set(independent),
     ), tuple(others)

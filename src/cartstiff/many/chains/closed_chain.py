@@ -101,7 +101,7 @@ class ClosedCase(ChainCase):
         return self, replace(self, held=(), shut=self.rows)
 
 
-class _ClosedChain(ChainNumbers):
+class ClosedChainNumbers(ChainNumbers):
     """One closed chain under one case; coordinates are those of the motions N."""
 
     is_closed = True
@@ -142,12 +142,12 @@ class _ClosedChain(ChainNumbers):
             kept.append(twists[list(rows)])
             others = set(range(0 if tie.is_weld else 3, 6)) - set(rows)
             left.append(twists[sorted(others)])
-        self._C, n = np.concatenate(kept), len(self.q)
+        self.C, n = np.concatenate(kept), len(self.q)
         sizes = np.array([case.length if d else 1.0 for d in constants.is_length])
         scale = np.concatenate(
             [[1.0 if i < 3 else 1.0 / case.length for i in rows] for rows in case.rows]
         )
-        scaled = self._C * scale[:, None] * sizes
+        scaled = self.C * scale[:, None] * sizes
         if case.independent:
             D, free = case.dependent, list(case.independent)
             # A vector in no particular direction tells how large the inverse is.
@@ -176,15 +176,15 @@ class _ClosedChain(ChainNumbers):
     def _multipliers(self, right: Array) -> Array:
         """Closure forces that balance generalised forces (n,) on what depends on others."""
         if all(is_zero(x) for x in right.flat):
-            return zeros(len(self._C))
+            return zeros(len(self.C))
         D = self.case.dependent
         if self.case.independent:
-            return solution(self._C[:, D].T, right[D, None])[:, 0]
+            return solution(self.C[:, D].T, right[D, None])[:, 0]
         Q, inverse_R, scale, sizes = self._solved
         return (inverse_R @ Q.apply_transposed(right * sizes)[: len(inverse_R)]) * scale
 
     def _turning(self, multipliers: Array) -> Array:
-        """``N^T (lam c'') N``."""
+        """``lam c''``."""
         n, start = len(self.q), 0
         S = zeros(n, n)
         for tie, (twists, rows) in zip(self.case.constants.ties, self._ties, strict=True):
@@ -195,7 +195,7 @@ class _ClosedChain(ChainNumbers):
                 continue
             way = [j for j, _ in self.case.constants.way(tie)]
             S[np.ix_(way, way)] = S[np.ix_(way, way)] + curvature_of(twists[:, way], force)
-        return congruence(self.N, S)
+        return S
 
     def _evaluate(self, tape: Tape) -> None:
         """Energy, gradient and Hessian of everything on the motions; springs are balanced."""
@@ -220,7 +220,9 @@ class _ClosedChain(ChainNumbers):
             wanted = -(self.N[settled].T @ gradient[settled])
             if self.W is not None:
                 wanted = wanted + self.J.T @ self.W
-            if chosen != list(case.independent):
+            if case.settled:  # what the other motions feel is nothing
+                wanted = wanted[[case.independent.index(a) for a in chosen]]
+            elif chosen != list(case.independent):
                 wanted = self._nearest(chosen, wanted)
             for a, torque in zip(chosen, wanted, strict=True):
                 own = torque - gradient[a]
@@ -228,7 +230,9 @@ class _ClosedChain(ChainNumbers):
                 gradient[a] = torque
         self.energy = energy
         self.gradient = self.N.T @ gradient
-        self.hessian = congruence(self.N, hessian) + self._turning(self._multipliers(-gradient))
+        self._of_joints = gradient, hessian
+        turning = self._turning(self._multipliers(-gradient))
+        self.hessian = congruence(self.N, hessian + turning)
 
     def _nearest(self, chosen: list[int], wanted: Array) -> Array:
         """The torques (c,) nearest to those of the wrench with ``N_c^T t = wanted``."""
@@ -247,13 +251,17 @@ class _ClosedChain(ChainNumbers):
         """The wrench where it is known beforehand."""
         return zeros(6) if self.W is None and self.case.balance != "given" else self.W
 
-    def curvature(self, W: Array) -> Array:
-        """S_W on the motions."""
-        if all(is_zero(w) for w in W):
-            return zeros(self.n, self.n)
-        way = self._way
+    def lagrangian(self, W: Array) -> Array:
+        """H_L on the motions: what the load turns and what the closures do meet before them."""
+        return self.hessian if all(map(is_zero, W)) else congruence(self.N, self.of_joints(W))
+
+    def of_joints(self, W: Array) -> Array:
+        """H_L in all coordinates."""
+        (gradient, hessian), way = self._of_joints, self._way
+        H = hessian + self._turning(self._multipliers(self.J_q.T @ W - gradient))
         S = curvature_of(self.kinematics.J[:, way], self.kinematics.from_body(W))
-        return congruence(self.N[way], S) - self._turning(self._multipliers(self.J_q.T @ W))
+        H[np.ix_(way, way)] = H[np.ix_(way, way)] - S
+        return H
 
     def inverse(self) -> Array:
         """J^-1 of six motions, and the verdict on it."""
@@ -317,5 +325,5 @@ def length_of(tree: TreeKinematics) -> Scalar:
 
 def closed_arrays(tape: Tape, case: ClosedCase, wanted: Collection[str]) -> dict[str, Array]:
     """What of the outputs exists, among it all that is wanted, and "verdict" on the posture."""
-    chain = _ClosedChain(tape, case)
+    chain = ClosedChainNumbers(tape, case)
     return {**arrays_of(chain, wanted), "jacobian": chain.J_q}

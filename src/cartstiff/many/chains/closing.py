@@ -54,7 +54,7 @@ def _series(x: Any, coefficients: list[float]) -> Any:
     return total
 
 
-def _weld(tree: TreeKinematics, tie: Tie) -> tuple[Array, Array, Scalar]:
+def weld_residual(tree: TreeKinematics, tie: Tie) -> tuple[Array, Array, Scalar]:
     """Residual (6,), its rates (6, joints), and the verdict."""
     (R_a, p_a), (R_b, p_b) = tree.placed(tie.joint_a, tie.T_a), tree.placed(tie.joint_b, tie.T_b)
     w, verdict = rotation_vector(R_b @ R_a.T)
@@ -88,7 +88,7 @@ def closing_arrays(tape: Tape, case: ClosedCase) -> dict[str, Array]:
     residuals, every, rates = list[Array](), list[Array](), list[Array]()
     for tie, rows in zip(constants.ties, case.shut, strict=True):
         if tie.is_weld:
-            xi, J, doubt = _weld(tree, tie)
+            xi, J, doubt = weld_residual(tree, tie)
             verdict = larger(verdict, doubt)
         else:
             p_a, p_b = tree.placed(tie.joint_a, tie.T_a)[1], tree.placed(tie.joint_b, tie.T_b)[1]

@@ -6,8 +6,8 @@ from itertools import product
 
 import numpy as np
 
+from cartstiff.many.machine_code.vector_writer import Key, Writer
 from cartstiff.many.tape import Program
-from cartstiff.many.vector_writer import Key, Writer
 
 #: Lines per basic block where each cut makes values wait in memory.
 _BLOCK = 1500

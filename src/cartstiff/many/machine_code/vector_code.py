@@ -13,9 +13,9 @@ faster than the length of a function.
 
 from __future__ import annotations
 
+from cartstiff.many.machine_code.vector_loop import in_blocks, kernel
+from cartstiff.many.machine_code.vector_writer import Writer, kept_table
 from cartstiff.many.tape import Program
-from cartstiff.many.vector_loop import in_blocks, kernel
-from cartstiff.many.vector_writer import Writer, kept_table
 
 #: Operations that are still compiled as one function.
 LONGEST = 6000

@@ -1,0 +1,1 @@
+"""Programs as vector code: lines of LLVM, and the loop around them."""

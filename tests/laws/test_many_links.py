@@ -1,0 +1,183 @@
+"""Links that give under a load, in stacks: bent as the engine bends them, then its postures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.laws.test_many_closed_chains import RECORDED, starts, weighed
+from tests.laws.test_many_engine import assert_same
+
+import cartstiff
+from cartstiff.geometry.se3 import Array
+from cartstiff.many.beam_arithmetic import segments_of_many
+from cartstiff.many.postures import analyse_many
+from cartstiff.maps.job import MapJob
+from cartstiff.maps.quantities import Settings
+from cartstiff.maps.sampling import RandomPostures
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.potentials.beams import Beam, Section
+from cartstiff.stiffness.applied_load import LoadKind
+
+WRENCH = np.array([1.0, -2.0, 3.0, 20.0, 30.0, -40.0])
+EACH = np.random.default_rng(3).normal(size=(4, 6)) * [1, 1, 1, 20, 20, 20]
+BEAM = "{E: 7.0e10, G: 2.6e10, length: 0.425, area: 2.0e-3, Iy: 2.0e-6, Iz: 1.0e-6, J: 3.0e-6%s}"
+MATRIX = np.diag([5.0e5, 4.0e5, 4.0e5, 3.0e8, 2.0e7, 2.0e7])
+MATRIX[1, 5] = MATRIX[5, 1] = 3.0e5
+ARM = """
+kind: serial
+model: ur5
+frame: tool0
+springs: {%s}
+flexible:
+  upper_arm_link: {beam: %s}
+  forearm_link: {%s}
+"""
+JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+Q = {"shoulder_pan_joint": 0.3, "shoulder_lift_joint": -1.1, "elbow_joint": 1.4,
+     "wrist_1_joint": -0.7, "wrist_2_joint": 0.9, "wrist_3_joint": 0.2}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def arms(tmp_path_factory) -> dict[str, ElasticMechanism]:
+    """A UR5 whose upper arm is a beam and whose forearm is one too, or a 6x6 spring."""
+    folder, found = tmp_path_factory.mktemp("arms"), {}
+    springs = ", ".join(f"{name}_joint: {{stiffness: 2.0e4}}" for name in JOINTS)
+    shear = f"beam: {BEAM % ', shear_area_y: 1.0e-3, shear_area_z: 1.2e-3'}"
+    for name, forearm in (("beams", shear), ("matrix", f"stiffness: {MATRIX.tolist()}")):
+        path = folder / f"{name}.yaml"
+        path.write_text(ARM % (springs, BEAM % "", forearm))
+        found[name] = cartstiff.load(path)
+    return found
+
+
+def postures(elastic: ElasticMechanism, count: int = 4) -> Array:
+    """Home, with the joints elsewhere and links that are not bent."""
+    if elastic.mechanism.closures:
+        return starts(elastic, 0.03, count)
+    q = np.tile([Q.get(name, 0.0) for name in elastic.names], (count, 1))
+    moved = [j for j in range(q.shape[1]) if j not in elastic.mechanism.virtual]
+    q[:, moved] += np.random.default_rng(2).uniform(-0.4, 0.4, (count, len(moved)))
+    return q
+
+
+WORLD = {"wrench": WRENCH, "load_axes": "world", "load_at": (0.01, 0.0, 0.02)}
+CASES = {
+    "forearms": ("delta", False, {"wrench": WRENCH}),
+    "forearms with weight, a load each": ("delta", True, {"wrench": EACH}),
+    "forearms under a load in F": ("delta", True, WORLD),
+    "bars in a plane": ("3-rrr", False, {"wrench": WRENCH}),
+    "arm of beams": ("beams", False, {"wrench": EACH, "load_kind": "follower"}),
+    "arm of beams with weight": ("beams", True, WORLD),
+    "arm with a matrix": ("matrix", True, {"wrench": WRENCH, "load_at": (0.0, 0.1, 0.0)}),
+    "arm with a matrix, loads in F": ("matrix", False, {"wrench": EACH, "load_axes": "world"}),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_links_are_bent_as_by_the_engine(case, arms):
+    name, has_weight, load = CASES[case]
+    elastic = arms[name] if name in arms else cartstiff.load(name)
+    if has_weight:
+        elastic = weighed(elastic).with_payload(2.0, (0.0, 0.02, 0.05))
+    q = postures(elastic)
+    assert_same(elastic, q, "portable", outputs=RECORDED, **load)
+    found, engine = (analyse_many(elastic, q, path=path, **load) for path in ("portable", "engine"))
+    assert found.by_engine == 0
+    np.testing.assert_allclose(found.q, engine.q, rtol=0, atol=1e-13)
+    assert np.abs(found.q - q)[:, sorted(elastic.mechanism.virtual)].max() > 1e-6
+
+
+def test_machine_code(arms):
+    elastic = arms["beams"]
+    q = postures(elastic, 11)
+    assert_same(elastic, q, "compiled", outputs=("B", "compliance_A"), **WORLD)
+    one, two = (analyse_many(elastic, q, path="compiled", threads=t, wrench=WRENCH) for t in (1, 2))
+    np.testing.assert_array_equal(one["B"], two["B"])
+    assert one.by_engine == 0
+
+
+def test_loads_beyond_what_the_series_reach(arms):
+    """Links that turn by half a radian, and more than they carry: the engine's states."""
+    elastic = arms["beams"]
+    q = postures(elastic)
+    loads = np.outer([1.0, 60.0, 400.0, 3000.0], WRENCH)
+    engine = analyse_many(elastic, q, path="engine", wrench=loads)
+    found = analyse_many(elastic, q, path="portable", wrench=loads)
+    states = [[r.codes[s] for s in r.state] for r in (engine, found)]
+    assert states[0] == states[1]
+    known = engine.is_regular
+    assert known.sum() > 1
+    size = np.abs(engine["B"][known]).max()
+    np.testing.assert_allclose(found["B"][known], engine["B"][known], rtol=0, atol=1e-9 * size)
+
+
+@pytest.mark.parametrize("axes", ["body", "world"])
+def test_a_map_reads_them(arms, axes):
+    """Quantities are read from bent links by machine code as from matrices."""
+    elastic, count = arms["matrix"], 40
+    box = (slice(0, count),)
+    names = ("translation_free_min", "deflection", "energy")
+    load = LoadKind("dead", (0.0, 0.1, 0.0))
+    job = MapJob(
+        elastic, RandomPostures.within_limits(elastic, count, 3), names,
+        Settings("B", 0.5, load=load, deflect=tuple(WRENCH), is_loaded=True),
+        tuple(WRENCH), path="compiled", load_axes=axes,
+    )  # fmt: skip
+    expected = job.compute(box)
+    found = replace(job, by_kernel=True).compute(box)
+    for name in names:
+        np.testing.assert_allclose(found[name], expected[name], rtol=1e-9, err_msg=name)
+
+
+def test_a_joint_without_a_spring_that_nothing_holds(arms):
+    """The elbow falls under the load: whatever the engine says of that."""
+    elastic = arms["matrix"].with_springs({"elbow_joint": 0.0})
+    q = postures(elastic)
+    found, engine = (
+        analyse_many(elastic, q, path=path, wrench=WRENCH) for path in ("portable", "engine")
+    )
+    assert found.by_engine == len(q)
+    assert found.counts() == engine.counts()
+    assert not engine.is_regular.any()
+
+
+def test_random_postures_leave_links_unbent(arms):
+    elastic = arms["beams"]
+    name = "upper_arm_link.px"
+    drawn = RandomPostures.within_limits(elastic, 5, ranges={name: (1e-5, 2e-5)})
+    q, j = drawn.postures((slice(0, 5),)), elastic.names.index(name)
+    assert np.all(q[:, j] >= 1e-5)
+    assert not q[:, sorted(elastic.mechanism.virtual - {j})].any()
+    joints = [i for i in range(q.shape[1]) if i not in elastic.mechanism.virtual]
+    assert np.ptp(q[:, joints], axis=0).min() > 0.1
+
+
+SECTIONS = {
+    "no shear": Section(1.4e8, 1e5, (1.4e5, 0.7e5)),
+    "shear": Section(1.4e8, 1e5, (1.4e5, 0.7e5), (2.0e7, 3.0e7)),
+}
+
+
+@pytest.mark.parametrize("section", SECTIONS)
+@pytest.mark.parametrize("compiled", [False, True])
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**31), size=st.floats(-9.0, 0.0))
+def test_segments(section, compiled, seed, size):
+    """Recorded segments are those of the engine, where their series reach and beyond."""
+    beams = [Beam(np.arange(6), 0.4, SECTIONS[section]), Beam(np.arange(6, 18), 0.4,
+                                                              SECTIONS[section])]  # fmt: skip
+    q = np.random.default_rng(seed).uniform(-1.0, 1.0, (3, 18)) * 10.0**size
+    q[:, 2::6] *= 0.01
+    energies, gradients, hessians = segments_of_many(beams, q, compiled)
+    parts = [beam.segments(q[:, beam.indices].reshape(-1, 6)) for beam in beams]
+    expected = sum(part[0].reshape(3, -1).sum(axis=1) for part in parts)
+    np.testing.assert_allclose(energies, expected, rtol=1e-11)
+    for found, k in ((gradients, 1), (hessians, 2)):
+        shape = (3, -1, *found.shape[2:])
+        each = np.concatenate([part[k].reshape(shape) for part in parts], axis=1)
+        size_of = np.abs(each).max(axis=tuple(range(2, each.ndim)), keepdims=True)
+        np.testing.assert_array_less(np.abs(found - each), 1e-12 * size_of + 1e-300)
