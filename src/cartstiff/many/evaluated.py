@@ -12,11 +12,12 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.arithmetic import ENGINE, PLAIN, UNBALANCED
 from cartstiff.many.beam_arithmetic import segments_of_many
+from cartstiff.many.strut_arithmetic import struck
 from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Potential
-from cartstiff.potentials.flexure_struts import FlexureStruts
+from cartstiff.potentials.flexure_struts import FlexureStruts, Struck
 from cartstiff.potentials.springs import SpringLaw
 
 #: Postures whose struts are condensed at once: their matrices fit into the caches.
@@ -93,7 +94,8 @@ class Evaluated:
                 hessians[:, j, j] += stiffness
             self._add_loose(q, energies, gradients, hessians, verdicts)
             if self.struts is not None:
-                self._add_struts(self.struts, q, wrench, energies, gradients, hessians, verdicts)
+                self._add_struts(self.struts, q, wrench, compiled, energies, gradients, hessians,
+                                 verdicts)  # fmt: skip
             inputs |= {"gradients": gradients, "hessians": hessians.reshape(count, n * n)}
         if self.beams:
             energy, gradient, hessian = segments_of_many(self.beams, q, compiled)
@@ -121,8 +123,8 @@ class Evaluated:
                 verdicts[i] = ENGINE
 
     def _add_struts(
-        self, struts: FlexureStruts, q: Array, wrench: Array | None, energies: Array,
-        gradients: Array, hessians: Array, verdicts: Array,
+        self, struts: FlexureStruts, q: Array, wrench: Array | None, compiled: bool,
+        energies: Array, gradients: Array, hessians: Array, verdicts: Array,
     ) -> None:  # fmt: skip
         if not isinstance(self.mechanism, Platform):
             raise TypeError("struts are those of a platform")
@@ -132,14 +134,18 @@ class Evaluated:
             borne += wrench
         # What their own rest lengths leave of it cannot be borne: these are then not found.
         left = UNBALANCED if self.is_loaded or not struts.is_complete else ENGINE
-        for start in range(0, len(q), _STACKED):
-            own = slice(start, start + _STACKED)
-            balanced = struts.many(poses[own], borne[own], self.is_loaded)
-            energies[own, 0] += balanced.energy.sum(axis=1)
-            gradients[own] += balanced.wrench.sum(axis=1)
-            hessians[own] += balanced.stiffness.sum(axis=1)
+        by_program, is_known = struck(struts, poses, borne, self.is_loaded, compiled)
+        known, others = np.flatnonzero(is_known), np.flatnonzero(~is_known)
+        parts = [(known, Struck(*(np.asarray(each)[known] for each in by_program)))]
+        for start in range(0, len(others), _STACKED):
+            own = others[start : start + _STACKED]
+            parts.append((own, struts.many(poses[own], borne[own], self.is_loaded)))
+        for own, at in parts:
+            energies[own, 0] += at.energy.sum(axis=1)
+            gradients[own] += at.wrench.sum(axis=1)
+            hessians[own] += at.stiffness.sum(axis=1)
             is_found, is_stable = (
-                np.asarray(each).all(axis=1) for each in (balanced.is_found, balanced.is_stable)
+                np.asarray(each).all(axis=1) for each in (at.is_found, at.is_stable)
             )
             found = np.where(is_stable, PLAIN, ENGINE)
             verdicts[own] = np.maximum(verdicts[own], np.where(is_found, found, left))

@@ -235,9 +235,7 @@ class RandomPostures(Sampling):
         seed: int = 0,
         ranges: Mapping[str, tuple[float, float]] | None = None,
     ) -> RandomPostures:
-        """Between the mechanism's limits, or within a turn where an angle has none.
-
-        Virtual joints of links that give stay where `elastic` has them: a load bends them.
+        """Between limits, or within a turn where an angle has none; links that give stay unbent.
 
         Parameters
         ----------

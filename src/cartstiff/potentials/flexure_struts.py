@@ -26,14 +26,15 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
+from cartstiff.geometry.jets import cosines_of, sines_of
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import Evaluation, PosePotential, Posture
 from cartstiff.potentials.line_springs import LineSprings
 
-_SLIDE = 6
+SLIDE = 6
 _STEPS = 40
 #: Residuals are sums of a few dozen products.
-_ROUNDINGS = 64.0
+ROUNDINGS = 64.0
 
 
 class Flexure(NamedTuple):
@@ -113,7 +114,7 @@ class FlexureStruts(LineSprings):
             raise InputError("a strut cannot be stiffer than its flexures",
                              expected=f"below {1.0 / self._soft:g}",
                              got=float(self.stiffness.max()))  # fmt: skip
-        if np.any(self._bars <= 0.0):
+        if np.any(self.bars <= 0.0):
             raise InputError("a strut's flexures pass each other",
                              expected=f"offsets that add up to less than {self.made.min():g}",
                              got=self.lower.offset + self.upper.offset)  # fmt: skip
@@ -166,8 +167,28 @@ class FlexureStruts(LineSprings):
             return np.asarray(1.0 / (1.0 / self.stiffness - self._soft))
 
     @property
-    def _bars(self) -> Array:
+    def bars(self) -> Array:
+        """Lengths (m,) between the flexures' middles, as made."""
         return self.made - self.lower.offset - self.upper.offset
+
+    @property
+    def springs(self) -> Array:
+        """Stiffnesses (m, 13) of all coordinates of each strut, infinite where it is rigid."""
+        k = np.empty((len(self.made), 13))
+        k[:, :SLIDE], k[:, SLIDE], k[:, SLIDE + 1 :] = (
+            self.lower.springs, self.slides, self.upper.springs
+        )  # fmt: skip
+        return k
+
+    @property
+    def ends(self) -> Array:
+        """Poses (m, 4, 4) in M of the upper flexures' middles."""
+        return self.home @ se3.inverse(se3.pose(translation=[0, 0, self.upper.offset]))
+
+    def wanted(self, T_a_b: Array) -> Array:
+        """Poses (N, m, 4, 4) of the upper flexures' middles seen from the lower ones'."""
+        low = self.feet @ se3.pose(translation=[0, 0, self.lower.offset])
+        return se3.inverse(low) @ T_a_b[:, None] @ self.ends
 
     @np.errstate(over="ignore", invalid="ignore")  # a search that runs away has found nothing
     def at_poses(
@@ -179,18 +200,15 @@ class FlexureStruts(LineSprings):
         as possible where they are more than six, until all struts together take it.
         """
         N, m = len(T_a_b), len(self.made)
-        k = np.empty((m, 13))
-        k[:, :_SLIDE], k[:, _SLIDE] = self.lower.springs, self.slides
-        k[:, _SLIDE + 1 :] = self.upper.springs
+        k = self.springs
         free_q = np.isfinite(k[0])
-        n, slide = int(free_q.sum()), int(free_q[:_SLIDE].sum())
+        n, slide = int(free_q.sum()), int(free_q[:SLIDE].sum())
         k[:, ~free_q] = 0.0
         rest = np.zeros((N, m, 13))
-        rest[..., _SLIDE] = rest_length - self.made
+        rest[..., SLIDE] = rest_length - self.made
         q = rest.copy()
-        low, high = (se3.pose(translation=[0, 0, f.offset]) for f in (self.lower, self.upper))
-        ends = self.home @ se3.inverse(high)  # of the upper flexures' middles, in M
-        wanted = se3.inverse(self.feet @ low) @ T_a_b[:, None] @ ends
+        ends = self.ends
+        wanted = self.wanted(T_a_b)
         # All by roots of energies: soft and stiff springs keep their digits side by side.
         whole = np.sqrt(self.slides) * self.made
         x_size = 1.0 / np.sqrt(np.where(k > 0.0, k, whole[:, None] ** 2))[:, free_q]
@@ -205,7 +223,7 @@ class FlexureStruts(LineSprings):
         back = to_end.swapaxes(-1, -2)
         diagonal = np.arange(n)
         for _ in range(_STEPS):
-            T, J = _chain(q, self._bars)
+            T, J = _chain(q, self.bars)
             J = J[..., free_q]
             turning = -se3.chain_curvature(J, W) * x_size[:, :, None] * x_size[:, None, :]
             M[..., :n, :n] = turning
@@ -220,8 +238,10 @@ class FlexureStruts(LineSprings):
             if gradient is not None:
                 short = gradient - (back @ W[..., None])[..., 0].sum(axis=1)
                 now = np.maximum(now, np.abs(short / W_size[0]).max(axis=1)[:, None])
-            settled |= (now >= 0.5 * missed) & (now <= numerics.ROUNDING * whole)
-            settled |= now <= _ROUNDINGS * numerics.EPSILON * whole
+            ended = (now >= 0.5 * missed) & (now <= numerics.ROUNDING * whole)
+            ended |= now <= ROUNDINGS * numerics.EPSILON * whole
+            # Struts that take a gradient together are at rest together.
+            settled |= ended if gradient is None else ended.all(axis=1, keepdims=True)
             if np.all(settled | ~np.isfinite(now)):
                 break
             missed = np.fmin(missed, now)
@@ -234,7 +254,7 @@ class FlexureStruts(LineSprings):
                 inverse = np.linalg.pinv(G, rcond=numerics.RANK)
                 shift = np.zeros((N, m))
                 shift[:, free] = (inverse @ (short / W_size[0])[..., None])[..., 0]
-                rest[..., _SLIDE] += np.where(settled, 0.0, shift)
+                rest[..., SLIDE] += np.where(settled, 0.0, shift)
                 steps[..., 0] += steps[..., 1] * shift[..., None]
             step = np.where(settled[..., None], 0.0, steps[..., 0])
             q[..., free_q] += step[..., :n] * x_size
@@ -251,7 +271,7 @@ class FlexureStruts(LineSprings):
             0.5 * (k * (q - rest) ** 2).sum(axis=-1),
             (back @ W[..., None])[..., 0],
             back @ (0.5 * (K + K.swapaxes(-1, -2))) @ to_end,
-            self.made + rest[..., _SLIDE], settled, stable,
+            self.made + rest[..., SLIDE], settled, stable,
         )  # fmt: skip
 
     def balanced(self, posture: Posture, gradient: Array, every: bool = False) -> FlexureStruts:
@@ -264,7 +284,7 @@ class FlexureStruts(LineSprings):
         """
         T, _ = posture.relative(self.frame_a, self.frame_b)
         free = np.isnan(self.rest_length) | every
-        start = np.where(np.isnan(self.rest_length), self._lengths(T[None]), self.rest_length)
+        start = np.where(np.isnan(self.rest_length), self.lengths_of(T[None]), self.rest_length)
         at = self._balancing(T[None], start, gradient[None], free)
         if not at.is_found.all():
             raise InputError("no rest lengths of the struts balance this load at this pose",
@@ -278,7 +298,7 @@ class FlexureStruts(LineSprings):
         rest = np.broadcast_to(self.rest_length, (len(T_a_b), len(free)))
         if not free.any():
             return self.at_poses(T_a_b, rest)
-        start = np.where(np.isnan(rest), self._lengths(T_a_b), rest)
+        start = np.where(np.isnan(rest), self.lengths_of(T_a_b), rest)
         return self._balancing(T_a_b, start, gradients, free)
 
     def _balancing(self, T_a_b: Array, rest: Array, gradient: Array, free: Any) -> Struck:
@@ -292,7 +312,8 @@ class FlexureStruts(LineSprings):
         same = apart <= numerics.NEARBY * self.stiffness * self.made
         return at._replace(is_found=at.is_found & again.is_found & same)
 
-    def _lengths(self, T_a_b: Array) -> Array:
+    def lengths_of(self, T_a_b: Array) -> Array:
+        """Distances (N, m) of the struts' ends at poses (N, 4, 4) of M."""
         R, p = T_a_b[:, :3, :3], T_a_b[:, :3, 3]
         return np.linalg.norm(self.points - (self.anchors - p[:, None]) @ R, axis=-1)
 
@@ -337,7 +358,7 @@ def solved(M: Array, right: Array) -> Array:
 
 def turned(angles: Array) -> tuple[Array, Array]:
     """Rotations by hinges about x, y, z in a row (..., 3, 3), and their axes at the far end."""
-    (sx, sy, sz), (cx, cy, cz) = (np.moveaxis(f(angles), -1, 0) for f in (np.sin, np.cos))
+    (sx, sy, sz), (cx, cy, cz) = (np.moveaxis(f(angles), -1, 0) for f in (sines_of, cosines_of))
     R = np.stack([
         cy * cz, -cy * sz, sy, cx * sz + sx * sy * cz, cx * cz - sx * sy * sz, -sx * cy,
         sx * sz - cx * sy * cz, sx * cz + cx * sy * sz, cx * cy,
@@ -353,10 +374,10 @@ def _chain(q: Array, bars: Array) -> tuple[Array, Array]:
     (R1, axes1), (R2, axes2) = turned(q[..., 3:6]), turned(q[..., 10:13])
     upper = se3.pose(R2, q[..., 7:10])
     bar = np.zeros((*q.shape[:-1], 3))
-    bar[..., 2] = bars + q[..., _SLIDE]
+    bar[..., 2] = bars + q[..., SLIDE]
     beyond = se3.pose(None, bar) @ upper
     J[..., :3, 3:6], J[..., 3:, :3] = axes1, R1.swapaxes(-1, -2)
     J[..., :6] = se3.adjoint_of_inverse(beyond) @ J[..., :6]
-    J[..., 3:, _SLIDE] = R2[..., 2, :]
+    J[..., 3:, SLIDE] = R2[..., 2, :]
     J[..., :3, 10:], J[..., 3:, 7:10] = axes2, R2.swapaxes(-1, -2)
     return se3.pose(R1, q[..., :3]) @ beyond, J

@@ -47,6 +47,11 @@ _COTANGENT = (-1 / 12, -1 / 720, -1 / 30240, -1 / 1209600, -1 / 47900160, -691 /
 STEPS, LAST = 40, 100
 
 
+def cotangent_series(x: Any) -> Any:
+    """``(1 - (t / 2) cot(t / 2)) / t^2`` at x = t^2."""
+    return -_series(x, list(_COTANGENT))
+
+
 def _series(x: Any, coefficients: list[float]) -> Any:
     total: Any = 0.0
     for c in reversed(coefficients):
@@ -59,7 +64,7 @@ def weld_residual(tree: TreeKinematics, tie: Tie) -> tuple[Array, Array, Scalar]
     (R_a, p_a), (R_b, p_b) = tree.placed(tie.joint_a, tie.T_a), tree.placed(tie.joint_b, tie.T_b)
     w, verdict = rotation_vector(R_b @ R_a.T)
     x, d = w @ w, p_b - p_a
-    c = -_series(x, list(_COTANGENT))
+    c = cotangent_series(x)
     across = cross(w, d)
     xi = np.concatenate([w, d + across * 0.5 + cross(w, across) * c])
     A = _series(x, [(k - 1.0) * c_k for k, c_k in enumerate(_COTANGENT)])

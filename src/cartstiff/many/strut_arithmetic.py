@@ -1,0 +1,339 @@
+r"""Struts between flexures as recorded numbers: the steps of `potentials.flexure_struts`.
+
+A row is one strut. With H = diag k - S_W, C = J H^-1 J^T, what is missing of the springs' balance
+r and of the wanted end x, a Newton step is
+
+    dW = C^-1 (x - J H^-1 r),    dq = H^-1 (r + J^T dW),
+
+and the same with r = k_s e_s, x = 0 is the answer to a longer rest length. Where rest lengths are
+open, a second program finds how much longer they become so that all struts together exert a
+gradient. Struts that are bent far, and steps that do not end, are left to the engine's own search.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cartstiff import numerics
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.many.algebra import (
+    above,
+    below,
+    congruence,
+    cross,
+    inverse,
+    largest,
+    norm_squared,
+    positive_factor,
+    rotation_vector,
+    solution,
+    zeros,
+)
+from cartstiff.many.arguments import aligned_empty
+from cartstiff.many.arithmetic import ENGINE, JACOBIAN_CONDITION, PLAIN, limited
+from cartstiff.many.chains.chain_numbers import curvature_of
+from cartstiff.many.chains.closing import cotangent_series
+from cartstiff.many.portable import CHUNK, PortableKernel
+from cartstiff.many.tape import Program, Scalar, Tape, larger, pick, square_root
+from cartstiff.potentials.flexure_struts import ROUNDINGS, SLIDE, FlexureStruts, Struck, turned
+
+#: Steps after which the engine's own search begins again.
+_STEPS = 40
+#: Hinges (rad) that turn less belong to the one shape of a strut near the straight one, to which
+#: rest lengths alone lead as well.
+_BENT = 0.4
+#: Least pivot of H, as a share of the spring there: two digits are lost.
+_SHARE = 0.01
+_NUMBERS = 15  # of a strut: the wanted end, the length between flexures, the slide's spring, made
+#: Structs (N, m): energy, wrench, lower triangle of K^B.
+_LOWER = np.tril_indices(6)
+
+
+@dataclass(frozen=True)
+class _Alike:
+    """What struts of a platform have in common.
+
+    Attributes
+    ----------
+    springs : stiffnesses of the 13 coordinates, infinite where there is none; the slide's is given.
+    mean : mean length of the struts as made, for sizes.
+    whole : root of the first one's energy, for sizes.
+    ends : poses in M of their ends, flat.
+    """
+
+    springs: tuple[float, ...]
+    mean: float
+    whole: float
+    ends: tuple[float, ...]
+
+    @staticmethod
+    def of(struts: FlexureStruts) -> _Alike:
+        """What these have in common."""
+        springs = struts.springs[0].tolist()
+        springs[SLIDE] = 1.0
+        whole = float(np.sqrt(struts.slides[0]) * struts.made[0])
+        ends = tuple(struts.ends.ravel().tolist())
+        return _Alike(tuple(springs), float(struts.made.mean()), whole, ends)
+
+    @property
+    def free(self) -> list[int]:
+        """Coordinates that give."""
+        return [i for i, k in enumerate(self.springs) if np.isfinite(k)]
+
+
+def _end(q: Array, bar: Scalar) -> tuple[Array, Array, Array]:
+    """R, p of a strut's end, and its body Jacobian (6, 13)."""
+    (R1, R2), (axes1, axes2) = turned(np.array([q[3:6], q[10:13]], object))
+    along = zeros(3)
+    along[2] = bar + q[SLIDE]
+    beyond = along + q[7:10]  # from the lower flexure's middle to the end, along the bar's axes
+    J = zeros(6, 13)
+    J[3:, :3] = R2.T @ R1.T
+    for k in range(3):
+        turn = axes1[:, k]
+        J[:3, 3 + k] = R2.T @ turn
+        J[3:, 3 + k] = R2.T @ cross(turn, beyond)
+    J[3:, SLIDE] = R2[2, :]
+    J[3:, 7:10], J[:3, 10:] = R2.T, axes2
+    return R1 @ R2, q[:3] + R1 @ beyond, J
+
+
+def _gap(R: Array, p: Array, wanted: Array) -> tuple[Array, Scalar]:
+    """Logarithm (6,) of the wanted end seen from the end, and the verdict on it."""
+    there = wanted[:9].reshape(3, 3)
+    w, verdict = rotation_vector(R.T @ there)
+    d = R.T @ (wanted[9:12] - p)
+    across = cross(w, d)
+    return np.concatenate(
+        [w, d - across * 0.5 + cross(w, across) * cotangent_series(w @ w)]
+    ), verdict
+
+
+class _Strut:
+    """One strut at recorded coordinates under a recorded wrench."""
+
+    def __init__(self, tape: Tape, alike: _Alike) -> None:
+        self.free = alike.free
+        numbers = tape.vector("numbers", _NUMBERS)
+        slide, made = numbers[13], numbers[14]
+        n = len(self.free)
+        before = {
+            name: tape.vector(name, size + size % 2)[:size] for name, size in _state(n).items()
+        }
+        by = tape.input("shift", 0)
+        # The step before, by what the rest length became longer.
+        self.x = before["q"] + before["dq"] + before["more_q"] * by
+        self.W = before["W"] + before["dW"] + before["more_W"] * by
+        self.rest = before["rest"][0] + by
+        q = zeros(13)
+        q[self.free] = self.x
+        R, p, J = _end(q, numbers[12])
+        self.J = J[:, self.free]
+        k = np.array(alike.springs, object)
+        k[SLIDE] = slide
+        self.k = k[self.free]
+        self.at = self.free.index(SLIDE)
+        stretched = self.x.copy()
+        stretched[self.at] = stretched[self.at] - self.rest
+        self.stretched = stretched
+        turning = curvature_of(self.J, self.W)
+        self.H = np.diag(self.k) - turning
+        self.missing = self.J.T @ self.W - self.k * stretched
+        self.gap, self.verdict = _gap(R, p, numbers)
+        self.L, self.inverses, pivots = positive_factor(self.H)
+        self.reached = below(self.L, self.J.T)
+        self.C = congruence(self.reached, np.diag(self.inverses))
+        # Sizes as the engine's: roots of energies.
+        self.whole = square_root(slide) * made
+        turn = np.repeat([1.0, 1.0 / alike.mean], 3) * self.whole
+        roots = np.array([1.0 / square_root(s) for s in self.k], object)
+        self.now = larger(largest(self.missing * roots), largest(self.gap * turn))
+        # On the way a strut may be anything; at the end it is to be near the straight one, and H to
+        # be positive, so that the strut stands.
+        self.near = pick(largest(q[[3, 4, 5, 10, 11, 12]]), _BENT, PLAIN, ENGINE)
+        for stiffness, pivot in zip(self.k, pivots, strict=True):
+            self.near = larger(self.near, pick(stiffness * _SHARE, pivot, PLAIN, ENGINE))
+
+    def answer(self, forces: Array, gap: Array) -> tuple[Array, Array]:
+        """Dq and dW."""
+        own = below(self.L, forces[:, None])[:, 0]
+        right = gap - self.reached.T @ (own * self.inverses)
+        L, inverses, _ = positive_factor(self.C)
+        dW = above(L, below(L, right[:, None])[:, 0] * inverses)
+        return above(self.L, (own + self.reached @ dW) * self.inverses), dW
+
+
+def _state(n: int) -> dict[str, int]:
+    """Numbers of a strut that a step reads and writes, `n` coordinates giving."""
+    return {"q": n, "W": 6, "dq": n, "dW": 6, "more_q": n, "more_W": 6, "rest": 1}
+
+
+def _padded(values: Array) -> Array:
+    """Records are written by pairs."""
+    return np.append(values, values[: len(values) % 2])
+
+
+def _step(alike: _Alike) -> Program:
+    """A step of one strut."""
+    tape = Tape()
+    strut = _Strut(tape, alike)
+    dq, dW = strut.answer(strut.missing, strut.gap)
+    unit = zeros(len(strut.free))
+    unit[strut.at] = strut.k[strut.at]
+    more_q, more_W = strut.answer(unit, zeros(6))
+    state = {
+        "q": strut.x, "W": strut.W, "dq": dq, "dW": dW, "more_q": more_q, "more_W": more_W,
+        "rest": np.array([strut.rest], object),
+    }  # fmt: skip
+    outputs = {name: _padded(values) for name, values in state.items()}
+    outputs["seen"] = np.array([strut.now, strut.verdict, strut.near, strut.whole], object)
+    return tape.program(outputs, [])
+
+
+def _condensed(alike: _Alike) -> Program:
+    """Energy, wrench and K^B of one strut in M, from where it is in balance."""
+    tape = Tape()
+    strut = _Strut(tape, alike)
+    ends = tape.vector("ends", 12)
+    R, p = ends[:9].reshape(3, 3), ends[9:]
+    back = zeros(6, 6)  # a wrench at the end, as one in M
+    back[:3, :3] = back[3:, 3:] = R
+    for a in range(3):
+        back[:3, 3 + a] = cross(p, R[:, a])
+    K = congruence(back.T, inverse((strut.C + strut.C.T) * 0.5))
+    energy = (strut.k * strut.stretched) @ strut.stretched * 0.5
+    return tape.program({
+        "energy": np.array([energy, energy], object), "wrench": back @ strut.W,
+        "stiffness": _padded(K[_LOWER]),
+    }, [])  # fmt: skip
+
+
+def _coupling(alike: _Alike) -> Program:
+    """How much longer the rest lengths of six struts become, and what is short of the gradient."""
+    tape = Tape()
+    ends = np.reshape(alike.ends, (-1, 4, 4))
+    m, sizes = len(ends), alike.whole * np.repeat([1.0, 1.0 / alike.mean], 3)
+    W, dW, more = (tape.vector(name, 6 * m).reshape(m, 6) for name in ("W", "dW", "more_W"))
+    back = np.swapaxes(se3.adjoint_of_inverse(ends), -1, -2)
+    now = tape.vector("gradient", 6) - sum(b @ w for b, w in zip(back, W, strict=True))
+    short = now - sum(b @ w for b, w in zip(back, dW, strict=True))
+    G = np.column_stack([b @ w for b, w in zip(back, more, strict=True)]) / sizes[:, None]
+    # A vector in no particular direction tells how large the inverse is.
+    solved = solution(G, np.column_stack([short / sizes, np.cos(np.arange(1.0, m + 1.0))]))
+    condition = norm_squared(solved[:, 1]) / m * norm_squared(G)
+    verdict = limited(condition, (1e-3 * JACOBIAN_CONDITION) ** 2)
+    return tape.program(
+        {"shift": solved[:, 0], "seen": np.array([largest(now / sizes), verdict], object)}, []
+    )
+
+
+@lru_cache(maxsize=24)
+def _kernel(made: Callable[[_Alike], Program], alike: _Alike, compiled: bool) -> Any:
+    program = made(alike)
+    if not compiled:
+        return PortableKernel(program)
+    from cartstiff.many.compiled import CompiledKernel
+
+    return CompiledKernel(program)
+
+
+def _run(kernel: Any, inputs: dict[str, Array], count: int) -> dict[str, Array]:
+    outputs = {n: aligned_empty(count, len(own)) for n, own in kernel.program.outputs.items()}
+    rows = CHUNK if isinstance(kernel, PortableKernel) else count
+    workspace = kernel.workspace(min(rows, count))
+    for start in range(0, count, rows):
+        part = slice(start, min(start + rows, count))
+        workspace.run(
+            {name: array[part] for name, array in inputs.items()},
+            {name: array[part] for name, array in outputs.items()}, part.stop - start,
+        )  # fmt: skip
+    return outputs
+
+
+def struck(
+    struts: FlexureStruts, poses: Array, gradients: Array, every: bool, compiled: bool
+) -> tuple[Struck, NDArray[np.bool_]]:
+    """`FlexureStruts.many` at poses (N, 4, 4) that gradients (N, 6) act at, and what stands of it.
+
+    With `every` all rest lengths are chosen. What does not stand is for the struts' own search:
+    struts that are bent far, that base or platform carry, or whose rest lengths are open in part.
+    """
+    free = np.isnan(struts.rest_length) | every
+    N, m = len(poses), len(struts.made)
+    is_known = np.zeros(N, bool)
+    known_each = np.broadcast_to(is_known[:, None], (N, m))
+    nothing = Struck(np.zeros((N, m)), np.zeros((N, m, 6)), np.zeros((N, m, 6, 6)),
+                     np.zeros((N, m)), known_each, known_each)  # fmt: skip
+    if type(struts) is not FlexureStruts or (free.any() and not (free.all() and m == 6)):
+        return nothing, is_known
+    alike = _Alike.of(struts)
+    n = len(alike.free)
+    wanted = struts.wanted(poses)
+    start = np.where(np.isnan(struts.rest_length), struts.lengths_of(poses), struts.rest_length)
+    numbers = np.empty((N, m, _NUMBERS))
+    numbers[..., :9] = wanted[..., :3, :3].reshape(N, m, 9)
+    numbers[..., 9:12] = wanted[..., :3, 3]
+    numbers[..., 12], numbers[..., 13], numbers[..., 14] = struts.bars, struts.slides, struts.made
+    state = {name: np.zeros((N * m, size + size % 2)) for name, size in _state(n).items()}
+    state["rest"][:, 0] = (start - struts.made).reshape(-1)
+    state["q"][:, alike.free.index(SLIDE)] = state["rest"][:, 0]
+    rows = {"numbers": numbers.reshape(N * m, -1), **state, "shift": np.zeros((N * m, 1))}
+    which, missed = np.arange(N), np.full((N, m), np.inf)
+    found = {name: np.zeros((N * m, array.shape[1])) for name, array in rows.items()}
+    for _ in range(_STEPS):
+        count = len(which)
+        outputs = _run(_kernel(_step, alike, compiled), rows, count * m)
+        now, verdict, near, whole = (x.reshape(count, m) for x in outputs["seen"].T)
+        doubt, shift = verdict.max(axis=1), np.zeros((count * m, 1))
+        if free.any():
+            together = {name: outputs[name].reshape(count, -1) for name in ("W", "dW", "more_W")}
+            together["gradient"] = np.ascontiguousarray(gradients[which])
+            coupled = _run(_kernel(_coupling, alike, compiled), together, count)
+            short, unsure = coupled["seen"].T
+            now, doubt = np.maximum(now, short[:, None]), np.maximum(doubt, unsure)
+            shift = coupled["shift"].reshape(count * m, 1)
+        settled = (now >= 0.5 * missed) & (now <= numerics.ROUNDING * whole)
+        settled |= now <= ROUNDINGS * numerics.EPSILON * whole
+        is_plain = (doubt == PLAIN) & np.isfinite(now).all(axis=1)
+        done = is_plain & settled.all(axis=1)
+        if done.any():
+            kept = (which[done, None] * m + np.arange(m)).reshape(-1)
+            own = np.repeat(done, m)
+            for name in _state(n):
+                if name in ("q", "W", "rest"):
+                    found[name][kept] = outputs[name][own]
+            found["numbers"][kept] = rows["numbers"][own]
+            is_known[which[done]] = near[done].max(axis=1) == PLAIN
+        goes_on = is_plain & ~done
+        if not goes_on.any():
+            break
+        missed = np.fmin(missed, now)
+        if goes_on.all():
+            rows = {"numbers": rows["numbers"], **outputs, "shift": shift}
+        else:
+            own = np.repeat(goes_on, m)
+            rows = {name: a[own] for name, a in
+                    {"numbers": rows["numbers"], **outputs, "shift": shift}.items()}  # fmt: skip
+            which, missed = which[goes_on], missed[goes_on]
+    known = np.flatnonzero(is_known)
+    if known.size:
+        kept = (known[:, None] * m + np.arange(m)).reshape(-1)
+        inputs = {name: np.ascontiguousarray(array[kept]) for name, array in found.items()}
+        ends = struts.ends
+        flat = np.concatenate([ends[:, :3, :3].reshape(m, 9), ends[:, :3, 3]], axis=1)
+        inputs["ends"] = np.tile(flat, (len(known), 1))
+        outputs = _run(_kernel(_condensed, alike, compiled), inputs, len(kept))
+        nothing.energy[known] = outputs["energy"][:, 0].reshape(-1, m)
+        nothing.wrench[known] = outputs["wrench"].reshape(-1, m, 6)
+        K = np.empty((len(kept), 6, 6))
+        K[:, _LOWER[0], _LOWER[1]] = K[:, _LOWER[1], _LOWER[0]] = outputs["stiffness"][:, :21]
+        nothing.stiffness[known] = K.reshape(-1, m, 6, 6)
+        nothing.rest_length[known] = struts.made + inputs["rest"][:, 0].reshape(-1, m)
+    return nothing, is_known
