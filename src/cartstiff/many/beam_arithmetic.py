@@ -19,7 +19,7 @@ from cartstiff.many.arguments import aligned_empty
 from cartstiff.many.arithmetic import ENGINE, PLAIN
 from cartstiff.many.portable import CHUNK, PortableKernel
 from cartstiff.many.tape import Program, Scalar, Tape, absolute, larger, pick
-from cartstiff.potentials.beams import SERIES, Beam, alike
+from cartstiff.potentials.beams import SERIES, Beam, Section, alike
 
 #: Turns (rad) up to which all series of the shapes are exact to rounding.
 _TURN = 0.42
@@ -61,8 +61,8 @@ def _segment(tape: Tape, beam: Beam) -> dict[str, Array]:
 
 
 @lru_cache(maxsize=16)
-def _kernel(beam: Beam, compiled: bool) -> Any:
-    tape = Tape()
+def _kernel(length: float, section: Section, compiled: bool) -> Any:
+    tape, beam = Tape(), Beam(np.arange(6), length, section)
     program: Program = tape.program(_segment(tape, beam), [])
     if not compiled:
         return PortableKernel(program)
@@ -96,7 +96,7 @@ def segments_of_many(beams: Sequence[Beam], q: Array, compiled: bool) -> tuple[A
 
 def _evaluated(beam: Beam, x: Array, compiled: bool) -> tuple[Array, Array, Array]:
     """Energies (m,), gradients (m, 6), Hessians (m, 6, 6) of segments that are alike."""
-    kernel = _kernel(beam, compiled)
+    kernel = _kernel(beam.length, beam.section, compiled)
     outputs = {
         name: aligned_empty(len(x), len(own)) for name, own in kernel.program.outputs.items()
     }

@@ -20,8 +20,9 @@ from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.flexure_struts import FlexureStruts, Struck
 from cartstiff.potentials.springs import SpringLaw
 
-#: Postures whose struts are condensed at once: their matrices fit into the caches.
-_STACKED = 64
+#: Postures whose struts are condensed at once, by a program and by stacks of matrices: what they
+#: take fits into the caches.
+_TOGETHER, _STACKED = 256, 64
 #: Unsymmetric derivatives beyond this share of their largest entry are not those of an energy.
 _UNSYMMETRIC = numerics.ROUNDING
 
@@ -134,13 +135,8 @@ class Evaluated:
             borne += wrench
         # What their own rest lengths leave of it cannot be borne: these are then not found.
         left = UNBALANCED if self.is_loaded or not struts.is_complete else ENGINE
-        by_program, is_known = struck(struts, poses, borne, self.is_loaded, compiled)
-        known, others = np.flatnonzero(is_known), np.flatnonzero(~is_known)
-        parts = [(known, Struck(*(np.asarray(each)[known] for each in by_program)))]
-        for start in range(0, len(others), _STACKED):
-            own = others[start : start + _STACKED]
-            parts.append((own, struts.many(poses[own], borne[own], self.is_loaded)))
-        for own, at in parts:
+
+        def add(own: Array, at: Struck) -> None:
             energies[own, 0] += at.energy.sum(axis=1)
             gradients[own] += at.wrench.sum(axis=1)
             hessians[own] += at.stiffness.sum(axis=1)
@@ -149,6 +145,16 @@ class Evaluated:
             )
             found = np.where(is_stable, PLAIN, ENGINE)
             verdicts[own] = np.maximum(verdicts[own], np.where(is_found, found, left))
+
+        doubtful = []
+        for rows in np.split(np.arange(len(q)), range(_TOGETHER, len(q), _TOGETHER)):
+            at, known = struck(struts, poses[rows], borne[rows], self.is_loaded, compiled)
+            add(rows[known], Struck(*(np.asarray(each)[known] for each in at)))
+            doubtful.append(rows[~known])
+        others = np.concatenate(doubtful)
+        for start in range(0, len(others), _STACKED):
+            own = others[start : start + _STACKED]
+            add(own, struts.many(poses[own], borne[own], self.is_loaded))
 
     def _of_forces(self, poses: Array) -> Array:
         """Gradients (N, 6) of dead forces on the platform."""

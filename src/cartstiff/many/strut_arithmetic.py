@@ -51,6 +51,8 @@ _STEPS = 40
 _BENT = 0.4
 #: Least pivot of H, as a share of the spring there: two digits are lost.
 _SHARE = 0.01
+#: What says all of a strut in balance.
+_BALANCE = ("numbers", "q", "W", "rest")
 _NUMBERS = 15  # of a strut: the wanted end, the length between flexures, the slide's spring, made
 #: Structs (N, m): energy, wrench, lower triangle of K^B.
 _LOWER = np.tril_indices(6)
@@ -119,7 +121,7 @@ def _gap(R: Array, p: Array, wanted: Array) -> tuple[Array, Scalar]:
 class _Strut:
     """One strut at recorded coordinates under a recorded wrench."""
 
-    def __init__(self, tape: Tape, alike: _Alike) -> None:
+    def __init__(self, tape: Tape, alike: _Alike, stepped: bool) -> None:
         self.free = alike.free
         numbers = tape.vector("numbers", _NUMBERS)
         slide, made = numbers[13], numbers[14]
@@ -127,11 +129,12 @@ class _Strut:
         before = {
             name: tape.vector(name, size + size % 2)[:size] for name, size in _state(n).items()
         }
-        by = tape.input("shift", 0)
-        # The step before, by what the rest length became longer.
-        self.x = before["q"] + before["dq"] + before["more_q"] * by
-        self.W = before["W"] + before["dW"] + before["more_W"] * by
-        self.rest = before["rest"][0] + by
+        self.x, self.W, self.rest = before["q"], before["W"], before["rest"][0]
+        if stepped:  # the step before, and its answer to what the rest length became longer
+            by = tape.input("shift", 0)
+            self.x = self.x + before["dq"] + before["more_q"] * by
+            self.W = self.W + before["dW"] + before["more_W"] * by
+            self.rest = self.rest + by
         q = zeros(13)
         q[self.free] = self.x
         R, p, J = _end(q, numbers[12])
@@ -175,6 +178,11 @@ def _state(n: int) -> dict[str, int]:
     return {"q": n, "W": 6, "dq": n, "dW": 6, "more_q": n, "more_W": 6, "rest": 1}
 
 
+def _each(which: NDArray[np.intp], m: int) -> NDArray[np.intp]:
+    """Rows of the struts of some postures."""
+    return np.asarray((which[:, None] * m + np.arange(m)).reshape(-1))
+
+
 def _padded(values: Array) -> Array:
     """Records are written by pairs."""
     return np.append(values, values[: len(values) % 2])
@@ -183,7 +191,7 @@ def _padded(values: Array) -> Array:
 def _step(alike: _Alike) -> Program:
     """A step of one strut."""
     tape = Tape()
-    strut = _Strut(tape, alike)
+    strut = _Strut(tape, alike, True)
     dq, dW = strut.answer(strut.missing, strut.gap)
     unit = zeros(len(strut.free))
     unit[strut.at] = strut.k[strut.at]
@@ -200,7 +208,7 @@ def _step(alike: _Alike) -> Program:
 def _condensed(alike: _Alike) -> Program:
     """Energy, wrench and K^B of one strut in M, from where it is in balance."""
     tape = Tape()
-    strut = _Strut(tape, alike)
+    strut = _Strut(tape, alike, False)
     ends = tape.vector("ends", 12)
     R, p = ends[:9].reshape(3, 3), ends[9:]
     back = zeros(6, 6)  # a wrench at the end, as one in M
@@ -286,7 +294,7 @@ def struck(
     state["q"][:, alike.free.index(SLIDE)] = state["rest"][:, 0]
     rows = {"numbers": numbers.reshape(N * m, -1), **state, "shift": np.zeros((N * m, 1))}
     which, missed = np.arange(N), np.full((N, m), np.inf)
-    found = {name: np.zeros((N * m, array.shape[1])) for name, array in rows.items()}
+    found = {name: np.empty(rows[name].shape) for name in _BALANCE}
     for _ in range(_STEPS):
         count = len(which)
         outputs = _run(_kernel(_step, alike, compiled), rows, count * m)
@@ -304,12 +312,12 @@ def struck(
         is_plain = (doubt == PLAIN) & np.isfinite(now).all(axis=1)
         done = is_plain & settled.all(axis=1)
         if done.any():
-            kept = (which[done, None] * m + np.arange(m)).reshape(-1)
-            own = np.repeat(done, m)
-            for name in _state(n):
-                if name in ("q", "W", "rest"):
-                    found[name][kept] = outputs[name][own]
-            found["numbers"][kept] = rows["numbers"][own]
+            at_once = done.all()
+            own = slice(None) if at_once else np.repeat(done, m)
+            whole_stack = at_once and count == N
+            kept = slice(None) if whole_stack else _each(which[done], m)
+            for name in _BALANCE:
+                found[name][kept] = {**rows, **outputs}[name][own]
             is_known[which[done]] = near[done].max(axis=1) == PLAIN
         goes_on = is_plain & ~done
         if not goes_on.any():
@@ -324,15 +332,17 @@ def struck(
             which, missed = which[goes_on], missed[goes_on]
     known = np.flatnonzero(is_known)
     if known.size:
-        kept = (known[:, None] * m + np.arange(m)).reshape(-1)
-        inputs = {name: np.ascontiguousarray(array[kept]) for name, array in found.items()}
+        inputs, count = found, len(known) * m
+        if len(known) < N:
+            kept = _each(known, m)
+            inputs = {name: array[kept] for name, array in found.items()}
         ends = struts.ends
         flat = np.concatenate([ends[:, :3, :3].reshape(m, 9), ends[:, :3, 3]], axis=1)
-        inputs["ends"] = np.tile(flat, (len(known), 1))
-        outputs = _run(_kernel(_condensed, alike, compiled), inputs, len(kept))
+        inputs = inputs | {"ends": np.tile(flat, (len(known), 1))}
+        outputs = _run(_kernel(_condensed, alike, compiled), inputs, count)
         nothing.energy[known] = outputs["energy"][:, 0].reshape(-1, m)
         nothing.wrench[known] = outputs["wrench"].reshape(-1, m, 6)
-        K = np.empty((len(kept), 6, 6))
+        K = np.empty((count, 6, 6))
         K[:, _LOWER[0], _LOWER[1]] = K[:, _LOWER[1], _LOWER[0]] = outputs["stiffness"][:, :21]
         nothing.stiffness[known] = K.reshape(-1, m, 6, 6)
         nothing.rest_length[known] = struts.made + inputs["rest"][:, 0].reshape(-1, m)

@@ -1,0 +1,126 @@
+"""Struts between flexures in stacks: the engine's postures, with and without a load."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.laws.test_many_engine import assert_same
+
+import cartstiff
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.many.postures import analyse_many
+from cartstiff.many.strut_arithmetic import struck
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.potentials.loads import DeadForce
+from cartstiff.potentials.mounted_struts import MountedStruts
+
+WRENCH = np.array([0.1, -0.2, 0.3, 10.0, 20.0, -30.0])
+EACH = np.random.default_rng(2).normal(size=(6, 6)) * [0.2, 0.2, 0.2, 20.0, 20.0, 20.0]
+MATRICES = (*"ABKF", "compliance_A", "compliance_B", "compliance_F", "pose")
+
+
+def hexapod() -> ElasticMechanism:
+    return cartstiff.load("flexure-hexapod")
+
+
+def postures(elastic: ElasticMechanism, away: float = 0.003, count: int = 6) -> Array:
+    lengths = elastic.mechanism.at(elastic.q).coordinate_lengths
+    rng = np.random.default_rng(4)
+    return elastic.q + rng.uniform(-away, away, (count, 6)) * lengths
+
+
+def weighed(elastic: ElasticMechanism) -> ElasticMechanism:
+    return elastic.with_gravity([0.0, 0.0, -9.81]).with_payload(3.0, (0.0, 0.01, 0.02))
+
+
+def pushed(elastic: ElasticMechanism) -> ElasticMechanism:
+    return elastic.with_potential(DeadForce([5.0, -3.0, 10.0], [0.01, 0.0, 0.03], "body"))
+
+
+CASES = {
+    "nothing": ([], {}),
+    "a load": ([], {"wrench": WRENCH}),
+    "a load each": ([], {"wrench": EACH, "load_kind": "follower"}),
+    "a load in F": ([], {"wrench": WRENCH, "load_axes": "world", "load_at": (0.0, 0.0, 0.1)}),
+    "weight": ([weighed], {}),
+    "weight, a force and a load": ([weighed, pushed], {"wrench": WRENCH}),
+}
+
+
+@pytest.mark.parametrize("path", ["portable", "compiled"])
+@pytest.mark.parametrize("case", CASES)
+def test_as_by_the_engine(case, path):
+    changes, load = CASES[case]
+    elastic = hexapod()
+    for change in changes:
+        elastic = change(elastic)
+    q = postures(elastic)
+    assert_same(elastic, q, path, outputs=MATRICES, **load)
+    found = analyse_many(elastic, q, path=path, outputs=("wrench", "B"), **load)
+    assert found.by_engine == 0
+    engine = analyse_many(elastic, q, path="engine", outputs=("wrench",), **load)
+    size = max(1.0, float(np.abs(engine["wrench"]).max()))
+    np.testing.assert_allclose(found["wrench"], engine["wrench"], rtol=0, atol=1e-8 * size)
+
+
+def test_rest_lengths_that_are_given():
+    held = hexapod().balanced(hexapod().q, WRENCH)
+    assert held.springs.is_complete
+    q = postures(held, 0.001)
+    assert_same(held, q, "portable", outputs=("A", "B", "compliance_B"))
+    assert analyse_many(held, q, path="portable").by_engine == 0
+
+
+@pytest.mark.parametrize("load", [None, WRENCH])
+def test_far_from_where_they_were_made(load):
+    """Flexures bent too far: no rest lengths balance them, in both ways; the pose is known."""
+    elastic = hexapod()
+    q = postures(elastic, 0.12, 12)
+    engine, found = (
+        analyse_many(elastic, q, wrench=load, outputs=("pose", "energy", "B"), path=path)
+        for path in ("engine", "portable")
+    )
+    states = [[r.codes[s] for s in r.state] for r in (engine, found)]
+    assert states[0] == states[1]
+    assert {"regular", "unbalanced"} <= set(states[0])
+    for name in ("pose", "energy", "B"):
+        np.testing.assert_array_equal(np.isnan(engine[name]), np.isnan(found[name]))
+    assert not np.isnan(found["pose"]).any()
+
+
+def test_struts_that_take_a_load_together_come_to_rest_together():
+    """Struts that had stood still before the others were left over: 'no rest lengths balance it'.
+
+    Found by its residual: rest lengths that were 1e-12 short, of one posture in 500.
+    """
+    struts = hexapod().springs
+    q = postures(hexapod(), 0.02, 400)
+    poses = se3.from_roll_pitch_yaw(q[:, :3], q[:, 3:]) @ hexapod().mechanism.T_P_M
+    gradients = np.random.default_rng(1).normal(size=(400, 6)) * [0.1, 0.1, 0.1, 10, 10, 10]
+    at = struts.many(poses, gradients, True)
+    assert np.asarray(at.is_found).all()
+    np.testing.assert_allclose(at.wrench.sum(axis=1), gradients, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_recorded_steps_are_the_search(compiled):
+    elastic = hexapod()
+    q = postures(elastic, 0.02, 60)
+    poses = se3.from_roll_pitch_yaw(q[:, :3], q[:, 3:]) @ elastic.mechanism.T_P_M
+    gradients = np.random.default_rng(1).normal(size=(60, 6)) * [0.1, 0.1, 0.1, 10, 10, 10]
+    found, is_known = struck(elastic.springs, poses, gradients, True, compiled)
+    expected = elastic.springs.many(poses, gradients, True)
+    assert is_known.mean() > 0.9
+    for name, digits in (("energy", 1e-10), ("wrench", 1e-8), ("stiffness", 1e-11),
+                         ("rest_length", 1e-12)):  # fmt: skip
+        a, b = (getattr(each, name)[is_known] for each in (found, expected))
+        np.testing.assert_allclose(a, b, rtol=0, atol=digits * np.abs(b).max(), err_msg=name)
+
+
+def test_struts_on_a_base_that_gives_are_left_to_their_own_search():
+    elastic = hexapod()
+    q = postures(elastic, 0.001, 3)
+    poses = se3.from_roll_pitch_yaw(q[:, :3], q[:, 3:]) @ elastic.mechanism.T_P_M
+    mounted = MountedStruts.of(elastic.springs, None, None)
+    assert not struck(mounted, poses, np.zeros((3, 6)), False, False)[1].any()
