@@ -139,6 +139,55 @@ class Arm:
         return self.finish(J, W, load_term)
 
 
+# -- by hand: closed chains ------------------------------------------------------------------
+
+
+class Closed:
+    """A tree of joints tied at frames, nothing stretched: plain Pinocchio and NumPy."""
+
+    def __init__(self, elastic: cartstiff.ElasticMechanism) -> None:
+        chain: Any = elastic.mechanism
+        self.model = chain.tree.model
+        self.data, n = self.model.createData(), self.model.nv
+        own = np.array([[a in self.model.supports[j] for a in range(1, n + 1)]
+                        for j in range(n + 1)], float)  # fmt: skip
+        places = [[chain.placement(f) for f in (c.frame_a, c.frame_b)] for c in chain.closures]
+        self.ties = [
+            (b.joint, b.T_j_f[:3, 3], own[b.joint] - own[a.joint], closure.type == "weld")
+            for closure, (a, b) in zip(chain.closures, places, strict=True)
+        ]
+        self.body, self.way = chain.body, own[chain.body.joint]
+        self.hessian = elastic.evaluate(elastic.mechanism.at(elastic.q)).hessian
+        self.actuated = list(chain.actuated)
+        stiff = self.hessian.diagonal() > 0.0
+        self.dependent, self.free = np.flatnonzero(~stiff), np.flatnonzero(stiff)
+
+    def closed_form(self, q: Array) -> Matrices:
+        """Motions that stay closed by one solve, then the compliance or its inverse."""
+        pin.computeJointJacobians(self.model, self.data, q)
+        world = self.data.J
+        rows = []
+        for joint, point, signs, is_weld in self.ties:
+            twists = world * signs
+            if is_weld:
+                rows.append(twists)
+            else:
+                at = self.data.oMi[joint].act(point)
+                rows.append(twists[:3] - pin.skew(at) @ twists[3:])
+        C = np.concatenate(rows)
+        N = np.zeros((len(q), len(self.free)))
+        N[self.free] = np.eye(len(self.free))
+        N[self.dependent] = -np.linalg.solve(C[:, self.dependent], C[:, self.free])
+        M = self.data.oMi[self.body.joint] * pin.SE3(self.body.T_j_f)
+        J = (M.toActionMatrixInverse() @ ((world * self.way) @ N))[TO_ANGULAR_LINEAR]
+        H = N.T @ self.hessian @ N
+        if len(H) > 6:
+            K = np.linalg.inv(J @ np.linalg.solve(H, J.T))
+            return connections(K, np.zeros(6), None)
+        A = np.linalg.inv(J)
+        return connections(A.T @ H @ A, np.zeros(6), A.T @ H @ A)
+
+
 # -- by hand: the platform -------------------------------------------------------------------
 
 
@@ -220,6 +269,8 @@ CARTSTIFF = "cartstiff: all of the JSON, as arrays"
 AS_DICT = "cartstiff: the same through `.as_dict()`"
 PLAIN = "plain script: only A, B, K, F, kinematic Hessian"
 LEAN = "plain script: only A, B, K, F, bracket contracted first"
+SOLVED = "plain script: only A, B, K, F, unloaded, closures solved for"
+SOLVED_B = "plain script: only A, B, K, unloaded, closures solved for"
 FINITE = "finite differences: only A, B, K, F"
 
 
@@ -273,7 +324,7 @@ def closed_chain() -> Case:
         q = elastic.q.copy()
         q[held] = direct.mechanism.leg_lengths(pose) - home
         starts.append(q)
-    assembled = [elastic.mechanism.assembled(q) for q in starts]
+    assembled, hand = [elastic.mechanism.assembled(q) for q in starts], Closed(elastic)
     return Case(
         "6-UPS closed chain (21 joints, 5 closures), assembled",
         {
@@ -286,6 +337,7 @@ def closed_chain() -> Case:
                 ours(direct, poses[i]).matrices
             ),
             "cartstiff: the engine alone": lambda i: engine(elastic, assembled[i]).matrices,
+            SOLVED: lambda i: hand.closed_form(assembled[i]),
         },
         CLOSED_LIMIT,
     )
@@ -301,12 +353,14 @@ def flexible_delta() -> Case:
         q = elastic.q.copy()
         q[motors] += rng.uniform(-0.2, 0.2, len(motors))
         postures.append(elastic.mechanism.assembled(q))
+    hand = Closed(elastic)
     return Case(
         "Delta with flexible forearms (33 coordinates), assembled",
         {
             CARTSTIFF: lambda i: ours(elastic, postures[i]),
             AS_DICT: lambda i: ours_as_dict(elastic, postures[i]),
             "cartstiff: the engine alone": lambda i: engine(elastic, postures[i]).matrices,
+            SOLVED_B: lambda i: hand.closed_form(postures[i]),
         },
         FLEXIBLE_LIMIT,
     )

@@ -114,7 +114,7 @@ def test_recorded_steps_are_the_search(compiled):
     assert is_known.mean() > 0.9
     for name, digits in (("energy", 1e-10), ("wrench", 1e-8), ("stiffness", 1e-11),
                          ("rest_length", 1e-12)):  # fmt: skip
-        a, b = (getattr(each, name)[is_known] for each in (found, expected))
+        a, b = getattr(found, name), getattr(expected, name)[is_known]
         np.testing.assert_allclose(a, b, rtol=0, atol=digits * np.abs(b).max(), err_msg=name)
 
 

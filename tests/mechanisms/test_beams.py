@@ -73,6 +73,16 @@ def test_derivatives_are_those_of_the_energy(section, size):
         assert check.ok, check
 
 
+@pytest.mark.parametrize("strain", [1e-6, 1e-9, 1e-12])
+@pytest.mark.parametrize("shear", [np.inf, 2.0e7])
+def test_small_strains_keep_their_digits(strain, shear):
+    """Of a section that yields to shear the force was wrong by 1e-7 at a strain of 1e-9."""
+    beam = Beam(np.arange(6), 0.4, Section(1.4e8, 1e5, (1.4e5, 0.7e5), (shear, shear)))
+    x = np.zeros((1, 6))
+    x[0, 2] = 0.4 * strain
+    assert beam.segments(x)[1][0, 2] == pytest.approx(1.4e8 * strain, rel=1e-14)
+
+
 @pytest.mark.parametrize("section", SECTIONS)
 def test_either_end_may_be_the_near_one(section):
     """Seen from its far end a segment has the same energy: coordinates backwards, z turned."""

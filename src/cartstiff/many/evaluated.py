@@ -149,7 +149,7 @@ class Evaluated:
         doubtful = []
         for rows in np.split(np.arange(len(q)), range(_TOGETHER, len(q), _TOGETHER)):
             at, known = struck(struts, poses[rows], borne[rows], self.is_loaded, compiled)
-            add(rows[known], Struck(*(np.asarray(each)[known] for each in at)))
+            add(rows[known], at)
             doubtful.append(rows[~known])
         others = np.concatenate(doubtful)
         for start in range(0, len(others), _STACKED):

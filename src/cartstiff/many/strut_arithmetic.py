@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -54,7 +54,7 @@ _SHARE = 0.01
 #: What says all of a strut in balance.
 _BALANCE = ("numbers", "q", "W", "rest")
 _NUMBERS = 15  # of a strut: the wanted end, the length between flexures, the slide's spring, made
-#: Structs (N, m): energy, wrench, lower triangle of K^B.
+#: Lower triangle of K^B, row by row.
 _LOWER = np.tril_indices(6)
 
 
@@ -178,11 +178,6 @@ def _state(n: int) -> dict[str, int]:
     return {"q": n, "W": 6, "dq": n, "dW": 6, "more_q": n, "more_W": 6, "rest": 1}
 
 
-def _each(which: NDArray[np.intp], m: int) -> NDArray[np.intp]:
-    """Rows of the struts of some postures."""
-    return np.asarray((which[:, None] * m + np.arange(m)).reshape(-1))
-
-
 def _padded(values: Array) -> Array:
     """Records are written by pairs."""
     return np.append(values, values[: len(values) % 2])
@@ -243,8 +238,8 @@ def _coupling(alike: _Alike) -> Program:
 
 
 @lru_cache(maxsize=24)
-def _kernel(made: Callable[[_Alike], Program], alike: _Alike, compiled: bool) -> Any:
-    program = made(alike)
+def _kernel(written: Callable[[_Alike], Program], alike: _Alike, compiled: bool) -> Any:
+    program = written(alike)
     if not compiled:
         return PortableKernel(program)
     from cartstiff.many.compiled import CompiledKernel
@@ -265,85 +260,108 @@ def _run(kernel: Any, inputs: dict[str, Array], count: int) -> dict[str, Array]:
     return outputs
 
 
-def struck(
-    struts: FlexureStruts, poses: Array, gradients: Array, every: bool, compiled: bool
-) -> tuple[Struck, NDArray[np.bool_]]:
-    """`FlexureStruts.many` at poses (N, 4, 4) that gradients (N, 6) act at, and what stands of it.
+class _Search:
+    """Struts on their way to balance, all rows of a posture together.
 
-    With `every` all rest lengths are chosen. What does not stand is for the struts' own search:
-    struts that are bent far, that base or platform carry, or whose rest lengths are open in part.
+    Attributes
+    ----------
+    which : postures that are not there yet, whose rows are in `rows`.
+    balance : what says all of the struts of those that are.
+    is_known : which those are, their struts near the straight ones.
     """
-    free = np.isnan(struts.rest_length) | every
-    N, m = len(poses), len(struts.made)
-    is_known = np.zeros(N, bool)
-    known_each = np.broadcast_to(is_known[:, None], (N, m))
-    nothing = Struck(np.zeros((N, m)), np.zeros((N, m, 6)), np.zeros((N, m, 6, 6)),
-                     np.zeros((N, m)), known_each, known_each)  # fmt: skip
-    if type(struts) is not FlexureStruts or (free.any() and not (free.all() and m == 6)):
-        return nothing, is_known
-    alike = _Alike.of(struts)
-    n = len(alike.free)
-    wanted = struts.wanted(poses)
-    start = np.where(np.isnan(struts.rest_length), struts.lengths_of(poses), struts.rest_length)
-    numbers = np.empty((N, m, _NUMBERS))
-    numbers[..., :9] = wanted[..., :3, :3].reshape(N, m, 9)
-    numbers[..., 9:12] = wanted[..., :3, 3]
-    numbers[..., 12], numbers[..., 13], numbers[..., 14] = struts.bars, struts.slides, struts.made
-    state = {name: np.zeros((N * m, size + size % 2)) for name, size in _state(n).items()}
-    state["rest"][:, 0] = (start - struts.made).reshape(-1)
-    state["q"][:, alike.free.index(SLIDE)] = state["rest"][:, 0]
-    rows = {"numbers": numbers.reshape(N * m, -1), **state, "shift": np.zeros((N * m, 1))}
-    which, missed = np.arange(N), np.full((N, m), np.inf)
-    found = {name: np.empty(rows[name].shape) for name in _BALANCE}
-    for _ in range(_STEPS):
-        count = len(which)
-        outputs = _run(_kernel(_step, alike, compiled), rows, count * m)
+
+    def __init__(self, struts: FlexureStruts, poses: Array, rest: Array, compiled: bool) -> None:
+        self.struts, self.alike = struts, _Alike.of(struts)
+        self._kernel = partial(_kernel, alike=self.alike, compiled=compiled)
+        (N, m), n = rest.shape, len(self.alike.free)
+        self.m, self.which, self.is_known = m, np.arange(N), np.zeros(N, bool)
+        wanted, numbers = struts.wanted(poses), np.empty((N, m, _NUMBERS))
+        numbers[..., :9] = wanted[..., :3, :3].reshape(N, m, 9)
+        numbers[..., 9:12] = wanted[..., :3, 3]
+        numbers[..., 12], numbers[..., 13] = struts.bars, struts.slides
+        numbers[..., 14] = struts.made
+        rows = {name: np.zeros((N * m, size + size % 2)) for name, size in _state(n).items()}
+        rows["rest"][:, 0] = (rest - struts.made).reshape(-1)
+        rows["q"][:, self.alike.free.index(SLIDE)] = rows["rest"][:, 0]
+        self.rows = {"numbers": numbers.reshape(N * m, -1), **rows, "shift": np.zeros((N * m, 1))}
+        self.balance = {name: np.empty(self.rows[name].shape) for name in _BALANCE}
+        self._missed = np.full((N, m), np.inf)
+
+    def step(self, gradients: Array | None) -> None:
+        """One step of all that are not there yet; with gradients (N, 6) rest lengths change."""
+        count, m = len(self.which), self.m
+        outputs = _run(self._kernel(_step), self.rows, count * m)
         now, verdict, near, whole = (x.reshape(count, m) for x in outputs["seen"].T)
         doubt, shift = verdict.max(axis=1), np.zeros((count * m, 1))
-        if free.any():
+        if gradients is not None:
             together = {name: outputs[name].reshape(count, -1) for name in ("W", "dW", "more_W")}
-            together["gradient"] = np.ascontiguousarray(gradients[which])
-            coupled = _run(_kernel(_coupling, alike, compiled), together, count)
+            together["gradient"] = np.ascontiguousarray(gradients[self.which])
+            coupled = _run(self._kernel(_coupling), together, count)
             short, unsure = coupled["seen"].T
             now, doubt = np.maximum(now, short[:, None]), np.maximum(doubt, unsure)
             shift = coupled["shift"].reshape(count * m, 1)
-        settled = (now >= 0.5 * missed) & (now <= numerics.ROUNDING * whole)
+        settled = (now >= 0.5 * self._missed) & (now <= numerics.ROUNDING * whole)
         settled |= now <= ROUNDINGS * numerics.EPSILON * whole
         is_plain = (doubt == PLAIN) & np.isfinite(now).all(axis=1)
         done = is_plain & settled.all(axis=1)
+        rows = {"numbers": self.rows["numbers"], **outputs, "shift": shift}
         if done.any():
-            at_once = done.all()
-            own = slice(None) if at_once else np.repeat(done, m)
-            whole_stack = at_once and count == N
-            kept = slice(None) if whole_stack else _each(which[done], m)
+            own, kept = _rows_of(done, m), _rows_of(np.isin(np.arange(len(self.is_known)),
+                                                            self.which[done]), m)  # fmt: skip
             for name in _BALANCE:
-                found[name][kept] = {**rows, **outputs}[name][own]
-            is_known[which[done]] = near[done].max(axis=1) == PLAIN
+                self.balance[name][kept] = rows[name][own]
+            self.is_known[self.which[done]] = near[done].max(axis=1) == PLAIN
         goes_on = is_plain & ~done
-        if not goes_on.any():
-            break
-        missed = np.fmin(missed, now)
-        if goes_on.all():
-            rows = {"numbers": rows["numbers"], **outputs, "shift": shift}
-        else:
-            own = np.repeat(goes_on, m)
-            rows = {name: a[own] for name, a in
-                    {"numbers": rows["numbers"], **outputs, "shift": shift}.items()}  # fmt: skip
-            which, missed = which[goes_on], missed[goes_on]
-    known = np.flatnonzero(is_known)
-    if known.size:
-        inputs, count = found, len(known) * m
-        if len(known) < N:
-            kept = _each(known, m)
-            inputs = {name: array[kept] for name, array in found.items()}
-        ends = struts.ends
+        self._missed = np.fmin(self._missed, now)[goes_on]
+        own = _rows_of(goes_on, m)
+        self.rows = {name: array[own] for name, array in rows.items()}
+        self.which = self.which[goes_on]
+
+    def condensed(self) -> Struck:
+        """Energies, wrenches and K^B in M of those that are known, in their order."""
+        m, count = self.m, int(self.is_known.sum())
+        own = _rows_of(self.is_known, m)
+        inputs = {name: array[own] for name, array in self.balance.items()}
+        ends = self.struts.ends
         flat = np.concatenate([ends[:, :3, :3].reshape(m, 9), ends[:, :3, 3]], axis=1)
-        inputs = inputs | {"ends": np.tile(flat, (len(known), 1))}
-        outputs = _run(_kernel(_condensed, alike, compiled), inputs, count)
-        nothing.energy[known] = outputs["energy"][:, 0].reshape(-1, m)
-        nothing.wrench[known] = outputs["wrench"].reshape(-1, m, 6)
-        K = np.empty((count, 6, 6))
+        inputs["ends"] = np.tile(flat, (count, 1))
+        outputs = _run(self._kernel(_condensed), inputs, count * m)
+        K = np.empty((count * m, 6, 6))
         K[:, _LOWER[0], _LOWER[1]] = K[:, _LOWER[1], _LOWER[0]] = outputs["stiffness"][:, :21]
-        nothing.stiffness[known] = K.reshape(-1, m, 6, 6)
-        nothing.rest_length[known] = struts.made + inputs["rest"][:, 0].reshape(-1, m)
-    return nothing, is_known
+        stands = np.ones((count, m), bool)
+        return Struck(
+            outputs["energy"][:, 0].reshape(count, m), outputs["wrench"].reshape(count, m, 6),
+            K.reshape(count, m, 6, 6),
+            self.struts.made + inputs["rest"][:, 0].reshape(count, m), stands, stands,
+        )  # fmt: skip
+
+
+def _rows_of(which: NDArray[np.bool_], m: int) -> slice | NDArray[np.bool_]:
+    """Rows of the struts of some postures; of all, without a copy."""
+    return slice(None) if which.all() else np.repeat(which, m)
+
+
+def struck(
+    struts: FlexureStruts, poses: Array, gradients: Array, every: bool, compiled: bool
+) -> tuple[Struck, NDArray[np.bool_]]:
+    """`FlexureStruts.many` at poses (N, 4, 4) that gradients (N, 6) act at, as far as it is known.
+
+    With `every` all rest lengths are chosen. What is not known is for the struts' own search:
+    struts that are bent far, that base or platform carry, or whose rest lengths are open in part.
+
+    Returns
+    -------
+    struck : Struck
+        Of the poses that are known.
+    is_known : ndarray of bool (N,)
+    """
+    free = np.isnan(struts.rest_length) | every
+    start = np.where(np.isnan(struts.rest_length), struts.lengths_of(poses), struts.rest_length)
+    search = _Search(struts, poses, start, compiled)
+    if type(struts) is not FlexureStruts or (free.any() and not (free.all() and len(free) == 6)):
+        search.which = search.which[:0]
+    for _ in range(_STEPS):
+        if not search.which.size:
+            break
+        search.step(gradients if free.any() else None)
+    return search.condensed(), search.is_known

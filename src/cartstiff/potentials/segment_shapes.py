@@ -37,11 +37,11 @@ def power_series(coefficients: Array, x: Array) -> list[Array]:
 
 
 _STRETCH = with_derivatives(_TURN_TERMS)
-# Of sin(a) / a and cos(a) by a^2; a segment's turns stay below pi.
+# Of sin(a) / a and cos(a) - 1 by a^2; a segment's turns stay below pi.
 _FACTORIALS = np.cumprod(np.concatenate([[1.0], np.arange(1.0, 2 * _TERMS + 2)]))
 _SIGNS = (-1.0) ** np.arange(_TERMS)
 _SINE_RATIO = with_derivatives(_SIGNS / _FACTORIALS[1 : 2 * _TERMS : 2])
-_COSINE = with_derivatives(_SIGNS / _FACTORIALS[: 2 * _TERMS : 2])
+_COSINE_LESS_1 = with_derivatives(np.append(0.0, (_SIGNS / _FACTORIALS[: 2 * _TERMS : 2])[1:]))
 
 
 # Which of the six coordinates turn about y and z at the near and at the far end, as selections.
@@ -101,7 +101,8 @@ def sheared(stretch: Jet, turns: Jet, h: float, ratios: Array) -> tuple[Jet, Jet
     across = slant * stacked([longer * w.apply(*power_series(_SINE_RATIO, w.value))] * 2)
     lengths = across * across
     bent = 0.5 * (lengths[:, 0] + lengths[:, 1])
-    along = h * (longer * w.apply(*power_series(_COSINE, w.value)) + bent - 1.0)
+    cosine_less_1 = w.apply(*power_series(_COSINE_LESS_1, w.value))
+    along = stretch * (cosine_less_1 + 1.0) + h * (cosine_less_1 + bent)
     return along, turns + (across - slant).combined(_ONLY_S)
 
 

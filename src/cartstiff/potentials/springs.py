@@ -69,13 +69,10 @@ class PolynomialLaw(SpringLaw):
 
     def at(self, x: float) -> tuple[float, float, float]:
         """Energy, torque and tangent stiffness at deflection x."""
-        return self._sums(x)
+        return self.many(x)
 
-    def many(self, x: Array) -> tuple[Array, Array, Array]:
+    def many(self, x: Any) -> tuple[Any, Any, Any]:
         """`at` at many deflections (N,)."""
-        return self._sums(x)
-
-    def _sums(self, x: Any) -> tuple[Any, Any, Any]:
         energy = torque = stiffness = 0.0
         for power, c in enumerate(self.coefficients, start=1):
             energy = energy + c * x ** (power + 1) / (power + 1)
@@ -136,10 +133,9 @@ class TabulatedLaw(SpringLaw):
 
     @cached_property
     def _pieces(self) -> Array:
-        """Of each piece, the straight ones at both ends included, a row.
+        """Rows of knot, energy, torque, slope and two more coefficients of the torque from there.
 
-        The knot that it is counted from, the energy (from the first point), torque and slope there,
-        and the next two coefficients of the torque.
+        One of each piece, the straight ones at both ends included.
         """
         x, y, slopes = self._cubic
         h = np.diff(x)
