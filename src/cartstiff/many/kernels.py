@@ -35,6 +35,9 @@ WORTH_COMPILING = 5000
 WORTH_READING = 200_000
 #: Operations beyond which compiling takes more than a few seconds.
 LARGEST_PROGRAM = 60_000
+#: Postures from which on it pays to wait for them: making a program takes as long as computing
+#: 25,000 postures over arrays, however long it is.
+WORTH_WAITING = 50_000
 #: Postures computed at a time in compiled code, a multiple of every block.
 COMPILED_CHUNK = 1 << 17
 #: Postures for each thread below which another one costs more than it saves.
@@ -139,11 +142,16 @@ def chosen(
         size = program_for(answer.case, ordered).size
         if count < WORTH_COMPILING:
             reason = f"compiling pays from {WORTH_COMPILING} postures on"
-        elif size > LARGEST_PROGRAM:
+        elif not _is_worth_making(size, count):
             reason = f"{size} operations would take too long to compile"
     if reason:
         return answer, _portable_kernel(answer.case, ordered), reason
     return answer, _compiled_kernel(answer.case, ordered), ""
+
+
+def _is_worth_making(size: int, count: int) -> bool:
+    """Whether machine code of so many operations is, for so many postures."""
+    return size <= LARGEST_PROGRAM or count >= WORTH_WAITING
 
 
 def _few_of_closed(elastic: ElasticMechanism, count: int) -> str:
@@ -162,7 +170,7 @@ def lasting_path(
         return "engine"
     ordered = tuple(name for name in OUTPUTS if name in recorded(names))
     compiles = has_package("llvmlite") and count >= WORTH_COMPILING
-    if compiles and program_for(answer.case, ordered).size <= LARGEST_PROGRAM:
+    if compiles and _is_worth_making(program_for(answer.case, ordered).size, count):
         return "compiled"
     return "portable"
 
@@ -185,8 +193,6 @@ class _Standing:
         self._evaluate = partial(taken.beside.derivatives, compiled=compiled)
         if taken.settles and isinstance(case, ChainCase):
             case = replace(case, along_f=along_f)
-            if program_for(case, SETTLING).size > LARGEST_PROGRAM:
-                make = _portable_kernel
             self._settling = make(case, SETTLING).workspace(rows, max(1, shared))
 
     def __bool__(self) -> bool:

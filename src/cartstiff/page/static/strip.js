@@ -193,7 +193,7 @@ export function strip(store) {
   function request(now = false) {
     if (!store.state || !what.value) return;
     const wanted = key();
-    if (series?.key === wanted || asked === wanted) {
+    if (series?.key === wanted || asked?.wanted === wanted) {
       again.hidden = true;
       return showCursor();
     }
@@ -205,7 +205,7 @@ export function strip(store) {
   }
 
   async function compute(wanted) {
-    asked = wanted;
+    const own = asked = { wanted }; // asked for again after something else, it is another question
     const [kind, index] = what.value.split(":");
     plot.classList.add("computing");
     if (!series) plot.replaceChildren(lettered(MARGIN.left, MARGIN.top + 24, "computing …", "start", "nothing"));
@@ -213,7 +213,7 @@ export function strip(store) {
       let seconds = 0;
       for (const refined of kind === "sweep" && store.source.live ? [false, true] : [true]) { // the first look need not wait
         const answer = await store.ask(kind === "series" ? { do: "series" } : { do: "sweep", coordinate: Number(index), steps: 61, refined });
-        if (asked !== wanted) return;
+        if (asked !== own) return;
         series = { kind, coordinate: Number(index), at: answer.at, rows: answer.rows, key: refined && wanted, others: [] };
         if (ends()[0] < answer.at[0] || ends()[1] > answer.at.at(-1)) plotted({ seen: null });
         slow = (seconds += answer.seconds) > QUICK;
@@ -223,14 +223,14 @@ export function strip(store) {
       }
       if (kind === "sweep") for (const row of store.rows) {
         const other = await row.sweep(Number(index), 61).catch(() => null);
-        if (asked !== wanted) return;
+        if (asked !== own) return;
         if (other) series.others.push(other);
       }
       if (series.others.length) draw();
     } catch (error) {
-      if (asked === wanted && error.message !== SUPERSEDED) store.tell("error", error.message);
+      if (asked === own && error.message !== SUPERSEDED) store.tell("error", error.message);
     } finally {
-      if (asked === wanted) asked = null;
+      if (asked === own) asked = null;
       plot.classList.remove("computing");
     }
     request();
