@@ -8,17 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import largest
-from cartstiff.many.arguments import aligned_empty
 from cartstiff.many.arithmetic import ENGINE, PLAIN
-from cartstiff.many.portable import CHUNK, PortableKernel
-from cartstiff.many.tape import Program, Scalar, Tape, absolute, larger, pick
+from cartstiff.many.machine_code.stacked_program import StackedProgram
+from cartstiff.many.tape import Scalar, Tape, absolute, larger, pick
 from cartstiff.potentials.beams import SERIES, Beam, Section, alike
 
 #: Turns (rad) up to which all series of the shapes are exact to rounding.
@@ -61,14 +59,9 @@ def _segment(tape: Tape, beam: Beam) -> dict[str, Array]:
 
 
 @lru_cache(maxsize=16)
-def _kernel(length: float, section: Section, compiled: bool) -> Any:
+def _program(length: float, section: Section, compiled: bool) -> StackedProgram:
     tape, beam = Tape(), Beam(np.arange(6), length, section)
-    program: Program = tape.program(_segment(tape, beam), [])
-    if not compiled:
-        return PortableKernel(program)
-    from cartstiff.many.compiled import CompiledKernel
-
-    return CompiledKernel(program)
+    return StackedProgram(tape.program(_segment(tape, beam), []), compiled)
 
 
 def segments_of_many(beams: Sequence[Beam], q: Array, compiled: bool) -> tuple[Array, Array, Array]:
@@ -96,16 +89,7 @@ def segments_of_many(beams: Sequence[Beam], q: Array, compiled: bool) -> tuple[A
 
 def _evaluated(beam: Beam, x: Array, compiled: bool) -> tuple[Array, Array, Array]:
     """Energies (m,), gradients (m, 6), Hessians (m, 6, 6) of segments that are alike."""
-    kernel = _kernel(beam.length, beam.section, compiled)
-    outputs = {
-        name: aligned_empty(len(x), len(own)) for name, own in kernel.program.outputs.items()
-    }
-    rows = len(x) if compiled else CHUNK
-    workspace = kernel.workspace(min(rows, len(x)))
-    for start in range(0, len(x), rows):
-        stop = min(start + rows, len(x))
-        part = {name: array[start:stop] for name, array in outputs.items()}
-        workspace.run({"x": np.ascontiguousarray(x[start:stop])}, part, stop - start)
+    outputs = _program(beam.length, beam.section, compiled)({"x": x})
     energies, gradients = outputs["energy"][:, 0].copy(), outputs["gradient"]
     hessians = np.empty((len(x), 6, 6))
     i, j = np.tril_indices(6)

@@ -79,8 +79,8 @@ class Evaluated:
     ) -> tuple[dict[str, Array], Array]:
         """Inputs of a program at postures q (N, n), and verdicts on the postures (N,).
 
-        Segments of beams by machine code with `compiled`, else over arrays. The wrench (1 or N, 6)
-        is for struts to carry.
+        Segments of beams, and struts, by machine code with `compiled`, else over arrays. The
+        wrench (1 or N, 6) is for struts to carry.
         """
         count, n = q.shape
         energies, verdicts = np.zeros((count, 1)), np.full(count, PLAIN)
@@ -146,12 +146,14 @@ class Evaluated:
             found = np.where(is_stable, PLAIN, ENGINE)
             verdicts[own] = np.maximum(verdicts[own], np.where(is_found, found, left))
 
-        doubtful = []
-        for rows in np.split(np.arange(len(q)), range(_TOGETHER, len(q), _TOGETHER)):
-            at, known = struck(struts, poses[rows], borne[rows], self.is_loaded, compiled)
-            add(rows[known], at)
-            doubtful.append(rows[~known])
-        others = np.concatenate(doubtful)
+        others = np.arange(len(q))
+        if compiled:
+            doubtful = []
+            for rows in np.split(others, range(_TOGETHER, len(q), _TOGETHER)):
+                at, known = struck(struts, poses[rows], borne[rows], self.is_loaded)
+                add(rows[known], at)
+                doubtful.append(rows[~known])
+            others = np.concatenate(doubtful)
         for start in range(0, len(others), _STACKED):
             own = others[start : start + _STACKED]
             add(own, struts.many(poses[own], borne[own], self.is_loaded))

@@ -15,7 +15,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,11 +35,10 @@ from cartstiff.many.algebra import (
     solution,
     zeros,
 )
-from cartstiff.many.arguments import aligned_empty
 from cartstiff.many.arithmetic import ENGINE, JACOBIAN_CONDITION, PLAIN, limited
 from cartstiff.many.chains.chain_numbers import curvature_of
 from cartstiff.many.chains.closing import cotangent_series
-from cartstiff.many.portable import CHUNK, PortableKernel
+from cartstiff.many.machine_code.stacked_program import StackedProgram
 from cartstiff.many.tape import Program, Scalar, Tape, larger, pick, square_root
 from cartstiff.potentials.flexure_struts import ROUNDINGS, SLIDE, FlexureStruts, Struck, turned
 
@@ -238,26 +236,8 @@ def _coupling(alike: _Alike) -> Program:
 
 
 @lru_cache(maxsize=24)
-def _kernel(written: Callable[[_Alike], Program], alike: _Alike, compiled: bool) -> Any:
-    program = written(alike)
-    if not compiled:
-        return PortableKernel(program)
-    from cartstiff.many.compiled import CompiledKernel
-
-    return CompiledKernel(program)
-
-
-def _run(kernel: Any, inputs: dict[str, Array], count: int) -> dict[str, Array]:
-    outputs = {n: aligned_empty(count, len(own)) for n, own in kernel.program.outputs.items()}
-    rows = CHUNK if isinstance(kernel, PortableKernel) else count
-    workspace = kernel.workspace(min(rows, count))
-    for start in range(0, count, rows):
-        part = slice(start, min(start + rows, count))
-        workspace.run(
-            {name: array[part] for name, array in inputs.items()},
-            {name: array[part] for name, array in outputs.items()}, part.stop - start,
-        )  # fmt: skip
-    return outputs
+def _program(written: Callable[[_Alike], Program], alike: _Alike) -> StackedProgram:
+    return StackedProgram(written(alike), compiled=True)
 
 
 class _Search:
@@ -270,9 +250,9 @@ class _Search:
     is_known : which those are, their struts near the straight ones.
     """
 
-    def __init__(self, struts: FlexureStruts, poses: Array, rest: Array, compiled: bool) -> None:
+    def __init__(self, struts: FlexureStruts, poses: Array, rest: Array) -> None:
         self.struts, self.alike = struts, _Alike.of(struts)
-        self._kernel = partial(_kernel, alike=self.alike, compiled=compiled)
+        self._program = partial(_program, alike=self.alike)
         (N, m), n = rest.shape, len(self.alike.free)
         self.m, self.which, self.is_known = m, np.arange(N), np.zeros(N, bool)
         wanted, numbers = struts.wanted(poses), np.empty((N, m, _NUMBERS))
@@ -290,13 +270,13 @@ class _Search:
     def step(self, gradients: Array | None) -> None:
         """One step of all that are not there yet; with gradients (N, 6) rest lengths change."""
         count, m = len(self.which), self.m
-        outputs = _run(self._kernel(_step), self.rows, count * m)
+        outputs = self._program(_step)(self.rows)
         now, verdict, near, whole = (x.reshape(count, m) for x in outputs["seen"].T)
         doubt, shift = verdict.max(axis=1), np.zeros((count * m, 1))
         if gradients is not None:
             together = {name: outputs[name].reshape(count, -1) for name in ("W", "dW", "more_W")}
             together["gradient"] = np.ascontiguousarray(gradients[self.which])
-            coupled = _run(self._kernel(_coupling), together, count)
+            coupled = self._program(_coupling)(together)
             short, unsure = coupled["seen"].T
             now, doubt = np.maximum(now, short[:, None]), np.maximum(doubt, unsure)
             shift = coupled["shift"].reshape(count * m, 1)
@@ -325,7 +305,7 @@ class _Search:
         ends = self.struts.ends
         flat = np.concatenate([ends[:, :3, :3].reshape(m, 9), ends[:, :3, 3]], axis=1)
         inputs["ends"] = np.tile(flat, (count, 1))
-        outputs = _run(self._kernel(_condensed), inputs, count * m)
+        outputs = self._program(_condensed)(inputs)
         K = np.empty((count * m, 6, 6))
         K[:, _LOWER[0], _LOWER[1]] = K[:, _LOWER[1], _LOWER[0]] = outputs["stiffness"][:, :21]
         stands = np.ones((count, m), bool)
@@ -342,9 +322,9 @@ def _rows_of(which: NDArray[np.bool_], m: int) -> slice | NDArray[np.bool_]:
 
 
 def struck(
-    struts: FlexureStruts, poses: Array, gradients: Array, every: bool, compiled: bool
+    struts: FlexureStruts, poses: Array, gradients: Array, every: bool
 ) -> tuple[Struck, NDArray[np.bool_]]:
-    """`FlexureStruts.many` at poses (N, 4, 4) that gradients (N, 6) act at, as far as it is known.
+    """`FlexureStruts.many` at poses (N, 4, 4) that gradients (N, 6) act at, by machine code.
 
     With `every` all rest lengths are chosen. What is not known is for the struts' own search:
     struts that are bent far, that base or platform carry, or whose rest lengths are open in part.
@@ -357,7 +337,7 @@ def struck(
     """
     free = np.isnan(struts.rest_length) | every
     start = np.where(np.isnan(struts.rest_length), struts.lengths_of(poses), struts.rest_length)
-    search = _Search(struts, poses, start, compiled)
+    search = _Search(struts, poses, start)
     if type(struts) is not FlexureStruts or (free.any() and not (free.all() and len(free) == 6)):
         search.which = search.which[:0]
     for _ in range(_STEPS):
