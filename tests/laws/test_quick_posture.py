@@ -93,6 +93,36 @@ def test_every_answer_is_the_engines(name, wrench, spread, quick):
     assert found >= quick
 
 
+def test_links_that_give_are_bent_by_machine_code_too(monkeypatch):
+    """Numbers, coordinates, notes and remarks of a delta under loads, also of one far too large."""
+    monkeypatch.setattr(single, "_OFTEN", 5)
+    monkeypatch.setattr(single, "_OFTEN_BENT", 5)
+    elastic = cartstiff.load("delta")
+    asked_often(elastic, 0.3 * WRENCH)
+    rng, quick = np.random.default_rng(3), 0
+    motors = list(elastic.mechanism.actuated)
+    for size in (0.0, 0.1, 0.3, 0.3, 1.0, 2.0, 30.0):
+        q = elastic.q.copy()
+        q[motors] += rng.uniform(-0.2, 0.2, len(motors))
+        load = size * WRENCH
+        try:
+            engine = compute.analyse(elastic, q, wrench=load)
+        except ConvergenceError:
+            with pytest.raises(ConvergenceError):
+                cartstiff.analyse(elastic, q, wrench=load)
+            continue
+        ours = cartstiff.analyse(elastic, q, wrench=load)
+        quick += isinstance(ours, single.QuickPosture)
+        np.testing.assert_allclose(ours.q, engine.q, rtol=0, atol=1e-12)
+        assert [n.message for n in ours.notes] == [n.message for n in engine.notes]
+        for name in ("pose", "jacobian", "wrench", "tangent", "tangent_compliance"):
+            assert_same(getattr(ours, name), getattr(engine, name))
+        for name in "ABK":
+            assert_same(ours.matrices[name], engine.matrices[name])
+        assert ours.energy == pytest.approx(engine.energy, rel=1e-11)
+    assert quick >= 5
+
+
 def test_postures_that_would_not_stay_are_answered_alike():
     """Springs far from their rest positions: a Hessian of both signs, factorised as it stands."""
     elastic = cartstiff.load("ur5")

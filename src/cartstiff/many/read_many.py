@@ -25,6 +25,8 @@ class Values(NamedTuple):
         Numbers by name.
     poses : ndarray (N, 4, 4)
         ``T_F_M``.
+    q : ndarray (N, n)
+        Coordinates, those of links that give as the load bends them.
     is_known : ndarray of bool (N,)
         Postures of which the numbers stand; all others are for `analyse_many` and what reads its
         arrays.
@@ -32,6 +34,7 @@ class Values(NamedTuple):
 
     values: dict[str, Array]
     poses: Array
+    q: Array
     is_known: NDArray[np.bool_]
 
 
@@ -101,7 +104,8 @@ class Reader:
         }
         verdicts = np.zeros(count, np.uint8)
         run(self._plan, self._kernel, q, loads, arrays, verdicts, 1, None)
-        return Values(_finished(arrays["readings"], self.readings), arrays["pose"], verdicts == 0)
+        values = _finished(arrays["readings"], self.readings)
+        return Values(values, arrays["pose"], q, verdicts == 0)
 
 
 def _finished(values: Array, asked: Readings) -> dict[str, Array]:

@@ -7,11 +7,9 @@ is asked of the engine when it is read: every answer is the engine's, to roundin
 
 from __future__ import annotations
 
-import ctypes
 import weakref
 from collections.abc import Callable, Mapping
 from copy import copy
-from dataclasses import replace
 from functools import partial, wraps
 from itertools import zip_longest
 from math import inf
@@ -30,7 +28,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import force_notes, limit_notes
 from cartstiff.mechanisms.weighed import weights_of
 from cartstiff.notes import Note
-from cartstiff.potentials.beams import Beam
+from cartstiff.potentials.beams import Beam, evaluate_together
 from cartstiff.potentials.contract import Evaluation, Potential
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import CoupledSprings
@@ -39,16 +37,20 @@ from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN
 from cartstiff.stiffness.posture import PostureStiffness
 from cartstiff.stiffness.posture_notes import hardly_held, near_serial, near_type_2
 from cartstiff.stiffness.reduction import Reduction, scaled_values
+from cartstiff.stiffness.settled_links import LAST, STEPS
 
 if TYPE_CHECKING:
+    from cartstiff.many.machine_code.one_posture import OnePosture
     from cartstiff.many.plans import BoundCase
-    from cartstiff.many.tape import Program
 
 Ask = TypeVar("Ask", bound=Callable[..., PostureStiffness])
 
 #: Questions to a mechanism from which on machine code is made: as long as some 2000 of them takes
 #: the making, beside the work.
 _OFTEN = 200
+#: Where links are bent first the making takes longer, up to a quarter of a minute, and of more
+#: operations nothing is made.
+_OFTEN_BENT, _LARGEST_BENT = 1000, 150_000
 _NAMES = ("pose", "jacobian", "wrench", "energy",
           *(f"{kind}_{c}" for kind in ("stiffness", "compliance") for c in "ABKF"),
           "actuation", "verdict", "noteworthy")  # fmt: skip
@@ -183,9 +185,18 @@ class QuickPosture(PostureStiffness):
                 return self._engine.notes_on_posture
             near = self._code.near_notes(self)
         return (
-            *self._asked.notes, *near, *limit_notes(mechanism, self), *self._forces,
+            *self._asked.notes, *near, *self._remarks, *limit_notes(mechanism, self), *self._forces,
             *self._code.notes_on_weight,
         )  # fmt: skip
+
+    @property
+    def _remarks(self) -> list[Note]:
+        """What links that are bent have to say."""
+        if not self._code.bends:
+            return []
+        beams = [term for term in self._asked.terms() if isinstance(term, Beam)]
+        evaluate_together(beams, self.posture)  # which they remember
+        return self._asked.remarks(self.posture)
 
     @property
     def _forces(self) -> list[Note]:
@@ -194,49 +205,21 @@ class QuickPosture(PostureStiffness):
         return [] if legs is None or legs.forces is None else force_notes(self.elastic, self)
 
 
-class _Recorded:
-    """A program as machine code for one posture: all of its outputs, one after the other."""
-
-    def __init__(self, program: Program, n: int, shared: Mapping[str, Array]) -> None:
-        from cartstiff.many.compiled import CompiledKernel
-
-        steps, self.at = list[int](), dict[str, slice]()
-        for name, own in program.outputs.items():
-            self.at[name] = slice(len(steps), len(steps) + len(own))
-            steps += own
-        steps += steps[-1:] * (len(steps) % 2)  # records are written by pairs
-        self._kernel = CompiledKernel(replace(program, outputs={"record": tuple(steps)}), width=2)
-        self._entry, self._n, self._shared = self._kernel.entry(False), n, shared
-        self._free: list[_Memory] = []
-
-    def record(self, q: Array, wrench: Array | None) -> Array:
-        """What the program finds."""
-        try:
-            memory = self._free.pop()
-        except IndexError:
-            memory = _Memory(self._kernel, self._n, self._shared)
-        memory.q[:] = q
-        if wrench is not None:
-            memory.wrench[:] = wrench
-        memory.progress[:] = [0, 0]
-        self._entry(*memory.arguments)
-        record = memory.record.copy()
-        self._free.append(memory)
-        return record
-
-
 class _Code:
     """Machine code for a mechanism under a wrench, or under none."""
 
     def __init__(self, elastic: ElasticMechanism, taken: BoundCase) -> None:
-        from cartstiff.many.plans import CLOSING, program_for
+        from cartstiff.many.machine_code.one_posture import OnePosture
+        from cartstiff.many.plans import CLOSING, SETTLING, program_for
 
-        n, case = len(elastic.mechanism.coordinates), taken.case
+        case = taken.case
         shared = {name: np.ascontiguousarray(rows) for name, rows in taken.shared.items()}
-        self._answer = _Recorded(program_for(case, _NAMES), n, shared)
-        self._closing: _Recorded | None = None
-        if taken.is_closed:
-            self._closing = _Recorded(program_for(case, CLOSING), n, {})
+        self._answer = OnePosture(program_for(case, _NAMES), shared)
+        self._closing = OnePosture(program_for(case, CLOSING), {}) if taken.is_closed else None
+        self._settling = None
+        if taken.settles:
+            self._settling = OnePosture(program_for(case, SETTLING), shared)
+        self._beside, self.bends = taken.beside, bool(taken.beside) or taken.settles
         at = self._answer.at
         self.pose, self.wrench, self.jacobian = at["pose"], at["wrench"], at.get("jacobian")
         self.matrices, self.compliances = (
@@ -255,11 +238,35 @@ class _Code:
 
     def record(self, q: Array, wrench: Array | None) -> tuple[Array, Array] | None:
         """Coordinates and all numbers of a posture; None where it is not plainly regular."""
-        at = q if self._closing is None else self._closed(self._closing, q)
+        at: Array | None = q
+        given = {} if wrench is None else {"wrench": wrench}
+        if self._closing is not None:
+            at = self._closed(self._closing, q)
+        if self._settling is not None and at is not None:
+            at = self._bent(self._settling, at, given)
         if at is None:
             return None
-        record = self._answer.record(at, wrench)
+        record = self._answer.record(q=at, **given, **self._derivatives(at))
         return (at, record) if record[self._verdict] == 0.0 else None
+
+    def _derivatives(self, q: Array) -> dict[str, Array]:
+        """Inputs of the programs that are evaluated beside them."""
+        return self._beside.derivatives(q[None], compiled=True)[0] if self._beside else {}
+
+    def _bent(self, settling: OnePosture, q: Array, given: dict[str, Array]) -> Array | None:
+        """The steps of `settling.settle` for one posture; None where the engine would go on."""
+        from cartstiff.many.arithmetic import PLAIN
+
+        at = settling.at
+        for _ in range(STEPS):
+            record = settling.record(q=q, **given, **self._derivatives(q))
+            moved, doubt = record[at["moved"]].tolist()
+            if doubt != PLAIN or not moved < inf:
+                return None
+            q = record[at["settled"]][: len(q)]
+            if moved <= LAST:
+                return q
+        return None
 
     def near_notes(self, quick: QuickPosture) -> list[Note]:
         """Notes on near singularities; the sizes of a platform are the same everywhere."""
@@ -270,15 +277,16 @@ class _Code:
         return [*near_type_2(quick.posture), *near_serial(quick.posture, values)]
 
     @staticmethod
-    def _closed(closing: _Recorded, q: Array) -> Array | None:
+    def _closed(closing: OnePosture, q: Array) -> Array | None:
         """The steps of `closing.close` for one posture; None where the engine would go on."""
         from cartstiff.many.arithmetic import PLAIN
-        from cartstiff.many.chains.closing import STEPS, is_shut
+        from cartstiff.many.chains.closing import STEPS as MOST
+        from cartstiff.many.chains.closing import is_shut
         from cartstiff.mechanisms.closures import FUTILE, LONGEST_STEP
 
         left, size, best, futile = closing.at["left"], inf, inf, 0
-        for _ in range(STEPS):
-            record, before = closing.record(q, None), size
+        for _ in range(MOST):
+            record, before = closing.record(q=q), size
             size, step, length, doubt = record[left].tolist()
             if is_shut(size, step, length, before):
                 return q
@@ -288,28 +296,6 @@ class _Code:
                 return None
             q = record[: len(q)]
         return None
-
-
-class _Memory:
-    """What one call reads and writes; as many are made as are used at the same time."""
-
-    def __init__(self, kernel: Any, n: int, shared: Mapping[str, Array]) -> None:
-        from cartstiff.many.arguments import address_of, aligned_empty
-
-        program = kernel.program
-        self.q, self.wrench = np.empty((kernel.block, n)), np.empty((1, 6))
-        written = aligned_empty(kernel.block, len(program.outputs["record"]))
-        scratch = aligned_empty(kernel.scratch)
-        scratch[:] = 0.0
-        self.record = written[0]
-        self.progress = (ctypes.c_int64 * 2)()
-        inputs = {**shared, "q": self.q, "wrench": self.wrench}
-        read = [address_of(inputs[name]) for name in kernel.arrays]
-        self.arguments = (
-            1, (ctypes.c_void_p * len(read))(*read),
-            (ctypes.c_void_p * 1)(address_of(written)), address_of(scratch), self.progress,
-        )  # fmt: skip
-        self._held = inputs, written, scratch
 
 
 class _Asked:
@@ -323,7 +309,7 @@ class _Asked:
     def again(self, loaded: bool) -> None:
         """One more question; the code is made beside it where it pays."""
         self.count += 1
-        if self.count == _OFTEN:
+        if self.count in (_OFTEN, _OFTEN_BENT):
             Thread(target=self._make, args=(loaded,), name="cartstiff-code").start()
 
     def _make(self, loaded: bool) -> None:
@@ -336,21 +322,23 @@ class _Asked:
         chosen = plan(elastic, "shared" if loaded else "none")
         if (
             isinstance(chosen, str)
+            or chosen.settles is not (self.count >= _OFTEN_BENT)
             or chosen.regular != "regular"
-            or chosen.has_derivatives
-            or chosen.settles
+            or chosen.beside.is_dense
+            or ((chosen.beside or chosen.settles) and not chosen.is_closed)
             or not _is_plain(elastic, loaded, chosen)
         ):
             return
         program = program_for(chosen.case, _NAMES)
         waited_for = main_thread().is_alive()
-        if "noteworthy" in program.outputs and program.size <= LARGEST_PROGRAM and waited_for:
+        is_small = program.size <= (_LARGEST_BENT if chosen.settles else LARGEST_PROGRAM)
+        if "noteworthy" in program.outputs and is_small and waited_for:
             self.code = _Code(elastic, chosen)
 
 
 def _is_plain(elastic: ElasticMechanism, loaded: bool, taken: BoundCase) -> bool:
     """Whether nothing of it can change, and no energy has a remark on a posture."""
-    # What a closed chain has of these is not bent where its code answers.
+    # What a closed chain has of these is not bent where its code answers, or is asked for remarks.
     silent = (LineSprings,) if not taken.is_closed else (Beam, CoupledSprings)
     if elastic.gravity is not None and elastic.gravity.flags.writeable:
         return False

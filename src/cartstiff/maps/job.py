@@ -250,7 +250,7 @@ class MapJob:
         others = [quantity for quantity in self.quantities if quantity.name not in values]
         if others:
             values |= self._by_matrices(q, others).values
-        return MapRows(q, state, read.poses, values), unknown
+        return MapRows(read.q, state, read.poses, values), unknown
 
     def _by_matrices(self, q: Array, quantities: Sequence[Quantity]) -> MapRows:
         """What is known of postures (N, n), read from stored matrices."""
