@@ -390,6 +390,45 @@ def test_a_sweep_is_plotted_and_followed(ur5):
     ur5.keyboard.press("p")
 
 
+#: Holds sweeps back as pairs of `answer` and `refuse`.
+HOLD_SWEEPS = """() => {
+    const store = window.cartstiff, { ask } = store;
+    window.swept = [];
+    store.ask = function (message) {
+        if (message.do !== "sweep") return ask.call(store, message);
+        return new Promise((answer, refuse) => window.swept.push(
+            { refuse, answer: () => answer(ask.call(store, message)) }));
+    };
+    window.restore = () => { store.ask = ask; };
+}"""
+
+
+def test_curves_asked_for_again_after_others_are_those_of_the_last_question(serve, pages):
+    """A, B, A at once: the first A is refused, and its end must not end the second one."""
+    page = pages.shared(serve("cubic").url)
+    settled(page)
+    page.evaluate(HOLD_SWEEPS)
+    page.select_option("select[aria-label='Along what']", "sweep:1")
+    for number, force in enumerate((0, -50, -100, -50), start=1):
+        if force:
+            page.evaluate("(z) => window.cartstiff.change({load: [0, 0, 0, 0, 0, z]})", force)
+        # Where a sweep takes more than a second the page asks first.
+        page.wait_for_function("""(number) => {
+            const again = [...document.querySelectorAll("#strip button")]
+                .find((one) => one.textContent.includes("compute") && one.checkVisibility());
+            again?.click();
+            return window.swept.length === number;
+        }""", arg=number, timeout=10_000)  # fmt: skip
+    page.evaluate("""() => window.swept[1].refuse(
+        new Error("a newer question took the place of this one"))""")
+    page.wait_for_timeout(600)
+    assert page.evaluate("() => window.swept.length") == 4, "the question that is open was kept"
+    page.evaluate("() => { window.restore(); window.swept[3].answer(); }")
+    page.wait_for_function(
+        "() => document.querySelectorAll('#strip .plot .curve').length === 3", timeout=10_000
+    )
+
+
 def test_the_address_holds_the_state(serve, pages):
     page = pages.shared(serve("cubic").url)
     page.focus("#slider-0")
