@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from statistics import median
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -30,18 +29,7 @@ from cartstiff.many.postures import analyse_many
 LOAD = np.array([1.0, -2.0, 3.0, 20.0, 30.0, -40.0])
 ENGINE = 40
 AGREEMENT = 1e-9
-ARM = """
-kind: serial
-model: ur5
-frame: tool0
-springs: {%s}
-flexible:
-  upper_arm_link: {beam: {E: 7.0e10, G: 2.6e10, length: 0.425, area: 2.0e-3, Iy: 2.0e-6,
-                          Iz: 2.0e-6, J: 4.0e-6}}
-  forearm_link: {beam: {E: 7.0e10, G: 2.6e10, length: 0.392, area: 1.5e-3, Iy: 1.0e-6,
-                        Iz: 1.0e-6, J: 2.0e-6}}
-"""
-JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+ARM = Path(__file__).resolve().parents[1] / "examples" / "flexible_arm.yaml"
 FLEXIBLE_ARM = "ur5, two links that give"
 
 
@@ -70,21 +58,12 @@ ROWS = (
 
 def loaded(name: str) -> cartstiff.ElasticMechanism:
     """A bundled mechanism, or the arm whose links give."""
-    if name != FLEXIBLE_ARM:
-        return cartstiff.load(name)
-    springs = ", ".join(f"{joint}_joint: {{stiffness: 2.0e4}}" for joint in JOINTS)
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "arm.yaml"
-        path.write_text(ARM % springs, encoding="utf-8")
-        return cartstiff.load(path)
+    return cartstiff.load(ARM if name == FLEXIBLE_ARM else name)
 
 
 def drawn(elastic: Any, row: Row, count: int) -> np.ndarray:
     """Postures about home (count, n)."""
     chain, q = elastic.mechanism, np.tile(elastic.q, (count, 1))
-    if row.name == FLEXIBLE_ARM:
-        home = [0.3, -1.1, 1.4, -0.7, 0.9, 0.2]
-        q[:, [j for j in range(q.shape[1]) if j not in chain.virtual]] = home
     moved = [j for j in getattr(chain, "held", ()) or range(q.shape[1])
              if j not in getattr(chain, "virtual", ())]  # fmt: skip
     steps = np.random.default_rng(1).uniform(-row.away, row.away, (count, len(moved)))

@@ -109,7 +109,10 @@ def test_rows_are_states_and_mechanisms_with_their_ratios(two, pages):
     )
     page.wait_for_selector("#strip .plot .curve.other")
     # The address holds what was kept.
-    page.wait_for_function("() => /keptB/.test(location.hash) && !/-300/.test(location.hash)")
+    page.wait_for_function("""() => {
+        const held = new URLSearchParams(location.hash.slice(1));
+        return held.has("keptB") && held.get("load")?.endsWith("-100");
+    }""")
     again = pages.open(page.evaluate("() => window.location.href"))
     again.wait_for_function("() => window.cartstiff.rows.length === 3")
     assert {name: rows(again)[name] for name in ("A", "B")} == {n: found[n] for n in ("A", "B")}

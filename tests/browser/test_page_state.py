@@ -457,7 +457,7 @@ def test_a_rigid_joint_stays_rigid_until_it_is_given_a_number(serve, pages, tmp_
     assert state["stiffness"] == [30000, 30000, None, 7000, 5000, 4000]
     other = arm.with_springs({"wrist_1_joint": 7000.0})
     assert close(matrix(page), cartstiff.analyse(other).compliances["B"])
-    page.wait_for_function("() => window.location.hash.includes('rigid')")
+    page.wait_for_function("() => window.location.hash.includes('7000')")
     again = pages.open(page.evaluate("() => window.location.href"))
     assert again.evaluate("() => window.cartstiff.state")["stiffness"] == state["stiffness"]
     elbow.fill("10000")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,32 +28,21 @@ from cartstiff.stiffness.applied_load import LoadKind
 
 WRENCH = np.array([1.0, -2.0, 3.0, 20.0, 30.0, -40.0])
 EACH = np.random.default_rng(3).normal(size=(4, 6)) * [1, 1, 1, 20, 20, 20]
-BEAM = "{E: 7.0e10, G: 2.6e10, length: 0.425, area: 2.0e-3, Iy: 2.0e-6, Iz: 1.0e-6, J: 3.0e-6%s}"
+#: An arm of beams, one of which is exchanged.
+ARM = Path(__file__).resolve().parents[2] / "examples" / "flexible_arm.yaml"
+SHEAR = ("{beam: {E: 7.0e10, G: 2.6e10, length: 0.425, area: 2.0e-3, Iy: 2.0e-6, Iz: 1.0e-6, "
+         "J: 3.0e-6, shear_area_y: 1.0e-3, shear_area_z: 1.2e-3}}")  # fmt: skip
 MATRIX = np.diag([5.0e5, 4.0e5, 4.0e5, 3.0e8, 2.0e7, 2.0e7])
 MATRIX[1, 5] = MATRIX[5, 1] = 3.0e5
-ARM = """
-kind: serial
-model: ur5
-frame: tool0
-springs: {%s}
-flexible:
-  upper_arm_link: {beam: %s}
-  forearm_link: {%s}
-"""
-JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
-Q = {"shoulder_pan_joint": 0.3, "shoulder_lift_joint": -1.1, "elbow_joint": 1.4,
-     "wrist_1_joint": -0.7, "wrist_2_joint": 0.9, "wrist_3_joint": 0.2}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def arms(tmp_path_factory) -> dict[str, ElasticMechanism]:
     """A UR5 whose upper arm is a beam and whose forearm is one too, or a 6x6 spring."""
     folder, found = tmp_path_factory.mktemp("arms"), {}
-    springs = ", ".join(f"{name}_joint: {{stiffness: 2.0e4}}" for name in JOINTS)
-    shear = f"beam: {BEAM % ', shear_area_y: 1.0e-3, shear_area_z: 1.2e-3'}"
-    for name, forearm in (("beams", shear), ("matrix", f"stiffness: {MATRIX.tolist()}")):
+    for name, link in (("beams", SHEAR), ("matrix", f"{{stiffness: {MATRIX.tolist()}}}")):
         path = folder / f"{name}.yaml"
-        path.write_text(ARM % (springs, BEAM % "", forearm))
+        path.write_text(re.sub(r"forearm_link: .*", f"forearm_link: {link}", ARM.read_text()))
         found[name] = cartstiff.load(path)
     return found
 
@@ -60,7 +51,7 @@ def postures(elastic: ElasticMechanism, count: int = 4) -> Array:
     """Home, with the joints elsewhere and links that are not bent."""
     if elastic.mechanism.closures:
         return starts(elastic, 0.03, count)
-    q = np.tile([Q.get(name, 0.0) for name in elastic.names], (count, 1))
+    q = np.tile(elastic.q, (count, 1))
     moved = [j for j in range(q.shape[1]) if j not in elastic.mechanism.virtual]
     q[:, moved] += np.random.default_rng(2).uniform(-0.4, 0.4, (count, len(moved)))
     return q

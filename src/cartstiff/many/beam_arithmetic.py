@@ -13,9 +13,13 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.algebra import largest
+from cartstiff.many.algebra import in_pairs, largest
 from cartstiff.many.arithmetic import ENGINE, PLAIN
-from cartstiff.many.machine_code.stacked_program import StackedProgram
+from cartstiff.many.machine_code.stacked_program import (
+    StackedProgram,
+    from_triangles,
+    lower_triangle,
+)
 from cartstiff.many.tape import Scalar, Tape, absolute, larger, pick
 from cartstiff.potentials.beams import SERIES, Beam, Section, alike
 
@@ -51,10 +55,10 @@ def _segment(tape: Tape, beam: Beam) -> dict[str, Array]:
         verdict = larger(verdict, pick(bent, 0.5 * SERIES, PLAIN, ENGINE))
     energy, gradient, hessian = beam.terms(shapes, N, beam.rotational(N), np.ones(1))
     return {
-        "energy": np.append(energy, energy),  # written by pairs
+        "energy": in_pairs(energy),
         "gradient": gradient[0],
-        "hessian": np.append(hessian[0][np.tril_indices(6)], 0.0),
-        "verdict": np.array([verdict, verdict], object),
+        "hessian": in_pairs(lower_triangle(hessian[0])),
+        "verdict": in_pairs(np.array([verdict], object)),
     }
 
 
@@ -91,9 +95,7 @@ def _evaluated(beam: Beam, x: Array, compiled: bool) -> tuple[Array, Array, Arra
     """Energies (m,), gradients (m, 6), Hessians (m, 6, 6) of segments that are alike."""
     outputs = _program(beam.length, beam.section, compiled)({"x": x})
     energies, gradients = outputs["energy"][:, 0].copy(), outputs["gradient"]
-    hessians = np.empty((len(x), 6, 6))
-    i, j = np.tril_indices(6)
-    hessians[:, i, j] = hessians[:, j, i] = outputs["hessian"][:, :21]
+    hessians = from_triangles(outputs["hessian"])
     doubtful = np.flatnonzero(~(outputs["verdict"][:, 0] == PLAIN))
     if doubtful.size:
         energies[doubtful], gradients[doubtful], hessians[doubtful] = beam.segments(x[doubtful])

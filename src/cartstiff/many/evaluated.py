@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,12 +20,22 @@ from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.flexure_struts import FlexureStruts, Struck
 from cartstiff.potentials.springs import SpringLaw
+from cartstiff.stiffness.applied_load import wrench_in_body
 
 #: Postures whose struts are condensed at once, by a program and by stacks of matrices: what they
 #: take fits into the caches.
 _TOGETHER, _STACKED = 256, 64
 #: Unsymmetric derivatives beyond this share of their largest entry are not those of an energy.
 _UNSYMMETRIC = numerics.ROUNDING
+
+
+class _Sums(NamedTuple):
+    """What energies of (N,) postures add up to: (N, 1), (N, n), (N, n, n), and verdicts (N,)."""
+
+    energies: Array
+    gradients: Array
+    hessians: Array
+    verdicts: Array
 
 
 @dataclass(frozen=True)
@@ -83,31 +94,30 @@ class Evaluated:
         wrench (1 or N, 6) is for struts to carry.
         """
         count, n = q.shape
-        energies, verdicts = np.zeros((count, 1)), np.full(count, PLAIN)
-        inputs = {"energies": energies}
+        sums = _Sums(np.zeros((count, 1)), np.zeros((0, n)), np.zeros((0, n, n)),
+                     np.full(count, PLAIN))  # fmt: skip
+        inputs = {"energies": sums.energies}
         if self.is_dense:
-            gradients, hessians = np.zeros((count, n)), np.zeros((count, n, n))
+            sums = sums._replace(gradients=np.zeros((count, n)), hessians=np.zeros((count, n, n)))
             for j, law in self.laws.items():
                 x = q[:, j] - (0.0 if self.rest is None else self.rest[j])
                 energy, torque, stiffness = law.many(x)
-                energies[:, 0] += energy
-                gradients[:, j] += torque
-                hessians[:, j, j] += stiffness
-            self._add_loose(q, energies, gradients, hessians, verdicts)
+                sums.energies[:, 0] += energy
+                sums.gradients[:, j] += torque
+                sums.hessians[:, j, j] += stiffness
+            self._add_loose(q, sums)
             if self.struts is not None:
-                self._add_struts(self.struts, q, wrench, compiled, energies, gradients, hessians,
-                                 verdicts)  # fmt: skip
-            inputs |= {"gradients": gradients, "hessians": hessians.reshape(count, n * n)}
+                self._add_struts(self.struts, q, wrench, compiled, sums)
+            inputs |= {"gradients": sums.gradients, "hessians": sums.hessians.reshape(count, n * n)}
         if self.beams:
             energy, gradient, hessian = segments_of_many(self.beams, q, compiled)
-            energies[:, 0] += energy
+            sums.energies[:, 0] += energy
             inputs["segment_gradients"] = np.ascontiguousarray(gradient.reshape(count, -1))
             inputs["segment_hessians"] = np.ascontiguousarray(hessian.reshape(count, -1))
-        return inputs, verdicts
+        return inputs, sums.verdicts
 
-    def _add_loose(
-        self, q: Array, energies: Array, gradients: Array, hessians: Array, verdicts: Array
-    ) -> None:
+    def _add_loose(self, q: Array, sums: _Sums) -> None:
+        energies, gradients, hessians, verdicts = sums
         for i in range(len(q) if self.loose else 0):
             posture = self.mechanism.at(q[i])
             for potential in self.loose:
@@ -124,9 +134,9 @@ class Evaluated:
                 verdicts[i] = ENGINE
 
     def _add_struts(
-        self, struts: FlexureStruts, q: Array, wrench: Array | None, compiled: bool,
-        energies: Array, gradients: Array, hessians: Array, verdicts: Array,
-    ) -> None:  # fmt: skip
+        self, struts: FlexureStruts, q: Array, wrench: Array | None, compiled: bool, sums: _Sums
+    ) -> None:
+        energies, gradients, hessians, verdicts = sums
         if not isinstance(self.mechanism, Platform):
             raise TypeError("struts are those of a platform")
         poses = se3.from_roll_pitch_yaw(q[:, :3], q[:, 3:]) @ self.mechanism.T_P_M
@@ -162,6 +172,6 @@ class Evaluated:
         """Gradients (N, 6) of dead forces on the platform."""
         gradients = np.zeros((len(poses), 6))
         for force, point in zip(self.forces, self.points, strict=True):
-            own = force @ poses[:, :3, :3]
-            gradients -= np.hstack([np.cross(point, own), own])
+            W = np.concatenate([np.zeros(3), force])
+            gradients -= wrench_in_body(W, poses, point.tolist(), "world")
         return gradients

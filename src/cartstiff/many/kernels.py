@@ -149,6 +149,16 @@ def chosen(
     return answer, _compiled_kernel(answer.case, ordered), ""
 
 
+def _workers(threads: int, rows: int) -> int:
+    """How many threads so many postures keep busy."""
+    return max(1, min(threads, rows // LEAST_PER_THREAD))
+
+
+def _compiles(count: int) -> bool:
+    """Whether so many postures are worth machine code, and it can be made."""
+    return count >= WORTH_COMPILING and has_package("llvmlite")
+
+
 def _is_worth_making(size: int, count: int) -> bool:
     """Whether machine code of so many operations is, for so many postures."""
     return size <= LARGEST_PROGRAM or count >= WORTH_WAITING
@@ -169,8 +179,7 @@ def lasting_path(
     if isinstance(answer, str):
         return "engine"
     ordered = tuple(name for name in OUTPUTS if name in recorded(names))
-    compiles = has_package("llvmlite") and count >= WORTH_COMPILING
-    if compiles and _is_worth_making(program_for(answer.case, ordered).size, count):
+    if _compiles(count) and _is_worth_making(program_for(answer.case, ordered).size, count):
         return "compiled"
     return "portable"
 
@@ -180,20 +189,19 @@ class _Standing:
 
     def __init__(
         self, taken: BoundCase, compiled: bool, rows: int, threads: int = 1,
-        along_f: tuple[float, float, float] | None = None,
+        dead_load_at: tuple[float, float, float] | None = None,
     ) -> None:  # fmt: skip
         make = _compiled_kernel if compiled else _portable_kernel
-        case, shared = taken.case, min(threads, rows // LEAST_PER_THREAD)
+        case, workers = taken.case, _workers(threads, rows)
         ways = case.ways if isinstance(case, ClosedCase) else ()
         self._closing = [
-            cache(lambda way=way: make(way, CLOSING).workspace(rows, max(1, shared)))
-            for way in ways
+            cache(lambda way=way: make(way, CLOSING).workspace(rows, workers)) for way in ways
         ]
         self._settling: Any = None
         self._evaluate = partial(taken.beside.derivatives, compiled=compiled)
         if taken.settles and isinstance(case, ChainCase):
-            case = replace(case, along_f=along_f)
-            self._settling = make(case, SETTLING).workspace(rows, max(1, shared))
+            case = replace(case, dead_load_at=dead_load_at)
+            self._settling = make(case, SETTLING).workspace(rows, workers)
 
     def __bool__(self) -> bool:
         return bool(self._closing) or self._settling is not None
@@ -230,10 +238,9 @@ def bent(
     nowhere = np.full((len(q), 6), np.nan)
     if isinstance(taken, str) or not taken.settles:
         return q, nowhere
-    compiles = path == "compiled" or (path == "auto" and len(q) >= WORTH_COMPILING)
-    is_compiled = compiles and has_package("llvmlite")
+    is_compiled = path == "compiled" or (path == "auto" and _compiles(len(q)))
     rows = min(len(q), EVALUATED_CHUNK)
-    standing = _Standing(taken, is_compiled, rows, threads, along_f=at)
+    standing = _Standing(taken, is_compiled, rows, threads, dead_load_at=at)
     shared = {name: np.ascontiguousarray(array) for name, array in taken.shared.items()}
     moved = q.copy()
     for start in range(0, len(q), rows):
@@ -314,7 +321,7 @@ def _run(
     shared = {name: np.ascontiguousarray(array) for name, array in taken.shared.items()}
     if loads is not None and loads.ndim == 1:
         shared["wrench"] = np.ascontiguousarray(loads)[None]
-    workspace = kernel.workspace(length, max(1, min(threads, length // LEAST_PER_THREAD)))
+    workspace = kernel.workspace(length, _workers(threads, length))
     verdict = aligned_empty(length, 1)  # or nothing would be written past the cache
     for start in range(0, count, length):
         stop = min(start + length, count)

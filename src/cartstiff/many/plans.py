@@ -12,6 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from cartstiff.geometry.se3 import Array
+from cartstiff.many.algebra import in_pairs
 from cartstiff.many.arithmetic import shared_inputs
 from cartstiff.many.chains.chain_arithmetic import chain_arrays
 from cartstiff.many.chains.chain_numbers import ChainCase
@@ -19,7 +20,7 @@ from cartstiff.many.chains.chain_twists import ChainConstants, ForceField, numbe
 from cartstiff.many.chains.closed_case import closed_case
 from cartstiff.many.chains.closed_chain import ClosedCase, closed_arrays
 from cartstiff.many.chains.closing import closing_arrays
-from cartstiff.many.chains.settling import settling_arrays
+from cartstiff.many.chains.settling import settles, settling_arrays
 from cartstiff.many.evaluated import Evaluated
 from cartstiff.many.platform_arithmetic import PlatformCase, platform_arrays
 from cartstiff.many.reading_arithmetic import Readings, read
@@ -34,7 +35,6 @@ from cartstiff.potentials.flexure_struts import FlexureStruts
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.loads import DeadForce
 from cartstiff.potentials.springs import CoupledSprings, JointSprings, SpringLaw
-from cartstiff.stiffness.settled_links import settled_coordinates
 
 Case = ChainCase | PlatformCase
 #: The outputs that stand for steps towards closure, and towards rest of links under a load.
@@ -103,7 +103,7 @@ def program_for(case: Case, outputs: tuple[str, ...], readings: Readings | None 
     if readings is not None and readings.exist_beside(arrays):
         values, doubt = read({**arrays, "lengths": np.array(lengths)}, readings)
         arrays["verdict"][0] = larger(arrays["verdict"][0], doubt)
-        arrays["readings"] = np.append(values, values[: len(values) % 2])  # written by pairs
+        arrays["readings"] = in_pairs(values)
         outputs = ("pose", "readings")
     kept = {name: arrays[name] for name in (*outputs, "verdict") if name in arrays}
     return tape.program(kept, shared_inputs(case.wrench))
@@ -176,8 +176,7 @@ def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> BoundCa
         return "line springs of a chain have no arithmetic of their own"
     if elastic.gravity is not None and len(constants.screws) < 6 * chain.tree.model.nv:
         return "bodies beside the way to the frame have weight"
-    settled = settled_coordinates(elastic).tolist() if wrench != "none" else []
-    case = ChainCase(constants, is_open, wrench, settled=tuple(settled))
+    case = ChainCase(constants, is_open, wrench, settled=settles(elastic, wrench))
     return _with_fields(elastic, chain, case, elastic.potentials, shared, laws, n)
 
 

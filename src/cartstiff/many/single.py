@@ -37,7 +37,6 @@ from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN
 from cartstiff.stiffness.posture import PostureStiffness
 from cartstiff.stiffness.posture_notes import hardly_held, near_serial, near_type_2
 from cartstiff.stiffness.reduction import Reduction, scaled_values
-from cartstiff.stiffness.settled_links import LAST, STEPS
 
 if TYPE_CHECKING:
     from cartstiff.many.machine_code.one_posture import OnePosture
@@ -254,19 +253,13 @@ class _Code:
         return self._beside.derivatives(q[None], compiled=True)[0] if self._beside else {}
 
     def _bent(self, settling: OnePosture, q: Array, given: dict[str, Array]) -> Array | None:
-        """The steps of `settling.settle` for one posture; None where the engine would go on."""
-        from cartstiff.many.arithmetic import PLAIN
+        """Coordinates at which links carry the load; None where the engine would go on."""
+        from cartstiff.many.chains.settling import settle
 
-        at = settling.at
-        for _ in range(STEPS):
-            record = settling.record(q=q, **given, **self._derivatives(q))
-            moved, doubt = record[at["moved"]].tolist()
-            if doubt != PLAIN or not moved < inf:
-                return None
-            q = record[at["settled"]][: len(q)]
-            if moved <= LAST:
-                return q
-        return None
+        evaluate, at = partial(self._beside.derivatives, compiled=True), q[None].copy()
+        load = {"wrench": given["wrench"][None]}
+        found, _ = settle(settling, evaluate, load, at, np.arange(1))
+        return at[0] if len(found) else None
 
     def near_notes(self, quick: QuickPosture) -> list[Note]:
         """Notes on near singularities; the sizes of a platform are the same everywhere."""
@@ -280,12 +273,11 @@ class _Code:
     def _closed(closing: OnePosture, q: Array) -> Array | None:
         """The steps of `closing.close` for one posture; None where the engine would go on."""
         from cartstiff.many.arithmetic import PLAIN
-        from cartstiff.many.chains.closing import STEPS as MOST
-        from cartstiff.many.chains.closing import is_shut
+        from cartstiff.many.chains.closing import STEPS, is_shut
         from cartstiff.mechanisms.closures import FUTILE, LONGEST_STEP
 
         left, size, best, futile = closing.at["left"], inf, inf, 0
-        for _ in range(MOST):
+        for _ in range(STEPS):
             record, before = closing.record(q=q), size
             size, step, length, doubt = record[left].tolist()
             if is_shut(size, step, length, before):

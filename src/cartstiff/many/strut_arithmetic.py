@@ -27,6 +27,7 @@ from cartstiff.many.algebra import (
     below,
     congruence,
     cross,
+    in_pairs,
     inverse,
     largest,
     norm_squared,
@@ -38,7 +39,11 @@ from cartstiff.many.algebra import (
 from cartstiff.many.arithmetic import ENGINE, JACOBIAN_CONDITION, PLAIN, limited
 from cartstiff.many.chains.chain_numbers import curvature_of
 from cartstiff.many.chains.closing import cotangent_series
-from cartstiff.many.machine_code.stacked_program import StackedProgram
+from cartstiff.many.machine_code.stacked_program import (
+    StackedProgram,
+    from_triangles,
+    lower_triangle,
+)
 from cartstiff.many.tape import Program, Scalar, Tape, larger, pick, square_root
 from cartstiff.potentials.flexure_struts import ROUNDINGS, SLIDE, FlexureStruts, Struck, turned
 
@@ -52,8 +57,6 @@ _SHARE = 0.01
 #: What says all of a strut in balance.
 _BALANCE = ("numbers", "q", "W", "rest")
 _NUMBERS = 15  # of a strut: the wanted end, the length between flexures, the slide's spring, made
-#: Lower triangle of K^B, row by row.
-_LOWER = np.tril_indices(6)
 
 
 @dataclass(frozen=True)
@@ -176,11 +179,6 @@ def _state(n: int) -> dict[str, int]:
     return {"q": n, "W": 6, "dq": n, "dW": 6, "more_q": n, "more_W": 6, "rest": 1}
 
 
-def _padded(values: Array) -> Array:
-    """Records are written by pairs."""
-    return np.append(values, values[: len(values) % 2])
-
-
 def _step(alike: _Alike) -> Program:
     """A step of one strut."""
     tape = Tape()
@@ -193,7 +191,7 @@ def _step(alike: _Alike) -> Program:
         "q": strut.x, "W": strut.W, "dq": dq, "dW": dW, "more_q": more_q, "more_W": more_W,
         "rest": np.array([strut.rest], object),
     }  # fmt: skip
-    outputs = {name: _padded(values) for name, values in state.items()}
+    outputs = {name: in_pairs(values) for name, values in state.items()}
     outputs["seen"] = np.array([strut.now, strut.verdict, strut.near, strut.whole], object)
     return tape.program(outputs, [])
 
@@ -211,8 +209,8 @@ def _condensed(alike: _Alike) -> Program:
     K = congruence(back.T, inverse((strut.C + strut.C.T) * 0.5))
     energy = (strut.k * strut.stretched) @ strut.stretched * 0.5
     return tape.program({
-        "energy": np.array([energy, energy], object), "wrench": back @ strut.W,
-        "stiffness": _padded(K[_LOWER]),
+        "energy": in_pairs(np.array([energy], object)), "wrench": back @ strut.W,
+        "stiffness": in_pairs(lower_triangle(K)),
     }, [])  # fmt: skip
 
 
@@ -306,12 +304,10 @@ class _Search:
         flat = np.concatenate([ends[:, :3, :3].reshape(m, 9), ends[:, :3, 3]], axis=1)
         inputs["ends"] = np.tile(flat, (count, 1))
         outputs = self._program(_condensed)(inputs)
-        K = np.empty((count * m, 6, 6))
-        K[:, _LOWER[0], _LOWER[1]] = K[:, _LOWER[1], _LOWER[0]] = outputs["stiffness"][:, :21]
         stands = np.ones((count, m), bool)
         return Struck(
             outputs["energy"][:, 0].reshape(count, m), outputs["wrench"].reshape(count, m, 6),
-            K.reshape(count, m, 6, 6),
+            from_triangles(outputs["stiffness"]).reshape(count, m, 6, 6),
             self.struts.made + inputs["rest"][:, 0].reshape(count, m), stands, stands,
         )  # fmt: skip
 

@@ -22,10 +22,9 @@ from cartstiff import numerics
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
-from cartstiff.potentials.flexure_struts import FlexureStruts, Struck, solved, turned
+from cartstiff.potentials.flexure_struts import ROUNDINGS, FlexureStruts, Struck, solved, turned
 
 _STEPS = 40
-_ROUNDINGS = 64.0
 
 
 class Mount(NamedTuple):
@@ -146,7 +145,7 @@ class MountedStruts(FlexureStruts):
             right = np.hstack([pull, gap]) * sizes
             now = np.abs(right).max(axis=-1)
             settled |= (now >= 0.5 * missed) & (now <= numerics.ROUNDING * whole)
-            settled |= now <= _ROUNDINGS * numerics.EPSILON * whole
+            settled |= now <= ROUNDINGS * numerics.EPSILON * whole
             if np.all(settled | ~np.isfinite(now)):
                 break
             missed = np.fmin(missed, now)

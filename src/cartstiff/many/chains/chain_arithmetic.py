@@ -28,6 +28,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import (
     below,
     congruence,
+    in_pairs,
     is_zero,
     largest,
     norm_squared,
@@ -268,7 +269,7 @@ def _singular_arrays(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, 
         "pose": chain.pose(),
         "jacobian": chain.J,
         "energy": np.array([chain.energy], object),
-        "looked_at": np.array(looked_at + looked_at[-1:] * (len(looked_at) % 2), object),
+        "looked_at": in_pairs(np.array(looked_at, object)),
     }
     W, verdict = chain.load(), chain.verdict
     if W is not None:

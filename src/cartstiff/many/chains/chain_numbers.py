@@ -55,7 +55,7 @@ class ChainCase:
     settled : tuple of int
         Coordinates without springs of their own that are at rest under the wrench before
         anything is asked: `settling` finds where.
-    along_f : tuple of 3 floats, optional
+    dead_load_at : tuple of 3 floats, optional
         Point of M at which a dead load acts whose components are along the axes of F: `settling`
         alone reads it, and finds the load in M.
     singular : bool
@@ -70,7 +70,7 @@ class ChainCase:
     derivatives: bool = False
     segments: tuple[tuple[int, ...], ...] = ()
     settled: tuple[int, ...] = ()
-    along_f: tuple[float, float, float] | None = None
+    dead_load_at: tuple[float, float, float] | None = None
     singular: bool = False
 
 

@@ -10,6 +10,7 @@ from cartstiff import numerics
 from cartstiff.errors import ConvergenceError
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.chains.closed_chain import ClosedCase
+from cartstiff.many.chains.settling import settles
 from cartstiff.many.chains.tree_twists import Tie, TreeConstants, TreeKinematics
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -17,7 +18,6 @@ from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.springs import CoupledSprings, JointSprings
-from cartstiff.stiffness.settled_links import settled_coordinates
 
 #: Postures that closures are looked at in, and how far from home they are sought (rad, or shares
 #: of the characteristic length).
@@ -150,7 +150,7 @@ def closed_case(
     if actuated is not None and not set(actuated) <= set(held):
         return "the actuated coordinates are not those that are held"
 
-    settled = settled_coordinates(elastic).tolist() if wrench != "none" else []
+    settled = settles(elastic, wrench)
     still, others = list[tuple[tuple[int, ...], tuple[float, ...]]](), list[Potential]()
     for potential in elastic.potentials:
         if settled:
@@ -201,7 +201,7 @@ def closed_case(
         balance=balance,
         springs=tuple(np.flatnonzero(own).tolist()),
         still=tuple(still),
-        settled=tuple(settled),
+        settled=settled,
         has_chart=actuated is not None and len(actuated) == 6 == n - rank,
         is_driven=actuated is not None and set(actuated) == set(independent),
     ), tuple(others)

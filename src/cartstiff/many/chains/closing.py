@@ -21,6 +21,7 @@ from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import (
     cross,
+    in_pairs,
     largest,
     norm_squared,
     reflections,
@@ -124,7 +125,7 @@ def closing_arrays(tape: Tape, case: ClosedCase) -> dict[str, Array]:
     step = step * columns * pick(long, LONGEST_STEP, 1.0, LONGEST_STEP / long)
     left = np.array([largest(np.concatenate(every)), long, length, verdict], object)
     moved = q + step
-    return {"next": np.append(moved, moved[: n % 2]), "left": left}
+    return {"next": in_pairs(moved), "left": left}
 
 
 def close(ways: Sequence[Callable[[], Any]], q: Array) -> tuple[Array, NDArray[np.bool_]]:

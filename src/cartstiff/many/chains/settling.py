@@ -24,6 +24,7 @@ from cartstiff.many.algebra import (
     below,
     congruence,
     cross,
+    in_pairs,
     largest,
     positive_factor,
     solution,
@@ -35,11 +36,23 @@ from cartstiff.many.chains.chain_numbers import ChainCase, ChainNumbers
 from cartstiff.many.chains.closed_chain import ClosedCase, ClosedChainNumbers
 from cartstiff.many.chains.closing import weld_residual
 from cartstiff.many.tape import Scalar, Tape, larger, pick
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.stiffness.applied_load import LoadKind
-from cartstiff.stiffness.settled_links import LAST, LONGEST, ROUNDED, STEPS
+from cartstiff.stiffness.settled_links import (
+    LAST,
+    LONGEST,
+    ROUNDED,
+    STEPS,
+    settled_coordinates,
+)
 
 #: Evaluates what is beside the program at postures (N, n): inputs, and verdicts.
 Evaluate = Callable[[Array], tuple[dict[str, Array], Array]]
+
+
+def settles(elastic: ElasticMechanism, wrench: str) -> tuple[int, ...]:
+    """`settled_coordinates` where there is a wrench; `wrench` as in `ChainCase`."""
+    return () if wrench == "none" else tuple(settled_coordinates(elastic).tolist())
 
 
 def _shutting(chain: ClosedChainNumbers, case: ClosedCase, sizes: Array) -> tuple[Array, Scalar]:
@@ -72,10 +85,10 @@ def settling_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
         chain = ChainNumbers(tape, case, len(case.constants.screws) // 6)
         names, N = tuple(range(chain.n)), np.eye(chain.n)
     W, load = chain.W, LoadKind("follower")
-    if case.along_f is not None:
-        load, R = LoadKind("dead", case.along_f), chain.pose()[:3, :3].T
+    if case.dead_load_at is not None:
+        load, R = LoadKind("dead", case.dead_load_at), chain.pose()[:3, :3].T
         moment, force = R @ W[:3], R @ W[3:]
-        W = np.concatenate([moment + cross(np.array(case.along_f), force), force])
+        W = np.concatenate([moment + cross(np.array(case.dead_load_at), force), force])
     sizes = np.array([chain.length if d else 1.0 for d in case.constants.is_length], object)
     left, shut = chain.gradient - chain.J.T @ W, zeros(len(chain.q))
     if isinstance(case, ClosedCase):
@@ -97,7 +110,7 @@ def settling_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
     moved = largest(step / sizes)
     settled = chain.q + step * pick(moved, LONGEST, 1.0, LONGEST / moved)
     return {
-        "settled": np.append(settled, settled[: len(settled) % 2]),  # written by pairs
+        "settled": in_pairs(settled),
         "moved": np.array([moved, verdict], object),
         "load": W,
     }

@@ -48,6 +48,14 @@ class OnePosture:
         self._free.append(memory)
         return record
 
+    def run(self, inputs: Mapping[str, Array], outputs: Mapping[str, Array], count: int) -> None:
+        """`record` as rows (1, ...) of outputs, as what computes many postures gives them."""
+        if count != 1:
+            raise ValueError("one posture at a time")
+        record = self.record(**inputs)
+        for name, row in outputs.items():
+            row[0] = record[self.at[name]]
+
 
 class _Memory:
     """What one call reads and writes; as many are made as are used at the same time."""

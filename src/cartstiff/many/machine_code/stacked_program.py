@@ -17,6 +17,21 @@ from cartstiff.many.tape import Program
 _LEAST = 64
 
 
+_ROWS, _COLUMNS = np.tril_indices(6)
+
+
+def lower_triangle(matrix: Array) -> Array:
+    """Of a symmetric matrix (6, 6), row by row."""
+    return np.asarray(matrix[_ROWS, _COLUMNS])
+
+
+def from_triangles(rows: Array) -> Array:
+    """Symmetric matrices (N, 6, 6) from rows that begin with `lower_triangle`."""
+    matrices = np.empty((len(rows), 6, 6))
+    matrices[:, _ROWS, _COLUMNS] = matrices[:, _COLUMNS, _ROWS] = rows[:, : len(_ROWS)]
+    return matrices
+
+
 class StackedProgram:
     """A program as machine code, or over NumPy's arrays, with the memory that it works in.
 
