@@ -109,6 +109,8 @@ def _threads():
 
 def test_one_thread_of_blas_in_the_reduction_of_many_coordinates(monkeypatch):
     """Those of the process are as before once the last has come out, in whatever order."""
+    import scipy.linalg  # noqa: F401 - with the BLAS that it brings
+
     before, seen = _threads(), list[int]()
     inner = reduction.reduce_any
 
@@ -132,6 +134,10 @@ def test_one_thread_of_blas_in_the_reduction_of_many_coordinates(monkeypatch):
         first.__exit__(None, None, None)
         assert set(_threads()) == {1}
         second.__exit__(None, None, None)
+        assert _threads() == usual
+        # Many small matrices in a row, whatever their size.
+        with numerics.one_thread(), numerics.one_thread(6), numerics.one_thread():
+            assert set(_threads()) == {1}
         assert _threads() == usual
     finally:
         for library, count in zip(threads._blas(), before, strict=True):

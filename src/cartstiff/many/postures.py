@@ -375,7 +375,7 @@ def _by_engine(
     """Fill some postures one by one; `q` takes the coordinates of assembled chains."""
     is_moved = _is_moved(elastic, loads)
     way = BY_ENGINE if reason in ("", ASKED) else f"{BY_ENGINE} ({reason})"
-    with timed(way, len(which)):
+    with timed(way, len(which)), numerics.one_thread():
         for i in which.tolist():
             load = loads if loads is None or loads.ndim == 1 else loads[i]
             rows = {name: array[i : i + 1] for name, array in arrays.items()}

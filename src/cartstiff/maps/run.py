@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cartstiff import numerics
 from cartstiff.errors import InputError, imported
 from cartstiff.many.work import timed
 from cartstiff.maps.cartesian import CartesianGrid
@@ -184,7 +185,8 @@ def run_map(
 
                 run_in_processes(job, file, todo, advance, workers)
             else:
-                written = _run_here(job, file, todo, threads or cpu_count() or 1, advance)
+                with numerics.one_thread():
+                    written = _run_here(job, file, todo, threads or cpu_count() or 1, advance)
                 if facts is not None:
                     facts |= written
     mended = tuple(damaged.values()) + tuple(f"axis {name}" for name in axes)

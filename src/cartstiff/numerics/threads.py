@@ -18,19 +18,25 @@ _before: list[tuple[Any, int]] = []
 
 
 @contextmanager
-def one_thread(rows: int) -> Iterator[None]:
-    """Work on matrices of so many rows with one thread of BLAS.
+def one_thread(rows: int | None = None) -> Iterator[None]:
+    """Work on matrices of so many rows with one thread of BLAS; without rows, on many matrices.
 
-    The number of threads belongs to the process: it comes back once nobody is inside any more.
+    A thread of BLAS that has been woken looks for more work for a while, on a processor that the
+    threads of a map need. The number of threads belongs to the process: it comes back once nobody
+    is inside any more. Begin many matrices in the main thread: once that has set the number,
+    OpenBLAS 0.3.30 and 0.3.31 do not listen to other threads.
     """
     global _inside
-    if not _FROM <= rows < _TO:
+    if rows is not None and not _FROM <= rows < _TO:
         yield
         return
+    if rows is None:
+        import scipy.linalg  # noqa: F401 - its BLAS, before it is needed in another thread
     with _lock:
-        if _inside == 0:
-            _before[:] = [(library, library.get_num_threads()) for library in _blas()]
-            for library, _ in _before:
+        held = [library.filepath for library, _ in _before]
+        for library in _blas():
+            if library.filepath not in held:
+                _before.append((library, library.get_num_threads()))
                 library.set_num_threads(1)
         _inside += 1
     try:
@@ -41,6 +47,7 @@ def one_thread(rows: int) -> Iterator[None]:
             if _inside == 0:
                 for library, count in _before:
                     library.set_num_threads(count)
+                _before.clear()
 
 
 def _blas() -> list[Any]:
