@@ -14,7 +14,7 @@ import cartstiff
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.many.algebra import rotation_vector
-from cartstiff.many.kernels import assembled
+from cartstiff.many.kernels import Closer
 from cartstiff.many.plans import plan
 from cartstiff.many.postures import OUTPUTS, analyse_many
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -126,7 +126,7 @@ def test_more_motors_than_motions_far_from_home():
     found, engine = (analyse_many(elastic, q, path=path) for path in ("portable", "engine"))
     assert found.by_engine <= 1
     np.testing.assert_allclose(found.q, engine.q, rtol=0, atol=100 * ASSEMBLED)
-    assert not assembled(elastic, q, "portable")[1].any()
+    assert not Closer(elastic, "portable", len(q))(q)[1].any()
 
 
 def test_near_type_2():
@@ -198,14 +198,15 @@ def test_closed_alone():
     elastic = cartstiff.load("3-rps")
     q = starts(elastic, count=4)
     q[2, elastic.mechanism.held[0]] += 5.0  # out of reach
-    found, is_closed = assembled(elastic, q, "portable")
+    found, is_closed, is_vain = Closer(elastic, "portable", len(q))(q)
+    np.testing.assert_array_equal(is_vain, ~is_closed)
     np.testing.assert_array_equal(is_closed, [True, True, False, True])
     np.testing.assert_array_equal(found[2], q[2])
     np.testing.assert_array_equal(found[:, elastic.mechanism.held], q[:, elastic.mechanism.held])
     for i in (0, 1, 3):
         closed = elastic.mechanism.closed(q[i]).q
         np.testing.assert_allclose(found[i], closed, rtol=0, atol=ASSEMBLED)
-    assert not assembled(elastic, q, "engine")[1].any()
+    assert not Closer(elastic, "engine", len(q))(q)[1].any()
 
 
 def test_rotation_vector():

@@ -26,6 +26,7 @@ from cartstiff.loading.parts import (
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.springs import link_springs, springs_of, virtual_joints
 from cartstiff.mechanisms.chain import Chain, Closure, Description
+from cartstiff.mechanisms.closures import Home
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.tree import FixedFrame, KinematicTree
@@ -65,9 +66,11 @@ def _indices(names: Sequence[str], tree: KinematicTree) -> list[int]:
 
 def _assembled(chain: Chain, q: Array, where: str) -> Array:
     try:
-        return chain.assembled(q)
+        at = chain.closed(q)
     except ConvergenceError as error:
         raise InputError(f"{error}", where=where, expected="a posture near a closed one") from None
+    chain.home = Home(at.q, chain.held, at.coordinate_lengths)
+    return at.q
 
 
 def build_parallel(

@@ -192,7 +192,7 @@ class _Standing:
         dead_load_at: tuple[float, float, float] | None = None,
     ) -> None:  # fmt: skip
         make = _compiled_kernel if compiled else _portable_kernel
-        case, workers = taken.case, _workers(threads, rows)
+        case, workers, self._home = taken.case, _workers(threads, rows), taken.home
         ways = case.ways if isinstance(case, ClosedCase) else ()
         self._closing = [
             cache(lambda way=way: make(way, CLOSING).workspace(rows, workers)) for way in ways
@@ -206,9 +206,24 @@ class _Standing:
     def __bool__(self) -> bool:
         return bool(self._closing) or self._settling is not None
 
-    def closed(self, q: Array, first: int | None = None) -> tuple[Array, NDArray[np.bool_]]:
-        """Coordinates (N, n) that close the chain, and where they do; by the first few ways."""
+    def closed(
+        self, q: Array, first: int | None = None
+    ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+        """What `close` gives for coordinates (N, n), by the first few ways."""
         return close(self._closing[:first], q)
+
+    def _led(self, q: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """As the engine closes: led from home where only what is held was given."""
+        steps = np.zeros(0, int) if self._home is None else self._home.steps_where_asked(q)
+        which = np.flatnonzero(steps)
+        if self._home is None or not which.size:
+            return self.closed(q)[:2]
+        at, stands = q.copy(), np.zeros(len(q), bool)
+        near = partial(self.closed, first=1)
+        at[which], stands[which], is_vain = self._home.lead(near, q[which], steps[which])
+        others = np.setdiff1d(np.arange(len(q)), which[~is_vain])
+        at[others], stands[others], _ = self.closed(q[others])
+        return at, stands
 
     def found(
         self, q: Array, inputs: Mapping[str, Array]
@@ -216,7 +231,7 @@ class _Standing:
         """Coordinates, whether they stand, and loads (N, 6) in M where links carry them."""
         stands, loads = np.ones(len(q), bool), None
         if self._closing:
-            q, stands = self.closed(q)
+            q, stands = self._led(q)
         if self._settling is not None:
             moved, which = q.copy(), np.flatnonzero(stands)
             which, loads = settle(self._settling, self._evaluate, inputs, moved, which)
@@ -252,23 +267,39 @@ def bent(
     return moved, nowhere
 
 
-def assembled(
-    elastic: ElasticMechanism, q: Array, path: Backend
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Coordinates q (N, n) of a chain closed by recorded steps, what is held kept; and which are.
+class Closer:
+    """Closes postures of a chain by recorded steps, what is held kept, and nothing else.
 
-    The others are as given: `path` is "engine", the chain has no such steps, or they do not end.
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        The mechanism.
+    path : {"auto", "compiled", "portable", "engine"}
+        Machine code for "compiled"; the engine has no such steps.
+    rows : int
+        Postures at a time.
     """
-    taken = "" if path == "engine" or not len(q) else plan(elastic, "none")
-    if isinstance(taken, str) or not taken.is_closed:
-        return q, np.zeros(len(q), bool)
-    rows = min(len(q), CLOSED_CHUNK)
-    standing = _Standing(taken, path == "compiled", rows)
-    # The first way; the next lets go of what is held.
-    parts = [standing.closed(q[i : i + rows], 1) for i in range(0, len(q), rows)]
-    return np.concatenate([at for at, _ in parts]), np.concatenate(
-        [is_shut for _, is_shut in parts]
-    )
+
+    def __init__(self, elastic: ElasticMechanism, path: Backend, rows: int) -> None:
+        self._rows = min(rows, CLOSED_CHUNK)
+        taken = "" if path == "engine" or not rows else plan(elastic, "none")
+        self._standing: _Standing | None = None
+        if not isinstance(taken, str) and taken.is_closed:
+            self._standing = _Standing(taken, path == "compiled", self._rows)
+
+    def __call__(self, q: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+        """Coordinates from q (N, n), where they close the chain, and where none close it.
+
+        The others are as given: there are no such steps, or they do not end.
+        """
+        if self._standing is None or not len(q):
+            return q, np.zeros(len(q), bool), np.zeros(len(q), bool)
+        # The first way; the next lets go of what is held.
+        parts = (
+            self._standing.closed(q[i : i + self._rows], 1) for i in range(0, len(q), self._rows)
+        )
+        at, is_closed, is_vain = (np.concatenate(each) for each in zip(*parts, strict=True))
+        return at, is_closed, is_vain
 
 
 def run(

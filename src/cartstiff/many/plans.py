@@ -26,6 +26,7 @@ from cartstiff.many.platform_arithmetic import PlatformCase, platform_arrays
 from cartstiff.many.reading_arithmetic import Readings, read
 from cartstiff.many.tape import Program, Tape, larger
 from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.closures import Home
 from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
@@ -55,12 +56,15 @@ class BoundCase:
         State of the postures that the program deals with.
     beside : Evaluated
         Energies whose derivatives the program takes as inputs.
+    home : Home, optional
+        Posture of a closed chain from which others are led.
     """
 
     case: Case
     shared: dict[str, Array]
     regular: str
     beside: Evaluated
+    home: Home | None = None
 
     @property
     def is_closed(self) -> bool:
@@ -234,7 +238,8 @@ def _with_fields(
     if fields or beside:
         case = replace(case, fields=tuple(fields), derivatives=beside.is_dense,
                        segments=beside.segments)  # fmt: skip
-    return BoundCase(case, shared, "deficient" if freedoms < 6 else "regular", beside)
+    state = "deficient" if freedoms < 6 else "regular"
+    return BoundCase(case, shared, state, beside, chain.home)
 
 
 def _platform_plan(elastic: ElasticMechanism, platform: Platform, wrench: str) -> BoundCase | str:

@@ -17,7 +17,7 @@ from threading import Thread, main_thread
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
 from cartstiff.arrays import NamedArrays, checked_vector
@@ -229,7 +229,7 @@ class _Code:
         self.near, self.digits = at["noteworthy"].start, at["noteworthy"].start + 1
         self._actuation, here = at.get("actuation"), elastic.mechanism.at(elastic.q)
         self._sizes = here.coordinate_lengths, here.length
-        self.is_closed = taken.is_closed
+        self.is_closed, self._home = taken.is_closed, taken.home
         self.is_inner = not elastic.parted_terms()[1]
         chart = here.chart()
         self.notes_on_chart = (Note("no-chart", chart),) if isinstance(chart, str) else ()
@@ -240,7 +240,7 @@ class _Code:
         at: Array | None = q
         given = {} if wrench is None else {"wrench": wrench}
         if self._closing is not None:
-            at = self._closed(self._closing, q)
+            at = self._assembled(self._closing, q)
         if self._settling is not None and at is not None:
             at = self._bent(self._settling, at, given)
         if at is None:
@@ -268,6 +268,19 @@ class _Code:
             return hardly_held(lines, *self._sizes)
         values = scaled_values(quick.posture)
         return [*near_type_2(quick.posture), *near_serial(quick.posture, values)]
+
+    def _assembled(self, closing: OnePosture, q: Array) -> Array | None:
+        """Coordinates that the engine closes; None where it would go on."""
+        if self._home is None or not (steps := self._home.steps_where_asked(q[None])).any():
+            return self._closed(closing, q)
+
+        def near(start: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+            at = self._closed(closing, start[0])
+            shut = np.array([at is not None])
+            return start if at is None else at[None], shut, ~shut
+
+        at, is_closed, _ = self._home.lead(near, q[None], steps)
+        return at[0] if is_closed[0] else None
 
     @staticmethod
     def _closed(closing: OnePosture, q: Array) -> Array | None:

@@ -10,11 +10,12 @@ from threading import local
 from typing import Any, ClassVar, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cartstiff import numerics
-from cartstiff.errors import CartstiffError, ConvergenceError
+from cartstiff.errors import CartstiffError
 from cartstiff.geometry.se3 import Array
-from cartstiff.many.kernels import Backend, assembled
+from cartstiff.many.chains.following import Assembler, Closed
+from cartstiff.many.kernels import CLOSED_CHUNK, Backend
 from cartstiff.many.one_by_one import NOT_ASSEMBLED, REGULAR
 from cartstiff.many.postures import Postures, analyse_many
 from cartstiff.many.read_many import Reader
@@ -25,7 +26,6 @@ from cartstiff.maps.intervals import half_width_name, half_widths, intervals_of,
 from cartstiff.maps.quantities import choose_quantities, evaluate
 from cartstiff.maps.quantity import MapRows, Quantity, Settings, needed_outputs
 from cartstiff.maps.sampling import LEAST, Grid, Sampling
-from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits, force_notes
 from cartstiff.stiffness.compute import analyse
@@ -49,8 +49,6 @@ STATES = (
 _ROWS = 8192
 _FEW = 128
 _THREAD = local()
-# A coordinate that the closures have moved by more than this is another one.
-_MOVED = numerics.CLOSE
 
 
 #: Postures of a box, and how many branches reach each place of a Cartesian grid.
@@ -179,8 +177,13 @@ class MapJob:
         count = len(q)
         names = (*self.names, *map(half_width_name, self.with_interval))
         arrays = {name: np.full(count, np.nan) for name in names}
-        arrays["state"] = np.zeros(count, np.uint8)
+        arrays["state"] = np.full(count, STATES.index(UNREACHABLE), np.uint8)
         arrays["position"] = np.full((count, 3), np.nan)
+        if self._closures and not self.sampling.is_closed:
+            there: NDArray[np.bool_] = np.array(np.isfinite(q).all(axis=1))
+            q[there], is_closed = self._assembled(q[there], box)
+            there[there] = ~is_closed
+            q[there], arrays["state"][there] = np.nan, STATES.index(NOT_ASSEMBLED)
         # One after the other in Python: threads would wait for each other, and Ctrl-C for them.
         rows_at_once = _ROWS if self.in_stacks else _FEW
         threads = threads if self.in_stacks else 1
@@ -210,16 +213,10 @@ class MapJob:
         return arrays
 
     def _compute_rows(self, q: Array, rows: slice, arrays: dict[str, Array]) -> Array:
-        """Fill rows, of `q` too where closures assemble it; returns those (k,) still to be read."""
+        """Fill rows; returns those (k,) still to be read."""
         part = q[rows]
         there: Array = np.asarray(np.isfinite(part).all(axis=1))
-        state, unread = arrays["state"][rows], np.zeros(0, int)
-        state[:] = STATES.index(UNREACHABLE)
-        if self._closures and not self.sampling.is_closed:
-            closed = self._assemble(part, there)
-            state[there & ~closed] = STATES.index(NOT_ASSEMBLED)
-            part[~closed] = np.nan
-            there = closed
+        unread = np.zeros(0, int)
         if there.any():
             whole = bool(there.all())
             answer, unknown = self._answer(part if whole else part[there])
@@ -365,34 +362,15 @@ class MapJob:
             return np.ones(len(self.elastic.names), bool)
         return np.array([c.is_length for c in self.elastic.mechanism.coordinates])
 
-    def _assemble(self, q: Array, there: Array) -> Array:
-        """Meet the closures, the map's own coordinates held; which rows succeeded.
-
-        By recorded steps where they end, else row by row.
-        """
-        mechanism = self.elastic.mechanism
-        if not isinstance(mechanism, Chain):
-            return there
-        own = self.sampling.columns if isinstance(self.sampling, Grid) else list(mechanism.held)
-        hold = sorted({*own, *mechanism.held})
-        if not set(own) <= set(mechanism.held):
-            # The map leads passive joints: the actuators follow.
-            hold = sorted({*own, *mechanism.held} - {*(mechanism.actuated or ())} | {*own})
-        done, is_closed = there.copy(), np.zeros(len(q), bool)
-        with timed("closing of chains", int(there.sum())):
-            if hold == sorted(mechanism.held):
-                q[there], is_closed[there] = assembled(self.elastic, q[there], self.path)
-            for i in np.flatnonzero(there & ~is_closed):
-                try:
-                    closed = mechanism.closed(q[i], hold=hold).q
-                except ConvergenceError:
-                    done[i] = False
-                    continue
-                if hold and np.abs(closed - q[i])[hold].max() > _MOVED:
-                    done[i] = False
-                    continue
-                q[i] = closed
-        return done
+    def _assembled(self, q: Array, box: tuple[slice, ...]) -> Closed:
+        """Postures (N, n) of a box with the closures met, the map's own coordinates held."""
+        where, rows = self.sampling, min(len(q), CLOSED_CHUNK)
+        with timed("closing of chains", len(q)):
+            if not isinstance(where, Grid):
+                return Assembler(self.elastic, self.elastic.q, [], self.path, rows).together(q)
+            own = where.columns
+            assembler = Assembler(self.elastic, where.base, own, self.path, rows)
+            return assembler.grid(where.values, own, box)
 
 
 def _code(name: str) -> int:

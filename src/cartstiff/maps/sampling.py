@@ -172,7 +172,8 @@ class Grid(Sampling):
         return self._columns
 
     @cached_property
-    def _values(self) -> list[Array]:
+    def values(self) -> list[Array]:
+        """Of each axis."""
         return [axis.values for axis in self._axes.values()]
 
     def postures(
@@ -181,7 +182,7 @@ class Grid(Sampling):
         elastic: ElasticMechanism | None = None,  # noqa: ARG002
     ) -> Array:
         """Coordinates (m, n) of the cells of a box."""
-        parts = [v[s] for v, s in zip(self._values, box, strict=True)]
+        parts = [v[s] for v, s in zip(self.values, box, strict=True)]
         shape = tuple(len(p) for p in parts)
         q = np.empty((*shape, len(self.base)))
         q[...] = self.base

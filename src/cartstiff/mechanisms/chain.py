@@ -21,7 +21,7 @@ from cartstiff.errors import ConvergenceError, InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
-from cartstiff.mechanisms.closures import FUTILE, LONGEST_STEP, TiedState, Ties, held_map
+from cartstiff.mechanisms.closures import FUTILE, LONGEST_STEP, Home, TiedState, Ties, held_map
 from cartstiff.mechanisms.closures import Closure as Closure
 from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
@@ -233,8 +233,7 @@ class Chain(Mechanism):
         self.actuated = None if actuated is None else tuple(actuated)
         self.selection: Array | None = None
         if actuated is not None:
-            self.selection = np.zeros((len(actuated), tree.n))
-            self.selection[np.arange(len(actuated)), list(actuated)] = 1.0
+            self.selection = np.eye(tree.n)[list(actuated)]
         self.virtual = frozenset(virtual)
         self.held = sorted({*(actuated or ()), *virtual})
         self.is_length = np.array([c.is_length for c in tree.coordinates], bool)
@@ -242,13 +241,14 @@ class Chain(Mechanism):
         #: Natural sizes of the coordinates of a chain of angles only.
         self.angles = read_only(np.ones(tree.n))
         at = tree.placement(frame)
-        T = np.eye(4) if offset is None else np.asarray(offset, float)
-        if not is_pose(T):
-            raise InputError("frame offset is not a rigid motion", got=T.tolist())
-        self.body = FixedFrame(at.joint, at.T_j_f @ T)
+        if offset is not None and not is_pose(np.asarray(offset, float)):
+            raise InputError("frame offset is not a rigid motion", got=np.asarray(offset).tolist())
+        T_frame_M = np.eye(4) if offset is None else np.asarray(offset, float)
+        self.body = FixedFrame(at.joint, at.T_j_f @ T_frame_M)
         #: Mass [kg] of what hangs on the body and is no link, and that of the links there.
         self.payload: tuple[float, float] | None = None
         self.legs: tuple[PlacedLeg, ...] = ()  # those that are known in closed form
+        self.home: Home | None = None  # its file's, closed, from which others are led
         self.world = WORLD
         for closure in self.closures:
             for name in (closure.frame_a, closure.frame_b):
@@ -330,9 +330,9 @@ class Chain(Mechanism):
         """Posture near `q_start` that satisfies the closures.
 
         Newton's method with steps of least change; each is limited to 0.2 rad (or 0.2
-        characteristic lengths) so that the assembly branch is kept. The held coordinates
-        (default: actuated joints and virtual joints of links) stay where they are if the others
-        can close the chain.
+        characteristic lengths). The held coordinates (default: actuated joints and virtual joints
+        of links) stay where they are if the others can close the chain. If these stand as at
+        `home`, the held ones lead from there (`Home.lead`), so that the assembly is kept.
 
         Parameters
         ----------
@@ -351,6 +351,9 @@ class Chain(Mechanism):
         posture = self.at(q_start)
         if not self.closures:
             return posture
+        home = self.home if hold is None else None
+        if home is not None and (led := self._led(home, posture.q, tolerance)) is not None:
+            return led
         movable = np.ones(posture.q.size, bool)
         if held := list(self.held if hold is None else hold):
             movable[held] = False
@@ -362,6 +365,10 @@ class Chain(Mechanism):
             raise ConvergenceError("the closures cannot be assembled from this posture",
                                    iterations=iterations, residual=size)  # fmt: skip
         return closed
+
+    def _led(self, home: Home, q: Array, tolerance: float) -> ChainPosture | None:
+        free = ~np.isin(np.arange(q.size), self.held)
+        return home.led(lambda start: self._close(self.at(start), free, tolerance)[0], q)
 
     def _close(
         self, posture: ChainPosture, movable: Array, tolerance: float

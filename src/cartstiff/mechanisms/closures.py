@@ -7,12 +7,13 @@ from a to b (up to terms that vanish on the motions that keep the closure).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.geometry import se3
@@ -24,6 +25,11 @@ from cartstiff.potentials.contract import Map
 LONGEST_STEP = 0.2
 #: Newton steps in a row that bring the gap of the closures no nearer to zero.
 FUTILE = 8
+
+#: Steps beyond which nobody is led from one posture to another.
+MOST_STEPS = 100
+#: Coordinates (N, n) from given ones, where they close a chain, and where none do.
+Near = Callable[[Array], tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]]
 
 _ROWS = {"weld": slice(0, 6), "point": slice(3, 6)}
 # Closer than this to closure the residual's Jacobian is the relative twist's, to rounding.
@@ -50,6 +56,81 @@ class Closure:
     def rows(self) -> slice:
         """Rows of the relative twist that vanish."""
         return _ROWS[self.type]
+
+
+@dataclass(frozen=True)
+class Home:
+    """A closed posture of a chain, from which others are led.
+
+    Newton's steps towards closure from afar may end in another assembly, or nowhere. What is held
+    is therefore led straight to where it is wanted, in steps of `LONGEST_STEP` at the most, each
+    closed before the next.
+
+    Attributes
+    ----------
+    q : ndarray (n,)
+        Its coordinates.
+    held : sequence of int
+        Coordinates that lead.
+    lengths : ndarray (n,)
+        Natural sizes of the coordinates there.
+    """
+
+    q: Array
+    held: Sequence[int]
+    lengths: Array
+
+    def steps(self, q: Array) -> NDArray[np.intp]:
+        """How many steps lead to what coordinates (N, n) hold; 1 and less need no leading."""
+        held = list(self.held)
+        way = np.abs(q[:, held] - self.q[held]) / self.lengths[held]
+        steps: NDArray[np.intp] = np.ceil(way.max(axis=1, initial=0.0) / LONGEST_STEP).astype(int)
+        return np.where(steps <= MOST_STEPS, steps, 0)
+
+    def steps_where_asked(self, q: Array) -> NDArray[np.intp]:
+        """The same where all else stands as here, so that nothing but what is held was given."""
+        others = np.ones(len(self.q), bool)
+        others[list(self.held)] = False
+        alike = (q[:, others] == self.q[others]).all(axis=1)
+        steps = np.zeros(len(q), int)
+        if alike.any():
+            steps[alike] = self.steps(q[alike])
+        return np.where(steps > 1, steps, 0)
+
+    def led(self, close: Callable[[Array], Any], q: Array) -> Any:
+        """The posture that `close` gives where q (n,) is led to; None where it gives none.
+
+        Also where nothing needs to be led.
+        """
+        last: Any = None
+
+        def near(start: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+            nonlocal last
+            last = close(start[0])
+            is_shut = np.array([last is not None])
+            return start if last is None else last.q[None], is_shut, ~is_shut
+
+        steps = self.steps_where_asked(q[None])
+        return last if self.lead(near, q[None], steps)[1].any() else None
+
+    def lead(
+        self, near: Near, q: Array, steps: NDArray[np.intp]
+    ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+        """Lead to what coordinates (N, n) hold by so many steps; as `near`, from q itself."""
+        held, at = list(self.held), np.tile(self.q, (len(q), 1))
+        begin, way = at[:, held], q[:, held] - self.q[held]
+        is_closed, is_vain = np.zeros(len(q), bool), np.zeros(len(q), bool)
+        which = np.flatnonzero(steps > 0)
+        for k in range(1, int(steps.max(initial=0)) + 1):
+            start, last = at[which], steps[which] == k
+            part = begin[which] + way[which] * (k / steps[which])[:, None]
+            start[:, held] = np.where(last[:, None], q[which][:, held], part)
+            at[which], shut, vain = near(start)
+            is_closed[which[shut & last]], is_vain[which[vain]] = True, True
+            which = which[shut & ~last]
+            if not which.size:
+                break
+        return np.where(is_closed[:, None], at, q), is_closed, is_vain
 
 
 class Ties:

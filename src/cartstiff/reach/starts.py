@@ -10,7 +10,7 @@ from cartstiff import numerics
 from cartstiff.errors import ConvergenceError
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.joint_poses import JointPoses
-from cartstiff.many.kernels import assembled
+from cartstiff.many.kernels import Closer
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
@@ -34,7 +34,7 @@ def closed_from(
     begin[:, chain.held] = q[chain.held]
     fixed = chain.with_rigid(chain.rigid | frozenset(chain.held))
     # Most starts lead to no closed chain, and their steps take the time: all at once.
-    begin, is_closed = assembled(elastic, begin, "portable")
+    begin, is_closed, _ = Closer(elastic, "portable", len(begin))(begin)
     first = _BY_ENGINE if is_closed.any() else len(begin)
     closed: list[Array] = []
     places: list[Array] = []

@@ -128,11 +128,14 @@ def closing_arrays(tape: Tape, case: ClosedCase) -> dict[str, Array]:
     return {"next": in_pairs(moved), "left": left}
 
 
-def close(ways: Sequence[Callable[[], Any]], q: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Coordinates that close the chain from q (N, n), and where they do.
+def close(
+    ways: Sequence[Callable[[], Any]], q: Array
+) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Coordinates that close the chain from q (N, n), where they do, and where none do.
 
     `ways` give what runs the programs of `closing_arrays` of `ClosedCase.ways` on as many rows.
-    Where the engine would go on, or end elsewhere, the coordinates stay those given.
+    Where the engine would go on, or end elsewhere, the coordinates stay those given; where it would
+    go on in vain, by these ways, is told.
     """
     closed, is_closed, which = q.copy(), np.zeros(len(q), bool), np.arange(len(q))
     for workspace in ways:
@@ -142,7 +145,7 @@ def close(ways: Sequence[Callable[[], Any]], q: Array) -> tuple[Array, NDArray[n
         _close(workspace(), at, done, is_vain)
         closed[which[done]], is_closed[which[done]] = at[done], True
         which = which[is_vain]
-    return closed, is_closed
+    return closed, is_closed, np.isin(np.arange(len(q)), which) & bool(ways)
 
 
 def is_shut(size: Any, step: Any, length: Any, before: Any) -> Any:

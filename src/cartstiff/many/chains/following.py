@@ -1,0 +1,155 @@
+"""Closing many postures of a chain so that they stay in one assembly.
+
+Newton's steps from afar end in another assembly, or nowhere. What is held therefore leads there
+from the mechanism's own posture; where that fails, cells of a grid start from one beside them. What
+comes out does not depend on what else is computed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cartstiff import numerics
+from cartstiff.errors import ConvergenceError
+from cartstiff.geometry.se3 import Array
+from cartstiff.many.kernels import Backend, Closer, has_package
+from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.closures import Home
+from cartstiff.mechanisms.elastic import ElasticMechanism
+
+# A coordinate that the closures have moved by more than this is another one.
+_MOVED = numerics.CLOSE
+
+Closed = tuple[Array, NDArray[np.bool_]]
+
+
+class Assembler:
+    """Closes postures of a chain while some coordinates keep their values.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        A mechanism whose `mechanism` is a `Chain`.
+    base : ndarray (n,)
+        Its posture from which the others are led; closed first if it can be.
+    own : sequence of int
+        Coordinates whose values are asked for. If they are not all held by actuators, the actuators
+        follow them.
+    path : {"auto", "compiled", "portable", "engine"}
+        What computes the map. "engine": it closes as well; else machine code where it can be made.
+    rows : int
+        Postures at a time, at the most.
+    """
+
+    def __init__(
+        self, elastic: ElasticMechanism, base: Array, own: Sequence[int], path: Backend, rows: int
+    ) -> None:
+        if not isinstance(elastic.mechanism, Chain):
+            raise TypeError(elastic.mechanism)
+        self._chain = elastic.mechanism
+        held = self._chain.held
+        self._hold = sorted({*own, *held})
+        if not set(own) <= set(held):
+            self._hold = sorted(({*held} - {*(self._chain.actuated or ())}) | {*own})
+        if self._hold != sorted(held):
+            path = "engine"  # the recorded steps hold what the mechanism holds
+        elif path == "portable" and has_package("llvmlite"):
+            # Steps of few postures: machine code is made before arrays have taken a hundred.
+            path = "compiled"
+        self._steps = Closer(elastic, path, rows)
+        self._base = self.near(base[None])[0][0]
+        lengths = self._chain.at(self._base).coordinate_lengths
+        self._home = Home(self._base, self._hold, lengths)
+
+    def near(self, q: Array) -> Closed:
+        """Coordinates (N, n) that close the chain from q, and where they do; else as given."""
+        at, is_closed, _ = self._near(q)
+        return at, is_closed
+
+    def _near(self, q: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+        at, is_closed, is_vain = self._steps(q)
+        at = at.copy()
+        for i in np.flatnonzero(~is_closed & ~is_vain):
+            try:
+                closed = self._chain.closed(q[i], hold=self._hold).q
+            except ConvergenceError:
+                continue
+            if not self._hold or np.abs(closed - q[i])[self._hold].max() <= _MOVED:
+                at[i], is_closed[i] = closed, True
+        return at, is_closed, ~is_closed
+
+    def led(self, q: Array) -> Closed:
+        """The same, what is held led straight from its values at the base to those of q."""
+        at, is_closed, _ = self._home.lead(self._near, q, self._home.steps(q))
+        return at, is_closed
+
+    def together(self, q: Array) -> Closed:
+        """Coordinates from q (N, n) each on its own: led there, or else near it.
+
+        What stands in q itself counts, where it is more than what is held.
+        """
+        at, is_closed, _ = self._home.lead(self._near, q, self._home.steps_where_asked(q))
+        for way in (self.near, self.led):
+            at, is_closed = _with(way, at, is_closed)
+        return at, is_closed
+
+    def grid(self, values: Sequence[Array], columns: Sequence[int], box: Sequence[slice]) -> Closed:
+        """Coordinates (N, n) of the cells of a box of a grid, in C order, and where they close.
+
+        What is held leads there straight, as `Chain.closed` does, so that a cell is what its values
+        give alone. Cells that are not reached so start from the one beside them: from the cell
+        nearest the base it goes along the first axis, from each of these along the next. What is
+        left then starts from the base.
+
+        Parameters
+        ----------
+        values : sequence of ndarray
+            Of each axis.
+        columns : sequence of int
+            Which coordinates they are values of.
+        box : sequence of slice
+            Which cells are asked for; a cell is the same in any box.
+        """
+        axes = list(zip(values, columns, box, strict=True))
+        seeds = [int(np.abs(v - self._base[c]).argmin()) for v, c, _ in axes]
+        start = self._base[None].copy()
+        start[0, list(columns)] = [v[s] for v, s in zip(values, seeds, strict=True)]
+        q, is_closed = self.together(start)
+        for (value, column, cells), seed in zip(axes, seeds, strict=True):
+            q, is_closed = self._along(q, is_closed, column, value, seed, cells)
+        return _with(self._from_base, q, is_closed)
+
+    def _along(
+        self, q: Array, is_closed: NDArray[np.bool_], column: int, value: Array, seed: int,
+        cells: slice,
+    ) -> Closed:  # fmt: skip
+        """From cells at a seed along an axis: (N cells, n), those at the seed as they are."""
+        first, last = min(cells.start, seed), max(cells.stop, seed + 1)
+        every = np.repeat(q[:, None], last - first, axis=1)
+        every[:, :, column] = value[first:last]
+        at, shut = self.led(every.reshape(-1, q.shape[1]))
+        every, shut = at.reshape(every.shape), shut.reshape(every.shape[:2])
+        every[:, seed - first], shut[:, seed - first] = q, is_closed
+        up, down = range(seed - first + 1, last - first), range(seed - first - 1, -1, -1)
+        for k, before in [*((k, k - 1) for k in up), *((k, k + 1) for k in down)]:
+            if (left := np.flatnonzero(~shut[:, k] & shut[:, before])).size:
+                start = every[left, before]
+                start[:, column] = value[first + k]
+                every[left, k], shut[left, k] = self.near(start)
+        asked = slice(cells.start - first, cells.stop - first)
+        return every[:, asked].reshape(-1, q.shape[1]), shut[:, asked].ravel()
+
+    def _from_base(self, q: Array) -> Closed:
+        start = np.tile(self._base, (len(q), 1))
+        start[:, self._hold] = q[:, self._hold]
+        return self.near(start)
+
+
+def _with(way: Callable[[Array], Closed], q: Array, is_closed: NDArray[np.bool_]) -> Closed:
+    """The same with those that are not closed in another way."""
+    if (left := np.flatnonzero(~is_closed)).size:
+        q[left], is_closed[left] = way(q[left])
+    return q, is_closed

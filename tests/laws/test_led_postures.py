@@ -1,0 +1,166 @@
+"""Motors that are told where to be lead the rest of a closed chain there, in one assembly."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+import cartstiff
+from cartstiff.errors import ConvergenceError
+from cartstiff.many.chains.following import Assembler
+from cartstiff.maps.sampling import Grid
+from cartstiff.mechanisms.chain import Chain
+
+CLOSE = 1e-9
+
+
+def five_bar(left: float, right: float, signs: tuple[int, int] = (1, 1)) -> np.ndarray | None:
+    """Tip of the bundled linkage by two circles, on one side of the line between the elbows."""
+    linkage = cartstiff.load("five-bar").mechanism
+    assert isinstance(linkage, Chain)
+    home = linkage.at(cartstiff.load("five-bar").q)
+    hips, links = _measures(linkage, home)
+    elbows = [
+        hip + upper * np.array([np.cos(angle), np.sin(angle)])
+        for hip, (upper, _), angle in zip(hips, links, (left, right), strict=True)
+    ]
+    between = elbows[1] - elbows[0]
+    distance = np.linalg.norm(between)
+    (_, a), (_, b) = links
+    along = (a**2 - b**2 + distance**2) / (2 * distance)
+    if (square := a**2 - along**2) < 0:
+        return None
+    across = np.array([-between[1], between[0]]) / distance
+    return elbows[0] + along * between / distance + signs[0] * np.sqrt(square) * across
+
+
+def _measures(linkage, home):
+    """Where the motors are, and lengths of upper and lower links, from the posture's own frames."""
+    elastic = cartstiff.load("five-bar")
+    names = list(elastic.names)
+    places = {n: linkage.tree.at(home.q).joint_poses([names.index(n) + 1])[0] for n in names}
+    hips = [places[n][:2, 3] for n in ("left_motor", "right_motor")]
+    elbows = [places[n][:2, 3] for n in ("left_elbow", "right_elbow")]
+    tip = home.pose[:2, 3]
+    return hips, [
+        (np.linalg.norm(e - h), np.linalg.norm(tip - e)) for h, e in zip(hips, elbows, strict=True)
+    ]
+
+
+def test_a_five_bar_keeps_its_side_as_two_circles_say():
+    """`analyse` with the motors far away, from the file's posture and from nowhere else."""
+    elastic = cartstiff.load("five-bar")
+    left, right = (elastic.q[list(elastic.names).index(f"{s}_motor")] for s in ("left", "right"))
+    tip = elastic.mechanism.at(elastic.q).pose[:2, 3]
+    side = next(
+        s for s in ((1, 1), (-1, -1))
+        if np.allclose(five_bar(left, right, s), tip, atol=CLOSE)
+    )  # fmt: skip
+    seen = 0
+    for a, b in product(np.linspace(-1.2, 1.2, 9), repeat=2):
+        expected = five_bar(left + a, right + b, side)
+        motors = {"left_motor": left + a, "right_motor": right + b}
+        if expected is None:
+            continue
+        result = cartstiff.analyse(elastic, motors)
+        if np.abs(result.q[list(elastic.mechanism.held)] - list(motors.values())).max() > CLOSE:
+            continue  # motors had to give way: the straight line leads out of the workspace
+        np.testing.assert_allclose(result.pose[:2, 3], expected, atol=CLOSE)
+        seen += 1
+    assert seen > 50
+
+
+@pytest.mark.parametrize(
+    ("name", "span", "count", "least"),
+    [("five-bar", 1.0, 21, 344), ("delta", 1.0, 7, 343), ("3-rrr", 1.0, 5, 50)],
+)
+def test_cells_of_a_grid_move_little_from_one_to_the_next(name, span, count, least):
+    """No step of a coordinate is out of proportion to the motors': nobody changed the assembly."""
+    elastic = cartstiff.load(name)
+    motors = list(elastic.mechanism.actuated)
+    values = [np.linspace(elastic.q[j] - span, elastic.q[j] + span, count) for j in motors]
+    assembler = Assembler(elastic, elastic.q, motors, "auto", 4096)
+    shape = (count,) * len(motors)
+    q, is_closed = assembler.grid(values, motors, [slice(0, count)] * len(motors))
+    assert is_closed.sum() >= least
+    places = np.array([elastic.mechanism.at(row).pose[:3, 3] for row in q]).reshape(*shape, 3)
+    there = is_closed.reshape(shape)
+    step, unit = 2 * span / (count - 1), elastic.mechanism.at(elastic.q).length
+    for axis in range(len(motors)):
+        both = np.take(there, range(1, count), axis) & np.take(there, range(count - 1), axis)
+        moved = np.linalg.norm(np.diff(places, axis=axis), axis=-1)[both]
+        assert moved.max() < 5 * step * unit
+    # Any box gives the same numbers, and so does the engine, asked for the motors alone.
+    half = count // 2
+    for box in product((slice(0, half), slice(half, count)), repeat=len(motors)):
+        part, shut = assembler.grid(values, motors, box)
+        np.testing.assert_array_equal(shut, there[box].ravel())
+        inside = q.reshape(*shape, -1)[box].reshape(len(part), -1)
+        np.testing.assert_array_equal(part[shut], inside[shut])
+    rng = np.random.default_rng(0)
+    for i in rng.choice(np.flatnonzero(is_closed), 12, replace=False):
+        given = {elastic.names[j]: q[i, j] for j in motors}
+        np.testing.assert_allclose(cartstiff.analyse(elastic, given).q, q[i], atol=CLOSE)
+
+
+def test_all_ways_lead_to_the_same_posture():
+    """The engine, recorded steps, machine code asked for again and again, and a map."""
+    elastic = cartstiff.load("delta")
+    motors = list(elastic.mechanism.actuated)
+    rng = np.random.default_rng(1)
+    q = np.tile(elastic.q, (150, 1))
+    q[:, motors] += rng.uniform(-1.0, 1.0, (150, 3))
+    engine = np.array([elastic.mechanism.closed(row).q for row in q[:25]])
+    many = cartstiff.analyse_many(elastic, q)
+    assert many.by_engine < 5
+    np.testing.assert_allclose(many.q[:25], engine, atol=CLOSE)
+    single = Assembler(elastic, elastic.q, [], "auto", 64).together(q)
+    assert single[1].all()
+    np.testing.assert_allclose(single[0], many.q, atol=CLOSE)
+    one = np.array([cartstiff.analyse(elastic, row).q for row in q])
+    for _ in range(3):  # machine code answers from the 200th question on
+        one = np.array([cartstiff.analyse(elastic, row).q for row in q])
+    np.testing.assert_allclose(one, many.q, atol=CLOSE)
+
+
+def test_who_gives_all_coordinates_is_not_led():
+    """Another assembly, known to the user, is analysed as it is."""
+    elastic = cartstiff.load("five-bar")
+    other = elastic.q.copy()
+    names = list(elastic.names)
+    other[[names.index("left_elbow"), names.index("right_elbow")]] *= -1
+    closed = elastic.mechanism.closed(other, hold=elastic.mechanism.held)
+    assert np.abs(closed.pose - elastic.mechanism.at(elastic.q).pose).max() > 0.05
+    np.testing.assert_array_equal(elastic.mechanism.closed(closed.q).q, closed.q)
+
+
+def test_where_motors_cannot_go_the_others_give_way_as_before():
+    elastic = cartstiff.load("five-bar")
+    far = elastic.q.copy()
+    far[0] += 3.0
+    assert Assembler(elastic, elastic.q, [0], "auto", 8).led(far[None])[1].sum() == 0
+    try:
+        q = elastic.mechanism.closed(far).q
+    except ConvergenceError:
+        return
+    assert np.abs(elastic.mechanism.at(q).residual).max() < CLOSE
+
+
+def test_a_cell_without_a_straight_way_starts_from_the_one_beside_it():
+    """Somewhere a grid reaches what the straight line from home does not."""
+    elastic = cartstiff.load("five-bar")
+    motors = list(elastic.mechanism.actuated)
+    grid = Grid(
+        {elastic.names[j]: (elastic.q[j] - 2.5, elastic.q[j] + 2.5, 61) for j in motors},
+        elastic.names, elastic.q,
+    )  # fmt: skip
+    assembler = Assembler(elastic, elastic.q, motors, "auto", 4096)
+    box = (slice(0, 61), slice(0, 61))
+    _, straight = assembler.led(grid.postures(box))
+    q, is_closed = assembler.grid(grid.values, motors, box)
+    assert (is_closed | ~straight).all()
+    assert is_closed.sum() > straight.sum()
+    for row in q[is_closed & ~straight]:
+        assert np.abs(elastic.mechanism.at(row).residual).max() < CLOSE
