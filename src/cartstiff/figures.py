@@ -34,8 +34,19 @@ def figure_content(figure: Any, ending: str) -> bytes:
     from matplotlib.text import Text
 
     buffer = io.BytesIO()
+    _without_formulas(figure)
     for text in figure.findobj(Text):  # names are no formulas, and no commands
         text.set_text(printable(text.get_text()))
         text.set_parse_math(False)
     figure.savefig(buffer, format=ending[1:])
     return buffer.getvalue()
+
+
+def _without_formulas(figure: Any) -> None:
+    """Powers of ten beside logarithmic axes as 1e-03: texts are not read as formulas."""
+    from matplotlib.ticker import LogFormatter
+
+    for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
+        if axis.get_scale() == "log":
+            axis.set_major_formatter(LogFormatter(labelOnlyBase=True))
+            axis.set_minor_formatter(LogFormatter(minor_thresholds=(1.0, 0.4)))

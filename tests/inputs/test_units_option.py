@@ -8,10 +8,11 @@ import re
 
 import numpy as np
 import pytest
+from matplotlib.colors import LogNorm
 
 import cartstiff
 from cartstiff.cli.main import main
-from cartstiff.figures import figure_content
+from cartstiff.figures import figure_content, new_figure
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.potentials.loads import DeadForce
 from cartstiff.report.figures_statics import draw_error_along_path
@@ -175,6 +176,24 @@ def test_pictures_of_errors_are_in_the_units_shown():
     ticks = [t.get_text() for a in figure.axes for t in a.get_yticklabels()]
     assert any(ticks)
     assert not any("$" in t for t in ticks)
+
+
+@pytest.mark.parametrize("scale", ["axes", "bar"])
+def test_no_picture_with_a_logarithm_prints_a_formula(scale):
+    """Names may hold a dollar, so that no text is read as a formula; ticks must not be one."""
+    figure = new_figure(4.0, 3.0)
+    axis = figure.subplots()
+    if scale == "axes":
+        axis.loglog([1.0, 10.0, 1000.0], [1e-6, 1e-3, 2e-3])
+    else:
+        drawn = axis.imshow([[1e-6, 1e-3], [1e-2, 2.0]], norm=LogNorm(1e-6, 2.0))
+        figure.colorbar(drawn, ax=axis)
+    figure_content(figure, ".png")
+    ticks = [
+        t.get_text() for a in figure.axes for t in (*a.get_xticklabels(), *a.get_yticklabels())
+    ]
+    assert any("1e" in text for text in ticks)
+    assert not any("$" in text for text in ticks)
 
 
 def test_what_holds_assembly_modes_has_a_unit(run):

@@ -164,3 +164,23 @@ def test_a_cell_without_a_straight_way_starts_from_the_one_beside_it():
     assert is_closed.sum() > straight.sum()
     for row in q[is_closed & ~straight]:
         assert np.abs(elastic.mechanism.at(row).residual).max() < CLOSE
+
+
+def test_motors_that_had_to_give_way_are_named():
+    """The answer is at another command than was given, and says by how much."""
+    elastic = cartstiff.load("five-bar")
+    motor = elastic.names.index("left_motor")
+    result = cartstiff.analyse(elastic, {"left_motor": 3.5})
+    note = next(note for note in result.notes if note.code == "motors-moved")
+    assert note.values["left_motor"] == pytest.approx(result.q[motor] - 3.5)
+    assert set(note.values) <= {"left_motor", "right_motor"}
+    assert "left_motor 3.5 -> " in note.message
+
+
+@pytest.mark.parametrize("name", ["five-bar", "delta", "6-ups", "3-rrr", "ur5"])
+def test_motors_that_stay_are_not(name):
+    elastic = cartstiff.load(name)
+    near = elastic.q.copy()
+    near[list(getattr(elastic.mechanism, "actuated", None) or [0])] += 0.01
+    for q in (elastic.q, near):
+        assert not any(n.code == "motors-moved" for n in cartstiff.analyse(elastic, q).notes)

@@ -152,12 +152,15 @@ class MechanismRequest:
         from dataclasses import replace
 
         from cartstiff.mechanisms.contract import named_values
+        from cartstiff.mechanisms.limits import notes_on_given
 
         elastic, q = self.load()
         if q is None:
             return elastic
-        return replace(elastic, q=elastic.mechanism.assembled(
-            named_values(q, elastic.names, elastic.q, "--q")))  # fmt: skip
+        given = named_values(q, elastic.names, elastic.q, "--q")
+        at = elastic.mechanism.assembled(given)
+        noted = elastic.with_notes(*notes_on_given(elastic.mechanism, given, at))
+        return replace(noted, q=at)
 
     def in_frame(self, frame: str | None) -> Any:
         """The mechanism as its file has it, with tool and weight, and another frame of interest."""

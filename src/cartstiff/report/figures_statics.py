@@ -87,8 +87,6 @@ def draw_error_along_path(path: CompensatedPath) -> Any:
     figure = new_figure(6.4, 7.2)
     axes = figure.subplots(2, 1, sharex=True)
     points = np.arange(1, len(path.q) + 1)
-    from matplotlib.ticker import LogFormatter
-
     units, size = path.elastic.units, path.elastic.mechanism.at(path.q[0]).length
     parts = (
         (slice(3, 6), units.length, "translation"),
@@ -101,8 +99,6 @@ def draw_error_along_path(path: CompensatedPath) -> Any:
             error = np.maximum(np.linalg.norm(errors[:, part], axis=1), least)
             error = np.degrees(error) if unit == "deg" else error
             axis.semilogy(points, error, "o-", markersize=3, label=label)
-        axis.yaxis.set_major_formatter(LogFormatter(labelOnlyBase=True))  # plain text, no formulas
-        axis.yaxis.set_minor_formatter(LogFormatter())
         axis.set_ylabel(f"{name} error [{unit}]")
         axis.legend()
     axes[-1].set_xlabel("point of the path")

@@ -14,6 +14,7 @@ from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture, named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
+from cartstiff.mechanisms.limits import notes_on_given
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation
 from cartstiff.stiffness.applied_load import (
@@ -100,6 +101,7 @@ def analyse(
                 expected="no wrench here",
             )
     posture = elastic.mechanism.closed(values)
+    elastic = elastic.with_notes(*notes_on_given(elastic.mechanism, values, posture.q))
     if force is not None:
         posture = settled(elastic, posture, force, kind.at, load_axes)
         force = wrench_in_body(force, posture.pose, kind.at, load_axes)
